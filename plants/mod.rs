@@ -1,0 +1,4 @@
+//! The plants and reference signals: one file each, in the symbols of their source.
+
+pub mod nonlinear_siso;
+pub mod reference;

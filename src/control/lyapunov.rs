@@ -1,0 +1,104 @@
+//! The Lyapunov equation Aᵀ P + P A = −Q.
+
+use nalgebra::DMatrix;
+
+use crate::error::Invalid;
+
+/// Doublings after which P of a Hurwitz matrix stands to rounding, whatever the spread of its eigenvalues in
+/// floating point.
+const DOUBLINGS: usize = 60;
+
+/// Solves Aᵀ P + P A = −Q for a Hurwitz matrix A and a symmetric positive definite Q.
+///
+/// The Cayley transform U = (A + αI)(A − αI)⁻¹ turns it into P = Uᵀ P U + 2α (A − αI)⁻ᵀ Q (A − αI)⁻¹, whose series
+/// is summed by doubling (R. A. Smith, Matrix equation XA + BX = C, SIAM J. Appl. Math. 16 (1968) 198–201).
+///
+/// # Errors
+/// [`Invalid`] when A isn't Hurwitz (with its eigenvalues), or Q not symmetric positive definite.
+pub fn solve(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
+    require_hurwitz("A_m", a)?;
+    require_positive_definite("Q", q)?;
+    let n = a.nrows();
+    let alpha = a.norm();
+    let shifted = a - DMatrix::identity(n, n) * alpha;
+    // A − αI has all its eigenvalues left of −α, so it is regular.
+    let inverse =
+        shifted.try_inverse().ok_or_else(|| Invalid::because("A_m is too badly scaled for a Lyapunov equation"))?;
+    let mut u = (a + DMatrix::identity(n, n) * alpha) * &inverse;
+    let mut p = inverse.transpose() * q * &inverse * (2.0 * alpha);
+    for _ in 0..DOUBLINGS {
+        let increment = u.transpose() * &p * &u;
+        p += &increment;
+        if increment.norm() <= f64::EPSILON * p.norm() {
+            break;
+        }
+        u = &u * &u;
+    }
+    Ok((&p + p.transpose()) * 0.5)
+}
+
+/// Refuses a matrix with an eigenvalue that isn't left of the imaginary axis.
+///
+/// # Errors
+/// [`Invalid`] with the eigenvalues.
+pub fn require_hurwitz(name: &str, a: &DMatrix<f64>) -> Result<(), Invalid> {
+    let eigenvalues = a.complex_eigenvalues();
+    if eigenvalues.iter().all(|lambda| lambda.re < 0.0) {
+        return Ok(());
+    }
+    let list: Vec<_> = eigenvalues.iter().map(|lambda| format!("{:.6}{:+.6}j", lambda.re, lambda.im)).collect();
+    let allowed = "must be Hurwitz: every eigenvalue needs a negative real part";
+    Err(Invalid::new(format!("eigenvalues of {name}"), list.join(", "), allowed))
+}
+
+/// Refuses a matrix that isn't symmetric and positive definite.
+///
+/// # Errors
+/// [`Invalid`] naming it.
+pub fn require_positive_definite(name: &str, q: &DMatrix<f64>) -> Result<(), Invalid> {
+    let symmetric = (q - q.transpose()).norm() <= 1e-12 * q.norm();
+    if symmetric && q.clone().cholesky().is_some() {
+        return Ok(());
+    }
+    Err(Invalid::new(name, "as set", "must be symmetric and positive definite"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn residual(a: &DMatrix<f64>, p: &DMatrix<f64>, q: &DMatrix<f64>) -> f64 {
+        (a.transpose() * p + p * a + q).norm() / (a.norm() * p.norm())
+    }
+
+    #[test]
+    fn p_of_example_3_2_1_is_the_one_printed_in_the_thesis() {
+        let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -1.0, -1.4]);
+        let p = solve(&a, &DMatrix::identity(2, 2)).unwrap();
+        // By hand: p12 = 1/2, p22 = (1/2 + p12)/1.4, p11 = 1.4 p12 + p22.
+        let expected = [0.7 + 1.0 / 1.4, 0.5, 0.5, 1.0 / 1.4];
+        assert!(p.iter().zip(expected).all(|(p, e)| (p - e).abs() < 1e-14), "{p}");
+    }
+
+    #[test]
+    fn a_solution_satisfies_its_equation_over_a_wide_spread_of_eigenvalues() {
+        let a = DMatrix::from_row_slice(3, 3, &[-1e-3, 4.0, 0.0, 0.0, -50.0, 700.0, 0.0, -700.0, -50.0]);
+        let q = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![1.0, 2.0, 3.0]));
+        let p = solve(&a, &q).unwrap();
+        assert!(residual(&a, &p, &q) < 1e-12, "{}", residual(&a, &p, &q));
+    }
+
+    #[test]
+    fn an_unstable_matrix_is_refused_with_its_eigenvalues() {
+        let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 2.0, -1.0]);
+        let message = solve(&a, &DMatrix::identity(2, 2)).unwrap_err().to_string();
+        assert!(message.contains("1.000000") && message.contains("Hurwitz"), "{message}");
+    }
+
+    #[test]
+    fn an_indefinite_q_is_refused() {
+        let a = -DMatrix::<f64>::identity(2, 2);
+        let q = DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0]);
+        assert!(solve(&a, &q).unwrap_err().to_string().contains("positive definite"));
+    }
+}

@@ -1,0 +1,4 @@
+//! What controllers share: the projection operator and the mathematics of their design.
+
+pub mod lyapunov;
+pub mod projection;

@@ -1,0 +1,41 @@
+//! The projection operator of adaptive laws.
+//!
+//! J.-B. Pomet and L. Praly, Adaptive nonlinear regulation: estimation from the Lyapunov equation, IEEE Trans.
+//! Automatic Control 37 (1992) 729–740, in its smooth scalar form.
+
+use crate::system::Scalar;
+
+/// Proj(v, y) for an estimate v within [lo, hi] that would change at rate y.
+///
+/// With centre c, half width h and d = v − c, f = ((1 + ε) d² − h²) / (ε h²): where f > 0 and y points outwards, the
+/// rate is y (1 − f), so that it fades to zero at the bound; else it is y. Where the bounds coincide, the estimate is
+/// frozen.
+pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
+    let h = (hi - lo) * 0.5;
+    if h.re() <= 0.0 {
+        return S::from(0.0);
+    }
+    let d = v - (lo + hi) * 0.5;
+    let f = ((epsilon + 1.0) * d * d - h * h) / (epsilon * h * h);
+    if f.re() > 0.0 && (d * y).re() > 0.0 { y * (-f + 1.0) } else { y }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_estimate_moves_freely_inside_and_never_out_of_its_bounds() {
+        assert_eq!(projection(0.0, 7.0, -2.0, 4.0, 0.1), 7.0, "inside");
+        assert_eq!(projection(3.99, -7.0, -2.0, 4.0, 0.1), -7.0, "back inside from near the bound");
+        assert!(projection(4.0_f64, 7.0, -2.0, 4.0, 0.1).abs() < 1e-12, "at the upper bound");
+        assert!(projection(-2.0_f64, -7.0, -2.0, 4.0, 0.1).abs() < 1e-12, "at the lower bound");
+        let between = projection(3.95, 7.0, -2.0, 4.0, 0.1);
+        assert!(between > 0.0 && between < 7.0, "fading between: {between}");
+    }
+
+    #[test]
+    fn equal_bounds_freeze_an_estimate() {
+        assert_eq!(projection(1.0, 5.0, 1.0, 1.0, 0.1), 0.0);
+    }
+}

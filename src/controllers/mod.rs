@@ -1,0 +1,3 @@
+//! The adaptive controllers: one file each, in the notation of the thesis.
+
+pub mod l1;

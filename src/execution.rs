@@ -1,0 +1,439 @@
+//! One instance of a model in time: its values, its parameters as a transaction, its inputs within a step.
+
+use num_dual::Dual64;
+
+use crate::error::{Invalid, StepError};
+use crate::integrator::{Driver, Problem, Ramp, Settings};
+use crate::model::{Block, Model};
+use crate::system::{
+    BooleanOf, Causality, Choice, ChoiceOf, Declaration, Memory, MessageLog, Parameter, Point, ScalarOf, Section,
+    Values, VectorOf, boolean, choice, scalar, vector,
+};
+
+/// What inputs do within a communication step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputHandling {
+    /// They are held.
+    Hold,
+    /// They go on as between the last two communication points.
+    Extrapolate,
+    /// They ramp from the previous value to the present one.
+    Interpolate,
+}
+
+impl Choice for InputHandling {
+    const TYPE: &'static str = "InputHandling";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Hold, "hold", "held during a communication step"),
+        (Self::Extrapolate, "extrapolate", "continued along the line through the last two values"),
+        (
+            Self::Interpolate,
+            "interpolate",
+            "ramp from the previous to the present value: for masters that step the plant first",
+        ),
+    ];
+}
+
+/// What a step that can't be finished is answered with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OnStepFailure {
+    /// An error: many masters take a discarded step for success.
+    Error,
+    /// The standard's own way.
+    Discard,
+}
+
+impl Choice for OnStepFailure {
+    const TYPE: &'static str = "OnStepFailure";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Error, "error", "fmi2Error: no master overlooks it"),
+        (
+            Self::Discard,
+            "discard",
+            "fmi2Discard with the last successful time, for masters that then take a smaller step",
+        ),
+    ];
+}
+
+/// The variables that every model has beside its own, and the memory of its simulation.
+#[derive(Debug)]
+pub struct Controls {
+    relative_tolerance: Option<ScalarOf<Parameter>>,
+    input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
+    on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
+    time: ScalarOf<Memory>,
+    /// The master's tolerance; 0 where it gave none.
+    tolerance: ScalarOf<Memory>,
+    substep: ScalarOf<Memory>,
+    last_step: ScalarOf<Memory>,
+    /// Rates of the inputs that the master gave for the next step.
+    given_slopes: Option<VectorOf<Memory>>,
+    /// Rates of the inputs in the last step.
+    slopes: Option<VectorOf<Memory>>,
+    /// Inputs as set for the last step, and as they were at its end.
+    previous_inputs: Option<VectorOf<Memory>>,
+    last_inputs: Option<VectorOf<Memory>>,
+    /// The parameters of the last valid set.
+    valid_reals: Option<VectorOf<Memory>>,
+    valid_integers: usize,
+    started: BooleanOf<Memory>,
+    parameters_set: BooleanOf<Memory>,
+    slopes_given: BooleanOf<Memory>,
+}
+
+impl Controls {
+    /// Declares them; a system without states has no tolerance, one without inputs no handling of them.
+    pub(crate) fn declare(d: &mut Declaration) -> Self {
+        let inputs = d.size(Section::Input);
+        let relative_tolerance = (d.size(Section::State) > 0).then(|| {
+            let text = "error tolerated in each integration step, relative to a state's magnitude or nominal value";
+            d.parameter(scalar("relative_tolerance", text).start(1e-6).min(1e-13).max(1e-2).nominal(1e-6).fixed())
+        });
+        let input_handling = (inputs > 0).then(|| {
+            d.parameter(choice::<InputHandling>("input_handling", "what inputs do within a communication step").fixed())
+        });
+        let on_step_failure =
+            d.parameter(choice::<OnStepFailure>("on_step_failure", "answer to a step that cannot be finished").fixed());
+        let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
+        let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
+        Controls {
+            relative_tolerance,
+            input_handling,
+            on_step_failure,
+            given_slopes: memory("#given slopes", inputs),
+            slopes: memory("#slopes", inputs),
+            previous_inputs: memory("#previous inputs", inputs),
+            last_inputs: memory("#last inputs", inputs),
+            valid_reals: memory("#valid parameters", reals),
+            valid_integers: d.integer_memory(integers),
+            time: d.memory(scalar("#time", "")),
+            tolerance: d.memory(scalar("#tolerance", "")),
+            substep: d.memory(scalar("#substep", "")),
+            last_step: d.memory(scalar("#last step", "")),
+            started: d.memory(boolean("#started", "")),
+            parameters_set: d.memory(boolean("#parameters set", "")),
+            slopes_given: d.memory(boolean("#slopes given", "")),
+        }
+    }
+}
+
+/// An instance of a model.
+#[derive(Debug)]
+pub struct Execution {
+    model: Model,
+    /// All values. Whoever changes parameters here calls [`Execution::parameters_set`].
+    pub block: Block,
+    /// As before the step that is being tried.
+    saved: Block,
+    driver: Driver,
+    ramp_values: Vec<f64>,
+    ramp_slopes: Vec<f64>,
+    dual: Vec<Dual64>,
+    /// Messages that wait to be logged.
+    pub log: MessageLog,
+}
+
+impl Execution {
+    /// An instance at its start values.
+    pub fn new(model: Model) -> Self {
+        let block = model.block();
+        let inputs = model.variables().reals(Section::Input).len();
+        Execution {
+            driver: Driver::new(model.system(), model.variables()),
+            saved: block.clone(),
+            dual: vec![Dual64::from_re(0.0); block.reals.len()],
+            ramp_values: vec![0.0; inputs],
+            ramp_slopes: vec![0.0; inputs],
+            block,
+            model,
+            log: MessageLog::new(),
+        }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Back to the start values.
+    pub fn reset(&mut self) {
+        let block = self.model.block();
+        self.block.copy_from(&block);
+        self.log.clear();
+    }
+
+    /// Time, s.
+    pub fn time(&self) -> f64 {
+        self.values()[self.model.controls().time]
+    }
+
+    /// Puts the instance at a time: the start, or a communication point as the master counts it.
+    pub fn set_time(&mut self, t: f64) {
+        let handle = self.model.controls().time;
+        self.point()[handle] = t;
+    }
+
+    /// The master's tolerance: it may tighten the model's own, never loosen it.
+    pub fn set_tolerance(&mut self, tolerance: f64) {
+        let handle = self.model.controls().tolerance;
+        self.point()[handle] = tolerance;
+    }
+
+    /// What a step that can't be finished is answered with.
+    pub fn on_step_failure(&self) -> OnStepFailure {
+        self.values().get(self.model.controls().on_step_failure)
+    }
+
+    /// Tells that parameters were set: they are prepared together before the next step.
+    pub fn parameters_set(&mut self) {
+        let handle = self.model.controls().parameters_set;
+        self.point().put(handle, true);
+    }
+
+    /// Gives the rate of one input for the next step.
+    pub fn set_input_slope(&mut self, input: usize, slope: f64) {
+        let (slopes, given) = (self.model.controls().given_slopes, self.model.controls().slopes_given);
+        let Some(slopes) = slopes else { return };
+        if !self.values().get(given) {
+            self.point()[slopes].fill(0.0);
+            self.point().put(given, true);
+        }
+        self.point()[slopes][input] = slope;
+    }
+
+    fn values(&self) -> Values<'_, f64> {
+        Values::new(&self.block.reals, &self.block.integers, self.model.variables().offsets())
+    }
+
+    fn point(&mut self) -> Point<'_> {
+        self.block.point(&self.model, &mut self.log)
+    }
+
+    /// Computes everything at the start time from the present parameters and inputs.
+    ///
+    /// # Errors
+    /// What in them is refused.
+    pub fn initialise(&mut self) -> Result<(), StepError> {
+        self.model.prepare(&mut self.block, &mut self.log)?;
+        self.keep_valid_parameters();
+        if let Some(last_inputs) = self.model.controls().last_inputs {
+            let inputs = self.block.reals[self.model.variables().reals(Section::Input)].to_vec();
+            self.point().set(last_inputs, inputs);
+        }
+        self.initialise_states()
+    }
+
+    /// Puts states and discrete variables at their start, and nothing else.
+    fn initialise_states(&mut self) -> Result<(), StepError> {
+        let t = self.time();
+        for section in [Section::State, Section::Discrete] {
+            let (reals, integers) = (self.model.variables().reals(section), self.model.variables().integers(section));
+            self.block.reals[reals].fill(0.0);
+            self.block.integers[integers].fill(0);
+        }
+        self.model.system().initialise(t, &mut self.block.point(&self.model, &mut self.log))?;
+        let settings = self.settings();
+        let (driver, mut problem) = self.problem(false);
+        driver.settle(&mut problem, t, &settings)
+    }
+
+    /// Takes over the parameters that were set since the last step, all or none.
+    ///
+    /// # Errors
+    /// Every reason for which they are refused; the last valid set is in force again.
+    pub fn commit_parameters(&mut self) -> Result<(), Invalid> {
+        if !self.values().get(self.model.controls().parameters_set) {
+            return Ok(());
+        }
+        let handle = self.model.controls().parameters_set;
+        self.point().put(handle, false);
+        if let Err(invalid) = self.model.prepare(&mut self.block, &mut self.log) {
+            self.restore_valid_parameters();
+            // These were prepared before, so they are accepted again.
+            return self.model.prepare(&mut self.block, &mut self.log).and(Err(invalid));
+        }
+        self.keep_valid_parameters();
+        let t = self.time();
+        self.model.system().parameters_changed(t, &mut self.block.point(&self.model, &mut self.log));
+        Ok(())
+    }
+
+    fn valid_integers(&self) -> std::ops::Range<usize> {
+        let start = self.model.variables().integers(Section::Memory).start + self.model.controls().valid_integers;
+        start..start + self.model.variables().integers(Section::Parameter).len()
+    }
+
+    fn keep_valid_parameters(&mut self) {
+        let (parameters, valid) = (self.model.variables().reals(Section::Parameter), self.model.controls().valid_reals);
+        if let Some(valid) = valid {
+            let set = self.block.reals[parameters].to_vec();
+            self.point().set(valid, set);
+        }
+        let (from, to) = (self.model.variables().integers(Section::Parameter), self.valid_integers());
+        self.block.integers.copy_within(from, to.start);
+    }
+
+    fn restore_valid_parameters(&mut self) {
+        let (parameters, valid) = (self.model.variables().reals(Section::Parameter), self.model.controls().valid_reals);
+        if let Some(valid) = valid {
+            let kept = self.point()[valid].to_vec();
+            self.block.reals[parameters].copy_from_slice(&kept);
+        }
+        let (from, to) = (self.valid_integers(), self.model.variables().integers(Section::Parameter));
+        self.block.integers.copy_within(from, to.start);
+    }
+
+    fn settings(&self) -> Settings {
+        let controls = self.model.controls();
+        let own = controls.relative_tolerance.map_or(1e-6, |handle| self.values()[handle]);
+        let asked = self.values()[controls.tolerance];
+        let relative_tolerance = if asked > 0.0 { own.min(asked) } else { own };
+        Settings { relative_tolerance, ..Settings::default() }
+    }
+
+    /// Advances by one communication step, after [`Execution::commit_parameters`].
+    ///
+    /// # Errors
+    /// Why the step can't be finished; everything is as before it.
+    pub fn step(&mut self, step: f64) -> Result<(), StepError> {
+        self.saved.copy_from(&self.block);
+        let waiting = self.log.len();
+        let result = self.try_step(step);
+        if result.is_err() {
+            self.block.copy_from(&self.saved);
+            self.log.truncate(waiting);
+        }
+        result
+    }
+
+    fn try_step(&mut self, step: f64) -> Result<(), StepError> {
+        let controls = self.model.controls();
+        let (started, time, substep, last) = (controls.started, controls.time, controls.substep, controls.last_step);
+        let first = !self.values().get(started);
+        if first {
+            // Not every master sets inputs in Initialization Mode: what is taken from them is taken here.
+            self.initialise_states()?;
+            self.point().put(started, true);
+        }
+        let (t0, settings) = (self.time(), self.settings());
+        let t1 = t0 + step;
+        let ramped = self.prepare_inputs(step, first);
+        let mut next = self.values()[substep];
+        let (driver, mut problem) = self.problem(ramped);
+        driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
+        self.check_signals(t1, settings.divergence_limit)?;
+        if ramped {
+            // Inputs read back what was set.
+            let inputs = self.model.variables().reals(Section::Input);
+            let set = self.saved.reals[inputs.clone()].iter();
+            self.block.reals[inputs].iter_mut().zip(set).for_each(|(input, set)| *input = *set);
+        }
+        let mut point = self.block.point(&self.model, &mut self.log);
+        point[substep] = next;
+        point[last] = step;
+        point[time] = t1;
+        self.model.system().step_completed(t1, step, &mut point);
+        Ok(())
+    }
+
+    /// Decides how inputs go during this step; whether they change at all.
+    fn prepare_inputs(&mut self, step: f64, first: bool) -> bool {
+        let controls = self.model.controls();
+        let (Some(handling), Some(given_slopes), Some(slopes), Some(previous), Some(last_inputs)) = (
+            controls.input_handling,
+            controls.given_slopes,
+            controls.slopes,
+            controls.previous_inputs,
+            controls.last_inputs,
+        ) else {
+            return false;
+        };
+        let (given, last) = (controls.slopes_given, controls.last_step);
+        let inputs = self.model.variables().reals(Section::Input);
+        let v = Values::new(&self.saved.reals, &self.saved.integers, self.model.variables().offsets());
+        let present = &self.saved.reals[inputs];
+        self.ramp_values.copy_from_slice(present);
+        let handling = if first { InputHandling::Hold } else { v.get(handling) };
+        if v.get(given) {
+            self.ramp_slopes.copy_from_slice(&v[given_slopes]);
+        } else if handling == InputHandling::Hold {
+            self.ramp_slopes.fill(0.0);
+        } else {
+            let duration = if handling == InputHandling::Extrapolate { v[last] } else { step };
+            let pairs = present.iter().zip(&v[previous]);
+            self.ramp_slopes
+                .iter_mut()
+                .zip(pairs)
+                .for_each(|(slope, (now, before))| *slope = (now - before) / duration);
+            if handling == InputHandling::Interpolate {
+                self.ramp_values.copy_from_slice(&v[previous]);
+            }
+        }
+        let mut point = self.block.point(&self.model, &mut self.log);
+        point.put(given, false);
+        point.set(slopes, &self.ramp_slopes);
+        point.set(previous, present);
+        for (i, (value, slope)) in self.ramp_values.iter().zip(&self.ramp_slopes).enumerate() {
+            point[last_inputs][i] = value + slope * step;
+        }
+        self.ramp_slopes.iter().any(|&slope| slope != 0.0)
+    }
+
+    fn problem(&mut self, ramped: bool) -> (&mut Driver, Problem<'_>) {
+        let t0 = self.time();
+        let ramp = Ramp { values: &self.ramp_values, slopes: &self.ramp_slopes, time: t0 };
+        let problem = Problem {
+            system: self.model.system(),
+            variables: self.model.variables(),
+            reals: &mut self.block.reals,
+            integers: &mut self.block.integers,
+            ramp: ramped.then_some(ramp),
+            log: &mut self.log,
+        };
+        (&mut self.driver, problem)
+    }
+
+    /// Every signal must be a number, and every output within the limit.
+    fn check_signals(&self, time: f64, limit: f64) -> Result<(), StepError> {
+        let variables = self.model.variables();
+        let signals = &self.block.reals[variables.reals(Section::Signal)];
+        let suspect = |value: &f64| !value.is_finite() || value.abs() > limit;
+        for (place, &value) in signals.iter().enumerate().filter(|(_, value)| suspect(value)) {
+            let Some(element) = variables.real_at(Section::Signal, place) else { continue };
+            if !value.is_finite() || element.variable.causality == Causality::Output {
+                return Err(StepError::Diverged { variable: element.name(), value, time });
+            }
+        }
+        Ok(())
+    }
+
+    /// Time derivatives of signals and states at the last communication point, exact, by one pass with dual
+    /// numbers along the solution. Values at the places of the block.
+    pub fn time_derivatives(&mut self) -> &[Dual64] {
+        let (variables, controls) = (self.model.variables(), self.model.controls());
+        for (dual, &value) in self.dual.iter_mut().zip(&self.block.reals) {
+            *dual = Dual64::from_re(value);
+        }
+        for (state, rate) in variables.reals(Section::State).zip(variables.reals(Section::Derivative)) {
+            self.dual[state].eps = self.block.reals[rate];
+        }
+        // As the last step left them: what was set since then isn't in force yet.
+        let values = Values::new(&self.block.reals, &self.block.integers, variables.offsets());
+        if let Some((slopes, last_inputs)) = controls.slopes.zip(controls.last_inputs) {
+            for ((input, &value), &slope) in
+                variables.reals(Section::Input).zip(&values[last_inputs]).zip(&values[slopes])
+            {
+                self.dual[input] = Dual64::new(value, slope);
+            }
+        }
+        if let Some(valid) = controls.valid_reals {
+            for (parameter, &value) in variables.reals(Section::Parameter).zip(&values[valid]) {
+                self.dual[parameter] = Dual64::from_re(value);
+            }
+        }
+        let t = Dual64::new(self.time(), 1.0);
+        let (system, offsets) = (self.model.system(), variables.offsets());
+        system.outputs_dual(t, &mut self.dual, &self.block.integers, offsets);
+        &self.dual
+    }
+}

@@ -1,0 +1,108 @@
+//! Value references: index of the value in the instance's block, integers behind the reals. So each is unique over
+//! all types, and a wrong type is noticed.
+
+use crate::system::{Causality, Data, Element, Section, Variability, Variables};
+
+/// The types of values at the boundary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Type {
+    /// Real
+    Real,
+    /// Integer or Enumeration
+    Integer,
+    /// Boolean
+    Boolean,
+}
+
+/// What may be done with one value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Access {
+    /// Not shown outside.
+    Hidden,
+    /// Set before the simulation.
+    Fixed,
+    /// Set between steps.
+    Tunable,
+    /// Set between steps.
+    Input,
+    /// Computed; `output` where it has that causality.
+    Calculated {
+        /// Whether it is an output.
+        output: bool,
+    },
+}
+
+/// The value references of a model.
+#[derive(Debug)]
+pub struct References {
+    reals: Vec<Access>,
+    integers: Vec<(Access, Type)>,
+}
+
+/// What a value reference of the wrong sort is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoValue {
+    /// It belongs to no variable.
+    Unknown,
+    /// Its variable has another type.
+    Other(Type),
+}
+
+impl References {
+    /// The value references of these variables.
+    pub fn new(variables: &Variables) -> Self {
+        let mut references = References {
+            reals: vec![Access::Hidden; variables.reals(Section::Memory).end],
+            integers: vec![(Access::Hidden, Type::Integer); variables.integers(Section::Memory).end],
+        };
+        for element in variables.visible() {
+            let access = match (element.variable.causality, element.variable.variability) {
+                (Causality::Parameter, Variability::Fixed) => Access::Fixed,
+                (Causality::Parameter, _) => Access::Tunable,
+                (Causality::Input, _) => Access::Input,
+                (causality, _) => Access::Calculated { output: causality == Causality::Output },
+            };
+            let index = variables.index(element);
+            match element.variable.data {
+                Data::Real { .. } => references.reals[index] = access,
+                Data::Boolean { .. } => references.integers[index] = (access, Type::Boolean),
+                Data::Integer { .. } | Data::Choice { .. } => references.integers[index] = (access, Type::Integer),
+            }
+        }
+        references
+    }
+
+    /// The value reference of an element.
+    pub fn of(variables: &Variables, element: Element<'_>) -> u32 {
+        let index = variables.index(element);
+        let before = if element.variable.is_real() { 0 } else { variables.reals(Section::Memory).end };
+        (before + index) as u32
+    }
+
+    /// Place and access of a value of the type wanted.
+    ///
+    /// # Errors
+    /// [`NoValue`] when there is none.
+    #[inline]
+    pub fn find(&self, reference: u32, wanted: Type) -> Result<(usize, Access), NoValue> {
+        let index = reference as usize;
+        let (place, access, is) = match self.reals.get(index) {
+            Some(&access) => (index, access, Type::Real),
+            None => {
+                let place = index - self.reals.len();
+                let &(access, is) = self.integers.get(place).ok_or(NoValue::Unknown)?;
+                (place, access, is)
+            }
+        };
+        match access {
+            Access::Hidden => Err(NoValue::Unknown),
+            _ if is != wanted => Err(NoValue::Other(is)),
+            _ => Ok((place, access)),
+        }
+    }
+}
+
+/// The variable with this value reference.
+pub fn element(variables: &Variables, reference: u32) -> Option<Element<'_>> {
+    variables.visible().find(|element| References::of(variables, *element) == reference)
+}

@@ -1,0 +1,107 @@
+//! What a library says of itself to the exporter: the XML comes from the very library that is packed, so a stale
+//! library can't meet a new description.
+
+use serde::{Deserialize, Serialize};
+
+use crate::model::{Description, Model};
+use crate::system::Registry;
+
+use super::model_description;
+
+/// How a library was built.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Build {
+    /// Version of this crate.
+    pub version: String,
+    /// Target platform.
+    pub target: String,
+    /// Compiler.
+    pub compiler: String,
+    /// Checksum of the sources.
+    pub source: String,
+    /// Whether it was optimised.
+    pub optimised: bool,
+}
+
+impl Build {
+    /// Of this very library or program.
+    pub fn own() -> Self {
+        Build {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            target: env!("ADAPTIVE_FMU_TARGET").to_owned(),
+            compiler: env!("ADAPTIVE_FMU_COMPILER").to_owned(),
+            source: env!("ADAPTIVE_FMU_SOURCE").to_owned(),
+            optimised: !cfg!(debug_assertions),
+        }
+    }
+}
+
+/// The reply to a description.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Described {
+    /// How the library was built.
+    pub build: Build,
+    /// The systems that it knows.
+    pub models: Vec<String>,
+    /// The unit, where a description was given.
+    pub unit: Option<Unit>,
+}
+
+/// A unit as its library describes it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Unit {
+    /// Name, and model identifier.
+    pub name: String,
+    /// modelDescription.xml
+    pub model_description: String,
+    /// What it is and its equations, in Markdown.
+    pub documentation: String,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+enum Reply {
+    #[serde(rename = "described")]
+    Described(Described),
+    #[serde(rename = "failure")]
+    Failure(String),
+}
+
+/// The reply, as JSON, to a description's text; without one, what the library is.
+pub fn reply(description: Option<&str>, registry: Registry) -> String {
+    let describe = |text| -> Result<Unit, crate::error::Invalid> {
+        let model = Model::from_description(Description::read(text)?, registry)?;
+        Ok(Unit {
+            name: model.description().name.clone(),
+            model_description: model_description::xml(&model),
+            documentation: model.documentation().to_owned(),
+        })
+    };
+    match description.map(describe).transpose() {
+        Ok(unit) => {
+            let models = registry.iter().map(|kind| kind.name.to_owned()).collect();
+            write(&Reply::Described(Described { build: Build::own(), models, unit }))
+        }
+        Err(invalid) => failure(&invalid.to_string()),
+    }
+}
+
+/// A reply that tells of a failure.
+pub fn failure(reason: &str) -> String {
+    write(&Reply::Failure(reason.to_owned()))
+}
+
+fn write(reply: &Reply) -> String {
+    serde_json::to_string(reply).unwrap_or_default()
+}
+
+/// Reads a reply.
+///
+/// # Errors
+/// The failure that it tells of, or that it is no reply.
+pub fn read(reply: &str) -> Result<Described, String> {
+    match serde_json::from_str(reply) {
+        Ok(Reply::Described(described)) => Ok(described),
+        Ok(Reply::Failure(reason)) => Err(reason),
+        Err(error) => Err(format!("the library's reply can't be read: {error}")),
+    }
+}

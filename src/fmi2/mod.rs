@@ -1,0 +1,21 @@
+//! The FMI 2.0 boundary: everything that the standard asks of a unit, for any system.
+//!
+//! [`calls`] says which function may be called when, [`instance`] is what the functions do, in safe Rust,
+//! [`interface`] is the C side of it, and [`model_description`] writes the XML. None of them knows a model.
+
+pub mod access;
+pub mod calls;
+pub mod describe;
+pub mod instance;
+#[allow(unsafe_code)]
+pub mod interface;
+pub mod logger;
+pub mod model_description;
+pub mod panics;
+#[allow(unsafe_code)]
+pub mod resources;
+pub mod snapshot;
+pub mod types;
+
+#[macro_use]
+mod exports;

@@ -1,0 +1,307 @@
+//! modelDescription.xml, written from the declared variables (FMI 2.0.4, section 2.2).
+
+use std::io;
+
+use quick_xml::Writer;
+use quick_xml::events::{BytesDecl, Event};
+use uuid::Uuid;
+
+use crate::model::Model;
+use crate::system::{Causality, Data, Element, Section, Unit, Variability, Variables};
+
+use super::access::References;
+use super::instance::EVENTS;
+
+type Xml = Writer<Vec<u8>>;
+type Attributes<'a> = Vec<(&'a str, String)>;
+
+/// The GUID of a model's interface: a name-based UUID of its description, so that the same interface always has the
+/// same GUID, and another one another.
+pub fn guid(model: &Model) -> [u8; 16] {
+    Uuid::new_v5(&Uuid::NAMESPACE_OID, document(model, "", "").as_bytes()).into_bytes()
+}
+
+/// A GUID as the XML shows it.
+pub fn guid_text(guid: [u8; 16]) -> String {
+    format!("{{{}}}", Uuid::from_bytes(guid))
+}
+
+/// The whole modelDescription.xml.
+pub fn xml(model: &Model) -> String {
+    document(model, &guid_text(guid(model)), concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")))
+}
+
+/// The log categories of a model, with their descriptions.
+pub fn log_categories(model: &Model) -> impl Iterator<Item = (&'static str, &'static str)> {
+    let standard = [
+        (super::logger::ERROR, "a call was refused or failed: what, why, and what to do"),
+        ("logStatusDiscard", "a step could not be finished and may be tried again, smaller"),
+        (EVENTS, "tunable parameters that were taken over"),
+    ];
+    standard.into_iter().chain(model.variables().warnings().to_vec())
+}
+
+fn document(model: &Model, guid: &str, tool: &str) -> String {
+    let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
+    let written = write(&mut xml, model, guid, tool);
+    // Writing to memory can't fail.
+    debug_assert!(written.is_ok());
+    let mut text = String::from_utf8(xml.into_inner()).unwrap_or_default();
+    text.push('\n');
+    text
+}
+
+fn element(
+    xml: &mut Xml,
+    name: &str,
+    attributes: Attributes,
+    inside: impl Fn(&mut Xml) -> io::Result<()>,
+) -> io::Result<()> {
+    let start = xml.create_element(name).with_attributes(attributes.iter().map(|(key, value)| (*key, value.as_str())));
+    start.write_inner_content(inside)?;
+    Ok(())
+}
+
+fn empty(xml: &mut Xml, name: &str, attributes: Attributes) -> io::Result<()> {
+    let start = xml.create_element(name).with_attributes(attributes.iter().map(|(key, value)| (*key, value.as_str())));
+    start.write_empty()?;
+    Ok(())
+}
+
+fn number(value: f64) -> String {
+    format!("{value:?}")
+}
+
+fn write(xml: &mut Xml, model: &Model, guid: &str, tool: &str) -> io::Result<()> {
+    xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
+    let description = model.description();
+    let root = vec![
+        ("fmiVersion", "2.0".to_owned()),
+        ("modelName", description.name.clone()),
+        ("guid", guid.to_owned()),
+        ("description", description.description.clone()),
+        ("generationTool", tool.to_owned()),
+        ("variableNamingConvention", "structured".to_owned()),
+    ];
+    element(xml, "fmiModelDescription", root, |xml| {
+        let flag = |name, value: bool| (name, value.to_string());
+        let co_simulation = vec![
+            ("modelIdentifier", description.name.clone()),
+            flag("canHandleVariableCommunicationStepSize", true),
+            flag("canInterpolateInputs", !model.variables().reals(Section::Input).is_empty()),
+            ("maxOutputDerivativeOrder", "1".to_owned()),
+            flag("canNotUseMemoryManagementFunctions", true),
+            flag("canGetAndSetFMUstate", true),
+            flag("canSerializeFMUstate", true),
+        ];
+        empty(xml, "CoSimulation", co_simulation)?;
+        write_units(xml, model.variables())?;
+        write_types(xml, model.variables())?;
+        element(xml, "LogCategories", vec![], |xml| {
+            for (name, text) in log_categories(model) {
+                empty(xml, "Category", vec![("name", name.to_owned()), ("description", text.to_owned())])?;
+            }
+            Ok(())
+        })?;
+        let experiment = vec![
+            ("startTime", "0".to_owned()),
+            ("stopTime", number(description.experiment.stop_time)),
+            ("stepSize", number(description.experiment.step)),
+        ];
+        empty(xml, "DefaultExperiment", experiment)?;
+        let variables = model.variables();
+        element(xml, "ModelVariables", vec![], |xml| {
+            let index = index_of_states(variables);
+            variables.visible().try_for_each(|element| write_variable(xml, variables, element, &index))
+        })?;
+        write_structure(xml, variables)
+    })
+}
+
+fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
+    let mut symbols: Vec<_> =
+        variables.visible().map(|element| element.unit()).filter(|unit| !unit.is_empty()).collect();
+    symbols.sort_unstable();
+    symbols.dedup();
+    if symbols.is_empty() {
+        return Ok(());
+    }
+    element(xml, "UnitDefinitions", vec![], |xml| {
+        for unit in symbols.iter().filter_map(|symbol| Unit::known(symbol)) {
+            element(xml, "Unit", vec![("name", unit.symbol.to_owned())], |xml| {
+                let exponents = ["kg", "m", "s", "A", "rad"].into_iter().zip(unit.exponents);
+                let base = exponents.filter(|(_, n)| *n != 0).map(|(base, n)| (base, n.to_string())).collect();
+                empty(xml, "BaseUnit", base)?;
+                unit.display.iter().try_for_each(|display| {
+                    let factor = number(display.factor);
+                    empty(xml, "DisplayUnit", vec![("name", display.symbol.to_owned()), ("factor", factor)])
+                })
+            })?;
+        }
+        Ok(())
+    })
+}
+
+fn write_types(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
+    let mut types: Vec<(&str, &[(String, String)])> = Vec::new();
+    for element in variables.visible() {
+        if let Data::Choice { type_name, items, .. } = &element.variable.data
+            && !types.iter().any(|(name, _)| name == type_name)
+        {
+            types.push((type_name, items));
+        }
+    }
+    if types.is_empty() {
+        return Ok(());
+    }
+    element(xml, "TypeDefinitions", vec![], |xml| {
+        for (name, items) in &types {
+            element(xml, "SimpleType", vec![("name", (*name).to_owned())], |xml| {
+                element(xml, "Enumeration", vec![], |xml| {
+                    items.iter().enumerate().try_for_each(|(k, (name, text))| {
+                        let value = (k + 1).to_string();
+                        empty(
+                            xml,
+                            "Item",
+                            vec![("name", name.clone()), ("value", value), ("description", text.clone())],
+                        )
+                    })
+                })
+            })?;
+        }
+        Ok(())
+    })
+}
+
+/// Position (from 1) among the visible variables of each state.
+fn index_of_states(variables: &Variables) -> Vec<usize> {
+    let mut index = vec![0; variables.states()];
+    for (position, element) in variables.visible().enumerate() {
+        if element.variable.section == Section::State {
+            index[element.place()] = position + 1;
+        }
+    }
+    index
+}
+
+fn write_variable(xml: &mut Xml, variables: &Variables, element: Element<'_>, states: &[usize]) -> io::Result<()> {
+    let variable = element.variable;
+    let (causality, initial) = match variable.causality {
+        Causality::Parameter => ("parameter", Some("exact")),
+        Causality::Input => ("input", None),
+        Causality::Output => ("output", Some("calculated")),
+        Causality::Local | Causality::Hidden => ("local", Some("calculated")),
+    };
+    let variability = match variable.variability {
+        Variability::Fixed => "fixed",
+        Variability::Tunable => "tunable",
+        Variability::Discrete => "discrete",
+        Variability::Continuous => "continuous",
+    };
+    let mut attributes = vec![
+        ("name", element.name()),
+        ("valueReference", References::of(variables, element).to_string()),
+        ("description", element.description().to_owned()),
+        ("causality", causality.to_owned()),
+        ("variability", variability.to_owned()),
+    ];
+    attributes.extend(initial.map(|initial| ("initial", initial.to_owned())));
+    let has_start = matches!(variable.causality, Causality::Parameter | Causality::Input);
+    self::element(xml, "ScalarVariable", attributes, |xml| {
+        let (kind, mut value) = type_of(element, states);
+        if has_start {
+            let start = match &variable.data {
+                Data::Real { .. } => number(element.start()),
+                Data::Integer { start, .. } | Data::Choice { start, .. } => start.to_string(),
+                Data::Boolean { start } => start.to_string(),
+            };
+            value.push(("start", start));
+        }
+        empty(xml, kind, value)
+    })
+}
+
+/// The element for a variable's type, with its attributes but for the start value.
+fn type_of(element: Element<'_>, states: &[usize]) -> (&'static str, Attributes<'static>) {
+    let mut attributes = Vec::new();
+    let kind = match &element.variable.data {
+        Data::Real { min, max, .. } => {
+            let unit = Unit::known(element.unit());
+            attributes.extend(unit.map(|unit| ("unit", unit.symbol.to_owned())));
+            attributes
+                .extend(unit.and_then(|unit| unit.display).map(|display| ("displayUnit", display.symbol.to_owned())));
+            attributes.extend(min.map(|min| ("min", number(min))));
+            attributes.extend(max.map(|max| ("max", number(max))));
+            if element.nominal() != 1.0 {
+                attributes.push(("nominal", number(element.nominal())));
+            }
+            if element.variable.section == Section::Derivative {
+                attributes.push(("derivative", states[element.place()].to_string()));
+            }
+            "Real"
+        }
+        Data::Integer { limits, .. } => {
+            attributes
+                .extend(limits.iter().flat_map(|(min, max)| [("min", min.to_string()), ("max", max.to_string())]));
+            "Integer"
+        }
+        Data::Boolean { .. } => "Boolean",
+        Data::Choice { type_name, items, .. } => {
+            attributes.push(("declaredType", type_name.clone()));
+            attributes.push(("min", "1".to_owned()));
+            attributes.push(("max", items.len().to_string()));
+            "Enumeration"
+        }
+    };
+    (kind, attributes)
+}
+
+fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
+    let visible: Vec<_> = variables.visible().collect();
+    let position = |section: Section, place: usize| {
+        let same = |e: &Element<'_>| e.variable.section == section && e.variable.is_real() && e.place() == place;
+        visible.iter().position(same).map(|position| position + 1)
+    };
+    let unknown = |xml: &mut Xml, (k, element): (usize, &Element<'_>)| {
+        let mut attributes = vec![("index", (k + 1).to_string())];
+        let section = element.variable.section;
+        let on = match section {
+            // A state depends on itself.
+            Section::State => Some(vec![(section, element.place())]),
+            _ if element.variable.is_real() => variables.dependence(section, element.place()),
+            _ => None,
+        };
+        if let Some(on) = on {
+            let mut indices: Vec<_> = on.iter().filter_map(|&(section, place)| position(section, place)).collect();
+            indices.sort_unstable();
+            let text: Vec<_> = indices.iter().map(ToString::to_string).collect();
+            attributes.push(("dependencies", text.join(" ")));
+        }
+        empty(xml, "Unknown", attributes)
+    };
+    let list = |xml: &mut Xml, name: &str, wanted: &dyn Fn(&Element<'_>) -> bool, dependencies: bool| {
+        let mut found = visible.iter().enumerate().filter(|(_, e)| wanted(e)).peekable();
+        if found.peek().is_none() {
+            return Ok(());
+        }
+        let found: Vec<_> = found.collect();
+        element(xml, name, vec![], |xml| {
+            found.iter().try_for_each(|&(k, e)| {
+                if dependencies {
+                    unknown(xml, (k, e))
+                } else {
+                    empty(xml, "Unknown", vec![("index", (k + 1).to_string())])
+                }
+            })
+        })
+    };
+    let output = |e: &Element<'_>| e.variable.causality == Causality::Output;
+    let derivative = |e: &Element<'_>| e.variable.section == Section::Derivative;
+    element(xml, "ModelStructure", vec![], |xml| {
+        list(xml, "Outputs", &output, true)?;
+        list(xml, "Derivatives", &derivative, true)?;
+        // Without the attribute `dependencies`, an initial value may depend on every parameter and input.
+        let initial = |e: &Element<'_>| output(e) || derivative(e) || e.variable.section == Section::State;
+        list(xml, "InitialUnknowns", &initial, false)
+    })
+}

@@ -1,0 +1,44 @@
+//! A panic never crosses the C boundary, and prints nothing into the host's streams.
+
+use std::any::Any;
+use std::cell::{Cell, RefCell};
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+use std::sync::Once;
+
+thread_local! {
+    static INSIDE: Cell<bool> = const { Cell::new(false) };
+    static PLACE: RefCell<String> = const { RefCell::new(String::new()) };
+}
+
+/// Runs what may panic; its text and place, if it did.
+///
+/// # Errors
+/// What the panic said.
+pub fn contain<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    silence();
+    INSIDE.set(true);
+    let result = catch_unwind(AssertUnwindSafe(call));
+    INSIDE.set(false);
+    result.map_err(|payload| format!("{} ({})", text(&*payload), PLACE.take()))
+}
+
+/// The hook of this library's own copy of the standard library notes where a contained panic happened, and leaves
+/// all others to the hook before it.
+fn silence() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let before = take_hook();
+        set_hook(Box::new(move |info| {
+            if INSIDE.get() {
+                PLACE.set(info.location().map(ToString::to_string).unwrap_or_default());
+            } else {
+                before(info);
+            }
+        }));
+    });
+}
+
+fn text(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a fault without a text".to_owned())
+}

@@ -1,0 +1,66 @@
+//! The explicit Runge–Kutta method of order 5 with an embedded one of order 4.
+//!
+//! Dormand and Prince, A family of embedded Runge–Kutta formulae, J. Comput. Appl. Math. 6 (1980) 19–26, table 2.
+
+use super::{OneStepMethod, Problem, Start, Tolerance};
+use crate::system::ErrorEstimate;
+
+const STAGES: usize = 7;
+
+/// Nodes of stages 2 to 7.
+const C: [f64; STAGES - 1] = [1.0 / 5.0, 3.0 / 10.0, 4.0 / 5.0, 8.0 / 9.0, 1.0, 1.0];
+
+/// Weights of the earlier stages in stages 2 to 7; the last row is the solution of order 5.
+const A: [[f64; STAGES - 1]; STAGES - 1] = [
+    [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0],
+    [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0],
+    [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0, 0.0, 0.0],
+    [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0, 0.0],
+    [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
+];
+
+/// Difference of the solutions of order 5 and 4.
+const E: [f64; STAGES] =
+    [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0];
+
+/// The method's workspace.
+#[derive(Debug)]
+pub struct DormandPrince {
+    /// Derivatives at the stages, one row a state: what is summed lies together.
+    k: Vec<[f64; STAGES]>,
+}
+
+impl DormandPrince {
+    /// A workspace for so many states.
+    pub fn new(states: usize) -> Self {
+        DormandPrince { k: vec![[0.0; STAGES]; states] }
+    }
+}
+
+impl OneStepMethod for DormandPrince {
+    fn attempt(
+        &mut self,
+        problem: &mut Problem,
+        start: &Start,
+        h: f64,
+        tolerance: Tolerance,
+    ) -> (ErrorEstimate, usize) {
+        for (k, &rate) in self.k.iter_mut().zip(&start.rates) {
+            k[0] = rate;
+        }
+        for (stage, (a, c)) in A.iter().zip(C).enumerate() {
+            for ((x, x0), k) in problem.states().iter_mut().zip(&start.states).zip(&self.k) {
+                let sum: f64 = a[..=stage].iter().zip(k).map(|(a, k)| a * k).sum();
+                *x = x0 + h * sum;
+            }
+            problem.evaluate(start.time + c * h);
+            for (k, &rate) in self.k.iter_mut().zip(problem.rates()) {
+                k[stage + 1] = rate;
+            }
+        }
+        let errors = self.k.iter().map(|k| h * E.iter().zip(k).map(|(e, k)| e * k).sum::<f64>());
+        let (scaled, state) = tolerance.scaled(errors, &start.states, problem.states());
+        (ErrorEstimate { scaled, order: 5 }, state)
+    }
+}

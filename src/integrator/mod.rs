@@ -1,0 +1,180 @@
+//! Error-controlled integration of a system over one communication step.
+//!
+//! Inputs jump between communication steps, so what is needed is a one-step method that restarts at each of
+//! them at no cost, keeps no history, allocates nothing, and has all its memory (one number: the substep that
+//! it would take next) in the instance's block, so that a restored instance continues bit for bit.
+//!
+//! MEASUREMENT_PLACEHOLDER
+
+mod dormand_prince;
+mod driver;
+mod own_step;
+
+pub use driver::Driver;
+
+use dormand_prince::DormandPrince;
+use own_step::OwnStep;
+
+use crate::system::{DynSystem, ErrorEstimate, MessageLog, Offsets, Point, Section, Values, Variables};
+
+/// How a communication step is integrated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Error tolerated in each substep, relative to the larger of a state's magnitude and its nominal value.
+    pub relative_tolerance: f64,
+    /// Substeps that one communication step may take.
+    pub max_substeps: usize,
+    /// Events that one communication step may hold.
+    pub max_events: usize,
+    /// A value beyond this is divergence.
+    pub divergence_limit: f64,
+    /// A time event is taken at the end of a communication step if it lies at most this much of the step behind
+    /// it: masters add up their communication points, and rounding must not move an event by a whole step.
+    pub event_slack: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            relative_tolerance: 1e-6,
+            max_substeps: 1_000_000,
+            max_events: 10_000,
+            divergence_limit: 1e12,
+            event_slack: 1e-6,
+        }
+    }
+}
+
+/// Inputs that change linearly within a communication step.
+#[derive(Debug, Clone, Copy)]
+pub struct Ramp<'a> {
+    /// Values at `time`.
+    pub values: &'a [f64],
+    /// Their rates.
+    pub slopes: &'a [f64],
+    /// When the inputs have these values, s.
+    pub time: f64,
+}
+
+/// The system that is integrated, with its values.
+pub struct Problem<'a> {
+    /// The system.
+    pub system: &'a dyn DynSystem,
+    /// Its variables.
+    pub variables: &'a Variables,
+    /// Its real values.
+    pub reals: &'a mut [f64],
+    /// Its integers.
+    pub integers: &'a mut [i32],
+    /// Inputs, where they aren't held.
+    pub ramp: Option<Ramp<'a>>,
+    /// Where messages go.
+    pub log: &'a mut MessageLog,
+}
+
+impl std::fmt::Debug for Problem<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Problem").field("reals", &self.reals).finish_non_exhaustive()
+    }
+}
+
+impl Problem<'_> {
+    fn offsets(&self) -> &Offsets {
+        self.variables.offsets()
+    }
+
+    /// Brings inputs, signals and derivatives to time t.
+    pub fn evaluate(&mut self, t: f64) {
+        if let Some(ramp) = self.ramp {
+            let inputs = &mut self.reals[self.variables.reals(Section::Input)];
+            for ((input, value), slope) in inputs.iter_mut().zip(ramp.values).zip(ramp.slopes) {
+                *input = value + slope * (t - ramp.time);
+            }
+        }
+        let offsets = self.variables.offsets();
+        self.system.outputs(t, self.reals, self.integers, offsets);
+        self.system.derivatives(t, self.reals, self.integers, offsets);
+    }
+
+    /// The continuous states.
+    pub fn states(&mut self) -> &mut [f64] {
+        &mut self.reals[self.variables.reals(Section::State)]
+    }
+
+    /// Their derivatives.
+    pub fn rates(&self) -> &[f64] {
+        &self.reals[self.variables.reals(Section::Derivative)]
+    }
+
+    fn values(&self) -> Values<'_, f64> {
+        Values::new(self.reals, self.integers, self.offsets())
+    }
+
+    fn point(&mut self) -> Point<'_> {
+        Point::new(self.reals, self.integers, self.variables.offsets(), self.log)
+    }
+
+    fn next_time_event(&self) -> f64 {
+        self.system.next_time_event(&self.values()).unwrap_or(f64::INFINITY)
+    }
+
+    fn event_indicators(&self, t: f64, z: &mut [f64]) {
+        self.system.event_indicators(t, &self.values(), z);
+    }
+
+    fn event(&mut self, t: f64) {
+        self.system.event(t, &mut self.point());
+    }
+}
+
+/// Where a substep begins: time, states and their derivatives.
+#[derive(Debug, Clone, Default)]
+pub struct Start {
+    /// Time, s.
+    pub time: f64,
+    /// States.
+    pub states: Vec<f64>,
+    /// Their derivatives.
+    pub rates: Vec<f64>,
+}
+
+/// What error counts as 1.
+#[derive(Debug, Clone, Copy)]
+pub struct Tolerance<'a> {
+    /// Relative tolerance.
+    pub relative: f64,
+    /// Magnitude of each state.
+    pub nominals: &'a [f64],
+}
+
+impl Tolerance<'_> {
+    /// The largest of `errors` (one a state) in units of what is tolerated, and the state that has it. Not a number
+    /// where any of them isn't.
+    pub fn scaled(&self, errors: impl Iterator<Item = f64>, before: &[f64], after: &[f64]) -> (f64, usize) {
+        let mut worst = (0.0, 0);
+        for (i, error) in errors.enumerate() {
+            let magnitude = self.nominals[i].max(before[i].abs()).max(after[i].abs());
+            let scaled = error.abs() / (self.relative * magnitude);
+            if scaled > worst.0 || scaled.is_nan() {
+                worst = (scaled, i);
+            }
+            if scaled.is_nan() {
+                break;
+            }
+        }
+        worst
+    }
+}
+
+/// A one-step method: explicit, implicit, or a system's own.
+pub trait OneStepMethod: Send {
+    /// Advances the states from `start` by h and evaluates the problem there; says how large the error is and which
+    /// state has it. The problem stands anywhere; what it holds is overwritten.
+    fn attempt(&mut self, problem: &mut Problem, start: &Start, h: f64, tolerance: Tolerance)
+    -> (ErrorEstimate, usize);
+}
+
+/// The method for a system.
+fn method_for(system: &dyn DynSystem, states: usize) -> Box<dyn OneStepMethod> {
+    if system.steps_itself() { Box::new(OwnStep::new()) } else { Box::new(DormandPrince::new(states)) }
+}

@@ -1,0 +1,22 @@
+//! Adaptive controllers and their plants as FMI 2.0 units, and the exporter that packs any dynamic system.
+//!
+//! A model is a [`system::System`]: declared variables and equations. The rest is written once: [`integrator`] takes
+//! it through a communication step with error control, [`execution`] holds one instance of it in time.
+#![deny(missing_docs)]
+#![deny(unsafe_code)]
+
+pub mod control;
+pub mod controllers;
+pub mod error;
+pub mod execution;
+#[macro_use]
+pub mod fmi2;
+pub mod integrator;
+pub mod library;
+pub mod model;
+#[path = "../plants/mod.rs"]
+pub mod plants;
+pub mod system;
+
+/// Whether this crate was built with the C functions of its own models in it; see [`export_fmi2`].
+pub const EXPORTS_ITS_OWN_MODELS: bool = cfg!(feature = "library");

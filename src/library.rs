@@ -1,0 +1,14 @@
+//! This package's own units: the registry of its systems, and, with the feature `library`, their C functions.
+//!
+//! To add a model: its own file, its description in `modelDescription/`, and a line here.
+
+use crate::controllers::l1::L1;
+use crate::plants::nonlinear_siso::NonlinearSiso;
+use crate::plants::reference::Reference;
+use crate::system::{Kind, Registry};
+
+/// Every system of this package.
+pub static REGISTRY: Registry = &[Kind::of::<L1>(), Kind::of::<NonlinearSiso>(), Kind::of::<Reference>()];
+
+#[cfg(feature = "library")]
+crate::define_fmi2_functions!(crate::library::REGISTRY);

@@ -1,0 +1,259 @@
+//! A model: a system made from its description, with all its variables, ready to be run.
+
+use serde::Deserialize;
+
+use crate::error::Invalid;
+use crate::execution::Controls;
+use crate::system::{Data, Declaration, DynSystem, Kind, NoStructure, Registry, Section, System, Variables};
+
+/// What a person writes about an FMU (`modelDescription/NAME.toml`).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// Name of the FMU: a C identifier.
+    pub name: String,
+    /// Which system it is made of.
+    pub model: String,
+    /// What it is, in a line.
+    pub description: String,
+    /// What a simulation of it takes by default.
+    #[serde(default)]
+    pub experiment: Experiment,
+    /// What the system's variables depend on.
+    #[serde(default)]
+    pub structure: toml::Table,
+    /// Start values that differ from the system's own.
+    #[serde(default)]
+    pub start: toml::Table,
+}
+
+/// The default experiment.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Experiment {
+    /// Stop time, s.
+    pub stop_time: f64,
+    /// Communication step, s.
+    pub step: f64,
+}
+
+impl Default for Experiment {
+    fn default() -> Self {
+        Experiment { stop_time: 10.0, step: 1e-3 }
+    }
+}
+
+impl Description {
+    /// Reads a description.
+    ///
+    /// # Errors
+    /// One line: what is wrong, where, and what is allowed.
+    pub fn read(text: &str) -> Result<Self, Invalid> {
+        let description: Description = toml::from_str(text).map_err(|error| {
+            let line = error.span().map_or(0, |span| text[..span.start].lines().count().max(1));
+            Invalid::because(format!("line {line}: {}", error.message().replace('\n', " ")))
+        })?;
+        let mut invalid = Invalid::none();
+        let name = &description.name;
+        let starts_well = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+        if !starts_well || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') || name.len() > 100 {
+            let allowed = "must be a C identifier of at most 100 characters (letters, digits, _)";
+            invalid.and(Invalid::new("name", format!("`{}`", name.escape_debug()), allowed));
+        }
+        let Experiment { stop_time, step } = description.experiment;
+        for (key, value) in [("experiment.stop_time", stop_time), ("experiment.step", step)] {
+            if !(value.is_finite() && value > 0.0) {
+                invalid.and(Invalid::new(key, value, "must be a finite number above 0"));
+            }
+        }
+        invalid.into_result()?;
+        Ok(description)
+    }
+}
+
+/// The values of one instance. A copy of it is a copy of the instance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Block {
+    /// Real values.
+    pub reals: Vec<f64>,
+    /// Integers, Booleans and choices.
+    pub integers: Vec<i32>,
+}
+
+impl Block {
+    /// Takes over the values of another block of the same model.
+    pub fn copy_from(&mut self, other: &Block) {
+        self.reals.copy_from_slice(&other.reals);
+        self.integers.copy_from_slice(&other.integers);
+    }
+}
+
+/// A system made from its description.
+pub struct Model {
+    description: Description,
+    documentation: &'static str,
+    system: Box<dyn DynSystem>,
+    variables: Variables,
+    controls: Controls,
+}
+
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Model({})", self.description.name)
+    }
+}
+
+impl Model {
+    /// Makes the model that a description asks for.
+    ///
+    /// # Errors
+    /// [`Invalid`] naming key, value and what is allowed.
+    pub fn from_description(description: Description, registry: Registry) -> Result<Model, Invalid> {
+        let kind = registry.iter().find(|kind| kind.name == description.model).ok_or_else(|| {
+            let known: Vec<_> = registry.iter().map(|kind| kind.name).collect();
+            Invalid::new("model", format!("`{}`", description.model), format!("must be one of {}", known.join(", ")))
+        })?;
+        let mut declaration = Declaration::default();
+        let system = kind.declare(description.structure.clone(), &mut declaration)?;
+        let controls = Controls::declare(&mut declaration);
+        let mut variables = declaration.finish()?;
+        set_start_values(&mut variables, &description.start)?;
+        let model = Model { description, documentation: kind.documentation, system, variables, controls };
+        model.check_start()?;
+        Ok(model)
+    }
+
+    /// A model of one system under a name, with start values of your own.
+    ///
+    /// # Errors
+    /// As [`Model::from_description`].
+    pub fn new<M: System<Structure = NoStructure>>(name: &str, start: &toml::Table) -> Result<Model, Invalid> {
+        let description = Description {
+            name: name.to_owned(),
+            model: M::NAME.to_owned(),
+            description: String::new(),
+            experiment: Experiment::default(),
+            structure: toml::Table::new(),
+            start: start.clone(),
+        };
+        let mut declaration = Declaration::default();
+        let system = Kind::of::<M>().declare(toml::Table::new(), &mut declaration)?;
+        let controls = Controls::declare(&mut declaration);
+        let mut variables = declaration.finish()?;
+        set_start_values(&mut variables, start)?;
+        Ok(Model { description, documentation: M::DOCUMENTATION, system, variables, controls })
+    }
+
+    /// A description whose own start values are refused by the system makes no model.
+    fn check_start(&self) -> Result<(), Invalid> {
+        let mut block = self.block();
+        self.prepare(&mut block, &mut Vec::new())
+    }
+
+    /// The description.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// What it is, its equations and source, in Markdown.
+    pub fn documentation(&self) -> &'static str {
+        self.documentation
+    }
+
+    /// The variables.
+    pub fn variables(&self) -> &Variables {
+        &self.variables
+    }
+
+    /// The system.
+    pub fn system(&self) -> &dyn DynSystem {
+        self.system.as_ref()
+    }
+
+    /// The variables that every model has, and the simulation's memory.
+    pub(crate) fn controls(&self) -> &Controls {
+        &self.controls
+    }
+
+    /// A block of start values.
+    pub fn block(&self) -> Block {
+        let total = |range: std::ops::Range<usize>| range.end;
+        let mut reals = vec![0.0; total(self.variables.reals(Section::Memory))];
+        let mut integers = vec![0; total(self.variables.integers(Section::Memory))];
+        for element in self.variables.iter().flat_map(|variable| variable.elements()) {
+            let index = self.variables.index(element);
+            match &element.variable.data {
+                Data::Real { .. } => reals[index] = element.start(),
+                Data::Integer { start, .. } | Data::Choice { start, .. } => integers[index] = *start,
+                Data::Boolean { start } => integers[index] = i32::from(*start),
+            }
+        }
+        Block { reals, integers }
+    }
+
+    /// Checks every parameter against its limits, then prepares what depends on them.
+    ///
+    /// # Errors
+    /// [`Invalid`] with every reason.
+    pub fn prepare(&self, block: &mut Block, log: &mut crate::system::MessageLog) -> Result<(), Invalid> {
+        self.check_limits(block)?;
+        self.system.prepare(&mut block.point(self, log))
+    }
+
+    fn check_limits(&self, block: &Block) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        let parameters = self.variables.iter().filter(|variable| variable.section == Section::Parameter);
+        for element in parameters.flat_map(|variable| variable.elements()) {
+            let index = self.variables.index(element);
+            match &element.variable.data {
+                Data::Real { min, above_min, max, .. } => {
+                    let value = block.reals[index];
+                    let too_small = min.is_some_and(|min| value < min || (*above_min && value <= min));
+                    if too_small || max.is_some_and(|max| value > max) || !value.is_finite() {
+                        invalid.and(Invalid::new(element.name(), value, allowed(*min, *above_min, *max)));
+                    }
+                }
+                Data::Integer { limits: Some((min, max)), .. } => {
+                    let value = block.integers[index];
+                    if !(*min..=*max).contains(&value) {
+                        invalid.and(Invalid::new(element.name(), value, format!("must be within {min} … {max}")));
+                    }
+                }
+                _ => {}
+            }
+        }
+        invalid.into_result()
+    }
+}
+
+impl Block {
+    /// The values as the system's own methods see them.
+    pub fn point<'a>(
+        &'a mut self,
+        model: &'a Model,
+        log: &'a mut crate::system::MessageLog,
+    ) -> crate::system::Point<'a> {
+        crate::system::Point::new(&mut self.reals, &mut self.integers, model.variables.offsets(), log)
+    }
+}
+
+fn allowed(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
+    match (min, max) {
+        (Some(min), Some(max)) => format!("must be within {min} … {max}"),
+        (Some(min), None) if above_min => format!("must be above {min}"),
+        (Some(min), None) => format!("must be at least {min}"),
+        (None, Some(max)) => format!("must be at most {max}"),
+        (None, None) => "must be finite".to_owned(),
+    }
+}
+
+/// Puts the `[start]` table of a description in place of a system's own start values.
+fn set_start_values(variables: &mut Variables, start: &toml::Table) -> Result<(), Invalid> {
+    let mut invalid = Invalid::none();
+    for (name, value) in start {
+        if let Err(reason) = variables.set_start(name, value) {
+            invalid.and(Invalid::new(format!("[start] {name}"), value, reason));
+        }
+    }
+    invalid.into_result()
+}

@@ -1,0 +1,526 @@
+//! How a system declares its variables: each once, with everything that anybody needs to know about it.
+
+use std::marker::PhantomData;
+
+use super::values::{BooleanOf, Choice, ChoiceOf, Class, Handle, IntegerOf, MatrixOf, ScalarOf, VectorOf, class};
+use super::variable::{Causality, Data, Dependence, Naming, Section, Variability, Variable, Variables};
+use crate::error::Invalid;
+
+/// A real variable to be declared; see [`scalar`], [`vector`], [`matrix`], [`diagonal`].
+#[derive(Debug, Clone)]
+pub struct Spec<D> {
+    shape: D,
+    name: String,
+    description: Vec<String>,
+    causality: Option<Causality>,
+    fixed: bool,
+    start: Vec<f64>,
+    unit: Vec<&'static str>,
+    min: Option<f64>,
+    above_min: bool,
+    max: Option<f64>,
+    nominal: Vec<f64>,
+}
+
+/// A scalar.
+pub fn scalar(name: &str, description: &str) -> Spec<Naming> {
+    Spec::new(Naming::Scalar, name, description)
+}
+
+/// A vector of n elements, `name[i]`.
+pub fn vector(name: &str, n: usize, description: &str) -> Spec<Many> {
+    Spec::new(Many(Naming::Vector(n)), name, description)
+}
+
+/// The diagonal of an n × n matrix that is diagonal by law, `name[i,i]`.
+pub fn diagonal(name: &str, n: usize, description: &str) -> Spec<Many> {
+    Spec::new(Many(Naming::Diagonal(n)), name, description)
+}
+
+/// A matrix, `name[i,j]`.
+pub fn matrix(name: &str, rows: usize, columns: usize, description: &str) -> Spec<Grid> {
+    Spec::new(Grid { rows, columns }, name, description)
+}
+
+/// The shape of a vector.
+#[derive(Debug, Clone, Copy)]
+pub struct Many(Naming);
+
+/// The shape of a matrix.
+#[derive(Debug, Clone, Copy)]
+pub struct Grid {
+    rows: usize,
+    columns: usize,
+}
+
+/// The shape of a variable, and the handle that goes with it.
+pub trait Shape: Copy {
+    /// The handle's type.
+    type Handle<C: Class>;
+    /// How elements are named.
+    fn naming(self) -> Naming;
+    /// The handle of values that begin at `start`.
+    fn handle<C: Class>(self, start: usize) -> Self::Handle<C>;
+}
+
+impl Shape for Naming {
+    type Handle<C: Class> = ScalarOf<C>;
+    fn naming(self) -> Naming {
+        self
+    }
+    fn handle<C: Class>(self, start: usize) -> ScalarOf<C> {
+        ScalarOf { start, class: PhantomData }
+    }
+}
+
+impl Shape for Many {
+    type Handle<C: Class> = VectorOf<C>;
+    fn naming(self) -> Naming {
+        self.0
+    }
+    fn handle<C: Class>(self, start: usize) -> VectorOf<C> {
+        let (Naming::Vector(len) | Naming::Diagonal(len)) = self.0 else {
+            unreachable!("made by `vector`, `diagonal`")
+        };
+        VectorOf { start, len, class: PhantomData }
+    }
+}
+
+impl Shape for Grid {
+    type Handle<C: Class> = MatrixOf<C>;
+    fn naming(self) -> Naming {
+        Naming::Matrix(self.rows, self.columns)
+    }
+    fn handle<C: Class>(self, start: usize) -> MatrixOf<C> {
+        MatrixOf { start, rows: self.rows, columns: self.columns, class: PhantomData }
+    }
+}
+
+impl<D: Shape> Spec<D> {
+    fn new(shape: D, name: &str, description: &str) -> Self {
+        Spec {
+            shape,
+            name: name.to_owned(),
+            description: vec![description.to_owned()],
+            causality: None,
+            fixed: false,
+            start: vec![0.0],
+            unit: vec!["1"],
+            min: None,
+            above_min: false,
+            max: None,
+            nominal: vec![1.0],
+        }
+    }
+
+    /// Start value, of every element.
+    pub fn start(mut self, value: f64) -> Self {
+        self.start = vec![value];
+        self
+    }
+
+    /// Start values, one an element in the order of storage (matrices by columns).
+    pub fn starts(mut self, values: &[f64]) -> Self {
+        self.start = values.to_vec();
+        self
+    }
+
+    /// The start values of an identity matrix.
+    pub fn identity(mut self) -> Self {
+        if let Naming::Matrix(rows, columns) = self.shape.naming() {
+            self.start = (0..rows * columns).map(|k| f64::from(u8::from(k % rows == k / rows))).collect();
+        } else {
+            self.start = vec![1.0];
+        }
+        self
+    }
+
+    /// Unit of every element, from [`Unit::known`](super::Unit::known).
+    pub fn unit(mut self, unit: &'static str) -> Self {
+        self.unit = vec![unit];
+        self
+    }
+
+    /// Units, one an element.
+    pub fn units(mut self, units: &[&'static str]) -> Self {
+        self.unit = units.to_vec();
+        self
+    }
+
+    /// Descriptions, one an element, in place of the common one.
+    pub fn each(mut self, descriptions: &[&str]) -> Self {
+        self.description = descriptions.iter().map(|text| (*text).to_owned()).collect();
+        self
+    }
+
+    /// Smallest value allowed.
+    pub fn min(mut self, min: f64) -> Self {
+        self.min = Some(min);
+        self
+    }
+
+    /// Largest value allowed.
+    pub fn max(mut self, max: f64) -> Self {
+        self.max = Some(max);
+        self
+    }
+
+    /// Only values above zero are allowed.
+    pub fn positive(mut self) -> Self {
+        self.min = Some(0.0);
+        self.above_min = true;
+        self
+    }
+
+    /// Magnitude of the values: the absolute tolerance is the relative one times this.
+    pub fn nominal(mut self, nominal: f64) -> Self {
+        self.nominal = vec![nominal];
+        self
+    }
+
+    /// Magnitudes, one an element.
+    pub fn nominals(mut self, nominals: &[f64]) -> Self {
+        self.nominal = nominals.to_vec();
+        self
+    }
+
+    /// A parameter that can't be changed while running (an initial value).
+    pub fn fixed(mut self) -> Self {
+        self.fixed = true;
+        self
+    }
+
+    /// A state or discrete variable that is an output.
+    pub fn output(mut self) -> Self {
+        self.causality = Some(Causality::Output);
+        self
+    }
+
+    /// A variable that isn't shown outside.
+    pub fn hidden(mut self) -> Self {
+        self.causality = Some(Causality::Hidden);
+        self
+    }
+}
+
+/// A discrete-valued variable to be declared; see [`integer`], [`boolean`], [`choice`].
+#[derive(Debug, Clone)]
+pub struct DiscreteSpec<T> {
+    name: String,
+    description: String,
+    data: Data,
+    causality: Option<Causality>,
+    fixed: bool,
+    value: PhantomData<T>,
+}
+
+/// An integer.
+pub fn integer(name: &str, description: &str) -> DiscreteSpec<i32> {
+    DiscreteSpec::new(name, description, Data::Integer { start: 0, limits: None })
+}
+
+/// True or false.
+pub fn boolean(name: &str, description: &str) -> DiscreteSpec<bool> {
+    DiscreteSpec::new(name, description, Data::Boolean { start: false })
+}
+
+/// A choice, which starts at its first item.
+pub fn choice<E: Choice>(name: &str, description: &str) -> DiscreteSpec<E> {
+    let items = E::ITEMS.iter().map(|(_, name, text)| ((*name).to_owned(), (*text).to_owned())).collect();
+    DiscreteSpec::new(name, description, Data::Choice { type_name: E::TYPE.to_owned(), items, start: 1 })
+}
+
+/// A choice between items (name and description) that a structure gives: its value is their number 1, 2, …
+pub fn selection(name: &str, description: &str, type_name: &str, items: Vec<(String, String)>) -> DiscreteSpec<i32> {
+    DiscreteSpec::new(name, description, Data::Choice { type_name: type_name.to_owned(), items, start: 1 })
+}
+
+impl<T> DiscreteSpec<T> {
+    fn new(name: &str, description: &str, data: Data) -> Self {
+        let (name, description) = (name.to_owned(), description.to_owned());
+        DiscreteSpec { name, description, data, causality: None, fixed: false, value: PhantomData }
+    }
+
+    /// A parameter that can't be changed while running.
+    pub fn fixed(mut self) -> Self {
+        self.fixed = true;
+        self
+    }
+
+    /// A discrete variable that is an output.
+    pub fn output(mut self) -> Self {
+        self.causality = Some(Causality::Output);
+        self
+    }
+
+    /// A variable that isn't shown outside.
+    pub fn hidden(mut self) -> Self {
+        self.causality = Some(Causality::Hidden);
+        self
+    }
+}
+
+impl DiscreteSpec<i32> {
+    /// Start value.
+    pub fn start(mut self, value: i32) -> Self {
+        if let Data::Integer { start, .. } = &mut self.data {
+            *start = value;
+        }
+        self
+    }
+
+    /// Smallest and largest value allowed.
+    pub fn within(mut self, min: i32, max: i32) -> Self {
+        if let Data::Integer { limits, .. } = &mut self.data {
+            *limits = Some((min, max));
+        }
+        self
+    }
+}
+
+impl DiscreteSpec<bool> {
+    /// Start value.
+    pub fn start(mut self, value: bool) -> Self {
+        if let Data::Boolean { start } = &mut self.data {
+            *start = value;
+        }
+        self
+    }
+}
+
+/// The handle that belongs to a discrete value's type.
+pub trait DiscreteValue {
+    /// The handle's type.
+    type Handle<C: Class>;
+    /// The handle of a value at a place.
+    fn handle<C: Class>(start: usize) -> Self::Handle<C>;
+}
+
+impl DiscreteValue for i32 {
+    type Handle<C: Class> = IntegerOf<C>;
+    fn handle<C: Class>(start: usize) -> IntegerOf<C> {
+        IntegerOf { start, class: PhantomData }
+    }
+}
+
+impl DiscreteValue for bool {
+    type Handle<C: Class> = BooleanOf<C>;
+    fn handle<C: Class>(start: usize) -> BooleanOf<C> {
+        BooleanOf { start, class: PhantomData }
+    }
+}
+
+impl<E: Choice> DiscreteValue for E {
+    type Handle<C: Class> = ChoiceOf<C, E>;
+    fn handle<C: Class>(start: usize) -> ChoiceOf<C, E> {
+        ChoiceOf { start, class: PhantomData }
+    }
+}
+
+/// What can be declared: a real variable, an integer, a Boolean or a choice.
+pub trait Declarable {
+    /// The handle's type.
+    type Handle<C: Class>;
+    /// Adds it to the declaration.
+    fn declare<C: Class>(self, d: &mut Declaration) -> Self::Handle<C>;
+    /// With this role, unless it was given another.
+    fn role(self, causality: Causality) -> Self;
+}
+
+impl<D: Shape> Declarable for Spec<D> {
+    type Handle<C: Class> = D::Handle<C>;
+
+    fn role(mut self, causality: Causality) -> Self {
+        self.causality.get_or_insert(causality);
+        self
+    }
+
+    fn declare<C: Class>(self, d: &mut Declaration) -> D::Handle<C> {
+        let naming = self.shape.naming();
+        let data = Data::Real {
+            start: self.start,
+            unit: self.unit,
+            min: self.min,
+            above_min: self.above_min,
+            max: self.max,
+            nominal: self.nominal,
+        };
+        let start = d.add::<C>(self.name, self.description, naming, self.causality, self.fixed, data);
+        self.shape.handle(start)
+    }
+}
+
+impl<T: DiscreteValue> Declarable for DiscreteSpec<T> {
+    type Handle<C: Class> = T::Handle<C>;
+
+    fn role(mut self, causality: Causality) -> Self {
+        self.causality.get_or_insert(causality);
+        self
+    }
+
+    fn declare<C: Class>(self, d: &mut Declaration) -> T::Handle<C> {
+        let description = vec![self.description];
+        T::handle(d.add::<C>(self.name, description, Naming::Scalar, self.causality, self.fixed, self.data))
+    }
+}
+
+/// Handle of a warning: a message that is given once a simulation, in a log category of its own.
+#[derive(Debug, Clone, Copy)]
+pub struct Warning {
+    pub(super) flag: usize,
+    pub(super) category: &'static str,
+}
+
+/// Collects the variables of a system.
+#[derive(Debug, Default)]
+pub struct Declaration {
+    variables: Variables,
+    problems: Invalid,
+}
+
+impl Declaration {
+    /// A parameter: tunable, unless [`Spec::fixed`].
+    pub fn parameter<V: Declarable>(&mut self, spec: V) -> V::Handle<class::Parameter> {
+        spec.role(Causality::Parameter).declare(self)
+    }
+
+    /// A quantity computed from parameters by `prepare`, shown as a local variable.
+    pub fn prepared<V: Declarable>(&mut self, spec: V) -> V::Handle<class::Prepared> {
+        spec.role(Causality::Local).declare(self)
+    }
+
+    /// An input.
+    pub fn input<V: Declarable>(&mut self, spec: V) -> V::Handle<class::Input> {
+        spec.role(Causality::Input).declare(self)
+    }
+
+    /// A continuous state: a local variable, unless [`Spec::output`]. Its derivative `der(name)` goes with it.
+    pub fn state<D: Shape>(&mut self, spec: Spec<D>) -> D::Handle<class::State> {
+        let rates = Spec {
+            name: format!("der({})", spec.name),
+            description: spec.description.iter().map(|text| format!("time derivative of: {text}")).collect(),
+            causality: if spec.causality == Some(Causality::Hidden) { spec.causality } else { Some(Causality::Local) },
+            unit: spec.unit.iter().map(|unit| super::Unit::per_second(unit)).collect(),
+            start: vec![0.0],
+            min: None,
+            max: None,
+            nominal: vec![1.0],
+            ..spec.clone()
+        };
+        rates.declare::<class::Derivative>(self);
+        spec.role(Causality::Local).declare(self)
+    }
+
+    /// A variable that changes at events (and in `step_completed`) only; local, unless [`Spec::output`].
+    pub fn discrete<V: Declarable>(&mut self, spec: V) -> V::Handle<class::Discrete> {
+        spec.role(Causality::Local).declare(self)
+    }
+
+    /// An output, written by `outputs`.
+    pub fn output<D: Shape>(&mut self, spec: Spec<D>) -> D::Handle<class::Signal> {
+        spec.role(Causality::Output).declare(self)
+    }
+
+    /// A local signal for inspection, written by `outputs`.
+    pub fn local<D: Shape>(&mut self, spec: Spec<D>) -> D::Handle<class::Signal> {
+        spec.role(Causality::Local).declare(self)
+    }
+
+    /// Memory of the simulation itself, not of the system.
+    pub(crate) fn memory<V: Declarable>(&mut self, spec: V) -> V::Handle<class::Memory> {
+        spec.role(Causality::Hidden).declare(self)
+    }
+
+    /// A log category for what is out of the system's own assumptions, as in `logProjection`.
+    pub fn warning(&mut self, category: &'static str, description: &'static str) -> Warning {
+        self.variables.warnings.push((category, description));
+        Warning { flag: self.integer_memory(1), category }
+    }
+
+    /// Declares all that signals or derivatives depend on, among inputs and states. Where nothing is declared,
+    /// tools are told that everything may matter.
+    ///
+    /// # Panics
+    /// When `of` isn't a signal or a derivative, or `on` not an input or a state.
+    pub fn depends(&mut self, of: impl Handle, on: &[&dyn Handle]) {
+        let on: Vec<_> = on.iter().map(|handle| handle.span()).collect();
+        assert!(matches!(of.span().section, Section::Signal | Section::Derivative), "only these depend on anything");
+        assert!(on.iter().all(|span| matches!(span.section, Section::Input | Section::State)), "inputs and states");
+        self.variables.dependence.push(Dependence { of: of.span(), on });
+    }
+
+    /// Integers of the simulation itself; the first one's place.
+    pub(crate) fn integer_memory(&mut self, len: usize) -> usize {
+        let size = &mut self.variables.integer_sizes[Section::Memory as usize];
+        std::mem::replace(size, *size + len)
+    }
+
+    /// Number of values declared so far in a section of reals.
+    pub(crate) fn size(&self, section: Section) -> usize {
+        self.variables.real_sizes[section as usize]
+    }
+
+    /// Number of integers declared so far in a section.
+    pub(crate) fn integer_size(&self, section: Section) -> usize {
+        self.variables.integer_sizes[section as usize]
+    }
+
+    /// The variables, all sizes fixed.
+    ///
+    /// # Errors
+    /// [`Invalid`] with what is wrong in the declaration itself.
+    pub(crate) fn finish(mut self) -> Result<Variables, Invalid> {
+        self.problems.into_result()?;
+        self.variables.finish();
+        Ok(self.variables)
+    }
+
+    fn add<C: Class>(
+        &mut self,
+        name: String,
+        description: Vec<String>,
+        naming: Naming,
+        causality: Option<Causality>,
+        fixed: bool,
+        data: Data,
+    ) -> usize {
+        let section = C::SECTION;
+        let real = matches!(data, Data::Real { .. });
+        let variability = match section {
+            Section::Parameter if fixed => Variability::Fixed,
+            Section::Parameter | Section::Prepared => Variability::Tunable,
+            Section::Input if real => Variability::Continuous,
+            Section::Input | Section::Discrete | Section::Memory => Variability::Discrete,
+            Section::State | Section::Signal | Section::Derivative => Variability::Continuous,
+        };
+        let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
+        let start = sizes[section as usize];
+        let causality = causality.unwrap_or(Causality::Local);
+        let variable = Variable { name, description, section, start, naming, causality, variability, data };
+        sizes[section as usize] += variable.len();
+        self.check(&variable);
+        self.variables.list.push(variable);
+        start
+    }
+
+    /// Mistakes of a model's author, or sizes of zero from a description.
+    fn check(&mut self, variable: &Variable) {
+        let name = &variable.name;
+        if variable.is_empty() {
+            self.problems.and(Invalid::because(format!("`{name}` would have no element: a size is 0")));
+        }
+        if self.variables.list.iter().any(|other| other.name == *name && other.causality != Causality::Hidden) {
+            self.problems.and(Invalid::because(format!("two variables are named `{name}`")));
+        }
+        if let Data::Real { start, unit, nominal, .. } = &variable.data {
+            let fits = |len: usize| len == 1 || len == variable.len();
+            if !(fits(start.len()) && fits(unit.len()) && fits(nominal.len()) && fits(variable.description.len())) {
+                let reason = format!("`{name}` has {} elements, but another number of entries", variable.len());
+                self.problems.and(Invalid::because(reason));
+            }
+            for unit in unit.iter().filter(|unit| !unit.is_empty() && super::Unit::known(unit).is_none()) {
+                self.problems.and(Invalid::new(format!("unit of `{name}`"), unit, "not a known unit"));
+            }
+        }
+    }
+}

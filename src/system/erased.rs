@@ -1,0 +1,150 @@
+//! The same system behind an object-safe interface: equations compiled for `f64` and for dual numbers.
+
+use std::marker::PhantomData;
+
+use num_dual::Dual64;
+use serde::de::DeserializeOwned;
+
+use super::values::{Offsets, Values, Written};
+use super::{Declaration, ErrorEstimate, Point, Scalar, Section, System};
+use crate::error::Invalid;
+
+/// A [`System`] whose type was erased. Every `System` is one.
+pub trait DynSystem: Send + Sync {
+    /// Number of event indicators.
+    fn indicators(&self) -> usize;
+    /// See [`System::prepare`].
+    ///
+    /// # Errors
+    /// As there.
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid>;
+    /// See [`System::initialise`].
+    ///
+    /// # Errors
+    /// As there.
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid>;
+    /// See [`System::parameters_changed`].
+    fn parameters_changed(&self, t: f64, v: &mut Point);
+    /// Writes the signals of a block of numbers.
+    fn outputs(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets);
+    /// Writes the derivatives of a block of numbers, whose signals stand.
+    fn derivatives(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets);
+    /// `outputs` of a block of dual numbers.
+    fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets);
+    /// `derivatives` of a block of dual numbers.
+    fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets);
+    /// See [`System::next_time_event`].
+    fn next_time_event(&self, v: &Values<f64>) -> Option<f64>;
+    /// See [`System::event_indicators`].
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]);
+    /// See [`System::event`].
+    fn event(&self, t: f64, v: &mut Point);
+    /// See [`System::step_completed`].
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point);
+    /// See [`System::steps_itself`].
+    fn steps_itself(&self) -> bool;
+    /// See [`System::advance`].
+    fn advance(&self, t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate;
+}
+
+fn outputs<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers: &[i32], offsets: &Offsets) {
+    let (known, section) = reals.split_at_mut(offsets.real[Section::Signal as usize]);
+    let v = Values { reals: known, integers, offsets };
+    system.outputs(t, &v, &mut Written { section, class: PhantomData });
+}
+
+fn derivatives<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers: &[i32], offsets: &Offsets) {
+    let (known, section) = reals.split_at_mut(offsets.real[Section::Derivative as usize]);
+    let v = Values { reals: known, integers, offsets };
+    system.derivatives(t, &v, &mut Written { section, class: PhantomData });
+}
+
+impl<M: System> DynSystem for M {
+    fn indicators(&self) -> usize {
+        System::indicators(self)
+    }
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        System::prepare(self, v)
+    }
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        System::initialise(self, t, v)
+    }
+    fn parameters_changed(&self, t: f64, v: &mut Point) {
+        System::parameters_changed(self, t, v);
+    }
+    fn outputs(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
+        outputs(self, t, reals, integers, offsets);
+    }
+    fn derivatives(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
+        derivatives(self, t, reals, integers, offsets);
+    }
+    fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
+        outputs(self, t, reals, integers, offsets);
+    }
+    fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
+        derivatives(self, t, reals, integers, offsets);
+    }
+    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+        System::next_time_event(self, v)
+    }
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+        System::event_indicators(self, t, v, z);
+    }
+    fn event(&self, t: f64, v: &mut Point) {
+        System::event(self, t, v);
+    }
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        System::step_completed(self, t, step, v);
+    }
+    fn steps_itself(&self) -> bool {
+        System::steps_itself(self)
+    }
+    fn advance(&self, t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate {
+        System::advance(self, t, h, slopes, v)
+    }
+}
+
+/// A kind of system that a library knows how to make from a description.
+#[derive(Clone, Copy)]
+pub struct Kind {
+    /// Its [`System::NAME`].
+    pub name: &'static str,
+    /// Its [`System::DOCUMENTATION`].
+    pub documentation: &'static str,
+    declare: fn(toml::Table, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>,
+}
+
+/// The kinds of a library.
+pub type Registry = &'static [Kind];
+
+impl Kind {
+    /// The kind of a system.
+    pub const fn of<M: System>() -> Kind {
+        Kind { name: M::NAME, documentation: M::DOCUMENTATION, declare: declare::<M> }
+    }
+
+    /// Declares its variables for a structure.
+    ///
+    /// # Errors
+    /// [`Invalid`] for keys that don't exist, are missing, of a wrong type, or contradict each other.
+    pub fn declare(&self, structure: toml::Table, d: &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid> {
+        (self.declare)(structure, d)
+    }
+}
+
+impl std::fmt::Debug for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Kind({})", self.name)
+    }
+}
+
+fn declare<M: System>(structure: toml::Table, d: &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid> {
+    let structure = read::<M::Structure>(structure)?;
+    Ok(Box::new(M::declare(structure, d)?))
+}
+
+fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
+    toml::Value::Table(structure)
+        .try_into()
+        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {}", error.message())))
+}

@@ -1,0 +1,198 @@
+//! The one abstraction: a dynamic system x' = f(t, x, u; p), y = h(t, x, u; p).
+//!
+//! # How to write a model of your own
+//!
+//! A model is a struct of *handles*. It holds no values: these live outside, in one flat block, so that
+//! a simulation can be saved, restored, differentiated and run many times over without the model's help.
+//!
+//! ```
+//! use adaptive_fmu::{model::Model, system::*};
+//!
+//! /// Van der Pol oscillator x1' = x2, x2' = mu (1 - x1^2) x2 - x1.
+//! struct VanDerPol {
+//!     mu: ScalarOf<Parameter>,
+//!     x0: VectorOf<Parameter>,
+//!     x: VectorOf<State>,
+//! }
+//!
+//! impl System for VanDerPol {
+//!     type Structure = NoStructure;
+//!     const NAME: &'static str = "van-der-pol";
+//!     const DOCUMENTATION: &'static str = "Van der Pol oscillator.";
+//!
+//!     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+//!         Ok(VanDerPol {
+//!             mu: d.parameter(scalar("mu", "damping").start(1.0)),
+//!             x0: d.parameter(vector("x0", 2, "initial state").starts(&[2.0, 0.0]).fixed()),
+//!             x: d.state(vector("x", 2, "state").output()),
+//!         })
+//!     }
+//!     fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+//!         v.copy(self.x0, self.x);
+//!         Ok(())
+//!     }
+//!     fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+//!     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+//!         let [x1, x2] = v.array(self.x);
+//!         dx.set(self.x, [x2, v[self.mu] * (-x1 * x1 + 1.0) * x2 - x1]);
+//!     }
+//! }
+//! # let model = Model::new::<VanDerPol>("VanDerPol", &Default::default()).unwrap();
+//! # assert_eq!(model.variables().find("x[2]").unwrap().name(), "x[2]");
+//! ```
+//!
+//! ## Which method is called when
+//!
+//! | method | when | may |
+//! | --- | --- | --- |
+//! | [`System::declare`] | once an instance | allocate, refuse the structure |
+//! | [`System::prepare`] | before the start, and before the first step after a tunable was set | allocate, refuse the parameters |
+//! | [`System::initialise`] | after `prepare`, from parameters and present inputs; again at the first step, when every master has set its inputs | refuse the inputs |
+//! | [`System::outputs`] | many times a step | not allocate |
+//! | [`System::derivatives`] | right after `outputs` at the same point, so it may read signals | not allocate |
+//! | [`System::next_time_event`], [`System::event_indicators`], [`System::event`] | several times a step | not allocate |
+//! | [`System::step_completed`] | once a communication step | not allocate, but for a message |
+//!
+//! The equations (`outputs`, `derivatives`) are generic over the [`Scalar`]: with `f64` they are simulated,
+//! with dual numbers the same text gives exact derivatives. So use `S`'s own functions (`x.sin()`), write
+//! `x * 2.0` rather than `2.0 * x`, and keep whatever jumps out of them: a jump is an *event*, its value a
+//! *discrete* variable that only [`System::event`] changes.
+//!
+//! Equations are pure functions of their arguments. Nothing may be kept in `self`: an instance is saved by
+//! copying its block, and many instances share a thread.
+
+mod declaration;
+mod erased;
+mod point;
+mod start;
+mod unit;
+mod values;
+mod variable;
+
+pub use declaration::{
+    Declarable, Declaration, DiscreteSpec, Shape, Spec, Warning, boolean, choice, diagonal, integer, matrix, scalar,
+    selection, vector,
+};
+pub use erased::{DynSystem, Kind, Registry};
+pub use point::{Message, MessageLog, Point};
+pub use unit::{DisplayUnit, Unit};
+pub use values::{
+    BooleanOf, Choice, ChoiceOf, Class, DiscreteHandle, Handle, IntegerOf, MatrixOf, Offsets, Rates, ScalarOf, Signals,
+    Span, Values, VectorOf,
+};
+pub use variable::{Causality, Data, Element, Naming, Section, Variability, Variable, Variables};
+
+pub use values::class::{Derivative, Discrete, Input, Memory, Parameter, Prepared, Signal, State};
+
+use num_dual::DualNum;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+pub use crate::error::Invalid;
+
+/// What equations are written over: `f64`, or a dual number that carries an exact derivative.
+pub trait Scalar: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync {}
+impl<T: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync> Scalar for T {}
+
+/// The structure of a system that has none to choose: its description's `[structure]` is empty.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoStructure {}
+
+/// The estimate that a system's own [`System::advance`] gives of its error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ErrorEstimate {
+    /// Largest error of the step in units of what is tolerated: a step with `scaled <= 1` is accepted.
+    pub scaled: f64,
+    /// The error of a step h shrinks as h to this power.
+    pub order: i32,
+}
+
+/// A dynamic system: variables, and equations over them. See the [module](self) for a guide.
+pub trait System: Sized + Send + Sync + 'static {
+    /// What the number of variables depends on: read from `[structure]` of the description.
+    type Structure: DeserializeOwned;
+    /// The name by which a description asks for this system (`model = "…"`).
+    const NAME: &'static str;
+    /// What it is, its equations and their source, in Markdown with `$…$` mathematics.
+    const DOCUMENTATION: &'static str;
+    /// How many state event indicators it has (see [`System::event_indicators`]).
+    fn indicators(&self) -> usize {
+        0
+    }
+
+    /// Declares every variable, once, and keeps the handles.
+    ///
+    /// # Errors
+    /// [`Invalid`] when the structure contradicts itself (sizes that don't fit, say).
+    fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid>;
+
+    /// Computes what depends on parameters alone into prepared variables. Limits of single values
+    /// (`min`, `max`) were checked before; what relates several values is checked here.
+    ///
+    /// # Errors
+    /// [`Invalid`] with every reason; the parameters set before stay in force.
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let _ = v;
+        Ok(())
+    }
+
+    /// Sets states and discrete variables at the start time.
+    ///
+    /// # Errors
+    /// [`Invalid`] when there is no valid start from these parameters and inputs.
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        let _ = (t, v);
+        Ok(())
+    }
+
+    /// Called when tunable parameters have changed and were prepared: brings states back into new bounds.
+    fn parameters_changed(&self, t: f64, v: &mut Point) {
+        let _ = (t, v);
+    }
+
+    /// The output equation y = h(t, x, u; p), with every other signal that is worth a look.
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>);
+
+    /// The state equation x' = f(t, x, u; p).
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let _ = (t, v, dx);
+    }
+
+    /// The time of the next event that is known in advance, read off discrete variables (so that an event that
+    /// was handled isn't found again).
+    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+        let _ = v;
+        None
+    }
+
+    /// Functions whose change of sign is an event; [`System::indicators`] of them. Where one is left at exactly
+    /// zero by the event, the side it leaves to counts.
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+        let _ = (t, v, z);
+    }
+
+    /// Handles the event at t: changes discrete variables, and states where they jump.
+    fn event(&self, t: f64, v: &mut Point) {
+        let _ = (t, v);
+    }
+
+    /// Called after every communication step, with its length: counts, and warns of what is out of the
+    /// system's own assumptions.
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        let _ = (t, step, v);
+    }
+
+    /// Whether [`System::advance`] is to be used in place of a general integrator.
+    fn steps_itself(&self) -> bool {
+        false
+    }
+
+    /// A system with a better way through a step than a general integrator brings it here: advance the states from
+    /// t by h. At t the inputs have their present values, and change from there at the given `slopes`. Called only
+    /// where [`System::steps_itself`].
+    fn advance(&self, t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate {
+        let _ = (t, h, slopes, v);
+        ErrorEstimate { scaled: f64::INFINITY, order: 1 }
+    }
+}

@@ -1,0 +1,80 @@
+//! Units: SI exponents, and what a person prefers to see.
+
+/// A unit in terms of SI base units (with the radian).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unit {
+    /// Its symbol.
+    pub symbol: &'static str,
+    /// Exponents of kg, m, s, A and rad.
+    pub exponents: [i32; 5],
+    /// A unit for display.
+    pub display: Option<DisplayUnit>,
+}
+
+/// A unit for display: displayed value = factor × value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DisplayUnit {
+    /// Its symbol.
+    pub symbol: &'static str,
+    /// The factor.
+    pub factor: f64,
+}
+
+const fn unit(symbol: &'static str, exponents: [i32; 5]) -> Unit {
+    Unit { symbol, exponents, display: None }
+}
+
+const fn displayed(symbol: &'static str, exponents: [i32; 5], display: &'static str, factor: f64) -> Unit {
+    Unit { symbol, exponents, display: Some(DisplayUnit { symbol: display, factor }) }
+}
+
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+
+/// Every unit that a variable may have, with its derivative by time at `per_second`.
+const UNITS: &[(Unit, &str)] = &[
+    (displayed("s", [0, 0, 1, 0, 0], "ms", 1e3), "1"),
+    (unit("1/s", [0, 0, -1, 0, 0]), "1/s2"),
+    (unit("Hz", [0, 0, -1, 0, 0]), "1/s2"),
+    (unit("1/s2", [0, 0, -2, 0, 0]), ""),
+    (displayed("rad", [0, 0, 0, 0, 1], "deg", DEGREES), "rad/s"),
+    (displayed("rad/s", [0, 0, -1, 0, 1], "deg/s", DEGREES), "rad/s2"),
+    (displayed("rad/s2", [0, 0, -2, 0, 1], "deg/s2", DEGREES), ""),
+    (displayed("m", [0, 1, 0, 0, 0], "mm", 1e3), "m/s"),
+    (unit("m/s", [0, 1, -1, 0, 0]), "m/s2"),
+    (unit("m/s2", [0, 1, -2, 0, 0]), ""),
+    (unit("kg", [1, 0, 0, 0, 0]), "kg/s"),
+    (unit("kg/s", [1, 0, -1, 0, 0]), ""),
+    (unit("kg.m2", [1, 2, 0, 0, 0]), ""),
+    (unit("N", [1, 1, -2, 0, 0]), ""),
+    (unit("N.m", [1, 2, -2, 0, 0]), ""),
+    (unit("V", [1, 2, -3, -1, 0]), "V/s"),
+    (unit("V/s", [1, 2, -4, -1, 0]), ""),
+    (unit("1", [0, 0, 0, 0, 0]), "1/s"),
+];
+
+impl Unit {
+    /// The unit of a symbol.
+    pub fn known(symbol: &str) -> Option<&'static Unit> {
+        UNITS.iter().map(|(unit, _)| unit).find(|unit| unit.symbol == symbol)
+    }
+
+    /// The unit of a time derivative; empty where none is known.
+    pub fn per_second(symbol: &str) -> &'static str {
+        UNITS.iter().find(|(unit, _)| unit.symbol == symbol).map_or("", |(_, rate)| rate)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_derivative_has_the_unit_of_its_state_divided_by_seconds() {
+        for (state, rate) in UNITS.iter().filter(|(_, rate)| !rate.is_empty()) {
+            let rate = Unit::known(rate).expect("a unit in the table");
+            let mut exponents = state.exponents;
+            exponents[2] -= 1;
+            assert_eq!(rate.exponents, exponents, "{} per second is {}", state.symbol, rate.symbol);
+        }
+    }
+}
