@@ -9,6 +9,8 @@ pub mod control;
 pub mod controllers;
 pub mod error;
 pub mod execution;
+#[cfg(feature = "cli")]
+pub mod exporter;
 #[macro_use]
 pub mod fmi2;
 pub mod integrator;
@@ -16,6 +18,8 @@ pub mod library;
 pub mod model;
 #[path = "../plants/mod.rs"]
 pub mod plants;
+#[cfg(feature = "cli")]
+pub mod simulation;
 pub mod system;
 
 /// Whether this crate was built with the C functions of its own models in it; see [`export_fmi2`].

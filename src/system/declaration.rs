@@ -397,7 +397,6 @@ impl Declaration {
     /// A continuous state: a local variable, unless [`Spec::output`]. Its derivative `der(name)` goes with it.
     pub fn state<D: Shape>(&mut self, spec: Spec<D>) -> D::Handle<class::State> {
         let rates = Spec {
-            name: format!("der({})", spec.name),
             description: spec.description.iter().map(|text| format!("time derivative of: {text}")).collect(),
             causality: if spec.causality == Some(Causality::Hidden) { spec.causality } else { Some(Causality::Local) },
             unit: spec.unit.iter().map(|unit| super::Unit::per_second(unit)).collect(),
@@ -509,7 +508,9 @@ impl Declaration {
         if variable.is_empty() {
             self.problems.and(Invalid::because(format!("`{name}` would have no element: a size is 0")));
         }
-        if self.variables.list.iter().any(|other| other.name == *name && other.causality != Causality::Hidden) {
+        // A derivative has the name of its state, and shows it as `der(…)`.
+        let rate = |v: &Variable| v.section == Section::Derivative;
+        if self.variables.list.iter().any(|other| other.name == *name && rate(other) == rate(variable)) {
             self.problems.and(Invalid::because(format!("two variables are named `{name}`")));
         }
         if let Data::Real { start, unit, nominal, .. } = &variable.data {

@@ -190,8 +190,13 @@ pub struct Element<'a> {
 }
 
 impl<'a> Element<'a> {
-    /// Full name, with indices.
+    /// Full name, with indices; that of a derivative is `der(…)`.
     pub fn name(&self) -> String {
+        let name = self.indexed_name();
+        if self.variable.section == Section::Derivative { format!("der({name})") } else { name }
+    }
+
+    fn indexed_name(&self) -> String {
         let (name, k) = (&self.variable.name, self.offset);
         match self.variable.naming {
             Naming::Scalar => name.clone(),

@@ -1,17 +1,24 @@
 //! A master that calls the C functions as any tool does.
 #![allow(dead_code)] // each test file uses its part
 
+pub mod loops;
+pub mod models;
+pub mod states;
+
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use adaptive_fmu::fmi2::interface;
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::fmi2::{access::References, model_description};
 use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
 use adaptive_fmu::model::{Description, Model};
+use adaptive_fmu::system::Registry;
 
 pub const OK: Status = Status::Ok;
 pub const ERROR: Status = Status::Error;
+pub const DISCARD: Status = Status::Discard;
 
 /// What was logged: status, category and message.
 pub type Logged = Vec<(c_int, String, String)>;
@@ -32,7 +39,7 @@ unsafe extern "C" fn logger(
     log.borrow_mut().push((status as c_int, text(category), text(message)));
 }
 
-fn callbacks(log: &RefCell<Logged>) -> CallbackFunctions {
+pub fn callbacks(log: &RefCell<Logged>) -> CallbackFunctions {
     let function: unsafe extern "C" fn(_, _, _, _, _) = logger;
     CallbackFunctions {
         logger: Some(unsafe {
@@ -48,6 +55,25 @@ fn callbacks(log: &RefCell<Logged>) -> CallbackFunctions {
     }
 }
 
+/// A call of fmi2Instantiate; `None` is a NULL pointer.
+pub struct Request {
+    pub registry: Registry,
+    pub name: Option<String>,
+    pub kind: c_int,
+    pub guid: Option<String>,
+    pub location: Option<String>,
+}
+
+impl Request {
+    pub fn make(&self, callbacks: *const CallbackFunctions) -> Component {
+        let strings = [&self.name, &self.guid, &self.location]
+            .map(|text| text.as_ref().map(|text| CString::new(text.as_str()).unwrap()));
+        let [name, guid, location] =
+            strings.each_ref().map(|text| text.as_ref().map_or(std::ptr::null(), |t| t.as_ptr()));
+        unsafe { interface::instantiate(self.registry, name, self.kind, guid, location, callbacks, FALSE, FALSE) }
+    }
+}
+
 /// An instance of a unit, with the model beside it for names.
 pub struct Unit {
     pub component: Component,
@@ -57,10 +83,30 @@ pub struct Unit {
     _folder: tempfile::TempDir,
 }
 
+/// The folder of this package's descriptions.
+pub fn description_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("modelDescription")
+}
+
 /// The text of a description of this package.
 pub fn description(name: &str) -> String {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("modelDescription").join(format!("{name}.toml"));
-    std::fs::read_to_string(file).unwrap()
+    std::fs::read_to_string(description_folder().join(format!("{name}.toml"))).unwrap()
+}
+
+/// The names of all descriptions of this package.
+pub fn description_names() -> Vec<String> {
+    let files = std::fs::read_dir(description_folder()).unwrap().map(|entry| entry.unwrap().path());
+    let mut names: Vec<_> = files
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .map(|path| path.file_stem().unwrap().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    assert!(!names.is_empty(), "there are descriptions");
+    names
+}
+
+pub fn guid(model: &Model) -> String {
+    model_description::guid_text(model_description::guid(model))
 }
 
 impl Unit {
@@ -71,22 +117,25 @@ impl Unit {
 
     /// Instantiated from a description's text.
     pub fn from_text(text: &str) -> Self {
-        let model = Model::from_description(Description::read(text).unwrap(), REGISTRY).unwrap();
-        let guid = model_description::guid_text(model_description::guid(&model));
-        Unit::try_new(text, model, &guid, CO_SIMULATION).expect("an instance")
+        Unit::of(REGISTRY, text)
+    }
+
+    /// Instantiated from a description's text and a registry of the test's own.
+    pub fn of(registry: Registry, text: &str) -> Self {
+        let model = Model::from_description(Description::read(text).unwrap(), registry).unwrap();
+        let guid = guid(&model);
+        Unit::try_new(registry, text, model, &guid, CO_SIMULATION).expect("an instance")
     }
 
     /// What fmi2Instantiate gives, or what it logged.
-    pub fn try_new(text: &str, model: Model, guid: &str, kind: c_int) -> Result<Self, Logged> {
+    pub fn try_new(registry: Registry, text: &str, model: Model, guid: &str, kind: c_int) -> Result<Self, Logged> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("description.toml"), text).unwrap();
-        let location = CString::new(format!("file://{}", folder.path().display())).unwrap();
+        let location = Some(format!("file://{}", folder.path().display()));
         let log = Box::new(RefCell::new(Vec::new()));
         let callbacks = Box::new(callbacks(&log));
-        let guid = CString::new(guid).unwrap();
-        let component = unsafe {
-            fmi2Instantiate(c"unit".as_ptr(), kind, guid.as_ptr(), location.as_ptr(), &*callbacks, FALSE, FALSE)
-        };
+        let request = Request { registry, name: Some("unit".to_owned()), kind, guid: Some(guid.to_owned()), location };
+        let component = request.make(&*callbacks);
         if component.is_null() {
             return Err(log.take());
         }
@@ -101,14 +150,32 @@ impl Unit {
     }
 
     pub fn start(&self, time: f64) {
-        assert_eq!(self.setup(time, None), OK);
-        assert_eq!(unsafe { fmi2EnterInitializationMode(self.component) }, OK);
-        assert_eq!(unsafe { fmi2ExitInitializationMode(self.component) }, OK, "{:?}", self.messages());
+        self.enter(time);
+        assert_eq!(self.exit(), OK, "{:?}", self.messages());
     }
 
     pub fn setup(&self, start: f64, stop: Option<f64>) -> Status {
         let defined = Boolean::from(stop.is_some());
         unsafe { fmi2SetupExperiment(self.component, FALSE, 0.0, start, defined, stop.unwrap_or(0.0)) }
+    }
+
+    /// Into Initialization Mode.
+    pub fn enter(&self, time: f64) {
+        assert_eq!(self.setup(time, None), OK, "{:?}", self.messages());
+        assert_eq!(unsafe { fmi2EnterInitializationMode(self.component) }, OK, "{:?}", self.messages());
+    }
+
+    /// Out of Initialization Mode.
+    pub fn exit(&self) -> Status {
+        unsafe { fmi2ExitInitializationMode(self.component) }
+    }
+
+    pub fn reset(&self) -> Status {
+        unsafe { fmi2Reset(self.component) }
+    }
+
+    pub fn terminate(&self) -> Status {
+        unsafe { fmi2Terminate(self.component) }
     }
 
     pub fn reference(&self, name: &str) -> u32 {
@@ -118,21 +185,60 @@ impl Unit {
 
     pub fn get(&self, name: &str) -> f64 {
         let mut value = f64::NAN;
-        assert_eq!(
-            unsafe { fmi2GetReal(self.component, &self.reference(name), 1, &mut value) },
-            OK,
-            "{:?}",
-            self.messages()
-        );
+        assert_eq!(self.try_get(name, &mut value), OK, "{name}: {:?}", self.messages());
         value
+    }
+
+    pub fn try_get(&self, name: &str, value: &mut f64) -> Status {
+        unsafe { fmi2GetReal(self.component, &self.reference(name), 1, value) }
     }
 
     pub fn set(&self, name: &str, value: f64) -> Status {
         unsafe { fmi2SetReal(self.component, &self.reference(name), 1, &value) }
     }
 
+    /// Sets what the test needs set.
+    pub fn put(&self, name: &str, value: f64) {
+        assert_eq!(self.set(name, value), OK, "{name} = {value}: {:?}", self.messages());
+    }
+
+    pub fn set_reals(&self, references: &[u32], values: &[f64]) -> Status {
+        unsafe { fmi2SetReal(self.component, references.as_ptr(), references.len(), values.as_ptr()) }
+    }
+
+    pub fn get_reals(&self, references: &[u32], values: &mut [f64]) -> Status {
+        unsafe { fmi2GetReal(self.component, references.as_ptr(), references.len(), values.as_mut_ptr()) }
+    }
+
     pub fn set_integer(&self, name: &str, value: c_int) -> Status {
         unsafe { fmi2SetInteger(self.component, &self.reference(name), 1, &value) }
+    }
+
+    pub fn get_integer(&self, name: &str) -> c_int {
+        let mut value = c_int::MIN;
+        let status = unsafe { fmi2GetInteger(self.component, &self.reference(name), 1, &mut value) };
+        assert_eq!(status, OK, "{name}: {:?}", self.messages());
+        value
+    }
+
+    /// Rate of an input over the next step.
+    pub fn set_slope(&self, name: &str, slope: f64) -> Status {
+        unsafe { fmi2SetRealInputDerivatives(self.component, &self.reference(name), 1, &1, &slope) }
+    }
+
+    /// First derivative of an output.
+    pub fn output_derivative(&self, name: &str) -> f64 {
+        let mut value = f64::NAN;
+        let status = unsafe { fmi2GetRealOutputDerivatives(self.component, &self.reference(name), 1, &1, &mut value) };
+        assert_eq!(status, OK, "{name}: {:?}", self.messages());
+        value
+    }
+
+    pub fn last_successful_time(&self) -> f64 {
+        let mut time = f64::NAN;
+        let kind = status_kind::LAST_SUCCESSFUL_TIME;
+        assert_eq!(unsafe { fmi2GetRealStatus(self.component, kind, &mut time) }, OK, "{:?}", self.messages());
+        time
     }
 
     pub fn step(&self, point: f64, step: f64) -> Status {
@@ -146,13 +252,12 @@ impl Unit {
         }
     }
 
-    /// All visible reals: a fingerprint of the instance.
+    /// All visible reals.
     pub fn values(&self) -> Vec<u64> {
         let reals = self.model.variables().visible().filter(|element| element.variable.is_real());
         let references: Vec<u32> = reals.map(|element| References::of(self.model.variables(), element)).collect();
         let mut values = vec![0.0; references.len()];
-        let status = unsafe { fmi2GetReal(self.component, references.as_ptr(), references.len(), values.as_mut_ptr()) };
-        assert_eq!(status, OK, "{:?}", self.messages());
+        assert_eq!(self.get_reals(&references, &mut values), OK, "{:?}", self.messages());
         values.into_iter().map(f64::to_bits).collect()
     }
 
@@ -164,6 +269,18 @@ impl Unit {
     /// The last message's text.
     pub fn last_message(&self) -> String {
         self.messages().pop().map_or(String::new(), |(_, _, text)| text)
+    }
+
+    /// Asserts that a call is refused with a message that names these things, and that nothing at all has changed.
+    pub fn refuses(&self, named: &[&str], call: impl FnOnce(&Unit) -> Status) {
+        let before = self.fingerprint();
+        self.messages();
+        assert_eq!(call(self), ERROR, "a call that should name {named:?}");
+        let message = self.last_message();
+        named.iter().for_each(|name| assert!(message.contains(name), "`{message}` names {name}"));
+        assert!(!message.contains('%'), "some masters take the message for a format: {message}");
+        assert!(!message.contains('\n'), "one line: {message}");
+        assert_eq!(self.fingerprint(), before, "a refused call changes nothing: {message}");
     }
 }
 

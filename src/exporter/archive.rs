@@ -1,0 +1,140 @@
+//! The .fmu archive.
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::Path;
+
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
+
+use super::library::Library;
+use crate::error::Error;
+use crate::fmi2::describe::Unit;
+use crate::fmi2::resources::DESCRIPTION;
+
+/// Folder of this platform's binaries.
+pub const PLATFORM: &str = if cfg!(target_os = "windows") {
+    "win64"
+} else if cfg!(target_os = "macos") {
+    "darwin64"
+} else {
+    "linux64"
+};
+
+/// What an archive may unpack to: a limit for archives that aren't ours.
+const LARGEST: u64 = 1 << 30;
+
+/// Writes an archive; a file of that name is replaced at the end, or not at all.
+///
+/// # Errors
+/// When files can't be read or written.
+pub fn write(file: &Path, unit: &Unit, description: &str, page: &str, library: &Library) -> Result<(), Error> {
+    let binary = std::fs::read(library.path()).map_err(Error::file(library.path()))?;
+    let binary_name = format!("binaries/{PLATFORM}/{}{}", unit.name, std::env::consts::DLL_SUFFIX);
+    let resource = format!("resources/{DESCRIPTION}");
+    let entries: [(&str, &[u8]); 8] = [
+        ("modelDescription.xml", unit.model_description.as_bytes()),
+        ("model.png", include_bytes!("../../modelDescription/model.png")),
+        (&binary_name, &binary),
+        ("documentation/index.html", page.as_bytes()),
+        ("documentation/licenses/license.txt", include_bytes!("../../docs/license.txt")),
+        ("documentation/licenses/LICENSE-APACHE", include_bytes!("../../LICENSE-APACHE")),
+        ("documentation/licenses/LICENSE-MIT", include_bytes!("../../LICENSE-MIT")),
+        (&resource, description.as_bytes()),
+    ];
+    let bytes =
+        zipped(&entries).map_err(|error| Error::Archive { file: file.to_owned(), reason: error.to_string() })?;
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let mut temporary =
+        tempfile::Builder::new().prefix(".").suffix(".part").tempfile_in(folder).map_err(Error::file(file))?;
+    temporary.write_all(&bytes).map_err(Error::file(file))?;
+    readable_by_all(temporary.as_file()).map_err(Error::file(file))?;
+    temporary.persist(file).map_err(|error| Error::file(file)(error.error))?;
+    Ok(())
+}
+
+#[cfg(unix)]
+fn readable_by_all(file: &File) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.set_permissions(std::fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+fn readable_by_all(_: &File) -> std::io::Result<()> {
+    Ok(())
+}
+
+/// The same entries always give the same bytes: no times, no owners.
+fn zipped(entries: &[(&str, &[u8])]) -> zip::result::ZipResult<Vec<u8>> {
+    let mut zip = ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, bytes) in entries {
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Deflated)
+            .last_modified_time(DateTime::default())
+            .unix_permissions(if name.starts_with("binaries/") { 0o755 } else { 0o644 });
+        zip.start_file(*name, options)?;
+        zip.write_all(bytes)?;
+    }
+    Ok(zip.finish()?.into_inner())
+}
+
+fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
+    let opened = File::open(file).map_err(Error::file(file))?;
+    let refuse = |error: zip::result::ZipError| Error::Archive {
+        file: file.to_owned(),
+        reason: format!("not a readable archive: {error}"),
+    };
+    let mut archive = ZipArchive::new(opened).map_err(refuse)?;
+    let mut total = 0_u64;
+    for index in 0..archive.len() {
+        total = total.saturating_add(archive.by_index_raw(index).map_err(refuse)?.size());
+    }
+    if total > LARGEST {
+        let reason = format!("would unpack to {total} bytes; at most {LARGEST} are accepted");
+        return Err(Error::Archive { file: file.to_owned(), reason });
+    }
+    Ok(archive)
+}
+
+/// The text of one file in an archive.
+///
+/// # Errors
+/// When it isn't there, or isn't text.
+pub fn read_entry(file: &Path, name: &str) -> Result<String, Error> {
+    let mut archive = open(file)?;
+    let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
+    let entry = archive.by_name(name).map_err(|_| refuse(format!("holds no {name}: it is not an FMU of this kind")))?;
+    let mut text = String::new();
+    entry.take(LARGEST).read_to_string(&mut text).map_err(|error| refuse(format!("{name}: {error}")))?;
+    Ok(text)
+}
+
+/// Unpacks an archive into a folder; entries that would lie outside it are refused.
+///
+/// # Errors
+/// When the archive is broken or hostile, or files can't be written.
+pub fn unpack(file: &Path, folder: &Path) -> Result<(), Error> {
+    let mut archive = open(file)?;
+    let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
+    for index in 0..archive.len() {
+        let mut entry = archive.by_index(index).map_err(|error| refuse(error.to_string()))?;
+        let Some(name) = entry.enclosed_name() else {
+            return Err(refuse(format!("entry {index} would lie outside the folder")));
+        };
+        let target = folder.join(&name);
+        if entry.is_dir() {
+            std::fs::create_dir_all(&target).map_err(Error::file(&target))?;
+            continue;
+        }
+        if let Some(parent) = target.parent() {
+            std::fs::create_dir_all(parent).map_err(Error::file(parent))?;
+        }
+        let mut written = File::create(&target).map_err(Error::file(&target))?;
+        let size = entry.size();
+        let copied = std::io::copy(&mut (&mut entry).take(size), &mut written).map_err(Error::file(&target))?;
+        if copied != size {
+            return Err(refuse(format!("the entry `{}` is shorter than it says", name.display())));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,86 @@
+//! The shared library that goes into every FMU.
+
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::path::{Path, PathBuf};
+
+use crate::error::Error;
+use crate::fmi2::describe::{self, Described};
+
+/// A shared library for this platform.
+#[derive(Debug)]
+pub struct Library {
+    path: PathBuf,
+    loaded: libloading::Library,
+}
+
+type DescribeFunction =
+    unsafe extern "C" fn(*const c_char, Option<unsafe extern "C" fn(*mut c_void, *const c_char)>, *mut c_void) -> c_int;
+
+impl Library {
+    /// The library built together with this program. Cargo leaves it in `deps`; the copy beside the program may be
+    /// of an earlier build, so it is looked for last.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn beside_program() -> Result<Self, Error> {
+        let program = std::env::current_exe().map_err(Error::file("this program"))?;
+        let folder = program.parent().unwrap_or(Path::new("."));
+        let name = format!("{}adaptive_fmu{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
+        let places = [folder.join("deps").join(&name), folder.join(&name)];
+        let found = places.iter().find(|place| place.is_file()).ok_or_else(|| {
+            Error::Library(format!(
+                "{name} is neither in {} nor in {}; `cargo install` installs the program alone: run it with `cargo run \
+                 --release --` in the source folder, or give --library FILE",
+                places[0].display(),
+                places[1].display()
+            ))
+        })?;
+        Library::open(found)
+    }
+
+    /// A library by its path.
+    ///
+    /// # Errors
+    /// When it can't be loaded.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let refuse = |error: libloading::Error| Error::Library(format!("{}: {error}", path.display()));
+        // SAFETY: loading runs the initialisers of a library that the user named or built; one of ours has none.
+        let loaded = unsafe { libloading::Library::new(path) }.map_err(refuse)?;
+        Ok(Library { path: path.to_owned(), loaded })
+    }
+
+    /// Its file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What it says of itself, and of the FMU of a description.
+    ///
+    /// # Errors
+    /// [`Error::Library`] with what it refuses, or when it isn't a library of this kind.
+    pub fn describe(&self, description: Option<&str>) -> Result<Described, Error> {
+        let text = description.map(CString::new).transpose();
+        let text = text.map_err(|_| Error::Library("the description holds a NUL character".to_owned()))?;
+        let missing =
+            |_| Error::Library(format!("{} exports no models: it needs the line export_fmi2!", self.path.display()));
+        let mut reply: Option<String> = None;
+        // SAFETY: a library that exports this symbol was made by `export_fmi2`, so it has this type; the text and the
+        // reply's place live longer than the call.
+        unsafe {
+            let function = self.loaded.get::<DescribeFunction>(b"adaptive_fmu_describe").map_err(missing)?;
+            let text = text.as_ref().map_or(std::ptr::null(), |text| text.as_ptr());
+            function(text, Some(keep), std::ptr::from_mut(&mut reply).cast());
+        }
+        let reply = reply.ok_or_else(|| Error::Library(format!("{} gave no reply", self.path.display())))?;
+        describe::read(&reply).map_err(Error::Library)
+    }
+}
+
+/// Receives the reply of the describing function.
+unsafe extern "C" fn keep(context: *mut c_void, text: *const c_char) {
+    // SAFETY: called by `describe` alone, with the place that it gave and a C string.
+    unsafe {
+        let text = CStr::from_ptr(text).to_string_lossy().into_owned();
+        *context.cast::<Option<String>>() = Some(text);
+    }
+}

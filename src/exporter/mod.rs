@@ -1,0 +1,69 @@
+//! From descriptions to FMU archives.
+
+mod archive;
+#[allow(unsafe_code)]
+mod library;
+mod page;
+
+use std::path::{Path, PathBuf};
+
+pub use archive::{PLATFORM, read_entry, unpack};
+pub use library::Library;
+
+use crate::error::Error;
+
+include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
+
+/// A description, and where it came from.
+#[derive(Debug, Clone)]
+pub struct Source {
+    /// The file, for messages.
+    pub file: PathBuf,
+    /// Its text.
+    pub text: String,
+}
+
+/// The descriptions of this package: name and text.
+pub fn descriptions() -> &'static [(&'static str, &'static str)] {
+    DESCRIPTIONS
+}
+
+/// The closed loops of this package: name and SystemStructure.ssd.
+pub fn loops() -> &'static [(&'static str, &'static str)] {
+    LOOPS
+}
+
+/// The description of one of this package's FMUs, or of a TOML file.
+///
+/// # Errors
+/// When there is no such FMU or file.
+pub fn find_description(name: &str) -> Result<Source, Error> {
+    let path = Path::new(name);
+    if path.extension().is_some_and(|extension| extension == "toml") {
+        let text = std::fs::read_to_string(path).map_err(Error::file(path))?;
+        return Ok(Source { file: path.to_owned(), text });
+    }
+    let found = DESCRIPTIONS.iter().find(|(known, _)| *known == name);
+    let (name, text) = found.ok_or_else(|| {
+        let known: Vec<_> = DESCRIPTIONS.iter().map(|(name, _)| *name).collect();
+        Error::Unknown { what: "FMU", name: name.to_owned(), known: known.join(", ") }
+    })?;
+    Ok(Source { file: Path::new("modelDescription").join(format!("{name}.toml")), text: (*text).to_owned() })
+}
+
+/// Writes the FMU of a description into a folder; its path.
+///
+/// # Errors
+/// For a description that is refused, or files that can't be written; nothing is left half.
+pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+    let described = library.describe(Some(&source.text)).map_err(|error| match error {
+        Error::Library(reason) => Error::Description { file: source.file.clone(), reason },
+        other => other,
+    })?;
+    let unit = described.unit.ok_or_else(|| Error::Library("the library described no unit".to_owned()))?;
+    std::fs::create_dir_all(out).map_err(Error::file(out))?;
+    let file = out.join(format!("{}.fmu", unit.name));
+    let page = page::html(&unit, &described.build);
+    archive::write(&file, &unit, &source.text, &page, library)?;
+    Ok(file)
+}

@@ -1,0 +1,220 @@
+//! The master: units stepped together, outputs handed to inputs.
+
+use std::path::Path;
+use std::rc::Rc;
+use std::str::FromStr;
+
+use super::fmu::{Fmu, Instance};
+use super::structure::Structure;
+use crate::error::Error;
+
+/// When units see each other's new outputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// One unit after the other: each takes the latest outputs, then steps.
+    GaussSeidel,
+    /// All take the outputs of the last communication point, then all step.
+    Jacobi,
+}
+
+impl FromStr for Order {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "gauss-seidel" => Ok(Order::GaussSeidel),
+            "jacobi" => Ok(Order::Jacobi),
+            _ => Err(format!("order = {text}: must be gauss-seidel or jacobi")),
+        }
+    }
+}
+
+/// How a loop is run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Start time, s.
+    pub start_time: f64,
+    /// Stop time, s.
+    pub stop_time: f64,
+    /// Communication step, s.
+    pub step: f64,
+    /// Order of the units.
+    pub order: Order,
+}
+
+/// A unit with what it gives and takes.
+#[derive(Debug)]
+struct Unit {
+    instance: Instance,
+    /// Value references of its outputs, and where they stand in the row of signals.
+    outputs: Vec<u32>,
+    first: usize,
+    /// Value references of connected inputs, and the signals that they take.
+    inputs: Vec<u32>,
+    sources: Vec<usize>,
+    taken: Vec<f64>,
+}
+
+/// A loop whose units are instantiated and connected.
+#[derive(Debug)]
+pub struct ClosedLoop {
+    units: Vec<Unit>,
+    names: Vec<String>,
+    row: Vec<f64>,
+}
+
+/// What was recorded: all outputs at all communication points.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Recording {
+    /// Names, `unit.variable`.
+    pub names: Vec<String>,
+    /// Times, s.
+    pub times: Vec<f64>,
+    /// One column a name.
+    pub columns: Vec<Vec<f64>>,
+    /// Warnings of units.
+    pub warnings: Vec<String>,
+}
+
+impl Recording {
+    /// The column of a signal.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        let place = self.names.iter().position(|known| known == name)?;
+        self.columns.get(place).map(Vec::as_slice)
+    }
+
+    fn push(&mut self, time: f64, row: &[f64]) {
+        self.times.push(time);
+        self.columns.iter_mut().zip(row).for_each(|(column, value)| column.push(*value));
+    }
+}
+
+impl ClosedLoop {
+    /// Loads and connects the units of a loop from the FMUs in a folder.
+    ///
+    /// # Errors
+    /// When an FMU can't be loaded, or a connection or value names what isn't there.
+    pub fn new(structure: &Structure, file: &Path, fmus: &Path) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
+        let (mut units, mut names) = (Vec::new(), Vec::new());
+        for component in &structure.components {
+            let fmu = Rc::new(Fmu::open(&fmus.join(format!("{}.fmu", component.fmu)))?);
+            let instance = fmu.instantiate(&component.name)?;
+            for (name, value) in &component.values {
+                let variable = fmu.description.variable(name);
+                let variable = variable.ok_or_else(|| refuse(format!("{} has no variable `{name}`", component.fmu)))?;
+                instance.set_start(variable, value)?;
+            }
+            let outputs = fmu.description.variables.iter().filter(|v| v.causality == "output" && v.kind == "Real");
+            let first = names.len();
+            names.extend(outputs.clone().map(|variable| format!("{}.{}", component.name, variable.name)));
+            let outputs = outputs.map(|variable| variable.reference).collect();
+            units.push(Unit { instance, outputs, first, inputs: vec![], sources: vec![], taken: vec![] });
+        }
+        let row = vec![0.0; names.len()];
+        let mut closed = ClosedLoop { units, names, row };
+        structure.connections.iter().try_for_each(|connection| {
+            let (from, to) = (format!("{}.{}", connection.from.0, connection.from.1), &connection.to);
+            let source = closed.names.iter().position(|name| *name == from);
+            let source =
+                source.ok_or_else(|| refuse(format!("a connection starts at `{from}`, which is no output")))?;
+            closed.connect(source, &to.0, &to.1).map_err(refuse)
+        })?;
+        Ok(closed)
+    }
+
+    fn connect(&mut self, source: usize, unit: &str, input: &str) -> Result<(), String> {
+        let found = self.units.iter_mut().find(|other| other.instance.name() == unit);
+        let unit = found.ok_or_else(|| format!("a connection ends at `{unit}`, which is no component"))?;
+        let variable =
+            unit.instance.description().variable(input).filter(|v| v.causality == "input" && v.kind == "Real");
+        let name = format!("{}.{input}", unit.instance.name());
+        let reference =
+            variable.ok_or_else(|| format!("a connection ends at `{name}`, which is no real input"))?.reference;
+        if unit.inputs.contains(&reference) {
+            return Err(format!("`{name}` is connected twice"));
+        }
+        unit.inputs.push(reference);
+        unit.sources.push(source);
+        unit.taken.push(0.0);
+        Ok(())
+    }
+
+    /// Runs the loop. `progress` is told the time, and may end the run by answering false.
+    ///
+    /// # Errors
+    /// When a unit fails, together with what was recorded until then.
+    pub fn run(
+        &mut self,
+        settings: Settings,
+        progress: impl FnMut(f64) -> bool,
+    ) -> Result<Recording, (Error, Box<Recording>)> {
+        let columns = vec![Vec::new(); self.names.len()];
+        let mut recording = Recording { names: self.names.clone(), columns, ..Recording::default() };
+        match self.run_into(&mut recording, settings, progress) {
+            Ok(()) => Ok(recording),
+            Err(error) => Err((error, Box::new(recording))),
+        }
+    }
+
+    fn run_into(
+        &mut self,
+        recording: &mut Recording,
+        settings: Settings,
+        mut progress: impl FnMut(f64) -> bool,
+    ) -> Result<(), Error> {
+        let Settings { start_time, stop_time, step, order } = settings;
+        self.initialise(start_time, stop_time)?;
+        recording.push(start_time, &self.row);
+        // Whole steps, and a shorter one at the end where they don't fill the time.
+        let steps = ((stop_time - start_time) / step - 1e-6).ceil().max(0.0) as usize;
+        let time_of = |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
+        for k in 0..steps {
+            let (time, next) = (time_of(k), time_of(k + 1));
+            if order == Order::Jacobi {
+                self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
+            }
+            for unit in &mut self.units {
+                if order == Order::GaussSeidel {
+                    unit.take(&self.row)?;
+                }
+                unit.instance.do_step(time, next - time)?;
+                if order == Order::GaussSeidel {
+                    unit.give(&mut self.row)?;
+                }
+                let name = unit.instance.name();
+                recording.warnings.extend(unit.instance.messages().iter().map(|text| format!("{name}: {text}")));
+            }
+            if order == Order::Jacobi {
+                self.units.iter_mut().try_for_each(|unit| unit.give(&mut self.row))?;
+            }
+            recording.push(next, &self.row);
+            if !progress(next) {
+                break;
+            }
+        }
+        self.units.iter().try_for_each(|unit| unit.instance.terminate())
+    }
+
+    /// Hands outputs on in Initialization Mode, as often as there are units: then every value has gone round.
+    fn initialise(&mut self, start: f64, stop: f64) -> Result<(), Error> {
+        self.units.iter_mut().try_for_each(|unit| unit.instance.enter_initialization(start, stop))?;
+        for _ in 0..self.units.len() {
+            for unit in &mut self.units {
+                unit.take(&self.row)?;
+                unit.give(&mut self.row)?;
+            }
+        }
+        self.units.iter().try_for_each(|unit| unit.instance.exit_initialization())
+    }
+}
+
+impl Unit {
+    fn take(&mut self, row: &[f64]) -> Result<(), Error> {
+        self.taken.iter_mut().zip(&self.sources).for_each(|(value, &source)| *value = row[source]);
+        self.instance.set_real(&self.inputs, &self.taken)
+    }
+
+    fn give(&mut self, row: &mut [f64]) -> Result<(), Error> {
+        self.instance.get_real(&self.outputs, &mut row[self.first..self.first + self.outputs.len()])
+    }
+}

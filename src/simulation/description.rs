@@ -1,0 +1,143 @@
+//! modelDescription.xml, read.
+
+use roxmltree::{Document, Node};
+
+/// What a master needs of a modelDescription.xml.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Description {
+    /// Name of the model.
+    pub name: String,
+    /// What it is.
+    pub description: String,
+    /// Identifier of the binaries for co-simulation.
+    pub model_identifier: String,
+    /// GUID.
+    pub guid: String,
+    /// Tool that made it.
+    pub generation_tool: String,
+    /// Default communication step, s.
+    pub step: Option<f64>,
+    /// Default stop time, s.
+    pub stop_time: Option<f64>,
+    /// Capability flags of co-simulation that are true, and numbers.
+    pub capabilities: Vec<(String, String)>,
+    /// Log categories.
+    pub categories: Vec<String>,
+    /// Variables.
+    pub variables: Vec<Variable>,
+}
+
+/// A scalar variable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variable {
+    /// Name.
+    pub name: String,
+    /// What it is.
+    pub description: String,
+    /// Value reference.
+    pub reference: u32,
+    /// parameter, input, output, local, …
+    pub causality: String,
+    /// fixed, tunable, discrete, continuous, …
+    pub variability: String,
+    /// Real, Integer, Boolean, String or Enumeration.
+    pub kind: String,
+    /// Unit.
+    pub unit: Option<String>,
+    /// Start value.
+    pub start: Option<String>,
+    /// Smallest value.
+    pub min: Option<String>,
+    /// Largest value.
+    pub max: Option<String>,
+    /// Items of an enumeration, from 1.
+    pub items: Vec<String>,
+}
+
+impl Description {
+    /// Reads a modelDescription.xml of FMI 2.0 for co-simulation.
+    ///
+    /// # Errors
+    /// What is missing or wrong, with its line.
+    pub fn read(xml: &str) -> Result<Self, String> {
+        let document = Document::parse(xml).map_err(|error| format!("modelDescription.xml: {error}"))?;
+        let root = document.root_element();
+        let required = |node: Node, name: &str| attribute(node, name).ok_or_else(|| missing(&document, node, name));
+        if root.attribute("fmiVersion") != Some("2.0") {
+            let version = root.attribute("fmiVersion").unwrap_or("unknown");
+            return Err(format!("modelDescription.xml: FMI version {version}; only 2.0 can be read"));
+        }
+        let co_simulation = child(root, "CoSimulation").ok_or("modelDescription.xml: it is not for co-simulation")?;
+        let experiment = child(root, "DefaultExperiment");
+        let number = |name| experiment.and_then(|node| node.attribute(name)).and_then(|text| text.parse().ok());
+        let variables = child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable"));
+        let categories = child(root, "LogCategories").into_iter().flat_map(|node| elements(node, "Category"));
+        Ok(Description {
+            name: required(root, "modelName")?,
+            description: attribute(root, "description").unwrap_or_default(),
+            model_identifier: required(co_simulation, "modelIdentifier")?,
+            guid: required(root, "guid")?,
+            generation_tool: attribute(root, "generationTool").unwrap_or_default(),
+            step: number("stepSize"),
+            stop_time: number("stopTime"),
+            capabilities: co_simulation
+                .attributes()
+                .filter(|attribute| attribute.name() != "modelIdentifier" && attribute.value() != "false")
+                .map(|attribute| (attribute.name().to_owned(), attribute.value().to_owned()))
+                .collect(),
+            categories: categories.filter_map(|node| attribute(node, "name")).collect(),
+            variables: variables.map(|node| variable(&document, node)).collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// The variable of a name.
+    pub fn variable(&self, name: &str) -> Option<&Variable> {
+        self.variables.iter().find(|variable| variable.name == name)
+    }
+}
+
+fn variable(document: &Document, node: Node) -> Result<Variable, String> {
+    let required = |name: &str| attribute(node, name).ok_or_else(|| missing(document, node, name));
+    let value = node.children().find(Node::is_element).ok_or_else(|| missing(document, node, "type"))?;
+    let reference = required("valueReference")?;
+    let declared_type = attribute(value, "declaredType");
+    let types =
+        child(document.root_element(), "TypeDefinitions").into_iter().flat_map(|node| elements(node, "SimpleType"));
+    let items = types.filter(|node| declared_type.is_some() && attribute(*node, "name") == declared_type);
+    let items = items.flat_map(|node| node.descendants()).filter(|node| node.has_tag_name("Item"));
+    Ok(Variable {
+        name: required("name")?,
+        description: attribute(node, "description").unwrap_or_default(),
+        reference: reference.parse().map_err(|_| format!("modelDescription.xml: valueReference = {reference}"))?,
+        causality: attribute(node, "causality").unwrap_or_else(|| "local".to_owned()),
+        variability: attribute(node, "variability").unwrap_or_else(|| "continuous".to_owned()),
+        kind: value.tag_name().name().to_owned(),
+        unit: attribute(value, "unit"),
+        start: attribute(value, "start"),
+        min: attribute(value, "min"),
+        max: attribute(value, "max"),
+        items: items.filter_map(|node| attribute(node, "name")).collect(),
+    })
+}
+
+/// The first child element of a name, in whatever namespace.
+pub(super) fn child<'a, 'input>(node: Node<'a, 'input>, name: &'static str) -> Option<Node<'a, 'input>> {
+    elements(node, name).next()
+}
+
+/// The child elements of a name, in whatever namespace.
+pub(super) fn elements<'a, 'input>(
+    node: Node<'a, 'input>,
+    name: &'static str,
+) -> impl Iterator<Item = Node<'a, 'input>> + use<'a, 'input> {
+    node.children().filter(move |node| node.is_element() && node.tag_name().name() == name)
+}
+
+pub(super) fn attribute(node: Node, name: &str) -> Option<String> {
+    node.attribute(name).map(str::to_owned)
+}
+
+fn missing(document: &Document, node: Node, name: &str) -> String {
+    let line = document.text_pos_at(node.range().start).row;
+    format!("modelDescription.xml, line {line}: {} has no {name}", node.tag_name().name())
+}

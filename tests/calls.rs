@@ -1,0 +1,184 @@
+//! Which function may be called when: FMI 2.0.4, section 4.2.4, as the standard's table has it, with what this
+//! project narrows (docs and DESIGN): after a failed step only reading, rolling back, resetting and freeing is left.
+
+mod common;
+
+use std::ptr::{null, null_mut};
+
+use adaptive_fmu::fmi2::types::*;
+use adaptive_fmu::library::fmi2_functions::*;
+use common::*;
+
+/// A plant that runs to infinity within the first milliseconds.
+const EXPLODING: &str = "[start]\nx0 = [1000.0, 1000.0]\n";
+
+/// A unit in the phase of this letter: Instantiated, initialization Mode, Step complete, step Failed, Terminated,
+/// Error.
+fn unit_in(phase: char) -> Unit {
+    let unit = Unit::from_text(&(description("NonlinearSiso") + EXPLODING));
+    if phase == 'F' {
+        assert_eq!(unit.set_integer("on_step_failure", 2), OK);
+    }
+    if phase != 'I' {
+        unit.enter(0.0);
+    }
+    if !"IM".contains(phase) {
+        assert_eq!(unit.exit(), OK);
+    }
+    match phase {
+        'F' => assert_eq!(unit.step(0.0, 1.0), DISCARD),
+        'E' => assert_eq!(unit.step(0.0, 1.0), ERROR),
+        'T' => assert_eq!(unit.terminate(), OK),
+        _ => {}
+    }
+    unit
+}
+
+/// Function, the phases in which it is allowed, and a call with right arguments.
+type Row = (&'static str, &'static str, fn(&Unit) -> Status);
+
+const VALUES: &[Row] = &[
+    ("fmi2GetReal", "MSFTE", |u| u.try_get("y[1]", &mut 0.0)),
+    ("fmi2GetInteger", "MSFTE", |u| unsafe { fmi2GetInteger(u.component, &u.reference("on_step_failure"), 1, &mut 0) }),
+    ("fmi2GetBoolean", "MSFTE", |u| unsafe { fmi2GetBoolean(u.component, null(), 0, null_mut()) }),
+    ("fmi2GetString", "MSFTE", |u| unsafe { fmi2GetString(u.component, null(), 0, null_mut()) }),
+    ("fmi2SetReal", "IMS", |u| u.set("u[1]", 0.5)),
+    ("fmi2SetInteger", "IMS", |u| unsafe { fmi2SetInteger(u.component, null(), 0, null()) }),
+    ("fmi2SetBoolean", "IMS", |u| unsafe { fmi2SetBoolean(u.component, null(), 0, null()) }),
+    ("fmi2SetString", "IMS", |u| unsafe { fmi2SetString(u.component, null(), 0, null()) }),
+    ("fmi2SetRealInputDerivatives", "IMS", |u| u.set_slope("u[1]", 0.5)),
+    ("fmi2GetRealOutputDerivatives", "SFTE", |u| unsafe {
+        fmi2GetRealOutputDerivatives(u.component, &u.reference("y[1]"), 1, &1, &mut 0.0)
+    }),
+];
+
+const PROGRESS: &[Row] = &[
+    ("fmi2SetDebugLogging", "IMSFTE", |u| unsafe { fmi2SetDebugLogging(u.component, TRUE, 0, null()) }),
+    ("fmi2SetupExperiment", "I", |u| u.setup(0.0, Some(1.0))),
+    ("fmi2EnterInitializationMode", "I", |u| unsafe { fmi2EnterInitializationMode(u.component) }),
+    ("fmi2ExitInitializationMode", "M", |u| u.exit()),
+    ("fmi2DoStep", "S", |u| u.step(0.0, 1e-6)),
+    ("fmi2Terminate", "SF", |u| u.terminate()),
+    ("fmi2Reset", "IMSFTE", |u| u.reset()),
+    ("fmi2CancelStep", "", |u| unsafe { fmi2CancelStep(u.component) }),
+];
+
+const STATES: &[Row] = &[
+    ("fmi2GetFMUstate", "IMSFTE", |u| unsafe { fmi2GetFMUstate(u.component, &mut null_mut()) }),
+    ("fmi2SetFMUstate", "IMSFTE", |u| u.restore(u.save())),
+    ("fmi2FreeFMUstate", "IMSFTE", |u| u.free(u.save())),
+    ("fmi2SerializedFMUstateSize", "IMSFTE", |u| unsafe { fmi2SerializedFMUstateSize(u.component, u.save(), &mut 0) }),
+    ("fmi2SerializeFMUstate", "IMSFTE", |u| {
+        u.bytes(u.save());
+        OK
+    }),
+    ("fmi2DeSerializeFMUstate", "IMSFTE", |u| u.from_bytes(&u.fingerprint()).0),
+];
+
+const STATUS: &[Row] = &[
+    ("fmi2GetStatus", "SFTE", |u| unsafe { fmi2GetStatus(u.component, status_kind::DO_STEP, &mut 0) }),
+    ("fmi2GetRealStatus", "SFTE", |u| unsafe {
+        fmi2GetRealStatus(u.component, status_kind::LAST_SUCCESSFUL_TIME, &mut 0.0)
+    }),
+    ("fmi2GetIntegerStatus", "SFTE", |u| unsafe { fmi2GetIntegerStatus(u.component, status_kind::DO_STEP, &mut 0) }),
+    ("fmi2GetBooleanStatus", "SFTE", |u| unsafe { fmi2GetBooleanStatus(u.component, status_kind::TERMINATED, &mut 0) }),
+    ("fmi2GetStringStatus", "SFTE", |u| unsafe { fmi2GetStringStatus(u.component, status_kind::PENDING, &mut null()) }),
+];
+
+const MODEL_EXCHANGE_ONLY: &[Row] = &[
+    ("fmi2EnterEventMode", "", |u| unsafe { fmi2EnterEventMode(u.component) }),
+    ("fmi2NewDiscreteStates", "", |u| unsafe { fmi2NewDiscreteStates(u.component, null_mut()) }),
+    ("fmi2EnterContinuousTimeMode", "", |u| unsafe { fmi2EnterContinuousTimeMode(u.component) }),
+    ("fmi2CompletedIntegratorStep", "", |u| unsafe { fmi2CompletedIntegratorStep(u.component, TRUE, &mut 0, &mut 0) }),
+    ("fmi2SetTime", "", |u| unsafe { fmi2SetTime(u.component, 0.0) }),
+    ("fmi2SetContinuousStates", "", |u| unsafe { fmi2SetContinuousStates(u.component, [0.0; 2].as_ptr(), 2) }),
+    ("fmi2GetDerivatives", "", |u| unsafe { fmi2GetDerivatives(u.component, [0.0; 2].as_mut_ptr(), 2) }),
+    ("fmi2GetEventIndicators", "", |u| unsafe { fmi2GetEventIndicators(u.component, null_mut(), 0) }),
+    ("fmi2GetContinuousStates", "", |u| unsafe { fmi2GetContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2) }),
+    ("fmi2GetNominalsOfContinuousStates", "", |u| unsafe {
+        fmi2GetNominalsOfContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2)
+    }),
+];
+
+/// Every function of these rows in every phase: taken where it is allowed, refused without any effect elsewhere.
+fn check(rows: &[Row]) {
+    for phase in "IMSFTE".chars() {
+        for (function, allowed, call) in rows {
+            let unit = unit_in(phase);
+            if allowed.contains(phase) {
+                assert_ne!(call(&unit), ERROR, "{function} in phase {phase}: {:?}", unit.messages());
+            } else {
+                unit.refuses(&[function], call);
+            }
+        }
+    }
+}
+
+#[test]
+fn values_are_read_and_set_only_where_the_standard_allows_it() {
+    check(VALUES);
+}
+
+#[test]
+fn an_instance_goes_through_its_phases_only_in_the_order_of_the_standard() {
+    check(PROGRESS);
+}
+
+#[test]
+fn states_are_saved_and_restored_in_every_phase() {
+    check(STATES);
+}
+
+#[test]
+fn the_status_of_steps_is_told_once_there_can_be_steps() {
+    check(STATUS);
+}
+
+#[test]
+fn functions_of_model_exchange_are_refused_in_a_co_simulation_instance() {
+    check(MODEL_EXCHANGE_ONLY);
+}
+
+#[test]
+fn every_function_answers_a_null_instance_with_an_error() {
+    let c = null_mut();
+    for answer in unsafe {
+        [
+            fmi2DoStep(c, 0.0, 1.0, TRUE),
+            fmi2GetReal(c, null(), 0, null_mut()),
+            fmi2SetReal(c, null(), 0, null()),
+            fmi2Reset(c),
+            fmi2Terminate(c),
+            fmi2GetFMUstate(c, &mut null_mut()),
+            fmi2SetTime(c, 0.0),
+            fmi2GetDirectionalDerivative(c, null(), 0, null(), 0, null(), null_mut()),
+            fmi2GetStatus(c, 0, &mut 0),
+        ]
+    } {
+        assert_eq!(answer, ERROR);
+    }
+    unsafe { fmi2FreeInstance(c) };
+}
+
+#[test]
+fn a_step_after_an_error_is_refused_until_the_unit_is_reset() {
+    let unit = unit_in('E');
+    unit.refuses(&["fmi2DoStep", "restore a state or reset"], |unit| unit.step(0.0, 1e-6));
+    assert_eq!(unit.reset(), OK);
+    unit.put("x0[1]", 0.0);
+    unit.put("x0[2]", 0.0);
+    unit.start(0.0);
+    assert_eq!(unit.step(0.0, 1.0), OK, "{:?}", unit.messages());
+}
+
+#[test]
+fn a_terminated_unit_can_be_reset_and_run_again() {
+    let unit = Unit::started("ReferenceNonlinearSiso");
+    unit.run(0.0, 3, 0.5);
+    assert_eq!(unit.terminate(), OK);
+    unit.refuses(&["fmi2DoStep", "terminated"], |unit| unit.step(1.5, 0.5));
+    assert_eq!(unit.reset(), OK);
+    unit.start(0.0);
+    unit.run(0.0, 3, 0.5);
+    assert!((unit.get("r[1]") - 2.0 * (0.2_f64 * 1.5).cos()).abs() < 1e-15);
+}
