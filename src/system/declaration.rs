@@ -406,8 +406,9 @@ impl Declaration {
             nominal: vec![1.0],
             ..spec.clone()
         };
+        let state = spec.role(Causality::Local).declare(self);
         rates.declare::<class::Derivative>(self);
-        spec.role(Causality::Local).declare(self)
+        state
     }
 
     /// A variable that changes at events (and in `step_completed`) only; local, unless [`Spec::output`].

@@ -4,6 +4,8 @@
 //! is held during a communication step and may jump between two, so every candidate starts anew
 //! at each, from `x` alone, and first tries the whole communication step as one step (not `bdf`).
 
+mod own;
+
 use std::alloc::{GlobalAlloc, Layout, System as Heap};
 use std::cell::Cell;
 use std::hint::black_box;
@@ -337,7 +339,7 @@ fn main() {
     }
     tables! {
         FixedRk4(1);
-        // ADD OUR OWN CANDIDATE HERE: implement `Candidate` and `Memory`, then one such line.
+        own::Own::new();
         OdeSolversFixed; OdeSolversDynamic;
         DifferentialEquations::new("differential-equations dopri5, [f64; 2]", X0);
         DifferentialEquations::new("differential-equations dopri5, Vec", X0.to_vec());
