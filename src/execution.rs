@@ -87,7 +87,7 @@ impl Controls {
         let inputs = d.size(Section::Input);
         let relative_tolerance = (d.size(Section::State) > 0).then(|| {
             let text = "error tolerated in each integration step, relative to a state's magnitude or nominal value";
-            d.parameter(scalar("relative_tolerance", text).start(1e-6).min(1e-13).max(1e-2).nominal(1e-6).fixed())
+            d.parameter(scalar("relative_tolerance", text).start(1e-6).min(1e-12).max(1e-2).nominal(1e-6).fixed())
         });
         let input_handling = (inputs > 0).then(|| {
             d.parameter(choice::<InputHandling>("input_handling", "what inputs do within a communication step").fixed())
@@ -220,7 +220,8 @@ impl Execution {
             let inputs = self.block.reals[self.model.variables().reals(Section::Input)].to_vec();
             self.point().set(last_inputs, inputs);
         }
-        self.initialise_states()
+        self.initialise_states()?;
+        self.check_values(self.time(), self.settings().divergence_limit)
     }
 
     /// Puts states and discrete variables at their start, and nothing else.
@@ -237,13 +238,13 @@ impl Execution {
         driver.settle(&mut problem, t, &settings)
     }
 
-    /// Takes over the parameters that were set since the last step, all or none.
+    /// Takes over the parameters that were set since the last step, all or none; whether there were any.
     ///
     /// # Errors
     /// Every reason for which they are refused; the last valid set is in force again.
-    pub fn commit_parameters(&mut self) -> Result<(), Invalid> {
+    pub fn commit_parameters(&mut self) -> Result<bool, Invalid> {
         if !self.values().get(self.model.controls().parameters_set) {
-            return Ok(());
+            return Ok(false);
         }
         let handle = self.model.controls().parameters_set;
         self.point().put(handle, false);
@@ -255,7 +256,7 @@ impl Execution {
         self.keep_valid_parameters();
         let t = self.time();
         self.model.system().parameters_changed(t, &mut self.block.point(&self.model, &mut self.log));
-        Ok(())
+        Ok(true)
     }
 
     fn valid_integers(&self) -> std::ops::Range<usize> {
@@ -321,7 +322,7 @@ impl Execution {
         let mut next = self.values()[substep];
         let (driver, mut problem) = self.problem(ramped);
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
-        self.check_signals(t1, settings.divergence_limit)?;
+        self.check_values(t1, settings.divergence_limit)?;
         if ramped {
             // Inputs read back what was set.
             let inputs = self.model.variables().reals(Section::Input);
@@ -387,21 +388,23 @@ impl Execution {
             variables: self.model.variables(),
             reals: &mut self.block.reals,
             integers: &mut self.block.integers,
-            ramp: ramped.then_some(ramp),
+            ramp,
+            held: !ramped,
             log: &mut self.log,
         };
         (&mut self.driver, problem)
     }
 
-    /// Every signal must be a number, and every output within the limit.
-    fn check_signals(&self, time: f64, limit: f64) -> Result<(), StepError> {
+    /// Every state and signal must be a number, and every output within the limit.
+    fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
         let variables = self.model.variables();
-        let signals = &self.block.reals[variables.reals(Section::Signal)];
-        let suspect = |value: &f64| !value.is_finite() || value.abs() > limit;
-        for (place, &value) in signals.iter().enumerate().filter(|(_, value)| suspect(value)) {
-            let Some(element) = variables.real_at(Section::Signal, place) else { continue };
-            if !value.is_finite() || element.variable.causality == Causality::Output {
-                return Err(StepError::Diverged { variable: element.name(), value, time });
+        for section in [Section::State, Section::Signal] {
+            let values = self.block.reals[variables.reals(section)].iter().enumerate();
+            for (place, &value) in values.filter(|(_, value)| !value.is_finite() || value.abs() > limit) {
+                let Some(element) = variables.real_at(section, place) else { continue };
+                if !value.is_finite() || element.variable.causality == Causality::Output {
+                    return Err(StepError::Diverged { variable: element.name(), value, time });
+                }
             }
         }
         Ok(())

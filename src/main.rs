@@ -72,10 +72,10 @@ enum Command {
         #[arg(long, default_value = "results")]
         out: PathBuf,
         /// Communication step in s, in place of the loop's own
-        #[arg(long)]
+        #[arg(long, value_parser = positive)]
         step: Option<f64>,
         /// Stop time in s, in place of the loop's own
-        #[arg(long)]
+        #[arg(long, value_parser = positive)]
         until: Option<f64>,
         /// gauss-seidel or jacobi, in place of the loop's own
         #[arg(long)]
@@ -84,6 +84,11 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
+    number.ok_or_else(|| "must be a finite number above 0".to_owned())
 }
 
 /// A metric beyond its limit.
@@ -236,11 +241,11 @@ fn run(name: &str, options: &RunOptions) -> Result<ExitCode, Error> {
         order: options.order.unwrap_or(structure.order),
     };
     let wrong = |reason: String| Error::Loop { file: file.clone(), reason };
-    if !(settings.step.is_finite() && settings.step > 0.0) {
-        return Err(wrong(format!("step = {}: must be finite and above 0", settings.step)));
-    }
-    if !(settings.stop_time.is_finite() && settings.stop_time > settings.start_time) {
-        return Err(wrong(format!("stop time = {}: must be finite and after the start", settings.stop_time)));
+    if settings.stop_time <= settings.start_time {
+        return Err(wrong(format!(
+            "stop time {}: must be after the start, {}",
+            settings.stop_time, settings.start_time
+        )));
     }
     let mut closed = ClosedLoop::new(&structure, &file, options.fmus)?;
     let bar = progress_bar(options.json, &settings);

@@ -50,7 +50,7 @@ impl Description {
     /// One line: what is wrong, where, and what is allowed.
     pub fn read(text: &str) -> Result<Self, Invalid> {
         let description: Description = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(0, |span| text[..span.start].lines().count().max(1));
+            let line = error.span().map_or(0, |span| 1 + text[..span.start].matches('\n').count());
             Invalid::because(format!("line {line}: {}", error.message().replace('\n', " ")))
         })?;
         let mut invalid = Invalid::none();
@@ -113,14 +113,7 @@ impl Model {
             let known: Vec<_> = registry.iter().map(|kind| kind.name).collect();
             Invalid::new("model", format!("`{}`", description.model), format!("must be one of {}", known.join(", ")))
         })?;
-        let mut declaration = Declaration::default();
-        let system = kind.declare(description.structure.clone(), &mut declaration)?;
-        let controls = Controls::declare(&mut declaration);
-        let mut variables = declaration.finish()?;
-        set_start_values(&mut variables, &description.start)?;
-        let model = Model { description, documentation: kind.documentation, system, variables, controls };
-        model.check_start()?;
-        Ok(model)
+        Model::build(description, kind)
     }
 
     /// A model of one system under a name, with start values of your own.
@@ -136,18 +129,19 @@ impl Model {
             structure: toml::Table::new(),
             start: start.clone(),
         };
-        let mut declaration = Declaration::default();
-        let system = Kind::of::<M>().declare(toml::Table::new(), &mut declaration)?;
-        let controls = Controls::declare(&mut declaration);
-        let mut variables = declaration.finish()?;
-        set_start_values(&mut variables, start)?;
-        Ok(Model { description, documentation: M::DOCUMENTATION, system, variables, controls })
+        Model::build(description, &Kind::of::<M>())
     }
 
-    /// A description whose own start values are refused by the system makes no model.
-    fn check_start(&self) -> Result<(), Invalid> {
-        let mut block = self.block();
-        self.prepare(&mut block, &mut Vec::new())
+    fn build(description: Description, kind: &Kind) -> Result<Model, Invalid> {
+        let mut declaration = Declaration::default();
+        let system = kind.declare(description.structure.clone(), &mut declaration)?;
+        let controls = Controls::declare(&mut declaration);
+        let mut variables = declaration.finish()?;
+        set_start_values(&mut variables, &description.start)?;
+        let model = Model { description, documentation: kind.documentation, system, variables, controls };
+        // Start values that the system refuses make no model.
+        model.prepare(&mut model.block(), &mut Vec::new())?;
+        Ok(model)
     }
 
     /// The description.

@@ -172,7 +172,14 @@ impl System for L1 {
 
     /// P, K_g and what follows from them.
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = self.check_bounds(v);
+        let mut invalid = Invalid::none();
+        for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
+            let (lo, hi) = (v[self.omega_min][k], v[self.omega_max][k]);
+            if lo > hi {
+                let allowed = format!("must not be above omega_max[{0},{1}] = {hi}", i + 1, j + 1);
+                invalid.and(Invalid::new(format!("omega_min[{},{}]", i + 1, j + 1), lo, allowed));
+            }
+        }
         let A_m = v.matrix(self.A_m).into_owned();
         match lyapunov::solve(&A_m, &v.matrix(self.Q).into_owned()) {
             Err(reasons) => invalid.and(reasons),
@@ -195,13 +202,21 @@ impl System for L1 {
         invalid.into_result()
     }
 
-    /// The predictor starts at the measured state; ω̂ at the identity, the other estimates at zero.
+    /// The predictor starts at the measured state; ω̂ at the identity, which its bounds must hold, the other estimates
+    /// at zero.
     fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
         v.copy(self.x, self.x_hat);
+        let mut invalid = Invalid::none();
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
-            v[self.omega_hat][k] = identity(i, j);
+            let (lo, hi, start) = (v[self.omega_min][k], v[self.omega_max][k], identity(i, j));
+            if !(lo..=hi).contains(&start) {
+                let name = format!("omega_min[{0},{1}] … omega_max[{0},{1}]", i + 1, j + 1);
+                let allowed = format!("must hold the start value {start} of the estimate omega_hat");
+                invalid.and(Invalid::new(name, format!("{lo} … {hi}"), allowed));
+            }
+            v[self.omega_hat][k] = start;
         }
-        Ok(())
+        invalid.into_result()
     }
 
     fn parameters_changed(&self, _t: f64, v: &mut Point) {
@@ -302,20 +317,6 @@ impl L1 {
         d.depends(self.theta_hat.rate(), &[&self.x, &self.x_hat, &self.theta_hat]);
         d.depends(self.sigma_hat.rate(), &[&self.x, &self.x_hat, &self.sigma_hat]);
         d.depends(self.u_ad.rate(), &[&estimates[..], &[&self.x, &self.r]].concat());
-    }
-
-    /// The bounds must hold the start values of the estimates.
-    fn check_bounds(&self, v: &Point) -> Invalid {
-        let mut invalid = Invalid::none();
-        for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
-            let (lo, hi, start) = (v[self.omega_min][k], v[self.omega_max][k], identity(i, j));
-            if !(lo <= start && start <= hi) {
-                let name = format!("omega_min[{0},{1}] … omega_max[{0},{1}]", i + 1, j + 1);
-                let allowed = format!("must hold the estimate's start value {start} (lower bound first)");
-                invalid.and(Invalid::new(name, format!("{lo} … {hi}"), allowed));
-            }
-        }
-        invalid
     }
 }
 

@@ -14,7 +14,7 @@ const STYLE: &str = "
   td, th { border-bottom: 1px solid #ddd; padding: .25em .6em; text-align: left; vertical-align: top; }
   code { font-family: ui-monospace, monospace; }
   .scroll { overflow-x: auto; }
-  math[display=block] { margin: 1em 0; overflow-x: auto; }
+  math[display=block] { margin: .7em 0; padding: .3em 0; overflow-x: auto; overflow-y: hidden; }
   @media (prefers-color-scheme: dark) { body { background: #161616; color: #e6e6e6; } td, th { border-color: #444; } }
   footer { margin-top: 3em; font-size: .85em; opacity: .7; }
 ";

@@ -37,6 +37,8 @@ pub enum Access {
 pub struct References {
     reals: Vec<Access>,
     integers: Vec<(Access, Type)>,
+    /// Number of items of each integer that is a choice.
+    items: Vec<Option<i32>>,
 }
 
 /// What a value reference of the wrong sort is.
@@ -54,6 +56,7 @@ impl References {
         let mut references = References {
             reals: vec![Access::Hidden; variables.reals(Section::Memory).end],
             integers: vec![(Access::Hidden, Type::Integer); variables.integers(Section::Memory).end],
+            items: vec![None; variables.integers(Section::Memory).end],
         };
         for element in variables.visible() {
             let access = match (element.variable.causality, element.variable.variability) {
@@ -63,10 +66,14 @@ impl References {
                 (causality, _) => Access::Calculated { output: causality == Causality::Output },
             };
             let index = variables.index(element);
-            match element.variable.data {
+            match &element.variable.data {
                 Data::Real { .. } => references.reals[index] = access,
                 Data::Boolean { .. } => references.integers[index] = (access, Type::Boolean),
-                Data::Integer { .. } | Data::Choice { .. } => references.integers[index] = (access, Type::Integer),
+                Data::Integer { .. } => references.integers[index] = (access, Type::Integer),
+                Data::Choice { items, .. } => {
+                    references.integers[index] = (access, Type::Integer);
+                    references.items[index] = Some(items.len() as i32);
+                }
             }
         }
         references
@@ -77,6 +84,11 @@ impl References {
         let index = variables.index(element);
         let before = if element.variable.is_real() { 0 } else { variables.reals(Section::Memory).end };
         (before + index) as u32
+    }
+
+    /// Whether an integer may have a value: only the numbers of its items, where it is a choice.
+    pub fn holds(&self, place: usize, value: i32) -> bool {
+        self.items[place].is_none_or(|items| (1..=items).contains(&value))
     }
 
     /// Place and access of a value of the type wanted.

@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::Invalid;
+use crate::execution::Execution;
 use crate::model::{Description, Model};
 use crate::system::Registry;
 
@@ -68,13 +70,13 @@ enum Reply {
 
 /// The reply, as JSON, to a description's text; without one, what the library is.
 pub fn reply(description: Option<&str>, registry: Registry) -> String {
-    let describe = |text| -> Result<Unit, crate::error::Invalid> {
+    let describe = |text| -> Result<Unit, Invalid> {
         let model = Model::from_description(Description::read(text)?, registry)?;
-        Ok(Unit {
-            name: model.description().name.clone(),
-            model_description: model_description::xml(&model),
-            documentation: model.documentation().to_owned(),
-        })
+        let xml = model_description::xml(&model);
+        let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
+        // A unit that can't start from its own start values is not worth packing.
+        Execution::new(model).initialise().map_err(Invalid::because)?;
+        Ok(Unit { name, model_description: xml, documentation })
     };
     match description.map(describe).transpose() {
         Ok(unit) => {

@@ -12,7 +12,7 @@ use super::calls::{Function, Phase};
 use super::logger::Logger;
 use super::model_description;
 use super::resources::DESCRIPTION;
-use super::snapshot::{self, Slots, Snapshot};
+use super::snapshot::Slots;
 use super::types::Status;
 
 /// How far, in parts of the step, a master's communication point may lie from where the instance stands.
@@ -36,16 +36,16 @@ pub type Answer<T = ()> = Result<T, Refused>;
 /// One instance of a unit.
 #[derive(Debug)]
 pub struct Instance {
-    execution: Execution,
+    pub(super) execution: Execution,
     references: References,
-    guid: [u8; 16],
+    pub(super) guid: [u8; 16],
     /// Where messages go.
     pub logger: Logger,
-    phase: Phase,
-    stop_time: Option<f64>,
+    pub(super) phase: Phase,
+    pub(super) stop_time: Option<f64>,
     /// In Initialization Mode: whether something was set since everything was computed.
-    stale: bool,
-    slots: Slots,
+    pub(super) stale: bool,
+    pub(super) slots: Slots,
 }
 
 /// Makes the model of an FMU whose resources lie in a folder.
@@ -211,6 +211,16 @@ impl Instance {
         element(self.execution.model().variables(), reference).map_or(String::new(), |element| element.name())
     }
 
+    /// The items of a choice, with their numbers.
+    fn items(&self, reference: u32) -> String {
+        let element = element(self.execution.model().variables(), reference);
+        let Some(Data::Choice { items, .. }) = element.map(|element| &element.variable.data) else {
+            return String::new();
+        };
+        let items: Vec<_> = items.iter().enumerate().map(|(k, (name, _))| format!("{} {name}", k + 1)).collect();
+        items.join(", ")
+    }
+
     /// Refuses to set what can't be set now.
     fn check_settable(&self, function: Function, reference: u32, access: Access) -> Answer {
         let before = matches!(self.phase, Phase::Instantiated | Phase::Initialization);
@@ -294,21 +304,12 @@ impl Instance {
     /// For value references or values that can't be set; nothing is changed.
     pub fn set_integer(&mut self, function: Function, is: Type, references: &[u32], values: &[i32]) -> Answer {
         for (&reference, &value) in references.iter().zip(values) {
-            let (_, access) = self.place(function, reference, is)?;
+            let (place, access) = self.place(function, reference, is)?;
             self.check_settable(function, reference, access)?;
-            let element = element(self.execution.model().variables(), reference);
-            let items = match element.map(|element| &element.variable.data) {
-                Some(Data::Choice { items, .. }) => items,
-                _ => continue,
-            };
-            if value < 1 || value as usize > items.len() {
-                let allowed: Vec<_> =
-                    items.iter().enumerate().map(|(k, (name, _))| format!("{} {name}", k + 1)).collect();
-                let (name, allowed) = (self.name(reference), allowed.join(", "));
-                return Err(Refused(format!(
-                    "{}: `{name}` = {value} is no item; there are {allowed}",
-                    function.name()
-                )));
+            if !self.references.holds(place, value) {
+                let items = self.items(reference);
+                let name = self.name(reference);
+                return Err(Refused(format!("{}: `{name}` = {value} is no item; there are {items}", function.name())));
             }
         }
         for (&reference, &value) in references.iter().zip(values) {
@@ -381,10 +382,13 @@ impl Instance {
     /// When the step is refused (nothing changed), or can't be finished (values as before, and the instance in error).
     pub fn do_step(&mut self, point: f64, step: f64) -> Answer<Status> {
         self.check_step(point, step)?;
-        self.execution.commit_parameters().map_err(|invalid| {
+        let before = self.execution.time();
+        let taken_over = self.execution.commit_parameters().map_err(|invalid| {
             Refused(format!("fmi2DoStep: parameters refused, the last valid ones are in force again: {invalid}"))
         })?;
-        let before = self.execution.time();
+        if taken_over && self.logger.is_enabled(EVENTS) {
+            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {before} s"));
+        }
         self.execution.set_time(point);
         match self.execution.step(step) {
             Ok(()) => Ok(Status::Ok),
@@ -432,76 +436,4 @@ impl Instance {
     pub fn last_successful_time(&self) -> f64 {
         self.execution.time()
     }
-
-    fn snapshot(&self) -> Snapshot {
-        Snapshot { block: self.execution.block.clone(), phase: self.phase, stop_time: self.stop_time }
-    }
-
-    /// fmi2GetFMUstate, into the slot of this name, or a new one where it is 0.
-    ///
-    /// # Errors
-    /// When there is no such slot.
-    pub fn get_state(&mut self, name: usize) -> Answer<usize> {
-        let snapshot = self.snapshot();
-        if name == 0 {
-            return self.slots.save(snapshot).map_err(|reason| Refused(format!("fmi2GetFMUstate: {reason}")));
-        }
-        *self.slots.find(name).ok_or_else(|| unknown_state("fmi2GetFMUstate"))? = snapshot;
-        Ok(name)
-    }
-
-    /// fmi2SetFMUstate
-    ///
-    /// # Errors
-    /// When there is no such state.
-    pub fn set_state(&mut self, name: usize) -> Answer {
-        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SetFMUstate"))?;
-        self.execution.block.copy_from(&saved.block);
-        self.phase = saved.phase;
-        self.stop_time = saved.stop_time;
-        self.stale = true;
-        self.execution.log.clear();
-        Ok(())
-    }
-
-    /// fmi2FreeFMUstate
-    ///
-    /// # Errors
-    /// When there is no such state.
-    pub fn free_state(&mut self, name: usize) -> Answer {
-        if self.slots.free(name) { Ok(()) } else { Err(unknown_state("fmi2FreeFMUstate")) }
-    }
-
-    /// fmi2SerializedFMUstateSize
-    ///
-    /// # Errors
-    /// When there is no such state.
-    pub fn serialised_size(&mut self, name: usize) -> Answer<usize> {
-        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SerializedFMUstateSize"))?;
-        Ok(snapshot::serialised_size(&saved.block))
-    }
-
-    /// fmi2SerializeFMUstate
-    ///
-    /// # Errors
-    /// When there is no such state.
-    pub fn serialise(&mut self, name: usize) -> Answer<Vec<u8>> {
-        let guid = self.guid;
-        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SerializeFMUstate"))?;
-        Ok(snapshot::serialise(saved, guid))
-    }
-
-    /// fmi2DeSerializeFMUstate; the name of the new saved state.
-    ///
-    /// # Errors
-    /// When the bytes are no state of this unit.
-    pub fn deserialise(&mut self, bytes: &[u8]) -> Answer<usize> {
-        let refuse = |reason: String| Refused(format!("fmi2DeSerializeFMUstate: {reason}"));
-        let snapshot = snapshot::deserialise(bytes, self.guid, &self.execution.block).map_err(refuse)?;
-        self.slots.save(snapshot).map_err(refuse)
-    }
-}
-
-fn unknown_state(function: &str) -> Refused {
-    Refused(format!("{function}: this is not a saved state of this instance (never was, or freed before)"))
 }

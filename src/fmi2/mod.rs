@@ -15,6 +15,7 @@ pub mod panics;
 #[allow(unsafe_code)]
 pub mod resources;
 pub mod snapshot;
+mod states;
 pub mod types;
 
 #[macro_use]

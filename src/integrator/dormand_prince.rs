@@ -7,18 +7,13 @@ use crate::system::ErrorEstimate;
 
 const STAGES: usize = 7;
 
-/// Nodes of stages 2 to 7.
-const C: [f64; STAGES - 1] = [1.0 / 5.0, 3.0 / 10.0, 4.0 / 5.0, 8.0 / 9.0, 1.0, 1.0];
-
-/// Weights of the earlier stages in stages 2 to 7; the last row is the solution of order 5.
-const A: [[f64; STAGES - 1]; STAGES - 1] = [
-    [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0],
-    [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0],
-    [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0, 0.0, 0.0],
-    [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0, 0.0],
-    [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
-];
+/// Weights of the earlier stages, in stages 2 to 7. The last are those of the solution of order 5.
+const A2: [f64; 1] = [1.0 / 5.0];
+const A3: [f64; 2] = [3.0 / 40.0, 9.0 / 40.0];
+const A4: [f64; 3] = [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0];
+const A5: [f64; 4] = [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0];
+const A6: [f64; 5] = [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0];
+const A7: [f64; 6] = [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0];
 
 /// Difference of the solutions of order 5 and 4.
 const E: [f64; STAGES] =
@@ -36,6 +31,27 @@ impl DormandPrince {
     pub fn new(states: usize) -> Self {
         DormandPrince { k: vec![[0.0; STAGES]; states] }
     }
+
+    /// Stage N + 1 at node c, from the N stages before it. (N is known when compiling, so that the sums are unrolled.)
+    fn stage<const N: usize>(&mut self, problem: &mut Problem, start: &Start, h: f64, c: f64, weights: &[f64; N]) {
+        for ((x, x0), k) in problem.states().iter_mut().zip(&start.states).zip(&self.k) {
+            *x = x0 + h * sum(weights, k);
+        }
+        problem.evaluate(start.time + c * h);
+        for (k, &rate) in self.k.iter_mut().zip(problem.rates()) {
+            k[N] = rate;
+        }
+    }
+}
+
+/// Weighted sum of the first N stages.
+#[inline]
+fn sum<const N: usize>(weights: &[f64; N], k: &[f64; STAGES]) -> f64 {
+    let mut sum = weights[0] * k[0];
+    for j in 1..N {
+        sum += weights[j] * k[j];
+    }
+    sum
 }
 
 impl OneStepMethod for DormandPrince {
@@ -49,17 +65,13 @@ impl OneStepMethod for DormandPrince {
         for (k, &rate) in self.k.iter_mut().zip(&start.rates) {
             k[0] = rate;
         }
-        for (stage, (a, c)) in A.iter().zip(C).enumerate() {
-            for ((x, x0), k) in problem.states().iter_mut().zip(&start.states).zip(&self.k) {
-                let sum: f64 = a[..=stage].iter().zip(k).map(|(a, k)| a * k).sum();
-                *x = x0 + h * sum;
-            }
-            problem.evaluate(start.time + c * h);
-            for (k, &rate) in self.k.iter_mut().zip(problem.rates()) {
-                k[stage + 1] = rate;
-            }
-        }
-        let errors = self.k.iter().map(|k| h * E.iter().zip(k).map(|(e, k)| e * k).sum::<f64>());
+        self.stage(problem, start, h, 1.0 / 5.0, &A2);
+        self.stage(problem, start, h, 3.0 / 10.0, &A3);
+        self.stage(problem, start, h, 4.0 / 5.0, &A4);
+        self.stage(problem, start, h, 8.0 / 9.0, &A5);
+        self.stage(problem, start, h, 1.0, &A6);
+        self.stage(problem, start, h, 1.0, &A7);
+        let errors = self.k.iter().map(|k| h * sum(&E, k));
         let (scaled, state) = tolerance.scaled(errors, &start.states, problem.states());
         (ErrorEstimate { scaled, order: 5 }, state)
     }

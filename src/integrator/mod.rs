@@ -83,8 +83,10 @@ pub struct Problem<'a> {
     pub reals: &'a mut [f64],
     /// Its integers.
     pub integers: &'a mut [i32],
-    /// Inputs, where they aren't held.
-    pub ramp: Option<Ramp<'a>>,
+    /// How inputs change.
+    pub ramp: Ramp<'a>,
+    /// Whether inputs are held: then they stay as they are.
+    pub held: bool,
     /// Where messages go.
     pub log: &'a mut MessageLog,
 }
@@ -102,7 +104,8 @@ impl Problem<'_> {
 
     /// Brings inputs, signals and derivatives to time t.
     pub fn evaluate(&mut self, t: f64) {
-        if let Some(ramp) = self.ramp {
+        if !self.held {
+            let ramp = self.ramp;
             let inputs = &mut self.reals[self.variables.reals(Section::Input)];
             for ((input, value), slope) in inputs.iter_mut().zip(ramp.values).zip(ramp.slopes) {
                 *input = value + slope * (t - ramp.time);

@@ -17,7 +17,7 @@ const COLOURS: [RGBColor; 5] = [
     RGBColor(86, 180, 233),
 ];
 /// More points than this in a curve can't be seen.
-const POINTS: usize = 3000;
+const POINTS: usize = 1200;
 
 /// Smallest and largest of some values, a little apart.
 fn range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
@@ -77,6 +77,7 @@ where
         let mut chart = ChartBuilder::on(area)
             .caption(&plot.title, ("sans-serif", 17))
             .margin(8)
+            .margin_right(24)
             .x_label_area_size(32)
             .y_label_area_size(58)
             .build_cartesian_2d(start..end, low..high)?;

@@ -176,6 +176,9 @@ impl Reader<'_> {
             metrics: elements(ours, "Metric").map(|node| self.metric(node)).collect::<Result<_, _>>()?,
             plots: elements(ours, "Plot").map(|node| self.plot(node)).collect::<Result<_, _>>()?,
         };
+        if structure.step <= 0.0 {
+            return Err(self.refuse(master, &format!("step = {}: must be above 0", structure.step)));
+        }
         let repeated = |name: &String| structure.components.iter().filter(|other| other.name == *name).count() > 1;
         if let Some(component) = structure.components.iter().find(|component| repeated(&component.name)) {
             return Err(self.refuse(system, &format!("two components are named `{}`", component.name)));

@@ -64,17 +64,16 @@
 mod declaration;
 mod erased;
 mod point;
+mod spec;
 mod start;
 mod unit;
 mod values;
 mod variable;
 
-pub use declaration::{
-    Declarable, Declaration, DiscreteSpec, Shape, Spec, Warning, boolean, choice, diagonal, integer, matrix, scalar,
-    selection, vector,
-};
+pub use declaration::{Declarable, Declaration, Warning};
 pub use erased::{DynSystem, Kind, Registry};
 pub use point::{Message, MessageLog, Point};
+pub use spec::{DiscreteSpec, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector};
 pub use unit::{DisplayUnit, Unit};
 pub use values::{
     BooleanOf, Choice, ChoiceOf, Class, DiscreteHandle, Handle, IntegerOf, MatrixOf, Offsets, Rates, ScalarOf, Signals,

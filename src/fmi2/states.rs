@@ -1,0 +1,78 @@
+//! Saving, restoring and serialising an instance.
+
+use super::instance::{Answer, Instance, Refused};
+use super::snapshot::{self, Snapshot};
+
+impl Instance {
+    fn snapshot(&self) -> Snapshot {
+        Snapshot { block: self.execution.block.clone(), phase: self.phase, stop_time: self.stop_time }
+    }
+
+    /// fmi2GetFMUstate, into the slot of this name, or a new one where it is 0.
+    ///
+    /// # Errors
+    /// When there is no such slot.
+    pub fn get_state(&mut self, name: usize) -> Answer<usize> {
+        let snapshot = self.snapshot();
+        if name == 0 {
+            return self.slots.save(snapshot).map_err(|reason| Refused(format!("fmi2GetFMUstate: {reason}")));
+        }
+        *self.slots.find(name).ok_or_else(|| unknown_state("fmi2GetFMUstate"))? = snapshot;
+        Ok(name)
+    }
+
+    /// fmi2SetFMUstate
+    ///
+    /// # Errors
+    /// When there is no such state.
+    pub fn set_state(&mut self, name: usize) -> Answer {
+        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SetFMUstate"))?;
+        self.execution.block.copy_from(&saved.block);
+        self.phase = saved.phase;
+        self.stop_time = saved.stop_time;
+        self.stale = true;
+        self.execution.log.clear();
+        Ok(())
+    }
+
+    /// fmi2FreeFMUstate
+    ///
+    /// # Errors
+    /// When there is no such state.
+    pub fn free_state(&mut self, name: usize) -> Answer {
+        if self.slots.free(name) { Ok(()) } else { Err(unknown_state("fmi2FreeFMUstate")) }
+    }
+
+    /// fmi2SerializedFMUstateSize
+    ///
+    /// # Errors
+    /// When there is no such state.
+    pub fn serialised_size(&mut self, name: usize) -> Answer<usize> {
+        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SerializedFMUstateSize"))?;
+        Ok(snapshot::serialised_size(&saved.block))
+    }
+
+    /// fmi2SerializeFMUstate
+    ///
+    /// # Errors
+    /// When there is no such state.
+    pub fn serialise(&mut self, name: usize) -> Answer<Vec<u8>> {
+        let guid = self.guid;
+        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SerializeFMUstate"))?;
+        Ok(snapshot::serialise(saved, guid))
+    }
+
+    /// fmi2DeSerializeFMUstate; the name of the new saved state.
+    ///
+    /// # Errors
+    /// When the bytes are no state of this unit.
+    pub fn deserialise(&mut self, bytes: &[u8]) -> Answer<usize> {
+        let refuse = |reason: String| Refused(format!("fmi2DeSerializeFMUstate: {reason}"));
+        let snapshot = snapshot::deserialise(bytes, self.guid, &self.execution.block).map_err(refuse)?;
+        self.slots.save(snapshot).map_err(refuse)
+    }
+}
+
+fn unknown_state(function: &str) -> Refused {
+    Refused(format!("{function}: this is not a saved state of this instance (never was, or freed before)"))
+}
