@@ -117,9 +117,8 @@ impl Peer {
 
     fn new(path: &Path, h: f64) -> Self {
         let library = unsafe { libloading::Library::new(path) }.unwrap();
-        let component = unsafe {
-            library.get::<unsafe extern "C" fn(f64) -> *mut c_void>(b"fmi2Instantiate").unwrap()(h)
-        };
+        let component =
+            unsafe { library.get::<unsafe extern "C" fn(f64) -> *mut c_void>(b"fmi2Instantiate").unwrap()(h) };
         Peer { library, component, time: 0.0 }
     }
 

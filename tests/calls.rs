@@ -72,7 +72,7 @@ const STATES: &[Row] = &[
         u.bytes(u.save());
         OK
     }),
-    ("fmi2DeSerializeFMUstate", "IMSFTE", |u| u.from_bytes(&u.fingerprint()).0),
+    ("fmi2DeSerializeFMUstate", "IMSFTE", |u| u.deserialise(&u.fingerprint()).0),
 ];
 
 const STATUS: &[Row] = &[

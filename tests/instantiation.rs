@@ -81,7 +81,7 @@ fn the_guid_of_a_changed_description_is_another() {
     let changed = description(NAME).replace("[2.0]", "[2.5]");
     assert_ne!(changed, description(NAME));
     let (_folder, path) = resources("resources", changed.as_bytes());
-    let message = refused(|request| request.location = Some(path.into()));
+    let message = refused(|request| request.location = Some(path.clone()));
     assert_names(&message, &["fmi2Instantiate", &right_guid()]);
 }
 
@@ -131,7 +131,7 @@ fn a_garbled_description_is_refused_with_its_file() {
     let contents: [&[u8]; 5] = [b"", b"name = ", &[0xff, 0xfe, 0, 1], b"\0\0\0\0", half.as_bytes()];
     for content in contents {
         let (_folder, path) = resources("resources", content);
-        assert_names(&refused(|request| request.location = Some(path.into())), &["description.toml"]);
+        assert_names(&refused(|request| request.location = Some(path.clone())), &["description.toml"]);
     }
 }
 
@@ -140,9 +140,9 @@ fn resources_in_a_folder_with_spaces_and_signs_are_found() {
     let (_folder, path) = resources("my resources 100%", description(NAME).as_bytes());
     let encoded = path.replace('%', "%25").replace(' ', "%20");
     for location in [format!("file://{encoded}"), format!("file:///{encoded}"), format!("file:{encoded}")] {
-        assert_eq!(try_with(|request| request.location = Some(location.into())), Ok(()), "{location}");
+        assert_eq!(try_with(|request| request.location = Some(location.clone())), Ok(()), "{location}");
     }
-    assert_eq!(try_with(|request| request.location = Some(path.into())), Ok(()), "a plain path");
+    assert_eq!(try_with(|request| request.location = Some(path.clone())), Ok(()), "a plain path");
 }
 
 #[test]

@@ -104,6 +104,8 @@ impl<M: System> DynSystem for M {
     }
 }
 
+type DeclareFunction = fn(toml::Table, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>;
+
 /// A kind of system that a library knows how to make from a description.
 #[derive(Clone, Copy)]
 pub struct Kind {
@@ -111,7 +113,7 @@ pub struct Kind {
     pub name: &'static str,
     /// Its [`System::DOCUMENTATION`].
     pub documentation: &'static str,
-    declare: fn(toml::Table, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>,
+    declare: DeclareFunction,
 }
 
 /// The kinds of a library.

@@ -32,7 +32,7 @@ impl Unit {
     }
 
     /// A saved state from bytes; NULL and the status when they are refused.
-    pub fn from_bytes(&self, bytes: &[u8]) -> (Status, FmuState) {
+    pub fn deserialise(&self, bytes: &[u8]) -> (Status, FmuState) {
         let mut state = std::ptr::null_mut();
         let pointer = bytes.as_ptr().cast();
         let status = unsafe { fmi2DeSerializeFMUstate(self.component, pointer, bytes.len(), &mut state) };
