@@ -12,12 +12,13 @@ pub struct Invalid {
 impl Invalid {
     /// One reason: the variable, what it is, and what is allowed.
     pub fn new(variable: impl fmt::Display, value: impl fmt::Display, allowed: impl fmt::Display) -> Self {
-        Invalid { reasons: vec![format!("{variable} = {value}: {allowed}")] }
+        Invalid::because(format_args!("{variable} = {value}: {allowed}"))
     }
 
     /// One reason in free words.
     pub fn because(reason: impl fmt::Display) -> Self {
-        Invalid { reasons: vec![reason.to_string()] }
+        // What comes from a file may hold line ends; a reason is one line.
+        Invalid { reasons: vec![reason.to_string().split_whitespace().collect::<Vec<_>>().join(" ")] }
     }
 
     /// No reason yet; see [`Invalid::into_result`].
@@ -104,9 +105,12 @@ pub enum StepError {
         /// When, s.
         time: f64,
     },
-    /// The start or the parameters are refused.
+    /// There is no valid start from these parameters and inputs.
     #[error("{0}")]
     Invalid(#[from] Invalid),
+    /// Tunable parameters are refused; the last valid ones are in force.
+    #[error("parameters refused, the last valid ones are in force again: {0}")]
+    Parameters(Invalid),
 }
 
 /// Everything that an exporter's or runner's user can meet.

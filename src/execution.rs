@@ -129,6 +129,7 @@ pub struct Execution {
     ramp_values: Vec<f64>,
     ramp_slopes: Vec<f64>,
     dual: Vec<Dual64>,
+    dual_integers: Vec<i32>,
     /// Messages that wait to be logged.
     pub log: MessageLog,
 }
@@ -142,6 +143,7 @@ impl Execution {
             driver: Driver::new(model.system(), model.variables()),
             saved: block.clone(),
             dual: vec![Dual64::from_re(0.0); block.reals.len()],
+            dual_integers: block.integers.clone(),
             ramp_values: vec![0.0; inputs],
             ramp_slopes: vec![0.0; inputs],
             block,
@@ -242,7 +244,7 @@ impl Execution {
     ///
     /// # Errors
     /// Every reason for which they are refused; the last valid set is in force again.
-    pub fn commit_parameters(&mut self) -> Result<bool, Invalid> {
+    fn commit_parameters(&mut self) -> Result<bool, Invalid> {
         if !self.values().get(self.model.controls().parameters_set) {
             return Ok(false);
         }
@@ -292,19 +294,23 @@ impl Execution {
         Settings { relative_tolerance, ..Settings::default() }
     }
 
-    /// Advances by one communication step, after [`Execution::commit_parameters`].
+    /// Takes over the parameters that were set since the last step, then advances from t by one communication step;
+    /// whether parameters were taken over.
     ///
     /// # Errors
-    /// Why the step can't be finished; everything is as before it.
-    pub fn step(&mut self, step: f64) -> Result<(), StepError> {
+    /// [`StepError::Parameters`] when they are refused: the last valid ones are in force again. Else why the step
+    /// can't be finished: everything is as before, parameters that wait to be taken over included.
+    pub fn step(&mut self, t: f64, step: f64) -> Result<bool, StepError> {
         self.saved.copy_from(&self.block);
         let waiting = self.log.len();
-        let result = self.try_step(step);
-        if result.is_err() {
+        let taken_over = self.commit_parameters().map_err(StepError::Parameters)?;
+        self.set_time(t);
+        if let Err(error) = self.try_step(step) {
             self.block.copy_from(&self.saved);
             self.log.truncate(waiting);
+            return Err(error);
         }
-        result
+        Ok(taken_over)
     }
 
     fn try_step(&mut self, step: f64) -> Result<(), StepError> {
@@ -434,9 +440,12 @@ impl Execution {
                 self.dual[parameter] = Dual64::from_re(value);
             }
         }
+        self.dual_integers.copy_from_slice(&self.block.integers);
+        let valid = self.valid_integers();
+        self.dual_integers.copy_within(valid, variables.integers(Section::Parameter).start);
         let t = Dual64::new(self.time(), 1.0);
         let (system, offsets) = (self.model.system(), variables.offsets());
-        system.outputs_dual(t, &mut self.dual, &self.block.integers, offsets);
+        system.outputs_dual(t, &mut self.dual, &self.dual_integers, offsets);
         &self.dual
     }
 }

@@ -50,8 +50,9 @@ impl Description {
     /// One line: what is wrong, where, and what is allowed.
     pub fn read(text: &str) -> Result<Self, Invalid> {
         let description: Description = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(0, |span| 1 + text[..span.start].matches('\n').count());
-            Invalid::because(format!("line {line}: {}", error.message().replace('\n', " ")))
+            let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
+            let quoted: String = text.lines().nth(line).unwrap_or("").trim().chars().take(80).collect();
+            Invalid::because(format!("line {}, `{quoted}`: {}", line + 1, error.message()))
         })?;
         let mut invalid = Invalid::none();
         let name = &description.name;

@@ -241,8 +241,11 @@ impl Instance {
     }
 
     /// In Initialization Mode every calculated value is computed from what is set at present.
-    fn compute_if_stale(&mut self, function: Function, access: Access) -> Answer {
-        let calculated = matches!(access, Access::Calculated { .. });
+    fn compute_if_stale(&mut self, function: Function, is: Type, references: &[u32]) -> Answer {
+        let mut calculated = false;
+        for &reference in references {
+            calculated |= matches!(self.place(function, reference, is)?.1, Access::Calculated { .. });
+        }
         if calculated && self.phase == Phase::Initialization { self.compute_start(function.name()) } else { Ok(()) }
     }
 
@@ -251,10 +254,7 @@ impl Instance {
     /// # Errors
     /// For value references that aren't those of reals.
     pub fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Answer {
-        for &reference in references {
-            let (_, access) = self.place(Function::GetReal, reference, Type::Real)?;
-            self.compute_if_stale(Function::GetReal, access)?;
-        }
+        self.compute_if_stale(Function::GetReal, Type::Real, references)?;
         for (value, &reference) in values.iter_mut().zip(references) {
             *value = self.execution.block.reals[reference as usize];
         }
@@ -287,10 +287,7 @@ impl Instance {
     /// # Errors
     /// For value references of another type.
     pub fn get_integer(&mut self, function: Function, is: Type, references: &[u32], values: &mut [i32]) -> Answer {
-        for &reference in references {
-            let (_, access) = self.place(function, reference, is)?;
-            self.compute_if_stale(function, access)?;
-        }
+        self.compute_if_stale(function, is, references)?;
         for (value, &reference) in values.iter_mut().zip(references) {
             let (place, _) = self.place(function, reference, is)?;
             *value = self.execution.block.integers[place];
@@ -382,25 +379,33 @@ impl Instance {
     /// When the step is refused (nothing changed), or can't be finished (values as before, and the instance in error).
     pub fn do_step(&mut self, point: f64, step: f64) -> Answer<Status> {
         self.check_step(point, step)?;
-        let before = self.execution.time();
-        let taken_over = self.execution.commit_parameters().map_err(|invalid| {
-            Refused(format!("fmi2DoStep: parameters refused, the last valid ones are in force again: {invalid}"))
-        })?;
-        if taken_over && self.logger.is_enabled(EVENTS) {
-            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {before} s"));
-        }
-        self.execution.set_time(point);
-        match self.execution.step(step) {
-            Ok(()) => Ok(Status::Ok),
-            Err(error) => {
-                self.execution.set_time(before);
-                let reason = format!("fmi2DoStep from t = {point} s by {step} s: {error}");
-                if self.execution.on_step_failure() == OnStepFailure::Discard && !matches!(error, StepError::Invalid(_))
-                {
-                    self.phase = Phase::StepFailed;
-                    self.logger.log(Status::Discard, "logStatusDiscard", &reason);
-                    return Ok(Status::Discard);
+        match self.execution.step(point, step) {
+            Ok(taken_over) => {
+                if taken_over && self.logger.is_enabled(EVENTS) {
+                    self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {point} s"));
                 }
+                Ok(Status::Ok)
+            }
+            Err(error) => self.failed_step(error, point, step),
+        }
+    }
+
+    fn failed_step(&mut self, error: StepError, point: f64, step: f64) -> Answer<Status> {
+        let reason = format!("fmi2DoStep from t = {point} s by {step} s: {error}");
+        match error {
+            // As with any refused argument, the instance can go on.
+            StepError::Parameters(_) => Err(Refused(reason)),
+            // A smaller step would not start either, so this is never discarded.
+            StepError::Invalid(_) => {
+                self.phase = Phase::Error;
+                Err(Refused(reason))
+            }
+            _ if self.execution.on_step_failure() == OnStepFailure::Discard => {
+                self.phase = Phase::StepFailed;
+                self.logger.log(Status::Discard, "logStatusDiscard", &reason);
+                Ok(Status::Discard)
+            }
+            _ => {
                 self.phase = Phase::Error;
                 Err(Refused(reason))
             }

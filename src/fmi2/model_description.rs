@@ -15,10 +15,13 @@ use super::instance::EVENTS;
 type Xml = Writer<Vec<u8>>;
 type Attributes<'a> = Vec<(&'a str, String)>;
 
-/// The GUID of a model's interface: a name-based UUID of its description, so that the same interface always has the
-/// same GUID, and another one another.
+/// The GUID of a model's interface: a name-based UUID of its description and its structure, so that the same unit
+/// always has the same GUID, and another one another.
 pub fn guid(model: &Model) -> [u8; 16] {
-    Uuid::new_v5(&Uuid::NAMESPACE_OID, document(model, "", "").as_bytes()).into_bytes()
+    let description = model.description();
+    let structure = toml::to_string(&description.structure).unwrap_or_default();
+    let identity = [document(model, "", "").as_str(), &description.model, &structure].join("\n");
+    Uuid::new_v5(&Uuid::NAMESPACE_OID, identity.as_bytes()).into_bytes()
 }
 
 /// A GUID as the XML shows it.

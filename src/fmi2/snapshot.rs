@@ -103,7 +103,7 @@ pub struct Slots {
 
 #[derive(Debug, Default)]
 struct Slot {
-    generation: u32,
+    generation: usize,
     saved: Option<Snapshot>,
 }
 
@@ -115,7 +115,9 @@ impl Slots {
     /// # Errors
     /// When there are too many.
     pub fn save(&mut self, snapshot: Snapshot) -> Result<usize, String> {
-        let free = self.slots.iter().position(|slot| slot.saved.is_none());
+        // A slot whose generations are used up is not used again: a number never names two states.
+        let usable = |slot: &Slot| slot.saved.is_none() && slot.generation < usize::MAX >> SLOT_BITS;
+        let free = self.slots.iter().position(usable);
         let index = free.unwrap_or(self.slots.len());
         if index >= (1 << SLOT_BITS) - 1 {
             return Err(format!("{index} states are saved and none was freed: free some"));
@@ -124,15 +126,15 @@ impl Slots {
             self.slots.push(Slot::default());
         }
         let slot = &mut self.slots[index];
-        slot.generation = (slot.generation + 1) & 0x7fff;
+        slot.generation += 1;
         slot.saved = Some(snapshot);
-        Ok((slot.generation as usize) << SLOT_BITS | (index + 1))
+        Ok(slot.generation << SLOT_BITS | (index + 1))
     }
 
     fn slot(&mut self, name: usize) -> Option<&mut Slot> {
         let index = (name & ((1 << SLOT_BITS) - 1)).checked_sub(1)?;
         let slot = self.slots.get_mut(index)?;
-        (slot.generation as usize == name >> SLOT_BITS && slot.saved.is_some()).then_some(slot)
+        (slot.generation == name >> SLOT_BITS && slot.saved.is_some()).then_some(slot)
     }
 
     /// The state of this number.

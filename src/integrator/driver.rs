@@ -58,9 +58,10 @@ impl Driver {
     ) -> Result<(), StepError> {
         let slack = settings.event_slack * (t1 - t0);
         let mut t = t0;
-        let (mut substeps, mut events) = (0, 0);
+        let (mut substeps, mut events, mut last_event) = (0, 0, t0);
         problem.evaluate(t);
         problem.event_indicators(t, &mut self.indicators[0]);
+        self.sides_of_zeros(problem, t, t1, settings);
         while t < t1 {
             let target = match problem.next_time_event() {
                 event if event < t1 - slack => event.max(t),
@@ -78,7 +79,9 @@ impl Driver {
             };
             let mut event_due = event_inside || time_event_due(problem);
             while event_due {
-                events += 1;
+                // Only events without time between them are too many.
+                events = if t - last_event > slack { 1 } else { events + 1 };
+                last_event = t;
                 if events > settings.max_events {
                     return Err(StepError::TooManyEvents { events, time: t });
                 }
@@ -86,9 +89,34 @@ impl Driver {
                 event_due = time_event_due(problem);
                 problem.evaluate(t);
                 problem.event_indicators(t, &mut self.indicators[0]);
+                if t < t1 && !event_due {
+                    self.sides_of_zeros(problem, t, t1, settings);
+                }
             }
         }
         Ok(())
+    }
+
+    /// An indicator that stands at exactly zero has the side to which it leaves: found by a step of rounding's length.
+    fn sides_of_zeros(&mut self, problem: &mut Problem, t: f64, t1: f64, settings: &Settings) {
+        if !self.indicators[0].contains(&0.0) {
+            return;
+        }
+        let h = (64.0 * f64::EPSILON * t.abs().max(t1.abs())).min(t1 - t);
+        let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
+        self.start.time = t;
+        self.start.states.copy_from_slice(problem.states());
+        self.start.rates.copy_from_slice(problem.rates());
+        self.method.attempt(problem, &self.start, h, tolerance);
+        let [before, after, _] = &mut self.indicators;
+        problem.event_indicators(t + h, after);
+        for (before, after) in before.iter_mut().zip(after) {
+            if *before == 0.0 {
+                *before = *after;
+            }
+        }
+        problem.states().copy_from_slice(&self.start.states);
+        problem.evaluate(t);
     }
 
     /// Handles events that are due at t, before anything is integrated.

@@ -148,5 +148,5 @@ fn declare<M: System>(structure: toml::Table, d: &mut Declaration) -> Result<Box
 fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
     toml::Value::Table(structure)
         .try_into()
-        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {}", error.message())))
+        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {error}")))
 }

@@ -165,8 +165,9 @@ pub trait System: Sized + Send + Sync + 'static {
         None
     }
 
-    /// Functions whose change of sign is an event; [`System::indicators`] of them. Where one is left at exactly
-    /// zero by the event, the side it leaves to counts.
+    /// Functions whose change of sign is an event; [`System::indicators`] of them. An event that turns the motion
+    /// back puts the state onto the boundary, so that the function is exactly zero: then the side to which it leaves
+    /// counts as the one where it was.
     fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
         let _ = (t, v, z);
     }

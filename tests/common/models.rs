@@ -30,7 +30,7 @@ impl Run {
     }
 
     pub fn step(&mut self, step: f64) {
-        self.0.step(step).unwrap();
+        self.0.step(self.0.time(), step).unwrap();
     }
 
     pub fn run(&mut self, steps: usize, step: f64) {
@@ -38,6 +38,6 @@ impl Run {
     }
 
     pub fn failure(&mut self, step: f64) -> StepError {
-        self.0.step(step).expect_err("a step that can't be finished")
+        self.0.step(self.0.time(), step).expect_err("a step that can't be finished")
     }
 }

@@ -71,8 +71,7 @@ impl Candidate for Own {
         let (states, input) = (variables.reals(Section::State), variables.reals(Section::Input).start);
         self.execution.block.reals[states.clone()].copy_from_slice(x);
         self.execution.block.reals[input] = mu;
-        self.execution.set_time(t);
-        self.execution.step(h).expect("a step");
+        self.execution.step(t, h).expect("a step");
         x.copy_from_slice(&self.execution.block.reals[states]);
     }
 }

@@ -1,0 +1,115 @@
+//! Nothing is allocated on the path of a step: fmi2SetReal, fmi2DoStep, fmi2GetReal.
+
+mod common;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use adaptive_fmu::system::Causality;
+use common::{OK, Unit, description, description_names};
+
+/// Counts the allocations of each thread.
+struct Counting;
+
+thread_local! {
+    static COUNT: Cell<usize> = const { Cell::new(0) };
+}
+
+fn count() {
+    COUNT.with(|count| count.set(count.get() + 1));
+}
+
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        count();
+        unsafe { System.alloc_zeroed(layout) }
+    }
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count();
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn references(unit: &Unit, wanted: impl Fn(Causality) -> bool) -> Vec<u32> {
+    let variables = unit.model.variables().visible();
+    let reals = variables.filter(|element| element.variable.is_real() && wanted(element.variable.causality));
+    reals.map(|element| unit.reference(&element.name())).collect()
+}
+
+/// Allocations of each step but the first, of setting its inputs and of reading everything.
+fn allocations(unit: &Unit, step: f64, steps: usize) -> [usize; 3] {
+    let inputs = references(unit, |causality| causality == Causality::Input);
+    let all = references(unit, |_| true);
+    let (mut set, mut got) = (vec![0.0; inputs.len()], vec![0.0; all.len()]);
+    let mut sums = [0; 3];
+    for k in 0..steps {
+        // Inputs that change, as in a loop, and stay small, so that no unit diverges.
+        set.iter_mut().enumerate().for_each(|(i, value)| *value = 0.01 * ((k + i) as f64).sin());
+        let mut before = COUNT.get();
+        let mut since = || COUNT.get() - std::mem::replace(&mut before, COUNT.get());
+        assert_eq!(unit.set_reals(&inputs, &set), OK);
+        let setting = since();
+        assert_eq!(unit.step(k as f64 * step, step), OK);
+        let stepping = since();
+        assert_eq!(unit.get_reals(&all, &mut got), OK);
+        let getting = since();
+        if k > 0 {
+            sums = [sums[0] + setting, sums[1] + stepping, sums[2] + getting];
+        }
+    }
+    assert!(unit.messages().is_empty(), "nothing was logged");
+    sums
+}
+
+#[test]
+fn the_counter_counts() {
+    let before = COUNT.get();
+    std::hint::black_box(vec![1.0; 100]);
+    assert_eq!(COUNT.get(), before + 1);
+}
+
+#[test]
+fn a_step_allocates_nothing() {
+    for name in description_names() {
+        let unit = Unit::new(&name);
+        unit.start(0.0);
+        let step = unit.model.description().experiment.step;
+        assert_eq!(allocations(&unit, step, 300), [0; 3], "{name}: setting, stepping, getting");
+    }
+}
+
+#[test]
+fn a_step_with_changing_inputs_allocates_nothing() {
+    for name in description_names() {
+        for handling in [2, 3] {
+            let unit = Unit::new(&name);
+            if unit.model.variables().find("input_handling").is_none() {
+                continue;
+            }
+            assert_eq!(unit.set_integer("input_handling", handling), OK);
+            unit.start(0.0);
+            let step = unit.model.description().experiment.step;
+            assert_eq!(allocations(&unit, step, 100), [0; 3], "{name}, handling {handling}");
+        }
+    }
+}
+
+#[test]
+fn a_step_with_events_allocates_nothing() {
+    let square = description("ReferenceNonlinearSiso").replace("signal = \"cosine\"", "signal = \"square\"");
+    let unit = Unit::from_text(&square);
+    unit.start(0.0);
+    // Two or three edges in each step; 138 until 300 s.
+    assert_eq!(allocations(&unit, 6.0, 50), [0; 3]);
+    assert_eq!(unit.get("half_periods[1]"), 138.0);
+}

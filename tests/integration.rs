@@ -1,0 +1,305 @@
+//! Accuracy of a communication step, against exact solutions.
+
+mod common;
+
+use adaptive_fmu::system::*;
+use common::models::Run;
+
+/// q'' = −q from q = 1 at rest: q = cos t.
+struct Oscillator {
+    q: VectorOf<State>,
+}
+
+impl System for Oscillator {
+    type Structure = NoStructure;
+    const NAME: &'static str = "oscillator";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Oscillator { q: d.state(vector("q", 2, "position and velocity").output()) })
+    }
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        v.set(self.q, [t.cos(), -t.sin()]);
+        Ok(())
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let [q, w] = v.array(self.q);
+        dx.set(self.q, [w, -q]);
+    }
+}
+
+/// Error at t = 10 of the oscillator with this tolerance and communication step.
+fn oscillator_error(tolerance: f64, steps: usize) -> f64 {
+    let mut run = Run::of::<Oscillator>(&format!("relative_tolerance = {tolerance:e}"), 0.0);
+    run.run(steps, 10.0 / steps as f64);
+    assert!((run.0.time() - 10.0).abs() < 1e-12);
+    (run.get("q[1]") - 10.0_f64.cos()).hypot(run.get("q[2]") + 10.0_f64.sin())
+}
+
+#[test]
+fn the_error_of_an_oscillator_follows_the_tolerance() {
+    for steps in [1, 10, 100] {
+        let errors = [1e-4, 1e-6, 1e-8, 1e-10].map(|tolerance| (tolerance, oscillator_error(tolerance, steps)));
+        for (tolerance, error) in errors {
+            // The error of a substep is tolerance or less, and some 100 substeps at most add up on this circle.
+            assert!(error < 100.0 * tolerance, "{steps} steps, tolerance {tolerance:e}: error {error:e}");
+        }
+    }
+    let of_one_step = [1e-4, 1e-6, 1e-8, 1e-10].map(|tolerance| oscillator_error(tolerance, 1));
+    for pair in of_one_step.windows(2) {
+        assert!(pair[1] < pair[0] / 20.0, "a hundredth of the tolerance shrinks the error: {of_one_step:?}");
+    }
+}
+
+#[test]
+fn short_communication_steps_give_the_error_of_a_method_of_order_five() {
+    // Loose tolerance: every communication step is one substep, so the error is that of the method, h⁵.
+    let error = |steps| oscillator_error(1e-2, steps);
+    let observed = (error(40) / error(80)).log2();
+    assert!((4.5..6.5).contains(&observed), "order {observed}");
+}
+
+#[test]
+fn a_masters_tolerance_tightens_the_models_own_and_never_loosens_it() {
+    let with = |own: &str, masters: f64| {
+        let mut run = Run::of::<Oscillator>(own, 0.0);
+        run.0.set_tolerance(masters);
+        run.run(3, 2.0);
+        run.get("q[1]").to_bits()
+    };
+    let (own, tight) = ("relative_tolerance = 1e-6", "relative_tolerance = 1e-9");
+    assert_eq!(with(own, 1e-9), with(tight, 0.0));
+    assert_eq!(with(own, 1e-2), with(own, 0.0));
+    assert_ne!(with(own, 0.0), with(tight, 0.0));
+}
+
+#[test]
+fn a_simulation_may_start_at_any_time() {
+    for start in [-7.25, 0.0, 1234.5] {
+        let mut run = Run::of::<Oscillator>("relative_tolerance = 1e-10", start);
+        run.run(10, 0.5);
+        assert!((run.get("q[1]") - (start + 5.0).cos()).abs() < 1e-8, "from {start}");
+    }
+}
+
+/// q' = u (the integral of the input), p' = −p + u, and the input fed through.
+struct Inputs {
+    u: VectorOf<Input>,
+    q: ScalarOf<State>,
+    p: ScalarOf<State>,
+    y: ScalarOf<Signal>,
+}
+
+impl System for Inputs {
+    type Structure = NoStructure;
+    const NAME: &'static str = "inputs";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Inputs {
+            u: d.input(vector("u", 1, "input")),
+            q: d.state(scalar("q", "integral")),
+            p: d.state(scalar("p", "lag")),
+            y: d.output(scalar("y", "the input itself")),
+        })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        y[self.y] = v[self.u][0];
+    }
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.q] = v[self.u][0];
+        dx[self.p] = v[self.u][0] - v[self.p];
+    }
+}
+
+/// The lag p' = −p + a + b s, from p0 at s = 0.
+fn lag(p0: f64, a: f64, b: f64, s: f64) -> f64 {
+    (p0 - a + b) * (-s).exp() + a - b + b * s
+}
+
+/// The ramp that the input follows.
+fn ramp(t: f64) -> f64 {
+    0.7 - 0.4 * t
+}
+
+const H: f64 = 0.25;
+const STEPS: usize = 12;
+
+/// Steps with the input set to the ramp at each communication point; `before` prepares each step.
+fn sampled_ramp(start: &str, before: impl Fn(&mut Run, usize)) -> Run {
+    let mut run = Run::of::<Inputs>(&format!("relative_tolerance = 1e-11\n{start}"), 0.0);
+    for k in 0..STEPS {
+        run.set("u[1]", ramp(k as f64 * H));
+        before(&mut run, k);
+        run.step(H);
+    }
+    run
+}
+
+fn assert_near(value: f64, expected: f64, what: &str) {
+    assert!((value - expected).abs() < 1e-9, "{what}: {value} is not {expected}");
+}
+
+#[test]
+fn held_inputs_are_held_exactly() {
+    let run = sampled_ramp("", |_, _| {});
+    let (mut q, mut p) = (0.0, 0.0);
+    for k in 0..STEPS {
+        let u = ramp(k as f64 * H);
+        q += H * u;
+        p = lag(p, u, 0.0, H);
+    }
+    assert_near(run.get("q"), q, "integral");
+    assert_near(run.get("p"), p, "lag");
+    assert_near(run.get("y"), ramp((STEPS - 1) as f64 * H), "feedthrough");
+}
+
+#[test]
+fn input_derivatives_make_a_linear_input_exact() {
+    let run = sampled_ramp("", |run, _| run.0.set_input_slope(0, -0.4));
+    let t = STEPS as f64 * H;
+    assert_near(run.get("q"), 0.7 * t - 0.2 * t * t, "integral");
+    assert_near(run.get("p"), lag(0.0, 0.7, -0.4, t), "lag");
+    assert_near(run.get("y"), ramp(t), "feedthrough at the end of the step");
+    assert_eq!(run.get("u[1]"), ramp((STEPS - 1) as f64 * H), "the input reads back what was set");
+}
+
+#[test]
+fn extrapolation_makes_a_linear_input_exact_after_its_first_step() {
+    let run = sampled_ramp("input_handling = \"extrapolate\"", |_, _| {});
+    // One value gives no line: in the first step it is held.
+    let (t, q1, p1) = (STEPS as f64 * H, H * ramp(0.0), lag(0.0, ramp(0.0), 0.0, H));
+    assert_near(run.get("q"), q1 + 0.7 * (t - H) - 0.2 * (t * t - H * H), "integral");
+    assert_near(run.get("p"), lag(p1, ramp(H), -0.4, t - H), "lag");
+    assert_near(run.get("y"), ramp(t), "feedthrough");
+}
+
+#[test]
+fn extrapolation_knows_steps_of_different_lengths() {
+    let mut run = Run::of::<Inputs>("input_handling = \"extrapolate\"", 0.0);
+    let mut t = 0.0;
+    for step in [0.1, 0.4, 0.05, 1.0] {
+        run.set("u[1]", ramp(t));
+        run.step(step);
+        t += step;
+        let expected = if t == 0.1 { ramp(0.0) } else { ramp(t) };
+        assert_near(run.get("y"), expected, "feedthrough");
+    }
+}
+
+#[test]
+fn interpolation_follows_a_linear_input_one_step_late() {
+    let run = sampled_ramp("input_handling = \"interpolate\"", |_, _| {});
+    // The first step has no previous value; then the ramp of the step before.
+    let (late, q1) = ((STEPS - 1) as f64 * H, H * ramp(0.0));
+    assert_near(run.get("q"), q1 + 0.7 * late - 0.2 * late * late, "integral");
+    assert_near(run.get("p"), lag(lag(0.0, ramp(0.0), 0.0, H), ramp(0.0), -0.4, late), "lag");
+    assert_near(run.get("y"), ramp(late), "feedthrough: the value that was set");
+}
+
+#[test]
+fn a_masters_input_derivatives_win_over_input_handling_and_hold_for_one_step() {
+    for handling in ["hold", "extrapolate", "interpolate"] {
+        let start = format!("input_handling = \"{handling}\"");
+        let mut run = Run::of::<Inputs>(&start, 0.0);
+        run.set("u[1]", 1.0);
+        run.step(H);
+        run.set("u[1]", 2.0);
+        run.0.set_input_slope(0, 10.0);
+        let before = run.get("q");
+        run.step(H);
+        assert_near(run.get("q") - before, 2.0 * H + 5.0 * H * H, handling);
+        assert_near(run.get("y"), 2.0 + 10.0 * H, handling);
+        let before = run.get("q");
+        run.step(H);
+        // The input stays 2: held, on the line through 2 and 2, or ramped from 2 to 2.
+        assert_near(run.get("q") - before, 2.0 * H, handling);
+    }
+}
+
+/// x' = −λ x + u through its own exact step. It says that its error is (h / limit)², and counts the substeps taken.
+struct OwnStep {
+    limit: ScalarOf<Parameter>,
+    u: ScalarOf<Input>,
+    x: ScalarOf<State>,
+    substeps: ScalarOf<State>,
+    longest: ScalarOf<State>,
+}
+
+const LAMBDA: f64 = 3.0;
+
+impl System for OwnStep {
+    type Structure = NoStructure;
+    const NAME: &'static str = "own-step";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(OwnStep {
+            limit: d.parameter(scalar("limit", "substep with error 1").start(1e9)),
+            u: d.input(scalar("u", "input")),
+            x: d.state(scalar("x", "state")),
+            substeps: d.state(scalar("substeps", "substeps taken")),
+            longest: d.state(scalar("longest", "the longest of them")),
+        })
+    }
+    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+        v[self.x] = 1.0;
+        Ok(())
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.x] = v[self.x] * -LAMBDA + v[self.u];
+    }
+    fn steps_itself(&self) -> bool {
+        true
+    }
+    fn advance(&self, _t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate {
+        let slope = slopes.first().copied().unwrap_or(0.0);
+        let (gain, rate) = (v[self.u] / LAMBDA - slope / (LAMBDA * LAMBDA), slope / LAMBDA);
+        v[self.x] = (v[self.x] - gain) * (-LAMBDA * h).exp() + gain + rate * h;
+        v[self.substeps] += 1.0;
+        v[self.longest] = v[self.longest].max(h);
+        ErrorEstimate { scaled: (h / v[self.limit]).powi(2), order: 2 }
+    }
+}
+
+#[test]
+fn a_system_that_steps_itself_exactly_takes_any_step_at_once() {
+    let mut run = Run::of::<OwnStep>("", 0.0);
+    run.step(4.0);
+    assert_near(run.get("x"), (-4.0 * LAMBDA).exp(), "x");
+    assert_eq!(run.get("substeps"), 1.0);
+}
+
+#[test]
+fn a_step_of_its_own_with_too_large_an_error_is_divided() {
+    let mut run = Run::of::<OwnStep>("limit = 0.1", 0.0);
+    run.run(3, 1.0);
+    assert_near(run.get("x"), (-3.0 * LAMBDA).exp(), "x");
+    assert!(run.get("longest") <= 0.1 + 1e-12, "{}", run.get("longest"));
+    let substeps = run.get("substeps");
+    assert!((30.0..=60.0).contains(&substeps), "no more than twice as many as needed: {substeps}");
+}
+
+#[test]
+fn a_step_of_its_own_is_given_the_inputs_at_its_start_and_their_slopes() {
+    for limit in ["limit = 1e9", "limit = 0.1"] {
+        let mut run = Run::of::<OwnStep>(limit, 0.0);
+        run.set("u", 2.0);
+        run.0.set_input_slope(0, -1.5);
+        run.step(1.0);
+        // x = (1 − g) e^(−λt) + g + (b/λ) t with g = a/λ − b/λ², for u = a + b t.
+        let gain = 2.0 / LAMBDA + 1.5 / (LAMBDA * LAMBDA);
+        assert_near(run.get("x"), (1.0 - gain) * (-LAMBDA).exp() + gain - 1.5 / LAMBDA, limit);
+        assert_eq!(run.get("u"), 2.0);
+    }
+}
+
+#[test]
+fn a_step_of_its_own_that_is_never_accurate_enough_ends_in_an_error() {
+    let mut run = Run::of::<OwnStep>("limit = 1e-30", 0.0);
+    let error = run.failure(1.0).to_string();
+    assert!(error.contains("tolerance") && error.contains("t = 0"), "{error}");
+    assert_eq!([run.get("x"), run.0.time()], [1.0, 0.0], "as before the step");
+}
