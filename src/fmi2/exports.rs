@@ -77,9 +77,9 @@ macro_rules! define_fmi2_functions {
                 { fmi2::serialize_fmu_state(c, state, bytes, size) }
                 fn fmi2DeSerializeFMUstate(c: Component, bytes: *const c_char, size: usize, state: *mut FmuState) -> Status
                 { fmi2::deserialize_fmu_state(c, bytes, size, state) }
-                fn fmi2GetDirectionalDerivative(c: Component, _unknown: *const ValueReference, _unknowns: usize,
-                    _known: *const ValueReference, _knowns: usize, _seed: *const f64, _result: *mut f64) -> Status
-                { fmi2::get_directional_derivative(c) }
+                fn fmi2GetDirectionalDerivative(c: Component, unknowns: *const ValueReference, n: usize,
+                    knowns: *const ValueReference, m: usize, seed: *const f64, result: *mut f64) -> Status
+                { fmi2::get_directional_derivative(c, (unknowns, n), (knowns, m), seed, result) }
                 fn fmi2SetRealInputDerivatives(c: Component, vr: *const ValueReference, n: usize,
                     order: *const Integer, v: *const f64) -> Status
                 { fmi2::set_real_input_derivatives(c, vr, n, order, v) }

@@ -373,6 +373,44 @@ impl Instance {
         Ok(())
     }
 
+    /// fmi2GetDirectionalDerivative, at the present inputs.
+    ///
+    /// # Errors
+    /// For unknowns that aren't calculated reals, knowns that are neither inputs nor states, or a seed that isn't finite.
+    pub fn get_directional_derivative(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        seed: &[f64],
+        result: &mut [f64],
+    ) -> Answer {
+        let function = Function::GetDirectionalDerivative;
+        let refuse = |instance: &Self, reference, reason: &str| {
+            Err(Refused(format!("{}: `{}` {reason}", function.name(), instance.name(reference))))
+        };
+        for &unknown in unknowns {
+            if !matches!(self.place(function, unknown, Type::Real)?.1, Access::Calculated { .. }) {
+                return refuse(self, unknown, "is not calculated, so it has no derivative");
+            }
+        }
+        let variables = self.execution.model().variables();
+        let (inputs, states) = (variables.reals(Section::Input), variables.reals(Section::State));
+        for (&known, change) in knowns.iter().zip(seed) {
+            let (place, _) = self.place(function, known, Type::Real)?;
+            if !inputs.contains(&place) && !states.contains(&place) {
+                return refuse(self, known, "is neither an input nor a state");
+            }
+            if !change.is_finite() {
+                return refuse(self, known, &format!("has the seed {change}, which must be finite"));
+            }
+        }
+        if self.phase == Phase::Initialization {
+            self.compute_start(function.name())?;
+        }
+        self.execution.directional_derivative(unknowns, knowns, seed, result);
+        Ok(())
+    }
+
     /// fmi2DoStep
     ///
     /// # Errors

@@ -373,10 +373,26 @@ pub unsafe fn deserialize_fmu_state(c: Component, bytes: *const c_char, size: us
     })
 }
 
-/// fmi2GetDirectionalDerivative: not provided by this unit.
-pub fn get_directional_derivative(c: Component) -> Status {
-    call(c, Function::GetDirectionalDerivative, |_| {
-        Err("fmi2GetDirectionalDerivative: not provided (providesDirectionalDerivative is false)".into())
+/// fmi2GetDirectionalDerivative
+///
+/// # Safety
+/// `unknowns` and `result` are those of `unknown_count` elements, `knowns` and `seed` of `known_count`.
+pub unsafe fn get_directional_derivative(
+    c: Component,
+    (unknowns, unknown_count): (*const ValueReference, usize),
+    (knowns, known_count): (*const ValueReference, usize),
+    seed: *const f64,
+    result: *mut f64,
+) -> Status {
+    call(c, Function::GetDirectionalDerivative, |instance| {
+        // SAFETY: as this function asks of its caller.
+        let (of, by) = unsafe {
+            let of = array(unknowns, unknown_count).zip(array_mut(result, unknown_count));
+            (of, array(knowns, known_count).zip(array(seed, known_count)))
+        };
+        let ((unknowns, result), (knowns, seed)) =
+            of.zip(by).ok_or_else(|| null(Function::GetDirectionalDerivative))?;
+        ok(instance.get_directional_derivative(unknowns, knowns, seed, result))
     })
 }
 

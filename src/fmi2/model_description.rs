@@ -96,6 +96,7 @@ fn write(xml: &mut Xml, model: &Model, guid: &str, tool: &str) -> io::Result<()>
             flag("canNotUseMemoryManagementFunctions", true),
             flag("canGetAndSetFMUstate", true),
             flag("canSerializeFMUstate", true),
+            flag("providesDirectionalDerivative", true),
         ];
         empty(xml, "CoSimulation", co_simulation)?;
         write_units(xml, model.variables())?;

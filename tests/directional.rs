@@ -1,0 +1,109 @@
+//! Exact directional derivatives, against differences of the same equations.
+
+mod common;
+
+use adaptive_fmu::execution::Execution;
+use adaptive_fmu::fmi2::access::References;
+use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use adaptive_fmu::model::{Description, Model};
+use adaptive_fmu::system::Section;
+use common::{ERROR, OK, Unit, description, description_names};
+
+/// Reproducible numbers in [−1, 1].
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64 * 2.0 - 1.0
+    }
+}
+
+/// Signals and derivatives with inputs and states moved by so much along a direction.
+fn moved(execution: &Execution, knowns: &[u32], seed: &[f64], by: f64) -> Vec<f64> {
+    let (model, mut block) = (execution.model(), execution.block.clone());
+    for (&known, change) in knowns.iter().zip(seed) {
+        block.reals[known as usize] += by * change;
+    }
+    let offsets = model.variables().offsets();
+    model.system().outputs(execution.time(), &mut block.reals, &block.integers, offsets);
+    model.system().derivatives(execution.time(), &mut block.reals, &block.integers, offsets);
+    block.reals
+}
+
+/// Central difference extrapolated to step zero (Richardson), and how far two steps disagree: much, at a kink.
+fn richardson(execution: &Execution, knowns: &[u32], seed: &[f64], unknown: u32) -> (f64, f64) {
+    let at = |by| moved(execution, knowns, seed, by)[unknown as usize];
+    let central = |h: f64| (at(h) - at(-h)) / (2.0 * h);
+    let (coarse, fine) = (central(2e-4), central(1e-4));
+    let extrapolated = fine + (fine - coarse) / 3.0;
+    (extrapolated, (fine - coarse).abs())
+}
+
+#[test]
+fn directional_derivatives_are_those_of_the_equations() {
+    let mut random = Random(3);
+    for name in description_names() {
+        let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
+        let mut execution = Execution::new(model);
+        execution.initialise().unwrap();
+        let variables = execution.model().variables();
+        let range = |section| variables.reals(section).map(|index| index as u32);
+        let knowns: Vec<u32> = range(Section::Input).chain(range(Section::State)).collect();
+        let unknowns: Vec<u32> = range(Section::Signal).chain(range(Section::Derivative)).collect();
+        let (mut compared, mut kinks) = (0, 0);
+        for _ in 0..20 {
+            execution.set_time(5.0 + 5.0 * random.next());
+            knowns.iter().for_each(|&known| execution.block.reals[known as usize] = 0.8 * random.next());
+            let seed: Vec<f64> = knowns.iter().map(|_| random.next()).collect();
+            let mut exact = vec![f64::NAN; unknowns.len()];
+            execution.directional_derivative(&unknowns, &knowns, &seed, &mut exact);
+            for (&unknown, exact) in unknowns.iter().zip(&exact) {
+                let (difference, disagreement) = richardson(&execution, &knowns, &seed, unknown);
+                if disagreement > 1e-4 * exact.abs().max(1.0) {
+                    kinks += 1;
+                    continue;
+                }
+                compared += 1;
+                let error = (exact - difference).abs() / exact.abs().max(1.0);
+                assert!(error < 1e-6, "{name}, {unknown}: {exact} against {difference}");
+            }
+        }
+        assert!(compared >= 19 * kinks, "{name}: {kinks} kinks in {compared} comparisons");
+    }
+}
+
+fn derivative(unit: &Unit, unknown: u32, known: u32, seed: f64) -> Result<f64, String> {
+    let mut result = f64::NAN;
+    let status = unsafe { fmi2GetDirectionalDerivative(unit.component, &unknown, 1, &known, 1, &seed, &mut result) };
+    if status == OK { Ok(result) } else { Err(unit.last_message()) }
+}
+
+/// d(x2')/du = ω + ω_v sin t + cos u sin x1, by hand, at the communication point and the present input.
+#[test]
+fn a_master_gets_the_derivative_at_the_communication_point() {
+    let unit = Unit::started("NonlinearSiso");
+    unit.set("u[1]", 0.3);
+    unit.run(0.0, 500, 1e-3);
+    unit.set("u[1]", 0.7);
+    let expected = 2.0 + 0.2 * 0.5_f64.sin() + 0.7_f64.cos() * unit.get("x[1]").sin();
+    let found = derivative(&unit, unit.reference("der(x[2])"), unit.reference("u[1]"), 2.0).unwrap();
+    assert!((found - 2.0 * expected).abs() < 1e-12, "{found}, not {}", 2.0 * expected);
+    // An output that is a state changes as the state does.
+    let (output, state) = (unit.reference("y[1]"), unit.reference("x[1]"));
+    assert_eq!(derivative(&unit, output, state, 3.0), Ok(3.0));
+    assert_eq!(derivative(&unit, state, state, 3.0), Ok(3.0));
+}
+
+#[test]
+fn what_has_no_derivative_is_refused_by_name() {
+    let unit = Unit::started("NonlinearSiso");
+    let (y, u, a1) = (unit.reference("y[1]"), unit.reference("u[1]"), unit.reference("a1"));
+    assert!(derivative(&unit, u, u, 1.0).unwrap_err().contains("`u[1]` is not calculated"));
+    assert!(derivative(&unit, y, a1, 1.0).unwrap_err().contains("`a1` is neither an input nor a state"));
+    assert!(derivative(&unit, y, u, f64::NAN).unwrap_err().contains("must be finite"));
+    let integer = References::of(unit.model.variables(), unit.model.variables().find("input_handling").unwrap());
+    assert!(derivative(&unit, y, integer, 1.0).unwrap_err().contains("input_handling"));
+    let no_seed = unsafe { fmi2GetDirectionalDerivative(unit.component, &y, 1, &u, 1, std::ptr::null(), &mut 0.0) };
+    assert_eq!(no_seed, ERROR);
+}
