@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from fmpy import extract, read_model_description
-from fmpy.fmu2 import FMU2Slave
+from fmpy.fmi2 import FMU2Slave
 
 STEP = 1e-3
 STOP = 20.0

@@ -90,7 +90,13 @@ impl Controls {
             d.parameter(scalar("relative_tolerance", text).start(1e-6).min(1e-12).max(1e-2).nominal(1e-6).fixed())
         });
         let input_handling = (inputs > 0).then(|| {
-            d.parameter(choice::<InputHandling>("input_handling", "what inputs do within a communication step").fixed())
+            d.parameter(
+                choice::<InputHandling>(
+                    "input_handling",
+                    "what inputs do within a communication step, from the second one on",
+                )
+                .fixed(),
+            )
         });
         let on_step_failure =
             d.parameter(choice::<OnStepFailure>("on_step_failure", "answer to a step that cannot be finished").fixed());

@@ -55,6 +55,10 @@ impl Description {
             Invalid::because(format!("line {}, `{quoted}`: {}", line + 1, error.message()))
         })?;
         let mut invalid = Invalid::none();
+        for table in [&description.structure, &description.start] {
+            table.values().for_each(|value| check_texts(value, &mut invalid));
+        }
+        check_text(&description.description, &mut invalid);
         let name = &description.name;
         let starts_well = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
         if !starts_well || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') || name.len() > 100 {
@@ -69,6 +73,24 @@ impl Description {
         }
         invalid.into_result()?;
         Ok(description)
+    }
+}
+
+/// Refuses texts that XML can't hold: control characters and noncharacters.
+fn check_text(text: &str, invalid: &mut Invalid) {
+    let bad = |c: &char| c.is_control() && !matches!(c, '\t' | '\n' | '\r') || matches!(c, '\u{fffe}' | '\u{ffff}');
+    if text.chars().any(|c| bad(&c)) {
+        let shown: String = text.escape_default().take(80).collect();
+        invalid.and(Invalid::because(format!("the text `{shown}` holds a control character, which XML can't hold")));
+    }
+}
+
+fn check_texts(value: &toml::Value, invalid: &mut Invalid) {
+    match value {
+        toml::Value::String(text) => check_text(text, invalid),
+        toml::Value::Array(values) => values.iter().for_each(|value| check_texts(value, invalid)),
+        toml::Value::Table(table) => table.values().for_each(|value| check_texts(value, invalid)),
+        _ => {}
     }
 }
 

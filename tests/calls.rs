@@ -1,5 +1,5 @@
 //! Which function may be called when: FMI 2.0.4, section 4.2.4, as the standard's table has it, with what this
-//! project narrows (docs and DESIGN): after a failed step only reading, rolling back, resetting and freeing is left.
+//! project narrows (see Phase): after a failed step only reading, rolling back, resetting and freeing is left.
 
 mod common;
 

@@ -21,7 +21,7 @@ fn the_plants_output_derivatives_are_its_equations() {
     let [x1, x2] = ["x[1]", "x[2]"].map(|name| plant.get(name));
     assert_near(plant.output_derivative("y[1]"), x2, "y'");
     assert_near(plant.output_derivative("x[1]"), x2, "x1'");
-    // SPEC section 2; A_m x and its opposite in f cancel.
+    // The plant's equation, in which A_m x and its opposite in f cancel.
     let expected = (2.0 + 0.2 * t.sin()) * u + u.sin() * x1.sin() + x1 * x1 + x2 * x2 + (0.5 * t).sin();
     assert_near(plant.output_derivative("x[2]"), expected, "x2'");
 }

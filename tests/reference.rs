@@ -1,4 +1,4 @@
-//! The reference signals: exact values and derivatives of SPEC section 3, however they are stepped, tuned or started.
+//! The reference signals: exact values and derivatives, however they are stepped, tuned or started.
 
 mod common;
 
@@ -72,7 +72,7 @@ fn a_signal_that_jumps_has_the_derivatives_of_its_parts_between() {
     }
 }
 
-/// Start values, and the formula of r as SPEC section 3 prints it.
+/// Start values, and the formula of r that the thesis' examples need.
 type Printed = (&'static str, &'static str, fn(f64) -> f64);
 
 fn quadrotor_start(t: f64) -> f64 {

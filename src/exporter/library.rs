@@ -43,7 +43,7 @@ impl Library {
     /// # Errors
     /// When it can't be loaded.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let refuse = |error: libloading::Error| Error::Library(format!("{}: {error}", path.display()));
+        let refuse = |error| Error::Library(format!("{}: {}", path.display(), with_causes(&error)));
         // SAFETY: loading runs the initialisers of a library that the user named or built; one of ours has none.
         let loaded = unsafe { libloading::Library::new(path) }.map_err(refuse)?;
         Ok(Library { path: path.to_owned(), loaded })
@@ -74,6 +74,11 @@ impl Library {
         let reply = reply.ok_or_else(|| Error::Library(format!("{} gave no reply", self.path.display())))?;
         describe::read(&reply).map_err(Error::Library)
     }
+}
+
+/// An error with what caused it: libloading says only `dlopen failed` itself.
+pub(crate) fn with_causes(error: &dyn std::error::Error) -> String {
+    std::iter::successors(Some(error), |error| error.source()).map(ToString::to_string).collect::<Vec<_>>().join(": ")
 }
 
 /// Receives the reply of the describing function.

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 pub use archive::{PLATFORM, read_entry, unpack};
 pub use library::Library;
+pub(crate) use library::with_causes;
 
 use crate::error::Error;
 

@@ -9,7 +9,7 @@ use libloading::Library;
 
 use super::description::{Description, Variable};
 use crate::error::Error;
-use crate::exporter::{read_entry, unpack};
+use crate::exporter::{read_entry, unpack, with_causes};
 use crate::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, LoggerFunction, Status};
 
 /// An FMU that was unpacked and loaded.
@@ -76,7 +76,7 @@ impl Fmu {
             return Err(refuse(format!("holds no {name}: it can't run on this platform")));
         }
         // SAFETY: the user asked for this FMU to be run; its initialisers run as in any master.
-        let library = unsafe { Library::new(&path) }.map_err(|error| refuse(error.to_string()))?;
+        let library = unsafe { Library::new(&path) }.map_err(|error| refuse(with_causes(&error)))?;
         Ok(Fmu { file: file.to_owned(), folder, description, library })
     }
 
@@ -106,8 +106,9 @@ impl Fmu {
         // SAFETY: the types are those that the standard gives these names; the library stays loaded as long as the
         // instance (it holds this Rc), and strings and callbacks as long as the standard asks.
         unsafe {
-            let functions = self.functions().map_err(|error| refuse(error.to_string()))?;
-            let instantiate = self.library.get::<Instantiate>(b"fmi2Instantiate").map_err(|e| refuse(e.to_string()))?;
+            let functions = self.functions().map_err(|error| refuse(with_causes(&error)))?;
+            let instantiate =
+                self.library.get::<Instantiate>(b"fmi2Instantiate").map_err(|error| refuse(with_causes(&error)))?;
             let (guid, resources) = (guid.as_ptr(), resources.as_ptr());
             let component = instantiate(instance_name.as_ptr(), CO_SIMULATION, guid, resources, &*callbacks, 0, 0);
             if component.is_null() {

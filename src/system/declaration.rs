@@ -233,6 +233,16 @@ impl Declaration {
         if self.variables.list.iter().any(|other| other.name == *name && rate(other) == rate(variable)) {
             self.problems.and(Invalid::because(format!("two variables are named `{name}`")));
         }
+        if let Data::Choice { items, .. } = &variable.data {
+            let repeated =
+                items.iter().enumerate().find(|(k, (name, _))| items[..*k].iter().any(|(other, _)| other == name));
+            if let Some((_, (item, _))) = repeated {
+                self.problems.and(Invalid::because(format!("`{name}` has two items named `{item}`")));
+            }
+            if items.iter().any(|(name, _)| name.trim().is_empty()) {
+                self.problems.and(Invalid::because(format!("`{name}` has an item without a name")));
+            }
+        }
         if let Data::Real { start, unit, nominal, .. } = &variable.data {
             let fits = |len: usize| len == 1 || len == variable.len();
             if !(fits(start.len()) && fits(unit.len()) && fits(nominal.len()) && fits(variable.description.len())) {

@@ -1,0 +1,76 @@
+"""Exports all FMUs once and hands them to the tests.
+
+    pip install -r tests/fmpy/requirements.txt
+    pytest tests/fmpy
+
+With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from master import Fmu, Unit  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+# What a person wrote an FMU's description for, known before anything is exported.
+FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
+
+
+def adaptive_fmu(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs the project's program as a user would, from the repository root."""
+    command = ["cargo", "run", "--release", "-q", "--", *map(str, arguments)]
+    environment = {**os.environ, **environment}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="session")
+def fmu_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with all FMUs."""
+    if given := os.environ.get("ADAPTIVE_FMU_FMUS"):
+        return Path(given).resolve()
+    folder = tmp_path_factory.mktemp("fmus")
+    exported = adaptive_fmu("export", "--all", "--out", folder)
+    assert exported.returncode == 0, exported.stderr
+    return folder
+
+
+@pytest.fixture(scope="session")
+def fmu(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Fmu]:
+    """An FMU by its name, unpacked once."""
+    opened: dict[str, Fmu] = {}
+
+    def get(name: str) -> Fmu:
+        if name not in opened:
+            opened[name] = Fmu(fmu_folder / f"{name}.fmu", tmp_path_factory.mktemp(name))
+        return opened[name]
+
+    return get
+
+
+@pytest.fixture(params=FMU_NAMES)
+def each_fmu(request: pytest.FixtureRequest, fmu: Callable[[str], Fmu]) -> Fmu:
+    """Every FMU in turn."""
+    return fmu(request.param)
+
+
+@pytest.fixture
+def unit(fmu: Callable[[str], Fmu]) -> Iterator[Callable[..., Unit]]:
+    """Makes instances of an FMU by its name; they are freed after the test."""
+    made: list[Unit] = []
+
+    def make(name: str, **values: float) -> Unit:
+        made.append(Unit(fmu(name), f"{name} {len(made)}"))
+        for variable, value in values.items():
+            made[-1][variable] = value
+        return made[-1]
+
+    yield make
+    for instance in made:
+        instance.free()

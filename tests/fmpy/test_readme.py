@@ -1,0 +1,47 @@
+"""Every command of the README works as it stands there."""
+
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+# Run by .ci/run itself: this very suite, the benchmark and the crate's documentation.
+RUN_BY_CI = ["tests/run", "cargo bench --bench step", "cargo doc --no-deps"]
+
+README = (ROOT / "README.md").read_text()
+COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()]
+
+
+def test_the_readme_starts_with_the_two_commands_that_do_all_the_set_up() -> None:
+    assert COMMANDS[:2] == ["cargo run --release -- export --run 3.2.1-cosine", "tests/run"]
+
+
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command not in RUN_BY_CI])
+def test_a_command_of_the_readme_works(command: str) -> None:
+    words = shlex.split(command)
+    if words[0] == "python":
+        words[0] = sys.executable
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+def test_what_ci_runs_in_place_of_this_test_is_in_its_script() -> None:
+    script = (ROOT / ".ci" / "run").read_text()
+    assert set(RUN_BY_CI) <= set(COMMANDS)
+    assert all(command in script for command in RUN_BY_CI)
+
+
+def test_every_file_that_the_readme_links_to_is_there() -> None:
+    links = [link for link in re.findall(r"\]\(([^)#]+)", README) if "://" not in link]
+    assert links and all((ROOT / link).is_file() for link in links)
+
+
+def test_the_fmus_and_loops_of_the_readme_are_those_that_exist() -> None:
+    for name in [file.stem for file in (ROOT / "modelDescription").glob("*.toml")]:
+        assert f"| `{name}` |" in README
+    for folder in (ROOT / "examples").glob("*/SystemStructure.ssd"):
+        assert f"| `{folder.parent.name}` |" in README
