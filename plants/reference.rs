@@ -158,7 +158,7 @@ impl System for Reference {
         edges.chain(steps).reduce(f64::min).filter(|time| time.is_finite())
     }
 
-    fn event(&self, _t: f64, v: &mut Point) {
+    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
         let Some(now) = self.next_time_event(&v.values()) else { return };
         for i in 0..self.r.len() {
             if self.next_edge(i, &v.values()) <= now {

@@ -58,7 +58,7 @@ impl std::error::Error for Invalid {}
 pub enum StepError {
     /// A value grew beyond any use: the loop is unstable.
     #[error(
-        "{variable} = {value:e} at t = {time} s: the simulation diverges (limit 1e12). \
+        "{variable} = {value:e} at t = {time} s: the simulation diverges. \
          Check the gains and the loop, or take a smaller communication step"
     )]
     Diverged {

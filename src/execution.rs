@@ -10,6 +10,9 @@ use crate::system::{
     Values, VectorOf, boolean, choice, scalar, vector,
 };
 
+/// Tolerances below this only add up rounding errors.
+const TIGHTEST_TOLERANCE: f64 = 1e-12;
+
 /// What inputs do within a communication step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputHandling {
@@ -76,6 +79,10 @@ pub struct Controls {
     /// The parameters of the last valid set.
     valid_reals: Option<VectorOf<Memory>>,
     valid_integers: usize,
+    /// Event indicators where the last step ended.
+    indicators: Option<VectorOf<Memory>>,
+    /// Integer and Boolean inputs in the last step.
+    last_integer_inputs: usize,
     started: BooleanOf<Memory>,
     parameters_set: BooleanOf<Memory>,
     slopes_given: BooleanOf<Memory>,
@@ -83,11 +90,14 @@ pub struct Controls {
 
 impl Controls {
     /// Declares them; a system without states has no tolerance, one without inputs no handling of them.
-    pub(crate) fn declare(d: &mut Declaration) -> Self {
+    pub(crate) fn declare(d: &mut Declaration, indicators: usize) -> Self {
         let inputs = d.size(Section::Input);
+        let integer_inputs = d.integer_size(Section::Input);
         let relative_tolerance = (d.size(Section::State) > 0).then(|| {
             let text = "error tolerated in each integration step, relative to a state's magnitude or nominal value";
-            d.parameter(scalar("relative_tolerance", text).start(1e-6).min(1e-12).max(1e-2).nominal(1e-6).fixed())
+            d.parameter(
+                scalar("relative_tolerance", text).start(1e-6).min(TIGHTEST_TOLERANCE).max(1e-2).nominal(1e-6).fixed(),
+            )
         });
         let input_handling = (inputs > 0).then(|| {
             d.parameter(
@@ -111,6 +121,8 @@ impl Controls {
             previous_inputs: memory("#previous inputs", inputs),
             last_inputs: memory("#last inputs", inputs),
             valid_reals: memory("#valid parameters", reals),
+            indicators: memory("#indicators", indicators),
+            last_integer_inputs: d.integer_memory(integer_inputs),
             valid_integers: d.integer_memory(integers),
             time: d.memory(scalar("#time", "")),
             tolerance: d.memory(scalar("#tolerance", "")),
@@ -129,6 +141,8 @@ pub struct Execution {
     model: Model,
     /// All values. Whoever changes parameters here calls [`Execution::parameters_set`].
     pub block: Block,
+    /// The start values.
+    start: Block,
     /// As before the step that is being tried.
     saved: Block,
     driver: Driver,
@@ -147,6 +161,7 @@ impl Execution {
         let inputs = model.variables().reals(Section::Input).len();
         Execution {
             driver: Driver::new(model.system(), model.variables()),
+            start: block.clone(),
             saved: block.clone(),
             dual: vec![Dual64::from_re(0.0); block.reals.len()],
             dual_integers: block.integers.clone(),
@@ -165,8 +180,7 @@ impl Execution {
 
     /// Back to the start values.
     pub fn reset(&mut self) {
-        let block = self.model.block();
-        self.block.copy_from(&block);
+        self.block.copy_from(&self.start);
         self.log.clear();
     }
 
@@ -228,6 +242,7 @@ impl Execution {
             let inputs = self.block.reals[self.model.variables().reals(Section::Input)].to_vec();
             self.point().set(last_inputs, inputs);
         }
+        self.keep_integer_inputs();
         self.initialise_states()?;
         self.check_values(self.time(), self.settings().divergence_limit)
     }
@@ -237,13 +252,15 @@ impl Execution {
         let t = self.time();
         for section in [Section::State, Section::Discrete] {
             let (reals, integers) = (self.model.variables().reals(section), self.model.variables().integers(section));
-            self.block.reals[reals].fill(0.0);
-            self.block.integers[integers].fill(0);
+            self.block.reals[reals.clone()].copy_from_slice(&self.start.reals[reals]);
+            self.block.integers[integers.clone()].copy_from_slice(&self.start.integers[integers]);
         }
         self.model.system().initialise(t, &mut self.block.point(&self.model, &mut self.log))?;
         let settings = self.settings();
         let (driver, mut problem) = self.problem(false);
-        driver.settle(&mut problem, t, &settings)
+        driver.settle(&mut problem, t, &settings)?;
+        self.keep_indicators();
+        Ok(())
     }
 
     /// Takes over the parameters that were set since the last step, all or none; whether there were any.
@@ -267,9 +284,21 @@ impl Execution {
         Ok(true)
     }
 
+    /// Puts the driver's event indicators into the block, where they are saved and restored with it.
+    fn keep_indicators(&mut self) {
+        if let Some(handle) = self.model.controls().indicators {
+            self.block.point(&self.model, &mut self.log).set(handle, self.driver.indicators());
+        }
+    }
+
+    /// Where in the memory the integers of a section are kept.
+    fn kept(&self, first: usize, section: Section) -> std::ops::Range<usize> {
+        let start = self.model.variables().integers(Section::Memory).start + first;
+        start..start + self.model.variables().integers(section).len()
+    }
+
     fn valid_integers(&self) -> std::ops::Range<usize> {
-        let start = self.model.variables().integers(Section::Memory).start + self.model.controls().valid_integers;
-        start..start + self.model.variables().integers(Section::Parameter).len()
+        self.kept(self.model.controls().valid_integers, Section::Parameter)
     }
 
     fn keep_valid_parameters(&mut self) {
@@ -296,7 +325,7 @@ impl Execution {
         let controls = self.model.controls();
         let own = controls.relative_tolerance.map_or(1e-6, |handle| self.values()[handle]);
         let asked = self.values()[controls.tolerance];
-        let relative_tolerance = if asked > 0.0 { own.min(asked) } else { own };
+        let relative_tolerance = if asked > 0.0 { own.min(asked.max(TIGHTEST_TOLERANCE)) } else { own };
         Settings { relative_tolerance, ..Settings::default() }
     }
 
@@ -332,8 +361,14 @@ impl Execution {
         let t1 = t0 + step;
         let ramped = self.prepare_inputs(step, first);
         let mut next = self.values()[substep];
+        if let Some(handle) = self.model.controls().indicators {
+            let values = Values::new(&self.block.reals, &self.block.integers, self.model.variables().offsets());
+            self.driver.set_indicators(&values[handle]);
+        }
         let (driver, mut problem) = self.problem(ramped);
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
+        self.keep_indicators();
+        self.keep_integer_inputs();
         self.check_values(t1, settings.divergence_limit)?;
         if ramped {
             // Inputs read back what was set.
@@ -347,6 +382,12 @@ impl Execution {
         point[time] = t1;
         self.model.system().step_completed(t1, step, &mut point);
         Ok(())
+    }
+
+    fn keep_integer_inputs(&mut self) {
+        let inputs = self.model.variables().integers(Section::Input);
+        let kept = self.kept(self.model.controls().last_integer_inputs, Section::Input);
+        self.block.integers.copy_within(inputs, kept.start);
     }
 
     /// Decides how inputs go during this step; whether they change at all.
@@ -477,6 +518,9 @@ impl Execution {
                 self.dual[input] = Dual64::new(value, slope);
             }
         }
+        let (kept, present) =
+            (self.kept(controls.last_integer_inputs, Section::Input), variables.integers(Section::Input));
+        self.dual_integers.copy_within(kept, present.start);
         self.evaluate_dual(Dual64::new(self.time(), 1.0));
         &self.dual
     }

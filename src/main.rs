@@ -1,5 +1,6 @@
 //! The command line: reads arguments, calls the library, prints. Nothing is decided here.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -65,9 +66,9 @@ enum Command {
         /// A loop of this package, or a SystemStructure.ssd
         #[arg(value_name = "LOOP")]
         name: String,
-        /// Folder with the FMUs; those of this package that are missing are exported there
-        #[arg(long, default_value = "fmus")]
-        fmus: PathBuf,
+        /// Folder with FMUs to use as they are; without it, this package's are exported anew into fmus/
+        #[arg(long)]
+        fmus: Option<PathBuf>,
         /// Folder for results
         #[arg(long, default_value = "results")]
         out: PathBuf,
@@ -121,12 +122,12 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
                 files.iter().for_each(|file| println!("{}", file.display()));
             }
             let options =
-                RunOptions { fmus: &out, out: Path::new("results"), step: None, until: None, order: None, json };
+                RunOptions { fmus: Some(&out), out: Path::new("results"), step: None, until: None, order: None, json };
             then_run.map_or(Ok(ExitCode::SUCCESS), |name| run(&name, &options))
         }
         Command::Info { fmu, json } => info(&fmu, json),
         Command::Run { name, fmus, out, step, until, order, json } => {
-            run(&name, &RunOptions { fmus: &fmus, out: &out, step, until, order, json })
+            run(&name, &RunOptions { fmus: fmus.as_deref(), out: &out, step, until, order, json })
         }
     }
 }
@@ -204,7 +205,7 @@ fn info(fmu: &Path, json: bool) -> Result<ExitCode, Error> {
 }
 
 struct RunOptions<'a> {
-    fmus: &'a Path,
+    fmus: Option<&'a Path>,
     out: &'a Path,
     step: Option<f64>,
     until: Option<f64>,
@@ -228,11 +229,11 @@ fn find_loop(name: &str) -> Result<(Structure, PathBuf), Error> {
 
 fn run(name: &str, options: &RunOptions) -> Result<ExitCode, Error> {
     let (structure, file) = find_loop(name)?;
-    let missing = |fmu: &&String| !options.fmus.join(format!("{fmu}.fmu")).is_file();
-    let mut needed: Vec<_> = structure.components.iter().map(|c| &c.fmu).filter(missing).cloned().collect();
-    needed.dedup();
-    if !needed.is_empty() {
-        export(&needed, &Library::beside_program()?, options.fmus)?;
+    let fmus = options.fmus.unwrap_or(Path::new("fmus"));
+    if options.fmus.is_none() {
+        // A loop must not show the numbers of units that were exported before an equation was changed.
+        let needed: BTreeSet<String> = structure.components.iter().map(|component| component.fmu.clone()).collect();
+        export(&Vec::from_iter(needed), &Library::beside_program()?, fmus)?;
     }
     let settings = Settings {
         start_time: structure.start_time,
@@ -247,7 +248,7 @@ fn run(name: &str, options: &RunOptions) -> Result<ExitCode, Error> {
             settings.stop_time, settings.start_time
         )));
     }
-    let mut closed = ClosedLoop::new(&structure, &file, options.fmus)?;
+    let mut closed = ClosedLoop::new(&structure, &file, fmus)?;
     let bar = progress_bar(options.json, &settings);
     let result = closed.run(settings, |time| {
         bar.set_position(((time - settings.start_time) * 1e3) as u64);
@@ -266,7 +267,8 @@ fn run(name: &str, options: &RunOptions) -> Result<ExitCode, Error> {
         return Err(error);
     }
     report(&structure, &recording, &measured, &folder, options.json).map_err(wrong)?;
-    let beyond = measured.iter().any(|m| m.limit.zip(m.value).is_some_and(|(limit, value)| value > limit));
+    let beyond =
+        measured.iter().any(|m| m.limit.zip(m.value).is_some_and(|(limit, value)| value > limit || value.is_nan()));
     Ok(if beyond { ExitCode::from(BEYOND_LIMIT) } else { ExitCode::SUCCESS })
 }
 

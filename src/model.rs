@@ -158,7 +158,7 @@ impl Model {
     fn build(description: Description, kind: &Kind) -> Result<Model, Invalid> {
         let mut declaration = Declaration::default();
         let system = kind.declare(description.structure.clone(), &mut declaration)?;
-        let controls = Controls::declare(&mut declaration);
+        let controls = Controls::declare(&mut declaration, system.indicators());
         let mut variables = declaration.finish()?;
         set_start_values(&mut variables, &description.start)?;
         let model = Model { description, documentation: kind.documentation, system, variables, controls };
@@ -214,7 +214,15 @@ impl Model {
     /// [`Invalid`] with every reason.
     pub fn prepare(&self, block: &mut Block, log: &mut crate::system::MessageLog) -> Result<(), Invalid> {
         self.check_limits(block)?;
-        self.system.prepare(&mut block.point(self, log))
+        self.system.prepare(&mut block.point(self, log))?;
+        let prepared = self.variables.reals(Section::Prepared);
+        let start = prepared.start;
+        let broken = prepared.into_iter().find(|&index| !block.reals[index].is_finite());
+        let element = broken.and_then(|index| self.variables.real_at(Section::Prepared, index - start));
+        element.map_or(Ok(()), |element| {
+            let allowed = "follows from the parameters and must be finite: they are too large or too small";
+            Err(Invalid::new(element.name(), block.reals[self.variables.index(element)], allowed))
+        })
     }
 
     fn check_limits(&self, block: &Block) -> Result<(), Invalid> {

@@ -38,7 +38,7 @@ impl System for SquareIntegral {
     fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
         Some(edge(v[self.edges] + 1.0))
     }
-    fn event(&self, _t: f64, v: &mut Point) {
+    fn event(&self, _t: f64, _: &[bool], v: &mut Point) {
         v[self.edges] += 1.0;
     }
 }
@@ -137,7 +137,7 @@ impl System for Ball {
     fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
         z[0] = v[self.height];
     }
-    fn event(&self, t: f64, v: &mut Point) {
+    fn event(&self, t: f64, _: &[bool], v: &mut Point) {
         v[self.height] = 0.0;
         let restitution = v[self.restitution];
         v[self.speed] *= -restitution;
@@ -225,7 +225,7 @@ impl System for Relay {
         z[0] = 1.0 - v[self.x];
         z[1] = v[self.x] + 1.0;
     }
-    fn event(&self, t: f64, v: &mut Point) {
+    fn event(&self, t: f64, _: &[bool], v: &mut Point) {
         // Coming back inside is no turn.
         if v[self.direction] * v[self.x] < 0.5 {
             return;
@@ -283,7 +283,7 @@ impl System for Sliding {
     fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
         z[0] = v[self.x];
     }
-    fn event(&self, _t: f64, v: &mut Point) {
+    fn event(&self, _t: f64, _: &[bool], v: &mut Point) {
         v[self.x] = 1e-13 * v[self.direction];
         v[self.direction] = -v[self.direction];
     }
@@ -354,7 +354,7 @@ impl System for Growth {
     fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
         z[0] = 6.0 - v[self.x];
     }
-    fn event(&self, t: f64, v: &mut Point) {
+    fn event(&self, t: f64, _: &[bool], v: &mut Point) {
         v[self.at] = t;
     }
 }

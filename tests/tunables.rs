@@ -204,3 +204,17 @@ fn bounds_tuned_while_running_need_not_hold_an_estimates_start_value() {
     assert_eq!(unit.step(NOW, STEP), OK, "{:?}", unit.messages());
     assert!((1.75..=2.25).contains(&unit.get("omega_hat[1,1]")), "{}", unit.get("omega_hat[1,1]"));
 }
+
+#[test]
+fn parameters_from_which_nothing_finite_follows_are_refused_and_the_last_ones_stay() {
+    let unit = Unit::started("L1NonlinearSiso");
+    unit.run(0.0, 10, 1e-3);
+    for name in ["Q[1,1]", "Q[2,2]"] {
+        assert_eq!(unit.set(name, 1e308), OK);
+    }
+    assert_eq!(unit.step(0.01, 1e-3), ERROR);
+    let message = unit.last_message();
+    assert!(message.contains("must be finite") || message.contains("too badly scaled"), "{message}");
+    assert_eq!(unit.get("Q[1,1]"), 1.0);
+    unit.run(0.01, 10, 1e-3);
+}

@@ -46,9 +46,15 @@ pub fn require_hurwitz(name: &str, a: &DMatrix<f64>) -> Result<(), Invalid> {
     if eigenvalues.iter().all(|lambda| lambda.re < 0.0) {
         return Ok(());
     }
-    let list: Vec<_> = eigenvalues.iter().map(|lambda| format!("{:.6}{:+.6}j", lambda.re, lambda.im)).collect();
+    let list: Vec<_> =
+        eigenvalues.iter().map(|lambda| format!("{} + {}j", short(lambda.re), short(lambda.im))).collect();
     let allowed = "must be Hurwitz: every eigenvalue needs a negative real part";
     Err(Invalid::new(format!("eigenvalues of {name}"), list.join(", "), allowed))
+}
+
+/// A number for a message.
+fn short(x: f64) -> String {
+    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) { format!("{x:.6}") } else { format!("{x:.4e}") }
 }
 
 /// Refuses a matrix that isn't symmetric and positive definite.

@@ -7,7 +7,7 @@ use crate::system::Scalar;
 
 /// Proj(v, y) for an estimate v within [lo, hi] that would change at rate y.
 ///
-/// With centre c, half width h and d = v − c, f = ((1 + ε) d² − h²) / (ε h²): where f > 0 and y points outwards, the
+/// With centre c, half width h and d = (v − c)/h, f = ((1 + ε) d² − 1) / ε: where f > 0 and y points outwards, the
 /// rate is y (1 − f), so that it fades to zero at the bound; else it is y. Where the bounds coincide, the estimate is
 /// frozen.
 pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
@@ -15,8 +15,8 @@ pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
     if h.re() <= 0.0 {
         return S::from(0.0);
     }
-    let d = v - (lo + hi) * 0.5;
-    let f = ((epsilon + 1.0) * d * d - h * h) / (epsilon * h * h);
+    let d = (v - (lo + hi) * 0.5) / h;
+    let f = ((epsilon + 1.0) * d * d - 1.0) / epsilon;
     if f.re() > 0.0 && (d * y).re() > 0.0 { y * (-f + 1.0) } else { y }
 }
 

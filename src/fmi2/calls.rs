@@ -32,7 +32,7 @@ impl Phase {
         Phase::Poisoned,
     ];
 
-    const fn bit(self) -> u8 {
+    const fn bit(self) -> u16 {
         1 << self as u8
     }
 
@@ -50,14 +50,14 @@ impl Phase {
     }
 }
 
-const I: u8 = Phase::Instantiated.bit();
-const M: u8 = Phase::Initialization.bit();
-const S: u8 = Phase::StepComplete.bit();
-const F: u8 = Phase::StepFailed.bit();
-const T: u8 = Phase::Terminated.bit();
-const E: u8 = Phase::Error.bit();
+const I: u16 = Phase::Instantiated.bit();
+const M: u16 = Phase::Initialization.bit();
+const S: u16 = Phase::StepComplete.bit();
+const F: u16 = Phase::StepFailed.bit();
+const T: u16 = Phase::Terminated.bit();
+const E: u16 = Phase::Error.bit();
 /// Every phase but the poisoned one.
-const ANY: u8 = I | M | S | F | T | E;
+const ANY: u16 = I | M | S | F | T | E;
 
 macro_rules! call_table {
     ($($function:ident: $phases:expr;)*) => {
@@ -80,7 +80,7 @@ macro_rules! call_table {
             }
         }
 
-        const ALLOWED: &[u8] = &[$($phases,)*];
+        const ALLOWED: &[u16] = &[$($phases,)*];
     };
 }
 
@@ -105,7 +105,8 @@ call_table! {
     SerializedFMUstateSize:    ANY;
     SerializeFMUstate:         ANY;
     DeSerializeFMUstate:       ANY;
-    GetDirectionalDerivative:  M | S | F | T | E;
+    // Not in Initialization Mode: there, states follow from inputs and parameters, which this doesn't differentiate.
+    GetDirectionalDerivative:  S | F | T | E;
     SetRealInputDerivatives:   I | M | S;
     GetRealOutputDerivatives:  S | F | T | E;
     DoStep:                    S;

@@ -13,8 +13,10 @@ macro_rules! export_fmi2 {
     ($($system:ty),+ $(,)?) => {
         const _: () = assert!(
             !$crate::EXPORTS_ITS_OWN_MODELS,
-            "adaptive-fmu exports its own models: write `adaptive-fmu = { …, default-features = false }` in Cargo.toml"
+            "adaptive-fmu exports its own models: add `default-features = false` to this dependency in Cargo.toml"
         );
+        #[cfg(panic = "abort")]
+        compile_error!("remove `panic = \"abort\"` from the profile: a panic must become fmi2Error, not end the host");
         $crate::define_fmi2_functions!(&[$($crate::system::Kind::of::<$system>()),+]);
     };
 }
@@ -27,6 +29,9 @@ macro_rules! define_fmi2_functions {
         /// The functions of FMI 2.0, as the standard names them.
         #[allow(non_snake_case, missing_docs, clippy::missing_safety_doc, clippy::too_many_arguments, unsafe_code)]
         pub mod fmi2_functions {
+            // The systems of the registry, by the names that they have where the macro stands.
+            #[allow(unused_imports)]
+            use super::*;
             use std::ffi::{c_char, c_int, c_void};
             use $crate::fmi2::calls::Function;
             use $crate::fmi2::interface as fmi2;

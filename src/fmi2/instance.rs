@@ -12,7 +12,7 @@ use super::calls::{Function, Phase};
 use super::logger::Logger;
 use super::model_description;
 use super::resources::DESCRIPTION;
-use super::snapshot::Slots;
+use super::snapshot::{self, Slots};
 use super::types::Status;
 
 /// How far, in parts of the step, a master's communication point may lie from where the instance stands.
@@ -38,7 +38,8 @@ pub type Answer<T = ()> = Result<T, Refused>;
 pub struct Instance {
     pub(super) execution: Execution,
     references: References,
-    pub(super) guid: [u8; 16],
+    /// Which saved states are its own: those of the same unit in the same build.
+    pub(super) identity: [u8; 16],
     /// Where messages go.
     pub logger: Logger,
     pub(super) phase: Phase,
@@ -77,7 +78,7 @@ impl Instance {
         Ok(Instance {
             references: References::new(model.variables()),
             execution: Execution::new(model),
-            guid: own,
+            identity: snapshot::identity(own),
             logger,
             phase: Phase::Instantiated,
             stop_time: None,
@@ -403,9 +404,6 @@ impl Instance {
             if !change.is_finite() {
                 return refuse(self, known, &format!("has the seed {change}, which must be finite"));
             }
-        }
-        if self.phase == Phase::Initialization {
-            self.compute_start(function.name())?;
         }
         self.execution.directional_derivative(unknowns, knowns, seed, result);
         Ok(())

@@ -43,14 +43,15 @@ impl Logger {
     #[allow(unsafe_code)]
     pub fn log(&self, status: Status, category: &str, text: &str) {
         let Some(function) = self.function else { return };
-        let (category, text) = (c_string(category), c_string(text));
+        // The message is a format to some masters, so it holds no percent sign.
+        let (category, text) = (c_string(category), c_string(&text.replace('%', " percent")));
         // SAFETY: the function pointer came from the master in fmi2CallbackFunctions and has the standard's
         // signature; all strings live until it returns; the text holds no conversion, so no variadic argument is read.
         unsafe { function(self.environment, self.instance.as_ptr(), status, category.as_ptr(), text.as_ptr()) }
     }
 }
 
-/// A text as C takes it. The message is a format to some masters, so it holds no percent sign.
+/// A text as C takes it.
 fn c_string(text: &str) -> CString {
-    CString::new(text.replace('%', " percent").replace('\0', " ")).unwrap_or_default()
+    CString::new(text.replace('\0', " ")).unwrap_or_default()
 }

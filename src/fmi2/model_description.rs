@@ -41,7 +41,14 @@ pub fn log_categories(model: &Model) -> impl Iterator<Item = (&'static str, &'st
         ("logStatusDiscard", "a step could not be finished and may be tried again, smaller"),
         (EVENTS, "tunable parameters that were taken over"),
     ];
-    standard.into_iter().chain(model.variables().warnings().to_vec())
+    // Parts of a system may share a category.
+    let mut categories = standard.to_vec();
+    for &(name, text) in model.variables().warnings() {
+        if categories.iter().all(|(known, _)| *known != name) {
+            categories.push((name, text));
+        }
+    }
+    categories.into_iter()
 }
 
 fn document(model: &Model, guid: &str, tool: &str) -> String {
@@ -133,7 +140,7 @@ fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
     element(xml, "UnitDefinitions", vec![], |xml| {
         for unit in symbols.iter().filter_map(|symbol| Unit::known(symbol)) {
             element(xml, "Unit", vec![("name", unit.symbol.to_owned())], |xml| {
-                let exponents = ["kg", "m", "s", "A", "rad"].into_iter().zip(unit.exponents);
+                let exponents = ["kg", "m", "s", "A", "K", "rad"].into_iter().zip(unit.exponents);
                 let base = exponents.filter(|(_, n)| *n != 0).map(|(base, n)| (base, n.to_string())).collect();
                 empty(xml, "BaseUnit", base)?;
                 unit.display.iter().try_for_each(|display| {

@@ -1,5 +1,7 @@
 //! Saved states of an instance: slots that a master names by a number, and bytes that it may keep.
 
+use uuid::Uuid;
+
 use crate::model::Block;
 
 use super::calls::Phase;
@@ -17,7 +19,7 @@ pub struct Snapshot {
 
 const MAGIC: &[u8; 8] = b"AFMUSTAT";
 const VERSION: u32 = 1;
-/// Magic, version, checksum, GUID, phase, stop time (with its flag), and the two lengths.
+/// Magic, version, checksum, identity, phase, stop time (with its flag), and the two lengths.
 const HEADER: usize = 8 + 4 + 4 + 16 + 1 + 1 + 8 + 8 + 8;
 
 /// Number of bytes of a serialised state.
@@ -25,11 +27,17 @@ pub fn serialised_size(block: &Block) -> usize {
     HEADER + 8 * block.reals.len() + 4 * block.integers.len()
 }
 
-/// A state as bytes. `guid` says which interface it belongs to.
-pub fn serialise(snapshot: &Snapshot, guid: [u8; 16]) -> Vec<u8> {
+/// Which states belong together: those of one interface (by its GUID) in one build, since what a state means may
+/// change with the sources.
+pub fn identity(guid: [u8; 16]) -> [u8; 16] {
+    Uuid::new_v5(&Uuid::from_bytes(guid), env!("ADAPTIVE_FMU_SOURCE").as_bytes()).into_bytes()
+}
+
+/// A state as bytes. `identity` says which unit and build it belongs to.
+pub fn serialise(snapshot: &Snapshot, identity: [u8; 16]) -> Vec<u8> {
     let Block { reals, integers } = &snapshot.block;
     let mut content = Vec::with_capacity(serialised_size(&snapshot.block));
-    content.extend(guid);
+    content.extend(identity);
     content.push(snapshot.phase as u8);
     content.push(u8::from(snapshot.stop_time.is_some()));
     content.extend(snapshot.stop_time.unwrap_or(0.0).to_le_bytes());
@@ -45,7 +53,7 @@ pub fn serialise(snapshot: &Snapshot, guid: [u8; 16]) -> Vec<u8> {
 ///
 /// # Errors
 /// Why these bytes are no state of such an instance.
-pub fn deserialise(bytes: &[u8], guid: [u8; 16], like: &Block) -> Result<Snapshot, String> {
+pub fn deserialise(bytes: &[u8], identity: [u8; 16], like: &Block) -> Result<Snapshot, String> {
     let expected = serialised_size(like);
     if bytes.len() != expected {
         return Err(format!("{} bytes; a state of this unit has {expected}", bytes.len()));
@@ -67,7 +75,7 @@ pub fn deserialise(bytes: &[u8], guid: [u8; 16], like: &Block) -> Result<Snapsho
     if crc32fast::hash(&bytes[16..]) != checksum {
         return Err("corrupted: the checksum does not fit".to_owned());
     }
-    if take(16) != guid {
+    if take(16) != identity {
         return Err("a state of another unit, or of another version of this one".to_owned());
     }
     let phase = take(1)[0];

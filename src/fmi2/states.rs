@@ -57,9 +57,9 @@ impl Instance {
     /// # Errors
     /// When there is no such state.
     pub fn serialise(&mut self, name: usize) -> Answer<Vec<u8>> {
-        let guid = self.guid;
+        let identity = self.identity;
         let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SerializeFMUstate"))?;
-        Ok(snapshot::serialise(saved, guid))
+        Ok(snapshot::serialise(saved, identity))
     }
 
     /// fmi2DeSerializeFMUstate; the name of the new saved state.
@@ -68,7 +68,7 @@ impl Instance {
     /// When the bytes are no state of this unit.
     pub fn deserialise(&mut self, bytes: &[u8]) -> Answer<usize> {
         let refuse = |reason: String| Refused(format!("fmi2DeSerializeFMUstate: {reason}"));
-        let snapshot = snapshot::deserialise(bytes, self.guid, &self.execution.block).map_err(refuse)?;
+        let snapshot = snapshot::deserialise(bytes, self.identity, &self.execution.block).map_err(refuse)?;
         self.slots.save(snapshot).map_err(refuse)
     }
 }

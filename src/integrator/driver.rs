@@ -21,6 +21,8 @@ pub struct Driver {
     start: Start,
     /// Event indicators where a substep begins, where it ends, and between.
     indicators: [Vec<f64>; 3],
+    /// Which indicators changed sides at the event that is being handled.
+    crossed: Vec<bool>,
 }
 
 impl std::fmt::Debug for Driver {
@@ -39,6 +41,7 @@ impl Driver {
             method: method_for(system, states),
             nominals: (0..states).map(nominal).collect(),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
+            crossed: vec![false; system.indicators()],
             indicators: [indicators.clone(), indicators.clone(), indicators],
         }
     }
@@ -56,45 +59,78 @@ impl Driver {
         settings: &Settings,
         substep: &mut f64,
     ) -> Result<(), StepError> {
-        let slack = settings.event_slack * (t1 - t0);
-        let mut t = t0;
-        let (mut substeps, mut events, mut last_event) = (0, 0, t0);
+        let mut events =
+            EventCount { slack: settings.event_slack * (t1 - t0), limit: settings.max_events, count: 0, last: t0 };
+        let (mut t, mut substeps) = (t0, 0);
         problem.evaluate(t);
-        problem.event_indicators(t, &mut self.indicators[0]);
+        // Inputs and parameters that changed between the steps may have taken an indicator across.
+        problem.event_indicators(t, &mut self.indicators[1]);
+        let jumped = self.note_crossed();
+        self.indicators.swap(0, 1);
+        if jumped {
+            self.handle_events(problem, t, t1, &mut events)?;
+        }
         self.sides_of_zeros(problem, t, t1, settings);
         while t < t1 {
             let target = match problem.next_time_event() {
-                event if event < t1 - slack => event.max(t),
+                event if event < t1 - events.slack => event.max(t),
                 _ => t1,
             };
-            let event_inside = target > t && self.substep(problem, &mut t, target, settings, substep)?;
+            let state_event = target > t && self.substep(problem, &mut t, target, settings, substep)?;
             substeps += 1;
             if substeps > settings.max_substeps {
                 return Err(StepError::TooManySubsteps { substeps, time: t, step: t1 - t0 });
             }
             check_divergence(problem, t, settings.divergence_limit)?;
-            let time_event_due = |problem: &Problem| {
-                let event = problem.next_time_event();
-                event <= t || (t == t1 && event <= t1 + slack)
-            };
-            let mut event_due = event_inside || time_event_due(problem);
-            while event_due {
-                // Only events without time between them are too many.
-                events = if t - last_event > slack { 1 } else { events + 1 };
-                last_event = t;
-                if events > settings.max_events {
-                    return Err(StepError::TooManyEvents { events, time: t });
-                }
-                problem.event(t);
-                event_due = time_event_due(problem);
-                problem.evaluate(t);
-                problem.event_indicators(t, &mut self.indicators[0]);
-                if t < t1 && !event_due {
+            if state_event || events.time_event_due(problem, t, t1) {
+                self.handle_events(problem, t, t1, &mut events)?;
+                if t < t1 {
                     self.sides_of_zeros(problem, t, t1, settings);
                 }
             }
         }
         Ok(())
+    }
+
+    /// Notes which indicators changed sides between `before` and `after`; whether any did.
+    fn note_crossed(&mut self) -> bool {
+        let [before, after, _] = &self.indicators;
+        let sides = before.iter().zip(after);
+        self.crossed.iter_mut().zip(sides).for_each(|(noted, (&before, &after))| *noted = crossed(before, after));
+        self.crossed.contains(&true)
+    }
+
+    /// Handles the state event that was noted, and time events until none is due.
+    fn handle_events(
+        &mut self,
+        problem: &mut Problem,
+        t: f64,
+        t1: f64,
+        events: &mut EventCount,
+    ) -> Result<(), StepError> {
+        loop {
+            events.another(t)?;
+            let due = events.time_event_due(problem, t, t1);
+            // Where rounding has the step end a little before a time event, the system is told the event's own time.
+            let time = if due { t.max(problem.next_time_event()) } else { t };
+            problem.event(time, &self.crossed);
+            self.crossed.fill(false);
+            problem.evaluate(t);
+            problem.event_indicators(t, &mut self.indicators[0]);
+            if !events.time_event_due(problem, t, t1) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// The event indicators where the last step ended. They lie in the instance's block between steps.
+    pub fn indicators(&self) -> &[f64] {
+        &self.indicators[0]
+    }
+
+    /// Takes over the event indicators from where the last step ended.
+    pub fn set_indicators(&mut self, indicators: &[f64]) {
+        self.indicators[0].copy_from_slice(indicators);
     }
 
     /// An indicator that stands at exactly zero has the side to which it leaves: found by a step of rounding's length.
@@ -124,15 +160,13 @@ impl Driver {
     /// # Errors
     /// When they don't end.
     pub fn settle(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<(), StepError> {
-        let mut events = 0;
-        while problem.next_time_event() <= t {
-            events += 1;
-            if events > settings.max_events {
-                return Err(StepError::TooManyEvents { events, time: t });
-            }
-            problem.event(t);
-        }
+        let mut events = EventCount { slack: 0.0, limit: settings.max_events, count: 0, last: t };
+        self.crossed.fill(false);
         problem.evaluate(t);
+        if events.time_event_due(problem, t, t) {
+            self.handle_events(problem, t, t, &mut events)?;
+        }
+        problem.event_indicators(t, &mut self.indicators[0]);
         Ok(())
     }
 
@@ -211,8 +245,32 @@ impl Driver {
             bisect = high - low > 0.5 * gap;
         }
         self.method.attempt(problem, &self.start, high, tolerance);
+        // The indicators at the bracket's end are those that stand in `after`.
+        self.note_crossed();
         *t = self.start.time + high;
         Ok(true)
+    }
+}
+
+/// Counts events that have no time between them.
+struct EventCount {
+    /// Time that counts as none, and how far behind a step's end a time event still belongs to it.
+    slack: f64,
+    limit: usize,
+    count: usize,
+    last: f64,
+}
+
+impl EventCount {
+    fn another(&mut self, t: f64) -> Result<(), StepError> {
+        self.count = if t - self.last > self.slack { 1 } else { self.count + 1 };
+        self.last = t;
+        if self.count > self.limit { Err(StepError::TooManyEvents { events: self.limit, time: t }) } else { Ok(()) }
+    }
+
+    fn time_event_due(&self, problem: &Problem, t: f64, t1: f64) -> bool {
+        let event = problem.next_time_event();
+        event <= t || (t == t1 && event <= t1 + self.slack)
     }
 }
 

@@ -41,9 +41,9 @@ pub struct Settings {
     pub relative_tolerance: f64,
     /// Substeps that one communication step may take.
     pub max_substeps: usize,
-    /// Events that one communication step may hold.
+    /// Events that may follow each other without time between them.
     pub max_events: usize,
-    /// A value beyond this is divergence.
+    /// A value beyond this, in magnitude, is divergence.
     pub divergence_limit: f64,
     /// A time event is taken at the end of a communication step if it lies at most this much of the step behind
     /// it: masters add up their communication points, and rounding must not move an event by a whole step.
@@ -142,8 +142,8 @@ impl Problem<'_> {
         self.system.event_indicators(t, &self.values(), z);
     }
 
-    fn event(&mut self, t: f64) {
-        self.system.event(t, &mut self.point());
+    fn event(&mut self, t: f64, crossed: &[bool]) {
+        self.system.event(t, crossed, &mut self.point());
     }
 }
 

@@ -42,7 +42,12 @@ fn value_of(metric: &Metric, recording: &Recording) -> Result<Measured, String> 
     let values: Vec<f64> = values.map(|(k, _)| of[k] - minus.map_or(0.0, |minus| minus[k])).collect();
     let value = match metric.statistic {
         _ if values.is_empty() => None,
-        Statistic::Max => Some(values.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()))),
+        Statistic::Max => {
+            Some(values.iter().fold(
+                0.0,
+                |largest: f64, value| if value.abs() > largest || value.is_nan() { value.abs() } else { largest },
+            ))
+        }
         Statistic::Rms => Some((values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()),
     };
     Ok(Measured { label: metric.label.clone(), value, limit: metric.limit })

@@ -117,7 +117,7 @@ impl Declaration {
     pub fn state<D: Shape>(&mut self, spec: Spec<D>) -> D::Handle<class::State> {
         let rates = Spec {
             description: spec.description.iter().map(|text| format!("time derivative of: {text}")).collect(),
-            causality: if spec.causality == Some(Causality::Hidden) { spec.causality } else { Some(Causality::Local) },
+            causality: Some(Causality::Local),
             unit: spec.unit.iter().map(|unit| super::Unit::per_second(unit)).collect(),
             start: vec![0.0],
             min: None,
@@ -233,7 +233,17 @@ impl Declaration {
         if self.variables.list.iter().any(|other| other.name == *name && rate(other) == rate(variable)) {
             self.problems.and(Invalid::because(format!("two variables are named `{name}`")));
         }
-        if let Data::Choice { items, .. } = &variable.data {
+        if variable.section == Section::State && variable.causality == Causality::Hidden {
+            self.problems
+                .and(Invalid::because(format!("`{name}` is a state: masters must see it, it can't be hidden")));
+        }
+        if let Data::Choice { items, type_name, .. } = &variable.data {
+            let same_type =
+                |v: &&Variable| matches!(&v.data, Data::Choice { type_name: other, .. } if other == type_name);
+            let other = self.variables.list.iter().find(same_type).map(|v| &v.data);
+            if other.is_some_and(|other| !matches!(other, Data::Choice { items: others, .. } if others == items)) {
+                self.problems.and(Invalid::because(format!("two types are named `{type_name}`, but have other items")));
+            }
             let repeated =
                 items.iter().enumerate().find(|(k, (name, _))| items[..*k].iter().any(|(other, _)| other == name));
             if let Some((_, (item, _))) = repeated {

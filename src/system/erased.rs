@@ -38,7 +38,7 @@ pub trait DynSystem: Send + Sync {
     /// See [`System::event_indicators`].
     fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]);
     /// See [`System::event`].
-    fn event(&self, t: f64, v: &mut Point);
+    fn event(&self, t: f64, crossed: &[bool], v: &mut Point);
     /// See [`System::step_completed`].
     fn step_completed(&self, t: f64, step: f64, v: &mut Point);
     /// See [`System::steps_itself`].
@@ -90,8 +90,8 @@ impl<M: System> DynSystem for M {
     fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
         System::event_indicators(self, t, v, z);
     }
-    fn event(&self, t: f64, v: &mut Point) {
-        System::event(self, t, v);
+    fn event(&self, t: f64, crossed: &[bool], v: &mut Point) {
+        System::event(self, t, crossed, v);
     }
     fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
         System::step_completed(self, t, step, v);

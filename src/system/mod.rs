@@ -70,10 +70,12 @@ mod unit;
 mod values;
 mod variable;
 
-pub use declaration::{Declarable, Declaration, Warning};
+pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
 pub use erased::{DynSystem, Kind, Registry};
 pub use point::{Message, MessageLog, Point};
-pub use spec::{DiscreteSpec, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector};
+pub use spec::{
+    DiscreteSpec, Grid, Many, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector,
+};
 pub use unit::{DisplayUnit, Unit};
 pub use values::{
     BooleanOf, Choice, ChoiceOf, Class, DiscreteHandle, Handle, IntegerOf, MatrixOf, Offsets, Rates, ScalarOf, Signals,
@@ -136,7 +138,8 @@ pub trait System: Sized + Send + Sync + 'static {
         Ok(())
     }
 
-    /// Sets states and discrete variables at the start time.
+    /// Sets states and discrete variables at the start time; those that it leaves alone have their declared start
+    /// values. Every Get in Initialization Mode comes after a call of it, so it only computes.
     ///
     /// # Errors
     /// [`Invalid`] when there is no valid start from these parameters and inputs.
@@ -172,9 +175,11 @@ pub trait System: Sized + Send + Sync + 'static {
         let _ = (t, v, z);
     }
 
-    /// Handles the event at t: changes discrete variables, and states where they jump.
-    fn event(&self, t: f64, v: &mut Point) {
-        let _ = (t, v);
+    /// Handles the event at t: changes discrete variables, and states where they jump. `crossed` tells which event
+    /// indicators changed sides (none, at a time event). A time event is handled at t = its own time, even where
+    /// rounding has a communication step end a little before it.
+    fn event(&self, t: f64, crossed: &[bool], v: &mut Point) {
+        let _ = (t, crossed, v);
     }
 
     /// Called after every communication step, with its length: counts, and warns of what is out of the
@@ -189,8 +194,8 @@ pub trait System: Sized + Send + Sync + 'static {
     }
 
     /// A system with a better way through a step than a general integrator brings it here: advance the states from
-    /// t by h. At t the inputs have their present values, and change from there at the given `slopes`. Called only
-    /// where [`System::steps_itself`].
+    /// t by h, and change nothing but them: a step may be tried again with another length. At t the inputs have their
+    /// present values, and change from there at the given `slopes`. Called only where [`System::steps_itself`].
     fn advance(&self, t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate {
         let _ = (t, h, slopes, v);
         ErrorEstimate { scaled: f64::INFINITY, order: 1 }

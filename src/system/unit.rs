@@ -5,8 +5,8 @@
 pub struct Unit {
     /// Its symbol.
     pub symbol: &'static str,
-    /// Exponents of kg, m, s, A and rad.
-    pub exponents: [i32; 5],
+    /// Exponents of kg, m, s, A, K and rad.
+    pub exponents: [i32; 6],
     /// A unit for display.
     pub display: Option<DisplayUnit>,
 }
@@ -20,11 +20,11 @@ pub struct DisplayUnit {
     pub factor: f64,
 }
 
-const fn unit(symbol: &'static str, exponents: [i32; 5]) -> Unit {
+const fn unit(symbol: &'static str, exponents: [i32; 6]) -> Unit {
     Unit { symbol, exponents, display: None }
 }
 
-const fn displayed(symbol: &'static str, exponents: [i32; 5], display: &'static str, factor: f64) -> Unit {
+const fn displayed(symbol: &'static str, exponents: [i32; 6], display: &'static str, factor: f64) -> Unit {
     Unit { symbol, exponents, display: Some(DisplayUnit { symbol: display, factor }) }
 }
 
@@ -32,24 +32,43 @@ const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
 /// Every unit that a variable may have, with its derivative by time at `per_second`.
 const UNITS: &[(Unit, &str)] = &[
-    (displayed("s", [0, 0, 1, 0, 0], "ms", 1e3), "1"),
-    (unit("1/s", [0, 0, -1, 0, 0]), "1/s2"),
-    (unit("Hz", [0, 0, -1, 0, 0]), "1/s2"),
-    (unit("1/s2", [0, 0, -2, 0, 0]), ""),
-    (displayed("rad", [0, 0, 0, 0, 1], "deg", DEGREES), "rad/s"),
-    (displayed("rad/s", [0, 0, -1, 0, 1], "deg/s", DEGREES), "rad/s2"),
-    (displayed("rad/s2", [0, 0, -2, 0, 1], "deg/s2", DEGREES), ""),
-    (displayed("m", [0, 1, 0, 0, 0], "mm", 1e3), "m/s"),
-    (unit("m/s", [0, 1, -1, 0, 0]), "m/s2"),
-    (unit("m/s2", [0, 1, -2, 0, 0]), ""),
-    (unit("kg", [1, 0, 0, 0, 0]), "kg/s"),
-    (unit("kg/s", [1, 0, -1, 0, 0]), ""),
-    (unit("kg.m2", [1, 2, 0, 0, 0]), ""),
-    (unit("N", [1, 1, -2, 0, 0]), ""),
-    (unit("N.m", [1, 2, -2, 0, 0]), ""),
-    (unit("V", [1, 2, -3, -1, 0]), "V/s"),
-    (unit("V/s", [1, 2, -4, -1, 0]), ""),
-    (unit("1", [0, 0, 0, 0, 0]), "1/s"),
+    (displayed("s", [0, 0, 1, 0, 0, 0], "ms", 1e3), "1"),
+    (unit("1/s", [0, 0, -1, 0, 0, 0]), "1/s2"),
+    (unit("Hz", [0, 0, -1, 0, 0, 0]), "1/s2"),
+    (unit("1/s2", [0, 0, -2, 0, 0, 0]), ""),
+    (displayed("rad", [0, 0, 0, 0, 0, 1], "deg", DEGREES), "rad/s"),
+    (displayed("rad/s", [0, 0, -1, 0, 0, 1], "deg/s", DEGREES), "rad/s2"),
+    (displayed("rad/s2", [0, 0, -2, 0, 0, 1], "deg/s2", DEGREES), ""),
+    (displayed("m", [0, 1, 0, 0, 0, 0], "mm", 1e3), "m/s"),
+    (unit("m/s", [0, 1, -1, 0, 0, 0]), "m/s2"),
+    (unit("m/s2", [0, 1, -2, 0, 0, 0]), ""),
+    (unit("kg", [1, 0, 0, 0, 0, 0]), "kg/s"),
+    (unit("kg/s", [1, 0, -1, 0, 0, 0]), ""),
+    (unit("kg.m2", [1, 2, 0, 0, 0, 0]), ""),
+    (unit("kg.m", [1, 1, 0, 0, 0, 0]), ""),
+    (unit("kg/m", [1, -1, 0, 0, 0, 0]), ""),
+    (unit("kg/m3", [1, -3, 0, 0, 0, 0]), ""),
+    (unit("m2", [0, 2, 0, 0, 0, 0]), ""),
+    (unit("m3", [0, 3, 0, 0, 0, 0]), "m3/s"),
+    (unit("m3/s", [0, 3, -1, 0, 0, 0]), ""),
+    (unit("N", [1, 1, -2, 0, 0, 0]), "N/s"),
+    (unit("N/s", [1, 1, -3, 0, 0, 0]), ""),
+    (unit("N/m", [1, 0, -2, 0, 0, 0]), ""),
+    (unit("N.s/m", [1, 0, -1, 0, 0, 0]), ""),
+    (unit("N.m.s/rad", [1, 2, -1, 0, 0, -1]), ""),
+    (unit("N.m/rad", [1, 2, -2, 0, 0, -1]), ""),
+    (unit("Pa", [1, -1, -2, 0, 0, 0]), "Pa/s"),
+    (unit("Pa/s", [1, -1, -3, 0, 0, 0]), ""),
+    (unit("J", [1, 2, -2, 0, 0, 0]), "W"),
+    (unit("W", [1, 2, -3, 0, 0, 0]), ""),
+    (displayed("A", [0, 0, 0, 1, 0, 0], "mA", 1e3), "A/s"),
+    (unit("A/s", [0, 0, -1, 1, 0, 0]), ""),
+    (unit("K", [0, 0, 0, 0, 1, 0]), "K/s"),
+    (unit("K/s", [0, 0, -1, 0, 1, 0]), ""),
+    (unit("N.m", [1, 2, -2, 0, 0, 0]), ""),
+    (unit("V", [1, 2, -3, -1, 0, 0]), "V/s"),
+    (unit("V/s", [1, 2, -4, -1, 0, 0]), ""),
+    (unit("1", [0, 0, 0, 0, 0, 0]), "1/s"),
 ];
 
 impl Unit {

@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -21,12 +22,10 @@ def test_the_readme_starts_with_the_two_commands_that_do_all_the_set_up() -> Non
 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command not in RUN_BY_CI])
 def test_a_command_of_the_readme_works(command: str) -> None:
-    words = shlex.split(command)
-    if words[0] == "python":
-        words[0] = sys.executable
+    # The tests may run in another environment than the one that tests/run prepares.
+    words = shlex.split(command.replace("target/venv/bin/", f"{Path(sys.executable).parent}/"))
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
 
 
 def test_what_ci_runs_in_place_of_this_test_is_in_its_script() -> None:
