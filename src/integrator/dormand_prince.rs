@@ -32,26 +32,26 @@ impl DormandPrince {
         DormandPrince { k: vec![[0.0; STAGES]; states] }
     }
 
-    /// Stage N + 1 at node c, from the N stages before it. (N is known when compiling, so that the sums are unrolled.)
+    /// Takes over the derivatives of stage N, which the problem holds, and evaluates stage N + 1 at node c. (N is known
+    /// when compiling, so that the sums are unrolled.)
     fn stage<const N: usize>(&mut self, problem: &mut Problem, start: &Start, h: f64, c: f64, weights: &[f64; N]) {
-        for ((x, x0), k) in problem.states().iter_mut().zip(&start.states).zip(&self.k) {
-            *x = x0 + h * sum(weights, k);
+        let (states, rates) = problem.states_and_rates();
+        for (((x, x0), k), &rate) in states.iter_mut().zip(&start.states).zip(&mut self.k).zip(rates) {
+            *x = x0 + h * sum(weights, k, rate);
+            k[N - 1] = rate;
         }
         problem.evaluate(start.time + c * h);
-        for (k, &rate) in self.k.iter_mut().zip(problem.rates()) {
-            k[N] = rate;
-        }
     }
 }
 
-/// Weighted sum of the first N stages.
+/// Weighted sum of N stages, of which the last is `newest`: it is added last, since the others are known before it.
 #[inline]
-fn sum<const N: usize>(weights: &[f64; N], k: &[f64; STAGES]) -> f64 {
-    let mut sum = weights[0] * k[0];
-    for j in 1..N {
+fn sum<const N: usize>(weights: &[f64; N], k: &[f64; STAGES], newest: f64) -> f64 {
+    let mut sum = 0.0;
+    for j in 0..N - 1 {
         sum += weights[j] * k[j];
     }
-    sum
+    sum + weights[N - 1] * newest
 }
 
 impl OneStepMethod for DormandPrince {
@@ -62,17 +62,16 @@ impl OneStepMethod for DormandPrince {
         h: f64,
         tolerance: Tolerance,
     ) -> (ErrorEstimate, usize) {
-        for (k, &rate) in self.k.iter_mut().zip(&start.rates) {
-            k[0] = rate;
-        }
+        problem.rates_mut().copy_from_slice(&start.rates);
         self.stage(problem, start, h, 1.0 / 5.0, &A2);
         self.stage(problem, start, h, 3.0 / 10.0, &A3);
         self.stage(problem, start, h, 4.0 / 5.0, &A4);
         self.stage(problem, start, h, 8.0 / 9.0, &A5);
         self.stage(problem, start, h, 1.0, &A6);
         self.stage(problem, start, h, 1.0, &A7);
-        let errors = self.k.iter().map(|k| h * sum(&E, k));
-        let (scaled, state) = tolerance.scaled(errors, &start.states, problem.states());
+        let (states, rates) = problem.states_and_rates();
+        let errors = self.k.iter().zip(rates).map(|(k, &rate)| h * sum(&E, k, rate));
+        let (scaled, state) = tolerance.scaled(errors, &start.states, states);
         (ErrorEstimate { scaled, order: 5 }, state)
     }
 }

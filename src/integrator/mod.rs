@@ -126,6 +126,17 @@ impl Problem<'_> {
         &self.reals[self.variables.reals(Section::Derivative)]
     }
 
+    fn rates_mut(&mut self) -> &mut [f64] {
+        &mut self.reals[self.variables.reals(Section::Derivative)]
+    }
+
+    /// The states, to write, and their derivatives.
+    fn states_and_rates(&mut self) -> (&mut [f64], &[f64]) {
+        let (states, rates) = (self.variables.reals(Section::State), self.variables.reals(Section::Derivative));
+        let (before, after) = self.reals.split_at_mut(rates.start);
+        (&mut before[states], &after[..rates.len()])
+    }
+
     fn values(&self) -> Values<'_, f64> {
         Values::new(self.reals, self.integers, self.offsets())
     }

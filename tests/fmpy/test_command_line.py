@@ -117,13 +117,21 @@ def test_run_for_people_prints_the_metrics_and_where_the_files_are(fmu_folder, t
     assert answer.returncode == 0 and "max |u|" in answer.stdout and str(tmp_path) in answer.stdout
 
 
-def test_run_exports_the_fmus_that_are_missing(tmp_path) -> None:
-    folder = tmp_path / "new"
-    command = ["run", "3.2.1-cosine", "--json", "--until", "0.1"]
-    assert adaptive_fmu(*command, "--fmus", folder, "--out", tmp_path / "out").returncode == 0
-    assert sorted(file.name for file in folder.iterdir()) == sorted(
-        f"{name}.fmu" for name in [CONTROLLER, PLANT, "ReferenceNonlinearSiso"]
-    )
+def test_run_takes_the_fmus_of_a_folder_as_they_are(fmu_folder: Path, tmp_path: Path) -> None:
+    command = ["run", "3.2.1-cosine", "--json", "--until", "0.1", "--out", tmp_path / "out"]
+    before = {file: file.stat().st_mtime_ns for file in fmu_folder.iterdir()}
+    assert adaptive_fmu(*command, "--fmus", fmu_folder).returncode == 0
+    assert {file: file.stat().st_mtime_ns for file in fmu_folder.iterdir()} == before
+    (tmp_path / "empty").mkdir()
+    assert "ReferenceNonlinearSiso.fmu" in fails(*command, "--fmus", tmp_path / "empty")
+
+
+def test_run_without_a_folder_never_shows_the_numbers_of_an_older_export(tmp_path: Path) -> None:
+    stale = [ROOT / "fmus" / f"{name}.fmu" for name in [CONTROLLER, PLANT, "ReferenceNonlinearSiso"]]
+    stale[0].parent.mkdir(exist_ok=True)
+    for file in stale:
+        file.write_text("an older export")
+    assert adaptive_fmu("run", "3.2.1-cosine", "--json", "--until", "0.1", "--out", tmp_path).returncode == 0
 
 
 def test_what_cant_be_done_is_told_on_stderr_with_exit_code_1(tmp_path: Path) -> None:
