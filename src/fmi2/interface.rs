@@ -11,14 +11,18 @@ use super::instance::{Answer, Instance, Refused, load_model};
 use super::logger::{ERROR, Logger};
 use super::panics;
 use super::resources;
+pub use super::status::{get_boolean_status, get_integer_status, get_real_status, get_status, get_string_status};
 use super::types::{
     Boolean, CO_SIMULATION, CallbackFunctions, Component, FmuState, Status, StringPointer, TRUE, ValueReference,
-    status_kind,
 };
 use crate::system::Registry;
 
 /// Calls into an instance: the table of allowed calls, panics, messages and status, in one place.
-fn call(component: Component, function: Function, body: impl FnOnce(&mut Instance) -> Answer<Status>) -> Status {
+pub(super) fn call(
+    component: Component,
+    function: Function,
+    body: impl FnOnce(&mut Instance) -> Answer<Status>,
+) -> Status {
     if component.is_null() {
         return Status::Error;
     }
@@ -91,7 +95,7 @@ unsafe fn string<'a>(pointer: StringPointer) -> Option<&'a str> {
     unsafe { CStr::from_ptr(pointer) }.to_str().ok()
 }
 
-fn null(function: Function) -> Refused {
+pub(super) fn null(function: Function) -> Refused {
     Refused(format!("{}: a pointer is NULL", function.name()))
 }
 
@@ -442,53 +446,6 @@ pub fn do_step(c: Component, point: f64, step: f64) -> Status {
 /// fmi2CancelStep, and the functions of model exchange: never allowed.
 pub fn refuse(c: Component, function: Function) -> Status {
     call(c, function, |_| Err(Refused(format!("{} is not supported", function.name()))))
-}
-
-/// fmi2GetStatus: nothing is ever pending.
-pub fn get_status(c: Component) -> Status {
-    call(c, Function::GetStatus, |_| Ok(Status::Discard))
-}
-
-/// fmi2GetRealStatus
-///
-/// # Safety
-/// `value` is NULL or that of a number.
-pub unsafe fn get_real_status(c: Component, kind: c_int, value: *mut f64) -> Status {
-    call(c, Function::GetRealStatus, |instance| {
-        // SAFETY: as this function asks of its caller.
-        let value = unsafe { value.as_mut() }.ok_or_else(|| null(Function::GetRealStatus))?;
-        if kind != status_kind::LAST_SUCCESSFUL_TIME {
-            return Ok(Status::Discard);
-        }
-        *value = instance.last_successful_time();
-        Ok(Status::Ok)
-    })
-}
-
-/// fmi2GetIntegerStatus: there is no such status.
-pub fn get_integer_status(c: Component) -> Status {
-    call(c, Function::GetIntegerStatus, |_| Ok(Status::Discard))
-}
-
-/// fmi2GetBooleanStatus: a unit never asks to end the simulation.
-///
-/// # Safety
-/// `value` is NULL or that of a Boolean.
-pub unsafe fn get_boolean_status(c: Component, kind: c_int, value: *mut Boolean) -> Status {
-    call(c, Function::GetBooleanStatus, |_| {
-        // SAFETY: as this function asks of its caller.
-        let value = unsafe { value.as_mut() }.ok_or_else(|| null(Function::GetBooleanStatus))?;
-        if kind != status_kind::TERMINATED {
-            return Ok(Status::Discard);
-        }
-        *value = Boolean::from(false);
-        Ok(Status::Ok)
-    })
-}
-
-/// fmi2GetStringStatus: nothing is ever pending.
-pub fn get_string_status(c: Component) -> Status {
-    call(c, Function::GetStringStatus, |_| Ok(Status::Discard))
 }
 
 /// What receives the reply of [`describe`].

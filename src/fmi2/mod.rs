@@ -16,6 +16,8 @@ pub mod panics;
 pub mod resources;
 pub mod snapshot;
 mod states;
+#[allow(unsafe_code)]
+mod status;
 pub mod types;
 
 #[macro_use]

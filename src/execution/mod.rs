@@ -1,139 +1,17 @@
 //! One instance of a model in time: its values, its parameters as a transaction, its inputs within a step.
 
+mod controls;
+mod derivatives;
+
 use num_dual::Dual64;
+
+pub use controls::{Controls, InputHandling, OnStepFailure};
 
 use crate::error::{Invalid, StepError};
 use crate::integrator::{Driver, Problem, Ramp, Settings};
 use crate::model::{Block, Model};
-use crate::system::{
-    BooleanOf, Causality, Choice, ChoiceOf, Declaration, Memory, MessageLog, Parameter, Point, ScalarOf, Section,
-    Values, VectorOf, boolean, choice, scalar, vector,
-};
-
-/// Tolerances below this only add up rounding errors.
-const TIGHTEST_TOLERANCE: f64 = 1e-12;
-
-/// What inputs do within a communication step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum InputHandling {
-    /// They are held.
-    Hold,
-    /// They go on as between the last two communication points.
-    Extrapolate,
-    /// They ramp from the previous value to the present one.
-    Interpolate,
-}
-
-impl Choice for InputHandling {
-    const TYPE: &'static str = "InputHandling";
-    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
-        (Self::Hold, "hold", "held during a communication step"),
-        (Self::Extrapolate, "extrapolate", "continued along the line through the last two values"),
-        (
-            Self::Interpolate,
-            "interpolate",
-            "ramp from the previous to the present value: for masters that step the plant first",
-        ),
-    ];
-}
-
-/// What a step that can't be finished is answered with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OnStepFailure {
-    /// An error: many masters take a discarded step for success.
-    Error,
-    /// The standard's own way.
-    Discard,
-}
-
-impl Choice for OnStepFailure {
-    const TYPE: &'static str = "OnStepFailure";
-    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
-        (Self::Error, "error", "fmi2Error: no master overlooks it"),
-        (
-            Self::Discard,
-            "discard",
-            "fmi2Discard with the last successful time, for masters that then take a smaller step",
-        ),
-    ];
-}
-
-/// The variables that every model has beside its own, and the memory of its simulation.
-#[derive(Debug)]
-pub struct Controls {
-    relative_tolerance: Option<ScalarOf<Parameter>>,
-    input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
-    on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
-    time: ScalarOf<Memory>,
-    /// The master's tolerance; 0 where it gave none.
-    tolerance: ScalarOf<Memory>,
-    substep: ScalarOf<Memory>,
-    last_step: ScalarOf<Memory>,
-    /// Rates of the inputs that the master gave for the next step.
-    given_slopes: Option<VectorOf<Memory>>,
-    /// Rates of the inputs in the last step.
-    slopes: Option<VectorOf<Memory>>,
-    /// Inputs as set for the last step, and as they were at its end.
-    previous_inputs: Option<VectorOf<Memory>>,
-    last_inputs: Option<VectorOf<Memory>>,
-    /// The parameters of the last valid set.
-    valid_reals: Option<VectorOf<Memory>>,
-    valid_integers: usize,
-    /// Event indicators where the last step ended.
-    indicators: Option<VectorOf<Memory>>,
-    /// Integer and Boolean inputs in the last step.
-    last_integer_inputs: usize,
-    started: BooleanOf<Memory>,
-    parameters_set: BooleanOf<Memory>,
-    slopes_given: BooleanOf<Memory>,
-}
-
-impl Controls {
-    /// Declares them; a system without states has no tolerance, one without inputs no handling of them.
-    pub(crate) fn declare(d: &mut Declaration, indicators: usize) -> Self {
-        let inputs = d.size(Section::Input);
-        let integer_inputs = d.integer_size(Section::Input);
-        let relative_tolerance = (d.size(Section::State) > 0).then(|| {
-            let text = "error tolerated in each integration step, relative to a state's magnitude or nominal value";
-            d.parameter(
-                scalar("relative_tolerance", text).start(1e-6).min(TIGHTEST_TOLERANCE).max(1e-2).nominal(1e-6).fixed(),
-            )
-        });
-        let input_handling = (inputs > 0).then(|| {
-            d.parameter(
-                choice::<InputHandling>(
-                    "input_handling",
-                    "what inputs do within a communication step, from the second one on",
-                )
-                .fixed(),
-            )
-        });
-        let on_step_failure =
-            d.parameter(choice::<OnStepFailure>("on_step_failure", "answer to a step that cannot be finished").fixed());
-        let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
-        let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
-        Controls {
-            relative_tolerance,
-            input_handling,
-            on_step_failure,
-            given_slopes: memory("#given slopes", inputs),
-            slopes: memory("#slopes", inputs),
-            previous_inputs: memory("#previous inputs", inputs),
-            last_inputs: memory("#last inputs", inputs),
-            valid_reals: memory("#valid parameters", reals),
-            indicators: memory("#indicators", indicators),
-            last_integer_inputs: d.integer_memory(integer_inputs),
-            valid_integers: d.integer_memory(integers),
-            time: d.memory(scalar("#time", "")),
-            tolerance: d.memory(scalar("#tolerance", "")),
-            substep: d.memory(scalar("#substep", "")),
-            last_step: d.memory(scalar("#last step", "")),
-            started: d.memory(boolean("#started", "")),
-            parameters_set: d.memory(boolean("#parameters set", "")),
-            slopes_given: d.memory(boolean("#slopes given", "")),
-        }
-    }
-}
+use crate::system::{Causality, MessageLog, Point, Section, Values};
+use controls::TIGHTEST_TOLERANCE;
 
 /// An instance of a model.
 #[derive(Debug)]
@@ -461,67 +339,5 @@ impl Execution {
             }
         }
         Ok(())
-    }
-
-    /// Derivatives of `unknowns` in the direction that gives each of the `knowns` (inputs and states) the change in
-    /// `seed`: exact, by one pass with dual numbers at the present inputs and the valid parameters. Both are places
-    /// of the block.
-    pub fn directional_derivative(&mut self, unknowns: &[u32], knowns: &[u32], seed: &[f64], result: &mut [f64]) {
-        self.lift();
-        for (&known, &change) in knowns.iter().zip(seed) {
-            self.dual[known as usize].eps += change;
-        }
-        self.evaluate_dual(Dual64::from_re(self.time()));
-        for (value, &unknown) in result.iter_mut().zip(unknowns) {
-            *value = self.dual[unknown as usize].eps;
-        }
-    }
-
-    /// Takes the block over into dual numbers that don't change, with the valid parameters: those that wait to be
-    /// taken over aren't in force.
-    fn lift(&mut self) {
-        let (variables, controls) = (self.model.variables(), self.model.controls());
-        for (dual, &value) in self.dual.iter_mut().zip(&self.block.reals) {
-            *dual = Dual64::from_re(value);
-        }
-        if let Some(valid) = controls.valid_reals {
-            let values = Values::new(&self.block.reals, &self.block.integers, variables.offsets());
-            for (parameter, &value) in variables.reals(Section::Parameter).zip(&values[valid]) {
-                self.dual[parameter] = Dual64::from_re(value);
-            }
-        }
-        let valid = self.valid_integers();
-        self.dual_integers.copy_from_slice(&self.block.integers);
-        self.dual_integers.copy_within(valid, self.model.variables().integers(Section::Parameter).start);
-    }
-
-    fn evaluate_dual(&mut self, t: Dual64) {
-        let (system, offsets) = (self.model.system(), self.model.variables().offsets());
-        system.outputs_dual(t, &mut self.dual, &self.dual_integers, offsets);
-        system.derivatives_dual(t, &mut self.dual, &self.dual_integers, offsets);
-    }
-
-    /// Time derivatives of signals and states at the last communication point, exact, by one pass with dual
-    /// numbers along the solution. Values at the places of the block.
-    pub fn time_derivatives(&mut self) -> &[Dual64] {
-        self.lift();
-        let (variables, controls) = (self.model.variables(), self.model.controls());
-        for (state, rate) in variables.reals(Section::State).zip(variables.reals(Section::Derivative)) {
-            self.dual[state].eps = self.block.reals[rate];
-        }
-        // As the last step left them: what was set since then isn't in force yet.
-        let values = Values::new(&self.block.reals, &self.block.integers, variables.offsets());
-        if let Some((slopes, last_inputs)) = controls.slopes.zip(controls.last_inputs) {
-            for ((input, &value), &slope) in
-                variables.reals(Section::Input).zip(&values[last_inputs]).zip(&values[slopes])
-            {
-                self.dual[input] = Dual64::new(value, slope);
-            }
-        }
-        let (kept, present) =
-            (self.kept(controls.last_integer_inputs, Section::Input), variables.integers(Section::Input));
-        self.dual_integers.copy_within(kept, present.start);
-        self.evaluate_dual(Dual64::new(self.time(), 1.0));
-        &self.dual
     }
 }

@@ -1,0 +1,131 @@
+//! The variables that every model has beside its own, and the memory of its simulation.
+
+use crate::system::{
+    BooleanOf, Choice, ChoiceOf, Declaration, Memory, Parameter, ScalarOf, Section, VectorOf, boolean, choice, scalar,
+    vector,
+};
+
+/// Tolerances below this only add up rounding errors.
+pub(super) const TIGHTEST_TOLERANCE: f64 = 1e-12;
+
+/// What inputs do within a communication step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputHandling {
+    /// They are held.
+    Hold,
+    /// They go on as between the last two communication points.
+    Extrapolate,
+    /// They ramp from the previous value to the present one.
+    Interpolate,
+}
+
+impl Choice for InputHandling {
+    const TYPE: &'static str = "InputHandling";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Hold, "hold", "held during a communication step"),
+        (Self::Extrapolate, "extrapolate", "continued along the line through the last two values"),
+        (
+            Self::Interpolate,
+            "interpolate",
+            "ramp from the previous to the present value: for masters that step the plant first",
+        ),
+    ];
+}
+
+/// What a step that can't be finished is answered with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OnStepFailure {
+    /// An error: many masters take a discarded step for success.
+    Error,
+    /// The standard's own way.
+    Discard,
+}
+
+impl Choice for OnStepFailure {
+    const TYPE: &'static str = "OnStepFailure";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Error, "error", "fmi2Error: no master overlooks it"),
+        (
+            Self::Discard,
+            "discard",
+            "fmi2Discard with the last successful time, for masters that then take a smaller step",
+        ),
+    ];
+}
+
+/// The variables that every model has beside its own, and the memory of its simulation.
+#[derive(Debug)]
+pub struct Controls {
+    pub(super) relative_tolerance: Option<ScalarOf<Parameter>>,
+    pub(super) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
+    pub(super) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
+    pub(super) time: ScalarOf<Memory>,
+    /// The master's tolerance; 0 where it gave none.
+    pub(super) tolerance: ScalarOf<Memory>,
+    pub(super) substep: ScalarOf<Memory>,
+    pub(super) last_step: ScalarOf<Memory>,
+    /// Rates of the inputs that the master gave for the next step.
+    pub(super) given_slopes: Option<VectorOf<Memory>>,
+    /// Rates of the inputs in the last step.
+    pub(super) slopes: Option<VectorOf<Memory>>,
+    /// Inputs as set for the last step, and as they were at its end.
+    pub(super) previous_inputs: Option<VectorOf<Memory>>,
+    pub(super) last_inputs: Option<VectorOf<Memory>>,
+    /// The parameters of the last valid set.
+    pub(super) valid_reals: Option<VectorOf<Memory>>,
+    pub(super) valid_integers: usize,
+    /// Event indicators where the last step ended.
+    pub(super) indicators: Option<VectorOf<Memory>>,
+    /// Integer and Boolean inputs in the last step.
+    pub(super) last_integer_inputs: usize,
+    pub(super) started: BooleanOf<Memory>,
+    pub(super) parameters_set: BooleanOf<Memory>,
+    pub(super) slopes_given: BooleanOf<Memory>,
+}
+
+impl Controls {
+    /// Declares them; a system without states has no tolerance, one without inputs no handling of them.
+    pub(crate) fn declare(d: &mut Declaration, indicators: usize) -> Self {
+        let inputs = d.size(Section::Input);
+        let integer_inputs = d.integer_size(Section::Input);
+        let relative_tolerance = (d.size(Section::State) > 0).then(|| {
+            let text = "error tolerated in each integration step, relative to a state's magnitude or nominal value";
+            d.parameter(
+                scalar("relative_tolerance", text).start(1e-6).min(TIGHTEST_TOLERANCE).max(1e-2).nominal(1e-6).fixed(),
+            )
+        });
+        let input_handling = (inputs > 0).then(|| {
+            d.parameter(
+                choice::<InputHandling>(
+                    "input_handling",
+                    "what inputs do within a communication step, from the second one on",
+                )
+                .fixed(),
+            )
+        });
+        let on_step_failure =
+            d.parameter(choice::<OnStepFailure>("on_step_failure", "answer to a step that cannot be finished").fixed());
+        let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
+        let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
+        Controls {
+            relative_tolerance,
+            input_handling,
+            on_step_failure,
+            given_slopes: memory("#given slopes", inputs),
+            slopes: memory("#slopes", inputs),
+            previous_inputs: memory("#previous inputs", inputs),
+            last_inputs: memory("#last inputs", inputs),
+            valid_reals: memory("#valid parameters", reals),
+            indicators: memory("#indicators", indicators),
+            last_integer_inputs: d.integer_memory(integer_inputs),
+            valid_integers: d.integer_memory(integers),
+            time: d.memory(scalar("#time", "")),
+            tolerance: d.memory(scalar("#tolerance", "")),
+            substep: d.memory(scalar("#substep", "")),
+            last_step: d.memory(scalar("#last step", "")),
+            started: d.memory(boolean("#started", "")),
+            parameters_set: d.memory(boolean("#parameters set", "")),
+            slopes_given: d.memory(boolean("#slopes given", "")),
+        }
+    }
+}
