@@ -46,22 +46,7 @@ pub struct L1 {
     B: DMatrix<f64>,
     C: DMatrix<f64>,
     regressor: Regressor,
-    // Design
-    adaptation_gain: ScalarOf<Parameter>,
-    feedback_gain: MatrixOf<Parameter>,
-    A_m: MatrixOf<Parameter>,
-    Q: MatrixOf<Parameter>,
-    omega_min: VectorOf<Parameter>,
-    omega_max: VectorOf<Parameter>,
-    theta_bound: VectorOf<Parameter>,
-    sigma_bound: VectorOf<Parameter>,
-    projection_tolerance: ScalarOf<Parameter>,
-    P: MatrixOf<Prepared>,
-    K_g: MatrixOf<Prepared>,
-    PB: MatrixOf<Prepared>,
-    /// Largest eigenvalue of Bᵀ P B.
-    lambda_max: ScalarOf<Prepared>,
-    // Signals
+    design: Design,
     r: VectorOf<Input>,
     x: VectorOf<Input>,
     x_hat: VectorOf<State>,
@@ -81,26 +66,27 @@ pub struct L1 {
     estimates_clipped: Warning,
 }
 
-impl System for L1 {
-    type Structure = L1Structure;
-    const NAME: &'static str = "l1";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/l1.md");
+/// The numbers of the law, and what follows from them.
+#[derive(Debug)]
+struct Design {
+    adaptation_gain: ScalarOf<Parameter>,
+    feedback_gain: MatrixOf<Parameter>,
+    A_m: MatrixOf<Parameter>,
+    Q: MatrixOf<Parameter>,
+    omega_min: VectorOf<Parameter>,
+    omega_max: VectorOf<Parameter>,
+    theta_bound: VectorOf<Parameter>,
+    sigma_bound: VectorOf<Parameter>,
+    projection_tolerance: ScalarOf<Parameter>,
+    P: MatrixOf<Prepared>,
+    K_g: MatrixOf<Prepared>,
+    PB: MatrixOf<Prepared>,
+    /// Largest eigenvalue of Bᵀ P B.
+    lambda_max: ScalarOf<Prepared>,
+}
 
-    fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let B = rows("B", &structure.B)?;
-        let C = rows("C", &structure.C)?;
-        let (n, m) = B.shape();
-        if C.shape() != (m, n) {
-            let (rows, columns) = C.shape();
-            return Err(Invalid::new(
-                "C",
-                format!("{rows} x {columns}"),
-                format!("must be {m} x {n}, as B is {n} x {m}"),
-            ));
-        }
-        let full = structure.input_gain == InputGain::Full;
-        let omega_entries: Vec<_> =
-            if full { (0..m * m).map(|k| (k % m, k / m)).collect() } else { (0..m).map(|i| (i, i)).collect() };
+impl Design {
+    fn declare(d: &mut Declaration, n: usize, m: usize, full: bool) -> Self {
         let mut omega_bound = |name: &str, text: &str| {
             if full { d.parameter(matrix(name, m, m, text)).elements() } else { d.parameter(diagonal(name, m, text)) }
         };
@@ -108,10 +94,7 @@ impl System for L1 {
             omega_bound("omega_min", "lower bound of the input gain omega"),
             omega_bound("omega_max", "upper bound of the input gain omega"),
         );
-        let omega_hat = "estimate of the input gain omega";
-        let columns = if structure.regressor == Regressor::State { n } else { 1 };
-        let l1 = L1 {
-            regressor: structure.regressor,
+        Design {
             adaptation_gain: d
                 .parameter(scalar("adaptation_gain", "adaptation gain Gamma").start(1e5).positive().nominal(1e5)),
             feedback_gain: d.parameter(
@@ -137,6 +120,35 @@ impl System for L1 {
             K_g: d.prepared(matrix("K_g", m, m, "feedforward gain -(C A_m^-1 B)^-1 for unit steady-state gain")),
             PB: d.prepared(matrix("#PB", n, m, "").hidden()),
             lambda_max: d.prepared(scalar("#lambda_max", "").hidden()),
+        }
+    }
+}
+
+impl System for L1 {
+    type Structure = L1Structure;
+    const NAME: &'static str = "l1";
+    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/l1.md");
+
+    fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let B = rows("B", &structure.B)?;
+        let C = rows("C", &structure.C)?;
+        let (n, m) = B.shape();
+        if C.shape() != (m, n) {
+            let (rows, columns) = C.shape();
+            return Err(Invalid::new(
+                "C",
+                format!("{rows} x {columns}"),
+                format!("must be {m} x {n}, as B is {n} x {m}"),
+            ));
+        }
+        let full = structure.input_gain == InputGain::Full;
+        let omega_entries: Vec<_> =
+            if full { (0..m * m).map(|k| (k % m, k / m)).collect() } else { (0..m).map(|i| (i, i)).collect() };
+        let omega_hat = "estimate of the input gain omega";
+        let columns = if structure.regressor == Regressor::State { n } else { 1 };
+        let l1 = L1 {
+            regressor: structure.regressor,
+            design: Design::declare(d, n, m, full),
             r: d.input(vector("r", m, "reference")),
             x: d.input(vector("x", n, "measured state of the plant")),
             x_hat: d.state(vector("x_hat", n, "state of the predictor")),
@@ -174,14 +186,14 @@ impl System for L1 {
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = Invalid::none();
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
-            let (lo, hi) = (v[self.omega_min][k], v[self.omega_max][k]);
+            let (lo, hi) = (v[self.design.omega_min][k], v[self.design.omega_max][k]);
             if lo > hi {
                 let allowed = format!("must not be above omega_max[{0},{1}] = {hi}", i + 1, j + 1);
                 invalid.and(Invalid::new(format!("omega_min[{},{}]", i + 1, j + 1), lo, allowed));
             }
         }
-        let A_m = v.matrix(self.A_m).into_owned();
-        match lyapunov::solve(&A_m, &v.matrix(self.Q).into_owned()) {
+        let A_m = v.matrix(self.design.A_m).into_owned();
+        match lyapunov::solve(&A_m, &v.matrix(self.design.Q).into_owned()) {
             Err(reasons) => invalid.and(reasons),
             Ok(P) => {
                 let PB = &P * &self.B;
@@ -189,14 +201,14 @@ impl System for L1 {
                 // A Hurwitz matrix is regular.
                 let dc_gain = A_m.lu().solve(&self.B).map(|x| -(&self.C * x));
                 match dc_gain.and_then(|gain| gain.try_inverse()) {
-                    Some(K_g) => v.matrix_mut(self.K_g).copy_from(&K_g),
+                    Some(K_g) => v.matrix_mut(self.design.K_g).copy_from(&K_g),
                     None => {
                         invalid.and(Invalid::because("C A_m^-1 B is singular: the output has no static gain to scale"))
                     }
                 }
-                v.matrix_mut(self.P).copy_from(&P);
-                v.matrix_mut(self.PB).copy_from(&PB);
-                v[self.lambda_max] = lambda_max;
+                v.matrix_mut(self.design.P).copy_from(&P);
+                v.matrix_mut(self.design.PB).copy_from(&PB);
+                v[self.design.lambda_max] = lambda_max;
             }
         }
         invalid.into_result()
@@ -208,7 +220,7 @@ impl System for L1 {
         v.copy(self.x, self.x_hat);
         let mut invalid = Invalid::none();
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
-            let (lo, hi, start) = (v[self.omega_min][k], v[self.omega_max][k], identity(i, j));
+            let (lo, hi, start) = (v[self.design.omega_min][k], v[self.design.omega_max][k], identity(i, j));
             if !(lo..=hi).contains(&start) {
                 let name = format!("omega_min[{0},{1}] … omega_max[{0},{1}]", i + 1, j + 1);
                 let allowed = format!("must hold the start value {start} of the estimate omega_hat");
@@ -227,12 +239,12 @@ impl System for L1 {
             v[estimate] = within;
         };
         for k in 0..self.omega_entries.len() {
-            let (lo, hi) = (v[self.omega_min][k], v[self.omega_max][k]);
+            let (lo, hi) = (v[self.design.omega_min][k], v[self.design.omega_max][k]);
             clip(v, self.omega_hat.at(k), lo, hi);
         }
         let (m, columns) = self.theta_hat.shape();
         for i in 0..m {
-            let (theta, sigma) = (v[self.theta_bound][i], v[self.sigma_bound][i]);
+            let (theta, sigma) = (v[self.design.theta_bound][i], v[self.design.sigma_bound][i]);
             (0..columns).for_each(|j| clip(v, self.theta_hat.at(i, j), -theta, theta));
             clip(v, self.sigma_hat.at(i), -sigma, sigma);
         }
@@ -257,7 +269,7 @@ impl System for L1 {
             y[self.eta_hat][i] += v[self.omega_hat][k] * u[j];
         }
         let theta_hat = v.matrix(self.theta_hat);
-        let PB = v.matrix(self.PB);
+        let PB = v.matrix(self.design.PB);
         for i in 0..u.len() {
             for j in 0..self.phi.len() {
                 let term = theta_hat[(i, j)] * y[self.phi][j];
@@ -267,14 +279,14 @@ impl System for L1 {
             y[self.s][i] = -x_tilde.zip(PB.column(i).iter()).fold(S::from(0.0), |sum, (x, &p)| sum + x * p);
         }
         let excitation = squared(u) + squared(&y[self.phi]) + 1.0;
-        y[self.adaptation_frequency] = (v[self.adaptation_gain] * v[self.lambda_max] * excitation).sqrt();
+        y[self.adaptation_frequency] = (v[self.design.adaptation_gain] * v[self.design.lambda_max] * excitation).sqrt();
     }
 
     /// State predictor, adaptive laws with projection, and the control law u_ad = −K D(s) (η̂ − K_g r), D(s) = 1/s.
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let (r, x_hat, u) = (&v[self.r], &v[self.x_hat], &v[self.u_ad]);
         let (eta_hat, phi, s) = (&v[self.eta_hat], &v[self.phi], &v[self.s]);
-        let A_m = v.matrix(self.A_m);
+        let A_m = v.matrix(self.design.A_m);
         for i in 0..x_hat.len() {
             let mut rate = dot(A_m.row(i).iter(), x_hat);
             for (j, &eta) in eta_hat.iter().enumerate() {
@@ -283,13 +295,13 @@ impl System for L1 {
             dx[self.x_hat][i] = rate;
         }
 
-        let (gamma, epsilon) = (v[self.adaptation_gain], v[self.projection_tolerance]);
+        let (gamma, epsilon) = (v[self.design.adaptation_gain], v[self.design.projection_tolerance]);
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
-            let (lo, hi) = (v[self.omega_min][k], v[self.omega_max][k]);
+            let (lo, hi) = (v[self.design.omega_min][k], v[self.design.omega_max][k]);
             dx[self.omega_hat][k] = gamma * projection(v[self.omega_hat][k], s[i] * u[j], lo, hi, epsilon);
         }
         for i in 0..u.len() {
-            let (theta, sigma) = (v[self.theta_bound][i], v[self.sigma_bound][i]);
+            let (theta, sigma) = (v[self.design.theta_bound][i], v[self.design.sigma_bound][i]);
             for (j, &phi) in phi.iter().enumerate() {
                 let entry = self.theta_hat.at(i, j);
                 dx[entry] = gamma * projection(v[entry], s[i] * phi, -theta, theta, epsilon);
@@ -297,7 +309,7 @@ impl System for L1 {
             dx[self.sigma_hat][i] = gamma * projection(v[self.sigma_hat][i], s[i], -sigma, sigma, epsilon);
         }
 
-        let (K, K_g) = (v.matrix(self.feedback_gain), v.matrix(self.K_g));
+        let (K, K_g) = (v.matrix(self.design.feedback_gain), v.matrix(self.design.K_g));
         for i in 0..u.len() {
             let error = |j: usize| eta_hat[j] - dot(K_g.row(j).iter(), r);
             dx[self.u_ad][i] = -(0..u.len()).fold(S::from(0.0), |sum, j| sum + K[(i, j)] * error(j));
