@@ -29,17 +29,6 @@ pub enum Section {
 impl Section {
     /// Number of sections.
     pub const COUNT: usize = 8;
-    /// All of them, in the order of the block.
-    pub const ALL: [Section; Section::COUNT] = [
-        Section::Parameter,
-        Section::Prepared,
-        Section::Input,
-        Section::State,
-        Section::Discrete,
-        Section::Signal,
-        Section::Derivative,
-        Section::Memory,
-    ];
 }
 
 /// The role of a variable towards the outside.
