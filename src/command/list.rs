@@ -1,0 +1,42 @@
+//! `list`: the FMUs and the closed loops.
+
+use std::path::Path;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::exporter;
+use adaptive_fmu::simulation::Structure;
+use serde_json::json;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Prints them with what they are.
+pub fn execute(arguments: &Arguments) -> Result<(), Error> {
+    let mut fmus = Vec::new();
+    for (name, _) in exporter::descriptions() {
+        let source = exporter::find_description(name)?;
+        let description = adaptive_fmu::model::Description::read(&source.text)
+            .map_err(|invalid| Error::Description { file: source.file, reason: invalid.to_string() })?;
+        fmus.push((name, description.description));
+    }
+    let mut loops = Vec::new();
+    for (name, ssd) in exporter::loops() {
+        loops.push((name, Structure::read(ssd, Path::new(name))?.description));
+    }
+    if arguments.json {
+        let entry = |(name, text): &(_, String)| json!({ "name": name, "description": text });
+        let value = json!({ "fmus": fmus.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>(),
+                            "loops": loops.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>() });
+        println!("{value}");
+    } else {
+        println!("FMUs");
+        fmus.iter().for_each(|(name, text)| println!("  {name:24} {text}"));
+        println!("Loops");
+        loops.iter().for_each(|(name, text)| println!("  {name:24} {text}"));
+    }
+    Ok(())
+}

@@ -1,0 +1,6 @@
+//! The commands, one a file.
+
+pub mod export;
+pub mod info;
+pub mod list;
+pub mod run;
