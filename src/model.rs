@@ -158,7 +158,7 @@ impl Model {
     fn build(description: Description, kind: &Kind) -> Result<Model, Invalid> {
         let mut declaration = Declaration::default();
         let system = kind.declare(description.structure.clone(), &mut declaration)?;
-        let controls = Controls::declare(&mut declaration, system.indicators());
+        let controls = Controls::declare(&mut declaration, system.as_ref());
         let mut variables = declaration.finish()?;
         set_start_values(&mut variables, &description.start)?;
         let model = Model { description, documentation: kind.documentation, system, variables, controls };

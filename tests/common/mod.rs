@@ -4,6 +4,7 @@
 pub mod loops;
 pub mod models;
 pub mod states;
+pub mod stiff;
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
