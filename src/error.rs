@@ -89,10 +89,21 @@ pub enum StepError {
         /// The state with the largest error.
         variable: String,
     },
+    /// The stiff method was asked for where it can't go.
+    #[error(
+        "a derivative of der({variable}) by states or time is no number at t = {time} s, and the stiff method needs \
+         it: set integration_method to automatic or explicit"
+    )]
+    NoJacobian {
+        /// The state whose rate it is.
+        variable: String,
+        /// When, s.
+        time: f64,
+    },
     /// The step needs more work than allowed.
     #[error(
-        "{substeps} substeps reached only t = {time} s of a communication step of {step} s. The system is stiff or \
-         oscillates fast: take a smaller communication step"
+        "{substeps} substeps reached only t = {time} s of a communication step of {step} s. The system changes too fast \
+         for so long a step: take a smaller one, or, if it is stiff and integration_method is explicit, another method"
     )]
     TooManySubsteps {
         /// How many were made.

@@ -156,7 +156,7 @@ impl Model {
         let mut declaration = Declaration::default();
         let system = kind.declare(description.structure.clone(), registry, &mut declaration)?;
         let documentation = declaration.documentation();
-        let controls = Controls::declare(&mut declaration, system.indicators());
+        let controls = Controls::declare(&mut declaration, system.as_ref());
         let mut variables = declaration.finish()?;
         set_start_values(&mut variables, &description.start)?;
         let model = Model { description, documentation, system, variables, controls };

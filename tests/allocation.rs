@@ -5,7 +5,8 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use adaptive_fmu::system::Causality;
+use adaptive_fmu::system::{Causality, Kind, Registry};
+use common::stiff::{Valve, evaluations};
 use common::{OK, Unit, description, description_names};
 
 /// Counts the allocations of each thread.
@@ -101,6 +102,37 @@ fn a_step_with_changing_inputs_allocates_nothing() {
             let step = unit.model.description().experiment.step;
             assert_eq!(allocations(&unit, step, 100), [0; 3], "{name}, handling {handling}");
         }
+    }
+}
+
+#[test]
+fn a_step_by_the_stiff_method_allocates_nothing() {
+    for name in description_names() {
+        let unit = Unit::new(&name);
+        if unit.model.variables().find("integration_method").is_none() {
+            continue;
+        }
+        assert_eq!(unit.set_integer("integration_method", 3), OK);
+        unit.start(0.0);
+        let step = unit.model.description().experiment.step;
+        assert_eq!(allocations(&unit, step, 100), [0; 3], "{name}");
+    }
+}
+
+static REGISTRY: Registry = &[Kind::of::<Valve>()];
+
+#[test]
+fn the_change_to_the_stiff_method_and_back_allocates_nothing() {
+    let unit = Unit::of(REGISTRY, "name = 'Valve'\nmodel = 'valve'\ndescription = ''\n");
+    unit.start(0.0);
+    unit.run(0.0, 1, 0.1);
+    evaluations();
+    for (phase, stiffness) in [1.0, 1e6, 1.0].into_iter().enumerate() {
+        unit.put("stiffness", stiffness);
+        let before = COUNT.get();
+        unit.run(0.1 + phase as f64, 10, 0.1);
+        assert_eq!(COUNT.get(), before, "stiffness {stiffness}");
+        assert!((evaluations()[1] > 0) == (phase > 0), "the stiff method came in");
     }
 }
 

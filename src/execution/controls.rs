@@ -1,8 +1,9 @@
 //! The variables that every model has beside its own, and the memory of its simulation.
 
+use crate::integrator::{IntegrationMethod, Pace};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, Memory, Parameter, ScalarOf, Section, VectorOf, boolean, choice, scalar,
-    vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, DynSystem, IntegerOf, Memory, Parameter, Point, ScalarOf, Section,
+    Values, VectorOf, boolean, choice, integer, scalar, vector,
 };
 
 /// Tolerances below this only add up rounding errors.
@@ -57,12 +58,13 @@ impl Choice for OnStepFailure {
 #[derive(Debug)]
 pub struct Controls {
     pub(super) relative_tolerance: Option<ScalarOf<Parameter>>,
+    pub(super) integration_method: Option<ChoiceOf<Parameter, IntegrationMethod>>,
     pub(super) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
     pub(super) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
     pub(super) time: ScalarOf<Memory>,
     /// The master's tolerance; 0 where it gave none.
     pub(super) tolerance: ScalarOf<Memory>,
-    pub(super) substep: ScalarOf<Memory>,
+    pub(super) pace: PaceMemory,
     pub(super) last_step: ScalarOf<Memory>,
     /// Rates of the inputs that the master gave for the next step.
     pub(super) given_slopes: Option<VectorOf<Memory>>,
@@ -88,8 +90,9 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// Declares them; a system without states has no tolerance, one without inputs no handling of them.
-    pub(crate) fn declare(d: &mut Declaration, indicators: usize) -> Self {
+    /// Declares them; a system without states has no tolerance, one without inputs no handling of them, and one that
+    /// steps itself no method to choose.
+    pub(crate) fn declare(d: &mut Declaration, system: &dyn DynSystem) -> Self {
         let inputs = d.size(Section::Input);
         let integer_inputs = d.integer_size(Section::Input);
         let relative_tolerance = (d.size(Section::State) > 0).then(|| {
@@ -97,6 +100,10 @@ impl Controls {
             d.parameter(
                 scalar("relative_tolerance", text).start(1e-6).min(TIGHTEST_TOLERANCE).max(1e-2).nominal(1e-6).fixed(),
             )
+        });
+        let integration_method = IntegrationMethod::offered(system, d.size(Section::State)).then(|| {
+            let text = "method that integrates the equations within a communication step of co-simulation";
+            d.parameter(choice::<IntegrationMethod>("integration_method", text).fixed())
         });
         let input_handling = (inputs > 0).then(|| {
             d.parameter(
@@ -107,12 +114,15 @@ impl Controls {
                 .fixed(),
             )
         });
-        let on_step_failure =
-            d.parameter(choice::<OnStepFailure>("on_step_failure", "answer to a communication step that cannot be finished").fixed());
+        let on_step_failure = d.parameter(
+            choice::<OnStepFailure>("on_step_failure", "answer to a communication step that cannot be finished")
+                .fixed(),
+        );
         let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
         let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
         Controls {
             relative_tolerance,
+            integration_method,
             input_handling,
             on_step_failure,
             given_slopes: memory("#given slopes", inputs),
@@ -120,12 +130,12 @@ impl Controls {
             previous_inputs: memory("#previous inputs", inputs),
             last_inputs: memory("#last inputs", inputs),
             valid_reals: memory("#valid parameters", reals),
-            indicators: memory("#indicators", indicators),
+            indicators: memory("#indicators", system.indicators()),
             last_integer_inputs: d.integer_memory(integer_inputs),
             valid_integers: d.integer_memory(integers),
             time: d.memory(scalar("#time", "")),
             tolerance: d.memory(scalar("#tolerance", "")),
-            substep: d.memory(scalar("#substep", "")),
+            pace: PaceMemory::declare(d),
             last_step: d.memory(scalar("#last step", "")),
             started: d.memory(boolean("#started", "")),
             completed: d.memory(scalar("#completed", "")),
@@ -133,5 +143,33 @@ impl Controls {
             parameters_set: d.memory(boolean("#parameters set", "")),
             slopes_given: d.memory(boolean("#slopes given", "")),
         }
+    }
+}
+
+/// Where the [`Pace`] of the integration lies between steps.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PaceMemory {
+    substep: ScalarOf<Memory>,
+    stiff: BooleanOf<Memory>,
+    evidence: IntegerOf<Memory>,
+}
+
+impl PaceMemory {
+    fn declare(d: &mut Declaration) -> Self {
+        PaceMemory {
+            substep: d.memory(scalar("#substep", "")),
+            stiff: d.memory(boolean("#stiff", "")),
+            evidence: d.memory(integer("#evidence", "")),
+        }
+    }
+
+    pub(super) fn read(self, v: &Values<f64>) -> Pace {
+        Pace { substep: v[self.substep], stiff: v.get(self.stiff), evidence: v.get(self.evidence) }
+    }
+
+    pub(super) fn write(self, pace: Pace, v: &mut Point) {
+        v[self.substep] = pace.substep;
+        v.put(self.stiff, pace.stiff);
+        v.put(self.evidence, pace.evidence);
     }
 }

@@ -10,7 +10,7 @@ pub use controls::{Controls, InputHandling, OnStepFailure};
 pub use model_exchange::Update;
 
 use crate::error::{Invalid, StepError};
-use crate::integrator::{Driver, Problem, Ramp, Settings};
+use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings};
 use crate::model::{Block, Model};
 use crate::system::{Causality, MessageLog, Point, Section, Values};
 use controls::TIGHTEST_TOLERANCE;
@@ -230,7 +230,9 @@ impl Execution {
         let own = controls.relative_tolerance.map_or(1e-6, |handle| self.values()[handle]);
         let asked = self.values()[controls.tolerance];
         let relative_tolerance = if asked > 0.0 { own.min(asked.max(TIGHTEST_TOLERANCE)) } else { own };
-        Settings { relative_tolerance, ..Settings::default() }
+        let method =
+            controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle));
+        Settings { method, relative_tolerance, ..Settings::default() }
     }
 
     /// Takes over the parameters that were set since the last step, then advances from t by one communication step;
@@ -254,7 +256,7 @@ impl Execution {
 
     fn try_step(&mut self, step: f64) -> Result<(), StepError> {
         let controls = self.model.controls();
-        let (started, time, substep, last) = (controls.started, controls.time, controls.substep, controls.last_step);
+        let (started, time, pace, last) = (controls.started, controls.time, controls.pace, controls.last_step);
         let first = !self.values().get(started);
         if first {
             // Not every master sets inputs in Initialization Mode: what is taken from them is taken here.
@@ -264,7 +266,7 @@ impl Execution {
         let (t0, settings) = (self.time(), self.settings());
         let t1 = t0 + step;
         let ramped = self.prepare_inputs(step, first);
-        let mut next = self.values()[substep];
+        let mut next = pace.read(&self.values());
         self.recall_indicators();
         let (driver, mut problem) = self.problem(ramped);
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
@@ -278,7 +280,7 @@ impl Execution {
             self.block.reals[inputs].iter_mut().zip(set).for_each(|(input, set)| *input = *set);
         }
         let mut point = self.block.point(&self.model, &mut self.log);
-        point[substep] = next;
+        pace.write(next, &mut point);
         point[last] = step;
         point[time] = t1;
         self.model.system().step_completed(t1, step, &mut point);

@@ -74,4 +74,15 @@ impl OneStepMethod for DormandPrince {
         let (scaled, state) = tolerance.scaled(errors, &start.states, states);
         (ErrorEstimate { scaled, order: 5 }, state)
     }
+
+    /// From the last two stages, which lie at the same time: how far the rates differ for how far the states do.
+    fn fastest_rate(&mut self, problem: &Problem, _: &Start, h: f64, nominals: &[f64]) -> f64 {
+        let (mut states, mut rates) = (0.0, 0.0);
+        for ((k, &rate), nominal) in self.k.iter().zip(problem.rates()).zip(nominals) {
+            let differs = h * (sum(&A7, k, k[5]) - sum(&A6, k, k[4]));
+            states += (differs / nominal).powi(2);
+            rates += ((rate - k[5]) / nominal).powi(2);
+        }
+        f64::sqrt(rates / states)
+    }
 }

@@ -1,6 +1,7 @@
 //! Step-size control and events: from one communication point to the next.
 
-use super::{OneStepMethod, Problem, Settings, Start, Tolerance, method_for};
+use super::methods::Methods;
+use super::{IntegrationMethod, Pace, Problem, Settings, Start, Tolerance};
 use crate::error::StepError;
 use crate::system::{DynSystem, Section, Variables};
 
@@ -16,7 +17,7 @@ const EVENT_PRECISION: f64 = 1e-11;
 
 /// Integrates one instance; holds its workspace, and nothing that a continuation depends on.
 pub struct Driver {
-    method: Box<dyn OneStepMethod>,
+    methods: Methods,
     nominals: Vec<f64>,
     start: Start,
     /// Event indicators where a substep begins, where it ends, and between.
@@ -38,7 +39,7 @@ impl Driver {
         let nominal = |k| variables.real_at(Section::State, k).map_or(1.0, |element| element.nominal());
         let indicators = vec![0.0; system.indicators()];
         Driver {
-            method: method_for(system, states),
+            methods: Methods::new(system, variables),
             nominals: (0..states).map(nominal).collect(),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
             crossed: vec![false; system.indicators()],
@@ -51,8 +52,7 @@ impl Driver {
         &self.nominals
     }
 
-    /// Advances a problem from t0 to t1. `substep` is the substep to begin with (0: none known yet) and is left as
-    /// the one to go on with.
+    /// Advances a problem from t0 to t1, at a pace that is left as the one to go on with.
     ///
     /// # Errors
     /// [`StepError`]; the problem is then anywhere in between.
@@ -62,7 +62,7 @@ impl Driver {
         t0: f64,
         t1: f64,
         settings: &Settings,
-        substep: &mut f64,
+        pace: &mut Pace,
     ) -> Result<(), StepError> {
         let mut events =
             EventCount { slack: settings.event_slack * (t1 - t0), limit: settings.max_events, count: 0, last: t0 };
@@ -76,7 +76,7 @@ impl Driver {
                 event if event < t1 - events.slack => event.max(t),
                 _ => t1,
             };
-            let state_event = target > t && self.substep(problem, &mut t, target, settings, substep)?;
+            let state_event = target > t && self.substep(problem, &mut t, target, settings, pace)?;
             substeps += 1;
             if substeps > settings.max_substeps {
                 return Err(StepError::TooManySubsteps { substeps, time: t, step: t1 - t0 });
@@ -178,10 +178,9 @@ impl Driver {
         }
         let h = (64.0 * f64::EPSILON * t.abs().max(t1.abs())).min(t1 - t);
         let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
-        self.start.time = t;
-        self.start.states.copy_from_slice(problem.states());
-        self.start.rates.copy_from_slice(problem.rates());
-        self.method.attempt(problem, &self.start, h, tolerance);
+        self.start.set(problem, t);
+        // So short a step is no harder for one method than for another.
+        self.methods.base().attempt(problem, &self.start, h, tolerance);
         let [before, after, _] = &mut self.indicators;
         problem.event_indicators(t + h, after);
         for (before, after) in before.iter_mut().zip(after) {
@@ -210,32 +209,34 @@ impl Driver {
         t: &mut f64,
         target: f64,
         settings: &Settings,
-        suggested: &mut f64,
+        pace: &mut Pace,
     ) -> Result<bool, StepError> {
-        let start = &mut self.start;
-        start.time = *t;
-        start.states.copy_from_slice(problem.states());
-        start.rates.copy_from_slice(problem.rates());
+        self.start.set(problem, *t);
+        let broken = self.methods.begin(problem, &self.start, settings.method, pace);
+        broken.map_err(|state| StepError::NoJacobian { variable: state_name(problem, state), time: *t })?;
         let way = target - *t;
         let smallest = 16.0 * f64::EPSILON * t.abs().max(target.abs());
-        let mut h = if *suggested > 0.0 && *suggested * STRETCH < way { *suggested } else { way };
+        let suggested = pace.substep;
+        let mut h = if suggested > 0.0 && suggested * STRETCH < way { suggested } else { way };
         loop {
             let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
-            let (estimate, state) = self.method.attempt(problem, &self.start, h, tolerance);
+            let (estimate, state) = self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance);
             if estimate.scaled <= 1.0 {
                 let whole = h == way;
                 // A substep that was cut short says nothing about how long the next may be, unless it was the limit.
-                if *suggested == 0.0 || h >= *suggested {
-                    *suggested = h * growth(estimate.scaled, estimate.order);
+                if pace.substep == 0.0 || h >= pace.substep {
+                    pace.substep = h * growth(estimate.scaled, estimate.order);
+                }
+                if settings.method == IntegrationMethod::Automatic {
+                    self.methods.judge(problem, &self.start, (h, whole), &self.nominals, pace);
                 }
                 let end = if whole { target } else { *t + h };
-                return self.locate_event(problem, t, end, settings);
+                return self.locate_event(problem, t, end, settings, pace);
             }
             h *= if estimate.scaled.is_finite() { growth(estimate.scaled, estimate.order).min(SAFETY) } else { SHRINK };
-            *suggested = h;
+            pace.substep = h;
             if h <= smallest {
-                let variable = problem.variables.real_at(Section::State, state).map_or(String::new(), |e| e.name());
-                let tolerance = settings.relative_tolerance;
+                let (variable, tolerance) = (state_name(problem, state), settings.relative_tolerance);
                 return Err(StepError::StepTooSmall { time: *t, step: h, tolerance, variable });
             }
         }
@@ -250,6 +251,7 @@ impl Driver {
         t: &mut f64,
         end: f64,
         settings: &Settings,
+        pace: &Pace,
     ) -> Result<bool, StepError> {
         let [before, after, between] = &mut self.indicators;
         problem.event_indicators(end, after);
@@ -259,6 +261,7 @@ impl Driver {
             return Ok(false);
         }
         let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
+        let method = self.methods.in_force(pace);
         let (mut low, mut high) = (0.0, end - *t);
         let width = (EVENT_PRECISION * high).max(4.0 * f64::EPSILON * end.abs());
         let mut bisect = false;
@@ -266,7 +269,7 @@ impl Driver {
             let gap = high - low;
             let part = if bisect { 0.5 } else { first_crossing(before, after) };
             let h = (low + gap * part).clamp(low + 0.25 * width, high - 0.25 * width);
-            self.method.attempt(problem, &self.start, h, tolerance);
+            method.attempt(problem, &self.start, h, tolerance);
             problem.event_indicators(self.start.time + h, between);
             if any_crossed(before, between) {
                 high = h;
@@ -277,7 +280,7 @@ impl Driver {
             }
             bisect = high - low > 0.5 * gap;
         }
-        self.method.attempt(problem, &self.start, high, tolerance);
+        method.attempt(problem, &self.start, high, tolerance);
         // The indicators at the bracket's end are those that stand in `after`.
         self.note_crossed();
         *t = self.start.time + high;
@@ -337,6 +340,9 @@ pub(crate) fn check_divergence(problem: &mut Problem, time: f64, limit: f64) -> 
     let offender = problem.states().iter().position(|x| x.is_nan() || x.abs() > limit);
     let Some(place) = offender else { return Ok(()) };
     let value = problem.states()[place];
-    let variable = problem.variables.real_at(Section::State, place).map_or(String::new(), |element| element.name());
-    Err(StepError::Diverged { variable, value, time })
+    Err(StepError::Diverged { variable: state_name(problem, place), value, time })
+}
+
+fn state_name(problem: &Problem, place: usize) -> String {
+    problem.variables.real_at(Section::State, place).map_or(String::new(), |element| element.name())
 }

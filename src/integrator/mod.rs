@@ -25,19 +25,23 @@
 
 mod dormand_prince;
 mod driver;
+mod jacobian;
+mod lu;
+mod methods;
 mod own_step;
+mod rosenbrock;
 
 pub use driver::Driver;
 pub(crate) use driver::check_divergence;
-
-use dormand_prince::DormandPrince;
-use own_step::OwnStep;
+pub use methods::{IntegrationMethod, Pace};
 
 use crate::system::{DynSystem, ErrorEstimate, MessageLog, Offsets, Point, Section, Values, Variables};
 
 /// How a communication step is integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
+    /// Which method integrates.
+    pub method: IntegrationMethod,
     /// Error tolerated in each substep, relative to the larger of a state's magnitude and its nominal value.
     pub relative_tolerance: f64,
     /// Substeps that one communication step may take.
@@ -54,6 +58,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Settings {
+            method: IntegrationMethod::Automatic,
             relative_tolerance: 1e-6,
             max_substeps: 1_000_000,
             max_events: 10_000,
@@ -170,6 +175,15 @@ pub struct Start {
     pub rates: Vec<f64>,
 }
 
+impl Start {
+    /// Takes over where a problem stands, at time t.
+    fn set(&mut self, problem: &mut Problem, t: f64) {
+        self.time = t;
+        self.states.copy_from_slice(problem.states());
+        self.rates.copy_from_slice(problem.rates());
+    }
+}
+
 /// What error counts as 1.
 #[derive(Debug, Clone, Copy)]
 pub struct Tolerance<'a> {
@@ -200,13 +214,24 @@ impl Tolerance<'_> {
 
 /// A one-step method: explicit, implicit, or a system's own.
 pub trait OneStepMethod: Send {
+    /// Prepares attempts from `start`, where the problem stands.
+    ///
+    /// # Errors
+    /// The state whose rate has a derivative that is no number, where the method needs that.
+    fn begin(&mut self, problem: &Problem, start: &Start) -> Result<(), usize> {
+        let _ = (problem, start);
+        Ok(())
+    }
+
     /// Advances the states from `start` by h and evaluates the problem there; says how large the error is and which
     /// state has it. The problem stands anywhere; what it holds is overwritten.
     fn attempt(&mut self, problem: &mut Problem, start: &Start, h: f64, tolerance: Tolerance)
     -> (ErrorEstimate, usize);
-}
 
-/// The method for a system.
-fn method_for(system: &dyn DynSystem, states: usize) -> Box<dyn OneStepMethod> {
-    if system.steps_itself() { Box::new(OwnStep::new()) } else { Box::new(DormandPrince::new(states)) }
+    /// Right after an attempt: about the largest magnitude of the eigenvalues of the equations, 1/s. Not a number
+    /// where the method doesn't know.
+    fn fastest_rate(&mut self, problem: &Problem, start: &Start, h: f64, nominals: &[f64]) -> f64 {
+        let _ = (problem, start, h, nominals);
+        f64::NAN
+    }
 }

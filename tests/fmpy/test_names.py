@@ -7,7 +7,14 @@ CONTRACT = {
     PLANT: {
         "input": ["u[1]"],
         "output": ["x[1]", "x[2]", "y[1]"],
-        "parameter": ["x0[1]", "x0[2]", "input_handling", "relative_tolerance", "on_step_failure"],
+        "parameter": [
+            "x0[1]",
+            "x0[2]",
+            "input_handling",
+            "integration_method",
+            "relative_tolerance",
+            "on_step_failure",
+        ],
     },
     REFERENCE: {"output": ["r[1]", "dr[1]", "ddr[1]"], "parameter": ["signal"]},
     "Reference": {"output": ["r[1]", "dr[1]", "ddr[1]"]},
@@ -24,6 +31,7 @@ CONTRACT = {
             "sigma_bound[1]",
             "projection_tolerance",
             "input_handling",
+            "integration_method",
             "relative_tolerance",
         ],
         "local": [

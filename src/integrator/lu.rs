@@ -1,0 +1,78 @@
+//! Linear equations of the stiff method: nalgebra's decomposition allocates its permutation at every call.
+
+/// A decomposition P A = L U of a square matrix with partial pivoting, in storage of its own.
+#[derive(Debug)]
+pub struct Lu {
+    size: usize,
+    /// By columns: first A; then U, and below its diagonal L, whose own diagonal is 1.
+    a: Vec<f64>,
+    /// Which row was exchanged with row k.
+    pivots: Vec<usize>,
+}
+
+impl Lu {
+    /// Storage for matrices of so many rows.
+    pub fn new(size: usize) -> Self {
+        Lu { size, a: vec![0.0; size * size], pivots: vec![0; size] }
+    }
+
+    /// The matrix by columns, to write before [`Lu::decompose`].
+    pub fn matrix(&mut self) -> &mut [f64] {
+        &mut self.a
+    }
+
+    /// Decomposes the matrix; whether it is regular.
+    pub fn decompose(&mut self) -> bool {
+        let n = self.size;
+        for k in 0..n {
+            let (done, rest) = self.a.split_at_mut((k + 1) * n);
+            let column = &mut done[k * n..];
+            let larger = |p: usize, i: usize| if column[i].abs() > column[p].abs() { i } else { p };
+            let pivot = (k + 1..n).fold(k, larger);
+            self.pivots[k] = pivot;
+            if column[pivot] == 0.0 || !column[pivot].is_finite() {
+                return false;
+            }
+            column.swap(k, pivot);
+            let scale = column[k].recip();
+            column[k + 1..].iter_mut().for_each(|l| *l *= scale);
+            for other in rest.chunks_exact_mut(n) {
+                other.swap(k, pivot);
+                subtract(&mut other[k..], &column[k..]);
+            }
+        }
+        self.permute_multipliers();
+        true
+    }
+
+    /// Brings the multipliers of each column into the order that the exchanges after it made.
+    fn permute_multipliers(&mut self) {
+        for (k, column) in self.a.chunks_exact_mut(self.size).enumerate() {
+            for later in k + 1..self.size {
+                column.swap(later, self.pivots[later]);
+            }
+        }
+    }
+
+    /// Replaces b by the solution x of A x = b.
+    pub fn solve(&self, b: &mut [f64]) {
+        let n = self.size;
+        for (k, &pivot) in self.pivots.iter().enumerate() {
+            b.swap(k, pivot);
+        }
+        for (k, column) in self.a.chunks_exact(n).enumerate() {
+            subtract(&mut b[k..], &column[k..]);
+        }
+        for (k, column) in self.a.chunks_exact(n).enumerate().rev() {
+            b[k] /= column[k];
+            let x = b[k];
+            b[..k].iter_mut().zip(column).for_each(|(b, u)| *b -= u * x);
+        }
+    }
+}
+
+/// Eliminates below the first of `values` with the multipliers below the first of `column`.
+fn subtract(values: &mut [f64], column: &[f64]) {
+    let [first, rest @ ..] = values else { return };
+    rest.iter_mut().zip(&column[1..]).for_each(|(value, l)| *value -= l * *first);
+}

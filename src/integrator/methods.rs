@@ -1,0 +1,177 @@
+//! The methods for a system, and the choice between them.
+
+use super::dormand_prince::DormandPrince;
+use super::own_step::OwnStep;
+use super::rosenbrock::Rosenbrock;
+use super::{OneStepMethod, Problem, Start};
+use crate::system::{Choice, DynSystem, Variables};
+
+/// The stiff method is dense: beyond this number of states its matrices have no place in an instance.
+const MOST_STATES: usize = 2000;
+/// Where stability limits the explicit method, step-size control keeps h |λ| at about this. (The limit itself is 3.3.)
+const LIMIT: f64 = 2.8;
+/// A substep above this part of [`LIMIT`] counts as limited by stability.
+const LIMITED: f64 = 0.9;
+/// How many more substeps must speak for the other method than against it before it is taken, at least.
+const EVIDENCE: f64 = 15.0;
+/// After a change back to the explicit method, the next change takes so many times the evidence more.
+const PATIENCE: i32 = 4;
+
+/// Which general method integrates a system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum IntegrationMethod {
+    /// The explicit one, and the stiff one while that takes less work.
+    Automatic,
+    /// Dormand and Prince's.
+    Explicit,
+    /// Rosenbrock's.
+    Stiff,
+}
+
+impl Choice for IntegrationMethod {
+    const TYPE: &'static str = "IntegrationMethod";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Automatic, "automatic", "explicit, and stiff while the explicit method would need many more steps"),
+        (
+            Self::Explicit,
+            "explicit",
+            "explicit Runge-Kutta method of order 5: cheap steps, for systems that are not stiff",
+        ),
+        (
+            Self::Stiff,
+            "stiff",
+            "L-stable Rosenbrock method of order 5 with exact Jacobians: long steps of stiff systems",
+        ),
+    ];
+}
+
+impl IntegrationMethod {
+    /// Whether a system can be integrated by either method: one that steps itself, or has no states or too many for
+    /// the stiff method, can't.
+    pub fn offered(system: &dyn DynSystem, states: usize) -> bool {
+        !system.steps_itself() && (1..=MOST_STATES).contains(&states)
+    }
+}
+
+/// What a continuation goes on with. It lies in the instance's block between steps.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pace {
+    /// The substep to begin with; 0 where none is known yet.
+    pub substep: f64,
+    /// Whether the stiff method is in force.
+    pub stiff: bool,
+    /// Substeps that spoke for the other method, less those that didn't.
+    pub evidence: i32,
+}
+
+/// The methods for a system.
+///
+/// The choice follows Hairer and Wanner (Solving Ordinary Differential Equations II, IV.2), with the work in it.
+/// A substep h of the explicit method speaks for the stiff one where its stability limits it, as h |λ| tells, λ being
+/// the eigenvalue of the largest magnitude. One that goes the whole way can't be beaten. A substep of the stiff method
+/// speaks for the explicit one where that would take less work within its stability. The stiff method is tried
+/// when the explicit one has worked as long as a trial takes, so that a trial never costs more than what it may save.
+/// Fast oscillations that are hardly damped limit the explicit method before h |λ| tells: for those a user may ask
+/// for the stiff method.
+pub struct Methods {
+    /// The explicit method, or the system's own step.
+    base: Box<dyn OneStepMethod>,
+    stiff: Option<Box<Rosenbrock>>,
+    /// Work of a stiff substep in explicit ones.
+    work: f64,
+}
+
+impl Methods {
+    /// The methods for a system.
+    pub fn new(system: &dyn DynSystem, variables: &Variables) -> Self {
+        let states = variables.states();
+        let base: Box<dyn OneStepMethod> =
+            if system.steps_itself() { Box::new(OwnStep::new()) } else { Box::new(DormandPrince::new(states)) };
+        let stiff = IntegrationMethod::offered(system, states).then(|| Box::new(Rosenbrock::new(variables)));
+        Methods { base, stiff, work: relative_work(states as f64) }
+    }
+
+    /// The explicit method, or the system's own step.
+    pub fn base(&mut self) -> &mut dyn OneStepMethod {
+        self.base.as_mut()
+    }
+
+    /// The method in force.
+    pub fn in_force(&mut self, pace: &Pace) -> &mut dyn OneStepMethod {
+        match &mut self.stiff {
+            Some(stiff) if pace.stiff => stiff.as_mut(),
+            _ => self.base.as_mut(),
+        }
+    }
+
+    /// Decides by which method the substep goes that begins where the problem stands, and prepares it.
+    ///
+    /// # Errors
+    /// The state whose rate has a derivative that is no number, if the stiff method was asked for.
+    pub fn begin(
+        &mut self,
+        problem: &Problem,
+        start: &Start,
+        asked: IntegrationMethod,
+        pace: &mut Pace,
+    ) -> Result<(), usize> {
+        match asked {
+            IntegrationMethod::Explicit => pace.stiff = false,
+            IntegrationMethod::Stiff => pace.stiff = self.stiff.is_some(),
+            IntegrationMethod::Automatic if pace.evidence < self.evidence_needed(pace.stiff) => {}
+            IntegrationMethod::Automatic => self.change(pace),
+        }
+        match self.in_force(pace).begin(problem, start) {
+            Err(_) if asked == IntegrationMethod::Automatic => {
+                self.change(pace);
+                Ok(())
+            }
+            result => result,
+        }
+    }
+
+    fn change(&self, pace: &mut Pace) {
+        let evidence = if pace.stiff { -PATIENCE * self.evidence_needed(false) } else { 0 };
+        *pace = Pace { stiff: !pace.stiff, evidence, ..*pace };
+    }
+
+    fn evidence_needed(&self, stiff: bool) -> i32 {
+        // A trial takes about as many substeps as it takes the other way to speak against it.
+        EVIDENCE.max(if stiff { 0.0 } else { EVIDENCE * self.work }) as i32
+    }
+
+    /// Counts the accepted substep h, after its attempt, for or against the method in force. `whole`: it went all the
+    /// way to where it had to end.
+    pub fn judge(
+        &mut self,
+        problem: &Problem,
+        start: &Start,
+        (h, whole): (f64, bool),
+        nominals: &[f64],
+        pace: &mut Pace,
+    ) {
+        if self.stiff.is_none() {
+            return;
+        }
+        let mut limits = || h * self.in_force(pace).fastest_rate(problem, start, h, nominals) / LIMIT;
+        let against = if pace.stiff {
+            // Half the work: a system at the border stays with what it has.
+            limits() < 0.5 * self.work
+        } else {
+            !whole && limits() > LIMITED
+        };
+        if against {
+            pace.evidence += 1;
+        } else if pace.evidence > 0 {
+            pace.evidence -= 1;
+        }
+    }
+}
+
+/// Work of a stiff substep of n states in explicit ones, counted in evaluations of the equations. A pass with dual
+/// numbers counts as two. Of linear algebra, an evaluation is worth twenty operations a state.
+fn relative_work(n: f64) -> f64 {
+    let (explicit, stages, derivatives) = (6.0, 8.0, 2.0 * (n + 1.0));
+    let algebra = (n.powi(3) / 3.0 + 9.0 * n.powi(2)) / (20.0 * n);
+    (stages + derivatives + algebra) / explicit
+}

@@ -1,0 +1,164 @@
+//! The stiff method: Rosenbrock's, of order 5 with an embedded one of order 4, L-stable and stiffly accurate.
+//!
+//! Steinebach, Construction of Rosenbrock–Wanner method Rodas5P and numerical benchmarks within the Julia Differential
+//! Equations package, BIT Numer. Math. 63 (2023) 27. In the form without products by the Jacobian J (Hairer and
+//! Wanner, Solving Ordinary Differential Equations II, IV.7) its stages solve
+//!
+//! (I/(γh) − J) uᵢ = f(t + αᵢh, x + Σ aᵢⱼuⱼ) + Σ cᵢⱼuⱼ/h + γᵢh ∂f/∂t.
+//!
+//! The states of the last stages add up: the result is that of stage 8 plus u₈, and u₈ itself is the error.
+
+use super::jacobian::Jacobian;
+use super::lu::Lu;
+use super::{OneStepMethod, Problem, Start, Tolerance};
+use crate::system::{ErrorEstimate, Variables};
+
+const STAGES: usize = 8;
+
+const GAMMA: f64 = 0.21193756319429014;
+/// The nodes αᵢ.
+const NODES: [f64; STAGES] =
+    [0.0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1.0, 1.0, 1.0];
+/// The weights γᵢ of ∂f/∂t.
+const TIME_WEIGHTS: [f64; STAGES] =
+    [GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069, 0.0, 0.0, 0.0];
+/// The weights aᵢⱼ of stages 2 to 6. Stage 7 adds u₆ to the state of stage 6, stage 8 then u₇.
+const A2: [f64; 1] = [3.0];
+const A3: [f64; 2] = [2.849394379747939, 0.45842242204463923];
+const A4: [f64; 3] = [-6.954028509809101, 2.489845061869568, -10.358996098473584];
+const A5: [f64; 4] = [2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641];
+const A6: [f64; 5] =
+    [-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946];
+/// The weights cᵢⱼ of stages 2 to 8.
+const C2: [f64; 1] = [-14.155112264123755];
+const C3: [f64; 2] = [-17.97296035885952, -2.859693295451294];
+const C4: [f64; 3] = [147.12150275711716, -1.41221402718213, 71.68940251302358];
+const C5: [f64; 4] = [165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306];
+const C6: [f64; 5] =
+    [24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125, -0.6610691825249471];
+const C7: [f64; 6] = [
+    30.91273214028599,
+    -3.1208243349937974,
+    77.79954646070892,
+    34.28646028294783,
+    -19.097331116725623,
+    -28.087943162872662,
+];
+const C8: [f64; 7] = [
+    37.80277123390563,
+    -3.2571969029072276,
+    112.26918849496327,
+    66.9347231244047,
+    -40.06618937091002,
+    -54.66780262877968,
+    -9.48861652309627,
+];
+
+/// The method's workspace.
+#[derive(Debug)]
+pub struct Rosenbrock {
+    jacobian: Jacobian,
+    lu: Lu,
+    /// The stages u, one row a state: what is summed lies together.
+    u: Vec<[f64; STAGES]>,
+    /// Right-hand side and solution of a stage's equations.
+    rhs: Vec<f64>,
+}
+
+impl Rosenbrock {
+    /// A workspace for a system.
+    pub fn new(variables: &Variables) -> Self {
+        let states = variables.states();
+        Rosenbrock {
+            jacobian: Jacobian::new(variables),
+            lu: Lu::new(states),
+            u: vec![[0.0; STAGES]; states],
+            rhs: vec![0.0; states],
+        }
+    }
+
+    /// Decomposes I/(γh) − J; whether it is regular.
+    fn decompose(&mut self, h: f64) -> bool {
+        let (matrix, n) = (self.lu.matrix(), self.rhs.len());
+        matrix.iter_mut().zip(self.jacobian.by_states()).for_each(|(w, j)| *w = -j);
+        matrix.iter_mut().step_by(n + 1).for_each(|diagonal| *diagonal += 1.0 / (GAMMA * h));
+        self.lu.decompose()
+    }
+
+    /// Puts the states of a stage to those of the start with the weighted sum of the stages before.
+    fn place<const N: usize>(&self, problem: &mut Problem, start: &Start, weights: &[f64; N]) {
+        for ((x, x0), u) in problem.states().iter_mut().zip(&start.states).zip(&self.u) {
+            *x = x0 + sum(weights, u);
+        }
+    }
+
+    /// Adds the stage before to the states.
+    fn add(&self, problem: &mut Problem, stage: usize) {
+        problem.states().iter_mut().zip(&self.u).for_each(|(x, u)| *x += u[stage]);
+    }
+
+    /// Evaluates the problem at a stage, where its states stand, and solves the stage's equations.
+    fn stage<const N: usize>(&mut self, problem: &mut Problem, start: &Start, h: f64, weights: &[f64; N]) {
+        problem.evaluate(start.time + NODES[N] * h);
+        self.solve(problem.rates(), h, weights);
+    }
+
+    fn solve<const N: usize>(&mut self, rates: &[f64], h: f64, weights: &[f64; N]) {
+        let by_time = self.jacobian.by_time();
+        for (((rhs, rate), u), change) in self.rhs.iter_mut().zip(rates).zip(&self.u).zip(by_time) {
+            *rhs = rate + sum(weights, u) / h + TIME_WEIGHTS[N] * h * change;
+        }
+        self.lu.solve(&mut self.rhs);
+        self.u.iter_mut().zip(&self.rhs).for_each(|(u, &solution)| u[N] = solution);
+    }
+}
+
+/// Weighted sum of the first N stages.
+#[inline]
+fn sum<const N: usize>(weights: &[f64; N], u: &[f64; STAGES]) -> f64 {
+    weights.iter().zip(u).map(|(weight, u)| weight * u).sum()
+}
+
+impl OneStepMethod for Rosenbrock {
+    fn begin(&mut self, problem: &Problem, start: &Start) -> Result<(), usize> {
+        self.jacobian.evaluate(problem, start.time)
+    }
+
+    fn attempt(
+        &mut self,
+        problem: &mut Problem,
+        start: &Start,
+        h: f64,
+        tolerance: Tolerance,
+    ) -> (ErrorEstimate, usize) {
+        if !self.decompose(h) {
+            return (ErrorEstimate { scaled: f64::NAN, order: 5 }, 0);
+        }
+        self.solve(&start.rates, h, &[]);
+        self.place(problem, start, &A2);
+        self.stage(problem, start, h, &C2);
+        self.place(problem, start, &A3);
+        self.stage(problem, start, h, &C3);
+        self.place(problem, start, &A4);
+        self.stage(problem, start, h, &C4);
+        self.place(problem, start, &A5);
+        self.stage(problem, start, h, &C5);
+        self.place(problem, start, &A6);
+        self.stage(problem, start, h, &C6);
+        self.add(problem, 5);
+        self.stage(problem, start, h, &C7);
+        self.add(problem, 6);
+        self.stage(problem, start, h, &C8);
+        self.add(problem, 7);
+        problem.evaluate(start.time + h);
+        let (states, rates) = problem.states_and_rates();
+        // Where the equations give no number, no other step could start.
+        let errors = self.u.iter().zip(rates).map(|(u, rate)| if rate.is_finite() { u[7] } else { f64::NAN });
+        let (scaled, state) = tolerance.scaled(errors, &start.states, states);
+        (ErrorEstimate { scaled, order: 5 }, state)
+    }
+
+    fn fastest_rate(&mut self, _: &Problem, _: &Start, _: f64, nominals: &[f64]) -> f64 {
+        self.jacobian.spectral_radius(nominals)
+    }
+}
