@@ -1,20 +1,25 @@
 //! `export`: descriptions become FMUs.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
+use adaptive_fmu::simulation::{LoopFiles, Structure, pack};
 use serde_json::json;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// FMUs of this package, or description files (NAME.toml); all FMUs of this package where none is named
+    /// FMUs of this package, or description files (NAME.toml); all FMUs of this package where nothing is named
     names: Vec<String>,
     /// All FMUs of this package
     #[arg(long, conflicts_with = "names")]
     all: bool,
-    /// Folder for the FMUs
+    /// Writes this loop as LOOP.ssp, its FMUs within: a loop of this package, a folder or an .ssd file; repeatable
+    #[arg(long, value_name = "LOOP")]
+    ssp: Vec<String>,
+    /// Folder for the FMUs and loops
     #[arg(long, default_value = "fmus")]
     out: PathBuf,
     /// Shared library to pack instead of the one built with this program (one that holds models of your own)
@@ -30,14 +35,19 @@ pub struct Arguments {
 
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, all: _, out, library, run, json } = arguments;
+    let Arguments { names, all: everything, ssp, out, library, run, json } = arguments;
     let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
-    let names = if names.is_empty() { all() } else { names.clone() };
-    let files = export(&names, &library, out)?;
-    if *json {
-        println!("{}", json!({ "fmus": files }));
+    // Who asks for a packed loop alone gets that alone; a run needs the FMUs in the folder.
+    let everything = *everything || names.is_empty() && (ssp.is_empty() || run.is_some());
+    let names = if everything { all() } else { names.clone() };
+    let fmus = export(&names, &library, out)?;
+    let loops = ssp.iter().map(|name| pack_loop(name, &library, out)).collect::<Result<Vec<_>, _>>()?;
+    if *json && ssp.is_empty() {
+        println!("{}", json!({ "fmus": fmus }));
+    } else if *json {
+        println!("{}", json!({ "fmus": fmus, "ssps": loops }));
     } else {
-        files.iter().for_each(|file| println!("{}", file.display()));
+        fmus.iter().chain(&loops).for_each(|file| println!("{}", file.display()));
     }
     let close = |name: &String| super::run::execute(&super::run::Arguments::of(name, out, *json));
     run.as_ref().map_or(Ok(ExitCode::SUCCESS), close)
@@ -55,4 +65,21 @@ pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<Pat
         eprintln!("warning: the library was built without optimisation and is slow; build it with --release");
     }
     names.iter().map(|name| exporter::export(&exporter::find_description(name)?, library, out)).collect()
+}
+
+/// Writes the FMUs of a loop into a folder.
+pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
+    let needed: BTreeSet<String> = structure.components.iter().map(|component| component.fmu.clone()).collect();
+    export(&Vec::from_iter(needed), library, out)
+}
+
+/// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
+fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+    let files = LoopFiles::find(name)?;
+    if let Some(fmus) = files.fmus() {
+        return pack(&files, &fmus, out);
+    }
+    let fmus = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+    export_units(&files.structure()?, library, fmus.path())?;
+    pack(&files, fmus.path(), out)
 }

@@ -7,13 +7,16 @@ mod page;
 
 use std::path::{Path, PathBuf};
 
-pub use archive::{PLATFORM, read_entry, unpack};
+pub use archive::{PLATFORM, read_entry, unpack, write_entries};
 pub use library::Library;
 pub(crate) use library::with_causes;
 
 use crate::error::Error;
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
+
+/// Files within this program: name and text.
+pub type Embedded = &'static [(&'static str, &'static str)];
 
 /// A description, and where it came from.
 #[derive(Debug, Clone)]
@@ -29,8 +32,8 @@ pub fn descriptions() -> &'static [(&'static str, &'static str)] {
     DESCRIPTIONS
 }
 
-/// The closed loops of this package: name and SystemStructure.ssd.
-pub fn loops() -> &'static [(&'static str, &'static str)] {
+/// The closed loops of this package: name and files.
+pub fn loops() -> &'static [(&'static str, Embedded)] {
     LOOPS
 }
 
