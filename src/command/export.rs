@@ -16,10 +16,13 @@ pub struct Arguments {
     /// All FMUs of this package
     #[arg(long, conflicts_with = "names")]
     all: bool,
-    /// Writes this loop as LOOP.ssp, its FMUs within: a loop of this package, a folder or an .ssd file; repeatable
+    /// A whole loop as one FMU, integrated together (repeatable); only what is asked for where no FMU is named
+    #[arg(long, value_name = "LOOP")]
+    composite: Vec<String>,
+    /// A loop with its FMUs as one archive for other masters, LOOP.ssp (repeatable); likewise
     #[arg(long, value_name = "LOOP")]
     ssp: Vec<String>,
-    /// Folder for the FMUs and loops
+    /// Folder for the FMUs and archives
     #[arg(long, default_value = "fmus")]
     out: PathBuf,
     /// Shared library to pack instead of the one built with this program (one that holds models of your own)
@@ -35,12 +38,16 @@ pub struct Arguments {
 
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, all: everything, ssp, out, library, run, json } = arguments;
+    let Arguments { names, all: every, composite, ssp, out, library, run, json } = arguments;
     let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
-    // Who asks for a packed loop alone gets that alone; a run needs the FMUs in the folder.
-    let everything = *everything || names.is_empty() && (ssp.is_empty() || run.is_some());
-    let names = if everything { all() } else { names.clone() };
-    let fmus = export(&names, &library, out)?;
+    // A run needs the FMUs of its loop in the folder.
+    let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
+    let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
+    let mut fmus = export(&names, &library, out)?;
+    for name in composite {
+        let structure = LoopFiles::find(name)?.structure()?;
+        fmus.push(exporter::export(&exporter::composite(&structure)?, &library, out)?);
+    }
     let loops = ssp.iter().map(|name| pack_loop(name, &library, out)).collect::<Result<Vec<_>, _>>()?;
     if *json && ssp.is_empty() {
         println!("{}", json!({ "fmus": fmus }));
@@ -76,10 +83,15 @@ pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Res
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
 fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error> {
     let files = LoopFiles::find(name)?;
-    if let Some(fmus) = files.fmus() {
-        return pack(&files, &fmus, out);
-    }
-    let fmus = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-    export_units(&files.structure()?, library, fmus.path())?;
-    pack(&files, fmus.path(), out)
+    let new = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+    let fmus = match files.fmus() {
+        Some(own) => own,
+        None => {
+            export_units(&files.structure()?, library, new.path())?;
+            new.path().to_owned()
+        }
+    };
+    let (file, warnings) = pack(&files, &fmus, out)?;
+    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    Ok(file)
 }

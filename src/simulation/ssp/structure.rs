@@ -38,12 +38,12 @@ impl Reader<'_> {
             return Err(self.refuse(root, &format!("version = {version}: only 1.x can be read")));
         }
         let (system, experiment) = (self.inside(root, "System")?, self.inside(root, "DefaultExperiment")?);
-        let ours = self.closed_loop(root)?;
+        let ours = self.closed_loop(root, experiment)?;
         let (step, order) = self.master(self.inside(ours, "Master")?)?;
         let units = self.units(root)?;
         let mut structure = Structure {
             file: self.file.to_owned(),
-            name: self.plain_name(root)?,
+            name: self.plain_name(if ours.has_attribute("name") { ours } else { root })?,
             description: attribute(system, "description").unwrap_or_default(),
             components: self.components(system, &units, files)?,
             connections: self.connections(system)?,
@@ -61,20 +61,21 @@ impl Reader<'_> {
         Ok(structure)
     }
 
-    /// The content of our annotation.
-    fn closed_loop<'a, 'b>(&self, root: Node<'a, 'b>) -> Result<Node<'a, 'b>, Error> {
-        let mut annotations = child(root, "Annotations").into_iter().flat_map(|node| elements(node, "Annotation"));
+    /// The content of our annotation: that of the experiment, or of the whole.
+    fn closed_loop<'a, 'b>(&self, root: Node<'a, 'b>, experiment: Node<'a, 'b>) -> Result<Node<'a, 'b>, Error> {
+        let annotations = [experiment, root].into_iter().filter_map(|node| child(node, "Annotations"));
+        let mut annotations = annotations.flat_map(|node| elements(node, "Annotation"));
         let ours = annotations.find(|node| node.attribute("type") == Some(ANNOTATION));
         let ours = ours.ok_or_else(|| self.refuse(root, &format!("there is no annotation {ANNOTATION}")))?;
         self.inside(ours, "ClosedLoop")
     }
 
     /// The loop's name, which names a folder of results and an archive.
-    fn plain_name(&self, root: Node) -> Result<String, Error> {
-        let name = self.required(root, "name")?;
+    fn plain_name(&self, node: Node) -> Result<String, Error> {
+        let name = self.required(node, "name")?;
         let plain = name.chars().all(|c| c.is_alphanumeric() || "_-. ".contains(c)) && !name.starts_with('.');
         if name.is_empty() || !plain {
-            return Err(self.refuse(root, &format!("name = {name}: must be letters, digits, _, -, spaces and dots")));
+            return Err(self.refuse(node, &format!("name = {name}: must be letters, digits, _, -, spaces and dots")));
         }
         Ok(name)
     }
