@@ -29,10 +29,8 @@ fn compiler() -> String {
 
 /// Contents of files in the order of their names.
 fn hash(path: &Path, hasher: &mut DefaultHasher) {
-    if let Ok(entries) = fs::read_dir(path) {
-        let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
-        paths.sort();
-        paths.iter().for_each(|path| hash(path, hasher));
+    if path.is_dir() {
+        entries(path).iter().for_each(|path| hash(path, hasher));
     } else {
         hasher.write(path.to_string_lossy().as_bytes());
         hasher.write(&fs::read(path).unwrap_or_default());
@@ -43,25 +41,34 @@ fn hash(path: &Path, hasher: &mut DefaultHasher) {
 fn embed() {
     println!("cargo::rerun-if-changed=modelDescription");
     println!("cargo::rerun-if-changed=examples");
-    let root = env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
-    let list = |name: &str, folder: &str, pick: &dyn Fn(&Path) -> Option<(String, PathBuf)>| {
-        let entries = fs::read_dir(Path::new(&root).join(folder)).into_iter().flatten().flatten();
-        let mut found: Vec<_> = entries.filter_map(|entry| pick(&entry.path())).collect();
-        found.sort();
-        let lines = found.iter().map(|(key, path)| format!("({key:?}, include_str!({path:?})),\n"));
-        format!("static {name}: &[(&str, &str)] = &[\n{}];\n", lines.collect::<String>())
-    };
-    let description = |path: &Path| {
-        let is_description = path.extension().is_some_and(|extension| extension == "toml");
-        is_description.then(|| (stem(path), path.to_owned()))
-    };
-    let closed_loop = |path: &Path| {
-        let file = path.join("SystemStructure.ssd");
-        file.is_file().then(|| (path.file_name().unwrap_or_default().to_string_lossy().into_owned(), file))
-    };
-    let code = list("DESCRIPTIONS", "modelDescription", &description) + &list("LOOPS", "examples", &closed_loop);
+    let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").unwrap_or_default());
+    let descriptions = texts(&root.join("modelDescription"), &["toml"], stem);
+    let loops =
+        entries(&root.join("examples")).into_iter().filter(|folder| folder.join("SystemStructure.ssd").is_file());
+    let loops = loops.map(|folder| format!("({:?}, &[\n{}]),\n", name(&folder), texts(&folder, &["ssd", "ssv"], name)));
+    let code = format!(
+        "static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n",
+        loops.collect::<String>()
+    );
     let file = Path::new(&env::var("OUT_DIR").unwrap_or_default()).join("embedded.rs");
     fs::write(file, code).expect("cargo's own folder can be written");
+}
+
+/// The files of a folder with one of some extensions, as entries of a Rust array: key and text.
+fn texts(folder: &Path, extensions: &[&str], key: fn(&Path) -> String) -> String {
+    let has = |path: &PathBuf| path.extension().is_some_and(|e| extensions.iter().any(|extension| e == *extension));
+    let files = entries(folder).into_iter().filter(has);
+    files.map(|path| format!("({:?}, include_str!({path:?})),\n", key(&path))).collect()
+}
+
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    let mut paths: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    paths
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 fn stem(path: &Path) -> String {

@@ -1,23 +1,28 @@
 //! `export`: descriptions become FMUs.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
+use adaptive_fmu::simulation::{LoopFiles, Structure, pack};
 use serde_json::json;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// FMUs of this package, or description files (NAME.toml); all FMUs of this package where none is named
+    /// FMUs of this package, or description files (NAME.toml); all FMUs of this package where nothing is named
     names: Vec<String>,
     /// All FMUs of this package
     #[arg(long, conflicts_with = "names")]
     all: bool,
-    /// A whole loop as one FMU, integrated together (repeatable); only these where no FMU is named
+    /// A whole loop as one FMU, integrated together (repeatable); only what is asked for where no FMU is named
     #[arg(long, value_name = "LOOP")]
     composite: Vec<String>,
-    /// Folder for the FMUs
+    /// A loop with its FMUs as one archive for other masters, LOOP.ssp (repeatable); likewise
+    #[arg(long, value_name = "LOOP")]
+    ssp: Vec<String>,
+    /// Folder for the FMUs and archives
     #[arg(long, default_value = "fmus")]
     out: PathBuf,
     /// Shared library to pack instead of the one built with this program (one that holds models of your own)
@@ -33,18 +38,23 @@ pub struct Arguments {
 
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, all: every, composite, out, library, run, json } = arguments;
+    let Arguments { names, all: every, composite, ssp, out, library, run, json } = arguments;
     let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
-    let names = if *every || (names.is_empty() && composite.is_empty()) { all() } else { names.clone() };
-    let mut files = export(&names, &library, out)?;
+    // A run needs the FMUs of its loop in the folder.
+    let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
+    let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
+    let mut fmus = export(&names, &library, out)?;
     for name in composite {
-        let (structure, _) = super::run::find_loop(name)?;
-        files.push(exporter::export(&exporter::composite(&structure)?, &library, out)?);
+        let structure = LoopFiles::find(name)?.structure()?;
+        fmus.push(exporter::export(&exporter::composite(&structure)?, &library, out)?);
     }
-    if *json {
-        println!("{}", json!({ "fmus": files }));
+    let loops = ssp.iter().map(|name| pack_loop(name, &library, out)).collect::<Result<Vec<_>, _>>()?;
+    if *json && ssp.is_empty() {
+        println!("{}", json!({ "fmus": fmus }));
+    } else if *json {
+        println!("{}", json!({ "fmus": fmus, "ssps": loops }));
     } else {
-        files.iter().for_each(|file| println!("{}", file.display()));
+        fmus.iter().chain(&loops).for_each(|file| println!("{}", file.display()));
     }
     let close = |name: &String| super::run::execute(&super::run::Arguments::of(name, out, *json));
     run.as_ref().map_or(Ok(ExitCode::SUCCESS), close)
@@ -62,4 +72,26 @@ pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<Pat
         eprintln!("warning: the library was built without optimisation and is slow; build it with --release");
     }
     names.iter().map(|name| exporter::export(&exporter::find_description(name)?, library, out)).collect()
+}
+
+/// Writes the FMUs of a loop into a folder.
+pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
+    let needed: BTreeSet<String> = structure.components.iter().map(|component| component.fmu.clone()).collect();
+    export(&Vec::from_iter(needed), library, out)
+}
+
+/// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
+fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+    let files = LoopFiles::find(name)?;
+    let new = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+    let fmus = match files.fmus() {
+        Some(own) => own,
+        None => {
+            export_units(&files.structure()?, library, new.path())?;
+            new.path().to_owned()
+        }
+    };
+    let (file, warnings) = pack(&files, &fmus, out)?;
+    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    Ok(file)
 }

@@ -1,10 +1,8 @@
 //! `list`: the FMUs and the closed loops.
 
-use std::path::Path;
-
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
-use adaptive_fmu::simulation::Structure;
+use adaptive_fmu::simulation::LoopFiles;
 use serde_json::json;
 
 #[derive(clap::Args)]
@@ -24,8 +22,8 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
         fmus.push((name, description.description));
     }
     let mut loops = Vec::new();
-    for (name, ssd) in exporter::loops() {
-        loops.push((name, Structure::read(ssd, Path::new(name))?.description));
+    for (name, _) in exporter::loops() {
+        loops.push((name, LoopFiles::find(name)?.structure()?.description));
     }
     if arguments.json {
         let entry = |(name, text): &(_, String)| json!({ "name": name, "description": text });

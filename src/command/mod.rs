@@ -3,4 +3,5 @@
 pub mod export;
 pub mod info;
 pub mod list;
+pub mod parameters;
 pub mod run;

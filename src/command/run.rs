@@ -1,18 +1,18 @@
 //! `run`: a closed loop through its FMUs.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Library};
-use adaptive_fmu::simulation::{ClosedLoop, Measured, Order, Recording, Settings, Structure};
+use adaptive_fmu::exporter::Library;
+use adaptive_fmu::simulation::{ClosedLoop, LoopFiles, Measured, Order, Recording, Settings, Structure};
 use adaptive_fmu::simulation::{measure, svg, terminal};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::export::export;
+use super::export::export_units;
+use super::parameters::Parameters;
 
 /// A metric beyond its limit.
 const BEYOND_LIMIT: u8 = 3;
@@ -20,10 +20,11 @@ const RESULTS: &str = "results";
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// A loop of this package, or a SystemStructure.ssd
+    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
     #[arg(value_name = "LOOP")]
     name: String,
-    /// Folder with FMUs to use as they are; without it, this package's are exported anew into fmus/
+    /// Folder with FMUs to use as they are; without it, those in resources/ beside the loop, or this package's, which
+    /// are exported anew into fmus/
     #[arg(long)]
     fmus: Option<PathBuf>,
     /// Folder for results
@@ -38,6 +39,8 @@ pub struct Arguments {
     /// gauss-seidel or jacobi, in place of the loop's own
     #[arg(long)]
     order: Option<Order>,
+    #[command(flatten)]
+    parameters: Parameters,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -46,8 +49,8 @@ pub struct Arguments {
 impl Arguments {
     /// A loop as it is, through the FMUs in a folder.
     pub fn of(name: &str, fmus: &Path, json: bool) -> Self {
-        let (fmus, out) = (Some(fmus.to_owned()), PathBuf::from(RESULTS));
-        Arguments { name: name.to_owned(), fmus, out, step: None, until: None, order: None, json }
+        let (fmus, out, parameters) = (Some(fmus.to_owned()), PathBuf::from(RESULTS), Parameters::default());
+        Arguments { name: name.to_owned(), fmus, out, step: None, until: None, order: None, parameters, json }
     }
 }
 
@@ -56,44 +59,37 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "must be a finite number above 0".to_owned())
 }
 
-/// The loop of a name or a file, and where it stands.
-pub fn find_loop(name: &str) -> Result<(Structure, PathBuf), Error> {
-    if let Some((_, ssd)) = exporter::loops().iter().find(|(known, _)| *known == name) {
-        let file = Path::new("examples").join(name).join("SystemStructure.ssd");
-        return Ok((Structure::read(ssd, &file)?, file));
+/// The loop as it is asked for, and the folder of its FMUs.
+fn find_loop(options: &Arguments, files: &LoopFiles) -> Result<(Structure, PathBuf), Error> {
+    let mut structure = files.structure()?;
+    options.parameters.apply(&mut structure, files)?;
+    if let Some(fmus) = options.fmus.clone().or_else(|| files.fmus()) {
+        return Ok((structure, fmus));
     }
-    let file = PathBuf::from(name);
-    if file.extension().is_none_or(|extension| extension != "ssd") {
-        let known: Vec<_> = exporter::loops().iter().map(|(name, _)| *name).collect();
-        return Err(Error::Unknown { what: "loop", name: name.to_owned(), known: known.join(", ") });
-    }
-    let text = std::fs::read_to_string(&file).map_err(Error::file(&file))?;
-    Ok((Structure::read(&text, &file)?, file))
+    // A loop must not show the numbers of units that were exported before an equation was changed.
+    let fmus = PathBuf::from("fmus");
+    export_units(&structure, &Library::beside_program()?, &fmus)?;
+    Ok((structure, fmus))
 }
 
 /// Runs a closed loop, writes what it recorded and prints its metrics.
 pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
-    let (structure, file) = find_loop(&options.name)?;
-    let fmus = options.fmus.as_deref().unwrap_or(Path::new("fmus"));
-    if options.fmus.is_none() {
-        // A loop must not show the numbers of units that were exported before an equation was changed.
-        let needed: BTreeSet<String> = structure.components.iter().map(|component| component.fmu.clone()).collect();
-        export(&Vec::from_iter(needed), &Library::beside_program()?, fmus)?;
-    }
+    let files = LoopFiles::find(&options.name)?;
+    let (structure, fmus) = find_loop(options, &files)?;
     let settings = Settings {
         start_time: structure.start_time,
         stop_time: options.until.unwrap_or(structure.stop_time),
         step: options.step.unwrap_or(structure.step),
         order: options.order.unwrap_or(structure.order),
     };
-    let wrong = |reason: String| Error::Loop { file: file.clone(), reason };
+    let wrong = |reason: String| Error::Loop { file: structure.file.clone(), reason };
     if settings.stop_time <= settings.start_time {
         return Err(wrong(format!(
             "stop time {}: must be after the start, {}",
             settings.stop_time, settings.start_time
         )));
     }
-    let mut closed = ClosedLoop::new(&structure, &file, fmus)?;
+    let mut closed = ClosedLoop::new(&structure, &fmus)?;
     let bar = progress_bar(options.json, &settings);
     let result = closed.run(settings, |time| {
         bar.set_position(((time - settings.start_time) * 1e3) as u64);

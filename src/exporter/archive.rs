@@ -1,7 +1,7 @@
 //! The .fmu archive.
 
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
 
 use zip::write::SimpleFileOptions;
@@ -24,7 +24,7 @@ pub const PLATFORM: &str = if cfg!(target_os = "windows") {
 /// What an archive may unpack to: a limit for archives that aren't ours.
 const LARGEST: u64 = 1 << 30;
 
-/// Writes an archive; a file of that name is replaced at the end, or not at all.
+/// Writes an FMU; a file of that name is replaced at the end, or not at all.
 ///
 /// # Errors
 /// When files can't be read or written.
@@ -42,8 +42,15 @@ pub fn write(file: &Path, unit: &Unit, description: &str, page: &str, library: &
         ("documentation/licenses/LICENSE-MIT", include_bytes!("../../LICENSE-MIT")),
         (&resource, description.as_bytes()),
     ];
-    let bytes =
-        zipped(&entries).map_err(|error| Error::Archive { file: file.to_owned(), reason: error.to_string() })?;
+    write_entries(file, &entries)
+}
+
+/// Writes an archive of some entries; a file of that name is replaced at the end, or not at all.
+///
+/// # Errors
+/// When it can't be written.
+pub fn write_entries(file: &Path, entries: &[(&str, &[u8])]) -> Result<(), Error> {
+    let bytes = zipped(entries).map_err(|error| Error::Archive { file: file.to_owned(), reason: error.to_string() })?;
     let folder = file.parent().unwrap_or(Path::new("."));
     let mut temporary =
         tempfile::Builder::new().prefix(".").suffix(".part").tempfile_in(folder).map_err(Error::file(file))?;
@@ -85,6 +92,10 @@ fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
         reason: format!("not a readable archive: {error}"),
     };
     let mut archive = ZipArchive::new(opened).map_err(refuse)?;
+    if archive.has_duplicate_names() {
+        let reason = "holds several entries of one name".to_owned();
+        return Err(Error::Archive { file: file.to_owned(), reason });
+    }
     let mut total = 0_u64;
     for index in 0..archive.len() {
         total = total.saturating_add(archive.by_index_raw(index).map_err(refuse)?.size());
@@ -129,7 +140,11 @@ pub fn unpack(file: &Path, folder: &Path) -> Result<(), Error> {
         if let Some(parent) = target.parent() {
             std::fs::create_dir_all(parent).map_err(Error::file(parent))?;
         }
-        let mut written = File::create(&target).map_err(Error::file(&target))?;
+        // Two names may be one path: `a` and `./a`.
+        let mut written = File::create_new(&target).map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => refuse(format!("holds several entries that are `{}`", name.display())),
+            _ => Error::file(&target)(error),
+        })?;
         let size = entry.size();
         let copied = std::io::copy(&mut (&mut entry).take(size), &mut written).map_err(Error::file(&target))?;
         if copied != size {

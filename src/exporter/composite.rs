@@ -7,7 +7,7 @@ use toml::{Table, Value};
 use super::{Source, find_description};
 use crate::error::Error;
 use crate::model::Description;
-use crate::simulation::{Component, Structure};
+use crate::simulation::{Affine, Component, Structure};
 use crate::system::Kind;
 
 /// Parameters about communication steps, of which a whole has none inside.
@@ -26,6 +26,9 @@ pub fn composite_name(structure: &Structure) -> String {
 pub fn composite(structure: &Structure) -> Result<Source, Error> {
     let parts: Result<Vec<Value>, Error> =
         structure.components.iter().map(|unit| part(unit).map(Value::Table)).collect();
+    if let Some(connection) = structure.connections.iter().find(|c| c.transformation != Affine::IDENTITY) {
+        return Err(structure.refuse(connection.line, "a connection inside one unit hands on values as they are"));
+    }
     let link = |(unit, connector): &(String, String)| Value::String(format!("{unit}.{connector}"));
     let links = structure.connections.iter().map(|c| Value::Array(vec![link(&c.from), link(&c.to)]));
     let mut inside = Table::new();
@@ -50,8 +53,11 @@ fn part(unit: &Component) -> Result<Table, Error> {
         |reason: crate::error::Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
     let description = Description::read(&source.text).map_err(refuse)?;
     let mut start = description.start;
-    for (name, value) in unit.values.iter().filter(|(name, _)| !ABOUT_STEPS.contains(&name.as_str())) {
-        start.insert(name.clone(), value_of(value));
+    for value in unit.values.iter().filter(|value| !ABOUT_STEPS.contains(&value.name.as_str())) {
+        if value.unit.as_ref().is_some_and(|unit| (unit.factor, unit.offset) != (1.0, 0.0)) {
+            return Err(value.origin.refuse(&format!("`{}` must be in base units for a whole loop", value.name)));
+        }
+        start.insert(value.name.clone(), value_of(&value.text));
     }
     start.retain(|name, _| !ABOUT_STEPS.contains(&name));
     let mut part = Table::new();

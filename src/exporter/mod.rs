@@ -8,7 +8,7 @@ mod page;
 
 use std::path::{Path, PathBuf};
 
-pub use archive::{PLATFORM, read_entry, unpack};
+pub use archive::{PLATFORM, read_entry, unpack, write_entries};
 pub use composite::{composite, composite_name};
 pub use library::Library;
 pub(crate) use library::with_causes;
@@ -16,6 +16,9 @@ pub(crate) use library::with_causes;
 use crate::error::Error;
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
+
+/// Files within this program: name and text.
+pub type Embedded = &'static [(&'static str, &'static str)];
 
 /// A description, and where it came from.
 #[derive(Debug, Clone)]
@@ -31,8 +34,8 @@ pub fn descriptions() -> &'static [(&'static str, &'static str)] {
     DESCRIPTIONS
 }
 
-/// The closed loops of this package: name and SystemStructure.ssd.
-pub fn loops() -> &'static [(&'static str, &'static str)] {
+/// The closed loops of this package: name and files.
+pub fn loops() -> &'static [(&'static str, Embedded)] {
     LOOPS
 }
 

@@ -4,7 +4,7 @@ use plotters::prelude::*;
 use textplots::{Chart, Plot as _, Shape};
 
 use super::closed_loop::Recording;
-use super::structure::Plot;
+use super::ssp::Plot;
 
 const WIDTH: u32 = 900;
 const HEIGHT_OF_ONE: u32 = 300;

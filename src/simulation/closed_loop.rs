@@ -1,11 +1,16 @@
 //! The master: units stepped together, outputs handed to inputs.
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::rc::Rc;
 use std::str::FromStr;
 
+use super::check::{Link, check};
+use super::description::Description;
 use super::fmu::{Fmu, Instance};
-use super::structure::Structure;
+use super::port::{Ports, signals};
+use super::ssp::{Component, Structure};
+use super::units::Affine;
 use crate::error::Error;
 
 /// When units see each other's new outputs.
@@ -45,13 +50,8 @@ pub struct Settings {
 #[derive(Debug)]
 struct Unit {
     instance: Instance,
-    /// Value references of its outputs, and where they stand in the row of signals.
-    outputs: Vec<u32>,
-    first: usize,
-    /// Value references of connected inputs, and the signals that they take.
-    inputs: Vec<u32>,
-    sources: Vec<usize>,
-    taken: Vec<f64>,
+    outputs: Ports,
+    inputs: Ports,
 }
 
 /// A loop whose units are instantiated and connected.
@@ -60,6 +60,7 @@ pub struct ClosedLoop {
     units: Vec<Unit>,
     names: Vec<String>,
     row: Vec<f64>,
+    notes: Vec<String>,
 }
 
 /// What was recorded: all outputs at all communication points.
@@ -71,7 +72,7 @@ pub struct Recording {
     pub times: Vec<f64>,
     /// One column a name.
     pub columns: Vec<Vec<f64>>,
-    /// Warnings of units.
+    /// What the loop may lack, and warnings of units.
     pub warnings: Vec<String>,
 }
 
@@ -92,51 +93,33 @@ impl ClosedLoop {
     /// Loads and connects the units of a loop from the FMUs in a folder.
     ///
     /// # Errors
-    /// When an FMU can't be loaded, or a connection or value names what isn't there.
-    pub fn new(structure: &Structure, file: &Path, fmus: &Path) -> Result<Self, Error> {
-        let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
+    /// When an FMU can't be loaded, or a connection or value doesn't fit.
+    pub fn new(structure: &Structure, fmus: &Path) -> Result<Self, Error> {
+        let open = |component: &Component| Fmu::open(&fmus.join(format!("{}.fmu", component.fmu))).map(Rc::new);
+        let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
+        let wiring = check(structure, &descriptions)?;
         let (mut units, mut names) = (Vec::new(), Vec::new());
-        for component in &structure.components {
-            let fmu = Rc::new(Fmu::open(&fmus.join(format!("{}.fmu", component.fmu)))?);
+        // The place of each signal's value in the row.
+        let mut places = HashMap::new();
+        for (k, (component, fmu)) in structure.components.iter().zip(&opened).enumerate() {
             let instance = fmu.instantiate(&component.name)?;
-            for (name, value) in &component.values {
-                let variable = fmu.description.variable(name);
-                let variable = variable.ok_or_else(|| refuse(format!("{} has no variable `{name}`", component.fmu)))?;
-                instance.set_start(variable, value)?;
+            for (place, value) in &wiring.values[k] {
+                instance.set_start(fmu.description.variables[*place].reference, value)?;
             }
-            let outputs = fmu.description.variables.iter().filter(|v| v.causality == "output" && v.kind == "Real");
-            let first = names.len();
-            names.extend(outputs.clone().map(|variable| format!("{}.{}", component.name, variable.name)));
-            let outputs = outputs.map(|variable| variable.reference).collect();
-            units.push(Unit { instance, outputs, first, inputs: vec![], sources: vec![], taken: vec![] });
+            let mut outputs = Ports::default();
+            for (place, variable) in signals(&fmu.description) {
+                outputs.add(variable, names.len(), Affine::IDENTITY);
+                places.insert((k, place), names.len());
+                names.push(format!("{}.{}", component.name, variable.name));
+            }
+            units.push(Unit { instance, outputs, inputs: Ports::default() });
+        }
+        for Link { from, to: (unit, input), conversion } in &wiring.links {
+            units[*unit].inputs.add(&descriptions[*unit].variables[*input], places[from], *conversion);
         }
         let row = vec![0.0; names.len()];
-        let mut closed = ClosedLoop { units, names, row };
-        structure.connections.iter().try_for_each(|connection| {
-            let (from, to) = (format!("{}.{}", connection.from.0, connection.from.1), &connection.to);
-            let source = closed.names.iter().position(|name| *name == from);
-            let source =
-                source.ok_or_else(|| refuse(format!("a connection starts at `{from}`, which is no output")))?;
-            closed.connect(source, &to.0, &to.1).map_err(refuse)
-        })?;
-        Ok(closed)
-    }
-
-    fn connect(&mut self, source: usize, unit: &str, input: &str) -> Result<(), String> {
-        let found = self.units.iter_mut().find(|other| other.instance.name() == unit);
-        let unit = found.ok_or_else(|| format!("a connection ends at `{unit}`, which is no component"))?;
-        let variable =
-            unit.instance.description().variable(input).filter(|v| v.causality == "input" && v.kind == "Real");
-        let name = format!("{}.{input}", unit.instance.name());
-        let reference =
-            variable.ok_or_else(|| format!("a connection ends at `{name}`, which is no real input"))?.reference;
-        if unit.inputs.contains(&reference) {
-            return Err(format!("`{name}` is connected twice"));
-        }
-        unit.inputs.push(reference);
-        unit.sources.push(source);
-        unit.taken.push(0.0);
-        Ok(())
+        Ok(ClosedLoop { units, names, row, notes: wiring.notes })
     }
 
     /// Runs the loop. `progress` is told the time, and may end the run by answering false.
@@ -149,7 +132,8 @@ impl ClosedLoop {
         progress: impl FnMut(f64) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
         let columns = vec![Vec::new(); self.names.len()];
-        let mut recording = Recording { names: self.names.clone(), columns, ..Recording::default() };
+        let (names, warnings) = (self.names.clone(), self.notes.clone());
+        let mut recording = Recording { names, columns, warnings, ..Recording::default() };
         match self.run_into(&mut recording, settings, progress) {
             Ok(()) => Ok(recording),
             Err(error) => Err((error, Box::new(recording))),
@@ -210,11 +194,10 @@ impl ClosedLoop {
 
 impl Unit {
     fn take(&mut self, row: &[f64]) -> Result<(), Error> {
-        self.taken.iter_mut().zip(&self.sources).for_each(|(value, &source)| *value = row[source]);
-        self.instance.set_real(&self.inputs, &self.taken)
+        self.inputs.take(&self.instance, row)
     }
 
     fn give(&mut self, row: &mut [f64]) -> Result<(), Error> {
-        self.instance.get_real(&self.outputs, &mut row[self.first..self.first + self.outputs.len()])
+        self.outputs.give(&self.instance, row)
     }
 }

@@ -2,6 +2,8 @@
 
 use roxmltree::{Document, Node};
 
+use super::units::UnitDefinition;
+
 /// What a master needs of a modelDescription.xml.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Description {
@@ -25,6 +27,10 @@ pub struct Description {
     pub categories: Vec<String>,
     /// Variables.
     pub variables: Vec<Variable>,
+    /// Units.
+    pub units: Vec<UnitDefinition>,
+    /// Outputs with the variables that they depend on, by their places; none where all are possible.
+    pub dependencies: Vec<(usize, Option<Vec<usize>>)>,
 }
 
 /// A scalar variable.
@@ -71,6 +77,9 @@ impl Description {
         let experiment = child(root, "DefaultExperiment");
         let number = |name| experiment.and_then(|node| node.attribute(name)).and_then(|text| text.parse().ok());
         let variables = child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable"));
+        let units = child(root, "UnitDefinitions").into_iter().flat_map(|node| elements(node, "Unit"));
+        let outputs = child(root, "ModelStructure").and_then(|node| child(node, "Outputs"));
+        let outputs = outputs.into_iter().flat_map(|node| elements(node, "Unknown"));
         let categories = child(root, "LogCategories").into_iter().flat_map(|node| elements(node, "Category"));
         Ok(Description {
             name: required(root, "modelName")?,
@@ -87,13 +96,46 @@ impl Description {
                 .collect(),
             categories: categories.filter_map(|node| attribute(node, "name")).collect(),
             variables: variables.map(|node| variable(&document, node)).collect::<Result<_, _>>()?,
+            units: units.map(UnitDefinition::read).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?,
+            dependencies: outputs.map(dependencies).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?,
         })
+    }
+
+    /// The place of a variable.
+    pub fn place(&self, name: &str) -> Option<usize> {
+        self.variables.iter().position(|variable| variable.name == name)
+    }
+
+    /// The unit of a variable, where the FMU defines it.
+    pub fn unit(&self, variable: &Variable) -> Option<&UnitDefinition> {
+        self.units.iter().find(|unit| variable.unit.as_ref() == Some(&unit.name))
+    }
+
+    /// Whether an output depends on an input without delay, or may do so; by their places.
+    pub fn is_fed_through(&self, input: usize, output: usize) -> bool {
+        let known = self.dependencies.iter().find(|(place, _)| *place == output);
+        known.and_then(|(_, on)| on.as_ref()).is_none_or(|on| on.contains(&input))
     }
 
     /// The variable of a name.
     pub fn variable(&self, name: &str) -> Option<&Variable> {
         self.variables.iter().find(|variable| variable.name == name)
     }
+}
+
+fn in_file(reason: &str) -> String {
+    format!("modelDescription.xml: {reason}")
+}
+
+/// An output of the model structure and what it depends on. The file counts from 1.
+fn dependencies(node: Node) -> Result<(usize, Option<Vec<usize>>), String> {
+    let place = |text: &str| {
+        let index = text.parse().ok().and_then(|index: usize| index.checked_sub(1));
+        index.ok_or_else(|| format!("`{text}` in Outputs must be the index of a variable"))
+    };
+    let output = place(node.attribute("index").unwrap_or_default())?;
+    let on = node.attribute("dependencies").map(|text| text.split_whitespace().map(place).collect());
+    Ok((output, on.transpose()?))
 }
 
 fn variable(document: &Document, node: Node) -> Result<Variable, String> {
@@ -103,8 +145,9 @@ fn variable(document: &Document, node: Node) -> Result<Variable, String> {
     let declared_type = attribute(value, "declaredType");
     let types =
         child(document.root_element(), "TypeDefinitions").into_iter().flat_map(|node| elements(node, "SimpleType"));
-    let items = types.filter(|node| declared_type.is_some() && attribute(*node, "name") == declared_type);
-    let items = items.flat_map(|node| node.descendants()).filter(|node| node.has_tag_name("Item"));
+    let mut types = types.filter(|node| declared_type.is_some() && attribute(*node, "name") == declared_type);
+    let declared = types.next().and_then(|node| node.children().find(Node::is_element));
+    let items = declared.into_iter().flat_map(|node| node.descendants()).filter(|node| node.has_tag_name("Item"));
     Ok(Variable {
         name: required("name")?,
         description: attribute(node, "description").unwrap_or_default(),
@@ -112,7 +155,7 @@ fn variable(document: &Document, node: Node) -> Result<Variable, String> {
         causality: attribute(node, "causality").unwrap_or_else(|| "local".to_owned()),
         variability: attribute(node, "variability").unwrap_or_else(|| "continuous".to_owned()),
         kind: value.tag_name().name().to_owned(),
-        unit: attribute(value, "unit"),
+        unit: attribute(value, "unit").or_else(|| declared.and_then(|node| attribute(node, "unit"))),
         start: attribute(value, "start"),
         min: attribute(value, "min"),
         max: attribute(value, "max"),

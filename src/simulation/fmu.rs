@@ -7,10 +7,23 @@ use std::rc::Rc;
 
 use libloading::Library;
 
-use super::description::{Description, Variable};
+use super::description::Description;
 use crate::error::Error;
 use crate::exporter::{read_entry, unpack, with_causes};
 use crate::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, LoggerFunction, Status};
+
+/// A value of a variable.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// Of a Real.
+    Real(f64),
+    /// Of an Integer, or the number of an Enumeration's item.
+    Integer(i32),
+    /// Of a Boolean.
+    Boolean(bool),
+    /// Of a String.
+    String(String),
+}
 
 /// An FMU that was unpacked and loaded.
 #[derive(Debug)]
@@ -41,7 +54,9 @@ type Setup = unsafe extern "C" fn(Component, c_int, f64, f64, c_int, f64) -> Ans
 type Plain = unsafe extern "C" fn(Component) -> Answer;
 type GetReal = unsafe extern "C" fn(Component, *const u32, usize, *mut f64) -> Answer;
 type SetReal = unsafe extern "C" fn(Component, *const u32, usize, *const f64) -> Answer;
+type GetInteger = unsafe extern "C" fn(Component, *const u32, usize, *mut c_int) -> Answer;
 type SetInteger = unsafe extern "C" fn(Component, *const u32, usize, *const c_int) -> Answer;
+type SetString = unsafe extern "C" fn(Component, *const u32, usize, *const *const c_char) -> Answer;
 type DoStep = unsafe extern "C" fn(Component, f64, f64, c_int) -> Answer;
 
 #[derive(Debug, Clone, Copy)]
@@ -53,8 +68,11 @@ struct Functions {
     terminate: Plain,
     get_real: GetReal,
     set_real: SetReal,
+    get_integer: GetInteger,
     set_integer: SetInteger,
+    get_boolean: GetInteger,
     set_boolean: SetInteger,
+    set_string: SetString,
     do_step: DoStep,
 }
 
@@ -132,8 +150,11 @@ impl Fmu {
                 terminate: *self.library.get(b"fmi2Terminate")?,
                 get_real: *self.library.get(b"fmi2GetReal")?,
                 set_real: *self.library.get(b"fmi2SetReal")?,
+                get_integer: *self.library.get(b"fmi2GetInteger")?,
                 set_integer: *self.library.get(b"fmi2SetInteger")?,
+                get_boolean: *self.library.get(b"fmi2GetBoolean")?,
                 set_boolean: *self.library.get(b"fmi2SetBoolean")?,
+                set_string: *self.library.get(b"fmi2SetString")?,
                 do_step: *self.library.get(b"fmi2DoStep")?,
             })
         }
@@ -207,39 +228,22 @@ impl Instance {
         Err(Error::Unit { unit: self.name.clone(), function, time: self.time, message })
     }
 
-    /// Sets a start value from its text.
+    /// Sets a start value.
     ///
     /// # Errors
-    /// When the text isn't a value of the variable's type, or it is refused.
-    pub fn set_start(&self, variable: &Variable, text: &str) -> Result<(), Error> {
-        let refuse = |allowed: String| Error::Unit {
-            unit: self.name.clone(),
-            function: "set",
-            time: self.time,
-            message: format!("`{}` = {text}: {allowed}", variable.name),
-        };
-        // SAFETY: here and below, by the standard's types of these functions; references and values are as many as said.
-        match variable.kind.as_str() {
-            "Real" => {
-                self.set_real(&[variable.reference], &[text.parse().map_err(|_| refuse("must be a number".into()))?])
+    /// When the unit refuses it.
+    pub fn set_start(&self, reference: u32, value: &Value) -> Result<(), Error> {
+        match value {
+            Value::Real(value) => self.set_real(&[reference], &[*value]),
+            Value::Integer(value) => self.set_integer(&[reference], &[*value]),
+            Value::Boolean(value) => self.set_boolean(&[reference], &[c_int::from(*value)]),
+            Value::String(text) => {
+                let text = CString::new(text.replace('\0', "")).unwrap_or_default();
+                // SAFETY: here and below, by the standard's types of these functions; references and values are as
+                // many as said.
+                let answer = unsafe { (self.functions.set_string)(self.component, &reference, 1, &text.as_ptr()) };
+                self.check("fmi2SetString", answer)
             }
-            "Boolean" => {
-                let value = match text {
-                    "true" | "1" => 1,
-                    "false" | "0" => 0,
-                    _ => return Err(refuse("must be true or false".into())),
-                };
-                let answer = unsafe { (self.functions.set_boolean)(self.component, &variable.reference, 1, &value) };
-                self.check("fmi2SetBoolean", answer)
-            }
-            "Integer" | "Enumeration" => {
-                let item = variable.items.iter().position(|item| item == text).map(|place| place as c_int + 1);
-                let value = item.or_else(|| text.parse().ok());
-                let value = value.ok_or_else(|| refuse(format!("must be one of {}", variable.items.join(", "))))?;
-                let answer = unsafe { (self.functions.set_integer)(self.component, &variable.reference, 1, &value) };
-                self.check("fmi2SetInteger", answer)
-            }
-            kind => Err(refuse(format!("variables of type {kind} can't be set"))),
         }
     }
 
@@ -284,6 +288,50 @@ impl Instance {
         let (pointer, count) = (references.as_ptr(), references.len());
         let answer = unsafe { (self.functions.set_real)(self.component, pointer, count, values.as_ptr()) };
         self.check("fmi2SetReal", answer)
+    }
+
+    /// Reads integer variables.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        let (pointer, count) = (references.as_ptr(), references.len());
+        let answer = unsafe { (self.functions.get_integer)(self.component, pointer, count, values.as_mut_ptr()) };
+        self.check("fmi2GetInteger", answer)
+    }
+
+    /// Sets integer variables.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn set_integer(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        let (pointer, count) = (references.as_ptr(), references.len());
+        let answer = unsafe { (self.functions.set_integer)(self.component, pointer, count, values.as_ptr()) };
+        self.check("fmi2SetInteger", answer)
+    }
+
+    /// Reads boolean variables: 0 or 1.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn get_boolean(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        let (pointer, count) = (references.as_ptr(), references.len());
+        let answer = unsafe { (self.functions.get_boolean)(self.component, pointer, count, values.as_mut_ptr()) };
+        self.check("fmi2GetBoolean", answer)
+    }
+
+    /// Sets boolean variables: 0 or 1.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn set_boolean(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        let (pointer, count) = (references.as_ptr(), references.len());
+        let answer = unsafe { (self.functions.set_boolean)(self.component, pointer, count, values.as_ptr()) };
+        self.check("fmi2SetBoolean", answer)
     }
 
     /// Takes one communication step.

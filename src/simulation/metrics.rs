@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::closed_loop::Recording;
-use super::structure::{IdealModel, Metric, Statistic, Structure};
+use super::ssp::{IdealModel, Metric, Statistic, Structure};
 
 /// A measured metric.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]

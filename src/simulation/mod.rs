@@ -1,16 +1,23 @@
 //! FMUs as a master sees them: loading, closed loops, metrics, and what is shown of a run.
 
 mod chart;
+mod check;
 mod closed_loop;
 mod description;
+mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
 mod metrics;
-mod structure;
+mod port;
+mod ssp;
+mod units;
 
 pub use chart::{svg, terminal};
+pub use check::{Link, Wiring, check};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use description::{Description, Variable};
-pub use fmu::{Fmu, Instance};
+pub use fmu::{Fmu, Instance, Value};
 pub use metrics::{Measured, measure};
-pub use structure::{Component, Connection, IdealModel, Metric, Plot, Statistic, Structure};
+pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, pack};
+pub use ssp::{IdealModel, Metric, Plot, Statistic};
+pub use units::{Affine, UnitDefinition};

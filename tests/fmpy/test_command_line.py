@@ -105,9 +105,9 @@ def test_run_of_a_whole_example_keeps_within_its_limits(name: str, fmu_folder, t
 
 
 def test_a_metric_beyond_its_limit_has_its_own_exit_code(fmu_folder, tmp_path) -> None:
-    loop = (ROOT / "examples" / "3.2.1-cosine" / "SystemStructure.ssd").read_text()
-    strict = tmp_path / "strict.ssd"
-    strict.write_text(loop.replace('limit="2.85"', 'limit="0.001"'))
+    shutil.copytree(ROOT / "examples" / "3.2.1-cosine", tmp_path / "strict")
+    strict = tmp_path / "strict" / "SystemStructure.ssd"
+    strict.write_text(strict.read_text().replace('limit="2.85"', 'limit="0.001"'))
     answer = adaptive_fmu("run", strict, "--json", "--until", "0.5", "--fmus", fmu_folder, "--out", tmp_path / "out")
     assert (answer.returncode, answer.stderr) == (3, "")
 

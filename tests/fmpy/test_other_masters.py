@@ -1,40 +1,26 @@
 """Example 3.2.1 in the masters ecos and libcosim: the same numbers as in FMPy."""
 
-import re
-import zipfile
+import json
+import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
-from master import CONTROLLER, PLANT, REFERENCE, Loop, closed_loop
-from masters import PARAMETER_SET, run_in
+from conftest import ROOT, adaptive_fmu
+from master import Loop, closed_loop
+from masters import run_in
 
 STEP, COUNT = 1e-3, 5000
 TOLERANCE = 1e-9
 
 
-def pack(structure: str, fmus: Path, package: Path) -> Path:
-    """A structure and its FMUs as one .ssp file."""
-    with zipfile.ZipFile(package, "w") as archive:
-        archive.writestr("SystemStructure.ssd", structure)
-        for name in (REFERENCE, PLANT, CONTROLLER):
-            archive.write(fmus / f"{name}.fmu", f"resources/{name}.fmu")
-    return package
-
-
-def example(parameter: str) -> str:
-    """The example with this parameter of the reference instead of its signal, which is a cosine anyway.
-
-    ecos and libcosim read no structure that sets an enumeration.
-    """
-    structure = (ROOT / "examples" / "3.2.1-cosine" / "SystemStructure.ssd").read_text()
-    structure = structure.replace('ParameterSet name="3.2.1-cosine"', f'ParameterSet name="{PARAMETER_SET}"')
-    structure, replaced = re.subn(r'<ssv:Parameter name="signal">.*?</ssv:Parameter>', parameter, structure)
-    assert replaced == 1
-    return structure
+def pack(loop: str | Path, out: Path) -> Path:
+    """A loop as one .ssp file, by the command that a user has."""
+    packed = adaptive_fmu("export", "--ssp", loop, "--out", out, "--json")
+    assert (packed.returncode, packed.stderr) == (0, ""), packed
+    return Path(json.loads(packed.stdout)["ssps"][0])
 
 
 @pytest.fixture(scope="module", params=["ecos", "libcosim"])
@@ -44,20 +30,20 @@ def master(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def run(master: str, fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float, int], Loop]:
-    """Runs a structure in a master."""
+def run(master: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str | Path, float, int], Loop]:
+    """Runs a loop in a master."""
 
-    def with_structure(structure: str, step: float, count: int) -> Loop:
+    def packed(loop: str | Path, step: float, count: int) -> Loop:
         folder = tmp_path_factory.mktemp(master)
-        return run_in(master, pack(structure, fmu_folder, folder / "loop.ssp"), step, count, folder)
+        return run_in(master, pack(loop, folder), step, count, folder)
 
-    return with_structure
+    return packed
 
 
 @pytest.fixture(scope="module")
 def run_of_example(run) -> Loop:
     """The first 5 s of the example at 1 ms in each master."""
-    return run(example(""), STEP, COUNT)
+    return run("3.2.1-cosine", STEP, COUNT)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +74,15 @@ def test_the_order_of_steps_shows_in_the_values_that_are_compared(run_of_example
     assert min(found["x"], found["y"], found["u"]) > 1e5 * TOLERANCE, found
 
 
-def test_a_parameter_of_the_structure_reaches_its_unit(run) -> None:
-    parameter = '<ssv:Parameter name="cosine_amplitude[1]"><ssv:Real value="1.5"/></ssv:Parameter>'
-    loop = run(example(parameter), 0.01, 100)
+def test_a_parameter_file_of_the_loop_reaches_its_unit(run, tmp_path: Path) -> None:
+    folder = tmp_path / "loop"
+    shutil.copytree(ROOT / "examples" / "3.2.1-cosine", folder)
+    parameters = (folder / "reference.ssv").read_text()
+    (folder / "reference.ssv").write_text(parameters.replace('value="2.0"', 'value="1.5"'))
+    loop = run(folder, 0.01, 100)
     assert np.abs(loop.r - 1.5 * np.cos(0.2 * 0.01 * np.arange(101))).max() <= TOLERANCE
+
+
+def test_the_square_wave_is_one_in_every_master(run) -> None:
+    loop = run("3.2.1-square", 0.01, 300)
+    assert np.abs(loop.r).max() == pytest.approx(1.0, abs=1e-12) and len(np.unique(np.round(loop.r, 9))) == 2

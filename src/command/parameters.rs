@@ -1,0 +1,24 @@
+//! Start values for a run: parameter sets, and single values.
+
+use std::path::PathBuf;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::simulation::{LoopFiles, Structure};
+
+#[derive(clap::Args, Default)]
+pub struct Parameters {
+    /// Parameter set to apply (names UNIT.variable): a file, or one that lies beside the loop; repeatable, the last wins
+    #[arg(long, value_name = "FILE.ssv")]
+    case: Vec<PathBuf>,
+    /// Start value; UNIT is a component of the loop, or an FMU that only one has; repeatable
+    #[arg(long, value_name = "UNIT.variable=VALUE")]
+    set: Vec<String>,
+}
+
+impl Parameters {
+    /// Hands them to a loop: cases first, then single values.
+    pub fn apply(&self, structure: &mut Structure, files: &LoopFiles) -> Result<(), Error> {
+        self.case.iter().try_for_each(|case| structure.apply_case(case, files))?;
+        self.set.iter().try_for_each(|assignment| structure.set(assignment))
+    }
+}

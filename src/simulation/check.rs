@@ -1,0 +1,251 @@
+//! Whether a loop and its FMUs fit each other: names, types, units, and circles without a delay.
+
+use super::description::{Description, Variable};
+use super::feedthrough::algebraic_loop;
+use super::fmu::Value;
+use super::ssp::{Component, Connection, Connector, StartValue, Structure};
+use super::units::{Affine, UnitDefinition};
+use crate::error::Error;
+
+/// A loop in the terms of its FMUs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wiring {
+    /// Start values of each component: place of the variable, and value.
+    pub values: Vec<Vec<(usize, Value)>>,
+    /// Connections.
+    pub links: Vec<Link>,
+    /// What a user may have forgotten.
+    pub notes: Vec<String>,
+}
+
+/// A connection by the places of components and variables.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// Where the value comes from: component and variable.
+    pub from: (usize, usize),
+    /// Where it goes.
+    pub to: (usize, usize),
+    /// What is made of it on the way.
+    pub conversion: Affine,
+}
+
+/// One end of a connection.
+struct End<'a> {
+    place: (usize, usize),
+    variable: &'a Variable,
+    /// The unit of the connector, and of the variable.
+    units: (Option<&'a UnitDefinition>, Option<&'a UnitDefinition>),
+}
+
+struct Check<'a> {
+    structure: &'a Structure,
+    descriptions: &'a [&'a Description],
+}
+
+/// Checks a loop against the descriptions of its components' FMUs, one each, in their order.
+///
+/// # Errors
+/// What doesn't fit, by name and line.
+pub fn check(structure: &Structure, descriptions: &[&Description]) -> Result<Wiring, Error> {
+    let check = Check { structure, descriptions };
+    check.connectors()?;
+    let links = check.links()?;
+    let units = 0..structure.components.len();
+    let values = units.map(|unit| check.values(unit, &links)).collect::<Result<_, _>>()?;
+    check.circles(&links)?;
+    let notes = check.notes(&links);
+    Ok(Wiring { values, links, notes })
+}
+
+impl<'a> Check<'a> {
+    fn components(&self) -> impl Iterator<Item = (&'a Component, &'a Description)> {
+        self.structure.components.iter().zip(self.descriptions.iter().copied())
+    }
+
+    fn connectors(&self) -> Result<(), Error> {
+        for (component, description) in self.components() {
+            for connector in &component.connectors {
+                let refuse = |reason: &str| self.structure.refuse(connector.line, reason);
+                let name = format!("{}.{}", component.name, connector.name);
+                let variable = description.variable(&connector.name);
+                let variable = variable
+                    .ok_or_else(|| refuse(&format!("connector `{name}`: {} has no such variable", component.fmu)))?;
+                if connector.kind != variable.causality {
+                    let (kind, causality) = (&connector.kind, &variable.causality);
+                    return Err(refuse(&format!("connector `{name}` is of kind {kind}; in the FMU it is {causality}")));
+                }
+                // Some tools know no enumerations, and take them for integers as FMI's functions do.
+                let kind = connector.data_type.as_ref().filter(|kind| {
+                    **kind != variable.kind && (kind.as_str(), variable.kind.as_str()) != ("Integer", "Enumeration")
+                });
+                if let Some(kind) = kind {
+                    return Err(refuse(&format!("connector `{name}` is {kind}; in the FMU it is {}", variable.kind)));
+                }
+                if let (Some(told), Some(own)) = (&connector.unit, description.unit(variable))
+                    && told.to(own).is_none()
+                {
+                    let reason =
+                        format!("connector `{name}` is in {}, which no {} of the FMU can be", told.name, own.name);
+                    return Err(refuse(&reason));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn links(&self) -> Result<Vec<Link>, Error> {
+        let mut links: Vec<Link> = Vec::new();
+        for connection in &self.structure.connections {
+            let refuse = |reason: &str| self.structure.refuse(connection.line, reason);
+            let from = self.end(&connection.from, "output").map_err(|reason| refuse(&reason))?;
+            let to = self.end(&connection.to, "input").map_err(|reason| refuse(&reason))?;
+            if let Some(other) = links.iter().position(|link| link.to == to.place) {
+                let earlier = self.structure.connections[other].line;
+                let reason = format!("input `{}` is connected already, in line {earlier}", name(&connection.to));
+                return Err(refuse(&reason));
+            }
+            let conversion = conversion(connection, &from, &to).map_err(|reason| refuse(&reason))?;
+            links.push(Link { from: from.place, to: to.place, conversion });
+        }
+        Ok(links)
+    }
+
+    fn end(&self, end: &'a (String, String), causality: &str) -> Result<End<'a>, String> {
+        let (unit, variable) = end;
+        let found = self.structure.components.iter().position(|component| component.name == *unit);
+        let unit = found.ok_or_else(|| format!("there is no component `{unit}`"))?;
+        let (component, description) = (&self.structure.components[unit], self.descriptions[unit]);
+        let connector = component.connectors.iter().find(|connector| connector.name == *variable);
+        let connector: &Connector =
+            connector.ok_or_else(|| format!("`{variable}` is not among the connectors of `{}`", component.name))?;
+        let place = description.place(variable).ok_or_else(|| format!("there is no `{}`", name(end)))?;
+        let variable = &description.variables[place];
+        if variable.causality != causality {
+            let (way, is) = (if causality == "output" { "starts" } else { "ends" }, &variable.causality);
+            return Err(format!("a connection {way} at an {causality}; `{}` is of causality {is}", name(end)));
+        }
+        let units = (connector.unit.as_ref(), description.unit(variable));
+        Ok(End { place: (unit, place), variable, units })
+    }
+
+    fn values(&self, unit: usize, links: &[Link]) -> Result<Vec<(usize, Value)>, Error> {
+        let (component, description) = (&self.structure.components[unit], self.descriptions[unit]);
+        let value_of = |start: &StartValue| {
+            let name = format!("{}.{}", component.name, start.name);
+            let refuse = |reason: String| start.origin.refuse(&reason);
+            let place = description.place(&start.name);
+            let place =
+                place.ok_or_else(|| refuse(format!("there is no `{name}`: {} has no such variable", component.fmu)))?;
+            let variable = &description.variables[place];
+            if links.iter().any(|link| link.to == (unit, place)) {
+                return Err(refuse(format!("`{name}` is connected: its values come from there")));
+            }
+            if variable.start.is_none() || variable.variability == "constant" {
+                let (variability, causality) = (&variable.variability, &variable.causality);
+                return Err(refuse(format!("`{name}` can't be set: it is a {variability} {causality}")));
+            }
+            let value = value(start, variable, description.unit(variable));
+            Ok((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?))
+        };
+        component.values.iter().map(value_of).collect()
+    }
+
+    fn circles(&self, links: &[Link]) -> Result<(), Error> {
+        let Some(circle) = algebraic_loop(links, self.descriptions) else { return Ok(()) };
+        let connections = || circle.iter().map(|&link| &self.structure.connections[link]);
+        let mut signals: Vec<_> =
+            connections().flat_map(|connection| [name(&connection.from), name(&connection.to)]).collect();
+        signals.extend(signals.first().cloned());
+        let line = connections().map(|connection| connection.line).min().unwrap_or_default();
+        Err(self.structure.refuse(line, &format!("algebraic loop, no unit delays it: {}", signals.join(" → "))))
+    }
+
+    fn notes(&self, links: &[Link]) -> Vec<String> {
+        let mut notes = Vec::new();
+        for (unit, (component, description)) in self.components().enumerate() {
+            for connector in component.connectors.iter().filter(|connector| connector.kind == "input") {
+                let place = description.place(&connector.name);
+                let set = component.values.iter().any(|value| value.name == connector.name);
+                if !set && !links.iter().any(|link| place == Some(link.to.1) && link.to.0 == unit) {
+                    let (line, name) = (connector.line, format!("{}.{}", component.name, connector.name));
+                    notes.push(format!("line {line}: input `{name}` is not connected and keeps its start value"));
+                }
+            }
+        }
+        notes
+    }
+}
+
+fn name((unit, variable): &(String, String)) -> String {
+    format!("{unit}.{variable}")
+}
+
+/// What happens to a value between two variables: into the unit of the one connector, into that of the other, through
+/// the transformation, into the unit of the other variable.
+fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, String> {
+    let (one, another) = (name(&connection.from), name(&connection.to));
+    let (source, target) = (from.variable, to.variable);
+    match (source.kind.as_str(), target.kind.as_str()) {
+        ("Real" | "Integer", "Real") => {}
+        ("Integer", "Integer") | ("Boolean", "Boolean") if connection.transformation == Affine::IDENTITY => {}
+        ("Enumeration", "Enumeration") if source.items == target.items => {}
+        (kind, other) if kind != other => return Err(format!("`{one}` is {kind} and `{another}` {other}")),
+        ("Enumeration", _) => return Err(format!("`{one}` and `{another}` have other items")),
+        (kind, _) => return Err(format!("`{one}` is {kind}: only values that go to a Real can be transformed")),
+    }
+    if !connection.convert_units {
+        return Ok(connection.transformation);
+    }
+    // Within one end, the dimensions have been compared before.
+    let inner = |from: Option<&UnitDefinition>, to: Option<&UnitDefinition>| {
+        from.zip(to).and_then(|(from, to)| from.to(to)).unwrap_or(Affine::IDENTITY)
+    };
+    let (first, last) = (inner(from.units.1, from.units.0), inner(to.units.0, to.units.1));
+    let between = match (from.units.0.or(from.units.1), to.units.0.or(to.units.1)) {
+        (Some(unit), Some(other)) => unit.to(other).ok_or_else(|| {
+            format!(
+                "`{one}` is in {} and `{another}` in {}, of another dimension; suppressUnitConversion=\"true\" hands the \
+                 number on as it is",
+                unit.name, other.name
+            )
+        })?,
+        _ => Affine::IDENTITY,
+    };
+    Ok(first.then(between).then(connection.transformation).then(last))
+}
+
+/// A start value in the type and the unit of its variable.
+fn value(start: &StartValue, variable: &Variable, own: Option<&UnitDefinition>) -> Result<Value, String> {
+    let given = start.data_type.as_deref().unwrap_or(&variable.kind);
+    let kind = variable.kind.as_str();
+    if given != kind && !matches!((given, kind), ("Integer", "Real" | "Enumeration")) {
+        return Err(format!("is given as {given}; the variable is {kind}"));
+    }
+    let text = start.text.trim();
+    match kind {
+        "Real" => {
+            let number =
+                text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or("must be a finite number")?;
+            let conversion = start.unit.as_ref().zip(own).map_or(Some(Affine::IDENTITY), |(unit, own)| unit.to(own));
+            let conversion = conversion.ok_or_else(|| {
+                let names =
+                    [&start.unit, &own.cloned()].map(|unit| unit.as_ref().map_or("", |unit| &unit.name).to_owned());
+                format!("is given in {}; the variable is in {}, of another dimension", names[0], names[1])
+            })?;
+            Ok(Value::Real(conversion.of(number)))
+        }
+        "Integer" => text.parse().map(Value::Integer).map_err(|_| "must be a whole number".to_owned()),
+        "Boolean" => match text {
+            "true" | "1" => Ok(Value::Boolean(true)),
+            "false" | "0" => Ok(Value::Boolean(false)),
+            _ => Err("must be true or false".to_owned()),
+        },
+        "Enumeration" => {
+            let item = variable.items.iter().position(|item| item == text).map(|place| place + 1);
+            let item = item.or_else(|| text.parse().ok().filter(|item| (1..=variable.items.len()).contains(item)));
+            let item = item.and_then(|item| i32::try_from(item).ok());
+            item.map(Value::Integer).ok_or_else(|| format!("must be one of {}", variable.items.join(", ")))
+        }
+        _ => Ok(Value::String(start.text.clone())),
+    }
+}

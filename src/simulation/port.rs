@@ -1,0 +1,105 @@
+//! Variables of a unit that are read or set together, and where their values stand in the row of signals.
+
+use super::description::{Description, Variable};
+use super::fmu::Instance;
+use super::units::Affine;
+use crate::error::Error;
+
+/// Variables by type; values of all types stand in the row as numbers, a Boolean as 0 or 1.
+#[derive(Debug, Default)]
+pub(super) struct Ports {
+    real: Port,
+    integer: Port,
+    boolean: Port,
+    integers: Vec<i32>,
+}
+
+#[derive(Debug, Default)]
+struct Port {
+    references: Vec<u32>,
+    places: Vec<usize>,
+    conversions: Vec<Affine>,
+    values: Vec<f64>,
+}
+
+/// The outputs that can stand in a row: all but texts.
+pub(super) fn signals(description: &Description) -> impl Iterator<Item = (usize, &Variable)> {
+    let outputs = description.variables.iter().enumerate();
+    outputs.filter(|(_, variable)| variable.causality == "output" && variable.kind != "String")
+}
+
+impl Ports {
+    /// Adds a variable whose value stands in a place of the row, converted on the way.
+    pub fn add(&mut self, variable: &Variable, place: usize, conversion: Affine) {
+        let port = match variable.kind.as_str() {
+            "Real" => &mut self.real,
+            "Boolean" => &mut self.boolean,
+            _ => &mut self.integer,
+        };
+        port.references.push(variable.reference);
+        port.places.push(place);
+        port.conversions.push(conversion);
+        port.values.push(0.0);
+        self.integers.push(0);
+    }
+
+    /// Sets them from the row.
+    pub fn take(&mut self, instance: &Instance, row: &[f64]) -> Result<(), Error> {
+        let Ports { real, integer, boolean, integers } = self;
+        if !real.is_empty() {
+            real.fill(row);
+            instance.set_real(&real.references, &real.values)?;
+        }
+        if !integer.is_empty() {
+            let values = integer.filled(row, integers);
+            instance.set_integer(&integer.references, values)?;
+        }
+        if !boolean.is_empty() {
+            let values = boolean.filled(row, integers);
+            instance.set_boolean(&boolean.references, values)?;
+        }
+        Ok(())
+    }
+
+    /// Reads them into the row.
+    pub fn give(&mut self, instance: &Instance, row: &mut [f64]) -> Result<(), Error> {
+        let Ports { real, integer, boolean, integers } = self;
+        if !real.is_empty() {
+            instance.get_real(&real.references, &mut real.values)?;
+            real.places.iter().zip(&real.values).for_each(|(&place, value)| row[place] = *value);
+        }
+        if !integer.is_empty() {
+            let values = &mut integers[..integer.references.len()];
+            instance.get_integer(&integer.references, values)?;
+            integer.places.iter().zip(values).for_each(|(&place, value)| row[place] = f64::from(*value));
+        }
+        if !boolean.is_empty() {
+            let values = &mut integers[..boolean.references.len()];
+            instance.get_boolean(&boolean.references, values)?;
+            boolean.places.iter().zip(values).for_each(|(&place, value)| row[place] = f64::from(u8::from(*value != 0)));
+        }
+        Ok(())
+    }
+}
+
+impl Port {
+    fn is_empty(&self) -> bool {
+        self.references.is_empty()
+    }
+
+    fn fill(&mut self, row: &[f64]) {
+        let sources = self.places.iter().zip(&self.conversions);
+        self.values
+            .iter_mut()
+            .zip(sources)
+            .for_each(|(value, (&place, conversion))| *value = conversion.of(row[place]));
+    }
+
+    /// Whole numbers pass through the row unchanged: it holds them exactly.
+    fn filled<'a>(&mut self, row: &[f64], integers: &'a mut [i32]) -> &'a [i32] {
+        self.fill(row);
+        let integers = &mut integers[..self.values.len()];
+        integers.iter_mut().zip(&self.values).for_each(|(integer, value)| *integer = *value as i32);
+        integers
+    }
+}

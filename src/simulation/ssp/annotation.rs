@@ -1,0 +1,104 @@
+//! Our annotation of a loop: how it is run, judged and shown.
+
+use roxmltree::Node;
+
+use super::reader::Reader;
+use crate::error::Error;
+use crate::simulation::closed_loop::Order;
+use crate::simulation::description::attribute;
+
+/// Type of our annotation.
+pub(super) const ANNOTATION: &str = "adaptive-fmu.closed-loop";
+
+/// A linear model numerator/denominator of an input signal, from rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IdealModel {
+    /// Name of its output.
+    pub name: String,
+    /// Its input, `unit.variable`.
+    pub input: String,
+    /// Coefficients, highest power first.
+    pub numerator: Vec<f64>,
+    /// Coefficients, highest power first.
+    pub denominator: Vec<f64>,
+}
+
+/// What is taken of a signal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Statistic {
+    /// Largest magnitude.
+    Max,
+    /// Root of the mean square.
+    Rms,
+}
+
+/// A number that judges a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Metric {
+    /// What it is.
+    pub label: String,
+    /// The statistic.
+    pub statistic: Statistic,
+    /// The signal.
+    pub of: String,
+    /// What is subtracted from it.
+    pub minus: Option<String>,
+    /// From when on, s.
+    pub from: f64,
+    /// The largest value that is as it should be, if one is given.
+    pub limit: Option<f64>,
+}
+
+/// A diagram.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plot {
+    /// Title.
+    pub title: String,
+    /// Signals.
+    pub signals: Vec<String>,
+}
+
+impl Reader<'_> {
+    /// Communication step in s, and order.
+    pub fn master(&self, node: Node) -> Result<(f64, Order), Error> {
+        let step = self.number(node, "step")?;
+        if step <= 0.0 {
+            return Err(self.refuse(node, &format!("step = {step}: must be above 0")));
+        }
+        let order = self.required(node, "order")?;
+        Ok((step, order.parse().map_err(|reason: String| self.refuse(node, &reason))?))
+    }
+
+    pub fn model(&self, node: Node) -> Result<IdealModel, Error> {
+        let (numerator, denominator) = (self.numbers(node, "numerator")?, self.numbers(node, "denominator")?);
+        let proper = numerator.len() < denominator.len() && denominator.first().is_some_and(|&first| first != 0.0);
+        if !proper || denominator.len() > 30 {
+            return Err(
+                self.refuse(node, "an IdealModel must be strictly proper, with a first denominator coefficient not 0")
+            );
+        }
+        let (name, input) = (self.required(node, "name")?, self.required(node, "input")?);
+        Ok(IdealModel { name, input, numerator, denominator })
+    }
+
+    pub fn metric(&self, node: Node) -> Result<Metric, Error> {
+        let statistic = match self.required(node, "statistic")?.as_str() {
+            "max" => Statistic::Max,
+            "rms" => Statistic::Rms,
+            other => return Err(self.refuse(node, &format!("statistic = {other}: must be max or rms"))),
+        };
+        Ok(Metric {
+            label: self.required(node, "label")?,
+            statistic,
+            of: self.required(node, "of")?,
+            minus: attribute(node, "minus"),
+            from: self.number_or(node, "from", f64::NEG_INFINITY)?,
+            limit: node.attribute("limit").map(|_| self.number(node, "limit")).transpose()?,
+        })
+    }
+
+    pub fn plot(&self, node: Node) -> Result<Plot, Error> {
+        let signals = self.required(node, "signals")?.split_whitespace().map(str::to_owned).collect();
+        Ok(Plot { title: self.required(node, "title")?, signals })
+    }
+}

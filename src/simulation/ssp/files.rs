@@ -1,0 +1,153 @@
+//! Where the files of a loop are: in this program, in a folder, or in an archive.
+
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+use super::{STRUCTURE, Structure};
+use crate::error::Error;
+use crate::exporter::{self, Embedded};
+
+/// What one text file may hold: a limit for files that aren't ours.
+const LARGEST: u64 = 1 << 26;
+
+/// The files of a loop.
+#[derive(Debug)]
+pub struct LoopFiles {
+    /// The folder or archive as the user named it, for messages.
+    shown: PathBuf,
+    place: Place,
+    /// Name of the SystemStructure.ssd.
+    structure: String,
+}
+
+#[derive(Debug)]
+enum Place {
+    Program(Embedded),
+    Folder(PathBuf),
+    Unpacked(tempfile::TempDir),
+}
+
+/// Whether a path lies in the folder that it starts from: no URL, no way up, nothing that a tool might decode.
+pub(super) fn is_inside(path: &str) -> bool {
+    let odd = |c: char| c.is_control() || "\\:%?#".contains(c);
+    !path.is_empty()
+        && !path.contains(odd)
+        && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+impl LoopFiles {
+    /// Finds a loop of this package by its name, or by a path: a folder with a SystemStructure.ssd, an .ssd file, or an
+    /// .ssp archive.
+    ///
+    /// # Errors
+    /// When there is none, or its archive is broken or hostile.
+    pub fn find(name: &str) -> Result<Self, Error> {
+        if let Some((_, files)) = exporter::loops().iter().find(|(known, _)| *known == name) {
+            let (shown, place) = (Path::new("examples").join(name), Place::Program(files));
+            return Ok(LoopFiles { shown, place, structure: STRUCTURE.to_owned() });
+        }
+        let path = PathBuf::from(name);
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        let (shown, place, structure) = if path.is_dir() {
+            (path.clone(), Place::Folder(path), STRUCTURE.to_owned())
+        } else if extension == Some("ssd") {
+            let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+            let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            (folder.clone(), Place::Folder(folder), file)
+        } else if extension == Some("ssp") {
+            let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+            exporter::unpack(&path, folder.path())?;
+            (path, Place::Unpacked(folder), STRUCTURE.to_owned())
+        } else {
+            let known: Vec<_> = exporter::loops().iter().map(|(name, _)| *name).collect();
+            return Err(Error::Unknown { what: "loop", name: name.to_owned(), known: known.join(", ") });
+        };
+        Ok(LoopFiles { shown, place, structure })
+    }
+
+    /// The loop.
+    ///
+    /// # Errors
+    /// What is wrong, with its file and line.
+    pub fn structure(&self) -> Result<Structure, Error> {
+        Structure::read(self)
+    }
+
+    /// A file's path, for messages.
+    pub(super) fn path(&self, name: &str) -> PathBuf {
+        self.shown.join(name)
+    }
+
+    pub(super) fn structure_file(&self) -> PathBuf {
+        self.path(&self.structure)
+    }
+
+    pub(super) fn structure_text(&self) -> Result<String, Error> {
+        self.read(&self.structure)
+    }
+
+    /// The text of a file.
+    ///
+    /// # Errors
+    /// When it isn't there, isn't text, or is too long.
+    pub(super) fn read(&self, name: &str) -> Result<String, Error> {
+        let failed = |error| Error::file(self.path(name))(error);
+        let Some(folder) = self.folder() else {
+            let Place::Program(files) = self.place else { return Ok(String::new()) };
+            let found = files.iter().find(|(known, _)| *known == name).map(|(_, text)| (*text).to_owned());
+            return found.ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()));
+        };
+        let mut text = String::new();
+        let file = std::fs::File::open(folder.join(name)).map_err(failed)?;
+        file.take(LARGEST + 1).read_to_string(&mut text).map_err(failed)?;
+        if text.len() as u64 > LARGEST {
+            let reason = format!("is longer than {LARGEST} bytes");
+            return Err(Error::Loop { file: self.path(name), reason });
+        }
+        Ok(text)
+    }
+
+    fn folder(&self) -> Option<&Path> {
+        match &self.place {
+            Place::Program(_) => None,
+            Place::Folder(folder) => Some(folder),
+            Place::Unpacked(folder) => Some(folder.path()),
+        }
+    }
+
+    /// The folder of FMUs that came with the loop, if any did.
+    pub fn fmus(&self) -> Option<PathBuf> {
+        let folder = self.folder()?.join("resources");
+        folder.is_dir().then_some(folder)
+    }
+
+    /// Names of the parameter files that lie beside the structure, in order.
+    pub(super) fn parameter_files(&self) -> Vec<String> {
+        let is_set = |name: &String| name.ends_with(".ssv") && is_inside(name);
+        let mut names: Vec<String> = match (&self.place, self.folder()) {
+            (Place::Program(files), _) => files.iter().map(|(name, _)| (*name).to_owned()).filter(is_set).collect(),
+            (_, folder) => {
+                let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+                let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+                entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(is_set).collect()
+            }
+        };
+        names.sort();
+        names
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_inside;
+
+    #[test]
+    fn a_path_that_leads_elsewhere_is_not_inside() {
+        for path in
+            ["", "/etc/passwd", "../up.ssv", "a/../../up.ssv", "file:///a.ssv", "c:\\a.ssv", "%2e%2e/a", "a\\..\\b"]
+        {
+            assert!(!is_inside(path), "{path}");
+        }
+        assert!(is_inside("cases/high gain.ssv") && is_inside("a.ssv"));
+    }
+}

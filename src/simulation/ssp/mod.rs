@@ -1,0 +1,134 @@
+//! System Structure and Parameterization 1.0: loops as data, read from folders and archives, and packed.
+
+mod annotation;
+mod files;
+mod package;
+mod parameters;
+mod reader;
+mod structure;
+
+use std::path::PathBuf;
+
+pub use annotation::{IdealModel, Metric, Plot, Statistic};
+pub use files::LoopFiles;
+pub use package::pack;
+
+use super::closed_loop::Order;
+use super::units::{Affine, UnitDefinition};
+use crate::error::Error;
+
+/// Name of the file that every loop has.
+pub const STRUCTURE: &str = "SystemStructure.ssd";
+
+/// A closed loop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Structure {
+    /// The file it was read from, for messages.
+    pub file: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// What it shows.
+    pub description: String,
+    /// Units, in the order in which they are stepped.
+    pub components: Vec<Component>,
+    /// Connections.
+    pub connections: Vec<Connection>,
+    /// Parameter files that it names, by their paths in its folder.
+    pub parameter_files: Vec<String>,
+    /// Start time, s.
+    pub start_time: f64,
+    /// Stop time, s.
+    pub stop_time: f64,
+    /// Communication step, s.
+    pub step: f64,
+    /// When units see each other's new outputs.
+    pub order: Order,
+    /// Ideal models, simulated beside the loop for comparison.
+    pub models: Vec<IdealModel>,
+    /// What is measured.
+    pub metrics: Vec<Metric>,
+    /// What is plotted.
+    pub plots: Vec<Plot>,
+}
+
+/// A unit of the loop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Component {
+    /// Its name in the loop.
+    pub name: String,
+    /// Name of the FMU.
+    pub fmu: String,
+    /// What others may connect to.
+    pub connectors: Vec<Connector>,
+    /// Start values that differ from the FMU's own, each name once.
+    pub values: Vec<StartValue>,
+}
+
+/// A variable of a component that others may connect to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Connector {
+    /// Name of the variable.
+    pub name: String,
+    /// input, output, parameter, calculatedParameter or inout.
+    pub kind: String,
+    /// Real, Integer, Boolean, String or Enumeration, where it is told.
+    pub data_type: Option<String>,
+    /// Its unit, where that is told; else it is the FMU's.
+    pub unit: Option<UnitDefinition>,
+    /// Line in the file.
+    pub line: u32,
+}
+
+/// A start value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StartValue {
+    /// Name of the variable.
+    pub name: String,
+    /// Real, Integer, Boolean, String or Enumeration; none where the variable decides.
+    pub data_type: Option<String>,
+    /// The value.
+    pub text: String,
+    /// Its unit, where that is told; else it is the variable's.
+    pub unit: Option<UnitDefinition>,
+    /// Where it was given.
+    pub origin: Origin,
+}
+
+/// Where something was given, for messages.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Origin {
+    /// The file, or the argument.
+    pub file: PathBuf,
+    /// The line in it.
+    pub line: Option<u32>,
+}
+
+/// A connection from an output to an input, by component and connector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Connection {
+    /// Where the value comes from.
+    pub from: (String, String),
+    /// Where it goes.
+    pub to: (String, String),
+    /// What is made of it on the way, after the conversion of units.
+    pub transformation: Affine,
+    /// Whether units are converted, and must be of one dimension.
+    pub convert_units: bool,
+    /// Line in the file.
+    pub line: u32,
+}
+
+impl Structure {
+    /// A refusal of what stands in a line of its file.
+    pub fn refuse(&self, line: u32, reason: &str) -> Error {
+        Origin { file: self.file.clone(), line: Some(line) }.refuse(reason)
+    }
+}
+
+impl Origin {
+    /// A refusal of what was given there.
+    pub fn refuse(&self, reason: &str) -> Error {
+        let reason = self.line.map_or_else(|| reason.to_owned(), |line| format!("line {line}: {reason}"));
+        Error::Loop { file: self.file.clone(), reason }
+    }
+}

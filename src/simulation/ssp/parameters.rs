@@ -1,0 +1,169 @@
+//! Parameter sets (.ssv), their bindings, and start values given by name.
+
+use std::path::Path;
+
+use roxmltree::Node;
+
+use super::files::{LoopFiles, is_inside};
+use super::reader::{Reader, parse};
+use super::{Origin, StartValue, Structure};
+use crate::error::Error;
+use crate::simulation::description::{attribute, child, elements};
+use crate::simulation::units::UnitDefinition;
+
+const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
+
+/// Reads a parameter set.
+///
+/// # Errors
+/// What is wrong, with its line.
+fn read_set(text: &str, file: &Path) -> Result<Vec<StartValue>, Error> {
+    let document = parse(text, file)?;
+    Reader { document: &document, file }.parameter_set(document.root_element(), &[])
+}
+
+impl Reader<'_> {
+    /// The values that are bound to a component or a system, in the order in which they are given.
+    pub fn bindings(
+        &self,
+        element: Node,
+        units: &[UnitDefinition],
+        files: &LoopFiles,
+    ) -> Result<Vec<StartValue>, Error> {
+        let mut values = Vec::new();
+        let bindings = child(element, "ParameterBindings").into_iter();
+        for node in bindings.flat_map(|node| elements(node, "ParameterBinding")) {
+            if let Some(mapping) = child(node, "ParameterMapping") {
+                return Err(self.refuse(mapping, "a ParameterMapping can't be read: name the variables themselves"));
+            }
+            let kind = attribute(node, "type").unwrap_or_else(|| PARAMETER_SET.to_owned());
+            if kind != PARAMETER_SET {
+                return Err(self.refuse(node, &format!("type = {kind}: must be {PARAMETER_SET}")));
+            }
+            let mut bound = match node.attribute("source") {
+                Some(source) => self.bound_file(node, source, files)?,
+                None => {
+                    let inline = self.inside(self.inside(node, "ParameterValues")?, "ParameterSet")?;
+                    self.parameter_set(inline, units)?
+                }
+            };
+            let prefix = node.attribute("prefix").unwrap_or_default();
+            bound.iter_mut().for_each(|value| value.name.insert_str(0, prefix));
+            values.extend(bound);
+        }
+        Ok(values)
+    }
+
+    fn bound_file(&self, node: Node, source: &str, files: &LoopFiles) -> Result<Vec<StartValue>, Error> {
+        if node.attribute("sourceBase").is_some_and(|base| base != "SSD") {
+            return Err(self.refuse(node, "sourceBase: must be SSD; files within an FMU can't be read"));
+        }
+        if !is_inside(source) {
+            return Err(self.refuse(node, &format!("source = {source}: must be a file in the folder of the loop")));
+        }
+        let text = files.read(source).map_err(|error| self.refuse(node, &format!("source = {source}: {error}")))?;
+        read_set(&text, &files.path(source))
+    }
+
+    fn parameter_set(&self, set: Node, units: &[UnitDefinition]) -> Result<Vec<StartValue>, Error> {
+        if set.tag_name().name() != "ParameterSet" {
+            return Err(self.refuse(set, "this is not a ParameterSet"));
+        }
+        let mut known = self.units(set)?;
+        known.extend_from_slice(units);
+        let mut values: Vec<StartValue> = Vec::new();
+        for node in elements(self.inside(set, "Parameters")?, "Parameter") {
+            let value = self.parameter(node, &known)?;
+            if values.iter().any(|other| other.name == value.name) {
+                return Err(self.refuse(node, &format!("`{}` is given twice", value.name)));
+            }
+            values.push(value);
+        }
+        Ok(values)
+    }
+
+    fn parameter(&self, node: Node, units: &[UnitDefinition]) -> Result<StartValue, Error> {
+        let name = self.required(node, "name")?;
+        let value = node.children().find(Node::is_element);
+        let value = value.ok_or_else(|| self.refuse(node, &format!("Parameter `{name}` has no value")))?;
+        let (kind, text) = (value.tag_name().name(), self.required(value, "value")?);
+        if !["Real", "Integer", "Boolean", "String", "Enumeration"].contains(&kind) {
+            return Err(self.refuse(value, &format!("Parameter `{name}`: values of type {kind} can't be read")));
+        }
+        let (data_type, unit) = (Some(kind.to_owned()), self.unit(value, units)?);
+        Ok(StartValue { name, data_type, text, unit, origin: self.origin(node) })
+    }
+}
+
+impl Structure {
+    /// Takes over values that are named `component.variable`; those that a component has of the same name yield.
+    ///
+    /// # Errors
+    /// For a name that begins with no component of the loop.
+    pub fn apply(&mut self, values: Vec<StartValue>) -> Result<(), Error> {
+        for mut value in values {
+            let (place, name) = self.split(&value.name, |_| None).map_err(|reason| value.origin.refuse(&reason))?;
+            value.name = name;
+            self.put(place, value);
+        }
+        Ok(())
+    }
+
+    /// Applies a parameter set: a file, or one of those that lie beside the loop.
+    ///
+    /// # Errors
+    /// When it can't be read, or names what isn't there.
+    pub fn apply_case(&mut self, case: &Path, files: &LoopFiles) -> Result<(), Error> {
+        let beside =
+            case.to_str().filter(|name| !case.is_file() && files.parameter_files().contains(&(*name).to_owned()));
+        let (text, file) = match beside {
+            Some(name) => (files.read(name)?, files.path(name)),
+            None => (std::fs::read_to_string(case).map_err(Error::file(case))?, case.to_owned()),
+        };
+        self.apply(read_set(&text, &file)?)
+    }
+
+    /// Sets a start value from `UNIT.variable=value`, where UNIT is a component, or an FMU that only one has.
+    ///
+    /// # Errors
+    /// When the text is none of that form, or UNIT isn't there.
+    pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
+        let origin = Origin { file: format!("--set {assignment}").into(), line: None };
+        let Some((target, text)) = assignment.split_once('=') else {
+            return Err(origin.refuse("must be UNIT.variable=value"));
+        };
+        let by_fmu = |unit: &str| {
+            let users: Vec<usize> = (0..self.components.len()).filter(|&k| self.components[k].fmu == unit).collect();
+            (!users.is_empty()).then_some(users)
+        };
+        let (place, name) = self.split(target.trim(), by_fmu).map_err(|reason| origin.refuse(&reason))?;
+        self.put(place, StartValue { name, data_type: None, text: text.trim().to_owned(), unit: None, origin });
+        Ok(())
+    }
+
+    fn put(&mut self, place: usize, value: StartValue) {
+        let values = &mut self.components[place].values;
+        values.retain(|earlier| earlier.name != value.name);
+        values.push(value);
+    }
+
+    /// The component that a name begins with, and the variable; names of both may hold dots.
+    fn split(&self, name: &str, others: impl Fn(&str) -> Option<Vec<usize>>) -> Result<(usize, String), String> {
+        let parts = name.match_indices('.').map(|(dot, _)| (&name[..dot], &name[dot + 1..]));
+        for (unit, variable) in parts {
+            if let Some(place) = self.components.iter().position(|component| component.name == unit) {
+                return Ok((place, variable.to_owned()));
+            }
+            match others(unit).as_deref() {
+                None => {}
+                Some([place]) => return Ok((*place, variable.to_owned())),
+                Some(places) => {
+                    let names: Vec<_> = places.iter().map(|&place| self.components[place].name.as_str()).collect();
+                    return Err(format!("`{unit}` is the FMU of several components: {}", names.join(", ")));
+                }
+            }
+        }
+        let names: Vec<_> = self.components.iter().map(|component| component.name.as_str()).collect();
+        Err(format!("`{name}` must be UNIT.variable, with a unit of this loop: {}", names.join(", ")))
+    }
+}

@@ -1,0 +1,397 @@
+//! Loops as SSP files: what is read, what start values hold, and what is refused, with its line.
+
+use std::fs;
+
+use adaptive_fmu::simulation::{Description, LoopFiles, Structure, Value, Wiring, check};
+use tempfile::TempDir;
+
+/// A unit with inputs and outputs of all types: y follows u without delay, z and `length` do not.
+const UNIT: &str = r#"<fmiModelDescription fmiVersion="2.0" modelName="A" guid="g">
+  <CoSimulation modelIdentifier="A"/>
+  <UnitDefinitions>
+    <Unit name="m"><BaseUnit m="1"/></Unit><Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>
+    <Unit name="K"><BaseUnit K="1"/></Unit><Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit>
+  </UnitDefinitions>
+  <TypeDefinitions><SimpleType name="Mode"><Enumeration><Item name="slow" value="1"/><Item name="fast" value="2"/>
+  </Enumeration></SimpleType></TypeDefinitions>
+  <ModelVariables>
+    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>
+    <ScalarVariable name="u" valueReference="1" causality="input"><Real start="0"/></ScalarVariable>
+    <ScalarVariable name="z" valueReference="2" causality="output"><Real/></ScalarVariable>
+    <ScalarVariable name="length" valueReference="3" causality="output"><Real unit="m"/></ScalarVariable>
+    <ScalarVariable name="width" valueReference="4" causality="input"><Real unit="mm" start="0"/></ScalarVariable>
+    <ScalarVariable name="heat" valueReference="5" causality="input"><Real unit="K" start="0"/></ScalarVariable>
+    <ScalarVariable name="count" valueReference="6" causality="output"><Integer/></ScalarVariable>
+    <ScalarVariable name="number" valueReference="7" causality="input"><Integer start="0"/></ScalarVariable>
+    <ScalarVariable name="alarm" valueReference="8" causality="output"><Boolean/></ScalarVariable>
+    <ScalarVariable name="enabled" valueReference="9" causality="input"><Boolean start="true"/></ScalarVariable>
+    <ScalarVariable name="mode" valueReference="10" causality="parameter"><Enumeration declaredType="Mode" start="1"/></ScalarVariable>
+    <ScalarVariable name="gain" valueReference="11" causality="parameter"><Real start="1" unit="m"/></ScalarVariable>
+    <ScalarVariable name="steps" valueReference="12" causality="parameter"><Integer start="1"/></ScalarVariable>
+    <ScalarVariable name="file" valueReference="13" causality="parameter"><String start=""/></ScalarVariable>
+    <ScalarVariable name="pi" valueReference="14" variability="constant"><Real start="3.14"/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs>
+    <Unknown index="1" dependencies="2"/><Unknown index="3" dependencies=""/><Unknown index="4" dependencies=""/>
+    <Unknown index="7" dependencies=""/><Unknown index="9"/>
+  </Outputs></ModelStructure>
+</fmiModelDescription>"#;
+
+const CONNECTORS: &str = r#"<ssd:Connectors>
+  <ssd:Connector name="y" kind="output"><ssc:Real/></ssd:Connector><ssd:Connector name="u" kind="input"><ssc:Real/></ssd:Connector>
+  <ssd:Connector name="z" kind="output"/><ssd:Connector name="length" kind="output"/>
+  <ssd:Connector name="width" kind="input"/><ssd:Connector name="heat" kind="input"/>
+  <ssd:Connector name="count" kind="output"/><ssd:Connector name="number" kind="input"/>
+  <ssd:Connector name="alarm" kind="output"/><ssd:Connector name="enabled" kind="input"/>
+</ssd:Connectors>"#;
+
+/// A folder with a loop of two such units, `one` and `two`.
+struct Folder(TempDir);
+
+impl Folder {
+    fn new(connections: &str) -> Self {
+        Folder::with("", "", connections)
+    }
+
+    /// Bindings of the first unit, then of the system.
+    fn with(of_one: &str, of_system: &str, connections: &str) -> Self {
+        let folder = Folder(tempfile::tempdir().unwrap());
+        folder.write(
+            "SystemStructure.ssd",
+            &format!(
+                r#"<ssd:SystemStructureDescription xmlns:ssd="d" xmlns:ssc="c" xmlns:ssv="v" name="pair" version="1.0">
+<ssd:System name="s">{of_system}<ssd:Elements>
+<ssd:Component name="one" source="resources/A.fmu">{CONNECTORS}{of_one}</ssd:Component>
+<ssd:Component name="two" source="resources/A.fmu">{CONNECTORS}</ssd:Component>
+</ssd:Elements><ssd:Connections>{connections}</ssd:Connections></ssd:System>
+<ssd:Units><ssc:Unit name="ft"><ssc:BaseUnit m="1" factor="0.3048"/></ssc:Unit></ssd:Units>
+<ssd:DefaultExperiment stopTime="1"/><ssd:Annotations><ssc:Annotation type="adaptive-fmu.closed-loop">
+<ClosedLoop><Master step="0.1" order="jacobi"/></ClosedLoop></ssc:Annotation></ssd:Annotations>
+</ssd:SystemStructureDescription>"#
+            ),
+        );
+        folder
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.0.path().join(name), text).unwrap();
+    }
+
+    /// The loop's file with some text in place of another.
+    fn replaced(self, old: &str, new: &str) -> Self {
+        let text = fs::read_to_string(self.0.path().join("SystemStructure.ssd")).unwrap();
+        assert!(text.contains(old), "{old}");
+        self.write("SystemStructure.ssd", &text.replacen(old, new, 1));
+        self
+    }
+
+    fn files(&self) -> LoopFiles {
+        LoopFiles::find(self.0.path().to_str().unwrap()).unwrap()
+    }
+
+    fn structure(&self) -> Result<Structure, String> {
+        self.files().structure().map_err(|error| error.to_string())
+    }
+
+    fn wiring(&self) -> Result<Wiring, String> {
+        self.structure().and_then(|structure| wiring(&structure))
+    }
+
+    /// Why the loop is refused.
+    fn refusal(&self) -> String {
+        self.wiring().expect_err("the loop was taken")
+    }
+}
+
+fn wiring(structure: &Structure) -> Result<Wiring, String> {
+    let description = Description::read(UNIT).unwrap();
+    check(structure, &[&description, &description]).map_err(|error| error.to_string())
+}
+
+fn connection(from: &str, to: &str) -> String {
+    connection_with(from, to, "", "")
+}
+
+fn connection_with(from: &str, to: &str, attributes: &str, inner: &str) -> String {
+    let ((unit, output), (other, input)) = (from.split_once('.').unwrap(), to.split_once('.').unwrap());
+    format!(
+        "\n<ssd:Connection startElement=\"{unit}\" startConnector=\"{output}\" endElement=\"{other}\" \
+         endConnector=\"{input}\" {attributes}>{inner}</ssd:Connection>"
+    )
+}
+
+fn set(parameters: &str) -> String {
+    format!(
+        "<ssv:ParameterSet name=\"p\" version=\"1.0\"><ssv:Parameters>{parameters}</ssv:Parameters></ssv:ParameterSet>"
+    )
+    .replace("<ssv:ParameterSet ", "<ssv:ParameterSet xmlns:ssv=\"v\" ")
+}
+
+fn binding(set: &str) -> String {
+    format!(
+        "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>{set}</ssd:ParameterValues>\
+         </ssd:ParameterBinding></ssd:ParameterBindings>"
+    )
+}
+
+fn gain(name: &str, value: &str) -> String {
+    format!("<ssv:Parameter name=\"{name}\"><ssv:Real value=\"{value}\"/></ssv:Parameter>")
+}
+
+fn assert_tells(told: &str, words: &[&str]) {
+    words.iter().for_each(|word| assert!(told.contains(word), "`{word}` is not in: {told}"));
+    assert!(!told.contains('\n'), "{told}");
+}
+
+/// The start value of a variable of the first unit.
+fn start(wiring: &Wiring, name: &str) -> Value {
+    let place = Description::read(UNIT).unwrap().place(name).unwrap();
+    wiring.values[0].iter().find(|(known, _)| *known == place).map(|(_, value)| value.clone()).unwrap()
+}
+
+#[test]
+fn an_algebraic_loop_is_named_signal_by_signal() {
+    let folder = Folder::new(&(connection("one.y", "two.u") + &connection("two.y", "one.u")));
+    assert_tells(&folder.refusal(), &["line ", "algebraic loop", "one.y → two.u → two.y → one.u → one.y"]);
+}
+
+#[test]
+fn a_circle_through_a_delay_is_none() {
+    let folder = Folder::new(&(connection("one.y", "two.u") + &connection("two.z", "one.u")));
+    assert_eq!(folder.wiring().unwrap().links.len(), 2);
+}
+
+#[test]
+fn an_output_of_unknown_dependencies_may_depend_on_every_input() {
+    let folder = Folder::new(&connection("one.alarm", "one.enabled"));
+    assert_tells(&folder.refusal(), &["one.alarm → one.enabled → one.alarm"]);
+}
+
+#[test]
+fn a_connection_that_fits_nothing_is_refused_by_name_and_line() {
+    let cases = [
+        (connection("three.y", "two.u"), vec!["three"]),
+        (connection("one.y", "two.v"), vec!["`v`", "two"]),
+        (connection("one.gain", "two.u"), vec!["`gain`", "connectors of `one`"]),
+        (connection("one.y", "two.z"), vec!["two.z", "output"]),
+        (connection("one.u", "two.u"), vec!["one.u", "input"]),
+        (connection("one.y", "two.enabled"), vec!["one.y", "Real", "two.enabled", "Boolean"]),
+        (connection("one.count", "two.enabled"), vec!["one.count", "Integer", "Boolean"]),
+        (connection("one.y", "two.number"), vec!["one.y", "Real", "Integer"]),
+        (connection("one.z", "two.u") + &connection("one.y", "two.u"), vec!["two.u", "already, in line"]),
+        (connection("one.length", "two.heat"), vec!["one.length", " m ", "two.heat", " K", "suppressUnitConversion"]),
+        (connection_with("one.z", "two.u", "", "<ssc:BooleanMappingTransformation/>"), vec!["BooleanMapping"]),
+        (connection_with("one.z", "two.u", "", "<ssc:LinearTransformation factor='a'/>"), vec!["factor = a"]),
+        (connection_with("one.count", "two.number", "", "<ssc:LinearTransformation factor='2'/>"), vec!["one.count"]),
+        ("<ssd:Connection startConnector='y' endElement='two' endConnector='u'/>".into(), vec!["startElement"]),
+    ];
+    for (connections, mut words) in cases {
+        words.extend(["SystemStructure.ssd", "line "]);
+        assert_tells(&Folder::new(&connections).refusal(), &words);
+    }
+}
+
+#[test]
+fn a_connector_must_be_what_the_fmu_says() {
+    let cases = [
+        (r#""u" kind="input"><ssc:Real/>"#, r#""w" kind="input"><ssc:Real/>"#, ["one.w", "no such variable"]),
+        (r#""u" kind="input"><ssc:Real/>"#, r#""u" kind="output"><ssc:Real/>"#, ["one.u", "in the FMU it is input"]),
+        (r#""u" kind="input"><ssc:Real/>"#, r#""u" kind="inward"><ssc:Real/>"#, ["kind = inward", "must be one of"]),
+        (r#""u" kind="input"><ssc:Real/>"#, r#""u" kind="input"><ssc:Boolean/>"#, ["one.u", "Boolean"]),
+        (r#""u" kind="input"><ssc:Real/>"#, r#""y" kind="output"><ssc:Real/>"#, ["two connectors", "`y`"]),
+        (
+            r#""heat" kind="input"/>"#,
+            r#""heat" kind="input"><ssc:Real unit="ft"/></ssd:Connector>"#,
+            ["one.heat", "ft"],
+        ),
+        (
+            r#""heat" kind="input"/>"#,
+            r#""heat" kind="input"><ssc:Real unit="mile"/></ssd:Connector>"#,
+            ["mile", "Units"],
+        ),
+    ];
+    for (old, new, words) in cases {
+        let told = Folder::new("").replaced(old, new).refusal();
+        assert_tells(&told, &words);
+        assert_tells(&told, &["line "]);
+    }
+}
+
+#[test]
+fn values_of_one_dimension_are_converted_on_the_way() {
+    let conversion = |attributes: &str, inner: &str| {
+        let folder = Folder::new(&connection_with("one.length", "two.width", attributes, inner));
+        folder.wiring().unwrap().links[0].conversion
+    };
+    // 3 m are 3000 mm; the transformation counts in the target's unit.
+    assert!((conversion("", "").of(3.0) - 3000.0).abs() < 1e-9);
+    let linear = "<ssc:LinearTransformation factor='2' offset='5'/>";
+    assert!((conversion("", linear).of(3.0) - 6005.0).abs() < 1e-9);
+    assert_eq!(conversion("suppressUnitConversion='true'", linear).of(3.0), 11.0);
+    assert_eq!(conversion("suppressUnitConversion='true'", "").of(0.1), 0.1);
+    // Connectors in feet: 1 m = 1000 mm = 3.28 ft, +1 ft = 304.8 mm.
+    let connectors = connection_with("one.length", "two.width", "", "<ssc:LinearTransformation offset='1'/>");
+    let text = r#""width" kind="input"/>"#;
+    let folder = Folder::new(&connectors)
+        .replaced(text, r#""width" kind="input"><ssc:Real/></ssd:Connector>"#)
+        .replaced(text, r#""width" kind="input"><ssc:Real unit="ft"/></ssd:Connector>"#);
+    assert!((folder.wiring().unwrap().links[0].conversion.of(1.0) - 1304.8).abs() < 1e-9);
+}
+
+#[test]
+fn whole_numbers_and_truth_values_can_be_connected() {
+    let connections = [("one.count", "two.number"), ("one.count", "two.u"), ("two.alarm", "one.enabled")];
+    let folder = Folder::new(&connections.map(|(from, to)| connection(from, to)).concat());
+    assert_eq!(folder.wiring().unwrap().links.len(), 3);
+}
+
+#[test]
+fn an_input_that_may_have_been_forgotten_is_noted() {
+    let notes = Folder::new(&connection("one.z", "two.u")).wiring().unwrap().notes;
+    assert!(notes.iter().any(|note| note.contains("line ") && note.contains("`one.u`")), "{notes:?}");
+    assert!(!notes.iter().any(|note| note.contains("two.u")), "{notes:?}");
+}
+
+#[test]
+fn the_system_prevails_over_its_components_a_case_over_both_and_a_single_value_over_all() {
+    let folder = Folder::with(&binding(&set(&gain("gain", "2"))), "", "");
+    assert_eq!(start(&folder.wiring().unwrap(), "gain"), Value::Real(2.0));
+    let folder = Folder::with(&binding(&set(&gain("gain", "2"))), &binding(&set(&gain("one.gain", "3"))), "");
+    assert_eq!(start(&folder.wiring().unwrap(), "gain"), Value::Real(3.0));
+    folder.write("high.ssv", &set(&gain("one.gain", "4")));
+    let mut structure = folder.structure().unwrap();
+    structure.apply_case("high.ssv".as_ref(), &folder.files()).unwrap();
+    assert_eq!(start(&wiring(&structure).unwrap(), "gain"), Value::Real(4.0));
+    structure.set("one.gain = 5").unwrap();
+    assert_eq!(start(&wiring(&structure).unwrap(), "gain"), Value::Real(5.0));
+    assert_eq!(structure.components[0].values.len(), 1);
+}
+
+#[test]
+fn parameter_files_and_prefixes_are_followed() {
+    let folder = Folder::with("", "", "").replaced(
+        "<ssd:Elements>",
+        "<ssd:ParameterBindings><ssd:ParameterBinding prefix=\"one.\" source=\"a.ssv\"/></ssd:ParameterBindings><ssd:Elements>",
+    );
+    folder.write("a.ssv", &set(&gain("gain", "7")));
+    assert_eq!(start(&folder.wiring().unwrap(), "gain"), Value::Real(7.0));
+    assert_eq!(folder.structure().unwrap().parameter_files, ["a.ssv"]);
+}
+
+#[test]
+fn values_of_every_type_are_taken() {
+    let values = "<ssv:Parameter name='mode'><ssv:Enumeration value='fast'/></ssv:Parameter>
+        <ssv:Parameter name='steps'><ssv:Integer value='-3'/></ssv:Parameter>
+        <ssv:Parameter name='enabled'><ssv:Boolean value='0'/></ssv:Parameter>
+        <ssv:Parameter name='file'><ssv:String value='a b'/></ssv:Parameter>
+        <ssv:Parameter name='gain'><ssv:Real value='10' unit='ft'/></ssv:Parameter>";
+    let wiring = Folder::with(&binding(&set(values)), "", "").wiring().unwrap();
+    assert_eq!(start(&wiring, "mode"), Value::Integer(2));
+    assert_eq!(start(&wiring, "steps"), Value::Integer(-3));
+    assert_eq!(start(&wiring, "enabled"), Value::Boolean(false));
+    assert_eq!(start(&wiring, "file"), Value::String("a b".into()));
+    let Value::Real(gain) = start(&wiring, "gain") else { panic!("not a Real") };
+    assert!((gain - 3.048).abs() < 1e-12);
+}
+
+#[test]
+fn a_start_value_that_fits_nothing_is_refused_with_its_line() {
+    let one = |name: &str, value: &str| format!("\n<ssv:Parameter name='{name}'>{value}</ssv:Parameter>");
+    let cases = [
+        (one("gian", "<ssv:Real value='1'/>"), vec!["one.gian"]),
+        (one("gain", "<ssv:Real value='one'/>"), vec!["one.gain", "finite number"]),
+        (one("gain", "<ssv:Real value='INF'/>"), vec!["one.gain", "finite number"]),
+        (one("gain", "<ssv:String value='1'/>"), vec!["one.gain", "String", "Real"]),
+        (one("gain", "<ssv:Real value='1' unit='mile'/>"), vec!["mile", "Units"]),
+        (one("steps", "<ssv:Real value='1'/>"), vec!["one.steps", "Integer"]),
+        (one("steps", "<ssv:Integer value='1.5'/>"), vec!["one.steps", "whole"]),
+        (one("steps", "<ssv:Integer value='3000000000'/>"), vec!["one.steps"]),
+        (one("mode", "<ssv:Enumeration value='medium'/>"), vec!["one.mode", "slow, fast"]),
+        (one("mode", "<ssv:Integer value='3'/>"), vec!["one.mode", "slow, fast"]),
+        (one("enabled", "<ssv:Boolean value='yes'/>"), vec!["one.enabled", "true or false"]),
+        (one("file", "<ssv:Binary value='00'/>"), vec!["file", "Binary"]),
+        (one("y", "<ssv:Real value='1'/>"), vec!["one.y", "output"]),
+        (one("pi", "<ssv:Real value='3'/>"), vec!["one.pi", "constant"]),
+        (one("u", "<ssv:Real value='1'/>"), vec!["one.u", "connected"]),
+        (one("gain", ""), vec!["gain", "no value"]),
+        (gain("gain", "1") + &one("gain", "<ssv:Real value='2'/>"), vec!["gain", "twice"]),
+    ];
+    for (values, mut words) in cases {
+        words.push("line ");
+        assert_tells(&Folder::with(&binding(&set(&values)), "", &connection("two.z", "one.u")).refusal(), &words);
+    }
+    let astray = Folder::with("", &binding(&set(&gain("three.gain", "1"))), "");
+    assert_tells(&astray.refusal(), &["three.gain", "one, two", "line "]);
+}
+
+#[test]
+fn a_single_value_names_a_unit_that_is_there_and_means_one() {
+    let mut structure = Folder::new("").structure().unwrap();
+    let mut refusal = |assignment: &str| structure.set(assignment).unwrap_err().to_string();
+    assert_tells(&refusal("gain=1"), &["--set gain=1", "UNIT.variable", "one, two"]);
+    assert_tells(&refusal("one.gain"), &["UNIT.variable=value"]);
+    assert_tells(&refusal("three.gain=1"), &["three.gain", "one, two"]);
+    assert_tells(&refusal("A.gain=1"), &["`A`", "one, two"]);
+    structure.components[1].fmu = "B".to_owned();
+    structure.set("B.gain=8").unwrap();
+    assert_eq!(structure.components[1].values[0].text, "8");
+}
+
+#[test]
+fn a_source_that_leads_out_of_the_folder_is_refused() {
+    for source in
+        ["../a.ssv", "/etc/passwd", "https://example.org/a.ssv", "file:///a.ssv", "a/../../a.ssv", "%2e%2e/a.ssv"]
+    {
+        let binding = format!(
+            "<ssd:ParameterBindings><ssd:ParameterBinding source=\"{source}\"/></ssd:ParameterBindings><ssd:Elements>"
+        );
+        assert_tells(&Folder::new("").replaced("<ssd:Elements>", &binding).refusal(), &["line ", source]);
+        let fmu = Folder::new("").replaced("resources/A.fmu", source);
+        assert_tells(&fmu.refusal(), &["line ", source, "resources/NAME.fmu"]);
+    }
+    let up = Folder::new("").replaced("resources/A.fmu", "resources/../../A.fmu");
+    assert_tells(&up.refusal(), &["line ", "resources/NAME.fmu"]);
+}
+
+#[test]
+fn what_this_reader_does_not_know_is_refused_not_skipped() {
+    let file = |old: &str, new: &str| Folder::new("").replaced(old, new).refusal();
+    let bindings = |inner: &str| {
+        file("<ssd:Elements>", &format!("<ssd:ParameterBindings>{inner}</ssd:ParameterBindings><ssd:Elements>"))
+    };
+    let mapping = "<ssd:ParameterBinding source='a.ssv'><ssd:ParameterMapping/></ssd:ParameterBinding>";
+    assert_tells(&bindings(mapping), &["line ", "ParameterMapping"]);
+    assert_tells(&bindings("<ssd:ParameterBinding type='text/csv' source='a.csv'/>"), &["line ", "text/csv"]);
+    assert_tells(&bindings("<ssd:ParameterBinding sourceBase='component' source='a.ssv'/>"), &["line ", "sourceBase"]);
+    assert_tells(&bindings("<ssd:ParameterBinding source='gone.ssv'/>"), &["line ", "gone.ssv"]);
+    assert_tells(&file("<ssd:Component ", "<ssd:System name='inner'/><ssd:Component "), &["line ", "System"]);
+    assert_tells(
+        &file("source=\"resources/A.fmu\"", "type='application/x-ssp-package' source='a.ssp'"),
+        &["line ", "x-ssp"],
+    );
+    assert_tells(
+        &file("<ssd:Component ", "<ssd:Component implementation='ModelExchange' "),
+        &["line ", "ModelExchange"],
+    );
+    assert_tells(&file("version=\"1.0\"", "version=\"2.0\""), &["line ", "2.0"]);
+    assert_tells(&file("name=\"two\"", "name=\"one\""), &["line ", "`one`"]);
+    assert_tells(&file("name=\"pair\"", "name=\"../pair\""), &["line ", "../pair"]);
+    assert_tells(&file("step=\"0.1\"", "step=\"0\""), &["line ", "step = 0"]);
+    assert_tells(&file("adaptive-fmu.closed-loop", "another"), &["adaptive-fmu.closed-loop"]);
+}
+
+#[test]
+fn a_file_that_is_no_xml_is_refused() {
+    let text = |text: &[u8]| {
+        let folder = Folder(tempfile::tempdir().unwrap());
+        fs::write(folder.0.path().join("SystemStructure.ssd"), text).unwrap();
+        folder.refusal()
+    };
+    assert_tells(&text(b"<a>"), &["SystemStructure.ssd"]);
+    assert_tells(&text(b"<a/>"), &["SystemStructureDescription"]);
+    assert_tells(&text(b"\xff\xfe<\0a\0/\0>\0"), &["SystemStructure.ssd", "UTF-8"]);
+    assert_tells(&text(b"<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>"), &["SystemStructure.ssd"]);
+    assert_tells(&text("<a>".repeat(1_000_000).as_bytes()), &["SystemStructure.ssd"]);
+    let nothing = Folder(tempfile::tempdir().unwrap());
+    assert_tells(&nothing.refusal(), &["SystemStructure.ssd"]);
+}
