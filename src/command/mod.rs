@@ -3,4 +3,5 @@
 pub mod export;
 pub mod info;
 pub mod list;
+mod progress;
 pub mod run;

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 pub use archive::{PLATFORM, read_entry, unpack};
 pub use library::Library;
 pub(crate) use library::with_causes;
+pub(crate) use page::escaped;
 
 use crate::error::Error;
 

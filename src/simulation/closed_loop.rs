@@ -1,5 +1,6 @@
 //! The master: units stepped together, outputs handed to inputs.
 
+use std::fmt;
 use std::path::Path;
 use std::rc::Rc;
 use std::str::FromStr;
@@ -15,6 +16,15 @@ pub enum Order {
     GaussSeidel,
     /// All take the outputs of the last communication point, then all step.
     Jacobi,
+}
+
+impl fmt::Display for Order {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Order::GaussSeidel => "gauss-seidel",
+            Order::Jacobi => "jacobi",
+        })
+    }
 }
 
 impl FromStr for Order {
@@ -59,6 +69,8 @@ struct Unit {
 pub struct ClosedLoop {
     units: Vec<Unit>,
     names: Vec<String>,
+    /// Units of measurement of the signals, in the order of their names.
+    measures: Vec<String>,
     row: Vec<f64>,
 }
 
@@ -67,6 +79,8 @@ pub struct ClosedLoop {
 pub struct Recording {
     /// Names, `unit.variable`.
     pub names: Vec<String>,
+    /// Unit of measurement of each; empty where none is told.
+    pub measures: Vec<String>,
     /// Times, s.
     pub times: Vec<f64>,
     /// One column a name.
@@ -82,6 +96,12 @@ impl Recording {
         self.columns.get(place).map(Vec::as_slice)
     }
 
+    /// The unit of measurement of a signal, where one is told.
+    pub fn measure(&self, name: &str) -> Option<&str> {
+        let place = self.names.iter().position(|known| known == name)?;
+        self.measures.get(place).map(String::as_str).filter(|unit| !unit.is_empty())
+    }
+
     fn push(&mut self, time: f64, row: &[f64]) {
         self.times.push(time);
         self.columns.iter_mut().zip(row).for_each(|(column, value)| column.push(*value));
@@ -95,7 +115,7 @@ impl ClosedLoop {
     /// When an FMU can't be loaded, or a connection or value names what isn't there.
     pub fn new(structure: &Structure, file: &Path, fmus: &Path) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
-        let (mut units, mut names) = (Vec::new(), Vec::new());
+        let (mut units, mut names, mut measures) = (Vec::new(), Vec::new(), Vec::new());
         for component in &structure.components {
             let fmu = Rc::new(Fmu::open(&fmus.join(format!("{}.fmu", component.fmu)))?);
             let instance = fmu.instantiate(&component.name)?;
@@ -107,11 +127,12 @@ impl ClosedLoop {
             let outputs = fmu.description.variables.iter().filter(|v| v.causality == "output" && v.kind == "Real");
             let first = names.len();
             names.extend(outputs.clone().map(|variable| format!("{}.{}", component.name, variable.name)));
+            measures.extend(outputs.clone().map(|variable| variable.unit.clone().unwrap_or_default()));
             let outputs = outputs.map(|variable| variable.reference).collect();
             units.push(Unit { instance, outputs, first, inputs: vec![], sources: vec![], taken: vec![] });
         }
         let row = vec![0.0; names.len()];
-        let mut closed = ClosedLoop { units, names, row };
+        let mut closed = ClosedLoop { units, names, measures, row };
         structure.connections.iter().try_for_each(|connection| {
             let (from, to) = (format!("{}.{}", connection.from.0, connection.from.1), &connection.to);
             let source = closed.names.iter().position(|name| *name == from);
@@ -149,7 +170,8 @@ impl ClosedLoop {
         progress: impl FnMut(f64) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
         let columns = vec![Vec::new(); self.names.len()];
-        let mut recording = Recording { names: self.names.clone(), columns, ..Recording::default() };
+        let mut recording =
+            Recording { names: self.names.clone(), measures: self.measures.clone(), columns, ..Recording::default() };
         match self.run_into(&mut recording, settings, progress) {
             Ok(()) => Ok(recording),
             Err(error) => Err((error, Box::new(recording))),

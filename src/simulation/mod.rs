@@ -6,11 +6,14 @@ mod description;
 #[allow(unsafe_code)]
 mod fmu;
 mod metrics;
+mod page;
 mod structure;
+mod thinned;
 
 pub use chart::{svg, terminal};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use description::{Description, Variable};
 pub use fmu::{Fmu, Instance};
 pub use metrics::{Measured, measure};
+pub use page::{Ending, Report};
 pub use structure::{Component, Connection, IdealModel, Metric, Plot, Statistic, Structure};
