@@ -107,8 +107,10 @@ impl Controls {
                 .fixed(),
             )
         });
-        let on_step_failure =
-            d.parameter(choice::<OnStepFailure>("on_step_failure", "answer to a communication step that cannot be finished").fixed());
+        let on_step_failure = d.parameter(
+            choice::<OnStepFailure>("on_step_failure", "answer to a communication step that cannot be finished")
+                .fixed(),
+        );
         let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
         let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
         Controls {
