@@ -86,10 +86,10 @@ fn the_guid_of_a_changed_description_is_another() {
 }
 
 #[test]
-fn only_co_simulation_is_offered() {
-    assert_names(&refused(|request| request.kind = MODEL_EXCHANGE), &["fmi2Instantiate", "model exchange"]);
+fn an_interface_that_the_standard_does_not_know_is_refused_with_those_that_it_knows() {
     for kind in [2, -1, i32::MAX] {
-        refused(|request| request.kind = kind);
+        let names = [&format!("fmuType = {kind}")[..], "fmi2ModelExchange", "fmi2CoSimulation"];
+        assert_names(&refused(|request| request.kind = kind), &names);
     }
 }
 

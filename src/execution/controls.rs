@@ -79,6 +79,10 @@ pub struct Controls {
     /// Integer and Boolean inputs in the last step.
     pub(super) last_integer_inputs: usize,
     pub(super) started: BooleanOf<Memory>,
+    /// In model exchange: when the master's integrator completed its last step, and whether states have jumped at the
+    /// present event.
+    pub(super) completed: ScalarOf<Memory>,
+    pub(super) states_jumped: BooleanOf<Memory>,
     pub(super) parameters_set: BooleanOf<Memory>,
     pub(super) slopes_given: BooleanOf<Memory>,
 }
@@ -89,7 +93,7 @@ impl Controls {
         let inputs = d.size(Section::Input);
         let integer_inputs = d.integer_size(Section::Input);
         let relative_tolerance = (d.size(Section::State) > 0).then(|| {
-            let text = "error tolerated in each integration step, relative to a state's magnitude or nominal value";
+            let text = "error tolerated in each integration step of co-simulation, relative to a state's magnitude or nominal value";
             d.parameter(
                 scalar("relative_tolerance", text).start(1e-6).min(TIGHTEST_TOLERANCE).max(1e-2).nominal(1e-6).fixed(),
             )
@@ -98,13 +102,15 @@ impl Controls {
             d.parameter(
                 choice::<InputHandling>(
                     "input_handling",
-                    "what inputs do within a communication step, from the second one on",
+                    "what inputs do within a communication step of co-simulation, from the second one on",
                 )
                 .fixed(),
             )
         });
-        let on_step_failure =
-            d.parameter(choice::<OnStepFailure>("on_step_failure", "answer to a step that cannot be finished").fixed());
+        let on_step_failure = d.parameter(
+            choice::<OnStepFailure>("on_step_failure", "answer to a communication step that cannot be finished")
+                .fixed(),
+        );
         let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
         let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
         Controls {
@@ -124,6 +130,8 @@ impl Controls {
             substep: d.memory(scalar("#substep", "")),
             last_step: d.memory(scalar("#last step", "")),
             started: d.memory(boolean("#started", "")),
+            completed: d.memory(scalar("#completed", "")),
+            states_jumped: d.memory(boolean("#states jumped", "")),
             parameters_set: d.memory(boolean("#parameters set", "")),
             slopes_given: d.memory(boolean("#slopes given", "")),
         }

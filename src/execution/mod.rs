@@ -2,10 +2,12 @@
 
 mod controls;
 mod derivatives;
+mod model_exchange;
 
 use num_dual::Dual64;
 
 pub use controls::{Controls, InputHandling, OnStepFailure};
+pub use model_exchange::Update;
 
 use crate::error::{Invalid, StepError};
 use crate::integrator::{Driver, Problem, Ramp, Settings};
@@ -17,12 +19,15 @@ use controls::TIGHTEST_TOLERANCE;
 #[derive(Debug)]
 pub struct Execution {
     model: Model,
-    /// All values. Whoever changes parameters here calls [`Execution::parameters_set`].
+    /// All values. Whoever changes any here calls [`Execution::changed`], and where these are parameters in a running
+    /// simulation, [`Execution::parameters_set`].
     pub block: Block,
     /// The start values.
     start: Block,
     /// As before the step that is being tried.
     saved: Block,
+    /// Whether nothing was changed since everything was computed.
+    fresh: bool,
     driver: Driver,
     ramp_values: Vec<f64>,
     ramp_slopes: Vec<f64>,
@@ -38,6 +43,7 @@ impl Execution {
         let block = model.block();
         let inputs = model.variables().reals(Section::Input).len();
         Execution {
+            fresh: false,
             driver: Driver::new(model.system(), model.variables()),
             start: block.clone(),
             saved: block.clone(),
@@ -59,6 +65,7 @@ impl Execution {
     /// Back to the start values.
     pub fn reset(&mut self) {
         self.block.copy_from(&self.start);
+        self.changed();
         self.log.clear();
     }
 
@@ -71,6 +78,7 @@ impl Execution {
     pub fn set_time(&mut self, t: f64) {
         let handle = self.model.controls().time;
         self.point()[handle] = t;
+        self.changed();
     }
 
     /// The master's tolerance: it may tighten the model's own, never loosen it.
@@ -82,6 +90,11 @@ impl Execution {
     /// What a step that can't be finished is answered with.
     pub fn on_step_failure(&self) -> OnStepFailure {
         self.values().get(self.model.controls().on_step_failure)
+    }
+
+    /// Tells that values were changed: what follows from them is computed anew when it is asked for.
+    pub fn changed(&mut self) {
+        self.fresh = false;
     }
 
     /// Tells that parameters were set: they are prepared together before the next step.
@@ -109,11 +122,14 @@ impl Execution {
         self.block.point(&self.model, &mut self.log)
     }
 
-    /// Computes everything at the start time from the present parameters and inputs.
+    /// Computes everything at the start time from the present parameters and inputs, where any was changed.
     ///
     /// # Errors
     /// What in them is refused.
     pub fn initialise(&mut self) -> Result<(), StepError> {
+        if self.fresh {
+            return Ok(());
+        }
         self.model.prepare(&mut self.block, &mut self.log)?;
         self.keep_valid_parameters();
         if let Some(last_inputs) = self.model.controls().last_inputs {
@@ -122,7 +138,9 @@ impl Execution {
         }
         self.keep_integer_inputs();
         self.initialise_states()?;
-        self.check_values(self.time(), self.settings().divergence_limit)
+        self.check_values(self.time(), self.settings().divergence_limit)?;
+        self.fresh = true;
+        Ok(())
     }
 
     /// Puts states and discrete variables at their start, and nothing else.
@@ -166,6 +184,14 @@ impl Execution {
     fn keep_indicators(&mut self) {
         if let Some(handle) = self.model.controls().indicators {
             self.block.point(&self.model, &mut self.log).set(handle, self.driver.indicators());
+        }
+    }
+
+    /// Gives the driver the event indicators that lie in the block.
+    fn recall_indicators(&mut self) {
+        if let Some(handle) = self.model.controls().indicators {
+            let values = Values::new(&self.block.reals, &self.block.integers, self.model.variables().offsets());
+            self.driver.set_indicators(&values[handle]);
         }
     }
 
@@ -239,10 +265,7 @@ impl Execution {
         let t1 = t0 + step;
         let ramped = self.prepare_inputs(step, first);
         let mut next = self.values()[substep];
-        if let Some(handle) = self.model.controls().indicators {
-            let values = Values::new(&self.block.reals, &self.block.integers, self.model.variables().offsets());
-            self.driver.set_indicators(&values[handle]);
-        }
+        self.recall_indicators();
         let (driver, mut problem) = self.problem(ramped);
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
         self.keep_indicators();

@@ -1,4 +1,31 @@
-//! Which function may be called when: the state machine of co-simulation (FMI 2.0.4, section 4.2.4) as a table.
+//! Which function may be called when: the state machines of model exchange and of co-simulation (FMI 2.0.4, sections
+//! 3.2.3 and 4.2.4) as one table.
+
+/// Which of the standard's two interfaces an instance was made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interface {
+    /// The master integrates.
+    ModelExchange,
+    /// The unit integrates.
+    CoSimulation,
+}
+
+impl Interface {
+    /// As a message names it.
+    pub fn describe(self) -> &'static str {
+        match self {
+            Interface::ModelExchange => "model exchange",
+            Interface::CoSimulation => "co-simulation",
+        }
+    }
+
+    fn other(self) -> Interface {
+        match self {
+            Interface::ModelExchange => Interface::CoSimulation,
+            Interface::CoSimulation => Interface::ModelExchange,
+        }
+    }
+}
 
 /// The state of an instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -8,23 +35,29 @@ pub enum Phase {
     Instantiated = 0,
     /// Between fmi2EnterInitializationMode and fmi2ExitInitializationMode.
     Initialization = 1,
-    /// Initialised; the last step, if any, is complete.
-    StepComplete = 2,
-    /// The last step was discarded.
-    StepFailed = 3,
+    /// Model exchange: at an event, or right after initialisation.
+    Event = 2,
+    /// Model exchange: being integrated by the master.
+    ContinuousTime = 3,
+    /// Co-simulation: initialised; the last step, if any, is complete.
+    StepComplete = 4,
+    /// Co-simulation: the last step was discarded.
+    StepFailed = 5,
     /// After fmi2Terminate.
-    Terminated = 4,
-    /// A step failed. Values are those before it.
-    Error = 5,
+    Terminated = 6,
+    /// A step or an event failed. Values are those before it.
+    Error = 7,
     /// A fault of the library itself: nothing can be relied on.
-    Poisoned = 6,
+    Poisoned = 8,
 }
 
 impl Phase {
     /// All phases, by number.
-    pub const ALL: [Phase; 7] = [
+    pub const ALL: [Phase; 9] = [
         Phase::Instantiated,
         Phase::Initialization,
+        Phase::Event,
+        Phase::ContinuousTime,
         Phase::StepComplete,
         Phase::StepFailed,
         Phase::Terminated,
@@ -41,10 +74,12 @@ impl Phase {
         match self {
             Phase::Instantiated => "instantiated (not yet initialised)",
             Phase::Initialization => "in Initialization Mode",
+            Phase::Event => "in Event Mode",
+            Phase::ContinuousTime => "in Continuous-Time Mode",
             Phase::StepComplete => "initialised, its last step complete",
             Phase::StepFailed => "after a discarded step",
             Phase::Terminated => "terminated",
-            Phase::Error => "in error after a failed step; restore a state or reset it",
+            Phase::Error => "in error after a failed step or event; restore a state or reset it",
             Phase::Poisoned => "unusable after an internal fault; free it",
         }
     }
@@ -52,15 +87,17 @@ impl Phase {
 
 const I: u16 = Phase::Instantiated.bit();
 const M: u16 = Phase::Initialization.bit();
+const V: u16 = Phase::Event.bit();
+const C: u16 = Phase::ContinuousTime.bit();
 const S: u16 = Phase::StepComplete.bit();
 const F: u16 = Phase::StepFailed.bit();
 const T: u16 = Phase::Terminated.bit();
 const E: u16 = Phase::Error.bit();
 /// Every phase but the poisoned one.
-const ANY: u16 = I | M | S | F | T | E;
+const ANY: u16 = I | M | V | C | S | F | T | E;
 
 macro_rules! call_table {
-    ($($function:ident: $phases:expr;)*) => {
+    ($($function:ident: $model_exchange:expr, $co_simulation:expr;)*) => {
         /// The functions that take an instance, but for fmi2FreeInstance, which is always allowed.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         #[allow(missing_docs)] // named as in the standard
@@ -80,76 +117,78 @@ macro_rules! call_table {
             }
         }
 
-        const ALLOWED: &[u16] = &[$($phases,)*];
+        /// Where each function is allowed, in model exchange and in co-simulation.
+        const ALLOWED: &[[u16; 2]] = &[$([$model_exchange, $co_simulation],)*];
     };
 }
 
 call_table! {
-    SetDebugLogging:           ANY;
-    SetupExperiment:           I;
-    EnterInitializationMode:   I;
-    ExitInitializationMode:    M;
-    Terminate:                 S | F;
-    Reset:                     ANY;
-    GetReal:                   M | S | F | T | E;
-    GetInteger:                M | S | F | T | E;
-    GetBoolean:                M | S | F | T | E;
-    GetString:                 M | S | F | T | E;
-    SetReal:                   I | M | S;
-    SetInteger:                I | M | S;
-    SetBoolean:                I | M | S;
-    SetString:                 I | M | S;
-    GetFMUstate:               ANY;
-    SetFMUstate:               ANY;
-    FreeFMUstate:              ANY;
-    SerializedFMUstateSize:    ANY;
-    SerializeFMUstate:         ANY;
-    DeSerializeFMUstate:       ANY;
+    // Function                     in model exchange   in co-simulation
+    SetDebugLogging:               ANY,                ANY;
+    SetupExperiment:               I,                  I;
+    EnterInitializationMode:       I,                  I;
+    ExitInitializationMode:        M,                  M;
+    Terminate:                     V | C,              S | F;
+    Reset:                         ANY,                ANY;
+    GetReal:                       M | V | C | T | E,  M | S | F | T | E;
+    GetInteger:                    M | V | C | T | E,  M | S | F | T | E;
+    GetBoolean:                    M | V | C | T | E,  M | S | F | T | E;
+    GetString:                     M | V | C | T | E,  M | S | F | T | E;
+    SetReal:                       I | M | V | C,      I | M | S;
+    SetInteger:                    I | M | V,          I | M | S;
+    SetBoolean:                    I | M | V,          I | M | S;
+    SetString:                     I | M | V,          I | M | S;
+    GetFMUstate:                   ANY,                ANY;
+    SetFMUstate:                   ANY,                ANY;
+    FreeFMUstate:                  ANY,                ANY;
+    SerializedFMUstateSize:        ANY,                ANY;
+    SerializeFMUstate:             ANY,                ANY;
+    DeSerializeFMUstate:           ANY,                ANY;
     // Not in Initialization Mode: there, states follow from inputs and parameters, which this doesn't differentiate.
-    GetDirectionalDerivative:  S | F | T | E;
-    SetRealInputDerivatives:   I | M | S;
-    GetRealOutputDerivatives:  S | F | T | E;
-    DoStep:                    S;
-    CancelStep:                0;
-    GetStatus:                 S | F | T | E;
-    GetRealStatus:             S | F | T | E;
-    GetIntegerStatus:          S | F | T | E;
-    GetBooleanStatus:          S | F | T | E;
-    GetStringStatus:           S | F | T | E;
-    EnterEventMode:            0;
-    NewDiscreteStates:         0;
-    EnterContinuousTimeMode:   0;
-    CompletedIntegratorStep:   0;
-    SetTime:                   0;
-    SetContinuousStates:       0;
-    GetDerivatives:            0;
-    GetEventIndicators:        0;
-    GetContinuousStates:       0;
-    GetNominalsOfContinuousStates: 0;
+    GetDirectionalDerivative:      V | C | T | E,      S | F | T | E;
+    SetRealInputDerivatives:       0,                  I | M | S;
+    GetRealOutputDerivatives:      0,                  S | F | T | E;
+    DoStep:                        0,                  S;
+    CancelStep:                    0,                  0;
+    GetStatus:                     0,                  S | F | T | E;
+    GetRealStatus:                 0,                  S | F | T | E;
+    GetIntegerStatus:              0,                  S | F | T | E;
+    GetBooleanStatus:              0,                  S | F | T | E;
+    GetStringStatus:               0,                  S | F | T | E;
+    EnterEventMode:                V | C,              0;
+    NewDiscreteStates:             V,                  0;
+    EnterContinuousTimeMode:       V,                  0;
+    CompletedIntegratorStep:       C,                  0;
+    SetTime:                       V | C,              0;
+    SetContinuousStates:           C,                  0;
+    GetDerivatives:                V | C | T | E,      0;
+    GetEventIndicators:            M | V | C | T | E,  0;
+    GetContinuousStates:           M | V | C | T | E,  0;
+    GetNominalsOfContinuousStates: I | V | C | T | E,  0;
 }
 
 impl Function {
-    /// Whether it may be called in a phase.
-    pub fn allowed_in(self, phase: Phase) -> bool {
-        ALLOWED[self as usize] & phase.bit() != 0
+    fn phases(self, interface: Interface) -> u16 {
+        ALLOWED[self as usize][interface as usize]
     }
 
-    /// Whether it belongs to model exchange alone.
-    pub fn is_model_exchange(self) -> bool {
-        self as usize >= Function::EnterEventMode as usize
+    /// Whether an instance may call it in a phase.
+    pub fn allowed_in(self, interface: Interface, phase: Phase) -> bool {
+        self.phases(interface) & phase.bit() != 0
     }
 
-    /// Why it may not be called in a phase.
-    pub fn refusal(self, phase: Phase) -> String {
+    /// Why an instance may not call it in a phase.
+    pub fn refusal(self, interface: Interface, phase: Phase) -> String {
         let name = self.name();
-        if self.is_model_exchange() {
-            return format!("{name} belongs to model exchange; this is a co-simulation instance");
-        }
-        if self == Function::CancelStep {
+        if self == Function::CancelStep && interface == Interface::CoSimulation {
             return format!("{name}: steps are never asynchronous, so there is none to cancel");
         }
+        if self.phases(interface) == 0 {
+            let (own, other) = (interface.describe(), interface.other().describe());
+            return format!("{name} belongs to {other}; this is a {own} instance");
+        }
         let allowed: Vec<_> =
-            Phase::ALL.into_iter().filter(|&phase| self.allowed_in(phase)).map(Phase::describe).collect();
+            Phase::ALL.into_iter().filter(|&phase| self.allowed_in(interface, phase)).map(Phase::describe).collect();
         format!(
             "{name} is not allowed while the instance is {}; it is when {}",
             phase.describe(),

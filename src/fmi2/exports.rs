@@ -93,7 +93,7 @@ macro_rules! define_fmi2_functions {
                 { fmi2::get_real_output_derivatives(c, vr, n, order, v) }
                 fn fmi2DoStep(c: Component, point: f64, step: f64, _no_set_prior: Boolean) -> Status
                 { fmi2::do_step(c, point, step) }
-                fn fmi2CancelStep(c: Component) -> Status { fmi2::refuse(c, Function::CancelStep) }
+                fn fmi2CancelStep(c: Component) -> Status { fmi2::cancel_step(c) }
                 fn fmi2GetStatus(c: Component, _kind: c_int, _v: *mut c_int) -> Status { fmi2::get_status(c) }
                 fn fmi2GetRealStatus(c: Component, kind: c_int, v: *mut f64) -> Status { fmi2::get_real_status(c, kind, v) }
                 fn fmi2GetIntegerStatus(c: Component, _kind: c_int, _v: *mut Integer) -> Status
@@ -102,24 +102,22 @@ macro_rules! define_fmi2_functions {
                 { fmi2::get_boolean_status(c, kind, v) }
                 fn fmi2GetStringStatus(c: Component, _kind: c_int, _v: *mut StringPointer) -> Status
                 { fmi2::get_string_status(c) }
-                fn fmi2EnterEventMode(c: Component) -> Status { fmi2::refuse(c, Function::EnterEventMode) }
-                fn fmi2NewDiscreteStates(c: Component, _info: *mut EventInfo) -> Status
-                { fmi2::refuse(c, Function::NewDiscreteStates) }
-                fn fmi2EnterContinuousTimeMode(c: Component) -> Status { fmi2::refuse(c, Function::EnterContinuousTimeMode) }
-                fn fmi2CompletedIntegratorStep(c: Component, _no_set_prior: Boolean, _enter_event_mode: *mut Boolean,
-                    _terminate: *mut Boolean) -> Status
-                { fmi2::refuse(c, Function::CompletedIntegratorStep) }
-                fn fmi2SetTime(c: Component, _time: f64) -> Status { fmi2::refuse(c, Function::SetTime) }
-                fn fmi2SetContinuousStates(c: Component, _x: *const f64, _n: usize) -> Status
-                { fmi2::refuse(c, Function::SetContinuousStates) }
-                fn fmi2GetDerivatives(c: Component, _dx: *mut f64, _n: usize) -> Status
-                { fmi2::refuse(c, Function::GetDerivatives) }
-                fn fmi2GetEventIndicators(c: Component, _z: *mut f64, _n: usize) -> Status
-                { fmi2::refuse(c, Function::GetEventIndicators) }
-                fn fmi2GetContinuousStates(c: Component, _x: *mut f64, _n: usize) -> Status
-                { fmi2::refuse(c, Function::GetContinuousStates) }
-                fn fmi2GetNominalsOfContinuousStates(c: Component, _x: *mut f64, _n: usize) -> Status
-                { fmi2::refuse(c, Function::GetNominalsOfContinuousStates) }
+                fn fmi2EnterEventMode(c: Component) -> Status { fmi2::enter_event_mode(c) }
+                fn fmi2NewDiscreteStates(c: Component, info: *mut EventInfo) -> Status { fmi2::new_discrete_states(c, info) }
+                fn fmi2EnterContinuousTimeMode(c: Component) -> Status { fmi2::enter_continuous_time_mode(c) }
+                fn fmi2CompletedIntegratorStep(c: Component, _no_set_prior: Boolean, enter_event_mode: *mut Boolean,
+                    terminate: *mut Boolean) -> Status
+                { fmi2::completed_integrator_step(c, enter_event_mode, terminate) }
+                fn fmi2SetTime(c: Component, time: f64) -> Status { fmi2::set_time(c, time) }
+                fn fmi2SetContinuousStates(c: Component, x: *const f64, n: usize) -> Status
+                { fmi2::set_continuous_states(c, x, n) }
+                fn fmi2GetDerivatives(c: Component, dx: *mut f64, n: usize) -> Status { fmi2::get_derivatives(c, dx, n) }
+                fn fmi2GetEventIndicators(c: Component, z: *mut f64, n: usize) -> Status
+                { fmi2::get_event_indicators(c, z, n) }
+                fn fmi2GetContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
+                { fmi2::get_continuous_states(c, x, n) }
+                fn fmi2GetNominalsOfContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
+                { fmi2::get_nominals_of_continuous_states(c, x, n) }
                 fn adaptive_fmu_describe(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
                 { fmi2::describe(REGISTRY, description, reply, context) }
             }

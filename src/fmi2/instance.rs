@@ -5,10 +5,10 @@ use std::path::Path;
 use crate::error::StepError;
 use crate::execution::{Execution, OnStepFailure};
 use crate::model::{Description, Model};
-use crate::system::{Data, Registry, Section};
+use crate::system::{Data, Registry};
 
 use super::access::{Access, NoValue, References, Type, element};
-use super::calls::{Function, Phase};
+use super::calls::{Function, Interface, Phase};
 use super::logger::Logger;
 use super::model_description;
 use super::resources::DESCRIPTION;
@@ -16,7 +16,9 @@ use super::snapshot::{self, Slots};
 use super::types::Status;
 
 /// How far, in parts of the step, a master's communication point may lie from where the instance stands.
-const COMMUNICATION_POINT_SLACK: f64 = 1e-6;
+pub(super) const COMMUNICATION_POINT_SLACK: f64 = 1e-6;
+/// Log category of what could not be done, but may be tried otherwise.
+pub const DISCARDED: &str = "logStatusDiscard";
 /// Debug messages about accepted parameters and events.
 pub const EVENTS: &str = "logEvents";
 
@@ -38,14 +40,13 @@ pub type Answer<T = ()> = Result<T, Refused>;
 pub struct Instance {
     pub(super) execution: Execution,
     references: References,
-    /// Which saved states are its own: those of the same unit in the same build.
+    /// Which saved states are its own: those of the same unit and interface in the same build.
     pub(super) identity: [u8; 16],
     /// Where messages go.
     pub logger: Logger,
+    pub(super) interface: Interface,
     pub(super) phase: Phase,
     pub(super) stop_time: Option<f64>,
-    /// In Initialization Mode: whether something was set since everything was computed.
-    pub(super) stale: bool,
     pub(super) slots: Slots,
 }
 
@@ -66,7 +67,7 @@ impl Instance {
     ///
     /// # Errors
     /// When the GUID isn't this model's.
-    pub fn new(model: Model, guid: &str, logger: Logger) -> Answer<Self> {
+    pub fn new(model: Model, interface: Interface, guid: &str, logger: Logger) -> Answer<Self> {
         let own = model_description::guid(&model);
         if guid != model_description::guid_text(own) {
             return Err(Refused(format!(
@@ -78,11 +79,11 @@ impl Instance {
         Ok(Instance {
             references: References::new(model.variables()),
             execution: Execution::new(model),
-            identity: snapshot::identity(own),
+            identity: snapshot::identity(own, interface),
             logger,
+            interface,
             phase: Phase::Instantiated,
             stop_time: None,
-            stale: true,
             slots: Slots::default(),
         })
     }
@@ -103,7 +104,10 @@ impl Instance {
     /// With what is allowed.
     #[inline]
     pub fn check(&self, function: Function) -> Answer {
-        if function.allowed_in(self.phase) { Ok(()) } else { Err(Refused(function.refusal(self.phase))) }
+        if function.allowed_in(self.interface, self.phase) {
+            return Ok(());
+        }
+        Err(Refused(function.refusal(self.interface, self.phase)))
     }
 
     /// Sends the messages that the model left.
@@ -160,7 +164,6 @@ impl Instance {
     /// fmi2EnterInitializationMode
     pub fn enter_initialization_mode(&mut self) {
         self.phase = Phase::Initialization;
-        self.stale = true;
     }
 
     /// fmi2ExitInitializationMode
@@ -168,17 +171,35 @@ impl Instance {
     /// # Errors
     /// For parameters or inputs from which nothing can start; they can be set anew.
     pub fn exit_initialization_mode(&mut self) -> Answer {
-        self.compute_start("fmi2ExitInitializationMode")?;
-        self.phase = Phase::StepComplete;
+        self.compute_start(Function::ExitInitializationMode)?;
+        self.phase = match self.interface {
+            Interface::ModelExchange => {
+                self.execution.begin_model_exchange();
+                Phase::Event
+            }
+            Interface::CoSimulation => Phase::StepComplete,
+        };
         Ok(())
     }
 
-    fn compute_start(&mut self, function: &str) -> Answer {
-        if self.stale {
-            self.execution.initialise().map_err(|error| Refused(format!("{function}: {error}")))?;
-            self.stale = false;
+    fn compute_start(&mut self, function: Function) -> Answer {
+        self.execution.initialise().map_err(|error| Refused(format!("{}: {error}", function.name())))
+    }
+
+    /// Brings what is calculated up to date: in Initialization Mode to what is set at present, in model exchange to
+    /// the present time, states and inputs. In co-simulation it changes with steps only.
+    ///
+    /// # Errors
+    /// When nothing can start from what is set.
+    pub(super) fn evaluate(&mut self, function: Function) -> Answer {
+        match (self.phase, self.interface) {
+            (Phase::Initialization, _) => self.compute_start(function),
+            (_, Interface::ModelExchange) => {
+                self.execution.evaluate();
+                Ok(())
+            }
+            (_, Interface::CoSimulation) => Ok(()),
         }
-        Ok(())
     }
 
     /// fmi2Terminate
@@ -191,11 +212,10 @@ impl Instance {
         self.execution.reset();
         self.phase = Phase::Instantiated;
         self.stop_time = None;
-        self.stale = true;
     }
 
     /// The place of a value, and what may be done with it.
-    fn place(&self, function: Function, reference: u32, wanted: Type) -> Answer<(usize, Access)> {
+    pub(super) fn place(&self, function: Function, reference: u32, wanted: Type) -> Answer<(usize, Access)> {
         self.references.find(reference, wanted).map_err(|no_value| {
             let name = function.name();
             match no_value {
@@ -208,7 +228,7 @@ impl Instance {
         })
     }
 
-    fn name(&self, reference: u32) -> String {
+    pub(super) fn name(&self, reference: u32) -> String {
         element(self.execution.model().variables(), reference).map_or(String::new(), |element| element.name())
     }
 
@@ -226,6 +246,9 @@ impl Instance {
     fn check_settable(&self, function: Function, reference: u32, access: Access) -> Answer {
         let before = matches!(self.phase, Phase::Instantiated | Phase::Initialization);
         let what = match access {
+            Access::Tunable if self.phase == Phase::ContinuousTime => {
+                "a tunable parameter, which in model exchange can only be set in Event Mode"
+            }
             Access::Input | Access::Tunable => return Ok(()),
             Access::Fixed if before => return Ok(()),
             Access::Fixed => "a fixed parameter, which can only be set before the simulation starts",
@@ -235,31 +258,49 @@ impl Instance {
     }
 
     fn was_set(&mut self, access: Access) {
-        self.stale = true;
-        if self.phase == Phase::StepComplete && access != Access::Input {
+        self.execution.changed();
+        let running = !matches!(self.phase, Phase::Instantiated | Phase::Initialization);
+        if running && access != Access::Input {
             self.execution.parameters_set();
         }
     }
 
-    /// In Initialization Mode every calculated value is computed from what is set at present.
-    fn compute_if_stale(&mut self, function: Function, is: Type, references: &[u32]) -> Answer {
+    /// Brings up to date what is read, where any of it is calculated.
+    fn evaluate_for(&mut self, function: Function, is: Type, references: &[u32]) -> Answer {
         let mut calculated = false;
         for &reference in references {
             calculated |= matches!(self.place(function, reference, is)?.1, Access::Calculated { .. });
         }
-        if calculated && self.phase == Phase::Initialization { self.compute_start(function.name()) } else { Ok(()) }
+        if calculated { self.evaluate(function) } else { Ok(()) }
+    }
+
+    /// Answers a question for a value that is no number at the present point. fmi2Discard, since a solver that only
+    /// probed may come back with a smaller step; with fmi2Error it would have to give up.
+    pub(super) fn not_finite(&self, function: Function, what: &str, value: f64) -> Status {
+        let time = self.execution.time();
+        self.discard(&format!("{}: {what} is {value} at t = {time} s, which is no finite number", function.name()))
+    }
+
+    fn discard(&self, reason: &str) -> Status {
+        self.logger.log(Status::Discard, DISCARDED, reason);
+        Status::Discard
     }
 
     /// fmi2GetReal
     ///
     /// # Errors
     /// For value references that aren't those of reals.
-    pub fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Answer {
-        self.compute_if_stale(Function::GetReal, Type::Real, references)?;
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = self.execution.block.reals[reference as usize];
+    pub fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Answer<Status> {
+        self.evaluate_for(Function::GetReal, Type::Real, references)?;
+        let reals = &self.execution.block.reals;
+        if let Some(&reference) = references.iter().find(|&&reference| !reals[reference as usize].is_finite()) {
+            let what = format!("`{}`", self.name(reference));
+            return Ok(self.not_finite(Function::GetReal, &what, reals[reference as usize]));
         }
-        Ok(())
+        for (value, &reference) in values.iter_mut().zip(references) {
+            *value = reals[reference as usize];
+        }
+        Ok(Status::Ok)
     }
 
     /// fmi2SetReal
@@ -288,7 +329,7 @@ impl Instance {
     /// # Errors
     /// For value references of another type.
     pub fn get_integer(&mut self, function: Function, is: Type, references: &[u32], values: &mut [i32]) -> Answer {
-        self.compute_if_stale(function, is, references)?;
+        self.evaluate_for(function, is, references)?;
         for (value, &reference) in values.iter_mut().zip(references) {
             let (place, _) = self.place(function, reference, is)?;
             *value = self.execution.block.integers[place];
@@ -318,97 +359,6 @@ impl Instance {
         Ok(())
     }
 
-    /// fmi2SetRealInputDerivatives
-    ///
-    /// # Errors
-    /// For what isn't a real input, another order than 1, or values that aren't finite.
-    pub fn set_input_derivatives(&mut self, references: &[u32], orders: &[i32], values: &[f64]) -> Answer {
-        let function = Function::SetRealInputDerivatives;
-        for ((&reference, &order), value) in references.iter().zip(orders).zip(values) {
-            let (_, access) = self.place(function, reference, Type::Real)?;
-            let name = || self.name(reference);
-            if access != Access::Input {
-                return Err(Refused(format!("{}: `{}` is not an input", function.name(), name())));
-            }
-            if order != 1 {
-                return Err(Refused(format!(
-                    "{}: `{}`: order {order}; only order 1 is supported",
-                    function.name(),
-                    name()
-                )));
-            }
-            if !value.is_finite() {
-                return Err(Refused(format!("{}: `{}`: {value} must be a finite number", function.name(), name())));
-            }
-        }
-        let first = self.execution.model().variables().reals(Section::Input).start;
-        for (&reference, &value) in references.iter().zip(values) {
-            self.execution.set_input_slope(reference as usize - first, value);
-        }
-        Ok(())
-    }
-
-    /// fmi2GetRealOutputDerivatives
-    ///
-    /// # Errors
-    /// For what isn't a real output, or another order than 1.
-    pub fn get_output_derivatives(&mut self, references: &[u32], orders: &[i32], values: &mut [f64]) -> Answer {
-        let function = Function::GetRealOutputDerivatives;
-        for (&reference, &order) in references.iter().zip(orders) {
-            let (_, access) = self.place(function, reference, Type::Real)?;
-            if access != (Access::Calculated { output: true }) {
-                return Err(Refused(format!("{}: `{}` is not an output", function.name(), self.name(reference))));
-            }
-            if order != 1 {
-                let name = self.name(reference);
-                return Err(Refused(format!(
-                    "{}: `{name}`: order {order}; only order 1 is supported",
-                    function.name()
-                )));
-            }
-        }
-        let derivatives = self.execution.time_derivatives();
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = derivatives[reference as usize].eps;
-        }
-        Ok(())
-    }
-
-    /// fmi2GetDirectionalDerivative, at the present inputs.
-    ///
-    /// # Errors
-    /// For unknowns that aren't calculated reals, knowns that are neither inputs nor states, or a seed that isn't finite.
-    pub fn get_directional_derivative(
-        &mut self,
-        unknowns: &[u32],
-        knowns: &[u32],
-        seed: &[f64],
-        result: &mut [f64],
-    ) -> Answer {
-        let function = Function::GetDirectionalDerivative;
-        let refuse = |instance: &Self, reference, reason: &str| {
-            Err(Refused(format!("{}: `{}` {reason}", function.name(), instance.name(reference))))
-        };
-        for &unknown in unknowns {
-            if !matches!(self.place(function, unknown, Type::Real)?.1, Access::Calculated { .. }) {
-                return refuse(self, unknown, "is not calculated, so it has no derivative");
-            }
-        }
-        let variables = self.execution.model().variables();
-        let (inputs, states) = (variables.reals(Section::Input), variables.reals(Section::State));
-        for (&known, change) in knowns.iter().zip(seed) {
-            let (place, _) = self.place(function, known, Type::Real)?;
-            if !inputs.contains(&place) && !states.contains(&place) {
-                return refuse(self, known, "is neither an input nor a state");
-            }
-            if !change.is_finite() {
-                return refuse(self, known, &format!("has the seed {change}, which must be finite"));
-            }
-        }
-        self.execution.directional_derivative(unknowns, knowns, seed, result);
-        Ok(())
-    }
-
     /// fmi2DoStep
     ///
     /// # Errors
@@ -417,12 +367,16 @@ impl Instance {
         self.check_step(point, step)?;
         match self.execution.step(point, step) {
             Ok(taken_over) => {
-                if taken_over && self.logger.is_enabled(EVENTS) {
-                    self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {point} s"));
-                }
+                self.log_taken_over(taken_over, point);
                 Ok(Status::Ok)
             }
             Err(error) => self.failed_step(error, point, step),
+        }
+    }
+
+    pub(super) fn log_taken_over(&self, taken_over: bool, time: f64) {
+        if taken_over && self.logger.is_enabled(EVENTS) {
+            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {time} s"));
         }
     }
 
@@ -438,8 +392,7 @@ impl Instance {
             }
             _ if self.execution.on_step_failure() == OnStepFailure::Discard => {
                 self.phase = Phase::StepFailed;
-                self.logger.log(Status::Discard, "logStatusDiscard", &reason);
-                Ok(Status::Discard)
+                Ok(self.discard(&reason))
             }
             _ => {
                 self.phase = Phase::Error;

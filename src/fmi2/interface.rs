@@ -6,14 +6,19 @@ use std::ffi::{CStr, CString, c_char, c_int};
 use std::slice;
 
 use super::access::Type;
-use super::calls::Function;
+use super::calls::{Function, Interface};
 use super::instance::{Answer, Instance, Refused, load_model};
 use super::logger::{ERROR, Logger};
+pub use super::model_exchange_interface::{
+    completed_integrator_step, enter_continuous_time_mode, enter_event_mode, get_continuous_states, get_derivatives,
+    get_event_indicators, get_nominals_of_continuous_states, new_discrete_states, set_continuous_states, set_time,
+};
 use super::panics;
 use super::resources;
 pub use super::status::{get_boolean_status, get_integer_status, get_real_status, get_status, get_string_status};
 use super::types::{
-    Boolean, CO_SIMULATION, CallbackFunctions, Component, FmuState, Status, StringPointer, TRUE, ValueReference,
+    Boolean, CO_SIMULATION, CallbackFunctions, Component, FmuState, MODEL_EXCHANGE, Status, StringPointer, TRUE,
+    ValueReference,
 };
 use crate::system::Registry;
 
@@ -53,7 +58,7 @@ pub(super) fn call(
     }
 }
 
-fn ok(answer: Answer) -> Answer<Status> {
+pub(super) fn ok(answer: Answer) -> Answer<Status> {
     answer.map(|()| Status::Ok)
 }
 
@@ -61,7 +66,7 @@ fn ok(answer: Answer) -> Answer<Status> {
 ///
 /// # Safety
 /// A pointer that isn't NULL must be that of so many elements.
-unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [T]> {
+pub(super) unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [T]> {
     match (pointer.is_null(), len) {
         (_, 0) => Some(&[]),
         (true, _) => None,
@@ -74,7 +79,7 @@ unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [T]> {
 ///
 /// # Safety
 /// As [`array`], and nothing else may refer to it.
-unsafe fn array_mut<'a, T>(pointer: *mut T, len: usize) -> Option<&'a mut [T]> {
+pub(super) unsafe fn array_mut<'a, T>(pointer: *mut T, len: usize) -> Option<&'a mut [T]> {
     match (pointer.is_null(), len) {
         (_, 0) => Some(&mut []),
         (true, _) => None,
@@ -133,16 +138,21 @@ pub unsafe fn instantiate(
         if name.is_none_or(str::is_empty) {
             return Err("fmi2Instantiate: instanceName is empty or not UTF-8".into());
         }
-        if fmu_type != CO_SIMULATION {
-            return Err("fmi2Instantiate: this unit is for co-simulation; model exchange is not supported".into());
-        }
+        let interface = match fmu_type {
+            MODEL_EXCHANGE => Interface::ModelExchange,
+            CO_SIMULATION => Interface::CoSimulation,
+            _ => {
+                let kinds = "0 (fmi2ModelExchange) or 1 (fmi2CoSimulation)";
+                return Err(format!("fmi2Instantiate: fmuType = {fmu_type} must be {kinds}").into());
+            }
+        };
         let guid = guid.ok_or("fmi2Instantiate: fmuGUID is NULL or not UTF-8")?;
         if location.is_none() && !resource_location.is_null() {
             return Err("fmi2Instantiate: fmuResourceLocation is not UTF-8".into());
         }
         let folder = resources::folder(location).map_err(|reason| format!("fmi2Instantiate: {reason}"))?;
         let model = load_model(&folder, registry).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
-        let mut instance = Instance::new(model, guid, logger)?;
+        let mut instance = Instance::new(model, interface, guid, logger)?;
         instance.set_debug_logging(logging_on != 0, &[])?;
         Ok(instance)
     });
@@ -232,7 +242,7 @@ pub unsafe fn get_real(c: Component, references: *const ValueReference, count: u
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array_mut(values, count)) };
         let (references, values) = arrays.ok_or_else(|| null(Function::GetReal))?;
-        ok(instance.get_real(references, values))
+        instance.get_real(references, values)
     })
 }
 
@@ -396,7 +406,7 @@ pub unsafe fn get_directional_derivative(
         };
         let ((unknowns, result), (knowns, seed)) =
             of.zip(by).ok_or_else(|| null(Function::GetDirectionalDerivative))?;
-        ok(instance.get_directional_derivative(unknowns, knowns, seed, result))
+        instance.get_directional_derivative(unknowns, knowns, seed, result)
     })
 }
 
@@ -443,9 +453,9 @@ pub fn do_step(c: Component, point: f64, step: f64) -> Status {
     call(c, Function::DoStep, |instance| instance.do_step(point, step))
 }
 
-/// fmi2CancelStep, and the functions of model exchange: never allowed.
-pub fn refuse(c: Component, function: Function) -> Status {
-    call(c, function, |_| Err(Refused(format!("{} is not supported", function.name()))))
+/// fmi2CancelStep: never allowed.
+pub fn cancel_step(c: Component) -> Status {
+    call(c, Function::CancelStep, |_| Ok(Status::Ok))
 }
 
 /// What receives the reply of [`describe`].

@@ -5,12 +5,16 @@
 
 pub mod access;
 pub mod calls;
+mod derivatives;
 pub mod describe;
 pub mod instance;
 #[allow(unsafe_code)]
 pub mod interface;
 pub mod logger;
 pub mod model_description;
+pub mod model_exchange;
+#[allow(unsafe_code)]
+mod model_exchange_interface;
 pub mod panics;
 #[allow(unsafe_code)]
 pub mod resources;

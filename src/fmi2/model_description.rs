@@ -10,7 +10,7 @@ use crate::model::Model;
 use crate::system::{Causality, Data, Element, Section, Unit, Variability, Variables};
 
 use super::access::References;
-use super::instance::EVENTS;
+use super::instance::{DISCARDED, EVENTS};
 
 type Xml = Writer<Vec<u8>>;
 type Attributes<'a> = Vec<(&'a str, String)>;
@@ -38,7 +38,7 @@ pub fn xml(model: &Model) -> String {
 pub fn log_categories(model: &Model) -> impl Iterator<Item = (&'static str, &'static str)> {
     let standard = [
         (super::logger::ERROR, "a call was refused or failed: what, why, and what to do"),
-        ("logStatusDiscard", "a step could not be finished and may be tried again, smaller"),
+        (DISCARDED, "a step could not be finished or a value not be computed; a smaller step may help"),
         (EVENTS, "tunable parameters that were taken over"),
     ];
     // Parts of a system may share a category.
@@ -92,20 +92,10 @@ fn write(xml: &mut Xml, model: &Model, guid: &str, tool: &str) -> io::Result<()>
         ("description", description.description.clone()),
         ("generationTool", tool.to_owned()),
         ("variableNamingConvention", "structured".to_owned()),
+        ("numberOfEventIndicators", model.system().indicators().to_string()),
     ];
     element(xml, "fmiModelDescription", root, |xml| {
-        let flag = |name, value: bool| (name, value.to_string());
-        let co_simulation = vec![
-            ("modelIdentifier", description.name.clone()),
-            flag("canHandleVariableCommunicationStepSize", true),
-            flag("canInterpolateInputs", !model.variables().reals(Section::Input).is_empty()),
-            ("maxOutputDerivativeOrder", "1".to_owned()),
-            flag("canNotUseMemoryManagementFunctions", true),
-            flag("canGetAndSetFMUstate", true),
-            flag("canSerializeFMUstate", true),
-            flag("providesDirectionalDerivative", true),
-        ];
-        empty(xml, "CoSimulation", co_simulation)?;
+        write_interfaces(xml, model)?;
         write_units(xml, model.variables())?;
         write_types(xml, model.variables())?;
         element(xml, "LogCategories", vec![], |xml| {
@@ -127,6 +117,26 @@ fn write(xml: &mut Xml, model: &Model, guid: &str, tool: &str) -> io::Result<()>
         })?;
         write_structure(xml, variables)
     })
+}
+
+fn write_interfaces(xml: &mut Xml, model: &Model) -> io::Result<()> {
+    let flag = |name, value: bool| (name, value.to_string());
+    let identifier = ("modelIdentifier", model.description().name.clone());
+    let common = [
+        flag("canNotUseMemoryManagementFunctions", true),
+        flag("canGetAndSetFMUstate", true),
+        flag("canSerializeFMUstate", true),
+        flag("providesDirectionalDerivative", true),
+    ];
+    let model_exchange = [identifier.clone(), flag("completedIntegratorStepNotNeeded", false)];
+    let co_simulation = [
+        identifier,
+        flag("canHandleVariableCommunicationStepSize", true),
+        flag("canInterpolateInputs", !model.variables().reals(Section::Input).is_empty()),
+        ("maxOutputDerivativeOrder", "1".to_owned()),
+    ];
+    empty(xml, "ModelExchange", [&model_exchange[..], &common].concat())?;
+    empty(xml, "CoSimulation", [&co_simulation[..], &common].concat())
 }
 
 fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
@@ -295,7 +305,11 @@ fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
         if found.peek().is_none() {
             return Ok(());
         }
-        let found: Vec<_> = found.collect();
+        let mut found: Vec<_> = found.collect();
+        if name == "Derivatives" {
+            // Their order is that of the states in fmi2GetContinuousStates: as they are stored.
+            found.sort_by_key(|(_, e)| e.place());
+        }
         element(xml, name, vec![], |xml| {
             found.iter().try_for_each(|&(k, e)| {
                 if dependencies {

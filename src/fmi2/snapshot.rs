@@ -4,7 +4,7 @@ use uuid::Uuid;
 
 use crate::model::Block;
 
-use super::calls::Phase;
+use super::calls::{Interface, Phase};
 
 /// Everything that a continuation depends on.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,10 +27,11 @@ pub fn serialised_size(block: &Block) -> usize {
     HEADER + 8 * block.reals.len() + 4 * block.integers.len()
 }
 
-/// Which states belong together: those of one interface (by its GUID) in one build, since what a state means may
-/// change with the sources.
-pub fn identity(guid: [u8; 16]) -> [u8; 16] {
-    Uuid::new_v5(&Uuid::from_bytes(guid), env!("ADAPTIVE_FMU_SOURCE").as_bytes()).into_bytes()
+/// Which states belong together: those of one unit (by its GUID) and interface in one build, since what a state means
+/// may change with the sources, and a step of co-simulation can't go on from within a master's integrator.
+pub fn identity(guid: [u8; 16], interface: Interface) -> [u8; 16] {
+    let name = [env!("ADAPTIVE_FMU_SOURCE"), interface.describe()].concat();
+    Uuid::new_v5(&Uuid::from_bytes(guid), name.as_bytes()).into_bytes()
 }
 
 /// A state as bytes. `identity` says which unit and build it belongs to.
@@ -76,7 +77,7 @@ pub fn deserialise(bytes: &[u8], identity: [u8; 16], like: &Block) -> Result<Sna
         return Err("corrupted: the checksum does not fit".to_owned());
     }
     if take(16) != identity {
-        return Err("a state of another unit, or of another version of this one".to_owned());
+        return Err("a state of another unit, of another version of this one, or of its other interface".to_owned());
     }
     let phase = take(1)[0];
     let phase = *Phase::ALL.get(phase as usize).ok_or("corrupted: no such phase")?;

@@ -30,7 +30,7 @@ impl Instance {
         self.execution.block.copy_from(&saved.block);
         self.phase = saved.phase;
         self.stop_time = saved.stop_time;
-        self.stale = true;
+        self.execution.changed();
         self.execution.log.clear();
         Ok(())
     }

@@ -11,7 +11,7 @@ const SHRINK: f64 = 0.2;
 const GROW: f64 = 5.0;
 /// A substep that would leave less than this part of the way is stretched to the end.
 const STRETCH: f64 = 1.001;
-/// Relative width of the bracket in which an event is located.
+/// Relative width of the bracket in which an event is located, and of the rounding of its time.
 const EVENT_PRECISION: f64 = 1e-11;
 
 /// Integrates one instance; holds its workspace, and nothing that a continuation depends on.
@@ -46,6 +46,11 @@ impl Driver {
         }
     }
 
+    /// Magnitudes of the states.
+    pub fn nominals(&self) -> &[f64] {
+        &self.nominals
+    }
+
     /// Advances a problem from t0 to t1. `substep` is the substep to begin with (0: none known yet) and is left as
     /// the one to go on with.
     ///
@@ -62,12 +67,7 @@ impl Driver {
         let mut events =
             EventCount { slack: settings.event_slack * (t1 - t0), limit: settings.max_events, count: 0, last: t0 };
         let (mut t, mut substeps) = (t0, 0);
-        problem.evaluate(t);
-        // Inputs and parameters that changed between the steps may have taken an indicator across.
-        problem.event_indicators(t, &mut self.indicators[1]);
-        let jumped = self.note_crossed();
-        self.indicators.swap(0, 1);
-        if jumped {
+        if self.jumped(problem, t) {
             self.handle_events(problem, t, t1, &mut events)?;
         }
         self.sides_of_zeros(problem, t, t1, settings);
@@ -90,6 +90,16 @@ impl Driver {
             }
         }
         Ok(())
+    }
+
+    /// Evaluates the problem at t and notes which indicators changed sides since they were last known; whether any
+    /// did. Inputs, parameters and states that were set may have taken an indicator across.
+    fn jumped(&mut self, problem: &mut Problem, t: f64) -> bool {
+        problem.evaluate(t);
+        problem.event_indicators(t, &mut self.indicators[1]);
+        let jumped = self.note_crossed();
+        self.indicators.swap(0, 1);
+        jumped
     }
 
     /// Notes which indicators changed sides between `before` and `after`; whether any did.
@@ -123,18 +133,46 @@ impl Driver {
         }
     }
 
-    /// The event indicators where the last step ended. They lie in the instance's block between steps.
+    /// Handles the events at t: of indicators that changed sides since they were last known, and time events that are
+    /// due. The problem then stands evaluated. Whether there were any.
+    ///
+    /// # Errors
+    /// When they don't end.
+    pub fn events_at(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<bool, StepError> {
+        let mut events = EventCount { slack: rounding(t), limit: settings.max_events, count: 0, last: t };
+        let any = self.jumped(problem, t) || events.time_event_due(problem, t, t);
+        if any {
+            self.handle_events(problem, t, t, &mut events)?;
+        }
+        Ok(any)
+    }
+
+    /// Takes over the sides on which the indicators of an evaluated problem are at t. One that changed sides keeps the
+    /// side where it was, for the event that this is; whether there is such a one, or a time event is due.
+    pub fn event_pending(&mut self, problem: &Problem, t: f64) -> bool {
+        let [before, after, _] = &mut self.indicators;
+        problem.event_indicators(t, after);
+        for (before, &after) in before.iter_mut().zip(after.iter()) {
+            if !crossed(*before, after) {
+                *before = after;
+            }
+        }
+        any_crossed(before, after) || problem.next_time_event() <= t + rounding(t)
+    }
+
+    /// The event indicators where they were last known. They lie in the instance's block between calls.
     pub fn indicators(&self) -> &[f64] {
         &self.indicators[0]
     }
 
-    /// Takes over the event indicators from where the last step ended.
+    /// Takes over the event indicators from where they were last known.
     pub fn set_indicators(&mut self, indicators: &[f64]) {
         self.indicators[0].copy_from_slice(indicators);
     }
 
-    /// An indicator that stands at exactly zero has the side to which it leaves: found by a step of rounding's length.
-    fn sides_of_zeros(&mut self, problem: &mut Problem, t: f64, t1: f64, settings: &Settings) {
+    /// An indicator that stands at exactly zero has the side to which it leaves: found by a step of rounding's length
+    /// towards t1. The problem is evaluated at t, before and after.
+    pub fn sides_of_zeros(&mut self, problem: &mut Problem, t: f64, t1: f64, settings: &Settings) {
         if !self.indicators[0].contains(&0.0) {
             return;
         }
@@ -160,14 +198,9 @@ impl Driver {
     /// # Errors
     /// When they don't end.
     pub fn settle(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<(), StepError> {
-        let mut events = EventCount { slack: 0.0, limit: settings.max_events, count: 0, last: t };
-        self.crossed.fill(false);
-        problem.evaluate(t);
-        if events.time_event_due(problem, t, t) {
-            self.handle_events(problem, t, t, &mut events)?;
-        }
-        problem.event_indicators(t, &mut self.indicators[0]);
-        Ok(())
+        // Nothing was known before, so nothing has crossed.
+        self.indicators[0].fill(0.0);
+        self.events_at(problem, t, settings).map(|_| ())
     }
 
     /// One accepted substep towards `target`; whether it ended at a state event.
@@ -280,6 +313,11 @@ fn growth(scaled: f64, order: i32) -> f64 {
     if scaled < 1e-6 { GROW } else { (SAFETY * scaled.powf(-1.0 / f64::from(order))).clamp(SHRINK, GROW) }
 }
 
+/// How far t may lie before a time event that it is meant to be: a master rounds.
+fn rounding(t: f64) -> f64 {
+    EVENT_PRECISION * t.abs()
+}
+
 /// Whether an indicator left the side on which it was; one that was exactly zero had none.
 fn crossed(before: f64, after: f64) -> bool {
     before != 0.0 && (after == 0.0 || before.signum() != after.signum())
@@ -295,7 +333,7 @@ fn first_crossing(before: &[f64], after: &[f64]) -> f64 {
     before.iter().zip(after).filter_map(zero).fold(1.0, f64::min)
 }
 
-fn check_divergence(problem: &mut Problem, time: f64, limit: f64) -> Result<(), StepError> {
+pub(crate) fn check_divergence(problem: &mut Problem, time: f64, limit: f64) -> Result<(), StepError> {
     let offender = problem.states().iter().position(|x| x.is_nan() || x.abs() > limit);
     let Some(place) = offender else { return Ok(()) };
     let value = problem.states()[place];

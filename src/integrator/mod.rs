@@ -28,6 +28,7 @@ mod driver;
 mod own_step;
 
 pub use driver::Driver;
+pub(crate) use driver::check_divergence;
 
 use dormand_prince::DormandPrince;
 use own_step::OwnStep;

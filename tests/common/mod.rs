@@ -1,9 +1,11 @@
 //! A master that calls the C functions as any tool does.
 #![allow(dead_code)] // each test file uses its part
 
+pub mod exchange;
 pub mod loops;
 pub mod models;
 pub mod states;
+pub mod systems;
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
@@ -122,9 +124,14 @@ impl Unit {
 
     /// Instantiated from a description's text and a registry of the test's own.
     pub fn of(registry: Registry, text: &str) -> Self {
+        Unit::made(registry, text, CO_SIMULATION)
+    }
+
+    /// Instantiated for one of the two interfaces.
+    pub fn made(registry: Registry, text: &str, kind: c_int) -> Self {
         let model = Model::from_description(Description::read(text).unwrap(), registry).unwrap();
         let guid = guid(&model);
-        Unit::try_new(registry, text, model, &guid, CO_SIMULATION).expect("an instance")
+        Unit::try_new(registry, text, model, &guid, kind).expect("an instance")
     }
 
     /// What fmi2Instantiate gives, or what it logged.

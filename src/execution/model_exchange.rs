@@ -1,0 +1,216 @@
+//! An instance in model exchange: the master integrates, and asks for values at its own times, states and inputs.
+
+use super::Execution;
+use crate::error::StepError;
+use crate::integrator::check_divergence;
+use crate::model::Block;
+use crate::system::{Handle, Section, Values};
+
+/// What an update of the discrete variables has brought.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Update {
+    /// Whether an event was handled or parameters were taken over, so that outputs may have jumped.
+    pub changed: bool,
+    /// Whether parameters were taken over.
+    pub parameters_taken_over: bool,
+    /// Whether states have jumped since the event began.
+    pub states_changed: bool,
+    /// The next event that is known in advance, s.
+    pub next_time_event: Option<f64>,
+}
+
+impl Execution {
+    /// Goes on in model exchange from the values that were just initialised. What is taken from inputs at the start
+    /// was taken there.
+    pub fn begin_model_exchange(&mut self) {
+        let (t, controls) = (self.time(), self.model.controls());
+        let (started, completed) = (controls.started, controls.completed);
+        self.point().put(started, true);
+        self.point()[completed] = t;
+        self.begin_event();
+    }
+
+    /// Begins an event: from here on it is noted whether states jump.
+    pub fn begin_event(&mut self) {
+        let jumped = self.model.controls().states_jumped;
+        self.point().put(jumped, false);
+    }
+
+    /// The continuous states.
+    pub fn states(&self) -> &[f64] {
+        &self.block.reals[self.model.variables().reals(Section::State)]
+    }
+
+    /// Sets the continuous states.
+    pub fn set_states(&mut self, states: &[f64]) {
+        let range = self.model.variables().reals(Section::State);
+        self.block.reals[range].copy_from_slice(states);
+        self.changed();
+    }
+
+    /// Magnitudes of the continuous states.
+    pub fn nominals(&self) -> &[f64] {
+        self.driver.nominals()
+    }
+
+    /// Brings signals and derivatives to the present time, states and inputs, where these have changed.
+    pub fn evaluate(&mut self) {
+        if !self.fresh {
+            let t = self.time();
+            self.with_valid_parameters(|execution| execution.problem(false).1.evaluate(t));
+            self.fresh = true;
+        }
+    }
+
+    /// The derivatives of the states, evaluated.
+    pub fn derivatives(&mut self) -> &[f64] {
+        self.evaluate();
+        &self.block.reals[self.model.variables().reals(Section::Derivative)]
+    }
+
+    /// Evaluates the event indicators.
+    pub fn event_indicators(&mut self, z: &mut [f64]) {
+        self.evaluate();
+        let t = self.time();
+        self.with_valid_parameters(|execution| execution.model.system().event_indicators(t, &execution.values(), z));
+    }
+
+    /// Whether parameters were set that aren't in force yet.
+    pub fn parameters_wait(&self) -> bool {
+        self.values().get(self.model.controls().parameters_set)
+    }
+
+    /// Computes with the last valid parameters: those that wait to be taken over may contradict each other, and what
+    /// is prepared from them isn't.
+    fn with_valid_parameters(&mut self, compute: impl FnOnce(&mut Self)) {
+        let wait = self.parameters_wait();
+        if wait {
+            self.swap_parameters();
+        }
+        compute(self);
+        if wait {
+            self.swap_parameters();
+        }
+    }
+
+    fn swap_parameters(&mut self) {
+        let (variables, controls) = (self.model.variables(), self.model.controls());
+        if let Some(valid) = controls.valid_reals {
+            let (set, kept) = (variables.reals(Section::Parameter), variables.reals(Section::Memory).start);
+            let (before, memory) = self.block.reals.split_at_mut(kept);
+            before[set].swap_with_slice(&mut memory[valid.span().range()]);
+        }
+        let (set, kept) = (variables.integers(Section::Parameter), self.valid_integers());
+        let (before, after) = self.block.integers.split_at_mut(kept.start);
+        before[set].swap_with_slice(&mut after[..kept.len()]);
+    }
+
+    /// Takes over the parameters that were set, all or none, and handles the events that the present time, states and
+    /// inputs have brought.
+    ///
+    /// # Errors
+    /// [`StepError::Parameters`] when they are refused: the last valid ones are in force again. Else why the event
+    /// can't be handled: everything is as before, parameters that wait to be taken over included.
+    pub fn update_discrete(&mut self) -> Result<Update, StepError> {
+        self.saved.copy_from(&self.block);
+        let waiting = self.log.len();
+        self.changed();
+        let taken_over = self.commit_parameters().map_err(StepError::Parameters)?;
+        let events = self.handle_events().inspect_err(|_| {
+            self.block.copy_from(&self.saved);
+            self.log.truncate(waiting);
+            self.fresh = false;
+        })?;
+        let (states, jumped) = (self.model.variables().reals(Section::State), self.model.controls().states_jumped);
+        if self.block.reals[states.clone()] != self.saved.reals[states] {
+            self.point().put(jumped, true);
+        }
+        Ok(Update {
+            changed: events || taken_over,
+            parameters_taken_over: taken_over,
+            states_changed: self.values().get(jumped),
+            next_time_event: self.model.system().next_time_event(&self.values()).filter(|time| time.is_finite()),
+        })
+    }
+
+    fn handle_events(&mut self) -> Result<bool, StepError> {
+        let (t, settings) = (self.time(), self.settings());
+        self.recall_indicators();
+        let (driver, mut problem) = self.problem(false);
+        let any = driver.events_at(&mut problem, t, &settings)?;
+        self.keep_indicators();
+        self.fresh = true;
+        self.check_point()?;
+        Ok(any)
+    }
+
+    /// Ends an event: an indicator that it left at exactly zero is from now on on the side to which it leaves.
+    pub fn end_event(&mut self) {
+        self.evaluate();
+        let (t, settings) = (self.time(), self.settings());
+        self.recall_indicators();
+        let (driver, mut problem) = self.problem(false);
+        driver.sides_of_zeros(&mut problem, t, t + 1.0, &settings);
+        self.keep_indicators();
+    }
+
+    /// When the last step of the master's integrator was completed, s.
+    pub fn completed(&self) -> f64 {
+        self.values()[self.model.controls().completed]
+    }
+
+    /// Takes note of a completed step of the master's integrator; whether it ends at an event.
+    ///
+    /// # Errors
+    /// When a value has grown beyond any use, or is no number.
+    pub fn complete_step(&mut self) -> Result<bool, StepError> {
+        self.evaluate();
+        self.check_point()?;
+        let noticed = self.tell_step();
+        let t = self.time();
+        self.recall_indicators();
+        let (driver, problem) = self.problem(false);
+        let pending = driver.event_pending(&problem, t);
+        self.keep_indicators();
+        Ok(noticed || pending)
+    }
+
+    /// Tells the system that a step is completed; whether that is an event.
+    ///
+    /// By the standard, discrete variables change in Event Mode only. What a system changes here counts steps and
+    /// remembers warnings, which equations don't read, and to restart the master's integrator after each step for that
+    /// would be absurd. So it is an event only where the equations see a difference.
+    fn tell_step(&mut self) -> bool {
+        let (t, step, completed) = (self.time(), self.time() - self.completed(), self.model.controls().completed);
+        self.point()[completed] = t;
+        if step <= 0.0 {
+            return false;
+        }
+        self.saved.copy_from(&self.block);
+        self.model.system().step_completed(t, step, &mut self.block.point(&self.model, &mut self.log));
+        if self.block == self.saved {
+            return false;
+        }
+        self.changed();
+        self.evaluate();
+        self.equations_differ(&self.block, &self.saved)
+    }
+
+    /// Whether two blocks differ in what the equations give.
+    fn equations_differ(&self, a: &Block, b: &Block) -> bool {
+        let variables = self.model.variables();
+        let next = |block: &Block| {
+            let values = Values::new(&block.reals, &block.integers, variables.offsets());
+            self.model.system().next_time_event(&values)
+        };
+        let sections = [Section::State, Section::Signal, Section::Derivative].map(|section| variables.reals(section));
+        sections.into_iter().any(|range| a.reals[range.clone()] != b.reals[range]) || next(a) != next(b)
+    }
+
+    /// Refuses a point at which the master's integrator has arrived with values beyond any use.
+    fn check_point(&mut self) -> Result<(), StepError> {
+        let (t, limit) = (self.time(), self.settings().divergence_limit);
+        check_divergence(&mut self.problem(false).1, t, limit)?;
+        self.check_values(t, limit)
+    }
+}

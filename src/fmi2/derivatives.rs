@@ -1,0 +1,104 @@
+//! Derivatives of inputs and outputs.
+
+use super::access::{Access, Type};
+use super::calls::Function;
+use super::instance::{Answer, Instance, Refused};
+use super::types::Status;
+use crate::system::Section;
+
+impl Instance {
+    /// fmi2SetRealInputDerivatives
+    ///
+    /// # Errors
+    /// For what isn't a real input, another order than 1, or values that aren't finite.
+    pub fn set_input_derivatives(&mut self, references: &[u32], orders: &[i32], values: &[f64]) -> Answer {
+        let function = Function::SetRealInputDerivatives;
+        for ((&reference, &order), value) in references.iter().zip(orders).zip(values) {
+            let (_, access) = self.place(function, reference, Type::Real)?;
+            let name = || self.name(reference);
+            if access != Access::Input {
+                return Err(Refused(format!("{}: `{}` is not an input", function.name(), name())));
+            }
+            if order != 1 {
+                return Err(Refused(format!(
+                    "{}: `{}`: order {order}; only order 1 is supported",
+                    function.name(),
+                    name()
+                )));
+            }
+            if !value.is_finite() {
+                return Err(Refused(format!("{}: `{}`: {value} must be a finite number", function.name(), name())));
+            }
+        }
+        let first = self.execution.model().variables().reals(Section::Input).start;
+        for (&reference, &value) in references.iter().zip(values) {
+            self.execution.set_input_slope(reference as usize - first, value);
+        }
+        Ok(())
+    }
+
+    /// fmi2GetRealOutputDerivatives
+    ///
+    /// # Errors
+    /// For what isn't a real output, or another order than 1.
+    pub fn get_output_derivatives(&mut self, references: &[u32], orders: &[i32], values: &mut [f64]) -> Answer {
+        let function = Function::GetRealOutputDerivatives;
+        for (&reference, &order) in references.iter().zip(orders) {
+            let (_, access) = self.place(function, reference, Type::Real)?;
+            if access != (Access::Calculated { output: true }) {
+                return Err(Refused(format!("{}: `{}` is not an output", function.name(), self.name(reference))));
+            }
+            if order != 1 {
+                let name = self.name(reference);
+                return Err(Refused(format!(
+                    "{}: `{name}`: order {order}; only order 1 is supported",
+                    function.name()
+                )));
+            }
+        }
+        let derivatives = self.execution.time_derivatives();
+        for (value, &reference) in values.iter_mut().zip(references) {
+            *value = derivatives[reference as usize].eps;
+        }
+        Ok(())
+    }
+
+    /// fmi2GetDirectionalDerivative, at the present inputs.
+    ///
+    /// # Errors
+    /// For unknowns that aren't calculated reals, knowns that are neither inputs nor states, or a seed that isn't finite.
+    pub fn get_directional_derivative(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        seed: &[f64],
+        result: &mut [f64],
+    ) -> Answer<Status> {
+        let function = Function::GetDirectionalDerivative;
+        let refuse = |instance: &Self, reference, reason: &str| {
+            Err(Refused(format!("{}: `{}` {reason}", function.name(), instance.name(reference))))
+        };
+        for &unknown in unknowns {
+            if !matches!(self.place(function, unknown, Type::Real)?.1, Access::Calculated { .. }) {
+                return refuse(self, unknown, "is not calculated, so it has no derivative");
+            }
+        }
+        let variables = self.execution.model().variables();
+        let (inputs, states) = (variables.reals(Section::Input), variables.reals(Section::State));
+        for (&known, change) in knowns.iter().zip(seed) {
+            let (place, _) = self.place(function, known, Type::Real)?;
+            if !inputs.contains(&place) && !states.contains(&place) {
+                return refuse(self, known, "is neither an input nor a state");
+            }
+            if !change.is_finite() {
+                return refuse(self, known, &format!("has the seed {change}, which must be finite"));
+            }
+        }
+        self.execution.directional_derivative(unknowns, knowns, seed, result);
+        let offender = result.iter().position(|value| !value.is_finite());
+        Ok(offender.map_or(Status::Ok, |k| {
+            let what = format!("the derivative of `{}`", self.name(unknowns[k]));
+            self.not_finite(function, &what, result[k])
+        }))
+    }
+}

@@ -1,0 +1,167 @@
+//! What the functions of model exchange do with an instance (FMI 2.0.4, section 3.2).
+
+use super::calls::{Function, Phase};
+use super::instance::{Answer, COMMUNICATION_POINT_SLACK, Instance, Refused};
+use super::types::{Boolean, EventInfo, FALSE, Status};
+use crate::error::StepError;
+use crate::system::Section;
+
+impl Instance {
+    /// fmi2EnterEventMode
+    pub fn enter_event_mode(&mut self) {
+        self.execution.begin_event();
+        self.phase = Phase::Event;
+    }
+
+    /// fmi2NewDiscreteStates
+    ///
+    /// # Errors
+    /// When parameters are refused (the last valid ones are in force again), or events don't end (values as before, and
+    /// the instance in error).
+    pub fn new_discrete_states(&mut self) -> Answer<EventInfo> {
+        let time = self.execution.time();
+        let update = self.execution.update_discrete().map_err(|error| {
+            // Parameters are refused as any argument is: the instance can go on.
+            if !matches!(error, StepError::Parameters(_)) {
+                self.phase = Phase::Error;
+            }
+            Refused(format!("fmi2NewDiscreteStates at t = {time} s: {error}"))
+        })?;
+        self.log_taken_over(update.parameters_taken_over, time);
+        Ok(EventInfo {
+            // Other units may answer to outputs that have jumped; their answer is another update's.
+            new_discrete_states_needed: Boolean::from(update.changed),
+            terminate_simulation: FALSE,
+            nominals_changed: FALSE,
+            values_changed: Boolean::from(update.states_changed),
+            next_event_time_defined: Boolean::from(update.next_time_event.is_some()),
+            next_event_time: update.next_time_event.unwrap_or(0.0),
+        })
+    }
+
+    /// fmi2EnterContinuousTimeMode
+    ///
+    /// # Errors
+    /// While parameters wait to be taken over.
+    pub fn enter_continuous_time_mode(&mut self) -> Answer {
+        if self.execution.parameters_wait() {
+            return Err(
+                "fmi2EnterContinuousTimeMode: parameters were set; fmi2NewDiscreteStates takes them over first".into(),
+            );
+        }
+        self.execution.end_event();
+        self.phase = Phase::ContinuousTime;
+        Ok(())
+    }
+
+    /// fmi2CompletedIntegratorStep; whether Event Mode is to be entered.
+    ///
+    /// # Errors
+    /// When a value has grown beyond any use or is no number, which leaves the instance in error, or beyond the stop time.
+    pub fn completed_integrator_step(&mut self) -> Answer<bool> {
+        let (name, time) = (Function::CompletedIntegratorStep.name(), self.execution.time());
+        let slack = COMMUNICATION_POINT_SLACK * (time - self.execution.completed()).abs();
+        if let Some(stop) = self.stop_time.filter(|stop| time > stop + slack) {
+            return Err(Refused(format!(
+                "{name}: t = {time} s is beyond stopTime = {stop} s, which fmi2SetupExperiment was given"
+            )));
+        }
+        self.execution.complete_step().map_err(|error| {
+            self.phase = Phase::Error;
+            Refused(format!("{name}: {error}"))
+        })
+    }
+
+    /// fmi2SetTime
+    ///
+    /// # Errors
+    /// When it isn't finite.
+    pub fn set_time(&mut self, time: f64) -> Answer {
+        if !time.is_finite() {
+            return Err(Refused(format!("fmi2SetTime: time = {time} must be a finite number")));
+        }
+        self.execution.set_time(time);
+        Ok(())
+    }
+
+    /// fmi2SetContinuousStates
+    ///
+    /// # Errors
+    /// When one isn't finite, or their number is wrong; nothing is changed.
+    pub fn set_continuous_states(&mut self, states: &[f64]) -> Answer {
+        let function = Function::SetContinuousStates;
+        self.check_count(function, states.len(), self.execution.states().len(), "continuous states")?;
+        if let Some(place) = states.iter().position(|state| !state.is_finite()) {
+            let (name, value) = (self.real_name(Section::State, place), states[place]);
+            return Err(Refused(format!("{}: `{name}` = {value} must be a finite number", function.name())));
+        }
+        self.execution.set_states(states);
+        Ok(())
+    }
+
+    /// fmi2GetContinuousStates
+    ///
+    /// # Errors
+    /// When their number is wrong, or nothing can start from what is set.
+    pub fn get_continuous_states(&mut self, states: &mut [f64]) -> Answer {
+        let function = Function::GetContinuousStates;
+        self.check_count(function, states.len(), self.execution.states().len(), "continuous states")?;
+        self.evaluate(function)?;
+        states.copy_from_slice(self.execution.states());
+        Ok(())
+    }
+
+    /// fmi2GetNominalsOfContinuousStates
+    ///
+    /// # Errors
+    /// When their number is wrong.
+    pub fn get_nominals(&self, nominals: &mut [f64]) -> Answer {
+        let function = Function::GetNominalsOfContinuousStates;
+        self.check_count(function, nominals.len(), self.execution.nominals().len(), "continuous states")?;
+        nominals.copy_from_slice(self.execution.nominals());
+        Ok(())
+    }
+
+    /// fmi2GetDerivatives; fmi2Discard where one is no number.
+    ///
+    /// # Errors
+    /// When their number is wrong.
+    pub fn get_derivatives(&mut self, derivatives: &mut [f64]) -> Answer<Status> {
+        let function = Function::GetDerivatives;
+        self.check_count(function, derivatives.len(), self.execution.states().len(), "continuous states")?;
+        derivatives.copy_from_slice(self.execution.derivatives());
+        let offender = derivatives.iter().position(|value| !value.is_finite());
+        Ok(offender.map_or(Status::Ok, |place| {
+            let what = format!("`{}`", self.real_name(Section::Derivative, place));
+            self.not_finite(function, &what, derivatives[place])
+        }))
+    }
+
+    /// fmi2GetEventIndicators; fmi2Discard where one is no number.
+    ///
+    /// # Errors
+    /// When their number is wrong, or nothing can start from what is set.
+    pub fn get_event_indicators(&mut self, indicators: &mut [f64]) -> Answer<Status> {
+        let function = Function::GetEventIndicators;
+        let expected = self.execution.model().system().indicators();
+        self.check_count(function, indicators.len(), expected, "event indicators")?;
+        self.evaluate(function)?;
+        self.execution.event_indicators(indicators);
+        let offender = indicators.iter().position(|value| !value.is_finite());
+        Ok(offender.map_or(Status::Ok, |place| {
+            self.not_finite(function, &format!("event indicator {}", place + 1), indicators[place])
+        }))
+    }
+
+    fn check_count(&self, function: Function, given: usize, expected: usize, what: &str) -> Answer {
+        if given == expected {
+            return Ok(());
+        }
+        Err(Refused(format!("{}: {given} {what}; this unit has {expected}", function.name())))
+    }
+
+    fn real_name(&self, section: Section, place: usize) -> String {
+        let element = self.execution.model().variables().real_at(section, place);
+        element.map_or(String::new(), |element| element.name())
+    }
+}
