@@ -10,7 +10,7 @@ use clap::{Parser, Subcommand};
 /// Adaptive controllers and their plants as FMI 2.0 units.
 ///
 /// Exit codes: 0 done; 1 it could not be done, with the reason on stderr; 2 the arguments are wrong; 3 a loop ran,
-/// but a metric is beyond its limit.
+/// but a metric is beyond its limit; 130 a run was interrupted.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -26,7 +26,7 @@ enum Command {
     Export(command::export::Arguments),
     /// Tells what an FMU is
     Info(command::info::Arguments),
-    /// Runs a closed loop through its FMUs: metrics, CSV and a plot
+    /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
     Run(command::run::Arguments),
 }
 

@@ -1,5 +1,5 @@
-//! Which function may be called when: FMI 2.0.4, section 4.2.4, as the standard's table has it, with what this
-//! project narrows (see Phase): after a failed step only reading, rolling back, resetting and freeing is left.
+//! Which function may be called when: FMI 2.0.4, sections 3.2.3 and 4.2.4, as the standard's tables have it, with what
+//! this project narrows (see Phase): after a failed step only reading, rolling back, resetting and freeing is left.
 
 mod common;
 
@@ -12,8 +12,8 @@ use common::*;
 /// A plant that runs to infinity within the first milliseconds.
 const EXPLODING: &str = "[start]\nx0 = [1000.0, 1000.0]\n";
 
-/// A unit in the phase of this letter: Instantiated, initialization Mode, Step complete, step Failed, Terminated,
-/// Error.
+/// A co-simulation instance in the phase of this letter: Instantiated, initialization Mode, Step complete, step Failed,
+/// Terminated, Error.
 fn unit_in(phase: char) -> Unit {
     let unit = Unit::from_text(&(description("NonlinearSiso") + EXPLODING));
     if phase == 'F' {
@@ -34,83 +34,131 @@ fn unit_in(phase: char) -> Unit {
     unit
 }
 
-/// Function, the phases in which it is allowed, and a call with right arguments.
-type Row = (&'static str, &'static str, fn(&Unit) -> Status);
+/// A model exchange instance in the phase of this letter: Instantiated, initialization Mode, eVent mode, Continuous-time
+/// mode, Terminated, Error.
+fn exchange_in(phase: char) -> Unit {
+    let unit = Unit::exchange("NonlinearSiso");
+    if phase != 'I' {
+        unit.enter(0.0);
+    }
+    if !"IM".contains(phase) {
+        assert_eq!(unit.exit(), OK);
+    }
+    if "CTE".contains(phase) {
+        unit.settle();
+    }
+    match phase {
+        'T' => assert_eq!(unit.terminate(), OK),
+        'E' => {
+            assert_eq!(unit.set_states(&[1e13, 0.0]), OK);
+            assert_eq!(unit.try_completed_step(&mut 0), ERROR);
+        }
+        _ => {}
+    }
+    unit
+}
+
+/// Function, the phases in which it is allowed in model exchange and in co-simulation, and a call with right arguments.
+type Row = (&'static str, &'static str, &'static str, fn(&Unit) -> Status);
 
 const VALUES: &[Row] = &[
-    ("fmi2GetReal", "MSFTE", |u| u.try_get("y[1]", &mut 0.0)),
-    ("fmi2GetInteger", "MSFTE", |u| unsafe { fmi2GetInteger(u.component, &u.reference("on_step_failure"), 1, &mut 0) }),
-    ("fmi2GetBoolean", "MSFTE", |u| unsafe { fmi2GetBoolean(u.component, null(), 0, null_mut()) }),
-    ("fmi2GetString", "MSFTE", |u| unsafe { fmi2GetString(u.component, null(), 0, null_mut()) }),
-    ("fmi2SetReal", "IMS", |u| u.set("u[1]", 0.5)),
-    ("fmi2SetInteger", "IMS", |u| unsafe { fmi2SetInteger(u.component, null(), 0, null()) }),
-    ("fmi2SetBoolean", "IMS", |u| unsafe { fmi2SetBoolean(u.component, null(), 0, null()) }),
-    ("fmi2SetString", "IMS", |u| unsafe { fmi2SetString(u.component, null(), 0, null()) }),
-    ("fmi2SetRealInputDerivatives", "IMS", |u| u.set_slope("u[1]", 0.5)),
-    ("fmi2GetRealOutputDerivatives", "SFTE", |u| unsafe {
+    ("fmi2GetReal", "MVCTE", "MSFTE", |u| u.try_get("y[1]", &mut 0.0)),
+    ("fmi2GetInteger", "MVCTE", "MSFTE", |u| unsafe {
+        fmi2GetInteger(u.component, &u.reference("on_step_failure"), 1, &mut 0)
+    }),
+    ("fmi2GetBoolean", "MVCTE", "MSFTE", |u| unsafe { fmi2GetBoolean(u.component, null(), 0, null_mut()) }),
+    ("fmi2GetString", "MVCTE", "MSFTE", |u| unsafe { fmi2GetString(u.component, null(), 0, null_mut()) }),
+    ("fmi2SetReal", "IMVC", "IMS", |u| u.set("u[1]", 0.5)),
+    ("fmi2SetInteger", "IMV", "IMS", |u| unsafe { fmi2SetInteger(u.component, null(), 0, null()) }),
+    ("fmi2SetBoolean", "IMV", "IMS", |u| unsafe { fmi2SetBoolean(u.component, null(), 0, null()) }),
+    ("fmi2SetString", "IMV", "IMS", |u| unsafe { fmi2SetString(u.component, null(), 0, null()) }),
+    ("fmi2SetRealInputDerivatives", "", "IMS", |u| u.set_slope("u[1]", 0.5)),
+    ("fmi2GetRealOutputDerivatives", "", "SFTE", |u| unsafe {
         fmi2GetRealOutputDerivatives(u.component, &u.reference("y[1]"), 1, &1, &mut 0.0)
     }),
 ];
 
+const DERIVATIVES: &[Row] = &[("fmi2GetDirectionalDerivative", "VCTE", "SFTE", |u| unsafe {
+    let (y, x) = (u.reference("y[1]"), u.reference("x[1]"));
+    fmi2GetDirectionalDerivative(u.component, &y, 1, &x, 1, &1.0, &mut 0.0)
+})];
+
 const PROGRESS: &[Row] = &[
-    ("fmi2SetDebugLogging", "IMSFTE", |u| unsafe { fmi2SetDebugLogging(u.component, TRUE, 0, null()) }),
-    ("fmi2SetupExperiment", "I", |u| u.setup(0.0, Some(1.0))),
-    ("fmi2EnterInitializationMode", "I", |u| unsafe { fmi2EnterInitializationMode(u.component) }),
-    ("fmi2ExitInitializationMode", "M", |u| u.exit()),
-    ("fmi2DoStep", "S", |u| u.step(0.0, 1e-6)),
-    ("fmi2Terminate", "SF", |u| u.terminate()),
-    ("fmi2Reset", "IMSFTE", |u| u.reset()),
-    ("fmi2CancelStep", "", |u| unsafe { fmi2CancelStep(u.component) }),
+    ("fmi2SetDebugLogging", "IMVCTE", "IMSFTE", |u| unsafe { fmi2SetDebugLogging(u.component, TRUE, 0, null()) }),
+    ("fmi2SetupExperiment", "I", "I", |u| u.setup(0.0, Some(1.0))),
+    ("fmi2EnterInitializationMode", "I", "I", |u| unsafe { fmi2EnterInitializationMode(u.component) }),
+    ("fmi2ExitInitializationMode", "M", "M", |u| u.exit()),
+    ("fmi2DoStep", "", "S", |u| u.step(0.0, 1e-6)),
+    ("fmi2Terminate", "VC", "SF", |u| u.terminate()),
+    ("fmi2Reset", "IMVCTE", "IMSFTE", |u| u.reset()),
+    ("fmi2CancelStep", "", "", |u| unsafe { fmi2CancelStep(u.component) }),
 ];
 
 const STATES: &[Row] = &[
-    ("fmi2GetFMUstate", "IMSFTE", |u| unsafe { fmi2GetFMUstate(u.component, &mut null_mut()) }),
-    ("fmi2SetFMUstate", "IMSFTE", |u| u.restore(u.save())),
-    ("fmi2FreeFMUstate", "IMSFTE", |u| u.free(u.save())),
-    ("fmi2SerializedFMUstateSize", "IMSFTE", |u| unsafe { fmi2SerializedFMUstateSize(u.component, u.save(), &mut 0) }),
-    ("fmi2SerializeFMUstate", "IMSFTE", |u| {
+    ("fmi2GetFMUstate", "IMVCTE", "IMSFTE", |u| unsafe { fmi2GetFMUstate(u.component, &mut null_mut()) }),
+    ("fmi2SetFMUstate", "IMVCTE", "IMSFTE", |u| u.restore(u.save())),
+    ("fmi2FreeFMUstate", "IMVCTE", "IMSFTE", |u| u.free(u.save())),
+    ("fmi2SerializedFMUstateSize", "IMVCTE", "IMSFTE", |u| unsafe {
+        fmi2SerializedFMUstateSize(u.component, u.save(), &mut 0)
+    }),
+    ("fmi2SerializeFMUstate", "IMVCTE", "IMSFTE", |u| {
         u.bytes(u.save());
         OK
     }),
-    ("fmi2DeSerializeFMUstate", "IMSFTE", |u| u.deserialise(&u.fingerprint()).0),
+    ("fmi2DeSerializeFMUstate", "IMVCTE", "IMSFTE", |u| u.deserialise(&u.fingerprint()).0),
 ];
 
 const STATUS: &[Row] = &[
-    ("fmi2GetStatus", "SFTE", |u| unsafe { fmi2GetStatus(u.component, status_kind::DO_STEP, &mut 0) }),
-    ("fmi2GetRealStatus", "SFTE", |u| unsafe {
+    ("fmi2GetStatus", "", "SFTE", |u| unsafe { fmi2GetStatus(u.component, status_kind::DO_STEP, &mut 0) }),
+    ("fmi2GetRealStatus", "", "SFTE", |u| unsafe {
         fmi2GetRealStatus(u.component, status_kind::LAST_SUCCESSFUL_TIME, &mut 0.0)
     }),
-    ("fmi2GetIntegerStatus", "SFTE", |u| unsafe { fmi2GetIntegerStatus(u.component, status_kind::DO_STEP, &mut 0) }),
-    ("fmi2GetBooleanStatus", "SFTE", |u| unsafe { fmi2GetBooleanStatus(u.component, status_kind::TERMINATED, &mut 0) }),
-    ("fmi2GetStringStatus", "SFTE", |u| unsafe { fmi2GetStringStatus(u.component, status_kind::PENDING, &mut null()) }),
+    ("fmi2GetIntegerStatus", "", "SFTE", |u| unsafe {
+        fmi2GetIntegerStatus(u.component, status_kind::DO_STEP, &mut 0)
+    }),
+    ("fmi2GetBooleanStatus", "", "SFTE", |u| unsafe {
+        fmi2GetBooleanStatus(u.component, status_kind::TERMINATED, &mut 0)
+    }),
+    ("fmi2GetStringStatus", "", "SFTE", |u| unsafe {
+        fmi2GetStringStatus(u.component, status_kind::PENDING, &mut null())
+    }),
 ];
 
 const MODEL_EXCHANGE_ONLY: &[Row] = &[
-    ("fmi2EnterEventMode", "", |u| unsafe { fmi2EnterEventMode(u.component) }),
-    ("fmi2NewDiscreteStates", "", |u| unsafe { fmi2NewDiscreteStates(u.component, null_mut()) }),
-    ("fmi2EnterContinuousTimeMode", "", |u| unsafe { fmi2EnterContinuousTimeMode(u.component) }),
-    ("fmi2CompletedIntegratorStep", "", |u| unsafe { fmi2CompletedIntegratorStep(u.component, TRUE, &mut 0, &mut 0) }),
-    ("fmi2SetTime", "", |u| unsafe { fmi2SetTime(u.component, 0.0) }),
-    ("fmi2SetContinuousStates", "", |u| unsafe { fmi2SetContinuousStates(u.component, [0.0; 2].as_ptr(), 2) }),
-    ("fmi2GetDerivatives", "", |u| unsafe { fmi2GetDerivatives(u.component, [0.0; 2].as_mut_ptr(), 2) }),
-    ("fmi2GetEventIndicators", "", |u| unsafe { fmi2GetEventIndicators(u.component, null_mut(), 0) }),
-    ("fmi2GetContinuousStates", "", |u| unsafe { fmi2GetContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2) }),
-    ("fmi2GetNominalsOfContinuousStates", "", |u| unsafe {
+    ("fmi2EnterEventMode", "VC", "", |u| unsafe { fmi2EnterEventMode(u.component) }),
+    ("fmi2NewDiscreteStates", "V", "", |u| u.try_new_discrete_states().map_or_else(|status| status, |_| OK)),
+    ("fmi2EnterContinuousTimeMode", "V", "", |u| unsafe { fmi2EnterContinuousTimeMode(u.component) }),
+    ("fmi2CompletedIntegratorStep", "C", "", |u| unsafe {
+        fmi2CompletedIntegratorStep(u.component, TRUE, &mut 0, &mut 0)
+    }),
+    ("fmi2SetTime", "VC", "", |u| unsafe { fmi2SetTime(u.component, 0.0) }),
+    ("fmi2SetContinuousStates", "C", "", |u| unsafe { fmi2SetContinuousStates(u.component, [0.0; 2].as_ptr(), 2) }),
+    ("fmi2GetDerivatives", "VCTE", "", |u| unsafe { fmi2GetDerivatives(u.component, [0.0; 2].as_mut_ptr(), 2) }),
+    ("fmi2GetEventIndicators", "MVCTE", "", |u| unsafe { fmi2GetEventIndicators(u.component, null_mut(), 0) }),
+    ("fmi2GetContinuousStates", "MVCTE", "", |u| unsafe {
+        fmi2GetContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2)
+    }),
+    ("fmi2GetNominalsOfContinuousStates", "IVCTE", "", |u| unsafe {
         fmi2GetNominalsOfContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2)
     }),
 ];
 
 /// Every function of these rows in every phase: taken where it is allowed, refused without any effect elsewhere.
 fn check(rows: &[Row]) {
-    for phase in "IMSFTE".chars() {
-        for (function, allowed, call) in rows {
-            let unit = unit_in(phase);
-            if allowed.contains(phase) {
-                assert_ne!(call(&unit), ERROR, "{function} in phase {phase}: {:?}", unit.messages());
-            } else {
-                unit.refuses(&[function], call);
-            }
-        }
+    for (function, in_model_exchange, in_co_simulation, call) in rows {
+        "IMVCTE"
+            .chars()
+            .for_each(|phase| check_one(function, exchange_in(phase), in_model_exchange.contains(phase), call));
+        "IMSFTE".chars().for_each(|phase| check_one(function, unit_in(phase), in_co_simulation.contains(phase), call));
+    }
+}
+
+fn check_one(function: &str, unit: Unit, allowed: bool, call: &fn(&Unit) -> Status) {
+    if allowed {
+        let message = |unit: &Unit| format!("{function}: {:?}", unit.messages());
+        assert_ne!(call(&unit), ERROR, "{}", message(&unit));
+    } else {
+        unit.refuses(&[function], call);
     }
 }
 
@@ -135,8 +183,30 @@ fn the_status_of_steps_is_told_once_there_can_be_steps() {
 }
 
 #[test]
-fn functions_of_model_exchange_are_refused_in_a_co_simulation_instance() {
+fn directional_derivatives_are_given_once_everything_is_initialised() {
+    check(DERIVATIVES);
+}
+
+#[test]
+fn functions_of_model_exchange_are_allowed_in_their_modes_and_refused_in_co_simulation() {
     check(MODEL_EXCHANGE_ONLY);
+}
+
+#[test]
+fn a_function_of_the_other_interface_is_refused_with_both_interfaces() {
+    let both = ["co-simulation", "model exchange"];
+    exchange_in('C').refuses(&both, |unit| unit.step(0.0, 0.1));
+    exchange_in('I').refuses(&both, |unit| unit.set_slope("u[1]", 0.5));
+    unit_in('S').refuses(&both, |unit| unit.set_time(0.0));
+}
+
+#[test]
+fn a_call_in_the_wrong_mode_is_refused_with_the_right_ones() {
+    exchange_in('V').refuses(&["fmi2CompletedIntegratorStep", "Event Mode", "Continuous-Time Mode"], |unit| {
+        unit.try_completed_step(&mut 0)
+    });
+    exchange_in('C').refuses(&["fmi2SetReal", "`omega`", "Event Mode"], |unit| unit.set("omega", 3.0));
+    exchange_in('E').refuses(&["fmi2SetTime", "restore a state or reset"], |unit| unit.set_time(0.1));
 }
 
 #[test]

@@ -3,56 +3,8 @@
 mod common;
 
 use adaptive_fmu::execution::Execution;
-use adaptive_fmu::system::*;
 use common::models::Run;
-
-/// A switch at u = threshold with a memory of its own: y integrates the side on which it was switched.
-struct Switch {
-    threshold: ScalarOf<Parameter>,
-    u: ScalarOf<Input>,
-    enabled: BooleanOf<Input>,
-    side: ScalarOf<Discrete>,
-    switched: IntegerOf<Discrete>,
-    x: ScalarOf<State>,
-    y: ScalarOf<Signal>,
-}
-
-impl System for Switch {
-    type Structure = NoStructure;
-    const NAME: &'static str = "switch";
-    const DOCUMENTATION: &'static str = "";
-
-    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        Ok(Switch {
-            threshold: d.parameter(scalar("threshold", "where it switches").start(0.5)),
-            u: d.input(scalar("u", "input")),
-            enabled: d.input(boolean("enabled", "whether y grows").start(true)),
-            side: d.discrete(scalar("side", "on which side it was switched").start(-1.0)),
-            switched: d.discrete(integer("switched", "how often").start(7)),
-            x: d.state(scalar("x", "integral of the side").start(2.0)),
-            y: d.output(scalar("y", "x, where enabled; else -x")),
-        })
-    }
-    fn indicators(&self) -> usize {
-        1
-    }
-    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        y[self.y] = if v.get(self.enabled) { v[self.x] } else { -v[self.x] };
-    }
-    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        dx[self.x] = v[self.side];
-    }
-    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
-        z[0] = v[self.u] - v[self.threshold];
-    }
-    fn event(&self, _t: f64, crossed: &[bool], v: &mut Point) {
-        if crossed[0] {
-            v[self.side] = -v[self.side];
-            let switched = v.get(self.switched) + 1;
-            v.put(self.switched, switched);
-        }
-    }
-}
+use common::systems::*;
 
 fn switch() -> Run {
     Run::of::<Switch>("", 0.0)
@@ -121,38 +73,6 @@ fn a_switch_that_was_set_since_the_last_step_is_not_in_the_output_derivatives_ye
     assert_eq!(derivative(&mut run.0), -1.0, "not in force yet");
     run.step(0.5);
     assert_eq!(derivative(&mut run.0), 1.0);
-}
-
-/// A timer whose author compares the time with that of the event.
-struct Timer {
-    due: ScalarOf<Parameter>,
-    fired: ScalarOf<Discrete>,
-    y: ScalarOf<Signal>,
-}
-
-impl System for Timer {
-    type Structure = NoStructure;
-    const NAME: &'static str = "timer";
-    const DOCUMENTATION: &'static str = "";
-
-    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        Ok(Timer {
-            due: d.parameter(scalar("due", "when it fires").unit("s")),
-            fired: d.discrete(scalar("fired", "1 once it fired")),
-            y: d.output(scalar("y", "1 once it fired")),
-        })
-    }
-    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        y[self.y] = v[self.fired];
-    }
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
-        (v[self.fired] == 0.0).then(|| v[self.due])
-    }
-    fn event(&self, t: f64, _: &[bool], v: &mut Point) {
-        if t >= v[self.due] {
-            v[self.fired] = 1.0;
-        }
-    }
 }
 
 #[test]

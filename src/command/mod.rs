@@ -4,4 +4,5 @@ pub mod export;
 pub mod info;
 pub mod list;
 pub mod parameters;
+mod progress;
 pub mod run;

@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::{ClosedLoop, LoopFiles, Measured, Order, Recording, Settings, Structure};
+use adaptive_fmu::simulation::{
+    ClosedLoop, Ending, LoopFiles, Measured, Order, Recording, Report, Settings, Structure,
+};
 use adaptive_fmu::simulation::{measure, svg, terminal};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::export::export_units;
 use super::parameters::Parameters;
+use super::progress::{self, Progress};
 
 /// A metric beyond its limit.
 const BEYOND_LIMIT: u8 = 3;
@@ -90,47 +91,46 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
         )));
     }
     let mut closed = ClosedLoop::new(&structure, &fmus)?;
-    let bar = progress_bar(options.json, &settings);
-    let result = closed.run(settings, |time| {
-        bar.set_position(((time - settings.start_time) * 1e3) as u64);
-        true
-    });
-    bar.finish_and_clear();
-    let (mut recording, failure) = match result {
-        Ok(recording) => (recording, None),
-        Err((error, recording)) => (*recording, Some(error)),
-    };
+    let (mut recording, ending, failure) = simulate(&mut closed, settings, options.json);
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
     let folder = options.out.join(&structure.name);
-    write_results(&structure, &recording, &measured, &folder)?;
+    let report =
+        Report { structure: &structure, settings, recording: &recording, measured: &measured, ending: &ending };
+    write_results(&report, &folder)?;
     if let Some(error) = failure {
         eprintln!("what was computed until then is in {}", folder.display());
         return Err(error);
     }
-    report(&structure, &recording, &measured, &folder, options.json).map_err(wrong)?;
-    let beyond =
-        measured.iter().any(|m| m.limit.zip(m.value).is_some_and(|(limit, value)| value > limit || value.is_nan()));
-    Ok(if beyond { ExitCode::from(BEYOND_LIMIT) } else { ExitCode::SUCCESS })
+    print(&report, &folder, options.json).map_err(wrong)?;
+    let beyond = measured.iter().any(|metric| metric.holds() == Some(false));
+    Ok(match ending {
+        Ending::Interrupted => ExitCode::from(progress::INTERRUPTED),
+        _ if beyond => ExitCode::from(BEYOND_LIMIT),
+        _ => ExitCode::SUCCESS,
+    })
 }
 
-fn progress_bar(silent: bool, settings: &Settings) -> ProgressBar {
-    if silent {
-        return ProgressBar::hidden();
+/// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.
+fn simulate(closed: &mut ClosedLoop, settings: Settings, silent: bool) -> (Recording, Ending, Option<Error>) {
+    progress::listen_to_interrupts();
+    let mut shown = Progress::new(silent, settings);
+    let mut ending = Ending::Complete;
+    let result = closed.run(settings, |time| {
+        shown.show(time);
+        if progress::is_interrupted() && time < settings.stop_time {
+            ending = Ending::Interrupted;
+        }
+        ending == Ending::Complete
+    });
+    shown.clear();
+    match result {
+        Ok(recording) => (recording, ending, None),
+        Err((error, recording)) => (*recording, Ending::Failed(error.to_string()), Some(error)),
     }
-    let bar = ProgressBar::new(((settings.stop_time - settings.start_time) * 1e3) as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent} % of simulated time, {eta} left") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
 }
 
-fn write_results(
-    structure: &Structure,
-    recording: &Recording,
-    measured: &[Measured],
-    folder: &Path,
-) -> Result<(), Error> {
+fn write_results(report: &Report, folder: &Path) -> Result<(), Error> {
+    let Report { structure, recording, measured, ending, .. } = report;
     std::fs::create_dir_all(folder).map_err(Error::file(folder))?;
     let write = |name: &str, text: String| {
         let file = folder.join(name);
@@ -142,21 +142,21 @@ fn write_results(
         csv.push_str(&format!("{time},{}\n", values.join(",")));
     }
     write("result.csv", csv)?;
-    write("metrics.json", json!({ "loop": structure.name, "metrics": measured }).to_string())?;
-    let drawn = svg(&structure.description, &structure.plots, recording);
-    write("plot.svg", drawn.map_err(|reason| Error::Loop { file: folder.to_owned(), reason })?)
+    write("metrics.json", json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured }).to_string())?;
+    let wrong = |reason| Error::Loop { file: folder.to_owned(), reason };
+    write("plot.svg", svg(&structure.description, &structure.plots, recording).map_err(wrong)?)?;
+    write("index.html", report.html().map_err(wrong)?)
 }
 
-fn report(
-    structure: &Structure,
-    recording: &Recording,
-    measured: &[Measured],
-    folder: &Path,
-    json: bool,
-) -> Result<(), String> {
+fn print(report: &Report, folder: &Path, json: bool) -> Result<(), String> {
+    let Report { structure, recording, measured, ending, .. } = report;
+    if let Some(shortfall) = report.shortfall() {
+        eprintln!("the run {shortfall}; what was computed until then is in {}", folder.display());
+    }
     if json {
-        let value =
-            json!({ "loop": structure.name, "metrics": measured, "warnings": recording.warnings, "results": folder });
+        let warnings = &recording.warnings;
+        let value = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured, "warnings": warnings,
+                            "results": folder });
         println!("{value}");
         return Ok(());
     }
@@ -164,11 +164,11 @@ fn report(
         println!("{}", terminal(plot, recording)?);
     }
     println!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
-    for Measured { label, value, limit } in measured {
+    for Measured { label, value, limit } in *measured {
         let value = value.map_or("–".to_owned(), |value| format!("{value:.5}"));
         println!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
     }
     recording.warnings.iter().for_each(|warning| println!("warning: {warning}"));
-    println!("result.csv, metrics.json and plot.svg are in {}", folder.display());
+    println!("index.html (the report), result.csv, metrics.json and plot.svg are in {}", folder.display());
     Ok(())
 }

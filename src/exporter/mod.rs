@@ -12,6 +12,7 @@ pub use archive::{PLATFORM, read_entry, unpack, write_entries};
 pub use composite::{composite, composite_name};
 pub use library::Library;
 pub(crate) use library::with_causes;
+pub(crate) use page::escaped;
 
 use crate::error::Error;
 

@@ -99,7 +99,8 @@ fn mathml(latex: &str, display_mode: DisplayMode) -> CowStr<'static> {
     }
 }
 
-fn escaped(text: &str) -> String {
+/// Text that is no markup in HTML.
+pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

@@ -5,19 +5,20 @@ use textplots::{Chart, Plot as _, Shape};
 
 use super::closed_loop::Recording;
 use super::ssp::Plot;
+use super::thinned::thinned;
 
 const WIDTH: u32 = 900;
 const HEIGHT_OF_ONE: u32 = 300;
 /// Colours that people with any colour vision tell apart (M. Okabe and K. Ito), in the order of use.
-const COLOURS: [RGBColor; 5] = [
+pub(super) const COLOURS: [RGBColor; 5] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(86, 180, 233),
 ];
-/// More points than this in a curve can't be seen.
-const POINTS: usize = 1200;
+/// More groups of points than this in a curve can't be told apart.
+const GROUPS: usize = 600;
 
 /// Smallest and largest of some values, a little apart.
 fn range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
@@ -28,13 +29,6 @@ fn range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     }
     let margin = if high > low { 0.06 * (high - low) } else { low.abs().max(1.0) * 0.1 };
     (low - margin, high + margin)
-}
-
-/// Every so many points of a curve, the last one included.
-fn thinned<'a>(times: &'a [f64], values: &'a [f64]) -> impl Iterator<Item = (f64, f64)> + Clone + 'a {
-    let every = times.len().div_ceil(POINTS).max(1);
-    let last = times.len().saturating_sub(1);
-    (0..times.len()).filter(move |k| k % every == 0 || *k == last).map(|k| (times[k], values[k]))
 }
 
 /// The diagrams, one below the other.
@@ -84,7 +78,7 @@ where
         chart.configure_mesh().light_line_style(WHITE).x_desc("t in s").label_style(("sans-serif", 14)).draw()?;
         for (k, (name, column)) in columns.iter().enumerate() {
             let style = COLOURS[k % COLOURS.len()].stroke_width(if k == 0 { 2 } else { 1 });
-            let series = LineSeries::new(thinned(&recording.times, column), style);
+            let series = LineSeries::new(thinned(&recording.times, column, GROUPS), style);
             chart
                 .draw_series(series)?
                 .label(*name)
@@ -112,7 +106,8 @@ pub fn terminal(plot: &Plot, recording: &Recording) -> Result<String, String> {
     let mut curves = Vec::new();
     for name in &plot.signals {
         let column = recording.column(name).ok_or_else(|| format!("there is no signal `{name}`"))?;
-        curves.push(thinned(&recording.times, column).map(|(t, y)| (t as f32, y as f32)).collect::<Vec<_>>());
+        let points = thinned(&recording.times, column, GROUPS);
+        curves.push(points.into_iter().map(|(t, y)| (t as f32, y as f32)).collect::<Vec<_>>());
     }
     let shapes: Vec<_> = curves.iter().map(|curve| Shape::Lines(curve)).collect();
     let mut chart = Chart::new(160, 60, start as f32, end as f32);
@@ -129,7 +124,7 @@ mod tests {
     fn recording() -> Recording {
         let times: Vec<f64> = (0..10_000).map(|k| f64::from(k) * 1e-3).collect();
         let column = times.iter().map(|t| t.sin()).collect();
-        Recording { names: vec!["a.y".into()], times, columns: vec![column], warnings: vec![] }
+        Recording { names: vec!["a.y".into()], times, columns: vec![column], ..Recording::default() }
     }
 
     #[test]

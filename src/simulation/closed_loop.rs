@@ -1,6 +1,7 @@
 //! The master: units stepped together, outputs handed to inputs.
 
 use std::collections::HashMap;
+use std::fmt;
 use std::path::Path;
 use std::rc::Rc;
 use std::str::FromStr;
@@ -20,6 +21,15 @@ pub enum Order {
     GaussSeidel,
     /// All take the outputs of the last communication point, then all step.
     Jacobi,
+}
+
+impl fmt::Display for Order {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Order::GaussSeidel => "gauss-seidel",
+            Order::Jacobi => "jacobi",
+        })
+    }
 }
 
 impl FromStr for Order {
@@ -59,6 +69,8 @@ struct Unit {
 pub struct ClosedLoop {
     units: Vec<Unit>,
     names: Vec<String>,
+    /// Units of measurement of the signals, in the order of their names.
+    measures: Vec<String>,
     row: Vec<f64>,
     notes: Vec<String>,
 }
@@ -68,6 +80,8 @@ pub struct ClosedLoop {
 pub struct Recording {
     /// Names, `unit.variable`.
     pub names: Vec<String>,
+    /// Unit of measurement of each; empty where none is told.
+    pub measures: Vec<String>,
     /// Times, s.
     pub times: Vec<f64>,
     /// One column a name.
@@ -81,6 +95,12 @@ impl Recording {
     pub fn column(&self, name: &str) -> Option<&[f64]> {
         let place = self.names.iter().position(|known| known == name)?;
         self.columns.get(place).map(Vec::as_slice)
+    }
+
+    /// The unit of measurement of a signal, where one is told.
+    pub fn measure(&self, name: &str) -> Option<&str> {
+        let place = self.names.iter().position(|known| known == name)?;
+        self.measures.get(place).map(String::as_str).filter(|unit| !unit.is_empty())
     }
 
     fn push(&mut self, time: f64, row: &[f64]) {
@@ -99,7 +119,7 @@ impl ClosedLoop {
         let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
         let wiring = check(structure, &descriptions)?;
-        let (mut units, mut names) = (Vec::new(), Vec::new());
+        let (mut units, mut names, mut measures) = (Vec::new(), Vec::new(), Vec::new());
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
         for (k, (component, fmu)) in structure.components.iter().zip(&opened).enumerate() {
@@ -112,6 +132,7 @@ impl ClosedLoop {
                 outputs.add(variable, names.len(), Affine::IDENTITY);
                 places.insert((k, place), names.len());
                 names.push(format!("{}.{}", component.name, variable.name));
+                measures.push(variable.unit.clone().unwrap_or_default());
             }
             units.push(Unit { instance, outputs, inputs: Ports::default() });
         }
@@ -119,7 +140,7 @@ impl ClosedLoop {
             units[*unit].inputs.add(&descriptions[*unit].variables[*input], places[from], *conversion);
         }
         let row = vec![0.0; names.len()];
-        Ok(ClosedLoop { units, names, row, notes: wiring.notes })
+        Ok(ClosedLoop { units, names, measures, row, notes: wiring.notes })
     }
 
     /// Runs the loop. `progress` is told the time, and may end the run by answering false.
@@ -132,8 +153,8 @@ impl ClosedLoop {
         progress: impl FnMut(f64) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
         let columns = vec![Vec::new(); self.names.len()];
-        let (names, warnings) = (self.names.clone(), self.notes.clone());
-        let mut recording = Recording { names, columns, warnings, ..Recording::default() };
+        let (names, measures, warnings) = (self.names.clone(), self.measures.clone(), self.notes.clone());
+        let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
         match self.run_into(&mut recording, settings, progress) {
             Ok(()) => Ok(recording),
             Err(error) => Err((error, Box::new(recording))),

@@ -16,6 +16,13 @@ pub struct Measured {
     pub limit: Option<f64>,
 }
 
+impl Measured {
+    /// Whether it is within its limit; none where there is no limit, or no value yet.
+    pub fn holds(&self) -> Option<bool> {
+        self.limit.zip(self.value).map(|(limit, value)| value <= limit)
+    }
+}
+
 /// Adds the ideal models to a recording, then measures.
 ///
 /// # Errors
@@ -24,6 +31,7 @@ pub fn measure(structure: &Structure, recording: &mut Recording) -> Result<Vec<M
     for model in &structure.models {
         let column = simulate(model, recording)?;
         recording.names.push(model.name.clone());
+        recording.measures.push(String::new());
         recording.columns.push(column);
     }
     structure.metrics.iter().map(|metric| value_of(metric, recording)).collect()
@@ -92,7 +100,7 @@ mod tests {
 
     fn ramp(step: f64, count: u32) -> Recording {
         let times: Vec<f64> = (0..count).map(|k| f64::from(k) * step).collect();
-        Recording { names: vec!["r".into()], columns: vec![times.clone()], times, warnings: vec![] }
+        Recording { names: vec!["r".into()], columns: vec![times.clone()], times, ..Recording::default() }
     }
 
     #[test]

@@ -8,8 +8,10 @@ mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
 mod metrics;
+mod page;
 mod port;
 mod ssp;
+mod thinned;
 mod units;
 
 pub use chart::{svg, terminal};
@@ -18,6 +20,7 @@ pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use description::{Description, Variable};
 pub use fmu::{Fmu, Instance, Value};
 pub use metrics::{Measured, measure};
+pub use page::{Ending, Report};
 pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, pack};
 pub use ssp::{IdealModel, Metric, Plot, Statistic};
 pub use units::{Affine, UnitDefinition};

@@ -6,6 +6,7 @@ pub mod loops;
 pub mod models;
 pub mod states;
 pub mod stiff;
+pub mod systems;
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};

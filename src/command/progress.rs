@@ -1,0 +1,69 @@
+//! The progress of a run, and its interruption.
+
+use std::process;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use adaptive_fmu::simulation::Settings;
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Exit code of a run that was interrupted: 128 and the number of the signal, as shells have it.
+pub const INTERRUPTED: u8 = 130;
+const REFRESH: Duration = Duration::from_millis(200);
+
+static ASKED_TO_STOP: AtomicBool = AtomicBool::new(false);
+
+/// From now on, Ctrl-C asks the run to stop at the next communication point, and a second one ends at once.
+pub fn listen_to_interrupts() {
+    let heard = ctrlc::set_handler(|| {
+        if ASKED_TO_STOP.swap(true, Ordering::SeqCst) {
+            process::exit(INTERRUPTED.into());
+        }
+    });
+    if let Err(error) = heard {
+        eprintln!("warning: Ctrl-C will end the run without results: {error}");
+    }
+}
+
+/// Whether the user asked the run to stop.
+pub fn is_interrupted() -> bool {
+    ASKED_TO_STOP.load(Ordering::SeqCst)
+}
+
+/// A bar on stderr, where that is a terminal.
+pub struct Progress {
+    bar: ProgressBar,
+    settings: Settings,
+    begun: Instant,
+    told: Instant,
+}
+
+impl Progress {
+    pub fn new(silent: bool, settings: Settings) -> Self {
+        let length = ((settings.stop_time - settings.start_time) * 1e3) as u64;
+        let bar = if silent { ProgressBar::hidden() } else { ProgressBar::new(length) };
+        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}, {eta} left") {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(REFRESH);
+        let now = Instant::now();
+        Progress { bar, settings, begun: now, told: now }
+    }
+
+    /// Shows how far the run is.
+    pub fn show(&mut self, time: f64) {
+        // Far more often than anyone can read, and writing costs more than a step.
+        if self.told.elapsed() < REFRESH / 2 {
+            return;
+        }
+        self.told = Instant::now();
+        let done = time - self.settings.start_time;
+        let speed = done / self.begun.elapsed().as_secs_f64();
+        self.bar.set_message(format!("t = {time:.2} of {} s, {speed:.1} × real time", self.settings.stop_time));
+        self.bar.set_position((done * 1e3) as u64);
+    }
+
+    pub fn clear(&self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -1,0 +1,57 @@
+//! Curves with as few points as can be seen.
+
+/// A curve of at most about twice as many points as groups. Of each group of neighbours its smallest and its largest
+/// value are kept: no peak is lost. So are the first and the last point, and a value that isn't finite.
+pub(super) fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> {
+    let last = times.len().min(values.len()).saturating_sub(1);
+    let size = times.len().div_ceil(groups).max(1);
+    let mut kept = Vec::new();
+    for (group, part) in values.chunks(size).enumerate() {
+        let places = group * size..group * size + part.len();
+        let by_value = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
+        kept.extend(places.clone().min_by(by_value));
+        kept.extend(places.clone().max_by(by_value));
+        kept.extend(places.clone().find(|&place| !values[place].is_finite()));
+        kept.extend(places.filter(|&place| place == 0 || place == last));
+    }
+    kept.sort_unstable();
+    kept.dedup();
+    kept.into_iter().map(|place| (times[place], values[place])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn times(count: u32) -> Vec<f64> {
+        (0..count).map(f64::from).collect()
+    }
+
+    #[test]
+    fn a_peak_of_one_point_is_kept_and_so_are_the_ends() {
+        let times = times(100_000);
+        let mut values = vec![0.5; times.len()];
+        (values[0], values[33_333], values[77_777], values[99_999]) = (0.1, 9.0, -9.0, 0.2);
+        let curve = thinned(&times, &values, 500);
+        assert!(curve.len() <= 1002, "{} points", curve.len());
+        for place in [0, 33_333, 77_777, 99_999] {
+            assert!(curve.contains(&(times[place], values[place])), "the point at {place} is gone");
+        }
+        assert!(curve.is_sorted_by(|a, b| a.0 < b.0), "time goes on");
+    }
+
+    #[test]
+    fn a_short_curve_stays_as_it_is() {
+        let (times, values) = (times(4), vec![1.0, 3.0, 2.0, 0.0]);
+        assert_eq!(thinned(&times, &values, 4), [(0.0, 1.0), (1.0, 3.0), (2.0, 2.0), (3.0, 0.0)]);
+        assert_eq!(thinned(&[], &[], 4), []);
+    }
+
+    #[test]
+    fn a_gap_stays_a_gap() {
+        let times = times(1000);
+        let mut values = vec![0.0; 1000];
+        values[500] = f64::NAN;
+        assert!(thinned(&times, &values, 10).iter().any(|(time, value)| *time == 500.0 && value.is_nan()));
+    }
+}

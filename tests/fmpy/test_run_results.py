@@ -1,0 +1,212 @@
+"""What a run leaves behind: its page, also when it is interrupted or a unit fails."""
+
+import json
+import os
+import pty
+import re
+import select
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, adaptive_fmu
+from lxml import html
+from test_command_line import read_csv
+
+LOOP = "3.2.1-cosine"
+BROWSER = next(filter(None, map(shutil.which, ["chromium", "chromium-browser", "google-chrome"])), None)
+SSD = (ROOT / "examples" / LOOP / "SystemStructure.ssd").read_text()
+PLOTTED = [signals.split() for signals in re.findall(r'<Plot .*signals="([^"]+)"', SSD)]
+FILES = ["index.html", "metrics.json", "plot.svg", "result.csv"]
+
+
+@pytest.fixture(scope="module")
+def results(fmu_folder: Path, tmp_path_factory) -> Path:
+    """The folder of a run."""
+    out = tmp_path_factory.mktemp("results")
+    answer = adaptive_fmu("run", LOOP, "--json", "--fmus", fmu_folder, "--out", out)
+    assert answer.returncode == 0, answer
+    return out / LOOP
+
+
+def plots(page: Path) -> list[dict]:
+    """The plots of a page as plotly.js is given them."""
+    drawn = re.findall(r'Plotly\.newPlot\("plot\d+", (\{.*?\})\);\n', page.read_text())
+    return [json.loads(plot) for plot in drawn]
+
+
+def test_the_page_holds_every_signal_of_every_plot(results: Path) -> None:
+    drawn, table = plots(results / "index.html"), read_csv(results / "result.csv")
+    assert [[curve["name"] for curve in plot["data"]] for plot in drawn] == PLOTTED
+    for curve in (curve for plot in drawn for curve in plot["data"]):
+        x, y = np.array(curve["x"]), np.array(curve["y"])
+        recorded = table[curve["name"]]
+        assert (x[0], x[-1]) == (0.0, 60.0) and 1000 < len(x) < 4000, curve["name"]
+        # Every point is one that was recorded, and neither the largest nor the smallest is lost.
+        assert np.array_equal(recorded[np.searchsorted(table["time"], x)], y)
+        assert (y.min(), y.max()) == (recorded.min(), recorded.max())
+
+
+def test_axes_are_labelled_with_units(results: Path) -> None:
+    for plot in plots(results / "index.html"):
+        assert plot["layout"]["xaxis"]["title"]["text"] == "t in s"
+        assert "unit" in plot["layout"]["yaxis"]["title"]["text"]
+
+
+def test_the_page_loads_nothing_and_brings_the_licence_of_its_script(results: Path) -> None:
+    text = (results / "index.html").read_text()
+    assert len(text) < 6e6
+    page = html.document_fromstring(text)
+    loaded = [address for _, _, address, _ in page.iterlinks() if address != "data:,"]
+    assert loaded == [] and page.xpath("//script[@src] | //iframe | //img | //object") == []
+    (policy,) = page.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
+    assert policy.startswith("default-src 'none'") and "http" not in policy
+    assert "Permission is hereby granted" in text and "plotly.js v" in text
+
+
+def test_the_page_tells_metrics_and_settings(results: Path) -> None:
+    page = html.document_fromstring((results / "index.html").read_text())
+    told = json.loads((results / "metrics.json").read_text())
+    assert told["ended"] == "complete" and not page.find_class("bad")
+    rows = [[cell.text_content().strip() for cell in row] for row in page.get_element_by_id("metrics").iter("tr")]
+    expected = [[m["label"], f"{m['value']:.5f}", f"{m['limit']:g}", "yes"] for m in told["metrics"]]
+    assert rows[1:] == expected and len(expected) == 3
+    settings = page.get_element_by_id("settings").text_content()
+    assert all(word in settings for word in ["60 s", "0.001 s", "gauss-seidel", "signal = cosine", "L1NonlinearSiso"])
+
+
+def test_the_same_run_makes_the_same_page(results: Path, fmu_folder: Path, tmp_path: Path) -> None:
+    answer = adaptive_fmu("run", LOOP, "--json", "--fmus", fmu_folder, "--out", tmp_path)
+    assert answer.returncode == 0
+    assert [(tmp_path / LOOP / name).read_bytes() == (results / name).read_bytes() for name in FILES] == [True] * 4
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the page was not opened in a browser")
+def test_a_browser_draws_every_curve_without_an_error(results: Path, tmp_path: Path) -> None:
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=10000", "--enable-logging=stderr"]
+    command = [BROWSER, *options, f"--user-data-dir={tmp_path}", "--dump-dom", f"file://{results}/index.html"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+    page = html.document_fromstring(done.stdout)
+    layers = [plot.find_class("scatterlayer") for plot in page.find_class("plotly-graph-div")]
+    lines = [[line for layer in plot for line in layer.find_class("js-line")] for plot in layers]
+    assert [len(plot) for plot in lines] == [len(signals) for signals in PLOTTED]
+    # Each is a path of many points.
+    assert min(len(line.get("d").split(",")) for plot in lines for line in plot) > 50
+    assert [entry.text_content() for entry in page.find_class("legendtext")] == [name for p in PLOTTED for name in p]
+
+
+def test_markup_in_a_loop_stays_text(fmu_folder: Path, tmp_path: Path) -> None:
+    hostile = "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt; &amp; &quot;"
+    file = tmp_path / "hostile.ssd"
+    file.write_text(SSD.replace('label="max |u|"', f'label="{hostile}"').replace('title="control"', f'title="{hostile}"'))
+    answer = adaptive_fmu("run", file, "--json", "--until", "0.1", "--fmus", fmu_folder, "--out", tmp_path)
+    assert answer.returncode == 0, answer
+    page = html.document_fromstring((tmp_path / LOOP / "index.html").read_text())
+    assert page.xpath("//img | //*[@onerror]") == [] and len(page.xpath("//script")) == 2 + len(PLOTTED)
+
+
+def test_a_failing_unit_leaves_what_was_computed(fmu_folder: Path, tmp_path: Path) -> None:
+    # The plant's input gain has the wrong sign: no control can hold that loop.
+    values = SSD[SSD.index("<ssd:ParameterBindings>") : SSD.index("</ssd:ParameterBindings>")]
+    values = values.replace('name="signal"', 'name="omega"')
+    values = values.replace('ssv:Enumeration value="cosine"', 'ssv:Real value="-2"') + "</ssd:ParameterBindings>"
+    plant = 'source="resources/NonlinearSiso.fmu">'
+    file = tmp_path / "unstable.ssd"
+    file.write_text(SSD.replace(plant, plant + values))
+    answer = adaptive_fmu("run", file, "--json", "--fmus", fmu_folder, "--out", tmp_path)
+    assert (answer.returncode, answer.stdout) == (1, "") and str(tmp_path / LOOP) in answer.stderr
+    end = read_csv(tmp_path / LOOP / "result.csv")["time"][-1]
+    assert 0.01 < end < 60.0
+    assert json.loads((tmp_path / LOOP / "metrics.json").read_text())["ended"] == "failed"
+    page = html.document_fromstring((tmp_path / LOOP / "index.html").read_text())
+    assert f"This run failed at t = {end:g} s of 60 s" in page.find_class("bad")[0].text_content()
+    assert {curve["x"][-1] for plot in plots(tmp_path / LOOP / "index.html") for curve in plot["data"]} == {end}
+
+
+class Endless:
+    """A run that won't end by itself, in a terminal."""
+
+    def __init__(self, fmus: Path, out: Path, *options: str) -> None:
+        self.terminal, stderr = pty.openpty()
+        command = ["cargo", "run", "--release", "-q", "--", "run", LOOP, "--until", "100000", *options]
+        command += ["--fmus", str(fmus), "--out", str(out)]
+        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=stderr, text=True)
+        os.close(stderr)
+        self.seen = ""
+
+    def __enter__(self) -> "Endless":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.communicate()
+        os.close(self.terminal)
+
+    def read(self, seconds: float) -> None:
+        """What the terminal shows until then."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0 and select.select([self.terminal], [], [], left)[0]:
+            try:
+                self.seen += os.read(self.terminal, 65536).decode(errors="replace")
+            except OSError:  # the other end is closed
+                return
+
+    def wait_for(self, words: str, seconds: float = 120.0) -> None:
+        end = time.monotonic() + seconds
+        while words not in self.seen and time.monotonic() < end:
+            self.read(0.1)
+        assert words in self.seen, self.seen
+
+    def interrupt(self) -> None:
+        self.process.send_signal(signal.SIGINT)
+
+    def end(self) -> tuple[int, str]:
+        out, _ = self.process.communicate(timeout=60)
+        self.read(0.2)
+        return self.process.returncode, out
+
+
+def test_an_interrupted_run_keeps_what_was_computed(fmu_folder: Path, tmp_path: Path) -> None:
+    with Endless(fmu_folder, tmp_path) as run:
+        # Progress shows simulated time, speed and what is left.
+        run.wait_for("× real time")
+        assert re.search(r"t = \d+\.\d+ of 100000 s, [\d.]+ × real time, .+ left", run.seen)
+        run.interrupt()
+        code, out = run.end()
+    assert code == 130
+    table = read_csv(tmp_path / LOOP / "result.csv")
+    end = table["time"][-1]
+    assert 0.0 < end < 100000.0 and len(table["time"]) == round(end / 1e-3) + 1
+    assert len(re.findall(rf"the run was interrupted at t = {end} s of 100000 s", run.seen)) == 1
+    assert "max |u|" in out and sorted(file.name for file in (tmp_path / LOOP).iterdir()) == FILES
+    assert json.loads((tmp_path / LOOP / "metrics.json").read_text())["ended"] == "interrupted"
+    page = html.document_fromstring((tmp_path / LOOP / "index.html").read_text())
+    assert f"This run was interrupted at t = {end} s" in page.find_class("bad")[0].text_content()
+
+
+def test_progress_is_silent_where_a_program_reads(fmu_folder: Path, tmp_path: Path) -> None:
+    with Endless(fmu_folder, tmp_path, "--json") as run:
+        run.read(3.0)
+        assert run.seen == ""
+        run.interrupt()
+        code, out = run.end()
+    assert (code, json.loads(out)["ended"]) == (130, "interrupted")
+
+
+def test_a_second_interruption_ends_at_once(fmu_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / LOOP).mkdir()
+    # Nobody reads this pipe: the program can't finish its results.
+    os.mkfifo(tmp_path / LOOP / "result.csv")
+    with Endless(fmu_folder, tmp_path) as run:
+        run.wait_for("× real time")
+        run.interrupt()
+        with pytest.raises(subprocess.TimeoutExpired):
+            run.process.wait(timeout=2.0)
+        run.interrupt()
+        assert run.process.wait(timeout=10.0) == 130
+    assert [file.name for file in (tmp_path / LOOP).iterdir()] == ["result.csv"]
