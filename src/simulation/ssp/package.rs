@@ -29,7 +29,8 @@ const NAMESPACES: [(&str, &str); 4] = [
 /// When the loop and its FMUs don't fit each other, or files are missing or can't be written.
 pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
     let structure = files.structure()?;
-    let warnings = left_out(&structure, fmus)?;
+    let mut warnings = left_out(&structure, fmus)?;
+    warnings.extend(overlooked(files)?);
     let mut entries = vec![(STRUCTURE.to_owned(), for_other_masters(files, &structure)?.into_bytes())];
     let sets: BTreeSet<String> = files.parameter_files().into_iter().chain(structure.parameter_files).collect();
     for name in sets {
@@ -66,6 +67,25 @@ fn left_out(structure: &Structure, fmus: &Path) -> Result<Vec<String>, Error> {
             let name = format!("{}.{}", component.name, variable.name);
             format!("`{name}` is an enumeration: ecos, libcosim and OMSimulator keep the FMU's start value")
         }));
+    }
+    Ok(warnings)
+}
+
+/// Parameter sets that other masters don't look for.
+fn overlooked(files: &LoopFiles) -> Result<Vec<String>, Error> {
+    let (text, file) = (files.structure_text()?, files.structure_file());
+    let document = parse(&text, &file)?;
+    let system = child(document.root_element(), "System");
+    let sets =
+        |node: Node| child(node, "ParameterBindings").map_or(0, |node| elements(node, "ParameterBinding").count());
+    let mut warnings = Vec::new();
+    if system.is_some_and(|system| sets(system) > 0) {
+        warnings.push("the system has parameters: ecos and libcosim read those of components only".to_owned());
+    }
+    let components = system.and_then(|system| child(system, "Elements")).into_iter();
+    for component in components.flat_map(|node| elements(node, "Component")).filter(|node| sets(*node) > 1) {
+        let name = component.attribute("name").unwrap_or_default();
+        warnings.push(format!("`{name}` has several parameter sets: libcosim takes the first only"));
     }
     Ok(warnings)
 }
