@@ -26,6 +26,11 @@ impl Invalid {
         Invalid::default()
     }
 
+    /// As reasons of a part of something larger.
+    pub(crate) fn within(self, part: &str) -> Self {
+        Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{part}: {reason}")).collect() }
+    }
+
     /// Adds the reasons of another.
     pub fn and(&mut self, other: Invalid) {
         self.reasons.extend(other.reasons);

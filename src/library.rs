@@ -8,7 +8,8 @@ use crate::plants::reference::Reference;
 use crate::system::{Kind, Registry};
 
 /// Every system of this package.
-pub static REGISTRY: Registry = &[Kind::of::<L1>(), Kind::of::<NonlinearSiso>(), Kind::of::<Reference>()];
+pub static REGISTRY: Registry =
+    &[Kind::of::<L1>(), Kind::of::<NonlinearSiso>(), Kind::of::<Reference>(), Kind::COMPOSITE];
 
 #[cfg(feature = "library")]
 crate::define_fmi2_functions!(crate::library::REGISTRY);

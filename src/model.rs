@@ -114,7 +114,7 @@ impl Block {
 /// A system made from its description.
 pub struct Model {
     description: Description,
-    documentation: &'static str,
+    documentation: String,
     system: Box<dyn DynSystem>,
     variables: Variables,
     controls: Controls,
@@ -132,11 +132,8 @@ impl Model {
     /// # Errors
     /// [`Invalid`] naming key, value and what is allowed.
     pub fn from_description(description: Description, registry: Registry) -> Result<Model, Invalid> {
-        let kind = registry.iter().find(|kind| kind.name == description.model).ok_or_else(|| {
-            let known: Vec<_> = registry.iter().map(|kind| kind.name).collect();
-            Invalid::new("model", format!("`{}`", description.model), format!("must be one of {}", known.join(", ")))
-        })?;
-        Model::build(description, kind)
+        let kind = Kind::find(registry, &description.model)?;
+        Model::build(description, kind, registry)
     }
 
     /// A model of one system under a name, with start values of your own.
@@ -152,16 +149,17 @@ impl Model {
             structure: toml::Table::new(),
             start: start.clone(),
         };
-        Model::build(description, &Kind::of::<M>())
+        Model::build(description, &Kind::of::<M>(), &[])
     }
 
-    fn build(description: Description, kind: &Kind) -> Result<Model, Invalid> {
+    fn build(description: Description, kind: &Kind, registry: Registry) -> Result<Model, Invalid> {
         let mut declaration = Declaration::default();
-        let system = kind.declare(description.structure.clone(), &mut declaration)?;
+        let system = kind.declare(description.structure.clone(), registry, &mut declaration)?;
+        let documentation = declaration.documentation();
         let controls = Controls::declare(&mut declaration, system.indicators());
         let mut variables = declaration.finish()?;
         set_start_values(&mut variables, &description.start)?;
-        let model = Model { description, documentation: kind.documentation, system, variables, controls };
+        let model = Model { description, documentation, system, variables, controls };
         // Start values that the system refuses make no model.
         model.prepare(&mut model.block(), &mut Vec::new())?;
         Ok(model)
@@ -173,8 +171,8 @@ impl Model {
     }
 
     /// What it is, its equations and source, in Markdown.
-    pub fn documentation(&self) -> &'static str {
-        self.documentation
+    pub fn documentation(&self) -> &str {
+        &self.documentation
     }
 
     /// The variables.

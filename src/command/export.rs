@@ -14,6 +14,9 @@ pub struct Arguments {
     /// All FMUs of this package
     #[arg(long, conflicts_with = "names")]
     all: bool,
+    /// A whole loop as one FMU, integrated together (repeatable); only these where no FMU is named
+    #[arg(long, value_name = "LOOP")]
+    composite: Vec<String>,
     /// Folder for the FMUs
     #[arg(long, default_value = "fmus")]
     out: PathBuf,
@@ -30,10 +33,14 @@ pub struct Arguments {
 
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, all: _, out, library, run, json } = arguments;
+    let Arguments { names, all: every, composite, out, library, run, json } = arguments;
     let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
-    let names = if names.is_empty() { all() } else { names.clone() };
-    let files = export(&names, &library, out)?;
+    let names = if *every || (names.is_empty() && composite.is_empty()) { all() } else { names.clone() };
+    let mut files = export(&names, &library, out)?;
+    for name in composite {
+        let (structure, _) = super::run::find_loop(name)?;
+        files.push(exporter::export(&exporter::composite(&structure)?, &library, out)?);
+    }
     if *json {
         println!("{}", json!({ "fmus": files }));
     } else {

@@ -56,7 +56,8 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "must be a finite number above 0".to_owned())
 }
 
-fn find_loop(name: &str) -> Result<(Structure, PathBuf), Error> {
+/// The loop of a name or a file, and where it stands.
+pub fn find_loop(name: &str) -> Result<(Structure, PathBuf), Error> {
     if let Some((_, ssd)) = exporter::loops().iter().find(|(known, _)| *known == name) {
         let file = Path::new("examples").join(name).join("SystemStructure.ssd");
         return Ok((Structure::read(ssd, &file)?, file));

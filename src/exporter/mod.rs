@@ -1,6 +1,7 @@
 //! From descriptions to FMU archives.
 
 mod archive;
+mod composite;
 #[allow(unsafe_code)]
 mod library;
 mod page;
@@ -8,6 +9,7 @@ mod page;
 use std::path::{Path, PathBuf};
 
 pub use archive::{PLATFORM, read_entry, unpack};
+pub use composite::{composite, composite_name};
 pub use library::Library;
 pub(crate) use library::with_causes;
 

@@ -17,7 +17,7 @@ macro_rules! export_fmi2 {
         );
         #[cfg(panic = "abort")]
         compile_error!("remove `panic = \"abort\"` from the profile: a panic must become fmi2Error, not end the host");
-        $crate::define_fmi2_functions!(&[$($crate::system::Kind::of::<$system>()),+]);
+        $crate::define_fmi2_functions!(&[$($crate::system::Kind::of::<$system>(),)+ $crate::system::Kind::COMPOSITE]);
     };
 }
 

@@ -2,8 +2,8 @@
 
 use std::marker::PhantomData;
 
-use super::spec::{DiscreteSpec, Shape, Spec};
-use super::values::{BooleanOf, Choice, ChoiceOf, Class, Handle, IntegerOf, class};
+use super::spec::{DiscreteSpec, Shape, Spec, boolean, vector};
+use super::values::{BooleanOf, Choice, ChoiceOf, Class, ErrorOf, Handle, IntegerOf, Offsets, Span, VectorOf, class};
 use super::variable::{Causality, Data, Dependence, Naming, Section, Variability, Variable, Variables};
 use crate::error::Invalid;
 
@@ -90,11 +90,34 @@ pub struct Warning {
     pub(super) category: &'static str,
 }
 
+/// A tracking error that a part declared, at places counted from the beginning of each section.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TrackingError {
+    pub(super) x: Span,
+    pub(super) x_m: Span,
+    pub(super) passed: Span,
+    /// Place of the flag that tells the law so.
+    pub(super) is_passed: usize,
+    pub(super) nominal: f64,
+}
+
 /// Collects the variables of a system.
 #[derive(Debug, Default)]
 pub struct Declaration {
-    variables: Variables,
-    problems: Invalid,
+    pub(super) variables: Variables,
+    pub(super) problems: Invalid,
+    pub(super) errors: Vec<TrackingError>,
+    /// What the systems are, each once.
+    documentation: Vec<&'static str>,
+    /// In a composite: the part that is being declared.
+    part: Option<Part>,
+}
+
+/// A part's name, and where its values begin.
+#[derive(Debug)]
+struct Part {
+    name: String,
+    base: Offsets,
 }
 
 impl Declaration {
@@ -150,6 +173,29 @@ impl Declaration {
         spec.role(Causality::Hidden).declare(self)
     }
 
+    /// The error e = x − x_m of a measured state against the state of a reference model, read by
+    /// [`super::Values::error`]. Where it is many orders of magnitude smaller than both (`nominal` says how small, in
+    /// their unit), a difference of them would be rounding: a composite that holds both integrates e in place of x.
+    ///
+    /// # Panics
+    /// When x and x_m have different sizes.
+    pub fn tracking_error(&mut self, x: VectorOf<class::Input>, x_m: VectorOf<class::State>, nominal: f64) -> ErrorOf {
+        assert_eq!(x.len(), x_m.len(), "a state and its model have the same size");
+        let number = self.errors.len();
+        let passed = vector(&format!("#error {number}"), x.len(), "").hidden().declare::<class::Connected>(self);
+        let is_passed = boolean(&format!("#error {number} is passed"), "").hidden().declare::<class::Connected>(self);
+        let (x_span, x_m_span) = (self.absolute(x.span()), self.absolute(x_m.span()));
+        let is_passed_place = is_passed.start + self.base(Section::Connected, false);
+        self.errors.push(TrackingError {
+            x: x_span,
+            x_m: x_m_span,
+            passed: self.absolute(passed.span()),
+            is_passed: is_passed_place,
+            nominal,
+        });
+        ErrorOf { x, x_m, passed, is_passed }
+    }
+
     /// A log category for what is out of the system's own assumptions, as in `logProjection`.
     pub fn warning(&mut self, category: &'static str, description: &'static str) -> Warning {
         self.variables.warnings.push((category, description));
@@ -165,13 +211,54 @@ impl Declaration {
         let on: Vec<_> = on.iter().map(|handle| handle.span()).collect();
         assert!(matches!(of.span().section, Section::Signal | Section::Derivative), "only these depend on anything");
         assert!(on.iter().all(|span| matches!(span.section, Section::Input | Section::State)), "inputs and states");
-        self.variables.dependence.push(Dependence { of: of.span(), on });
+        let on = on.into_iter().map(|span| self.absolute(span)).collect();
+        self.variables.dependence.push(Dependence { of: self.absolute(of.span()), on });
+    }
+
+    /// Declares a part of a composite: its names begin with the part's, its handles count from where the part begins,
+    /// and its real inputs are connected ones. What the part's declaration gives, and where the part begins.
+    pub(super) fn part<T>(&mut self, name: &str, declare: impl FnOnce(&mut Self) -> T) -> (T, Offsets) {
+        let base = Offsets { real: self.variables.real_sizes, integer: self.variables.integer_sizes };
+        self.part = Some(Part { name: name.to_owned(), base });
+        let declared = declare(self);
+        self.part = None;
+        (declared, base)
+    }
+
+    /// Where a handle's span lies in the whole section.
+    fn absolute(&self, span: Span) -> Span {
+        let section = self.section_of(span.section, true);
+        Span { section, start: span.start + self.base(section, true), ..span }
+    }
+
+    /// A part's real inputs are connected; its discrete ones stay inputs.
+    fn section_of(&self, section: Section, real: bool) -> Section {
+        if section == Section::Input && real && self.part.is_some() { Section::Connected } else { section }
+    }
+
+    /// Where the part that is being declared begins in a section.
+    fn base(&self, section: Section, real: bool) -> usize {
+        let base = |part: &Part| if real { part.base.real } else { part.base.integer }[section as usize];
+        self.part.as_ref().map_or(0, base)
+    }
+
+    /// Adds what a system is to the documentation.
+    pub(super) fn document(&mut self, text: &'static str) {
+        if !self.documentation.contains(&text) {
+            self.documentation.push(text);
+        }
+    }
+
+    /// What the system is, and every system in it.
+    pub(crate) fn documentation(&self) -> String {
+        self.documentation.join("\n\n")
     }
 
     /// Integers of the simulation itself; the first one's place.
     pub(crate) fn integer_memory(&mut self, len: usize) -> usize {
+        let base = self.base(Section::Memory, false);
         let size = &mut self.variables.integer_sizes[Section::Memory as usize];
-        std::mem::replace(size, *size + len)
+        std::mem::replace(size, *size + len) - base
     }
 
     /// Number of values declared so far in a section of reals.
@@ -203,23 +290,28 @@ impl Declaration {
         fixed: bool,
         data: Data,
     ) -> usize {
-        let section = C::SECTION;
         let real = matches!(data, Data::Real { .. });
+        let section = self.section_of(C::SECTION, real);
         let variability = match section {
             Section::Parameter if fixed => Variability::Fixed,
             Section::Parameter | Section::Prepared => Variability::Tunable,
             Section::Input if real => Variability::Continuous,
             Section::Input | Section::Discrete | Section::Memory => Variability::Discrete,
-            Section::State | Section::Signal | Section::Derivative => Variability::Continuous,
+            Section::Connected if !real => Variability::Discrete,
+            Section::State | Section::Connected | Section::Signal | Section::Derivative => Variability::Continuous,
         };
         let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
         let start = sizes[section as usize];
-        let causality = causality.unwrap_or(Causality::Local);
+        let causality = match causality {
+            Some(Causality::Input) if section == Section::Connected => Causality::Local,
+            other => other.unwrap_or(Causality::Local),
+        };
+        let name = self.part.as_ref().map_or(name.clone(), |part| format!("{}.{name}", part.name));
         let variable = Variable { name, description, section, start, naming, causality, variability, data };
         sizes[section as usize] += variable.len();
         self.check(&variable);
         self.variables.list.push(variable);
-        start
+        start - self.base(section, real)
     }
 
     /// Mistakes of a model's author, or sizes of zero from a description.

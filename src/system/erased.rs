@@ -104,7 +104,7 @@ impl<M: System> DynSystem for M {
     }
 }
 
-type DeclareFunction = fn(toml::Table, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>;
+type DeclareFunction = fn(toml::Table, Registry, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>;
 
 /// A kind of system that a library knows how to make from a description.
 #[derive(Clone, Copy)]
@@ -125,12 +125,36 @@ impl Kind {
         Kind { name: M::NAME, documentation: M::DOCUMENTATION, declare: declare::<M> }
     }
 
-    /// Declares its variables for a structure.
+    /// The kind that connects systems of other kinds: a whole loop as one system.
+    pub const COMPOSITE: Kind = Kind {
+        name: "composite",
+        documentation: include_str!("../../docs/composite.md"),
+        declare: super::composite::declare,
+    };
+
+    /// The kind of this name.
+    ///
+    /// # Errors
+    /// [`Invalid`] with the names that there are.
+    pub fn find<'a>(registry: &'a [Kind], name: &str) -> Result<&'a Kind, Invalid> {
+        registry.iter().find(|kind| kind.name == name).ok_or_else(|| {
+            let known: Vec<_> = registry.iter().map(|kind| kind.name).collect();
+            Invalid::new("model", format!("`{name}`"), format!("must be one of {}", known.join(", ")))
+        })
+    }
+
+    /// Declares its variables for a structure; the registry is where a composite finds its parts.
     ///
     /// # Errors
     /// [`Invalid`] for keys that don't exist, are missing, of a wrong type, or contradict each other.
-    pub fn declare(&self, structure: toml::Table, d: &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid> {
-        (self.declare)(structure, d)
+    pub fn declare(
+        &self,
+        structure: toml::Table,
+        registry: Registry,
+        d: &mut Declaration,
+    ) -> Result<Box<dyn DynSystem>, Invalid> {
+        d.document(self.documentation);
+        (self.declare)(structure, registry, d)
     }
 }
 
@@ -140,12 +164,12 @@ impl std::fmt::Debug for Kind {
     }
 }
 
-fn declare<M: System>(structure: toml::Table, d: &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid> {
+fn declare<M: System>(structure: toml::Table, _: Registry, d: &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid> {
     let structure = read::<M::Structure>(structure)?;
     Ok(Box::new(M::declare(structure, d)?))
 }
 
-fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
+pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
     toml::Value::Table(structure)
         .try_into()
         .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {error}")))

@@ -61,6 +61,7 @@
 //! Equations are pure functions of their arguments. Nothing may be kept in `self`: an instance is saved by
 //! copying its block, and many instances share a thread.
 
+mod composite;
 mod declaration;
 mod erased;
 mod point;
@@ -78,8 +79,8 @@ pub use spec::{
 };
 pub use unit::{DisplayUnit, Unit};
 pub use values::{
-    BooleanOf, Choice, ChoiceOf, Class, DiscreteHandle, Handle, IntegerOf, MatrixOf, Offsets, Rates, ScalarOf, Signals,
-    Span, Values, VectorOf,
+    BooleanOf, Choice, ChoiceOf, Class, DiscreteHandle, ErrorOf, Handle, IntegerOf, MatrixOf, Offsets, Rates, ScalarOf,
+    Signals, Span, Values, VectorOf,
 };
 pub use variable::{Causality, Data, Element, Naming, Section, Variability, Variable, Variables};
 

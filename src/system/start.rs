@@ -3,7 +3,7 @@
 use super::variable::{Causality, Data, Naming, Section, Variable, Variables};
 
 impl Variables {
-    /// Sets the start value of a whole variable.
+    /// Sets the start value of a whole variable, or of one element of real numbers.
     ///
     /// # Errors
     /// What is allowed, when the variable doesn't exist, can't have a start value, or the value doesn't fit.
@@ -11,6 +11,9 @@ impl Variables {
         let settable = |v: &&mut Variable| {
             matches!(v.section, Section::Parameter | Section::Input) && v.causality != Causality::Hidden
         };
+        if let Some((variable, offset)) = self.list.iter_mut().filter(settable).find_map(|v| element(v, name)) {
+            return set_element(variable, offset, number(value)?);
+        }
         let Some(variable) = self.list.iter_mut().filter(settable).find(|variable| variable.name == name) else {
             let known: Vec<_> =
                 self.list.iter().filter(|v| v.causality == Causality::Parameter).map(|v| &*v.name).collect();
@@ -29,6 +32,23 @@ impl Variables {
         }
         Ok(())
     }
+}
+
+/// The variable with the place of an element, if it has one of this name beside its own.
+fn element<'a>(variable: &'a mut Variable, name: &str) -> Option<(&'a mut Variable, usize)> {
+    let found = variable.elements().find(|element| variable.name != name && element.name() == name)?.offset;
+    Some((variable, found))
+}
+
+fn set_element(variable: &mut Variable, offset: usize, value: f64) -> Result<(), String> {
+    let len = variable.len();
+    if let Data::Real { start, .. } = &mut variable.data {
+        if start.len() == 1 {
+            *start = vec![start[0]; len];
+        }
+        start[offset] = value;
+    }
+    Ok(())
 }
 
 fn integer(value: &toml::Value) -> Result<i32, String> {

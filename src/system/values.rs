@@ -38,6 +38,8 @@ pub mod class {
         State,
         /// What changes at events only.
         Discrete,
+        /// An input of a composite's part.
+        Connected,
         /// An output or a local signal; written by `outputs`.
         Signal,
         /// The time derivative of a state.
@@ -151,6 +153,15 @@ macro_rules! rate {
     )*};
 }
 rate!(ScalarOf {}, VectorOf { len }, MatrixOf { rows, columns });
+
+/// Handle of a tracking error e = x − x_m; see [`super::Declaration::tracking_error`].
+#[derive(Debug, Clone, Copy)]
+pub struct ErrorOf {
+    pub(super) x: VectorOf<class::Input>,
+    pub(super) x_m: VectorOf<class::State>,
+    pub(super) passed: VectorOf<class::Connected>,
+    pub(super) is_passed: BooleanOf<class::Connected>,
+}
 
 /// A choice between named items: exported as an enumeration.
 pub trait Choice: Copy + 'static {
@@ -281,6 +292,16 @@ impl<'a, S: Scalar> Values<'a, S> {
     /// A matrix.
     pub fn matrix<C: Class>(&self, matrix: MatrixOf<C>) -> DMatrixView<'a, S> {
         DMatrixView::from_slice(self.slice(matrix.span()), matrix.rows, matrix.columns)
+    }
+
+    /// An element of a tracking error, counted from 0: where the system is part of a composite that integrates the error
+    /// itself, that very number, never a difference of large ones.
+    pub fn error(&self, error: ErrorOf, index: usize) -> S {
+        if self.get(error.is_passed) {
+            self[error.passed.at(index)]
+        } else {
+            self[error.x.at(index)] - self[error.x_m.at(index)]
+        }
     }
 
     /// An integer, Boolean or choice.

@@ -18,6 +18,8 @@ pub enum Section {
     State,
     /// Discrete variables.
     Discrete,
+    /// Inputs of a composite's parts, each taken from an output of another part or from an input of the composite.
+    Connected,
     /// Outputs and local signals.
     Signal,
     /// Derivatives of the states, in their order.
@@ -28,7 +30,7 @@ pub enum Section {
 
 impl Section {
     /// Number of sections.
-    pub const COUNT: usize = 8;
+    pub const COUNT: usize = 9;
 }
 
 /// The role of a variable towards the outside.

@@ -1,0 +1,268 @@
+//! A connection of systems is a system: parts, each with a slice of every section of one flat block.
+//!
+//! A part is called with its own offsets into the block, so it doesn't know that it is one. Its real inputs lie in the
+//! section of connected values, and are copied there from the outputs of other parts, in an order in which every value
+//! is computed before it is used.
+
+mod connection;
+mod dependence;
+mod errors;
+mod schedule;
+
+use std::ops::Range;
+
+use num_dual::Dual64;
+use serde::Deserialize;
+
+use super::declaration::Declaration;
+use super::erased::{DynSystem, Kind, Registry, read};
+use super::values::{Offsets, Values};
+use super::{ErrorEstimate, Point, Scalar, Section};
+use crate::error::Invalid;
+use errors::ErrorCoordinates;
+use schedule::Step;
+
+/// What a composite is made of.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Structure {
+    parts: Vec<PartDescription>,
+    /// From an output to an input, as `part.variable[i]`.
+    #[serde(default)]
+    connections: Vec<(String, String)>,
+}
+
+/// A part, in the words of a description.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PartDescription {
+    name: String,
+    model: String,
+    #[serde(default)]
+    structure: toml::Table,
+    #[serde(default)]
+    start: toml::Table,
+}
+
+/// A part, and where its values lie.
+struct Part {
+    name: String,
+    system: Box<dyn DynSystem>,
+    /// Where its values begin in the composite's sections.
+    base: Offsets,
+    /// Its event indicators among all.
+    indicators: Range<usize>,
+    /// Where its states stand among the connected values, if the composite integrates others in their place.
+    own_states: Option<usize>,
+}
+
+impl Part {
+    fn offsets(&self, whole: &Offsets) -> Offsets {
+        let mut own = *whole;
+        own.real.iter_mut().zip(&self.base.real).for_each(|(own, base)| *own += base);
+        own.integer.iter_mut().zip(&self.base.integer).for_each(|(own, base)| *own += base);
+        own.real[Section::Input as usize] = own.real[Section::Connected as usize];
+        if let Some(place) = self.own_states {
+            own.real[Section::State as usize] = whole.real[Section::Connected as usize] + place;
+        }
+        own
+    }
+
+    /// Calls the part with its own view of a point; what it logs and refuses is told as the part's.
+    fn with<T>(&self, v: &mut Point, call: impl FnOnce(&dyn DynSystem, &mut Point) -> T) -> T {
+        let offsets = self.offsets(v.offsets);
+        let before = v.log.len();
+        let answer = call(self.system.as_ref(), &mut Point::new(v.reals, v.integers, &offsets, v.log));
+        for message in &mut v.log[before..] {
+            message.text = format!("{}: {}", self.name, message.text);
+        }
+        answer
+    }
+}
+
+/// A connection of systems.
+struct Composite {
+    parts: Vec<Part>,
+    steps: Vec<Step>,
+    errors: Vec<ErrorCoordinates>,
+}
+
+/// Declares the parts of a composite, and connects them.
+pub(super) fn declare(
+    structure: toml::Table,
+    registry: Registry,
+    d: &mut Declaration,
+) -> Result<Box<dyn DynSystem>, Invalid> {
+    let structure: Structure = read(structure)?;
+    let mut parts = Vec::new();
+    for part in &structure.parts {
+        parts.push(declare_part(part, registry, d, &parts)?);
+    }
+    let links = connection::resolve(&structure.connections, &d.variables)?;
+    let open = connection::open_inputs(&links, d);
+    let errors = errors::apply(&links, &mut parts, d);
+    let links = errors::redirect(links, &parts, d).into_iter().chain(open).collect::<Vec<_>>();
+    let steps = schedule::schedule(&links, &parts, d)?;
+    d.variables.dependence = dependence::closure(&links, &errors, &parts, &d.variables);
+    let mut invalid = Invalid::none();
+    for part in &structure.parts {
+        for (name, value) in &part.start {
+            let full = format!("{}.{name}", part.name);
+            if let Err(reason) = d.variables.set_start(&full, value) {
+                invalid.and(Invalid::new(format!("[start] {full}"), value, reason));
+            }
+        }
+    }
+    invalid.into_result()?;
+    Ok(Box::new(Composite { parts, steps, errors }))
+}
+
+fn declare_part(
+    part: &PartDescription,
+    registry: Registry,
+    d: &mut Declaration,
+    before: &[Part],
+) -> Result<Part, Invalid> {
+    let name = &part.name;
+    let identifier = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if !identifier {
+        let allowed = "must be letters, digits and _, and not begin with a digit";
+        return Err(Invalid::new("name of a part", format!("`{}`", name.escape_debug()), allowed));
+    }
+    if before.iter().any(|other| other.name == *name) {
+        return Err(Invalid::because(format!("two parts are named `{name}`")));
+    }
+    if part.model == Kind::COMPOSITE.name {
+        return Err(Invalid::new(format!("model of `{name}`"), "`composite`", "a part can't be a composite itself"));
+    }
+    let kind = Kind::find(registry, &part.model).map_err(|invalid| invalid.within(name))?;
+    let (system, base) = d.part(name, |d| kind.declare(part.structure.clone(), registry, d));
+    let system = system.map_err(|invalid| invalid.within(name))?;
+    let first = before.last().map_or(0, |other| other.indicators.end);
+    let indicators = first..first + system.indicators();
+    Ok(Part { name: name.clone(), system, base, indicators, own_states: None })
+}
+
+impl Composite {
+    /// Computes all signals: values are handed on and parts evaluated in the order of the schedule.
+    fn signals<S: Scalar>(&self, reals: &mut [S], whole: &Offsets, evaluate: impl Fn(&Part, &mut [S], &Offsets)) {
+        self.give_own_states(reals, whole);
+        for step in &self.steps {
+            match *step {
+                Step::Copy { from: (section, from), to } => {
+                    reals[whole.real[Section::Connected as usize] + to] = reals[whole.real[section as usize] + from];
+                }
+                Step::Evaluate(part) => evaluate(&self.parts[part], reals, &self.parts[part].offsets(whole)),
+            }
+        }
+    }
+
+    fn rates<S: Scalar>(&self, reals: &mut [S], whole: &Offsets, evaluate: impl Fn(&Part, &mut [S], &Offsets)) {
+        self.parts.iter().for_each(|part| evaluate(part, reals, &part.offsets(whole)));
+        let first = whole.real[Section::Derivative as usize];
+        for (state, model_state) in self.errors.iter().flat_map(ErrorCoordinates::pairs) {
+            let rate = reals[first + model_state];
+            reals[first + state] -= rate;
+        }
+    }
+
+    /// Calls every part, then takes over what it did to states of its own coordinates.
+    fn each(&self, v: &mut Point, mut call: impl FnMut(&Part, &mut Point)) {
+        self.give_own_states(v.reals, v.offsets);
+        self.parts.iter().for_each(|part| call(part, v));
+        self.take_own_states(v.reals, v.offsets);
+    }
+}
+
+impl DynSystem for Composite {
+    fn indicators(&self) -> usize {
+        self.parts.last().map_or(0, |part| part.indicators.end)
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        for part in &self.parts {
+            if let Err(reasons) = part.with(v, |system, v| system.prepare(v)) {
+                invalid.and(reasons.within(&part.name));
+            }
+        }
+        invalid.into_result()
+    }
+
+    /// A part may start from inputs that follow from the start of others: after as many rounds as there are parts, every
+    /// value has gone round.
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        self.declared_own_states(v.reals, v.offsets);
+        let mut invalid = Invalid::none();
+        for _ in &self.parts {
+            invalid = Invalid::none();
+            for part in &self.parts {
+                if let Err(reasons) = part.with(v, |system, v| system.initialise(t, v)) {
+                    invalid.and(reasons.within(&part.name));
+                }
+            }
+            self.take_own_states(v.reals, v.offsets);
+            self.outputs(t, v.reals, v.integers, v.offsets);
+        }
+        invalid.into_result()
+    }
+
+    fn parameters_changed(&self, t: f64, v: &mut Point) {
+        self.each(v, |part, v| part.with(v, |system, v| system.parameters_changed(t, v)));
+    }
+
+    fn outputs(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
+        self.signals(reals, offsets, |part, reals, own| part.system.outputs(t, reals, integers, own));
+    }
+
+    fn derivatives(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
+        self.rates(reals, offsets, |part, reals, own| part.system.derivatives(t, reals, integers, own));
+    }
+
+    fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
+        self.signals(reals, offsets, |part, reals, own| part.system.outputs_dual(t, reals, integers, own));
+    }
+
+    fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
+        self.rates(reals, offsets, |part, reals, own| part.system.derivatives_dual(t, reals, integers, own));
+    }
+
+    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+        let next = |part: &Part| part.system.next_time_event(&Values { offsets: &part.offsets(v.offsets), ..*v });
+        self.parts.iter().filter_map(next).min_by(f64::total_cmp)
+    }
+
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+        for part in &self.parts {
+            let own = Values { offsets: &part.offsets(v.offsets), ..*v };
+            part.system.event_indicators(t, &own, &mut z[part.indicators.clone()]);
+        }
+    }
+
+    /// Only the parts whose event it is are told of it.
+    fn event(&self, t: f64, crossed: &[bool], v: &mut Point) {
+        self.each(v, |part, v| {
+            let crossed = &crossed[part.indicators.clone()];
+            part.with(v, |system, v| {
+                let due = system.next_time_event(&v.values()).is_some_and(|next| next <= t);
+                if due || crossed.contains(&true) {
+                    system.event(t, crossed, v);
+                }
+            });
+        });
+    }
+
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        self.each(v, |part, v| part.with(v, |system, v| system.step_completed(t, step, v)));
+    }
+
+    /// A part's own way through a step holds its inputs; the whole is integrated together.
+    fn steps_itself(&self) -> bool {
+        false
+    }
+
+    fn advance(&self, _t: f64, _h: f64, _slopes: &[f64], _v: &mut Point) -> ErrorEstimate {
+        ErrorEstimate { scaled: f64::INFINITY, order: 1 }
+    }
+}
