@@ -1,12 +1,15 @@
-//! Nothing is allocated on the path of a step: fmi2SetReal, fmi2DoStep, fmi2GetReal.
+//! Nothing is allocated on the path of a step: fmi2SetReal, fmi2DoStep, fmi2GetReal, and all of model exchange.
 
 mod common;
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use adaptive_fmu::fmi2::types::*;
+use adaptive_fmu::library::fmi2_functions::*;
 use adaptive_fmu::system::{Causality, Kind, Registry};
 use common::stiff::{Valve, evaluations};
+use common::systems::Ball;
 use common::{OK, Unit, description, description_names};
 
 /// Counts the allocations of each thread.
@@ -144,4 +147,44 @@ fn a_step_with_events_allocates_nothing() {
     // Two or three edges in each step; 138 until 300 s.
     assert_eq!(allocations(&unit, 6.0, 50), [0; 3]);
     assert_eq!(unit.get("half_periods[1]"), 138.0);
+}
+
+/// Allocations of steps in model exchange, with an event after each.
+fn allocations_of_exchange(unit: &Unit, step: f64, steps: usize) -> usize {
+    let (inputs, all) = (references(unit, |causality| causality == Causality::Input), references(unit, |_| true));
+    let (mut set, mut got) = (vec![0.0; inputs.len()], vec![0.0; all.len()]);
+    let (mut x, mut z) = (unit.states(), unit.indicators());
+    let (mut dx, n, c) = (x.clone(), x.len(), unit.component);
+    unit.settle();
+    let before = COUNT.get();
+    for k in 1..=steps {
+        set.iter_mut().enumerate().for_each(|(i, value)| *value = 0.01 * ((k + i) as f64).sin());
+        assert_eq!((unit.set_time(k as f64 * step), unit.set_reals(&inputs, &set)), (OK, OK));
+        unsafe {
+            assert_eq!(fmi2GetContinuousStates(c, x.as_mut_ptr(), n), OK);
+            assert_eq!(fmi2GetDerivatives(c, dx.as_mut_ptr(), n), OK);
+            x.iter_mut().zip(&dx).for_each(|(x, dx)| *x += 1e-3 * step * dx);
+            assert_eq!(fmi2SetContinuousStates(c, x.as_ptr(), n), OK);
+            assert_eq!(fmi2GetEventIndicators(c, z.as_mut_ptr(), z.len()), OK);
+            assert_eq!(fmi2CompletedIntegratorStep(c, TRUE, &mut 0, &mut 0), OK);
+            assert_eq!(unit.get_reals(&all, &mut got), OK);
+            assert_eq!(fmi2EnterEventMode(c), OK);
+        }
+        unit.settle();
+    }
+    COUNT.get() - before
+}
+
+#[test]
+fn model_exchange_allocates_nothing() {
+    for name in description_names() {
+        let unit = Unit::exchange(&name);
+        unit.start(0.0);
+        let step = unit.model.description().experiment.step;
+        assert_eq!(allocations_of_exchange(&unit, step, 300), 0, "{name}");
+    }
+    let ball = Unit::exchange_of::<Ball>("");
+    ball.start(0.0);
+    assert_eq!(allocations_of_exchange(&ball, 100.0, 300), 0, "with bounces");
+    assert!(ball.get("bounces") > 2.0);
 }

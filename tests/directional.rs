@@ -7,6 +7,7 @@ use adaptive_fmu::fmi2::access::References;
 use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::Section;
+use common::systems::Root;
 use common::{ERROR, OK, Unit, description, description_names};
 
 /// Reproducible numbers in [−1, 1].
@@ -73,10 +74,93 @@ fn directional_derivatives_are_those_of_the_equations() {
     }
 }
 
-fn derivative(unit: &Unit, unknown: u32, known: u32, seed: f64) -> Result<f64, String> {
-    let mut result = f64::NAN;
-    let status = unsafe { fmi2GetDirectionalDerivative(unit.component, &unknown, 1, &known, 1, &seed, &mut result) };
+/// fmi2GetDirectionalDerivative of several unknowns along a direction.
+fn along(unit: &Unit, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<Vec<f64>, String> {
+    let mut result = vec![f64::NAN; unknowns.len()];
+    let (n, m) = (unknowns.len(), knowns.len());
+    let (unknowns, knowns, seed) = (unknowns.as_ptr(), knowns.as_ptr(), seed.as_ptr());
+    let status =
+        unsafe { fmi2GetDirectionalDerivative(unit.component, unknowns, n, knowns, m, seed, result.as_mut_ptr()) };
     if status == OK { Ok(result) } else { Err(unit.last_message()) }
+}
+
+fn derivative(unit: &Unit, unknown: u32, known: u32, seed: f64) -> Result<f64, String> {
+    along(unit, &[unknown], &[known], &[seed]).map(|result| result[0])
+}
+
+/// Value references of the real inputs (in their order) and states (in theirs), and of what is calculated from them.
+fn knowns_and_unknowns(unit: &Unit) -> (Vec<u32>, Vec<u32>) {
+    let variables = unit.model.variables();
+    let range = |section| variables.reals(section).map(|index| index as u32);
+    let hidden = |reference: &u32| variables.visible().all(|e| References::of(variables, e) != *reference);
+    let knowns = range(Section::Input).chain(range(Section::State)).collect();
+    (knowns, range(Section::Signal).chain(range(Section::Derivative)).filter(|reference| !hidden(reference)).collect())
+}
+
+/// Puts an instance of model exchange to these inputs and states, and reads the unknowns.
+fn at(unit: &Unit, knowns: &[u32], values: &[f64], unknowns: &[u32]) -> Vec<f64> {
+    let inputs = unit.model.variables().reals(Section::Input).len();
+    assert_eq!(unit.set_reals(&knowns[..inputs], &values[..inputs]), OK, "{:?}", unit.messages());
+    assert_eq!(unit.set_states(&values[inputs..]), OK, "{:?}", unit.messages());
+    let mut result = vec![f64::NAN; unknowns.len()];
+    assert_eq!(unit.get_reals(unknowns, &mut result), OK, "{:?}", unit.messages());
+    result
+}
+
+/// A unit that was stepped in a loop of small inputs, and one of model exchange at the same point: the derivatives that
+/// both give are those of differences through the functions of model exchange.
+#[test]
+fn both_interfaces_give_the_derivatives_of_the_values_that_a_master_sees() {
+    let mut random = Random(7);
+    for name in description_names() {
+        let (slave, exchange) = (Unit::started(&name), Unit::exchange(&name));
+        exchange.begin();
+        let (knowns, unknowns) = knowns_and_unknowns(&slave);
+        let inputs = slave.model.variables().reals(Section::Input).len();
+        let step = slave.model.description().experiment.step;
+        let (mut compared, mut kinks) = (0, 0);
+        for k in 0..20 {
+            let set: Vec<f64> = (0..inputs).map(|_| 0.1 * random.next()).collect();
+            assert_eq!(slave.set_reals(&knowns[..inputs], &set), OK);
+            slave.run(f64::from(k) * step, 1, step);
+            assert_eq!(exchange.set_time(f64::from(k + 1) * step), OK);
+            let mut values = vec![f64::NAN; knowns.len()];
+            assert_eq!(slave.get_reals(&knowns, &mut values), OK);
+            let seed: Vec<f64> = knowns.iter().map(|_| random.next()).collect();
+            let moved =
+                |by: f64| values.iter().zip(&seed).map(|(value, change)| value + by * change).collect::<Vec<_>>();
+            let central = |h: f64| {
+                let [after, before] = [h, -h].map(|by| at(&exchange, &knowns, &moved(by), &unknowns));
+                after.iter().zip(&before).map(|(after, before)| (after - before) / (2.0 * h)).collect::<Vec<_>>()
+            };
+            let (coarse, fine) = (central(2e-4), central(1e-4));
+            let exact = along(&slave, &unknowns, &knowns, &seed).unwrap();
+            at(&exchange, &knowns, &values, &unknowns);
+            assert_eq!(along(&exchange, &unknowns, &knowns, &seed).unwrap(), exact, "{name}");
+            for ((exact, coarse), fine) in exact.iter().zip(coarse).zip(fine) {
+                if (fine - coarse).abs() > 1e-4 * exact.abs().max(1.0) {
+                    kinks += 1;
+                    continue;
+                }
+                compared += 1;
+                let difference = fine + (fine - coarse) / 3.0;
+                assert!((exact - difference).abs() < 1e-6 * exact.abs().max(1.0), "{name}: {exact}, {difference}");
+            }
+        }
+        assert!(compared >= 19 * kinks, "{name}: {kinks} kinks in {compared} comparisons");
+    }
+}
+
+#[test]
+fn a_directional_derivative_that_is_no_number_is_discarded() {
+    let unit = Unit::exchange_of::<Root>("");
+    unit.begin();
+    assert_eq!(unit.set_states(&[0.0]), OK);
+    assert_eq!(unit.get("rate"), 0.0, "the root itself is a number");
+    let message = derivative(&unit, unit.reference("rate"), unit.reference("level"), 1.0).unwrap_err();
+    assert!(message.contains("fmi2GetDirectionalDerivative") && message.contains("`rate`"), "{message}");
+    assert!(unit.set_states(&[4.0]) == OK);
+    assert_eq!(derivative(&unit, unit.reference("rate"), unit.reference("level"), 1.0), Ok(-0.25));
 }
 
 /// d(x2')/du = ω + ω_v sin t + cos u sin x1, by hand, at the communication point and the present input.

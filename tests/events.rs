@@ -2,7 +2,6 @@
 
 mod common;
 
-use adaptive_fmu::system::*;
 use common::models::Run;
 use common::systems::*;
 use common::{OK, Unit};
@@ -108,24 +107,6 @@ fn endless_switching_ends_in_an_error_and_not_in_a_hang() {
     let message = run.failure(1.0).to_string();
     assert!(message.contains("t = 0.5"), "{message}");
     assert_eq!(run.0.block, before, "as before the step");
-}
-
-/// An event that is always due.
-struct Stuck;
-
-impl System for Stuck {
-    type Structure = NoStructure;
-    const NAME: &'static str = "stuck";
-    const DOCUMENTATION: &'static str = "";
-
-    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        d.state(scalar("x", "state"));
-        Ok(Stuck)
-    }
-    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
-    fn next_time_event(&self, _v: &Values<f64>) -> Option<f64> {
-        Some(1.5)
-    }
 }
 
 #[test]

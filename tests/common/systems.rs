@@ -305,3 +305,82 @@ pub fn exact_ball(t: f64, restitution: f64) -> (f64, f64, f64) {
     let flown = t - last;
     (bounces, last, speed * flown - 5.0 * flown * flown)
 }
+
+/// An event that is always due.
+pub struct Stuck;
+
+impl System for Stuck {
+    type Structure = NoStructure;
+    const NAME: &'static str = "stuck";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        d.state(scalar("x", "state"));
+        Ok(Stuck)
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn next_time_event(&self, _v: &Values<f64>) -> Option<f64> {
+        Some(1.5)
+    }
+}
+
+/// Counts completed steps and their lengths; y is 1 once their sum is above `full`.
+pub struct Odometer {
+    full: ScalarOf<Parameter>,
+    steps: ScalarOf<Discrete>,
+    last: ScalarOf<Discrete>,
+    way: ScalarOf<Discrete>,
+    y: ScalarOf<Signal>,
+    told: Warning,
+}
+
+impl System for Odometer {
+    type Structure = NoStructure;
+    const NAME: &'static str = "odometer";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Odometer {
+            full: d.parameter(scalar("full", "way above which y is 1").start(100.0)),
+            steps: d.discrete(scalar("steps", "number of steps")),
+            last: d.discrete(scalar("last", "length of the last step")),
+            way: d.discrete(scalar("way", "sum of all lengths")),
+            y: d.output(scalar("y", "1 where the way is above full")),
+            told: d.warning("logWay", "the first step"),
+        })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        y[self.y] = S::from(if v[self.way].re() > v[self.full].re() { 1.0 } else { 0.0 });
+    }
+    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
+        v[self.steps] += 1.0;
+        v[self.last] = step;
+        v[self.way] += step;
+        v.warn(self.told, || "a step".to_owned());
+    }
+}
+
+/// level' = −√level: no number below zero.
+pub struct Root {
+    level: ScalarOf<State>,
+    rate: ScalarOf<Signal>,
+}
+
+impl System for Root {
+    type Structure = NoStructure;
+    const NAME: &'static str = "root";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Root {
+            level: d.state(scalar("level", "level").start(1.0)),
+            rate: d.local(scalar("rate", "rate of the level")),
+        })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        y[self.rate] = -v[self.level].sqrt();
+    }
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.level] = v[self.rate];
+    }
+}
