@@ -1,6 +1,6 @@
 """A small master on FMPy: units by variable names, and the closed loop of example 3.2.1."""
 
-from ctypes import c_double, c_uint
+from ctypes import POINTER, c_double, c_uint
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -8,7 +8,7 @@ from typing import Self
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 
@@ -43,9 +43,11 @@ class Message:
 class Unit:
     """An instance of an FMU whose values are read and set by name; an enumeration takes its item's name, too."""
 
+    interface: type[FMU2Slave] | type[FMU2Model] = FMU2Slave
+
     def __init__(self, fmu: Fmu, name: str = "unit", logging: bool = False) -> None:
         self.fmu, self.messages = fmu, list[Message]()
-        self.slave: FMU2Slave | None = FMU2Slave(
+        self.slave = self.interface(
             instanceName=name,
             guid=fmu.description.guid,
             modelIdentifier=fmu.description.coSimulation.modelIdentifier,
@@ -115,6 +117,43 @@ class Unit:
     def set_slope(self, name: str, slope: float) -> None:
         """Rate of an input during the next step."""
         self.slave.setRealInputDerivatives([self.reference(name)], [1], [slope])
+
+
+class Exchange(Unit):
+    """An instance for model exchange: what solves it has its states, and reads their derivatives."""
+
+    interface = FMU2Model
+
+    def __init__(self, fmu: Fmu, name: str = "unit", logging: bool = False) -> None:
+        super().__init__(fmu, name, logging)
+        self.states = fmu.description.numberOfContinuousStates
+
+    def settle(self) -> float | None:
+        """Updates discrete states until none changes, and goes on to Continuous-Time Mode; the next time event."""
+        again = True
+        while again:
+            again, end, _, _, event_known, event = self.slave.newDiscreteStates()
+            assert not end
+        self.slave.enterContinuousTimeMode()
+        return event if event_known else None
+
+    @property
+    def x(self) -> np.ndarray:
+        """The continuous states."""
+        x = np.empty(self.states)
+        self.slave.getContinuousStates(x.ctypes.data_as(POINTER(c_double)), self.states)
+        return x
+
+    @x.setter
+    def x(self, x: np.ndarray) -> None:
+        x = np.ascontiguousarray(x, dtype=float)
+        self.slave.setContinuousStates(x.ctypes.data_as(POINTER(c_double)), self.states)
+
+    def rate(self) -> np.ndarray:
+        """The derivatives of the states."""
+        dx = np.empty(self.states)
+        self.slave.getDerivatives(dx.ctypes.data_as(POINTER(c_double)), self.states)
+        return dx
 
 
 class Reals:
