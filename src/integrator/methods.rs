@@ -12,9 +12,9 @@ const MOST_STATES: usize = 2000;
 const LIMIT: f64 = 2.8;
 /// A substep above this part of [`LIMIT`] counts as limited by stability.
 const LIMITED: f64 = 0.9;
-/// How many more substeps must speak for the other method than against it before it is taken, at least.
-const EVIDENCE: f64 = 15.0;
-/// After a change back to the explicit method, the next change takes so many times the evidence more.
+/// How many more substeps must speak for the explicit method than against it before it is taken.
+const EVIDENCE: i32 = 15;
+/// After a change back to the explicit method, the next trial takes so many times the evidence more.
 const PATIENCE: i32 = 4;
 
 /// Which general method integrates a system.
@@ -79,6 +79,9 @@ pub struct Methods {
     stiff: Option<Box<Rosenbrock>>,
     /// Work of a stiff substep in explicit ones.
     work: f64,
+    /// How many more substeps must speak for the stiff method than against it before it is tried: they take as long
+    /// as a trial that ends with the evidence for the explicit method.
+    trial: i32,
 }
 
 impl Methods {
@@ -88,7 +91,8 @@ impl Methods {
         let base: Box<dyn OneStepMethod> =
             if system.steps_itself() { Box::new(OwnStep::new()) } else { Box::new(DormandPrince::new(states)) };
         let stiff = IntegrationMethod::offered(system, states).then(|| Box::new(Rosenbrock::new(variables)));
-        Methods { base, stiff, work: relative_work(states as f64) }
+        let work = relative_work(states as f64);
+        Methods { base, stiff, work, trial: (work * f64::from(EVIDENCE)) as i32 }
     }
 
     /// The explicit method, or the system's own step.
@@ -118,7 +122,7 @@ impl Methods {
         match asked {
             IntegrationMethod::Explicit => pace.stiff = false,
             IntegrationMethod::Stiff => pace.stiff = self.stiff.is_some(),
-            IntegrationMethod::Automatic if pace.evidence < self.evidence_needed(pace.stiff) => {}
+            IntegrationMethod::Automatic if pace.evidence < if pace.stiff { EVIDENCE } else { self.trial } => {}
             IntegrationMethod::Automatic => self.change(pace),
         }
         match self.in_force(pace).begin(problem, start) {
@@ -131,13 +135,8 @@ impl Methods {
     }
 
     fn change(&self, pace: &mut Pace) {
-        let evidence = if pace.stiff { -PATIENCE * self.evidence_needed(false) } else { 0 };
-        *pace = Pace { stiff: !pace.stiff, evidence, ..*pace };
-    }
-
-    fn evidence_needed(&self, stiff: bool) -> i32 {
-        // A trial takes about as many substeps as it takes the other way to speak against it.
-        EVIDENCE.max(if stiff { 0.0 } else { EVIDENCE * self.work }) as i32
+        pace.evidence = if pace.stiff { -PATIENCE * self.trial } else { 0 };
+        pace.stiff = !pace.stiff;
     }
 
     /// Counts the accepted substep h, after its attempt, for or against the method in force. `whole`: it went all the

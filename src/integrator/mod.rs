@@ -2,8 +2,8 @@
 //!
 //! Inputs jump between communication steps, so what is needed is a one-step method that restarts at each of
 //! them at no cost, keeps no history, allocates nothing, has a number of states that is known at run time only, and
-//! keeps all its memory (one number: the substep that it would take next) in the instance's block, so that a
-//! restored instance continues bit for bit.
+//! keeps all its memory ([`Pace`]: the substep that it would take next, and by which method) in the instance's block,
+//! so that a restored instance continues bit for bit.
 //!
 //! The published crates were measured in that use (`benches/integrators`; Van der Pol's oscillator with an input,
 //! relative and absolute tolerance 1e-6, 20 s in steps of 10 ms; medians on a shared machine, so read ratios):
@@ -19,9 +19,23 @@
 //!
 //! With sizes at run time diffsol alone doesn't allocate. But its solver borrows the problem for life and isn't
 //! `Send`, so an instance couldn't own it, it counts failures over its life, and it brings 87 packages into every
-//! FMU. The implicit methods of diffsol lose accuracy when restarted often (bdf: 4e-3 at 1 ms; esdirk34: more
-//! error at 1 ms than at 10 ms), and saving their state through the public interface changes the run that is saved.
-//! So the methods are our own; each is one file behind [`OneStepMethod`].
+//! FMU. Its implicit methods lose accuracy when restarted often (bdf: 4e-3 at 1 ms; esdirk34: more error at 1 ms than
+//! at 10 ms), and saving their state through the public interface changes the run that is saved.
+//!
+//! A Rosenbrock method has none of that: it is a one-step method as well, solves linear equations only, so that nothing
+//! can fail to converge, and its exact Jacobian comes from the equations over dual numbers. The same oscillator, stiff
+//! (mu jumps between 5000 and 4000), in steps of 10 ms:
+//!
+//! | method | ns a step | allocations a step | largest error |
+//! | --- | --- | --- | --- |
+//! | this module, stiff | 1400 | 0 | 8.3e-13 |
+//! | this module, automatic | 1800 | 0 | 1.5e-11 |
+//! | this module, explicit | 9600 | 0 | 1.0e-6 |
+//! | diffsol 0.18 tr_bdf2 | 2500 | 0.1 | 8.0e-8 |
+//! | diffsol 0.18 bdf | 2800 | 2.2 | 2.6e-9 |
+//! | diffsol 0.18 esdirk34 | 3200 | 0.1 | 1.3e-7 |
+//!
+//! So the methods are our own; each is one file behind [`OneStepMethod`], and `methods` chooses between them.
 
 mod dormand_prince;
 mod driver;
@@ -177,6 +191,7 @@ pub struct Start {
 
 impl Start {
     /// Takes over where a problem stands, at time t.
+    #[inline]
     fn set(&mut self, problem: &mut Problem, t: f64) {
         self.time = t;
         self.states.copy_from_slice(problem.states());

@@ -54,9 +54,9 @@
 //! | [`System::step_completed`] | once a communication step | not allocate, but for a message |
 //!
 //! The equations (`outputs`, `derivatives`) are generic over the [`Scalar`]: with `f64` they are simulated,
-//! with dual numbers the same text gives exact derivatives. So use `S`'s own functions (`x.sin()`), write
-//! `x * 2.0` rather than `2.0 * x`, and keep whatever jumps out of them: a jump is an *event*, its value a
-//! *discrete* variable that only [`System::event`] changes.
+//! with dual numbers the same text gives exact derivatives, for masters and for the integration of stiff equations.
+//! So use `S`'s own functions (`x.sin()`), write `x * 2.0` rather than `2.0 * x`, and keep whatever jumps out of
+//! them: a jump is an *event*, its value a *discrete* variable that only [`System::event`] changes.
 //!
 //! Equations are pure functions of their arguments. Nothing may be kept in `self`: an instance is saved by
 //! copying its block, and many instances share a thread.

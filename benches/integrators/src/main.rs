@@ -215,11 +215,13 @@ struct Case {
     steps: usize,
     mu: fn(usize) -> f64,
 }
-/// The last one needs several internal steps per communication step, and its input jumps.
-const CASES: [Case; 3] = [
+/// The third needs several internal steps per communication step, and its input jumps. In the last one the explicit
+/// methods need some fifty steps for their stability.
+const CASES: [Case; 4] = [
     Case { label: "10 ms", h: 0.01, steps: 2000, mu: |_| 1.0 },
     Case { label: "1 ms", h: 0.001, steps: 20_000, mu: |_| 1.0 },
     Case { label: "250 ms*", h: 0.25, steps: 80, mu: |i| [5.0, 0.5][i / 8 % 2] },
+    Case { label: "stiff", h: 0.01, steps: 2000, mu: |i| [5000.0, 4000.0][i / 8 % 2] },
 ];
 
 type Points = Vec<[f64; 2]>;
@@ -339,7 +341,7 @@ fn main() {
     }
     tables! {
         FixedRk4(1);
-        own::Own::new();
+        own::Own::new("explicit"); own::Own::new("automatic"); own::Own::new("stiff");
         OdeSolversFixed; OdeSolversDynamic;
         DifferentialEquations::new("differential-equations dopri5, [f64; 2]", X0);
         DifferentialEquations::new("differential-equations dopri5, Vec", X0.to_vec());

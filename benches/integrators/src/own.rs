@@ -41,21 +41,24 @@ impl System for VanDerPol {
 
 /// One instance; its whole memory is its block.
 pub struct Own {
+    method: &'static str,
+    name: String,
     execution: Execution,
 }
 
 impl Own {
-    pub fn new() -> Self {
-        let model = Model::new::<VanDerPol>("VanDerPol", &Default::default()).expect("a model");
+    pub fn new(method: &'static str) -> Self {
+        let start = [("integration_method".to_owned(), method.into())].into_iter().collect();
+        let model = Model::new::<VanDerPol>("VanDerPol", &start).expect("a model");
         let mut execution = Execution::new(model);
         execution.initialise().expect("a start");
-        Own { execution }
+        Own { method, name: format!("own {method}, whole step"), execution }
     }
 }
 
 impl Clone for Own {
     fn clone(&self) -> Self {
-        let mut copy = Own::new();
+        let mut copy = Own::new(self.method);
         copy.execution.block.copy_from(&self.execution.block);
         copy
     }
@@ -63,7 +66,7 @@ impl Clone for Own {
 
 impl Candidate for Own {
     fn name(&self) -> &str {
-        "own Dormand-Prince, whole step"
+        &self.name
     }
 
     fn communication_step(&mut self, t: f64, h: f64, mu: f64, x: &mut [f64; 2]) {
