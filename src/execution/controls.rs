@@ -90,8 +90,8 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// Declares them; a system without states has no tolerance, one without inputs no handling of them, and one that
-    /// steps itself no method to choose.
+    /// Declares them; a system without states has no tolerance and no method to choose, one without inputs no handling
+    /// of them.
     pub(crate) fn declare(d: &mut Declaration, system: &dyn DynSystem) -> Self {
         let inputs = d.size(Section::Input);
         let integer_inputs = d.integer_size(Section::Input);
@@ -101,7 +101,7 @@ impl Controls {
                 scalar("relative_tolerance", text).start(1e-6).min(TIGHTEST_TOLERANCE).max(1e-2).nominal(1e-6).fixed(),
             )
         });
-        let integration_method = IntegrationMethod::offered(system, d.size(Section::State)).then(|| {
+        let integration_method = IntegrationMethod::offered(d.size(Section::State)).then(|| {
             let text = "method that integrates the equations within a communication step of co-simulation";
             d.parameter(choice::<IntegrationMethod>("integration_method", text).fixed())
         });

@@ -24,6 +24,8 @@ pub struct Driver {
     indicators: [Vec<f64>; 3],
     /// Which indicators changed sides at the event that is being handled.
     crossed: Vec<bool>,
+    /// The shortest step of the system's own in this communication step.
+    shortest: f64,
 }
 
 impl std::fmt::Debug for Driver {
@@ -43,6 +45,7 @@ impl Driver {
             nominals: (0..states).map(nominal).collect(),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
             crossed: vec![false; system.indicators()],
+            shortest: 0.0,
             indicators: [indicators.clone(), indicators.clone(), indicators],
         }
     }
@@ -67,6 +70,7 @@ impl Driver {
         let mut events =
             EventCount { slack: settings.event_slack * (t1 - t0), limit: settings.max_events, count: 0, last: t0 };
         let (mut t, mut substeps) = (t0, 0);
+        self.shortest = (t1 - t0) / settings.max_own_substeps as f64;
         if self.jumped(problem, t) {
             self.handle_events(problem, t, t1, &mut events)?;
         }
@@ -180,7 +184,7 @@ impl Driver {
         let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
         self.start.set(problem, t);
         // So short a step is no harder for one method than for another.
-        self.methods.base().attempt(problem, &self.start, h, tolerance);
+        self.methods.explicit().attempt(problem, &self.start, h, tolerance);
         let [before, after, _] = &mut self.indicators;
         problem.event_indicators(t + h, after);
         for (before, after) in before.iter_mut().zip(after) {
@@ -218,10 +222,17 @@ impl Driver {
         let smallest = 16.0 * f64::EPSILON * t.abs().max(target.abs());
         let suggested = pace.substep;
         let mut h = if suggested > 0.0 && suggested * STRETCH < way { suggested } else { way };
+        // A step of the system's own is taken at its shortest, whatever its error: that is no reason to end the run.
+        let shortest = if self.methods.by_itself() { self.shortest.min(way) } else { 0.0 };
         loop {
+            h = h.max(shortest);
             let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
             let (estimate, state) = self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance);
-            if estimate.scaled <= 1.0 {
+            let missed = h <= shortest && (estimate.scaled > 1.0 || estimate.scaled.is_nan());
+            if missed {
+                problem.system.tolerance_missed(*t, estimate.scaled, &mut problem.point());
+            }
+            if estimate.scaled <= 1.0 || missed {
                 let whole = h == way;
                 // A substep that was cut short says nothing about how long the next may be, unless it was the limit.
                 if pace.substep == 0.0 || h >= pace.substep {

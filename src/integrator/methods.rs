@@ -20,7 +20,7 @@ const PATIENCE: i32 = 4;
 /// Which general method integrates a system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IntegrationMethod {
-    /// The explicit one, and the stiff one while that takes less work.
+    /// The system's own step, where it has one; else the explicit one, and the stiff one while that takes less work.
     Automatic,
     /// Dormand and Prince's.
     Explicit,
@@ -31,7 +31,12 @@ pub enum IntegrationMethod {
 impl Choice for IntegrationMethod {
     const TYPE: &'static str = "IntegrationMethod";
     const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
-        (Self::Automatic, "automatic", "explicit, and stiff while the explicit method would need many more steps"),
+        (
+            Self::Automatic,
+            "automatic",
+            "the closed-form step of an adaptive law where there is one; else explicit, and stiff while the explicit \
+             method would need many more steps",
+        ),
         (
             Self::Explicit,
             "explicit",
@@ -46,10 +51,9 @@ impl Choice for IntegrationMethod {
 }
 
 impl IntegrationMethod {
-    /// Whether a system can be integrated by either method: one that steps itself, or has no states or too many for
-    /// the stiff method, can't.
-    pub fn offered(system: &dyn DynSystem, states: usize) -> bool {
-        !system.steps_itself() && (1..=MOST_STATES).contains(&states)
+    /// Whether there is a choice: not without states, or with too many for the stiff method.
+    pub fn offered(states: usize) -> bool {
+        (1..=MOST_STATES).contains(&states)
     }
 }
 
@@ -74,9 +78,11 @@ pub struct Pace {
 /// Fast oscillations that are hardly damped limit the explicit method before h |λ| tells: for those a user may ask
 /// for the stiff method.
 pub struct Methods {
-    /// The explicit method, or the system's own step.
-    base: Box<dyn OneStepMethod>,
+    explicit: DormandPrince,
     stiff: Option<Box<Rosenbrock>>,
+    own: Option<OwnStep>,
+    /// Whether the system's own step is in force. It follows from what is asked for, anew at each substep.
+    by_itself: bool,
     /// Work of a stiff substep in explicit ones.
     work: f64,
     /// How many more substeps must speak for the stiff method than against it before it is tried: they take as long
@@ -88,23 +94,29 @@ impl Methods {
     /// The methods for a system.
     pub fn new(system: &dyn DynSystem, variables: &Variables) -> Self {
         let states = variables.states();
-        let base: Box<dyn OneStepMethod> =
-            if system.steps_itself() { Box::new(OwnStep::new()) } else { Box::new(DormandPrince::new(states)) };
-        let stiff = IntegrationMethod::offered(system, states).then(|| Box::new(Rosenbrock::new(variables)));
+        let stiff = IntegrationMethod::offered(states).then(|| Box::new(Rosenbrock::new(variables)));
+        let own = system.steps_itself().then(|| OwnStep::new(system, variables));
         let work = relative_work(states as f64);
-        Methods { base, stiff, work, trial: (work * f64::from(EVIDENCE)) as i32 }
+        let (explicit, trial) = (DormandPrince::new(states), (work * f64::from(EVIDENCE)) as i32);
+        Methods { explicit, stiff, own, by_itself: false, work, trial }
     }
 
-    /// The explicit method, or the system's own step.
-    pub fn base(&mut self) -> &mut dyn OneStepMethod {
-        self.base.as_mut()
+    /// The explicit method.
+    pub fn explicit(&mut self) -> &mut dyn OneStepMethod {
+        &mut self.explicit
+    }
+
+    /// Whether the system's own step is in force.
+    pub fn by_itself(&self) -> bool {
+        self.by_itself
     }
 
     /// The method in force.
     pub fn in_force(&mut self, pace: &Pace) -> &mut dyn OneStepMethod {
-        match &mut self.stiff {
-            Some(stiff) if pace.stiff => stiff.as_mut(),
-            _ => self.base.as_mut(),
+        match (&mut self.own, &mut self.stiff) {
+            (Some(own), _) if self.by_itself => own,
+            (_, Some(stiff)) if pace.stiff => stiff.as_mut(),
+            _ => &mut self.explicit,
         }
     }
 
@@ -119,7 +131,9 @@ impl Methods {
         asked: IntegrationMethod,
         pace: &mut Pace,
     ) -> Result<(), usize> {
+        self.by_itself = asked == IntegrationMethod::Automatic && self.own.is_some();
         match asked {
+            IntegrationMethod::Automatic if self.by_itself => return Ok(()),
             IntegrationMethod::Explicit => pace.stiff = false,
             IntegrationMethod::Stiff => pace.stiff = self.stiff.is_some(),
             IntegrationMethod::Automatic if pace.evidence < if pace.stiff { EVIDENCE } else { self.trial } => {}
@@ -149,7 +163,7 @@ impl Methods {
         nominals: &[f64],
         pace: &mut Pace,
     ) {
-        if self.stiff.is_none() {
+        if self.stiff.is_none() || self.by_itself {
             return;
         }
         let mut limits = || h * self.in_force(pace).fastest_rate(problem, start, h, nominals) / LIMIT;

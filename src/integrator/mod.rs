@@ -60,6 +60,8 @@ pub struct Settings {
     pub relative_tolerance: f64,
     /// Substeps that one communication step may take.
     pub max_substeps: usize,
+    /// A system's own step is never shorter than the communication step divided by this.
+    pub max_own_substeps: usize,
     /// Events that may follow each other without time between them.
     pub max_events: usize,
     /// A value beyond this, in magnitude, is divergence.
@@ -75,6 +77,7 @@ impl Default for Settings {
             method: IntegrationMethod::Automatic,
             relative_tolerance: 1e-6,
             max_substeps: 1_000_000,
+            max_own_substeps: 500,
             max_events: 10_000,
             divergence_limit: 1e12,
             event_slack: 1e-6,
@@ -124,6 +127,12 @@ impl Problem<'_> {
 
     /// Brings inputs, signals and derivatives to time t.
     pub fn evaluate(&mut self, t: f64) {
+        self.evaluate_signals(t);
+        self.system.derivatives(t, self.reals, self.integers, self.variables.offsets());
+    }
+
+    /// Brings inputs and signals to time t.
+    fn evaluate_signals(&mut self, t: f64) {
         if !self.held {
             let ramp = self.ramp;
             let inputs = &mut self.reals[self.variables.reals(Section::Input)];
@@ -131,9 +140,7 @@ impl Problem<'_> {
                 *input = value + slope * (t - ramp.time);
             }
         }
-        let offsets = self.variables.offsets();
-        self.system.outputs(t, self.reals, self.integers, offsets);
-        self.system.derivatives(t, self.reals, self.integers, offsets);
+        self.system.outputs(t, self.reals, self.integers, self.variables.offsets());
     }
 
     /// The continuous states.

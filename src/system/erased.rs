@@ -6,7 +6,7 @@ use num_dual::Dual64;
 use serde::de::DeserializeOwned;
 
 use super::values::{Offsets, Values, Written};
-use super::{Declaration, ErrorEstimate, Point, Scalar, Section, System};
+use super::{Declaration, ErrorEstimate, Point, Scalar, Section, Stride, System};
 use crate::error::Invalid;
 
 /// A [`System`] whose type was erased. Every `System` is one.
@@ -43,8 +43,14 @@ pub trait DynSystem: Send + Sync {
     fn step_completed(&self, t: f64, step: f64, v: &mut Point);
     /// See [`System::steps_itself`].
     fn steps_itself(&self) -> bool;
+    /// See [`System::workspace`].
+    fn workspace(&self) -> usize;
     /// See [`System::advance`].
-    fn advance(&self, t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate;
+    fn advance(&self, stride: Stride, v: &mut Point);
+    /// See [`System::step_error`].
+    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate;
+    /// See [`System::tolerance_missed`].
+    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point);
 }
 
 fn outputs<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers: &[i32], offsets: &Offsets) {
@@ -99,8 +105,17 @@ impl<M: System> DynSystem for M {
     fn steps_itself(&self) -> bool {
         System::steps_itself(self)
     }
-    fn advance(&self, t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate {
-        System::advance(self, t, h, slopes, v)
+    fn workspace(&self) -> usize {
+        System::workspace(self)
+    }
+    fn advance(&self, stride: Stride, v: &mut Point) {
+        System::advance(self, stride, v);
+    }
+    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate {
+        System::step_error(self, whole, halves, nominals)
+    }
+    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point) {
+        System::tolerance_missed(self, t, error, v);
     }
 }
 

@@ -51,6 +51,7 @@
 //! | [`System::outputs`] | many times a step | not allocate |
 //! | [`System::derivatives`] | right after `outputs` at the same point, so it may read signals | not allocate |
 //! | [`System::next_time_event`], [`System::event_indicators`], [`System::event`] | several times a step | not allocate |
+//! | [`System::advance`], [`System::step_error`] | in place of a general integrator, where it [`System::steps_itself`] | not allocate |
 //! | [`System::step_completed`] | once a communication step | not allocate, but for a message |
 //!
 //! The equations (`outputs`, `derivatives`) are generic over the [`Scalar`]: with `f64` they are simulated,
@@ -101,7 +102,24 @@ impl<T: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync> Scalar
 #[serde(deny_unknown_fields)]
 pub struct NoStructure {}
 
-/// The estimate that a system's own [`System::advance`] gives of its error.
+/// A stride of a system's own [`System::advance`].
+#[derive(Debug)]
+pub struct Stride<'a> {
+    /// Where it begins, s. Inputs and signals stand as they are there.
+    pub time: f64,
+    /// Its length, s.
+    pub length: f64,
+    /// Rates of the inputs meanwhile, in the order of their declaration.
+    pub slopes: &'a [f64],
+    /// To be filled with the states at `time` + 2 `length`, one number a state in the order of their declaration, as a
+    /// stride of twice the length finds them. It is compared with two strides: whatever a stride freezes at its
+    /// beginning must stay frozen over both halves of this one.
+    pub whole: &'a mut [f64],
+    /// Workspace of [`System::workspace`] numbers; what it holds means nothing.
+    pub workspace: &'a mut [f64],
+}
+
+/// An estimate of the error of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorEstimate {
     /// Largest error of the step in units of what is tolerated: a step with `scaled <= 1` is accepted.
@@ -184,7 +202,7 @@ pub trait System: Sized + Send + Sync + 'static {
     }
 
     /// Called after every communication step, with its length: counts, and warns of what is out of the
-    /// system's own assumptions.
+    /// system's own assumptions. In a composite, whose parts hold no inputs for each other, the length is 0.
     fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
         let _ = (t, step, v);
     }
@@ -194,11 +212,29 @@ pub trait System: Sized + Send + Sync + 'static {
         false
     }
 
-    /// A system with a better way through a step than a general integrator brings it here: advance the states from
-    /// t by h, and change nothing but them: a step may be tried again with another length. At t the inputs have their
-    /// present values, and change from there at the given `slopes`. Called only where [`System::steps_itself`].
-    fn advance(&self, t: f64, h: f64, slopes: &[f64], v: &mut Point) -> ErrorEstimate {
-        let _ = (t, h, slopes, v);
+    /// Size of the workspace for [`System::advance`].
+    fn workspace(&self) -> usize {
+        0
+    }
+
+    /// A system with a better way through a step than a general integrator brings it here: advance the states by one
+    /// stride, and change nothing but them: a stride may be tried again with another length. Steps are made of pairs of
+    /// strides, and divided until [`System::step_error`] finds them accurate. Called only where
+    /// [`System::steps_itself`].
+    fn advance(&self, stride: Stride, v: &mut Point) {
+        let _ = (stride, v);
+    }
+
+    /// How far apart one `whole` stride and two `halves` arrive, both with their signals; `nominals` has one number a
+    /// state. The halves are kept.
+    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate {
+        let _ = (whole, halves, nominals);
         ErrorEstimate { scaled: f64::INFINITY, order: 1 }
+    }
+
+    /// Called when the shortest step allowed was taken although its error is `error` times what is tolerated: the place
+    /// to warn.
+    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point) {
+        let _ = (t, error, v);
     }
 }

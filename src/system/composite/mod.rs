@@ -17,7 +17,7 @@ use serde::Deserialize;
 use super::declaration::Declaration;
 use super::erased::{DynSystem, Kind, Registry, read};
 use super::values::{Offsets, Values};
-use super::{ErrorEstimate, Point, Scalar, Section};
+use super::{ErrorEstimate, Point, Scalar, Section, Stride};
 use crate::error::Invalid;
 use errors::ErrorCoordinates;
 use schedule::Step;
@@ -253,8 +253,9 @@ impl DynSystem for Composite {
         });
     }
 
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
-        self.each(v, |part, v| part.with(v, |system, v| system.step_completed(t, step, v)));
+    /// No part holds the inputs that it has from others.
+    fn step_completed(&self, t: f64, _step: f64, v: &mut Point) {
+        self.each(v, |part, v| part.with(v, |system, v| system.step_completed(t, 0.0, v)));
     }
 
     /// A part's own way through a step holds its inputs; the whole is integrated together.
@@ -262,7 +263,15 @@ impl DynSystem for Composite {
         false
     }
 
-    fn advance(&self, _t: f64, _h: f64, _slopes: &[f64], _v: &mut Point) -> ErrorEstimate {
+    fn workspace(&self) -> usize {
+        0
+    }
+
+    fn advance(&self, _stride: Stride, _v: &mut Point) {}
+
+    fn step_error(&self, _whole: &Values<f64>, _halves: &Values<f64>, _nominals: &[f64]) -> ErrorEstimate {
         ErrorEstimate { scaled: f64::INFINITY, order: 1 }
     }
+
+    fn tolerance_missed(&self, _t: f64, _error: f64, _v: &mut Point) {}
 }
