@@ -1,4 +1,6 @@
 //! What controllers share: the projection operator and the mathematics of their design.
 
+pub mod feedforward;
 pub mod lyapunov;
+pub mod pole_placement;
 pub mod projection;
