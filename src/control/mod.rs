@@ -1,6 +1,7 @@
 //! What controllers share: the projection operator and the mathematics of their design.
 
 pub mod feedforward;
+pub mod filter;
 pub mod lyapunov;
 pub mod pole_placement;
 pub mod projection;
