@@ -2,6 +2,8 @@
 
 pub mod feedforward;
 pub mod filter;
+pub mod l1_design;
+pub mod l1_norm;
 pub mod lyapunov;
 pub mod pole_placement;
 pub mod projection;
