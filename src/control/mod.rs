@@ -6,4 +6,5 @@ pub mod l1_design;
 pub mod l1_norm;
 pub mod lyapunov;
 pub mod pole_placement;
+pub mod prediction_error;
 pub mod projection;
