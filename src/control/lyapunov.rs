@@ -18,12 +18,17 @@ const DOUBLINGS: usize = 60;
 pub fn solve(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
     require_hurwitz("A_m", a)?;
     require_positive_definite("Q", q)?;
+    gramian(a, q).ok_or_else(|| Invalid::because("A_m is too badly scaled for a Lyapunov equation"))
+}
+
+/// The integral of e^(Aᵀt) Q e^(At) over all t ≥ 0, which solves the same equation, for a Hurwitz matrix A and a
+/// symmetric positive semidefinite Q. `None` when A is too badly scaled.
+pub fn gramian(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = a.nrows();
     let alpha = a.norm();
     let shifted = a - DMatrix::identity(n, n) * alpha;
     // A − αI has all its eigenvalues left of −α, so it is regular.
-    let inverse =
-        shifted.try_inverse().ok_or_else(|| Invalid::because("A_m is too badly scaled for a Lyapunov equation"))?;
+    let inverse = shifted.try_inverse()?;
     let mut u = (a + DMatrix::identity(n, n) * alpha) * &inverse;
     let mut p = inverse.transpose() * q * &inverse * (2.0 * alpha);
     for _ in 0..DOUBLINGS {
@@ -34,7 +39,7 @@ pub fn solve(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid
         }
         u = &u * &u;
     }
-    Ok((&p + p.transpose()) * 0.5)
+    Some((&p + p.transpose()) * 0.5)
 }
 
 /// Refuses a matrix with an eigenvalue that isn't left of the imaginary axis.
