@@ -50,7 +50,7 @@ fn references(unit: &Unit, wanted: impl Fn(Causality) -> bool) -> Vec<u32> {
     reals.map(|element| unit.reference(&element.name())).collect()
 }
 
-/// Allocations of each step but the first, of setting its inputs and of reading everything.
+/// Allocations of each step but the first and those that warn, of setting its inputs and of reading everything.
 fn allocations(unit: &Unit, step: f64, steps: usize) -> [usize; 3] {
     let inputs = references(unit, |causality| causality == Causality::Input);
     let all = references(unit, |_| true);
@@ -65,13 +65,15 @@ fn allocations(unit: &Unit, step: f64, steps: usize) -> [usize; 3] {
         let setting = since();
         assert_eq!(unit.step(k as f64 * step, step), OK);
         let stepping = since();
+        // A warning, given once, is logged with what takes memory.
+        let warned = !unit.messages().is_empty();
+        since();
         assert_eq!(unit.get_reals(&all, &mut got), OK);
         let getting = since();
-        if k > 0 {
+        if k > 0 && !warned {
             sums = [sums[0] + setting, sums[1] + stepping, sums[2] + getting];
         }
     }
-    assert!(unit.messages().is_empty(), "nothing was logged");
     sums
 }
 

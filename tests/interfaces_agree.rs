@@ -7,21 +7,39 @@ use common::*;
 
 /// Constant inputs of no special values.
 fn put_inputs(unit: &Unit) {
-    let inputs = unit.model.variables().visible().filter(|e| e.variable.causality == Causality::Input);
+    let inputs = unit.model.variables().visible();
+    let inputs = inputs.filter(|e| e.variable.causality == Causality::Input && e.variable.is_real());
     inputs.enumerate().for_each(|(k, input)| unit.put(&input.name(), 0.3 - 0.2 * k as f64));
 }
 
 /// What changes continuously.
 fn continuous(unit: &Unit) -> impl Iterator<Item = Element<'_>> {
-    unit.model.variables().visible().filter(|e| e.variable.variability == Variability::Continuous)
+    let visible = unit.model.variables().visible();
+    visible.filter(|e| e.variable.variability == Variability::Continuous && e.variable.is_real())
 }
 
-/// How long the comparison takes: 200 rad of the fastest oscillation, where a unit has one.
-fn duration(unit: &Unit) -> f64 {
-    match unit.model.variables().find("adaptation_frequency") {
-        Some(_) => unit.model.description().experiment.stop_time.min(200.0 / unit.get("adaptation_frequency")),
-        None => 1.0,
+/// A unit with constant inputs, initialised.
+fn started(unit: Unit) -> Unit {
+    unit.enter(0.0);
+    put_inputs(&unit);
+    assert_eq!(unit.exit(), OK);
+    unit
+}
+
+/// How long the comparison takes: while the fastest oscillation turns through 200 rad, where a unit has one.
+fn duration(name: &str) -> f64 {
+    let unit = started(Unit::new(name));
+    if unit.model.variables().find("adaptation_frequency").is_none() {
+        return 1.0;
     }
+    let (mut t, mut phase, stop) = (0.0, 0.0, unit.model.description().experiment.stop_time);
+    while t < stop && phase < 200.0 {
+        let frequency = unit.get("adaptation_frequency");
+        let step = 1.0 / frequency;
+        assert_eq!(unit.step(t, step), OK, "{:?}", unit.messages());
+        (t, phase) = (t + step, phase + frequency.max(unit.get("adaptation_frequency")) * step);
+    }
+    t.min(stop)
 }
 
 /// A bound of 1e-6 of each variable's nominal value; derivatives have none, theirs is the largest value of the run.
@@ -31,20 +49,21 @@ fn model_exchange_and_co_simulation_agree() {
         let (exchange, slave) = (Unit::exchange(&name), Unit::new(&name));
         if slave.model.variables().find("relative_tolerance").is_some() {
             slave.put("relative_tolerance", 1e-10);
+            // The tolerance of a general method: an adaptive law's own step has one of its own.
+            assert_eq!(slave.set_integer("integration_method", 2), OK);
         }
-        for unit in [&exchange, &slave] {
-            unit.enter(0.0);
-            put_inputs(unit);
-            assert_eq!(unit.exit(), OK);
-        }
+        let [exchange, slave] = [exchange, slave].map(started);
+        // Where projection sets in, the rates of estimates have a kink: so the error of a step shrinks slowly.
+        let adapts = slave.model.variables().find("adaptation_frequency").is_some();
+        let substeps = if adapts { 20_000.0 } else { 2000.0 };
         let (parts, mut next) = (20, exchange.settle());
-        let step = duration(&slave) / f64::from(parts);
+        let step = duration(&name) / f64::from(parts);
         let count = continuous(&slave).count();
         let (mut largest, mut difference) = (vec![0.0_f64; count], vec![0.0_f64; count]);
         for k in 0..parts {
             let t = f64::from(k) * step;
             assert_eq!(slave.step(t, step), OK, "{:?}", slave.messages());
-            next = exchange.integrate(t, f64::from(k + 1) * step, step / 2000.0, next);
+            next = exchange.integrate(t, f64::from(k + 1) * step, step / substeps, next);
             for (i, element) in continuous(&slave).enumerate() {
                 let values = [&exchange, &slave].map(|unit| unit.get(&element.name()));
                 largest[i] = largest[i].max(values[1].abs());

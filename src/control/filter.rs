@@ -78,6 +78,23 @@ impl Filter {
         self.B_f.len()
     }
 
+    /// Whether D(s) = 1/s, its state being the output.
+    pub fn is_integrator(&self) -> bool {
+        self.order() == 1 && (self.A_f[(0, 0)], self.B_f[0], self.C_f[0]) == (0.0, 1.0, 1.0)
+    }
+
+    /// The state in which the filter rests with an output of 1 while nothing drives it.
+    pub fn at_rest(&self) -> DVector<f64> {
+        // One pole at 0: A_f f = 0 leaves one direction, and C_f f = 1 its length.
+        let n = self.order();
+        let mut system = DMatrix::zeros(n + 1, n);
+        system.rows_mut(0, n).copy_from(&self.A_f);
+        system.row_mut(n).copy_from(&self.C_f);
+        let mut right = DVector::zeros(n + 1);
+        right[n] = 1.0;
+        system.svd(true, true).solve(&right, 0.0).unwrap_or_else(|_| DVector::zeros(n))
+    }
+
     /// D(s). Infinite at a pole.
     pub fn at(&self, s: Complex<f64>) -> Complex<f64> {
         let n = self.order();
@@ -242,6 +259,19 @@ fn realise(sections: &[Section], gain: f64) -> Filter {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn at_rest_nothing_moves_and_the_output_is_1() {
+        let description = FilterDescription {
+            gain: 3.0,
+            numerator: vec![vec![0.5, 1.0]],
+            denominator: vec![vec![1.0, 0.0], vec![0.04, 1.0], vec![6.25e-4, 0.045, 1.0]],
+        };
+        let filter = Filter::new(&description).unwrap();
+        let f = filter.at_rest();
+        assert!((&filter.A_f * &f).norm() < 1e-12 && ((&filter.C_f * &f)[0] - 1.0).abs() < 1e-12, "{f}");
+        assert!(!filter.is_integrator() && Filter::new(&FilterDescription::default()).unwrap().is_integrator());
+    }
 
     fn description(gain: f64, numerator: &[&[f64]], denominator: &[&[f64]]) -> FilterDescription {
         let owned = |factors: &[&[f64]]| factors.iter().map(|factor| factor.to_vec()).collect();

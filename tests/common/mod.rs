@@ -230,6 +230,16 @@ impl Unit {
     }
 
     /// Rate of an input over the next step.
+    pub fn set_boolean(&self, name: &str, value: bool) -> Status {
+        unsafe { fmi2SetBoolean(self.component, &self.reference(name), 1, &Boolean::from(value)) }
+    }
+
+    pub fn get_boolean(&self, name: &str) -> bool {
+        let mut value = -1;
+        assert_eq!(unsafe { fmi2GetBoolean(self.component, &self.reference(name), 1, &mut value) }, OK);
+        value != 0
+    }
+
     pub fn set_slope(&self, name: &str, slope: f64) -> Status {
         unsafe { fmi2SetRealInputDerivatives(self.component, &self.reference(name), 1, &1, &slope) }
     }
