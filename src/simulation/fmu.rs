@@ -1,5 +1,7 @@
 //! FMUs, loaded as any master loads them.
 
+mod exchange;
+
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
@@ -10,7 +12,7 @@ use libloading::Library;
 use super::description::{Description, Variable};
 use crate::error::Error;
 use crate::exporter::{read_entry, unpack, with_causes};
-use crate::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, LoggerFunction, Status};
+use crate::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, LoggerFunction, MODEL_EXCHANGE, Status};
 
 /// An FMU that was unpacked and loaded.
 #[derive(Debug)]
@@ -85,11 +87,23 @@ impl Fmu {
         &self.file
     }
 
-    /// An instance.
+    /// An instance for co-simulation.
     ///
     /// # Errors
     /// When the library lacks a function, or refuses.
     pub fn instantiate(self: &Rc<Self>, name: &str) -> Result<Instance, Error> {
+        self.instantiate_as(CO_SIMULATION, name)
+    }
+
+    /// An instance for model exchange, of an FMU whose library is for both.
+    ///
+    /// # Errors
+    /// When the library lacks a function, or refuses.
+    pub fn instantiate_for_exchange(self: &Rc<Self>, name: &str) -> Result<Instance, Error> {
+        self.instantiate_as(MODEL_EXCHANGE, name)
+    }
+
+    fn instantiate_as(self: &Rc<Self>, kind: c_int, name: &str) -> Result<Instance, Error> {
         let refuse = |reason: String| Error::Archive { file: self.file.clone(), reason };
         let messages = Box::new(RefCell::new(Vec::new()));
         let callbacks = Box::new(CallbackFunctions {
@@ -110,7 +124,7 @@ impl Fmu {
             let instantiate =
                 self.library.get::<Instantiate>(b"fmi2Instantiate").map_err(|error| refuse(with_causes(&error)))?;
             let (guid, resources) = (guid.as_ptr(), resources.as_ptr());
-            let component = instantiate(instance_name.as_ptr(), CO_SIMULATION, guid, resources, &*callbacks, 0, 0);
+            let component = instantiate(instance_name.as_ptr(), kind, guid, resources, &*callbacks, 0, 0);
             if component.is_null() {
                 return Err(refuse(format!("fmi2Instantiate failed: {}", messages.take().join("; "))));
             }
