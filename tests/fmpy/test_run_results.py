@@ -103,7 +103,8 @@ def test_a_browser_draws_every_curve_without_an_error(results: Path, tmp_path: P
 def test_markup_in_a_loop_stays_text(fmu_folder: Path, tmp_path: Path) -> None:
     hostile = "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt; &amp; &quot;"
     file = tmp_path / "hostile.ssd"
-    file.write_text(SSD.replace('label="max |u|"', f'label="{hostile}"').replace('title="control"', f'title="{hostile}"'))
+    text = SSD.replace('label="max |u|"', f'label="{hostile}"').replace('title="control"', f'title="{hostile}"')
+    file.write_text(text)
     answer = adaptive_fmu("run", file, "--json", "--until", "0.1", "--fmus", fmu_folder, "--out", tmp_path)
     assert answer.returncode == 0, answer
     page = html.document_fromstring((tmp_path / LOOP / "index.html").read_text())
