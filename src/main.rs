@@ -28,7 +28,7 @@ enum Command {
     Info(command::info::Arguments),
     /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
     Run(command::run::Arguments),
-    /// Linearises an FMU about an operating point: A, B, C, D and eigenvalues
+    /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
     Linearise(command::linearise::Arguments),
 }
 

@@ -5,13 +5,16 @@ use std::rc::Rc;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
-use adaptive_fmu::simulation::{Fmu, Linearisation, OperatingPoint, Quantity, linearise};
+use adaptive_fmu::simulation::{Fmu, Linearisation, LoopFiles, OperatingPoint, Quantity, Structure, linearise};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
+use super::export::export_whole;
+
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// An FMU of this package, a description (NAME.toml), or an archive (NAME.fmu)
+    /// An archive (NAME.fmu), an FMU of this package, a description (NAME.toml), or a loop of FMUs of this package: its
+    /// name, a folder, an .ssd file, or an .ssp archive
     name: String,
     /// Time in s, in place of the start time; states are those of a simulation until then
     #[arg(long, value_name = "TIME")]
@@ -48,13 +51,30 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The archive as it is, or one that is exported for this.
+/// The archive as it is, or one that is exported for this: of an FMU, else of a whole loop.
 fn find_fmu(name: &str, folder: &Path) -> Result<PathBuf, Error> {
     let file = PathBuf::from(name);
     if file.extension().is_some_and(|extension| extension == "fmu") {
         return Ok(file);
     }
-    exporter::export(&exporter::find_description(name)?, &Library::beside_program()?, folder)
+    let library = Library::beside_program()?;
+    let structure = match exporter::find_description(name) {
+        Err(Error::Unknown { known, .. }) => find_loop(name, &known)?,
+        description => return exporter::export(&description?, &library, folder),
+    };
+    let (file, warnings) = export_whole(&structure, &library, folder)?;
+    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    Ok(file)
+}
+
+fn find_loop(name: &str, fmus: &str) -> Result<Structure, Error> {
+    let files = LoopFiles::find(name).map_err(|error| match error {
+        Error::Unknown { name, known, .. } => {
+            Error::Unknown { what: "FMU or loop", name, known: format!("{fmus}, {known}") }
+        }
+        other => other,
+    })?;
+    files.structure()
 }
 
 fn as_json(linear: &Linearisation) -> Value {
@@ -77,7 +97,7 @@ fn print(linear: &Linearisation) {
     println!();
     for (kind, quantities) in [("state", states), ("input", inputs), ("output", outputs)] {
         for Quantity { name, unit, value } in quantities {
-            println!("{kind:8} {name:24} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
+            println!("{kind:8} {name:28} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
         }
     }
     let derivative = |name: &String| format!("der({name})");
@@ -104,11 +124,15 @@ fn print_matrix(name: &str, matrix: &DMatrix<f64>, rows: &[String], columns: &[Q
     if matrix.is_empty() {
         return;
     }
-    let titles: Vec<_> = columns.iter().map(|column| format!("{:>16}", column.name)).collect();
-    println!("\n{name:24}{}", titles.concat());
+    let length = |text: &String| text.chars().count();
+    let first = rows.iter().map(length).max().unwrap_or_default();
+    let widths: Vec<usize> = columns.iter().map(|column| 2 + length(&column.name).max(14)).collect();
+    let titles: Vec<_> =
+        columns.iter().zip(&widths).map(|(column, width)| format!("{:>width$}", column.name)).collect();
+    println!("\n{name:first$}{}", titles.concat());
     for (title, row) in rows.iter().zip(matrix.row_iter()) {
-        let values: Vec<_> = row.iter().map(|value| format!("{:>16}", number(*value))).collect();
-        println!("{title:24}{}", values.concat());
+        let values: Vec<_> = row.iter().zip(&widths).map(|(v, width)| format!("{:>width$}", number(*v))).collect();
+        println!("{title:first$}{}", values.concat());
     }
 }
 

@@ -121,7 +121,7 @@ fn none_near(plan: &Plan, balance: &Balance, step: usize, rank: usize) -> String
     let singular =
         if rank < count { format!("; A is singular there, its rank is {rank} of {count}") } else { String::new() };
     format!(
-        "none is near the start values: after {step} Newton steps {} = {value:.6e}{unit} remains{singular}",
+        "none was found near the start values: after {step} Newton steps {} = {value:.6e}{unit} remains{singular}",
         variable.name
     )
 }

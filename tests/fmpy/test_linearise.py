@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import FMU_NAMES, adaptive_fmu
+from conftest import FMU_NAMES, ROOT, adaptive_fmu
 from fmpy.fmi2 import FMU2Model
 from master import CONTROLLER, PLANT, Fmu
 from scipy.optimize import brentq
+from test_command_line import LOOPS
 
 EXCITED = {"r[1]": 1.0, "x[1]": 0.3, "x[2]": -0.2}
 
@@ -204,6 +205,61 @@ def test_the_table_names_everything() -> None:
     assert [word for word in words if word not in answer.stdout] == []
 
 
+def part_of(loop: dict, name: str, inputs: dict[str, str], outputs: list[str]) -> dict:
+    """A unit of a linearised loop at the same point, as one that was linearised alone; each input with its source."""
+    quantities = {quantity["name"]: quantity["value"] for quantity in loop["states"] + loop["outputs"]}
+    states = [state["name"] for state in loop["states"] if state["name"].startswith(f"{name}.")]
+    return {
+        "time": loop["time"],
+        "states": [{"name": state.removeprefix(f"{name}."), "value": quantities[state]} for state in states],
+        "inputs": [{"name": variable, "value": quantities[source]} for variable, source in inputs.items()],
+        "outputs": [{"name": variable} for variable in outputs],
+    }
+
+
+def blocks(fmu: Fmu, part: dict) -> list[np.ndarray]:
+    """A, B, C and D of a unit alone, by differences."""
+    exchange, n = Exchange(fmu, part), len(part["states"])
+    whole = differences(exchange, part)
+    exchange.free()
+    return [whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]]
+
+
+@pytest.mark.parametrize("time", ["0", "0.5"])
+def test_a_whole_loop_is_linearised_as_its_units_closed(time: str, fmu) -> None:
+    loop = linearise(LOOPS[0], "--at", time, **{"plant.x0[1]": 0.4, "plant.x0[2]": -0.3})
+    assert (loop["inputs"], loop["time"]) == ([], float(time))
+    assert (loop["unique"], loop["steady_state"]) == (None, False)
+    plant = part_of(loop, "plant", {"u[1]": "controller.u[1]"}, ["x[1]", "x[2]"])
+    sources = {"r[1]": "reference.r[1]", "x[1]": "plant.x[1]", "x[2]": "plant.x[2]"}
+    controller = part_of(loop, "controller", sources, ["u[1]"])
+    a_p, b_p, c_p, d_p = blocks(fmu(PLANT), plant)
+    a_c, b_c, c_c, d_c = blocks(fmu(CONTROLLER), controller)
+    # Only one of the two feeds through; the reference is no state's.
+    assert not d_p.any()
+    b_c, d_c = b_c[:, 1:], d_c[:, 1:]
+    expected = np.block([[a_p + b_p @ d_c @ c_p, b_p @ c_c], [b_c @ c_p, a_c]])
+    states = [f"plant.{name}" for name in names(plant["states"])]
+    states += [f"controller.{name}" for name in names(controller["states"])]
+    order = [names(loop["states"]).index(name) for name in states]
+    assert sorted(order) == list(range(len(loop["states"]))) and len(order) > 7
+    exact = np.array(loop["A"])[np.ix_(order, order)]
+    assert (np.abs(exact - expected) <= 1e-6 * (1.0 + np.abs(exact).max(axis=1, keepdims=True))).all()
+    eigenvalues = np.array([complex(e["real"], e["imaginary"]) for e in loop["eigenvalues"]])
+    there = np.linalg.eigvals(expected)
+    assert np.abs(eigenvalues[:, None] - there).min(axis=1).max() <= 1e-6 * np.abs(there).max()
+
+
+def test_a_loop_of_ones_own_is_linearised_too(tmp_path: Path) -> None:
+    expected = linearise(LOOPS[0])
+    folder = ROOT / "examples" / LOOPS[0]
+    assert linearise(folder) == expected == linearise(folder / "SystemStructure.ssd")
+    assert adaptive_fmu("export", "--ssp", LOOPS[0], "--out", tmp_path).returncode == 0
+    assert linearise(tmp_path / f"{LOOPS[0]}.ssp") == expected
+    told = fails(LOOPS[0], "--set", "x0[1]=1")
+    assert "x0[1]" in told and "plant.x0[1]" in told
+
+
 def changed(file: Path, target: Path, old: str, new: str) -> Path:
     """A copy of an FMU with another modelDescription.xml."""
     with zipfile.ZipFile(file) as archive, zipfile.ZipFile(target, "w") as copy:
@@ -233,12 +289,14 @@ def test_an_fmu_without_model_exchange_has_no_steady_state(fmu_folder: Path, tmp
 
 
 def test_what_cant_be_linearised_is_told(tmp_path: Path) -> None:
-    assert PLANT in fails("NonlinearSisso")
+    told = fails("NonlinearSisso")
+    assert all(word in told for word in ["FMU or loop", "NonlinearSisso", *FMU_NAMES, *LOOPS])
     assert "gone.fmu" in fails(tmp_path / "gone.fmu")
     assert "gone.toml" in fails(tmp_path / "gone.toml")
     assert "omgea" in (told := fails(PLANT, "--set", "omgea=1")) and "omega" in told
     assert "x[1]" in fails(PLANT, "--set", "x[1]=1")
-    assert "must be a number" in fails(PLANT, "--set", "omega=two")
+    told = fails(PLANT, "--set", "omega=two")
+    assert all(word in told for word in ["omega", "two", "must be a finite number"])
     assert "start time" in fails(PLANT, "--at=-1") and "start time" in fails(PLANT, "--at=nan")
     for wrong in (["--set", "omega"], ["--at", "soon"]):
         assert adaptive_fmu("linearise", PLANT, *wrong).returncode == 2
