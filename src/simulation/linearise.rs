@@ -110,7 +110,7 @@ pub fn linearise(fmu: &Rc<Fmu>, point: &OperatingPoint) -> Result<Linearisation,
         let unique = steady_state::find(&instance, &plan, time)?;
         (instance, Some(unique))
     } else {
-        if !fmu.description.capabilities.iter().any(|(name, _)| name == DIRECTIONAL) {
+        if !fmu.description.capabilities.iter().any(|(name, value)| name == DIRECTIONAL && value != "0") {
             return Err(refuse(lacks_derivatives("co-simulation")));
         }
         let instance = fmu.instantiate(&fmu.description.name)?;
