@@ -28,6 +28,8 @@ enum Command {
     Info(command::info::Arguments),
     /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
     Run(command::run::Arguments),
+    /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
+    Linearise(command::linearise::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -44,6 +46,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
     match command {
         Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Export(arguments) => command::export::execute(&arguments),
+        Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Run(arguments) => command::run::execute(&arguments),
     }

@@ -6,8 +6,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu::library::{self, fmi2_functions::*};
 use adaptive_fmu::system::{Causality, Kind, Registry};
+use common::loops::whole;
 use common::stiff::{Valve, evaluations};
 use common::systems::Ball;
 use common::{OK, Unit, description, description_names};
@@ -139,6 +140,20 @@ fn the_change_to_the_stiff_method_and_back_allocates_nothing() {
         assert_eq!(COUNT.get(), before, "stiffness {stiffness}");
         assert!((evaluations()[1] > 0) == (phase > 0), "the stiff method came in");
     }
+}
+
+#[test]
+fn a_step_of_a_whole_loop_allocates_nothing() {
+    let text = whole("3.2.1-cosine");
+    for method in [1, 3] {
+        let unit = Unit::from_text(&text);
+        assert_eq!(unit.set_integer("integration_method", method), OK);
+        unit.start(0.0);
+        assert_eq!(allocations(&unit, 1e-3, 300), [0; 3], "integration method {method}");
+    }
+    let unit = Unit::made(library::REGISTRY, &text, MODEL_EXCHANGE);
+    unit.start(0.0);
+    assert_eq!(allocations_of_exchange(&unit, 1e-3, 300), 0);
 }
 
 #[test]

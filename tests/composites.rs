@@ -2,13 +2,16 @@
 
 mod common;
 
+use std::path::Path;
+
 use adaptive_fmu::execution::Execution;
-use adaptive_fmu::exporter;
+use adaptive_fmu::exporter::{self, Library};
 use adaptive_fmu::fmi2::model_description;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
-use adaptive_fmu::simulation::LoopFiles;
+use adaptive_fmu::simulation::{LoopFiles, Structure};
 use adaptive_fmu::system::*;
+use common::loops::whole as whole_loop;
 use common::models::Run;
 
 /// x' = k (u − x), y = x + d u: feedthrough where d isn't 0, and so declared.
@@ -234,9 +237,7 @@ fn a_tiny_tracking_error_keeps_its_digits() {
 #[test]
 fn a_whole_loop_of_this_package_starts_and_depends_on_what_it_says() {
     for (name, _) in exporter::loops() {
-        let structure = LoopFiles::find(name).unwrap().structure().unwrap();
-        let source = exporter::composite(&structure).unwrap();
-        let model = Model::from_description(Description::read(&source.text).unwrap(), REGISTRY).unwrap();
+        let model = Model::from_description(Description::read(&whole_loop(name)).unwrap(), REGISTRY).unwrap();
         let variables = model.variables();
         assert!(variables.find("controller.u[1]").is_some());
         let (u, omega) = (variables.find("der(plant.x[2])").unwrap(), variables.find("controller.u_ad[1]").unwrap());
@@ -246,4 +247,67 @@ fn a_whole_loop_of_this_package_starts_and_depends_on_what_it_says() {
         execution.initialise().unwrap();
         execution.step(0.0, 1e-3).unwrap();
     }
+}
+
+/// The cosine loop with some text of its file in place of another.
+fn changed(old: &str, new: &str) -> Structure {
+    let folder = tempfile::tempdir().unwrap();
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/3.2.1-cosine");
+    std::fs::copy(example.join("reference.ssv"), folder.path().join("reference.ssv")).unwrap();
+    let text = std::fs::read_to_string(example.join("SystemStructure.ssd")).unwrap();
+    assert!(text.contains(old), "{old}");
+    std::fs::write(folder.path().join("SystemStructure.ssd"), text.replacen(old, new, 1)).unwrap();
+    LoopFiles::find(folder.path().to_str().unwrap()).unwrap().structure().unwrap()
+}
+
+#[test]
+fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
+    let library = Library::beside_program().unwrap();
+    let to_plant = r#"startConnector="u[1]" endElement="plant" endConnector="u[1]"/>"#;
+    let scaled = to_plant.replace("/>", r#"><ssc:LinearTransformation factor="2"/></ssd:Connection>"#);
+    let cases = [
+        (r#"startElement="plant" startConnector="x[1]""#, r#"startElement="pump" startConnector="x[1]""#, "`pump`"),
+        (r#"startElement="plant" startConnector="x[1]""#, r#"startElement="plant" startConnector="v[1]""#, "`v[1]`"),
+        (r#"endElement="controller" endConnector="x[1]""#, r#"endElement="controller" endConnector="r[1]""#, "already"),
+        (r#"endElement="controller" endConnector="x[1]""#, r#"endElement="plant" endConnector="y[1]""#, "output"),
+        (r#" suppressUnitConversion="true""#, "", "another dimension"),
+        (to_plant, &scaled, "hands on values as they are"),
+    ];
+    for (old, new, word) in cases {
+        let told = exporter::composite(&changed(old, new), &library).unwrap_err().to_string();
+        assert!(told.contains(word) && told.contains("SystemStructure.ssd: line "), "{told}");
+    }
+    let foreign = changed("resources/NonlinearSiso.fmu", "resources/Pump.fmu");
+    let told = exporter::composite(&foreign, &library).unwrap_err().to_string();
+    assert!(told.contains("`Pump`") && told.contains("NonlinearSiso"), "{told}");
+}
+
+#[test]
+fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
+    let library = Library::beside_program().unwrap();
+    let mut structure = changed("", "");
+    // An enumeration by the number of its item, as FMI's functions take it.
+    for value in ["reference.signal=2", "plant.x0[1]=0.25", "controller.relative_tolerance=1e-9"] {
+        structure.set(value).unwrap();
+    }
+    let (source, notes) = exporter::composite(&structure, &library).unwrap();
+    let mut execution =
+        Execution::new(Model::from_description(Description::read(&source.text).unwrap(), REGISTRY).unwrap());
+    execution.initialise().unwrap();
+    let run = Run(execution);
+    assert_eq!((run.get("plant.x[1]"), run.get("reference.r[1]")), (0.25, 1.0));
+    assert!(notes.len() == 1 && notes[0].contains("`controller.relative_tolerance` is left out"), "{notes:?}");
+    structure.set("reference.signal=3").unwrap();
+    let told = exporter::composite(&structure, &library).unwrap_err().to_string();
+    assert!(told.contains("`reference.signal` = 3") && told.contains("cosine, square"), "{told}");
+}
+
+#[test]
+fn an_input_that_nothing_is_connected_to_is_told_and_stays_one() {
+    let connection =
+        r#"<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>"#;
+    let (source, notes) = exporter::composite(&changed(connection, ""), &Library::beside_program().unwrap()).unwrap();
+    assert!(notes.len() == 1 && notes[0].contains("`plant.u[1]` is not connected"), "{notes:?}");
+    let model = Model::from_description(Description::read(&source.text).unwrap(), REGISTRY).unwrap();
+    assert_eq!(model.variables().find("plant.u[1]").unwrap().variable.causality, Causality::Input);
 }

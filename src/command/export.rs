@@ -45,8 +45,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
     let mut fmus = export(&names, &library, out)?;
     for name in composite {
-        let structure = LoopFiles::find(name)?.structure()?;
-        fmus.push(exporter::export(&exporter::composite(&structure)?, &library, out)?);
+        let (file, warnings) = export_whole(&LoopFiles::find(name)?.structure()?, &library, out)?;
+        warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+        fmus.push(file);
     }
     let loops = ssp.iter().map(|name| pack_loop(name, &library, out)).collect::<Result<Vec<_>, _>>()?;
     if *json && ssp.is_empty() {
@@ -67,11 +68,22 @@ fn all() -> Vec<String> {
 
 /// Writes FMUs into a folder; their paths.
 pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
-    let build = library.describe(None)?.build;
-    if !build.optimised {
+    warn_if_slow(library)?;
+    names.iter().map(|name| exporter::export(&exporter::find_description(name)?, library, out)).collect()
+}
+
+fn warn_if_slow(library: &Library) -> Result<(), Error> {
+    if !library.describe(None)?.build.optimised {
         eprintln!("warning: the library was built without optimisation and is slow; build it with --release");
     }
-    names.iter().map(|name| exporter::export(&exporter::find_description(name)?, library, out)).collect()
+    Ok(())
+}
+
+/// Writes a loop as one FMU into a folder; its path, and what is to be told of it.
+pub fn export_whole(structure: &Structure, library: &Library, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
+    warn_if_slow(library)?;
+    let (source, notes) = exporter::composite(structure, library)?;
+    Ok((exporter::export(&source, library, out)?, notes))
 }
 
 /// Writes the FMUs of a loop into a folder.

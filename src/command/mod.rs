@@ -2,6 +2,7 @@
 
 pub mod export;
 pub mod info;
+pub mod linearise;
 pub mod list;
 pub mod parameters;
 mod progress;

@@ -11,7 +11,7 @@ use adaptive_fmu::simulation::{
 use adaptive_fmu::simulation::{measure, svg, terminal};
 use serde_json::json;
 
-use super::export::export_units;
+use super::export::{export_units, export_whole};
 use super::parameters::Parameters;
 use super::progress::{self, Progress};
 
@@ -24,6 +24,9 @@ pub struct Arguments {
     /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
     #[arg(value_name = "LOOP")]
     name: String,
+    /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
+    #[arg(long, conflicts_with_all = ["order", "fmus"])]
+    composite: bool,
     /// Folder with FMUs to use as they are; without it, those in resources/ beside the loop, or this package's, which
     /// are exported anew into fmus/
     #[arg(long)]
@@ -51,7 +54,8 @@ impl Arguments {
     /// A loop as it is, through the FMUs in a folder.
     pub fn of(name: &str, fmus: &Path, json: bool) -> Self {
         let (fmus, out, parameters) = (Some(fmus.to_owned()), PathBuf::from(RESULTS), Parameters::default());
-        Arguments { name: name.to_owned(), fmus, out, step: None, until: None, order: None, parameters, json }
+        let (name, composite, step, until, order) = (name.to_owned(), false, None, None, None);
+        Arguments { name, composite, fmus, out, step, until, order, parameters, json }
     }
 }
 
@@ -60,23 +64,27 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "must be a finite number above 0".to_owned())
 }
 
-/// The loop as it is asked for, and the folder of its FMUs.
-fn find_loop(options: &Arguments, files: &LoopFiles) -> Result<(Structure, PathBuf), Error> {
-    let mut structure = files.structure()?;
-    options.parameters.apply(&mut structure, files)?;
+/// The units of a loop, connected, or all of it as one.
+fn close(options: &Arguments, files: &LoopFiles, structure: &Structure) -> Result<ClosedLoop, Error> {
+    if options.composite {
+        let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+        let (fmu, notes) = export_whole(structure, &Library::beside_program()?, folder.path())?;
+        return ClosedLoop::whole(&structure.name, &fmu, notes);
+    }
     if let Some(fmus) = options.fmus.clone().or_else(|| files.fmus()) {
-        return Ok((structure, fmus));
+        return ClosedLoop::new(structure, &fmus);
     }
     // A loop must not show the numbers of units that were exported before an equation was changed.
     let fmus = PathBuf::from("fmus");
-    export_units(&structure, &Library::beside_program()?, &fmus)?;
-    Ok((structure, fmus))
+    export_units(structure, &Library::beside_program()?, &fmus)?;
+    ClosedLoop::new(structure, &fmus)
 }
 
 /// Runs a closed loop, writes what it recorded and prints its metrics.
 pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
     let files = LoopFiles::find(&options.name)?;
-    let (structure, fmus) = find_loop(options, &files)?;
+    let mut structure = files.structure()?;
+    options.parameters.apply(&mut structure, &files)?;
     let settings = Settings {
         start_time: structure.start_time,
         stop_time: options.until.unwrap_or(structure.stop_time),
@@ -90,12 +98,15 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
             settings.stop_time, settings.start_time
         )));
     }
-    let mut closed = ClosedLoop::new(&structure, &fmus)?;
+    let mut closed = close(options, &files, &structure)?;
+    if options.composite {
+        structure.name.push_str("-composite");
+    }
     let (mut recording, ending, failure) = simulate(&mut closed, settings, options.json);
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
     let folder = options.out.join(&structure.name);
-    let report =
-        Report { structure: &structure, settings, recording: &recording, measured: &measured, ending: &ending };
+    let (recording, measured, whole) = (&recording, &measured, options.composite);
+    let report = Report { structure: &structure, settings, whole, recording, measured, ending: &ending };
     write_results(&report, &folder)?;
     if let Some(error) = failure {
         eprintln!("what was computed until then is in {}", folder.display());

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
-use super::{Source, find_description};
+use super::{Library, Source, describe, find_description};
 use crate::error::Error;
-use crate::model::Description;
-use crate::simulation::{Affine, Component, Structure};
+use crate::model;
+use crate::simulation::{self, Affine, Description, Structure, Variable, check};
 use crate::system::Kind;
 
 /// Parameters about communication steps, of which a whole has none inside.
@@ -19,21 +19,46 @@ pub fn composite_name(structure: &Structure) -> String {
     format!("Loop_{}", structure.name.chars().map(plain).collect::<String>())
 }
 
-/// The description of a loop as one FMU.
+/// The description of a loop as one FMU, and what a user may have forgotten or will miss. The loop is checked as one of
+/// separate units is.
 ///
 /// # Errors
-/// When one of its units isn't of this package.
-pub fn composite(structure: &Structure) -> Result<Source, Error> {
-    let parts: Result<Vec<Value>, Error> =
-        structure.components.iter().map(|unit| part(unit).map(Value::Table)).collect();
-    if let Some(connection) = structure.connections.iter().find(|c| c.transformation != Affine::IDENTITY) {
+/// When one of its units isn't of this package, or a connection or value doesn't fit.
+pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Vec<String>), Error> {
+    let sources = structure.components.iter().map(|unit| find_description(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
+    let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;
+    let mut wiring = check(structure, &described.iter().collect::<Vec<_>>())?;
+    let mut links = structure.connections.iter().zip(&wiring.links);
+    if let Some((connection, _)) = links.find(|(_, link)| link.conversion != Affine::IDENTITY) {
         return Err(structure.refuse(connection.line, "a connection inside one unit hands on values as they are"));
     }
+    let mut parts = Vec::new();
+    for (k, unit) in structure.components.iter().enumerate() {
+        let variables = &described[k].variables;
+        let start = wiring.values[k].iter().map(|(place, value)| (&variables[*place], value));
+        let (start, left_out): (Vec<_>, Vec<_>) = start.partition(|(v, _)| !ABOUT_STEPS.contains(&v.name.as_str()));
+        wiring.notes.extend(left_out.iter().map(|(variable, _)| {
+            let name = format!("{}.{}", unit.name, variable.name);
+            format!("`{name}` is left out: it is about a unit's own steps, and the whole takes its steps together")
+        }));
+        parts.push(Value::Table(part(&unit.name, &sources[k], &start)?));
+    }
+    Ok((source(structure, parts), wiring.notes))
+}
+
+/// The description of a unit's FMU, as its master would read it.
+fn fmu_description(source: &Source, library: &Library) -> Result<Description, Error> {
+    let xml = describe(source, library)?.0.model_description;
+    Description::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })
+}
+
+/// The text of the whole's description.
+fn source(structure: &Structure, parts: Vec<Value>) -> Source {
     let link = |(unit, connector): &(String, String)| Value::String(format!("{unit}.{connector}"));
     let links = structure.connections.iter().map(|c| Value::Array(vec![link(&c.from), link(&c.to)]));
     let mut inside = Table::new();
     inside.insert("connections".to_owned(), Value::Array(links.collect()));
-    inside.insert("parts".to_owned(), Value::Array(parts?));
+    inside.insert("parts".to_owned(), Value::Array(parts));
     let experiment = [("stop_time", structure.stop_time), ("step", structure.step)];
     let experiment = experiment.map(|(key, value)| (key.to_owned(), Value::Float(value)));
     let name = composite_name(structure);
@@ -43,40 +68,34 @@ pub fn composite(structure: &Structure) -> Result<Source, Error> {
     description.insert("description".to_owned(), Value::String(format!("{}, as one unit", structure.description)));
     description.insert("experiment".to_owned(), Value::Table(experiment.into_iter().collect()));
     description.insert("structure".to_owned(), Value::Table(inside));
-    Ok(Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string() })
+    Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string() }
 }
 
 /// A unit as a part: its description, with the loop's start values.
-fn part(unit: &Component) -> Result<Table, Error> {
-    let source = find_description(&unit.fmu)?;
+fn part(name: &str, source: &Source, values: &[(&Variable, &simulation::Value)]) -> Result<Table, Error> {
     let refuse =
         |reason: crate::error::Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
-    let description = Description::read(&source.text).map_err(refuse)?;
+    let description = model::Description::read(&source.text).map_err(refuse)?;
     let mut start = description.start;
-    for value in unit.values.iter().filter(|value| !ABOUT_STEPS.contains(&value.name.as_str())) {
-        if value.unit.as_ref().is_some_and(|unit| (unit.factor, unit.offset) != (1.0, 0.0)) {
-            return Err(value.origin.refuse(&format!("`{}` must be in base units for a whole loop", value.name)));
-        }
-        start.insert(value.name.clone(), value_of(&value.text));
-    }
     start.retain(|name, _| !ABOUT_STEPS.contains(&name));
+    start.extend(values.iter().map(|(variable, value)| (variable.name.clone(), in_description(variable, value))));
     let mut part = Table::new();
-    part.insert("name".to_owned(), Value::String(unit.name.clone()));
+    part.insert("name".to_owned(), Value::String(name.to_owned()));
     part.insert("model".to_owned(), Value::String(description.model));
     part.insert("structure".to_owned(), Value::Table(description.structure));
     part.insert("start".to_owned(), Value::Table(start));
     Ok(part)
 }
 
-/// A value from its text: a number, true or false, or the name of an item.
-fn value_of(text: &str) -> Value {
-    if let Ok(integer) = text.parse() {
-        return Value::Integer(integer);
-    }
-    match (text.parse(), text) {
-        (Ok(number), _) => Value::Float(number),
-        (_, "true") => Value::Boolean(true),
-        (_, "false") => Value::Boolean(false),
-        _ => Value::String(text.to_owned()),
+/// A value as a description has it: an enumeration's by the name of the item.
+fn in_description(variable: &Variable, value: &simulation::Value) -> Value {
+    match value {
+        simulation::Value::Real(number) => Value::Float(*number),
+        simulation::Value::Integer(number) => {
+            let item = usize::try_from(*number - 1).ok().and_then(|place| variable.items.get(place));
+            item.map_or(Value::Integer((*number).into()), |item| Value::String(item.clone()))
+        }
+        simulation::Value::Boolean(value) => Value::Boolean(*value),
+        simulation::Value::String(text) => Value::String(text.clone()),
     }
 }

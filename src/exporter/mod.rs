@@ -15,6 +15,7 @@ pub(crate) use library::with_causes;
 pub(crate) use page::escaped;
 
 use crate::error::Error;
+use crate::fmi2::describe::{Build, Unit};
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
@@ -58,19 +59,25 @@ pub fn find_description(name: &str) -> Result<Source, Error> {
     Ok(Source { file: Path::new("modelDescription").join(format!("{name}.toml")), text: (*text).to_owned() })
 }
 
-/// Writes the FMU of a description into a folder; its path.
-///
-/// # Errors
-/// For a description that is refused, or files that can't be written; nothing is left half.
-pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+/// The unit of a description, as the library describes it, and how that was built.
+fn describe(source: &Source, library: &Library) -> Result<(Unit, Build), Error> {
     let described = library.describe(Some(&source.text)).map_err(|error| match error {
         Error::Library(reason) => Error::Description { file: source.file.clone(), reason },
         other => other,
     })?;
     let unit = described.unit.ok_or_else(|| Error::Library("the library described no unit".to_owned()))?;
+    Ok((unit, described.build))
+}
+
+/// Writes the FMU of a description into a folder; its path.
+///
+/// # Errors
+/// For a description that is refused, or files that can't be written; nothing is left half.
+pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+    let (unit, build) = describe(source, library)?;
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
     let file = out.join(format!("{}.fmu", unit.name));
-    let page = page::html(&unit, &described.build);
+    let page = page::html(&unit, &build);
     archive::write(&file, &unit, &source.text, &page, library)?;
     Ok(file)
 }

@@ -36,8 +36,8 @@ pub fn html(unit: &Unit, build: &Build) -> String {
     let Build { version, target, compiler, .. } = build;
     let _ = writeln!(
         page,
-        "<footer>FMI 2.0 unit for co-simulation, made by adaptive-fmu {version} ({target}, {compiler}). It reads nothing \
-         but its own resources, writes nothing, and needs no network.</footer>\n</body>\n</html>"
+        "<footer>FMI 2.0 unit for co-simulation and model exchange, made by adaptive-fmu {version} ({target}, {compiler}). \
+         It reads nothing but its own resources, writes nothing, and needs no network.</footer>\n</body>\n</html>"
     );
     page
 }

@@ -221,31 +221,34 @@ fn value(start: &StartValue, variable: &Variable, own: Option<&UnitDefinition>) 
     if given != kind && !matches!((given, kind), ("Integer", "Real" | "Enumeration")) {
         return Err(format!("is given as {given}; the variable is {kind}"));
     }
-    let text = start.text.trim();
-    match kind {
+    let value = typed(&start.text, variable)?;
+    let (Value::Real(number), Some((unit, own))) = (&value, start.unit.as_ref().zip(own)) else { return Ok(value) };
+    let conversion = unit
+        .to(own)
+        .ok_or_else(|| format!("is given in {}; the variable is in {}, of another dimension", unit.name, own.name))?;
+    Ok(Value::Real(conversion.of(*number)))
+}
+
+/// A text as a value of a variable's type.
+pub(super) fn typed(text: &str, variable: &Variable) -> Result<Value, String> {
+    let word = text.trim();
+    match variable.kind.as_str() {
         "Real" => {
-            let number =
-                text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or("must be a finite number")?;
-            let conversion = start.unit.as_ref().zip(own).map_or(Some(Affine::IDENTITY), |(unit, own)| unit.to(own));
-            let conversion = conversion.ok_or_else(|| {
-                let names =
-                    [&start.unit, &own.cloned()].map(|unit| unit.as_ref().map_or("", |unit| &unit.name).to_owned());
-                format!("is given in {}; the variable is in {}, of another dimension", names[0], names[1])
-            })?;
-            Ok(Value::Real(conversion.of(number)))
+            let number = word.parse().ok().filter(|number: &f64| number.is_finite());
+            number.map(Value::Real).ok_or_else(|| "must be a finite number".to_owned())
         }
-        "Integer" => text.parse().map(Value::Integer).map_err(|_| "must be a whole number".to_owned()),
-        "Boolean" => match text {
+        "Integer" => word.parse().map(Value::Integer).map_err(|_| "must be a whole number".to_owned()),
+        "Boolean" => match word {
             "true" | "1" => Ok(Value::Boolean(true)),
             "false" | "0" => Ok(Value::Boolean(false)),
             _ => Err("must be true or false".to_owned()),
         },
         "Enumeration" => {
-            let item = variable.items.iter().position(|item| item == text).map(|place| place + 1);
-            let item = item.or_else(|| text.parse().ok().filter(|item| (1..=variable.items.len()).contains(item)));
+            let item = variable.items.iter().position(|item| item == word).map(|place| place + 1);
+            let item = item.or_else(|| word.parse().ok().filter(|item| (1..=variable.items.len()).contains(item)));
             let item = item.and_then(|item| i32::try_from(item).ok());
             item.map(Value::Integer).ok_or_else(|| format!("must be one of {}", variable.items.join(", ")))
         }
-        _ => Ok(Value::String(start.text.clone())),
+        _ => Ok(Value::String(text.to_owned())),
     }
 }

@@ -119,7 +119,7 @@ impl ClosedLoop {
         let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
         let wiring = check(structure, &descriptions)?;
-        let (mut units, mut names, mut measures) = (Vec::new(), Vec::new(), Vec::new());
+        let mut closed = ClosedLoop::empty(wiring.notes);
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
         for (k, (component, fmu)) in structure.components.iter().zip(&opened).enumerate() {
@@ -127,20 +127,40 @@ impl ClosedLoop {
             for (place, value) in &wiring.values[k] {
                 instance.set_start(fmu.description.variables[*place].reference, value)?;
             }
-            let mut outputs = Ports::default();
-            for (place, variable) in signals(&fmu.description) {
-                outputs.add(variable, names.len(), Affine::IDENTITY);
-                places.insert((k, place), names.len());
-                names.push(format!("{}.{}", component.name, variable.name));
-                measures.push(variable.unit.clone().unwrap_or_default());
-            }
-            units.push(Unit { instance, outputs, inputs: Ports::default() });
+            let own = signals(&fmu.description).map(|(place, _)| (k, place));
+            places.extend(own.zip(closed.row.len()..));
+            closed.add(instance, &format!("{}.", component.name));
         }
         for Link { from, to: (unit, input), conversion } in &wiring.links {
-            units[*unit].inputs.add(&descriptions[*unit].variables[*input], places[from], *conversion);
+            closed.units[*unit].inputs.add(&descriptions[*unit].variables[*input], places[from], *conversion);
         }
-        let row = vec![0.0; names.len()];
-        Ok(ClosedLoop { units, names, measures, row, notes: wiring.notes })
+        Ok(closed)
+    }
+
+    /// Loads a loop that is one FMU, whose outputs have the names of the loop's signals.
+    ///
+    /// # Errors
+    /// When the FMU can't be loaded.
+    pub fn whole(name: &str, fmu: &Path, notes: Vec<String>) -> Result<Self, Error> {
+        let mut closed = ClosedLoop::empty(notes);
+        closed.add(Rc::new(Fmu::open(fmu)?).instantiate(name)?, "");
+        Ok(closed)
+    }
+
+    fn empty(notes: Vec<String>) -> Self {
+        ClosedLoop { units: Vec::new(), names: Vec::new(), measures: Vec::new(), row: Vec::new(), notes }
+    }
+
+    /// Adds a unit; its signals are named by its variables, with a prefix.
+    fn add(&mut self, instance: Instance, prefix: &str) {
+        let mut outputs = Ports::default();
+        for (_, variable) in signals(instance.description()) {
+            outputs.add(variable, self.row.len(), Affine::IDENTITY);
+            self.row.push(0.0);
+            self.names.push(format!("{prefix}{}", variable.name));
+            self.measures.push(variable.unit.clone().unwrap_or_default());
+        }
+        self.units.push(Unit { instance, outputs, inputs: Ports::default() });
     }
 
     /// Runs the loop. `progress` is told the time, and may end the run by answering false.

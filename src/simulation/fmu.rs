@@ -1,5 +1,7 @@
 //! FMUs, loaded as any master loads them.
 
+mod exchange;
+
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
@@ -10,7 +12,7 @@ use libloading::Library;
 use super::description::Description;
 use crate::error::Error;
 use crate::exporter::{read_entry, unpack, with_causes};
-use crate::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, LoggerFunction, Status};
+use crate::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, LoggerFunction, MODEL_EXCHANGE, Status};
 
 /// A value of a variable.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,11 +105,23 @@ impl Fmu {
         &self.file
     }
 
-    /// An instance.
+    /// An instance for co-simulation.
     ///
     /// # Errors
     /// When the library lacks a function, or refuses.
     pub fn instantiate(self: &Rc<Self>, name: &str) -> Result<Instance, Error> {
+        self.instantiate_as(CO_SIMULATION, name)
+    }
+
+    /// An instance for model exchange, of an FMU whose library is for both.
+    ///
+    /// # Errors
+    /// When the library lacks a function, or refuses.
+    pub fn instantiate_for_exchange(self: &Rc<Self>, name: &str) -> Result<Instance, Error> {
+        self.instantiate_as(MODEL_EXCHANGE, name)
+    }
+
+    fn instantiate_as(self: &Rc<Self>, kind: c_int, name: &str) -> Result<Instance, Error> {
         let refuse = |reason: String| Error::Archive { file: self.file.clone(), reason };
         let messages = Box::new(RefCell::new(Vec::new()));
         let callbacks = Box::new(CallbackFunctions {
@@ -128,7 +142,7 @@ impl Fmu {
             let instantiate =
                 self.library.get::<Instantiate>(b"fmi2Instantiate").map_err(|error| refuse(with_causes(&error)))?;
             let (guid, resources) = (guid.as_ptr(), resources.as_ptr());
-            let component = instantiate(instance_name.as_ptr(), CO_SIMULATION, guid, resources, &*callbacks, 0, 0);
+            let component = instantiate(instance_name.as_ptr(), kind, guid, resources, &*callbacks, 0, 0);
             if component.is_null() {
                 return Err(refuse(format!("fmi2Instantiate failed: {}", messages.take().join("; "))));
             }
@@ -207,6 +221,11 @@ impl Instance {
         &self.name
     }
 
+    /// Its FMU.
+    pub fn fmu(&self) -> &Fmu {
+        &self.fmu
+    }
+
     /// The description of its FMU.
     pub fn description(&self) -> &Description {
         &self.fmu.description
@@ -225,7 +244,11 @@ impl Instance {
         if message.is_empty() {
             message = format!("status {answer}, without a message");
         }
-        Err(Error::Unit { unit: self.name.clone(), function, time: self.time, message })
+        Err(self.refusal(function, message))
+    }
+
+    fn refusal(&self, function: &'static str, message: String) -> Error {
+        Error::Unit { unit: self.name.clone(), function, time: self.time, message }
     }
 
     /// Sets a start value.
@@ -239,8 +262,7 @@ impl Instance {
             Value::Boolean(value) => self.set_boolean(&[reference], &[c_int::from(*value)]),
             Value::String(text) => {
                 let text = CString::new(text.replace('\0', "")).unwrap_or_default();
-                // SAFETY: here and below, by the standard's types of these functions; references and values are as
-                // many as said.
+                // SAFETY: the function's type is the standard's; one reference, and one C string that outlives the call.
                 let answer = unsafe { (self.functions.set_string)(self.component, &reference, 1, &text.as_ptr()) };
                 self.check("fmi2SetString", answer)
             }
@@ -253,8 +275,10 @@ impl Instance {
     /// When the unit refuses.
     pub fn enter_initialization(&mut self, start: f64, stop: f64) -> Result<(), Error> {
         self.time = start;
+        // SAFETY: the function's type is the standard's.
         let answer = unsafe { (self.functions.setup_experiment)(self.component, 0, 0.0, start, 1, stop) };
         self.check("fmi2SetupExperiment", answer)?;
+        // SAFETY: the function's type is the standard's.
         let answer = unsafe { (self.functions.enter_initialization_mode)(self.component) };
         self.check("fmi2EnterInitializationMode", answer)
     }
@@ -264,6 +288,7 @@ impl Instance {
     /// # Errors
     /// When the unit refuses.
     pub fn exit_initialization(&self) -> Result<(), Error> {
+        // SAFETY: the function's type is the standard's.
         let answer = unsafe { (self.functions.exit_initialization_mode)(self.component) };
         self.check("fmi2ExitInitializationMode", answer)
     }
@@ -275,6 +300,7 @@ impl Instance {
     pub fn get_real(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         let (pointer, count) = (references.as_ptr(), references.len());
+        // SAFETY: the function's type is the standard's; references and values are as many as said.
         let answer = unsafe { (self.functions.get_real)(self.component, pointer, count, values.as_mut_ptr()) };
         self.check("fmi2GetReal", answer)
     }
@@ -286,6 +312,7 @@ impl Instance {
     pub fn set_real(&self, references: &[u32], values: &[f64]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         let (pointer, count) = (references.as_ptr(), references.len());
+        // SAFETY: the function's type is the standard's; references and values are as many as said.
         let answer = unsafe { (self.functions.set_real)(self.component, pointer, count, values.as_ptr()) };
         self.check("fmi2SetReal", answer)
     }
@@ -297,6 +324,7 @@ impl Instance {
     pub fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         let (pointer, count) = (references.as_ptr(), references.len());
+        // SAFETY: the function's type is the standard's; references and values are as many as said.
         let answer = unsafe { (self.functions.get_integer)(self.component, pointer, count, values.as_mut_ptr()) };
         self.check("fmi2GetInteger", answer)
     }
@@ -308,6 +336,7 @@ impl Instance {
     pub fn set_integer(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         let (pointer, count) = (references.as_ptr(), references.len());
+        // SAFETY: the function's type is the standard's; references and values are as many as said.
         let answer = unsafe { (self.functions.set_integer)(self.component, pointer, count, values.as_ptr()) };
         self.check("fmi2SetInteger", answer)
     }
@@ -319,6 +348,7 @@ impl Instance {
     pub fn get_boolean(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         let (pointer, count) = (references.as_ptr(), references.len());
+        // SAFETY: the function's type is the standard's; references and values are as many as said.
         let answer = unsafe { (self.functions.get_boolean)(self.component, pointer, count, values.as_mut_ptr()) };
         self.check("fmi2GetBoolean", answer)
     }
@@ -330,6 +360,7 @@ impl Instance {
     pub fn set_boolean(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         let (pointer, count) = (references.as_ptr(), references.len());
+        // SAFETY: the function's type is the standard's; references and values are as many as said.
         let answer = unsafe { (self.functions.set_boolean)(self.component, pointer, count, values.as_ptr()) };
         self.check("fmi2SetBoolean", answer)
     }
@@ -340,6 +371,7 @@ impl Instance {
     /// When the step isn't finished, discarded ones included.
     pub fn do_step(&mut self, time: f64, step: f64) -> Result<(), Error> {
         self.time = time;
+        // SAFETY: the function's type is the standard's.
         let answer = unsafe { (self.functions.do_step)(self.component, time, step, 1) };
         self.check("fmi2DoStep", answer)
     }
@@ -349,6 +381,7 @@ impl Instance {
     /// # Errors
     /// When the unit refuses.
     pub fn terminate(&self) -> Result<(), Error> {
+        // SAFETY: the function's type is the standard's.
         let answer = unsafe { (self.functions.terminate)(self.component) };
         self.check("fmi2Terminate", answer)
     }

@@ -7,10 +7,13 @@ mod description;
 mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
+mod linearise;
 mod metrics;
+mod model_structure;
 mod page;
 mod port;
 mod ssp;
+mod steady_state;
 mod thinned;
 mod units;
 
@@ -19,6 +22,7 @@ pub use check::{Link, Wiring, check};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use description::{Description, Variable};
 pub use fmu::{Fmu, Instance, Value};
+pub use linearise::{Eigenvalue, Linearisation, OperatingPoint, Quantity, linearise};
 pub use metrics::{Measured, measure};
 pub use page::{Ending, Report};
 pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, pack};

@@ -89,6 +89,8 @@ pub struct Report<'a> {
     pub structure: &'a Structure,
     /// How it was run.
     pub settings: Settings,
+    /// Whether it was run as one unit: then there is no order of units.
+    pub whole: bool,
     /// What was recorded, ideal models included.
     pub recording: &'a Recording,
     /// Its metrics.
@@ -101,6 +103,8 @@ impl Report<'_> {
     /// What is to be said of a run that did not come to its end; none of a complete one.
     pub fn shortfall(&self) -> Option<String> {
         let (end, stop) = (self.recording.times.last().unwrap_or(&self.settings.start_time), self.settings.stop_time);
+        // A multiple of the communication step, without its rounding error.
+        let end = (end * 1e9).round() / 1e9;
         match self.ending {
             Ending::Complete => None,
             Ending::Interrupted => Some(format!("was interrupted at t = {end} s of {stop} s")),
@@ -196,6 +200,7 @@ impl Report<'_> {
 
     fn push_settings(&self, page: &mut String) {
         let Settings { start_time, stop_time, step, order } = self.settings;
+        let order = if self.whole { "none: the units are integrated as one".to_owned() } else { order.to_string() };
         let _ = writeln!(
             page,
             "<h2>Settings</h2>\n<div class=\"scroll\"><table id=\"settings\">\n<tr><th>start<td>{start_time} s\n\

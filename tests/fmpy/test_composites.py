@@ -1,11 +1,18 @@
 """Whole loops as one FMU: what the loops of separate units come to as their step gets small."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import adaptive_fmu
 from independent import CONVERGED, Experiment, continuous_loop
+from lxml import html
 from master import Fmu, Unit, closed_loop
 from test_closed_loop import metrics
+from test_command_line import LOOPS, read_csv
+from test_loops import SQUARE
+
 
 @pytest.fixture(scope="module")
 def composite(tmp_path_factory: pytest.TempPathFactory):
@@ -67,6 +74,73 @@ def test_a_whole_loop_has_the_outputs_of_its_units_and_no_inputs(composite) -> N
 def test_a_communication_step_is_only_a_point_to_look_at(composite) -> None:
     coarse, fine = run(composite["cosine"], 5.0, 0.1), run(composite["cosine"], 5.0, 1e-3)
     assert np.abs(coarse - fine[::100])[:, :2].max() < 1e-5
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory, fmu_folder: Path) -> Path:
+    """The results of the cosine loop, of separate units and as one."""
+    out = tmp_path_factory.mktemp("results")
+    for arguments in (["--composite"], ["--fmus", fmu_folder]):
+        answer = adaptive_fmu("run", LOOPS[0], *arguments, "--json", "--out", out)
+        assert (answer.returncode, answer.stderr) == (0, ""), answer
+    assert sorted(folder.name for folder in out.iterdir()) == [LOOPS[0], f"{LOOPS[0]}-composite"]
+    return out
+
+
+def told(results: Path, loop: str) -> dict:
+    return json.loads((results / loop / "metrics.json").read_text())
+
+
+def test_a_loop_run_as_one_unit_is_judged_like_that_of_separate_units(results: Path) -> None:
+    whole, separate = told(results, f"{LOOPS[0]}-composite"), told(results, LOOPS[0])
+    assert (whole["loop"], whole["ended"]) == (f"{LOOPS[0]}-composite", "complete")
+    assert [m["label"] for m in whole["metrics"]] == [m["label"] for m in separate["metrics"]]
+    values, others = ([m["value"] for m in run["metrics"]] for run in (whole, separate))
+    assert all(m["value"] <= m["limit"] for m in whole["metrics"])
+    assert values[:2] == pytest.approx(CONVERGED["cosine"][:2], rel=2e-3)
+    assert values == pytest.approx(others, rel=0.03)
+
+
+def test_a_loop_run_as_one_unit_has_the_signals_of_separate_units(results: Path) -> None:
+    whole, separate = (read_csv(results / loop / "result.csv") for loop in (f"{LOOPS[0]}-composite", LOOPS[0]))
+    assert set(whole) == set(separate) and len(whole["time"]) == len(separate["time"])
+    assert np.abs(whole["plant.y[1]"] - separate["plant.y[1]"]).max() < 0.02
+    page = html.document_fromstring((results / f"{LOOPS[0]}-composite" / "index.html").read_text())
+    settings = page.get_element_by_id("settings").text_content()
+    assert "integrated as one" in settings and "gauss-seidel" not in settings
+    assert all(unit in settings for unit in ["NonlinearSiso", "L1NonlinearSiso", "cosine_frequency[1] = 0.2"])
+    assert len(page.find_class("plotly-graph-div")) == 2
+
+
+def short_run(out: Path, loop: str, *arguments: str | Path) -> dict[str, np.ndarray]:
+    """What is recorded of one second of a loop as one unit."""
+    answer = adaptive_fmu("run", loop, "--composite", "--until", "1", "--json", "--out", out, *arguments)
+    assert (answer.returncode, answer.stderr) == (0, ""), answer
+    return read_csv(Path(json.loads(answer.stdout)["results"]) / "result.csv")
+
+
+def test_a_loop_run_as_one_unit_takes_start_values_and_a_step_to_look_at(tmp_path: Path) -> None:
+    (tmp_path / "square.ssv").write_text(SQUARE)
+    square = short_run(tmp_path / "square", LOOPS[1])
+    case = short_run(tmp_path / "case", LOOPS[0], "--case", tmp_path / "square.ssv")
+    single = short_run(tmp_path / "single", LOOPS[0], "--set", "reference.signal=square")
+    for name, column in square.items():
+        assert np.array_equal(case[name], column) and np.array_equal(single[name], column), name
+    coarse = short_run(tmp_path / "coarse", LOOPS[1], "--step", "0.1")
+    assert len(coarse["time"]) == 11
+    assert np.abs(coarse["plant.x[1]"] - square["plant.x[1]"][::100]).max() < 1e-5
+    assert short_run(tmp_path / "start", LOOPS[0], "--set", "plant.x0[1]=0.25")["plant.x[1]"][0] == 0.25
+
+
+def test_what_does_not_go_with_one_unit_is_refused_or_told(fmu_folder: Path, tmp_path: Path) -> None:
+    for wrong in (["--order", "jacobi"], ["--fmus", fmu_folder]):
+        assert adaptive_fmu("run", LOOPS[0], "--composite", *wrong, "--out", tmp_path).returncode == 2
+    wrong = ["--composite", "--set", "plant.a1=high", "--out", tmp_path]
+    assert (answer := adaptive_fmu("run", LOOPS[0], *wrong)).returncode == 1 and "plant.a1" in answer.stderr
+    left_out = ["--composite", "--set", "controller.relative_tolerance=1e-9", "--until", "0.1", "--json"]
+    answer = adaptive_fmu("run", LOOPS[0], *left_out, "--out", tmp_path)
+    (warning,) = json.loads(answer.stdout)["warnings"]
+    assert "`controller.relative_tolerance` is left out" in warning
 
 
 def test_a_loop_that_does_not_exist_is_no_composite(tmp_path) -> None:

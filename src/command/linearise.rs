@@ -1,0 +1,147 @@
+//! `linearise`: the linear system that an FMU is like about an operating point.
+
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::exporter::{self, Library};
+use adaptive_fmu::simulation::{Fmu, Linearisation, LoopFiles, OperatingPoint, Quantity, Structure, linearise};
+use nalgebra::DMatrix;
+use serde_json::{Value, json};
+
+use super::export::export_whole;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// An archive (NAME.fmu), an FMU of this package, a description (NAME.toml), or a loop of FMUs of this package: its
+    /// name, a folder, an .ssd file, or an .ssp archive
+    name: String,
+    /// Time in s, in place of the start time; states are those of a simulation until then
+    #[arg(long, value_name = "TIME")]
+    at: Option<f64>,
+    /// At states whose derivatives are zero at that time
+    #[arg(long)]
+    steady_state: bool,
+    /// Start value of a parameter, or value of an input, which is held
+    #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
+    set: Vec<(String, String)>,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn assignment(text: &str) -> Result<(String, String), String> {
+    // A name may hold `=`; a value never does.
+    let (name, value) = text.rsplit_once('=').ok_or("must be NAME=VALUE")?;
+    Ok((name.trim().to_owned(), value.trim().to_owned()))
+}
+
+/// Prints the linear system.
+pub fn execute(arguments: &Arguments) -> Result<(), Error> {
+    let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+    let fmu = Rc::new(Fmu::open(&find_fmu(&arguments.name, folder.path())?)?);
+    let Arguments { at: time, steady_state, set, .. } = arguments;
+    let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone() };
+    let linear = linearise(&fmu, &point)?;
+    if arguments.json {
+        println!("{}", as_json(&linear));
+    } else {
+        print(&linear);
+    }
+    Ok(())
+}
+
+/// The archive as it is, or one that is exported for this: of an FMU, else of a whole loop.
+fn find_fmu(name: &str, folder: &Path) -> Result<PathBuf, Error> {
+    let file = PathBuf::from(name);
+    if file.extension().is_some_and(|extension| extension == "fmu") {
+        return Ok(file);
+    }
+    let library = Library::beside_program()?;
+    let structure = match exporter::find_description(name) {
+        Err(Error::Unknown { known, .. }) => find_loop(name, &known)?,
+        description => return exporter::export(&description?, &library, folder),
+    };
+    let (file, warnings) = export_whole(&structure, &library, folder)?;
+    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    Ok(file)
+}
+
+fn find_loop(name: &str, fmus: &str) -> Result<Structure, Error> {
+    let files = LoopFiles::find(name).map_err(|error| match error {
+        Error::Unknown { name, known, .. } => {
+            Error::Unknown { what: "FMU or loop", name, known: format!("{fmus}, {known}") }
+        }
+        other => other,
+    })?;
+    files.structure()
+}
+
+fn as_json(linear: &Linearisation) -> Value {
+    let Linearisation { name, time, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
+    let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
+        matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+    };
+    json!({ "fmu": name, "time": time, "steady_state": unique.is_some(), "unique": unique,
+            "states": states, "inputs": inputs, "outputs": outputs,
+            "A": rows(a), "B": rows(b), "C": rows(c), "D": rows(d), "eigenvalues": eigenvalues })
+}
+
+fn print(linear: &Linearisation) {
+    let Linearisation { name, time, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
+    let what = if unique.is_some() { "steady state" } else { "state" };
+    println!("{name}, {what} at t = {time} s");
+    if *unique == Some(false) {
+        println!("A is singular: the steady state is one of many, near the start values");
+    }
+    println!();
+    for (kind, quantities) in [("state", states), ("input", inputs), ("output", outputs)] {
+        for Quantity { name, unit, value } in quantities {
+            println!("{kind:8} {name:28} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
+        }
+    }
+    let derivative = |name: &String| format!("der({name})");
+    let plain = |name: &String| name.clone();
+    print_matrix("A", a, &rows_of(states, derivative), states);
+    print_matrix("B", b, &rows_of(states, derivative), inputs);
+    print_matrix("C", c, &rows_of(outputs, plain), states);
+    print_matrix("D", d, &rows_of(outputs, plain), inputs);
+    if !eigenvalues.is_empty() {
+        println!("\n{:>14} {:>14} {:>10} {:>16}", "eigenvalue, Re", "Im in rad/s", "damping", "frequency, rad/s");
+    }
+    for value in eigenvalues {
+        let damping = value.damping.map_or("–".to_owned(), |damping| format!("{damping:.4}"));
+        let [real, imaginary, frequency] = [value.real, value.imaginary, value.frequency].map(number);
+        println!("{real:>14} {imaginary:>14} {damping:>10} {frequency:>16}");
+    }
+}
+
+fn rows_of(quantities: &[Quantity], name: impl Fn(&String) -> String) -> Vec<String> {
+    quantities.iter().map(|quantity| name(&quantity.name)).collect()
+}
+
+fn print_matrix(name: &str, matrix: &DMatrix<f64>, rows: &[String], columns: &[Quantity]) {
+    if matrix.is_empty() {
+        return;
+    }
+    let length = |text: &String| text.chars().count();
+    let first = rows.iter().map(length).max().unwrap_or_default();
+    let widths: Vec<usize> = columns.iter().map(|column| 2 + length(&column.name).max(14)).collect();
+    let titles: Vec<_> =
+        columns.iter().zip(&widths).map(|(column, width)| format!("{:>width$}", column.name)).collect();
+    println!("\n{name:first$}{}", titles.concat());
+    for (title, row) in rows.iter().zip(matrix.row_iter()) {
+        let values: Vec<_> = row.iter().zip(&widths).map(|(v, width)| format!("{:>width$}", number(*v))).collect();
+        println!("{title:first$}{}", values.concat());
+    }
+}
+
+/// Seven digits, as short as can be.
+fn number(value: f64) -> String {
+    let short = format!("{:.6e}", value).parse().unwrap_or(value);
+    if short == 0.0 || (1e-3..1e6).contains(&f64::abs(short)) {
+        format!("{}", short + 0.0)
+    } else {
+        format!("{short:e}")
+    }
+}
