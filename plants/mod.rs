@@ -2,3 +2,4 @@
 
 pub mod nonlinear_siso;
 pub mod reference;
+pub mod two_link_robot;
