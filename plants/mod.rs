@@ -1,4 +1,6 @@
 //! The plants and reference signals: one file each, in the symbols of their source.
 
+pub mod actuated_siso;
 pub mod nonlinear_siso;
 pub mod reference;
+pub mod two_link_robot;

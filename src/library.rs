@@ -3,13 +3,21 @@
 //! To add a model: its own file, its description in `modelDescription/`, and a line here.
 
 use crate::controllers::l1::L1;
+use crate::plants::actuated_siso::ActuatedSiso;
 use crate::plants::nonlinear_siso::NonlinearSiso;
 use crate::plants::reference::Reference;
+use crate::plants::two_link_robot::TwoLinkRobot;
 use crate::system::{Kind, Registry};
 
 /// Every system of this package.
-pub static REGISTRY: Registry =
-    &[Kind::of::<L1>(), Kind::of::<NonlinearSiso>(), Kind::of::<Reference>(), Kind::COMPOSITE];
+pub static REGISTRY: Registry = &[
+    Kind::of::<L1>(),
+    Kind::of::<ActuatedSiso>(),
+    Kind::of::<NonlinearSiso>(),
+    Kind::of::<Reference>(),
+    Kind::of::<TwoLinkRobot>(),
+    Kind::COMPOSITE,
+];
 
 #[cfg(feature = "library")]
 crate::define_fmi2_functions!(crate::library::REGISTRY);

@@ -7,18 +7,9 @@ use adaptive_fmu::fmi2::access::References;
 use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::Section;
+use common::random::Random;
 use common::systems::Root;
 use common::{ERROR, OK, Unit, description, description_names};
-
-/// Reproducible numbers in [−1, 1].
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64 * 2.0 - 1.0
-    }
-}
 
 /// Signals and derivatives with inputs and states moved by so much along a direction.
 fn moved(execution: &Execution, knowns: &[u32], seed: &[f64], by: f64) -> Vec<f64> {
@@ -43,7 +34,7 @@ fn richardson(execution: &Execution, knowns: &[u32], seed: &[f64], unknown: u32)
 
 #[test]
 fn directional_derivatives_are_those_of_the_equations() {
-    let mut random = Random(3);
+    let mut random = Random::new(3);
     for name in description_names() {
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
         let mut execution = Execution::new(model);
@@ -111,7 +102,7 @@ fn at(unit: &Unit, knowns: &[u32], values: &[f64], unknowns: &[u32]) -> Vec<f64>
 /// both give are those of differences through the functions of model exchange.
 #[test]
 fn both_interfaces_give_the_derivatives_of_the_values_that_a_master_sees() {
-    let mut random = Random(7);
+    let mut random = Random::new(7);
     for name in description_names() {
         let (slave, exchange) = (Unit::started(&name), Unit::exchange(&name));
         exchange.begin();

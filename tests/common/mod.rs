@@ -4,6 +4,7 @@
 pub mod exchange;
 pub mod loops;
 pub mod models;
+pub mod random;
 pub mod states;
 pub mod stiff;
 pub mod systems;

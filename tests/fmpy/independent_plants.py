@@ -1,0 +1,91 @@
+"""The plants' motion without any FMU: the robot from the energy of its links, the actuated system from its formulas."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos, sin
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.signal import tf2ss
+
+# f(q + i h) has the imaginary part h f'(q), with no cancellation however small h is.
+H = 1e-30
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Two bodies in a plane; `inertia_variation` as in example 7.5.2."""
+
+    mass: tuple[float, float] = (3.2, 2.0)
+    length: tuple[float, float] = (0.5, 0.4)
+    inertia: tuple[float, float] = (0.96, 0.841)
+    friction: tuple[float, float] = (1.0, 1.0)
+    g: float = 9.81
+    inertia_variation: bool = False
+
+    def kinetic_energy(self, q: np.ndarray, w: np.ndarray) -> complex:
+        """From the velocities of the mass centres, which lie in the middle of the links."""
+        (l1, l2), turns = self.length, (w[0], w[0] + w[1])
+        a, b = q[0], q[0] + q[1]
+        v1 = l1 / 2 * turns[0] * np.array([-np.sin(a), np.cos(a)])
+        v2 = 2 * v1 + l2 / 2 * turns[1] * np.array([-np.sin(b), np.cos(b)])
+        bodies = zip(self.mass, (v1, v2), self.inertia, turns, strict=True)
+        # A plain product, no norm: velocities may be complex.
+        return sum(m * (v @ v) + i * turn * turn for m, v, i, turn in bodies) / 2
+
+    def potential_energy(self, q: np.ndarray) -> complex:
+        """From the heights of the mass centres."""
+        l1, l2 = self.length
+        heights = l1 / 2 * np.sin(q[0]), l1 * np.sin(q[0]) + l2 / 2 * np.sin(q[0] + q[1])
+        return self.g * sum(m * height for m, height in zip(self.mass, heights, strict=True))
+
+    def momentum(self, q: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """The derivatives of the kinetic energy by the rates: exact differences, for it is quadratic in them."""
+        return np.array([(self.kinetic_energy(q, w + e) - self.kinetic_energy(q, w - e)) / 2 for e in np.eye(2)])
+
+    def acceleration(self, t: float, q: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """q'' from d/dt (dL/dq') - dL/dq = u - friction."""
+        inertia = np.column_stack([self.momentum(q, e) for e in np.eye(2)])
+        drift = self.momentum(q + 1j * H * w, w).imag / H
+        lagrangian = [self.kinetic_energy(p, w) - self.potential_energy(p) for p in q + 1j * H * np.eye(2)]
+        force = np.imag(lagrangian) / H
+        if self.inertia_variation:
+            d1, d2, d3 = 0.6 * sin(0.3 * t), 0.7 * sin(0.25 * t), abs(0.5 * sin(0.35 * t))
+            inertia = inertia + np.array([[d1, d2], [d2, d3]])
+        return np.linalg.solve(inertia, u - np.multiply(self.friction, w) + force - drift)
+
+    def rate(self, t: float, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """x' for x = (q, q')."""
+        return np.concatenate([x[2:], self.acceleration(t, x[:2], x[2:], u)])
+
+
+def uncertainty(number: int, t: float, x1: float, x2: float, z: float) -> float:
+    """The unknown part f of the actuated system, as printed."""
+    if number == 2:
+        varying = (sin(0.4 * t) + 1) * x1**2 + (2 * cos(0.35 * t) + 0.5) * x2**2
+        varying += (sin(0.3 * t) + 0.3) * x1 * sin(x1**2) + sin(0.35 * t) * cos(0.4 * t)
+        return varying + 0.5 * x2 * cos(x2**2 + 0.5 * cos(0.3 * t)) + sin(0.3 * t) * cos(0.4 * t) * z**2
+    constant = 2 * x1**2 + 2 * x2**2 + x1 * sin(x1**2) + x2 * cos(x2**2)
+    return constant + z**2 if number == 3 else constant
+
+
+# scipy's own realisation of the unmodeled dynamics.
+A_Z, B_Z, C_Z, _ = tf2ss([1.0, -1.0], [1.0, 3.0, 2.0])
+
+
+def actuated_rate(number: int, t: float, s: np.ndarray, u: float) -> np.ndarray:
+    """s' for s = (x1, x2, mu, state of the unmodeled dynamics in scipy's realisation)."""
+    x1, x2, mu, state = s[0], s[1], s[2], s[3:]
+    z = (C_Z @ state).item()
+    excitation = x1 * sin(0.2 * t) + x2
+    return np.array(
+        [x2, mu + uncertainty(number, t, x1, x2, z), 75 * (u - mu), *(A_Z @ state + B_Z[:, 0] * excitation)]
+    )
+
+
+def solved(rate: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """The solution at times, a row each. Between long steps scipy's interpolation is not as good as they are."""
+    options = {"rtol": 1e-11, "atol": 1e-13, "max_step": 5e-3}
+    answer = solve_ivp(rate, (times[0], times[-1]), start, "DOP853", times, **options)
+    assert answer.success, answer.message
+    return answer.y.T

@@ -1,0 +1,128 @@
+"""The plants of chapters 3 to 7 and their references against equations that are typed and solved without them."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from independent_plants import Robot, actuated_rate, solved, uncertainty
+from master import Exchange, Fmu, Unit
+from scipy.signal import freqs
+
+X = [f"x[{i}]" for i in (1, 2, 3, 4)]
+Z = ["z[1]", "z[2]"]
+
+
+def begun(fmu: Fmu, **values: float) -> Exchange:
+    """An instance for model exchange in Continuous-Time Mode."""
+    unit = Exchange(fmu)
+    for name, value in values.items():
+        unit[name] = value
+    unit.start()
+    unit.settle()
+    return unit
+
+
+def moved(fmu: Fmu, names: list[str], times: np.ndarray, inputs: dict[str, float], **values: float) -> np.ndarray:
+    """Variables at the times, by communication steps between them with constant inputs."""
+    with Unit(fmu) as unit:
+        tolerance = {"relative_tolerance": 1e-10} if "relative_tolerance" in fmu.variables else {}
+        for name, value in (tolerance | values).items():
+            unit[name] = value
+        unit.start(times[0], **inputs)
+        rows = [[unit[name] for name in names]]
+        for t, following in zip(times[:-1], times[1:], strict=True):
+            unit.step(t, following - t)
+            rows.append([unit[name] for name in names])
+        return np.array(rows)
+
+
+# Another robot than the thesis' too, so that no parameter stands for another.
+OTHER = Robot((1.7, 0.9), (0.8, 0.3), (0.4, 0.15), (0.2, 0.35), 3.7)
+
+
+def parameters(robot: Robot) -> dict[str, float]:
+    """The robot's numbers under the names of the unit."""
+    named = zip(("m", "l", "I_z", "k"), (robot.mass, robot.length, robot.inertia, robot.friction), strict=True)
+    numbers = {f"{name}{i + 1}": values[i] for name, values in named for i in range(2)}
+    return numbers | {"g": robot.g, "inertia_variation": robot.inertia_variation}
+
+
+@pytest.mark.parametrize("robot", [Robot(), OTHER, Robot(inertia_variation=True)], ids=["thesis", "other", "varying"])
+def test_the_robot_accelerates_as_its_lagrangian_says(fmu, robot: Robot) -> None:
+    random = np.random.default_rng(5)
+    with begun(fmu("TwoLinkRobot"), **parameters(robot)) as unit:
+        for _ in range(200):
+            t, x, u = random.uniform(0, 50), random.uniform(-4, 4, 4), random.uniform(-20, 20, 2)
+            unit.slave.setTime(t)
+            unit.x, unit["u[1]"], unit["u[2]"] = x, *u
+            expected = robot.rate(t, x, u)
+            assert np.abs(unit.rate() - expected).max() < 1e-11 * (1 + np.abs(expected).max())
+
+
+@pytest.mark.parametrize("robot", [Robot(), OTHER, Robot(inertia_variation=True)], ids=["thesis", "other", "varying"])
+def test_the_robot_moves_as_its_lagrangian_says(fmu, robot: Robot) -> None:
+    times, u = np.linspace(0, 5, 101), np.array([4.0, -1.5])
+    start = {"x0[1]": -0.7, "x0[2]": 1.1, "x0[3]": 0.6, "x0[4]": -2.0}
+    unit = moved(fmu("TwoLinkRobot"), X, times, {"u[1]": u[0], "u[2]": u[1]}, **start, **parameters(robot))
+    expected = solved(lambda t, x: robot.rate(t, x, u), np.array(list(start.values())), times)
+    assert np.abs(expected).max() > 1
+    assert np.abs(unit - expected).max() < 1e-7
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_the_actuated_system_has_the_printed_uncertainty(fmu, number: int) -> None:
+    random = np.random.default_rng(6)
+    with begun(fmu("ActuatedSiso"), uncertainty=number) as unit:
+        for _ in range(200):
+            t, state = random.uniform(0, 50), random.uniform(-3, 3, 5)
+            unit.slave.setTime(t)
+            unit.x = state
+            x1, x2, mu, z, _ = state
+            f = unit.rate()[1] - mu
+            expected = uncertainty(number, t, x1, x2, z)
+            assert abs(f - expected) < 1e-12 * (1 + abs(expected))
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+@pytest.mark.parametrize("start", [0.0, 7.0])
+def test_the_actuated_system_moves_as_its_equations_say(fmu, number: int, start: float) -> None:
+    times = start + np.linspace(0, 0.6, 61)
+    names = ["x[1]", "x[2]", "mu", "y[1]"]
+    initial = {"x0[1]": 0.4, "x0[2]": -0.3, "mu0": 0.2}
+    unit = moved(fmu("ActuatedSiso"), names, times, {"u[1]": -1.0}, **initial, **{"uncertainty": number, "C[1,2]": 1.0})
+    rate = partial(actuated_rate, number, u=-1.0)
+    expected = solved(rate, np.array([*initial.values(), 0.0, 0.0]), times)
+    assert np.abs(unit[:, :3] - expected[:, :3]).max() < 1e-8
+    assert np.abs(unit[:, 3] - expected[:, :2].sum(axis=1)).max() < 1e-8
+
+
+def test_the_unmodeled_dynamics_have_the_frequency_response_of_their_transfer_function(fmu) -> None:
+    """By the unit's exact derivatives; at t = 2.5 pi s, where sin 0.2 t = 1, the excitation is x1 + x2."""
+    with begun(fmu("ActuatedSiso")) as unit:
+        unit.slave.setTime(2.5 * np.pi)
+        rates = [unit.reference(f"der(z[{i}])") for i in (1, 2)]
+        by = [unit.slave.getDirectionalDerivative(rates, [unit.reference(name)], [1.0]) for name in Z + X[:2]]
+    a, b = np.array(by[:2]).T, np.array(by[3])
+    assert by[2] == pytest.approx(by[3], abs=1e-15)
+    frequencies, expected = freqs([1.0, -1.0], [1.0, 3.0, 2.0], np.geomspace(0.01, 100, 50))
+    found = [np.linalg.solve(1j * omega * np.eye(2) - a, b)[0] for omega in frequencies]
+    assert np.abs(np.array(found) / expected - 1).max() < 1e-12
+
+
+def test_the_robots_reference_is_that_of_the_example(fmu) -> None:
+    times = np.linspace(0, 20, 201)
+    names = [f"{kind}[{i}]" for i in (1, 2) for kind in ("r", "dr", "ddr")]
+    values = moved(fmu("ReferenceTwoLinkRobot"), names, times, {})
+    for columns, (amplitude, omega) in zip((values[:, :3], values[:, 3:]), ((0.5, 0.7), (-0.6, 0.65)), strict=True):
+        r, dr, ddr = columns.T
+        assert np.abs(r - amplitude * np.cos(omega * times)).max() < 1e-14
+        assert np.abs(dr + amplitude * omega * np.sin(omega * times)).max() < 1e-14
+        assert np.abs(ddr + omega**2 * r).max() < 1e-14
+
+
+@pytest.mark.parametrize("signal", ["chapter4", "chapter7"])
+def test_the_actuated_systems_reference_is_that_of_its_chapter(fmu, signal: str) -> None:
+    times = np.linspace(0, 50, 101)
+    r = moved(fmu("ReferenceActuatedSiso"), ["r[1]"], times, {}, signal=signal)[:, 0]
+    raised = (times >= 14) & (times < 35) if signal == "chapter7" else np.zeros(101)
+    assert np.abs(r - np.cos(0.5 * times) - raised).max() < 1e-14
