@@ -3,8 +3,8 @@
 use serde::Deserialize;
 
 use crate::system::{
-    Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Values,
-    VectorOf, matrix, selection, vector,
+    Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
+    Values, VectorOf, matrix, selection, vector,
 };
 
 /// Steps that each channel can have.
@@ -29,11 +29,14 @@ struct NamedSignal {
     parts: Vec<Part>,
 }
 
-/// Number of channels, and names for choices of parts (a parameter `signal`), where there are several.
+/// Number of channels, their units (1 where none are given), and names for choices of parts (a parameter `signal`), where
+/// there are several.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceStructure {
     channels: usize,
+    #[serde(default)]
+    units: Vec<String>,
     #[serde(default)]
     signals: Vec<NamedSignal>,
 }
@@ -72,36 +75,46 @@ impl System for Reference {
     const DOCUMENTATION: &'static str = include_str!("../docs/plants/reference.md");
 
     fn declare(structure: ReferenceStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let ReferenceStructure { channels: m, signals } = structure;
+        let ReferenceStructure { channels: m, units, signals } = structure;
         if m == 0 || m > 1000 {
             return Err(Invalid::new("channels", m, "must be within 1 … 1000"));
         }
+        let units = Unit::symbols("r", &units, m)?;
+        let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
+        let second_rates: Vec<_> = rates.iter().map(|unit| Unit::per_second(unit)).collect();
         let items = signals.iter().map(|signal| (signal.name.clone(), signal.description.clone())).collect::<Vec<_>>();
         let signal = (!items.is_empty())
             .then(|| d.parameter(selection("signal", "which parts the reference consists of", "Signal", items)));
-        let mut parameter = |name: &str, text: &str, unit| d.parameter(vector(name, m, text).unit(unit));
+        let mut parameter = |name: &str, text: &str, unit| {
+            let spec = vector(name, m, text);
+            d.parameter(match unit {
+                "r" => spec.units(&units),
+                "r/s" => spec.units(&rates),
+                other => spec.unit(other),
+            })
+        };
         let reference = Reference {
             signals,
             signal,
-            offset: parameter("offset", "constant part", "1"),
-            slope: parameter("slope", "ramp", "1/s"),
+            offset: parameter("offset", "constant part", "r"),
+            slope: parameter("slope", "ramp", "r/s"),
             cosine: [
-                parameter("cosine_amplitude", "amplitude of the cosine", "1"),
+                parameter("cosine_amplitude", "amplitude of the cosine", "r"),
                 parameter("cosine_frequency", "angular frequency of the cosine", "rad/s"),
                 parameter("cosine_phase", "phase of the cosine", "rad"),
             ],
             sine: [
-                parameter("sine_amplitude", "amplitude of the sine", "1"),
+                parameter("sine_amplitude", "amplitude of the sine", "r"),
                 parameter("sine_frequency", "angular frequency of the sine", "rad/s"),
                 parameter("sine_phase", "phase of the sine", "rad"),
             ],
             square: [
-                parameter("square_amplitude", "amplitude of the square wave, which begins with +1", "1"),
+                parameter("square_amplitude", "amplitude of the square wave, which begins with +1", "r"),
                 d.parameter(vector("square_frequency", m, "frequency of the square wave").unit("Hz").min(0.0)),
                 d.parameter(vector("square_phase", m, "phase of the square wave").unit("rad")),
             ],
             step_time: d.parameter(matrix("step_time", m, STEPS, "when the step is taken").unit("s")),
-            step_height: d.parameter(matrix("step_height", m, STEPS, "height of the step")),
+            step_height: d.parameter(matrix("step_height", m, STEPS, "height of the step").units(&units.repeat(STEPS))),
             smooth_start: [
                 d.parameter(vector("smooth_start_rate", m, "rate a of the smooth start; 0: none").unit("1/s").min(0.0)),
                 d.parameter(
@@ -117,9 +130,9 @@ impl System for Reference {
             ],
             half_periods: d.discrete(vector("half_periods", m, "half periods of the square wave that have passed")),
             taken: d.discrete(matrix("step_taken", m, STEPS, "1 once the step was taken")),
-            r: d.output(vector("r", m, "reference")),
-            dr: d.output(vector("dr", m, "first time derivative of the reference").unit("1/s")),
-            ddr: d.output(vector("ddr", m, "second time derivative of the reference").unit("1/s2")),
+            r: d.output(vector("r", m, "reference").units(&units)),
+            dr: d.output(vector("dr", m, "first time derivative of the reference").units(&rates)),
+            ddr: d.output(vector("ddr", m, "second time derivative of the reference").units(&second_rates)),
         };
         for signal in [reference.r, reference.dr, reference.ddr] {
             d.depends(signal, &[]);

@@ -1,5 +1,7 @@
 //! Units: SI exponents, and what a person prefers to see.
 
+use crate::error::Invalid;
+
 /// A unit in terms of SI base units (with the radian).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unit {
@@ -66,7 +68,8 @@ const UNITS: &[(Unit, &str)] = &[
     (unit("A/s", [0, 0, -1, 1, 0, 0]), ""),
     (unit("K", [0, 0, 0, 0, 1, 0]), "K/s"),
     (unit("K/s", [0, 0, -1, 0, 1, 0]), ""),
-    (unit("N.m", [1, 2, -2, 0, 0, 0]), ""),
+    (unit("N.m", [1, 2, -2, 0, 0, 0]), "N.m/s"),
+    (unit("N.m/s", [1, 2, -3, 0, 0, 0]), ""),
     (unit("V", [1, 2, -3, -1, 0, 0]), "V/s"),
     (unit("V/s", [1, 2, -4, -1, 0, 0]), ""),
     (unit("1", [0, 0, 0, 0, 0, 0]), "1/s"),
@@ -76,6 +79,24 @@ impl Unit {
     /// The unit of a symbol.
     pub fn known(symbol: &str) -> Option<&'static Unit> {
         UNITS.iter().map(|(unit, _)| unit).find(|unit| unit.symbol == symbol)
+    }
+
+    /// Symbols of known units from a description, one an element; 1 for all where none are given.
+    ///
+    /// # Errors
+    /// Which unit of the `name`d variable isn't known, or how many there must be.
+    pub fn symbols(name: &str, units: &[String], len: usize) -> Result<Vec<&'static str>, Invalid> {
+        if units.is_empty() {
+            return Ok(vec!["1"; len]);
+        }
+        if units.len() != len {
+            return Err(Invalid::new(format!("units of {name}"), units.len(), format!("must be {len}")));
+        }
+        let known = |unit: &String| {
+            let known = Unit::known(unit).map(|unit| unit.symbol);
+            known.ok_or_else(|| Invalid::new(format!("unit of {name}"), format!("`{unit}`"), "not a known unit"))
+        };
+        units.iter().map(known).collect()
     }
 
     /// The unit of a time derivative; empty where none is known.

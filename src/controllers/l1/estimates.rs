@@ -40,6 +40,12 @@ impl L1 {
         Estimate { place: self.sigma_hat.at(channel), bounds: (-bound, bound), channel, factor: 1.0 }
     }
 
+    /// Sum of the magnitudes of what η̂ is made of in a channel.
+    pub(super) fn magnitude(&self, channel: usize, v: &Values<f64>) -> f64 {
+        let estimates = (0..self.estimates()).map(|k| self.estimate(k, v)).filter(|e| e.channel == channel);
+        estimates.map(|estimate| (v[estimate.place] * estimate.factor).abs()).sum()
+    }
+
     /// How many estimates are in the layer at their bounds in which projection acts.
     pub(super) fn projections(&self, v: &Values<f64>) -> usize {
         let epsilon = v[self.design.projection_tolerance];

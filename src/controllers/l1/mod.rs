@@ -300,16 +300,21 @@ impl System for L1 {
     /// Of x̂, η̂ and u_ad: single estimates aren't determined where the regressor excites them little.
     fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate {
         let (x_hat, u_ad) = (&nominals[self.x_hat.span().range()], nominals[self.f.span().start]);
-        let tolerance = halves[self.design.adaptation_tolerance];
-        let error = |(nominal, (whole, halves)): (f64, (&f64, &f64))| {
-            (whole - halves).abs() / (tolerance * nominal.max(whole.abs()).max(halves.abs()))
+        let mut worst = 0.0;
+        let mut compare = |whole: f64, halves: f64, magnitude: f64| {
+            let error = (whole - halves).abs() / magnitude.max(whole.abs()).max(halves.abs());
+            // Not a number, once it is.
+            worst = if error > worst || error.is_nan() { error } else { worst };
         };
-        let states = whole[self.x_hat].iter().zip(&halves[self.x_hat]);
-        let errors = x_hat.iter().copied().zip(states).map(error);
-        let of_control = |signal: VectorOf<Signal>| whole[signal].iter().zip(&halves[signal]).map(|pair| (u_ad, pair));
-        let errors = errors.chain(of_control(self.eta_hat).chain(of_control(self.u_ad)).map(error));
-        let worst = errors.fold(0.0, |worst: f64, error| if error.is_nan() { error } else { worst.max(error) });
-        ErrorEstimate { scaled: worst, order: 2 }
+        for (k, &nominal) in x_hat.iter().enumerate() {
+            compare(whole[self.x_hat][k], halves[self.x_hat][k], nominal);
+        }
+        for i in 0..self.u.len() {
+            compare(whole[self.u_ad][i], halves[self.u_ad][i], u_ad);
+            // η̂ passes through zero where what it is made of does not.
+            compare(whole[self.eta_hat][i], halves[self.eta_hat][i], u_ad.max(self.magnitude(i, halves)));
+        }
+        ErrorEstimate { scaled: worst / halves[self.design.adaptation_tolerance], order: 2 }
     }
 
     fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point) {

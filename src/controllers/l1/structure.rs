@@ -131,7 +131,7 @@ impl L1Structure {
     /// Which unit isn't known, or how many there must be.
     pub(super) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
         let Units { r, x, u } = &self.units;
-        Ok(Symbols { r: symbols("r", r, m)?, x: symbols("x", x, n)?, u: symbols("u", u, m)? })
+        Ok(Symbols { r: Unit::symbols("r", r, m)?, x: Unit::symbols("x", x, n)?, u: Unit::symbols("u", u, m)? })
     }
 
     /// # Errors
@@ -139,20 +139,6 @@ impl L1Structure {
     pub(super) fn filter(&self) -> Result<Filter, Invalid> {
         Filter::new(&self.filter)
     }
-}
-
-fn symbols(name: &str, units: &[String], len: usize) -> Result<Vec<&'static str>, Invalid> {
-    if units.is_empty() {
-        return Ok(vec!["1"]);
-    }
-    if units.len() != len {
-        return Err(Invalid::new(format!("units of {name}"), units.len(), format!("must be {len}")));
-    }
-    let known = |unit: &String| {
-        let known = Unit::known(unit).map(|unit| unit.symbol);
-        known.ok_or_else(|| Invalid::new(format!("unit of {name}"), format!("`{unit}`"), "not a known unit"))
-    };
-    units.iter().map(known).collect()
 }
 
 fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
