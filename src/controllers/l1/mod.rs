@@ -277,8 +277,8 @@ impl System for L1 {
         if too_long {
             v.warn(self.long_step, || {
                 format!(
-                    "the communication step {step} s is too long for the adaptation, which turns at {frequency:.4e} \
-                     rad/s: use {:.1e} s or less",
+                    "the communication step {step:.3e} s is too long for the adaptation, which turns at {frequency:.3e} \
+                     rad/s now: while that lasts, peaks of the control grow. Use {:.1e} s or less",
                     limit / frequency
                 )
             });
