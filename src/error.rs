@@ -31,6 +31,11 @@ impl Invalid {
         Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{part}: {reason}")).collect() }
     }
 
+    /// With the time at which they were found, s.
+    pub(crate) fn at(self, time: f64) -> Self {
+        Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{reason} (at t = {time} s)")).collect() }
+    }
+
     /// Adds the reasons of another.
     pub fn and(&mut self, other: Invalid) {
         self.reasons.extend(other.reasons);
@@ -121,6 +126,9 @@ pub enum StepError {
         /// When, s.
         time: f64,
     },
+    /// The equations don't hold where the step leads, as the system itself says.
+    #[error("{0}")]
+    Unsound(Invalid),
     /// There is no valid start from these parameters and inputs.
     #[error("{0}")]
     Invalid(#[from] Invalid),

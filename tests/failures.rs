@@ -2,9 +2,10 @@
 
 mod common;
 
+use adaptive_fmu::fmi2::types::MODEL_EXCHANGE;
 use adaptive_fmu::system::{
-    Declaration, Invalid, Kind, NoStructure, Parameter, Point, Rates, Registry, Scalar, ScalarOf, Signal, Signals,
-    State, System, Values, scalar,
+    Declaration, Input, Invalid, Kind, NoStructure, Parameter, Point, Rates, Registry, Scalar, ScalarOf, Signal,
+    Signals, State, System, Values, scalar,
 };
 use common::{DISCARD, ERROR, OK, Unit};
 
@@ -32,6 +33,38 @@ impl System for Blowup {
     fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         dx[self.population] = v[self.population] * v[self.population];
+    }
+}
+
+/// A gap with gap' = −1/(2 gap): gap = √(1 − t), which has to be wider than an input says.
+struct Closing {
+    needed: ScalarOf<Input>,
+    gap: ScalarOf<State>,
+}
+
+impl System for Closing {
+    type Structure = NoStructure;
+    const NAME: &'static str = "closing";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Closing {
+            needed: d.input(scalar("needed", "what the gap has to be wider than").start(2.0)),
+            gap: d.state(scalar("gap", "state").output()),
+        })
+    }
+    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+        v[self.gap] = 1.0;
+        Ok(())
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        // No number beyond zero.
+        dx[self.gap] = v[self.gap].sqrt().powi(-2) * -0.5;
+    }
+    fn check(&self, _t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+        let (gap, needed) = (v[self.gap], v[self.needed]);
+        if gap > needed { Ok(()) } else { Err(Invalid::new("gap", gap, format!("must be above {needed}"))) }
     }
 }
 
@@ -77,10 +110,15 @@ impl System for Logarithm {
     }
 }
 
-static REGISTRY: Registry = &[Kind::of::<Blowup>(), Kind::of::<Draining>(), Kind::of::<Logarithm>()];
+static REGISTRY: Registry =
+    &[Kind::of::<Blowup>(), Kind::of::<Draining>(), Kind::of::<Logarithm>(), Kind::of::<Closing>()];
 
 fn unit(model: &str) -> Unit {
-    Unit::of(REGISTRY, &format!("name = \"Test\"\nmodel = \"{model}\"\ndescription = \"\"\n"))
+    Unit::of(REGISTRY, &text(model))
+}
+
+fn text(model: &str) -> String {
+    format!("name = \"Test\"\nmodel = \"{model}\"\ndescription = \"\"\n")
 }
 
 /// The time that a message names last.
@@ -208,4 +246,47 @@ fn the_plant_of_example_3_2_1_without_control_ends_in_an_error_and_not_with_numb
     assert!(message.contains("x["), "{message}");
     assert!((time_in(&message) - steps as f64 * 0.01).abs() <= 0.011, "{message}");
     assert!(plant.get("x[1]").abs() < 1e12);
+}
+
+#[test]
+fn what_a_system_itself_finds_wrong_is_told_at_the_end_of_a_step() {
+    let unit = unit("closing");
+    unit.start(0.0);
+    unit.put("needed", 0.5);
+    // √(1 − t) = 0.5 at t = 0.75.
+    assert_eq!(steps_until(ERROR, &unit, 0.1), 7);
+    let message = unit.last_message();
+    assert!(message.contains("gap = 0.447") && message.contains("above 0.5"), "{message}");
+    assert!((time_in(&message) - 0.8).abs() < 1e-12, "{message}");
+    assert!((unit.get("gap") - 0.3_f64.sqrt()).abs() < 1e-6, "as before the step");
+}
+
+#[test]
+fn where_no_step_leads_on_the_system_says_what_is_wrong_there() {
+    for method in [1, 2, 3] {
+        let unit = unit("closing");
+        assert_eq!(unit.set_integer("integration_method", method), OK);
+        unit.start(0.0);
+        unit.put("needed", 0.0);
+        assert_eq!(steps_until(ERROR, &unit, 0.3), 3);
+        let message = unit.last_message();
+        assert!(message.contains("gap = -") && message.contains("above 0"), "{message}");
+        assert!((time_in(&message) - 1.0).abs() < 1e-4, "{message}");
+    }
+}
+
+#[test]
+fn a_system_checks_the_inputs_that_its_simulation_starts_with() {
+    // In co-simulation those of the first step: not every master sets any before.
+    let slave = unit("closing");
+    slave.start(0.0);
+    assert_eq!(slave.step(0.0, 0.1), ERROR, "the gap of 1 is not above 2");
+    let message = slave.last_message();
+    assert!(message.contains("gap = 1: must be above 2 (at t = 0 s)"), "{message}");
+    let solved = Unit::made(REGISTRY, &text("closing"), MODEL_EXCHANGE);
+    solved.enter(0.0);
+    assert_eq!(solved.exit(), ERROR);
+    assert!(solved.last_message().contains("gap = 1: must be above 2 (at t = 0 s)"));
+    solved.put("needed", 0.5);
+    assert_eq!(solved.exit(), OK, "what was wrong can be set anew: {:?}", solved.messages());
 }

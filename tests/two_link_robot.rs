@@ -4,9 +4,10 @@
 mod common;
 
 use adaptive_fmu::fmi2::types::{Boolean, CO_SIMULATION, MODEL_EXCHANGE, Status};
-use adaptive_fmu::library::{REGISTRY, fmi2_functions::fmi2SetBoolean};
+use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::library::fmi2_functions::{fmi2CompletedIntegratorStep, fmi2SetBoolean};
 use common::random::Random;
-use common::{ERROR, OK, Unit, description};
+use common::{DISCARD, ERROR, OK, Unit, description};
 use nalgebra::{Matrix2, Vector2, Vector4};
 
 const G: f64 = 9.81;
@@ -236,19 +237,52 @@ fn a_step_into_a_singular_inertia_matrix_is_an_error_that_tells_when() {
     let before = unit.values();
     assert_eq!(unit.step(steps * step, step), ERROR, "at t = {singular} s no motion follows");
     let message = unit.last_message();
-    let told = message.rsplit("t = ").next().and_then(|rest| rest.split(' ').next()).unwrap().parse::<f64>().unwrap();
-    assert!((told - singular).abs() < 1e-6, "{message} tells of t = {singular} s");
-    assert!(message.contains("singular"), "{message}");
+    assert_tells_of(&message, "", singular);
     assert_eq!(unit.values(), before, "as before the step");
+}
+
+/// That a message says which determinant is negative and what is allowed, at this time.
+fn assert_tells_of(message: &str, part: &str, time: f64) {
+    assert!(message.contains(&format!(": {part}det_M = -")) && message.contains("must be above 0"), "{message}");
+    let told = message.rsplit("t = ").next().and_then(|rest| rest.split(' ').next()).unwrap().parse::<f64>().unwrap();
+    assert!((told - time).abs() < 1e-6, "{message} tells of t = {time} s");
+}
+
+/// The same arm as the only part of a composite.
+fn varying_part(kind: i32) -> Unit {
+    let text = format!(
+        "name = 'Whole'\nmodel = 'composite'\ndescription = ''\n[structure]\nparts = [{{ name = 'arm', model = \
+         'two-link-robot', start = {{ inertia_variation = true, x0 = [{:?}, 0.0, 0.0, 0.0] }} }}]",
+        -std::f64::consts::FRAC_PI_2
+    );
+    Unit::made(REGISTRY, &text, kind)
+}
+
+#[test]
+fn in_a_composite_the_part_is_named_too() {
+    let (unit, singular) = (varying_part(CO_SIMULATION), singular_time());
+    unit.start(0.0);
+    let steps = (singular / 0.1).floor();
+    unit.run(0.0, steps as usize, 0.1);
+    assert_eq!(unit.step(steps * 0.1, 0.1), ERROR);
+    assert_tells_of(&unit.last_message(), "arm: ", singular);
+    let solved = varying_part(MODEL_EXCHANGE);
+    solved.begin();
+    assert_eq!(solved.set_time(56.0), OK);
+    assert_eq!(solved.try_derivatives(&mut [0.0; 4]), DISCARD);
+    assert_tells_of(&solved.last_message(), "arm: ", 56.0);
 }
 
 #[test]
 fn a_start_from_a_singular_inertia_matrix_is_refused() {
-    let unit = varying(CO_SIMULATION);
+    let unit = varying(MODEL_EXCHANGE);
     unit.enter(56.0);
     assert_eq!(unit.exit(), ERROR);
-    let message = unit.last_message();
-    assert!(message.contains("det_M = -") && message.contains("t = 56 s") && message.contains("above 0"), "{message}");
+    assert_tells_of(&unit.last_message(), "", 56.0);
+    let unit = varying(CO_SIMULATION);
+    unit.start(56.0);
+    assert_eq!(unit.step(56.0, 0.1), ERROR);
+    assert_tells_of(&unit.last_message(), "", 56.0);
 }
 
 #[test]
@@ -256,9 +290,14 @@ fn a_solver_gets_no_derivatives_of_a_singular_inertia_matrix() {
     let unit = varying(MODEL_EXCHANGE);
     unit.begin();
     assert_eq!(unit.set_time(56.0), OK);
-    assert_ne!(unit.try_derivatives(&mut [0.0; 4]), OK);
-    assert!(unit.last_message().contains("der(x[3])"), "the rate that is no number is named");
+    assert_eq!(unit.try_derivatives(&mut [0.0; 4]), DISCARD, "it may come back with a smaller step");
+    let message = unit.last_message();
+    assert!(message.contains("der(x[3])"), "the rate that is no number is named: {message}");
+    assert_tells_of(&message, "", 56.0);
     assert!(unit.get("det_M") < 0.0);
+    let status = unsafe { fmi2CompletedIntegratorStep(unit.component, 1, &mut 0, &mut 0) };
+    assert_eq!(status, ERROR, "a step that ends there");
+    assert_tells_of(&unit.last_message(), "", 56.0);
 }
 
 #[test]

@@ -1,12 +1,16 @@
 //! The Lyapunov equation Aᵀ P + P A = −Q.
 
 use nalgebra::DMatrix;
+use nalgebra::linalg::Schur;
 
 use crate::error::Invalid;
 
 /// Doublings after which P of a Hurwitz matrix stands to rounding, whatever the spread of its eigenvalues in
 /// floating point.
 const DOUBLINGS: usize = 60;
+
+/// Iterations in which the eigenvalues of any matrix that is scaled well enough are found, many times over.
+const MOST_ITERATIONS: usize = 10_000;
 
 /// Solves Aᵀ P + P A = −Q for a Hurwitz matrix A and a symmetric positive definite Q.
 ///
@@ -47,7 +51,10 @@ pub fn gramian(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// # Errors
 /// [`Invalid`] with the eigenvalues.
 pub fn require_hurwitz(name: &str, a: &DMatrix<f64>) -> Result<(), Invalid> {
-    let eigenvalues = a.complex_eigenvalues();
+    let Some(schur) = Schur::try_new(a.clone(), f64::EPSILON, MOST_ITERATIONS) else {
+        return Err(Invalid::because(format!("{name} is too badly scaled: its eigenvalues can't be found")));
+    };
+    let eigenvalues = schur.complex_eigenvalues();
     if eigenvalues.iter().all(|lambda| lambda.re < 0.0) {
         return Ok(());
     }

@@ -167,6 +167,10 @@ fn require_usable(poles: &[Complex<f64>], indices: &[usize]) -> Result<(), Inval
 /// Largest relative difference between det(sI − A) and the polynomial with these roots in the left half plane, at
 /// their mirror images in the right one, where no factor is small.
 fn characteristic_error(mut A: DMatrix<f64>, roots: &[Complex<f64>]) -> f64 {
+    // Balancing needs squares of the entries, and never ends where these aren't finite.
+    if !A.norm_squared().is_finite() {
+        return f64::INFINITY;
+    }
     balance_parlett_reinsch(&mut A);
     let A = A.map(Complex::from);
     let error = |root: &Complex<f64>| {

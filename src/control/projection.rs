@@ -36,7 +36,8 @@ pub fn projected(v: f64, increment: f64, lo: f64, hi: f64, epsilon: f64) -> f64 
     }
     let from = d.clamp(layer, 1.0);
     let gain = (1.0 + epsilon) / epsilon;
-    c + h * outwards * (from.atanh() + gain * (way - free)).tanh()
+    // Rounding may put c + h beside a bound.
+    (c + h * outwards * (from.atanh() + gain * (way - free)).tanh()).clamp(lo, hi)
 }
 
 /// Whether v is in the layer at a bound where [`projection`] holds back what points outwards.
@@ -84,6 +85,12 @@ mod tests {
             for start in [-1.0, 0.0, 2.999_999_999_999, 3.0] {
                 let arrived = projected(start, increment, -1.0, 3.0, 0.1);
                 assert!((-1.0..=3.0).contains(&arrived), "from {start} by {increment}: {arrived}");
+            }
+        }
+        // The sum of their centre and half their width, 0.1 + 0.6 and 0.1 + 0.8, is rounded up.
+        for (lo, hi) in [(-0.5, 0.7), (-0.7, 0.9), (0.1, 0.3), (-0.1, 0.7)] {
+            for arrived in [projected(lo, 1e9, lo, hi, 0.1), projected(hi, -1e9, lo, hi, 0.1)] {
+                assert!((lo..=hi).contains(&arrived), "{arrived} within {lo} … {hi}");
             }
         }
         assert_eq!(projected(1.0, 5.0, 1.0, 1.0, 0.1), 1.0, "equal bounds freeze");

@@ -256,11 +256,12 @@ impl Execution {
 
     fn try_step(&mut self, step: f64) -> Result<(), StepError> {
         let controls = self.model.controls();
-        let (started, time, pace, last) = (controls.started, controls.time, controls.pace, controls.last_step);
+        let (started, pace, last) = (controls.started, controls.pace, controls.last_step);
         let first = !self.values().get(started);
         if first {
             // Not every master sets inputs in Initialization Mode: what is taken from them is taken here.
             self.initialise_states()?;
+            self.check()?;
             self.point().put(started, true);
         }
         let (t0, settings) = (self.time(), self.settings());
@@ -272,6 +273,8 @@ impl Execution {
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
         self.keep_indicators();
         self.keep_integer_inputs();
+        self.set_time(t1);
+        self.check().map_err(StepError::Unsound)?;
         self.check_values(t1, settings.divergence_limit)?;
         if ramped {
             // Inputs read back what was set.
@@ -282,7 +285,6 @@ impl Execution {
         let mut point = self.block.point(&self.model, &mut self.log);
         pace.write(next, &mut point);
         point[last] = step;
-        point[time] = t1;
         self.model.system().step_completed(t1, step, &mut point);
         Ok(())
     }
@@ -349,6 +351,12 @@ impl Execution {
             log: &mut self.log,
         };
         (&mut self.driver, problem)
+    }
+
+    /// Whether the equations hold where the instance stands evaluated, with what is wrong and the time.
+    fn check(&self) -> Result<(), Invalid> {
+        let t = self.time();
+        self.model.system().check(t, &self.values()).map_err(|invalid| invalid.at(t))
     }
 
     /// Every state and signal must be a number, and every output within the limit.

@@ -1,7 +1,7 @@
 //! An instance in model exchange: the master integrates, and asks for values at its own times, states and inputs.
 
 use super::Execution;
-use crate::error::StepError;
+use crate::error::{Invalid, StepError};
 use crate::integrator::check_divergence;
 use crate::model::Block;
 use crate::system::{Handle, Section, Values};
@@ -22,12 +22,17 @@ pub struct Update {
 impl Execution {
     /// Goes on in model exchange from the values that were just initialised. What is taken from inputs at the start
     /// was taken there.
-    pub fn begin_model_exchange(&mut self) {
+    ///
+    /// # Errors
+    /// When the equations don't hold there; nothing is changed.
+    pub fn begin_model_exchange(&mut self) -> Result<(), StepError> {
+        self.check()?;
         let (t, controls) = (self.time(), self.model.controls());
         let (started, completed) = (controls.started, controls.completed);
         self.point().put(started, true);
         self.point()[completed] = t;
         self.begin_event();
+        Ok(())
     }
 
     /// Begins an event: from here on it is noted whether states jump.
@@ -60,6 +65,13 @@ impl Execution {
             self.with_valid_parameters(|execution| execution.problem(false).1.evaluate(t));
             self.fresh = true;
         }
+    }
+
+    /// What the system finds wrong at the present time, states and inputs, if anything.
+    pub fn unsound(&mut self) -> Option<Invalid> {
+        let mut found = Ok(());
+        self.with_valid_parameters(|execution| found = execution.check());
+        found.err()
     }
 
     /// The derivatives of the states, evaluated.
@@ -162,9 +174,10 @@ impl Execution {
     /// Takes note of a completed step of the master's integrator; whether it ends at an event.
     ///
     /// # Errors
-    /// When a value has grown beyond any use, or is no number.
+    /// When the equations don't hold there, or a value has grown beyond any use or is no number.
     pub fn complete_step(&mut self) -> Result<bool, StepError> {
         self.evaluate();
+        self.check().map_err(StepError::Unsound)?;
         self.check_point()?;
         let noticed = self.tell_step();
         let t = self.time();

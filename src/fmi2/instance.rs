@@ -32,6 +32,10 @@ impl<T: Into<String>> From<T> for Refused {
     }
 }
 
+fn refused_start(function: Function, error: &StepError) -> Refused {
+    Refused(format!("{}: {error}", function.name()))
+}
+
 /// The answer to a call.
 pub type Answer<T = ()> = Result<T, Refused>;
 
@@ -174,7 +178,8 @@ impl Instance {
         self.compute_start(Function::ExitInitializationMode)?;
         self.phase = match self.interface {
             Interface::ModelExchange => {
-                self.execution.begin_model_exchange();
+                let started = self.execution.begin_model_exchange();
+                started.map_err(|error| refused_start(Function::ExitInitializationMode, &error))?;
                 Phase::Event
             }
             Interface::CoSimulation => Phase::StepComplete,
@@ -183,7 +188,7 @@ impl Instance {
     }
 
     fn compute_start(&mut self, function: Function) -> Answer {
-        self.execution.initialise().map_err(|error| Refused(format!("{}: {error}", function.name())))
+        self.execution.initialise().map_err(|error| refused_start(function, &error))
     }
 
     /// Brings what is calculated up to date: in Initialization Mode to what is set at present, in model exchange to
@@ -276,9 +281,10 @@ impl Instance {
 
     /// Answers a question for a value that is no number at the present point. fmi2Discard, since a solver that only
     /// probed may come back with a smaller step; with fmi2Error it would have to give up.
-    pub(super) fn not_finite(&self, function: Function, what: &str, value: f64) -> Status {
-        let time = self.execution.time();
-        self.discard(&format!("{}: {what} is {value} at t = {time} s, which is no finite number", function.name()))
+    pub(super) fn not_finite(&mut self, function: Function, what: &str, value: f64) -> Status {
+        let (name, time) = (function.name(), self.execution.time());
+        let cause = self.execution.unsound().map_or(String::new(), |reasons| format!(": {reasons}"));
+        self.discard(&format!("{name}: {what} is {value} at t = {time} s, which is no finite number{cause}"))
     }
 
     fn discard(&self, reason: &str) -> Status {
@@ -294,8 +300,8 @@ impl Instance {
         self.evaluate_for(Function::GetReal, Type::Real, references)?;
         let reals = &self.execution.block.reals;
         if let Some(&reference) = references.iter().find(|&&reference| !reals[reference as usize].is_finite()) {
-            let what = format!("`{}`", self.name(reference));
-            return Ok(self.not_finite(Function::GetReal, &what, reals[reference as usize]));
+            let (what, value) = (format!("`{}`", self.name(reference)), reals[reference as usize]);
+            return Ok(self.not_finite(Function::GetReal, &what, value));
         }
         for (value, &reference) in values.iter_mut().zip(references) {
             *value = reals[reference as usize];

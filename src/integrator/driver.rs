@@ -2,7 +2,7 @@
 
 use super::methods::Methods;
 use super::{IntegrationMethod, Pace, Problem, Settings, Start, Tolerance};
-use crate::error::StepError;
+use crate::error::{Invalid, StepError};
 use crate::system::{DynSystem, Section, Variables};
 
 /// A new substep is this much smaller than the one that would just meet the tolerance.
@@ -12,6 +12,8 @@ const SHRINK: f64 = 0.2;
 const GROW: f64 = 5.0;
 /// A substep that would leave less than this part of the way is stretched to the end.
 const STRETCH: f64 = 1.001;
+/// How often the shortest step is doubled in the search for where the equations cease to hold.
+const LOOK_AHEAD: i32 = 12;
 /// Relative width of the bracket in which an event is located, and of the rounding of its time.
 const EVENT_PRECISION: f64 = 1e-11;
 
@@ -64,6 +66,44 @@ impl Driver {
         problem: &mut Problem,
         t0: f64,
         t1: f64,
+        settings: &Settings,
+        pace: &mut Pace,
+    ) -> Result<(), StepError> {
+        self.integrate(problem, (t0, t1), settings, pace).map_err(|error| {
+            let reason = match error {
+                StepError::StepTooSmall { step, .. } => self.check_ahead(problem, step),
+                StepError::Diverged { time, .. }
+                | StepError::NoJacobian { time, .. }
+                | StepError::TooManySubsteps { time, .. } => problem.check(time),
+                _ => Ok(()),
+            };
+            reason.err().map_or(error, StepError::Unsound)
+        })
+    }
+
+    /// Whether the equations hold where a substep begins that can't be finished, and a little ahead along its tangent:
+    /// towards a pole, steps shrink as the way to it does, so that none of them reaches it.
+    fn check_ahead(&self, problem: &mut Problem, shortest: f64) -> Result<(), Invalid> {
+        let Start { time, states, rates } = &self.start;
+        problem.states().copy_from_slice(states);
+        problem.evaluate_signals(*time);
+        problem.check(*time)?;
+        if rates.iter().any(|rate| !rate.is_finite()) {
+            return Ok(());
+        }
+        for h in (0..=LOOK_AHEAD).map(|doublings| shortest * 2.0_f64.powi(doublings)) {
+            let ahead = states.iter().zip(rates).map(|(x, rate)| x + h * rate);
+            problem.states().iter_mut().zip(ahead).for_each(|(x, ahead)| *x = ahead);
+            problem.evaluate_signals(time + h);
+            problem.check(time + h)?;
+        }
+        Ok(())
+    }
+
+    fn integrate(
+        &mut self,
+        problem: &mut Problem,
+        (t0, t1): (f64, f64),
         settings: &Settings,
         pace: &mut Pace,
     ) -> Result<(), StepError> {

@@ -49,6 +49,7 @@ pub use driver::Driver;
 pub(crate) use driver::check_divergence;
 pub use methods::{IntegrationMethod, Pace};
 
+use crate::error::Invalid;
 use crate::system::{DynSystem, ErrorEstimate, MessageLog, Offsets, Point, Section, Values, Variables};
 
 /// How a communication step is integrated.
@@ -170,6 +171,11 @@ impl Problem<'_> {
 
     fn point(&mut self) -> Point<'_> {
         Point::new(self.reals, self.integers, self.variables.offsets(), self.log)
+    }
+
+    /// Whether the equations hold at t, where the problem stands evaluated.
+    fn check(&self, t: f64) -> Result<(), Invalid> {
+        self.system.check(t, &self.values()).map_err(|invalid| invalid.at(t))
     }
 
     fn next_time_event(&self) -> f64 {

@@ -33,6 +33,11 @@ pub trait DynSystem: Send + Sync {
     fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets);
     /// `derivatives` of a block of dual numbers.
     fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets);
+    /// See [`System::check`].
+    ///
+    /// # Errors
+    /// As there.
+    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid>;
     /// See [`System::next_time_event`].
     fn next_time_event(&self, v: &Values<f64>) -> Option<f64>;
     /// See [`System::event_indicators`].
@@ -89,6 +94,9 @@ impl<M: System> DynSystem for M {
     }
     fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
         derivatives(self, t, reals, integers, offsets);
+    }
+    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+        System::check(self, t, v)
     }
     fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
         System::next_time_event(self, v)

@@ -51,6 +51,7 @@
 //! | [`System::outputs`] | many times a step | not allocate |
 //! | [`System::derivatives`] | right after `outputs` at the same point, so it may read signals | not allocate |
 //! | [`System::next_time_event`], [`System::event_indicators`], [`System::event`] | several times a step | not allocate |
+//! | [`System::check`] | at the start, at the end of each communication step, and where a step can't be finished | not allocate, but for a reason |
 //! | [`System::advance`], [`System::step_error`] | in place of a general integrator, where it [`System::steps_itself`] | not allocate |
 //! | [`System::step_completed`] | once a communication step | not allocate, but for a message |
 //!
@@ -178,6 +179,17 @@ pub trait System: Sized + Send + Sync + 'static {
     /// The state equation x' = f(t, x, u; p).
     fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let _ = (t, v, dx);
+    }
+
+    /// Whether the equations hold at this point, where signals stand: asked at the start, when every master has set its
+    /// inputs, at the end of each communication step, and where a step can't be finished. It tells a user what is wrong
+    /// where the equations alone would only give no number. The time is added to the reasons.
+    ///
+    /// # Errors
+    /// [`Invalid`] with what is wrong: the variable, its value, what is allowed and what helps.
+    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+        let _ = (t, v);
+        Ok(())
     }
 
     /// The time of the next event that is known in advance, read off discrete variables (so that an event that

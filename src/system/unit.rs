@@ -94,7 +94,14 @@ impl Unit {
         }
         let known = |unit: &String| {
             let known = Unit::known(unit).map(|unit| unit.symbol);
-            known.ok_or_else(|| Invalid::new(format!("unit of {name}"), format!("`{unit}`"), "not a known unit"))
+            known.ok_or_else(|| {
+                let symbols: Vec<_> = UNITS.iter().map(|(unit, _)| unit.symbol).collect();
+                Invalid::new(
+                    format!("unit of {name}"),
+                    format!("`{unit}`"),
+                    format!("must be one of 1, {}", symbols.join(", ")),
+                )
+            })
         };
         units.iter().map(known).collect()
     }

@@ -29,6 +29,12 @@ impl Run {
         self.0.block.reals[index] = value;
     }
 
+    pub fn set_boolean(&mut self, name: &str, value: bool) {
+        let variables = self.0.model().variables();
+        let index = variables.index(variables.find(name).unwrap());
+        self.0.block.integers[index] = i32::from(value);
+    }
+
     pub fn step(&mut self, step: f64) {
         self.0.step(self.0.time(), step).unwrap();
     }

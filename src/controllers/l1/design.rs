@@ -10,8 +10,8 @@ use crate::system::{
     scalar, vector,
 };
 
-/// What is no limit: a value beyond it counts as divergence.
-const UNLIMITED: f64 = 1e12;
+/// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
+const UNLIMITED: f64 = 1e15;
 
 /// The numbers of the law, and what follows from them.
 #[derive(Debug)]
@@ -99,7 +99,7 @@ impl Design {
                          value's magnitude or nominal value";
         let phase = "angle through which the adaptation may turn in a communication step before the step is called too \
                      long";
-        let limit = "control that the actuator can give; the predictor knows of it. 1e12 is no limit";
+        let limit = "control that the actuator can give; the predictor knows of it. 1e15 is no limit";
         Design {
             adaptation_gain: d
                 .parameter(scalar("adaptation_gain", "adaptation gain Gamma").start(1e5).positive().nominal(1e5)),
@@ -163,7 +163,13 @@ impl Design {
             Err(reasons) => invalid.and(reasons),
             Ok((P, K_g)) => {
                 let PB = &P * &plant.B;
-                v[self.lambda_max] = (plant.B.transpose() * &PB).symmetric_eigenvalues().max();
+                let BPB = plant.B.transpose() * &PB;
+                if !BPB.norm_squared().is_finite() {
+                    let text = "A_m, Q and B are too large or too badly scaled: B' P B must be finite";
+                    invalid.and(Invalid::because(text));
+                    return Err(invalid);
+                }
+                v[self.lambda_max] = BPB.symmetric_eigenvalues().max();
                 v.matrix_mut(self.K_g).copy_from(&K_g);
                 v.matrix_mut(self.P).copy_from(&P);
                 v.matrix_mut(self.PB).copy_from(&PB);

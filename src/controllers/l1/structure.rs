@@ -6,6 +6,9 @@ use serde::Deserialize;
 use crate::control::filter::{Filter, FilterDescription};
 use crate::system::{Invalid, Unit};
 
+/// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.
+const MOST_STATES: usize = 200;
+
 /// What multiplies the estimates θ̂.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -101,6 +104,10 @@ impl L1Structure {
     pub(super) fn plant(&self) -> Result<Plant, Invalid> {
         let (B, C) = (rows("B", &self.B)?, rows("C", &self.C)?);
         let (n, m) = B.shape();
+        if n > MOST_STATES || m > n {
+            let allowed = format!("must have 1 … {MOST_STATES} rows, and no more columns than rows");
+            return Err(Invalid::new("B", format!("{n} x {m}"), allowed));
+        }
         let of_size = |name: &str, matrix: &DMatrix<f64>, size: (usize, usize)| {
             let (rows, columns) = matrix.shape();
             let allowed = format!("must be {} x {}, as B is {n} x {m}", size.0, size.1);
@@ -143,11 +150,18 @@ impl L1Structure {
 
 fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
     let columns = rows.first().map_or(0, Vec::len);
-    if columns == 0 || rows.iter().any(|row| row.len() != columns) {
-        return Err(Invalid::new(name, format!("{rows:?}"), "must be rows of equally many numbers"));
+    if columns == 0 {
+        return Err(Invalid::new(name, "empty", "must be rows of equally many numbers"));
     }
-    if rows.iter().flatten().any(|value| !value.is_finite()) {
-        return Err(Invalid::new(name, format!("{rows:?}"), "must be finite numbers"));
+    for (i, row) in rows.iter().enumerate() {
+        let of_row = |value: String, allowed| Invalid::new(format!("row {} of {name}", i + 1), value, allowed);
+        if row.len() != columns {
+            let value = format!("{} numbers", row.len());
+            return Err(of_row(value, format!("all rows must have equally many; the first has {columns}")));
+        }
+        if let Some(value) = row.iter().find(|value| !value.is_finite()) {
+            return Err(of_row(value.to_string(), "must be finite numbers".to_owned()));
+        }
     }
     Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
 }

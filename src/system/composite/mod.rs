@@ -228,6 +228,16 @@ impl DynSystem for Composite {
         self.rates(reals, offsets, |part, reals, own| part.system.derivatives_dual(t, reals, integers, own));
     }
 
+    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        for part in &self.parts {
+            if let Err(reasons) = part.system.check(t, &Values { offsets: &part.offsets(v.offsets), ..*v }) {
+                invalid.and(reasons.within(&part.name));
+            }
+        }
+        invalid.into_result()
+    }
+
     fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
         let next = |part: &Part| part.system.next_time_event(&Values { offsets: &part.offsets(v.offsets), ..*v });
         self.parts.iter().filter_map(next).min_by(f64::total_cmp)

@@ -1,0 +1,133 @@
+//! Descriptions of L1 controllers as people write them: each mistake is answered by one line that names it.
+
+mod common;
+
+use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::model::{Description, Model};
+use common::description;
+
+fn model(text: &str) -> Result<Model, String> {
+    let description = Description::read(text).map_err(|invalid| invalid.to_string())?;
+    Model::from_description(description, REGISTRY).map_err(|invalid| invalid.to_string())
+}
+
+/// Asserts that a description is refused in one line that names these things.
+fn refused(text: &str, named: &[&str]) {
+    let message = model(text).err().unwrap_or_else(|| panic!("this should be refused for {named:?}:\n{text}"));
+    for name in named {
+        assert!(message.contains(name), "`{message}` names `{name}`");
+    }
+    assert!(!message.contains('\n') && message.len() < 500, "a line that can be read: {message}");
+}
+
+/// The robot's controller with one text in it replaced.
+fn robot(old: &str, new: &str) -> String {
+    let text = description("L1TwoLinkRobot");
+    assert!(text.contains(old), "`{old}` is in the description");
+    text.replace(old, new)
+}
+
+/// A controller of three states, each with an input of its own.
+fn three(structure: &str, start: &str) -> String {
+    format!(
+        "name = 'Three'\nmodel = 'l1'\ndescription = ''\n[structure]\nB = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n\
+         C = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nregressor = 'state'\ninput_gain = 'full'\n{structure}\n[start]\n{start}"
+    )
+}
+
+#[test]
+fn a_baseline_needs_the_nominal_dynamics_and_only_a_baseline_does() {
+    let a = description("L1TwoLinkRobot").lines().find(|line| line.starts_with("A = ")).unwrap().to_owned();
+    refused(&robot(&a, ""), &["A is missing", "baseline"]);
+    refused(&robot("baseline = \"inside\"", ""), &["A = given", "baseline", "outside", "inside"]);
+    refused(&robot("baseline = \"inside\"", "baseline = \"within\""), &["baseline", "within", "inside"]);
+    refused(&robot(&a, "A = [[0.0, 1.0], [0.0, 0.0]]"), &["A = 2 x 2", "4 x 4"]);
+    refused(&robot(&a, "A = [[0.0, 1.0], [0.0]]"), &["row 2 of A = 1 numbers", "the first has 2"]);
+}
+
+#[test]
+fn desired_dynamics_are_given_or_placed_not_both() {
+    refused(&robot("pole_real", "A_m = [[-1.0]]\npole_real"), &["[start] A_m", "no such parameter", "pole_real"]);
+    refused(&three("", "pole_real = [-1, -1, -1]"), &["[start] pole_real", "no such parameter", "A_m"]);
+}
+
+#[test]
+fn there_are_as_many_poles_as_states() {
+    refused(
+        &robot("[-300.0, -300.0, -400.0, -400.0]", "[-300.0, -300.0]"),
+        &["[start] pole_real", "list of 4 numbers"],
+    );
+    refused(&robot("[5.0, -5.0, 5.0, -5.0]", "[5.0]"), &["[start] pole_imag", "list of 4 numbers"]);
+}
+
+#[test]
+fn a_complex_pole_comes_with_its_conjugate_in_the_same_chain() {
+    refused(&robot("[5.0, -5.0, 5.0, -5.0]", "[5.0, 5.0, 5.0, -5.0]"), &["pole 1 = -300 + 5j", "conjugate"]);
+    refused(&robot("[5.0, -5.0, 5.0, -5.0]", "[0.0, 5.0, -5.0, 0.0]"), &["pole 2 = -300 + 5j", "conjugate"]);
+    refused(&robot("[-300.0, -300.0,", "[-300.0, -301.0,"), &["pole 1 = -300 + 5j", "conjugate"]);
+}
+
+#[test]
+fn a_pole_that_does_not_decay_is_refused() {
+    refused(&robot("-400.0, -400.0]", "0.0, 0.0]"), &["pole 3 = 0 + 5j", "negative real part"]);
+}
+
+#[test]
+fn a_unit_that_is_not_known_is_refused_with_the_known_ones() {
+    refused(&robot("u = [\"N.m\", \"N.m\"]", "u = [\"N.m\", \"Nm\"]"), &["unit of u = `Nm`", "N.m", "rad/s"]);
+    refused(&robot("r = [\"rad\", \"rad\"]", "r = [\"rad\"]"), &["units of r = 1", "must be 2"]);
+    refused(&robot("r = [\"rad\", \"rad\"]", "y = [\"rad\", \"rad\"]"), &["[structure]", "y", "`r`, `x`, `u`"]);
+}
+
+#[test]
+fn inputs_that_do_the_same_and_states_out_of_reach_are_refused() {
+    let b = "B = [[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]";
+    refused(&robot(b, "B = [[0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [1.0, 1.0]]"), &["rank", "controllable"]);
+    refused(&robot(b, "B = [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]"), &["rank", "= 0: must be 4"]);
+}
+
+#[test]
+fn more_inputs_than_states_and_huge_sizes_are_refused() {
+    let siso = |b: &str, c: &str| {
+        let text = description("L1NonlinearSiso");
+        text.replace("[[0.0], [1.0]]", b).replace("[[1.0, 0.0]]", c)
+    };
+    refused(&siso("[[0.0, 1.0]]", "[[1.0], [0.0]]"), &["B = 1 x 2", "no more columns than rows"]);
+    let many = format!("[{}]", vec!["[1.0]"; 201].join(", "));
+    refused(&siso(&many, "[[1.0, 0.0]]"), &["B = 201 x 1", "1 … 200 rows"]);
+}
+
+#[test]
+fn outputs_that_settle_alike_are_refused() {
+    let c = "C = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]]";
+    refused(&robot(c, "C = [[1.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]]"), &["C A_m^-1 B", "singular"]);
+    refused(&robot(c, "C = [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]"), &["C A_m^-1 B", "singular"]);
+}
+
+#[test]
+fn numbers_too_large_to_design_with_are_refused_at_once() {
+    // Where an iteration would never end, or end at no number.
+    refused(&robot("-400.0, -400.0]", "-1e80, -1e80]"), &["badly scaled", "double precision"]);
+    for size in ["1e150", "1e200", "1e308"] {
+        let rows = format!("A_m = [[-{size}, {size}, 1], [-{size}, -{size}, {size}], [3, -{size}, -{size}]]");
+        assert!(model(&three("", &rows)).is_err(), "A_m of {size}");
+        let q = format!("Q = [[{size}, 0, 0], [0, {size}, 0], [0, 0, {size}]]\n");
+        let a_m = "A_m = [[-1, 0, 0], [0, -1, 1], [0, -1, -1]]";
+        assert!(size == "1e150" || model(&three("", &format!("{q}{a_m}"))).is_err(), "Q of {size}");
+    }
+}
+
+#[test]
+fn a_feedback_gain_of_zero_is_a_controller_that_does_not_adapt() {
+    assert!(model(&robot("[[30.0, 0.0], [0.0, 30.0]]", "[[0.0, 0.0], [0.0, 0.0]]")).is_ok());
+}
+
+#[test]
+fn a_filter_that_is_none_is_refused_with_its_factor() {
+    let with = |filter: &str| robot("baseline = \"inside\"", &format!("baseline = \"inside\"\nfilter = {filter}"));
+    refused(&with("{ denominator = [[1.0, 1.0]] }"), &["D(s)", "exactly one"]);
+    refused(&with("{ denominator = [[1.0, 0.0]], numerator = [[1.0, 1.0]] }"), &["D(s)", "degree", "below"]);
+    refused(&with("{ denominator = [[1.0, 0.0], [1.0, -1.0]] }"), &["D(s)", "[1.0, -1.0]", "left half plane"]);
+    refused(&with("{ poles = [1.0] }"), &["[structure]", "poles", "denominator"]);
+    refused(&with("{ gain = 0.0 }"), &["D(s): gain = 0"]);
+}
