@@ -289,6 +289,8 @@ fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
         let on = match section {
             // A state depends on itself.
             Section::State => Some(vec![(section, element.place())]),
+            // What changes at events and with completed steps only.
+            Section::Discrete => Some(Vec::new()),
             _ if element.variable.is_real() => variables.dependence(section, element.place()),
             _ => None,
         };

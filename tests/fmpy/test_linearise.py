@@ -180,8 +180,8 @@ def test_every_fmu_is_linearised_as_json_of_one_shape(name: str, fmu, fmu_folder
             assert [len(row) for row in linear[matrix]] == [columns] * rows, matrix
         assert (linear["fmu"], linear["time"], linear["steady_state"]) == (name, 0.0, bool(option))
         variables = fmu(name).variables
-        assert names(linear["inputs"]) == fmu(name).named(causality="input")
-        assert names(linear["outputs"]) == fmu(name).named(causality="output")
+        assert names(linear["inputs"]) == fmu(name).named(causality="input", type="Real")
+        assert names(linear["outputs"]) == fmu(name).named(causality="output", type="Real")
         assert all(f"der({state})" in variables for state in names(linear["states"]))
         for quantity in linear["states"] + linear["inputs"] + linear["outputs"]:
             assert quantity["unit"] == variables[quantity["name"]].unit
@@ -228,7 +228,7 @@ def blocks(fmu: Fmu, part: dict) -> list[np.ndarray]:
 @pytest.mark.parametrize("time", ["0", "0.5"])
 def test_a_whole_loop_is_linearised_as_its_units_closed(time: str, fmu) -> None:
     loop = linearise(LOOPS[0], "--at", time, **{"plant.x0[1]": 0.4, "plant.x0[2]": -0.3})
-    assert (loop["inputs"], loop["time"]) == ([], float(time))
+    assert (names(loop["inputs"]), loop["time"]) == (["controller.u_manual[1]"], float(time))
     assert (loop["unique"], loop["steady_state"]) == (None, False)
     plant = part_of(loop, "plant", {"u[1]": "controller.u[1]"}, ["x[1]", "x[2]"])
     sources = {"r[1]": "reference.r[1]", "x[1]": "plant.x[1]", "x[2]": "plant.x[2]"}

@@ -9,11 +9,18 @@ from scipy.integrate import solve_ivp
 
 
 def duration(fmu: Fmu, inputs: dict[str, float]) -> float:
-    """200 rad of the fastest oscillation, where a unit has one; 1 s else."""
+    """While the fastest oscillation turns through 200 rad, where a unit has one; 1 s else."""
     if "adaptation_frequency" not in fmu.variables:
         return 1.0
+    time, phase = 0.0, 0.0
     with Unit(fmu) as unit:
-        return 200.0 / unit.start(**inputs)["adaptation_frequency"]
+        unit.start(**inputs)
+        while phase < 200.0:
+            frequency = unit["adaptation_frequency"]
+            unit.step(time, 1 / frequency)
+            # It grows, for no plant answers.
+            time, phase = time + 1 / frequency, phase + max(1.0, unit["adaptation_frequency"] / frequency)
+    return time
 
 
 def nominal(fmu: Fmu, name: str) -> float:
@@ -36,24 +43,30 @@ def exchange(fmu):
 
 
 def test_fmpys_cvode_gets_the_motion_of_co_simulation(each_fmu: Fmu) -> None:
-    """Within 1e-5 of each variable's nominal value, CVode's relative tolerance being 1e-10 and that of the unit 1e-9."""
-    inputs = {name: 0.3 - 0.2 * k for k, name in enumerate(each_fmu.named(causality="input"))}
+    """Within 1e-5 of each variable's nominal or largest value, whichever is larger.
+
+    CVode's relative tolerance is 1e-10, that of the unit 1e-9; CVode takes 500 steps at most from one output to the next.
+    """
+    inputs = {name: 0.3 - 0.2 * k for k, name in enumerate(each_fmu.named(causality="input", type="Real"))}
     stop = duration(each_fmu, inputs)
     moving = [v.name for v in each_fmu.variables.values() if v.variability == "continuous" and v.causality != "input"]
     names = [name for name in moving if not name.startswith("der(")]
-    tolerance = {"relative_tolerance": 1e-9} if "relative_tolerance" in each_fmu.variables else {}
+    # By a general method, whose tolerance that is.
+    general = {"relative_tolerance": 1e-9, "integration_method": 2}
+    tolerance = general if "relative_tolerance" in each_fmu.variables else {}
 
     def run(**options: object) -> np.ndarray:
         return fmpy.simulate_fmu(
-            str(each_fmu.path), stop_time=stop, output_interval=stop / 100, output=names, **options
+            str(each_fmu.path), stop_time=stop, output_interval=stop / 1000, output=names, **options
         )
 
     co_simulation = run(fmi_type="CoSimulation", start_values=inputs | tolerance)
     exchange = run(fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-10, start_values=inputs)
-    assert len(exchange) == len(co_simulation) == 101
+    assert len(exchange) == len(co_simulation) == 1001
     for name in names:
         difference = np.abs(exchange[name] - co_simulation[name]).max()
-        assert difference < 1e-5 * nominal(each_fmu, name), name
+        scale = max(nominal(each_fmu, name), np.abs(co_simulation[name]).max())
+        assert difference < 1e-5 * scale, name
 
 
 @pytest.mark.parametrize("solver", ["CVode", "Euler"])
