@@ -1,0 +1,137 @@
+"""L1 adaptive control without any FMU: the design by scipy, and loops as one differential equation."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos
+
+import numpy as np
+from independent_plants import Robot, actuated_rate
+from scipy.integrate import solve_ivp
+from scipy.linalg import solve_continuous_lyapunov
+
+
+@dataclass(frozen=True)
+class L1:
+    """A controller for m double integrators with x = (q, q'); a pole of each conjugate pair, one pair a channel."""
+
+    poles: tuple[complex, ...]
+    adaptation_gain: float
+    feedback_gain: float
+    omega_min: tuple[tuple[float, ...], ...]
+    omega_max: tuple[tuple[float, ...], ...]
+    theta_bound: float
+    sigma_bound: float
+    inside: bool
+    projection_tolerance: float = 0.1
+
+    @property
+    def m(self) -> int:
+        """Number of channels."""
+        return len(self.poles)
+
+    @property
+    def B(self) -> np.ndarray:
+        """Input matrix."""
+        return np.vstack([np.zeros((self.m, self.m)), np.eye(self.m)])
+
+    @property
+    def K_m(self) -> np.ndarray:
+        """From s² - 2 re s + re² + im² of each channel."""
+        stiffness = [pole.real**2 + pole.imag**2 for pole in self.poles]
+        return np.hstack([np.diag(stiffness), np.diag([-2 * pole.real for pole in self.poles])])
+
+    @property
+    def A_m(self) -> np.ndarray:
+        """Desired dynamics."""
+        chains = np.eye(2 * self.m, k=self.m)
+        return chains - self.B @ self.K_m
+
+    def P(self, Q: np.ndarray | None = None) -> np.ndarray:
+        """Solution of the Lyapunov equation."""
+        return solve_continuous_lyapunov(self.A_m.T, -(np.eye(2 * self.m) if Q is None else Q))
+
+    @property
+    def K_g(self) -> np.ndarray:
+        """Feedforward gain, for C = (1 0)."""
+        C = np.eye(self.m, 2 * self.m)
+        return -np.linalg.inv(C @ np.linalg.solve(self.A_m, self.B))
+
+    def law(self) -> Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """u and the rate of the states (x_hat, omega_hat by rows, theta_hat, sigma_hat, u_ad) as a function of r, x, them."""
+        m, A_m, B, K_m, K_g = self.m, self.A_m, self.B, self.K_m, self.K_g
+        BP, gain = B.T @ self.P(), self.adaptation_gain
+        bound = np.repeat([self.theta_bound, self.sigma_bound], m)
+        low = np.concatenate([np.ravel(self.omega_min), -bound])
+        high = np.concatenate([np.ravel(self.omega_max), bound])
+        centre, half, layer = (low + high) / 2, (high - low) / 2, self.projection_tolerance
+        ends = np.cumsum([2 * m, m * m, m, m])
+
+        def projected(estimates: np.ndarray, rate: np.ndarray) -> np.ndarray:
+            d = estimates - centre
+            f = ((1 + layer) * d * d - half * half) / (layer * half * half)
+            return np.where((f > 0) & (d * rate > 0), rate * (1 - f), rate)
+
+        def u_and_rate(r: np.ndarray, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            x_hat, omega, theta, sigma, u_ad = np.split(z, ends)
+            baseline, phi = K_m @ x, np.abs(x).max()
+            u = u_ad - baseline
+            v = u if self.inside else u_ad
+            eta = omega.reshape(m, m) @ v + theta * phi + sigma + (baseline if self.inside else 0.0)
+            s = BP @ (x - x_hat)
+            rates = gain * projected(z[ends[0] : ends[3]], np.concatenate([np.outer(s, v).ravel(), s * phi, s]))
+            return u, np.concatenate([A_m @ x_hat + B @ eta, rates, -self.feedback_gain * (eta - K_g @ r)])
+
+        return u_and_rate
+
+    def start(self, x: np.ndarray) -> np.ndarray:
+        """The predictor at the measured state, omega_hat at the identity, the rest at zero."""
+        return np.concatenate([x, np.eye(self.m).ravel(), np.zeros(3 * self.m)])
+
+
+ROBOT_BOUNDS = {"omega_min": ((0.5, -2.0), (-2.0, 0.5)), "omega_max": ((10.0, 2.0), (2.0, 10.0))}
+ROBOT = {"adaptation_gain": 1e5, "feedback_gain": 30.0, "theta_bound": 100.0, "sigma_bound": 10.0, "inside": True}
+ACTUATED = {"adaptation_gain": 1e6, "feedback_gain": 20.0, "theta_bound": 10.0, "sigma_bound": 100.0, "inside": False}
+DESIGNS = {
+    "3.3.1-case1": L1((-300 + 5j, -400 + 5j), **ROBOT, **ROBOT_BOUNDS),
+    "3.3.1-case2": L1((-30 + 0.5j, -40 + 0.5j), **ROBOT, **ROBOT_BOUNDS),
+    "4-case1": L1((-21 + 0.743j,), **ACTUATED, omega_min=((0.0,),), omega_max=((10.0,),)),
+    "4-case3": L1((-84 + 0.743j,), **ACTUATED, omega_min=((0.0,),), omega_max=((10.0,),)),
+}
+
+
+def robot_loop(t: float, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """The robot's reference where u is None, else the rate of its state."""
+    if u is None:
+        return np.array([0.5 * cos(0.7 * t), -0.6 * cos(0.65 * t)])
+    return ROBOT_ARM.rate(t, x, u)
+
+
+def actuated_loop(t: float, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """The reference of chapter 4 where u is None, else the rate of the plant of its case 1."""
+    return np.array([cos(0.5 * t)]) if u is None else actuated_rate(1, t, x, u[0])
+
+
+ROBOT_ARM = Robot()
+# Number of the plant's states, how many of them are measured, and its equations.
+PLANTS = {"3": (4, 4, robot_loop), "4": (5, 2, actuated_loop)}
+
+
+def continuous_loop(name: str, times: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """The measured state and the control at times, from rest."""
+    (states, measured, plant), law = PLANTS[name[0]], DESIGNS[name].law()
+
+    def rate(t: float, z: np.ndarray) -> np.ndarray:
+        u, of_law = law(plant(t, z, None), z[:measured], z[states:])
+        return np.concatenate([plant(t, z[:states], u), of_law])
+
+    start = np.concatenate([np.zeros(states), DESIGNS[name].start(np.zeros(measured))])
+    # Between long steps scipy's interpolation is not as good as they are: each time is the end of a step. The first
+    # one is told, for at rest nothing hints at how fast the adaptation will be.
+    rows, options = [start], {"rtol": tolerance, "atol": tolerance * 1e-2, "first_step": 1e-6, "max_step": 1e-3}
+    for t, following in zip(times[:-1], times[1:], strict=True):
+        answer = solve_ivp(rate, (t, following), rows[-1], "DOP853", **options)
+        assert answer.success, answer.message
+        rows.append(answer.y[:, -1])
+    rows = np.array(rows)
+    u = np.array([law(plant(t, z, None), z[:measured], z[states:])[0] for t, z in zip(times, rows, strict=True)])
+    return rows[:, :measured], u
