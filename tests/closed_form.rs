@@ -67,7 +67,8 @@ fn errors(run: impl Fn(&mut Run) -> Vec<f64>, name: &str, structure: &str, start
     let general = format!("{start}\nintegration_method = 'explicit'\nrelative_tolerance = 1e-10");
     let expected = run(&mut controller(name, structure, &general));
     let errors = [1e-3, 1e-5, 1e-7].map(|tolerance| {
-        let start = format!("{start}\nadaptation_tolerance = {tolerance:e}");
+        // Wherever it is possible, also where it takes more work than a general method.
+        let start = format!("{start}\nclosed_form_phase = 0.0\nadaptation_tolerance = {tolerance:e}");
         difference(&run(&mut controller(name, structure, &start)), &expected)
     });
     println!("{name} {}: {errors:?}", start.replace("\n", "; "));
@@ -108,9 +109,12 @@ fn it_follows_inputs_that_change_within_a_step() {
 
 #[test]
 fn it_knows_the_limits_of_the_control() {
-    for (name, lo, hi) in
-        [("L1NonlinearSiso", "[-0.1]", "[0.1]"), ("L1TwoLinkRobot", "[-100.0, -20.0]", "[50.0, 300.0]")]
-    {
+    for (name, lo, hi) in [
+        ("L1NonlinearSiso", "[-0.1]", "[0.1]"),
+        ("L1ActuatedSiso", "[-1.0]", "[3.0]"),
+        ("L1ActuatedSiso", "[-4.0]", "[10.0]"),
+        ("L1TwoLinkRobot", "[-100.0, -20.0]", "[50.0, 300.0]"),
+    ] {
         for handling in ["hold", "extrapolate"] {
             let handling = format!("input_handling = '{handling}'");
             let start = format!("u_min = {lo}\nu_max = {hi}\n{handling}");
@@ -131,11 +135,10 @@ fn it_is_that_of_any_filter_and_regressor() {
 
 #[test]
 fn it_needs_few_steps_where_the_equations_need_many() {
-    // The adaptation turns through some 20 rad in a communication step.
-    let mut run = controller("L1ActuatedSiso", "", "");
+    let mut run = controller("L1ActuatedSiso", "", "closed_form_phase = 0.0");
     judged(&mut run, 500, 1e-3);
     assert!(run.get("adaptation_frequency") * 1e-3 > 3.0);
-    assert!(run.get("#substep") >= 1e-3, "a communication step is one step: {}", run.get("#substep"));
+    assert!(run.get("#own substep") >= 1e-3, "a communication step is one step: {}", run.get("#own substep"));
 }
 
 /// Reference and manual control that change while the controller is not in command; then it takes over.
@@ -235,22 +238,18 @@ fn a_step_may_be_as_short_as_a_nanosecond() {
 }
 
 #[test]
-fn a_step_may_be_as_long_as_a_second_or_tells_that_it_is_too_long_to_be_followed() {
-    let mut followed = 0;
+fn a_step_may_be_as_long_as_a_second() {
     for name in CONTROLLERS {
         let long = |start: &str| {
             let mut run = controller(name, "", start);
             (1..=count(&run, "x")).for_each(|i| run.set(&format!("x[{i}]"), 0.01 * i as f64));
             run.set("r[1]", 0.1);
             run.step(1.0);
-            (outcome(&run), run.0.log.iter().any(|message| message.category == "logAccuracy"))
+            outcome(&run)
         };
-        let (expected, _) = long("integration_method = 'explicit'\nrelative_tolerance = 1e-10");
-        let (found, missed) = long("");
-        let error = difference(&found, &expected);
-        println!("{name}: {error:.1e}, missed: {missed}");
-        assert!(error < 1e-2 || missed, "{name}: {error:e}");
-        followed += usize::from(!missed);
+        let expected = long("integration_method = 'explicit'\nrelative_tolerance = 1e-10");
+        let error = difference(&long("relative_tolerance = 1e-9"), &expected);
+        println!("{name}: {error:.1e}");
+        assert!(error < 1e-3, "{name}: {error:e}");
     }
-    assert!(followed > 0, "some controller's adaptation is slow enough");
 }

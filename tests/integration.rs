@@ -221,7 +221,7 @@ fn a_masters_input_derivatives_win_over_input_handling_and_hold_for_one_step() {
 /// x' = −λ x + u through its own exact step. It says that its error is (h / limit)², and counts the substeps taken.
 struct OwnStep {
     limit: ScalarOf<Parameter>,
-    missed: Warning,
+    shortest: ScalarOf<Parameter>,
     u: ScalarOf<Input>,
     x: ScalarOf<State>,
     strides: ScalarOf<State>,
@@ -237,8 +237,8 @@ impl System for OwnStep {
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         Ok(OwnStep {
-            limit: d.parameter(scalar("limit", "substep with error 1").start(1e9)),
-            missed: d.warning("logAccuracy", "the shortest step is not accurate enough"),
+            limit: d.parameter(scalar("limit", "substep with error 1; 0: no step is possible").start(1e9)),
+            shortest: d.parameter(scalar("shortest", "substep that pays")),
             u: d.input(scalar("u", "input")),
             x: d.state(scalar("x", "state")),
             strides: d.state(scalar("strides", "strides taken")),
@@ -256,7 +256,7 @@ impl System for OwnStep {
     fn steps_itself(&self) -> bool {
         true
     }
-    fn advance(&self, stride: Stride, v: &mut Point) {
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
         let slope = stride.slopes.first().copied().unwrap_or(0.0);
         let (gain, rate) = (v[self.u] / LAMBDA - slope / (LAMBDA * LAMBDA), slope / LAMBDA);
         let (start, h) = (v[self.x], stride.length);
@@ -265,13 +265,14 @@ impl System for OwnStep {
         v[self.strides] += 1.0;
         v[self.longest] = v[self.longest].max(h);
         stride.whole.copy_from_slice(&[at(2.0 * h), v[self.strides] + 1.0, 2.0 * h]);
+        v[self.limit] > 0.0
     }
-    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, _nominals: &[f64]) -> ErrorEstimate {
-        assert!((whole[self.x] - halves[self.x]).abs() < 1e-12);
-        ErrorEstimate { scaled: (whole[self.longest] / halves[self.limit]).powi(2), order: 2 }
+    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
+        h >= v[self.shortest]
     }
-    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point) {
-        v.warn(self.missed, || format!("{error:.1} at t = {t}"));
+    fn conclude(&self, whole: &Values<f64>, _nominals: &[f64], v: &mut Point) -> ErrorEstimate {
+        assert!((whole[self.x] - v[self.x]).abs() < 1e-12);
+        ErrorEstimate { scaled: (whole[self.longest] / v[self.limit]).powi(2), order: 2 }
     }
 }
 
@@ -308,13 +309,14 @@ fn a_step_of_its_own_is_given_the_inputs_at_its_start_and_their_slopes() {
 }
 
 #[test]
-fn a_step_of_its_own_that_is_never_accurate_enough_is_taken_at_its_shortest_and_warned_of_once() {
-    let mut run = Run::of::<OwnStep>("limit = 2e-4", 0.0);
-    run.run(2, 1.0);
-    assert_near(run.get("x"), (-2.0 * LAMBDA).exp(), "x");
-    assert_eq!(run.get("strides"), 2.0 * 2.0 * 500.0);
-    let messages: Vec<_> = run.0.log.iter().map(|message| message.text.as_str()).collect();
-    assert_eq!(messages, ["100.0 at t = 0"]);
+fn where_a_step_of_its_own_does_not_pay_or_is_impossible_a_general_method_goes_on() {
+    // Too inaccurate, impossible, and of an error without bounds.
+    for start in ["limit = 1e-4\nshortest = 1e-3", "limit = 0.0", "limit = 1e-200"] {
+        let mut run = Run::of::<OwnStep>(&format!("{start}\nrelative_tolerance = 1e-11"), 0.0);
+        run.run(2, 1.0);
+        assert_near(run.get("x"), (-2.0 * LAMBDA).exp(), start);
+        assert_eq!(run.get("strides"), 0.0, "{start}");
+    }
 }
 
 #[test]

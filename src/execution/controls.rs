@@ -150,6 +150,7 @@ impl Controls {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PaceMemory {
     substep: ScalarOf<Memory>,
+    own_substep: ScalarOf<Memory>,
     stiff: BooleanOf<Memory>,
     evidence: IntegerOf<Memory>,
 }
@@ -158,17 +159,24 @@ impl PaceMemory {
     fn declare(d: &mut Declaration) -> Self {
         PaceMemory {
             substep: d.memory(scalar("#substep", "")),
+            own_substep: d.memory(scalar("#own substep", "")),
             stiff: d.memory(boolean("#stiff", "")),
             evidence: d.memory(integer("#evidence", "")),
         }
     }
 
     pub(super) fn read(self, v: &Values<f64>) -> Pace {
-        Pace { substep: v[self.substep], stiff: v.get(self.stiff), evidence: v.get(self.evidence) }
+        Pace {
+            substep: v[self.substep],
+            own_substep: v[self.own_substep],
+            stiff: v.get(self.stiff),
+            evidence: v.get(self.evidence),
+        }
     }
 
     pub(super) fn write(self, pace: Pace, v: &mut Point) {
         v[self.substep] = pace.substep;
+        v[self.own_substep] = pace.own_substep;
         v.put(self.stiff, pace.stiff);
         v.put(self.evidence, pace.evidence);
     }

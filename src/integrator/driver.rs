@@ -26,8 +26,6 @@ pub struct Driver {
     indicators: [Vec<f64>; 3],
     /// Which indicators changed sides at the event that is being handled.
     crossed: Vec<bool>,
-    /// The shortest step of the system's own in this communication step.
-    shortest: f64,
 }
 
 impl std::fmt::Debug for Driver {
@@ -47,7 +45,6 @@ impl Driver {
             nominals: (0..states).map(nominal).collect(),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
             crossed: vec![false; system.indicators()],
-            shortest: 0.0,
             indicators: [indicators.clone(), indicators.clone(), indicators],
         }
     }
@@ -110,7 +107,7 @@ impl Driver {
         let mut events =
             EventCount { slack: settings.event_slack * (t1 - t0), limit: settings.max_events, count: 0, last: t0 };
         let (mut t, mut substeps) = (t0, 0);
-        self.shortest = (t1 - t0) / settings.max_own_substeps as f64;
+        self.methods.restart();
         if self.jumped(problem, t) {
             self.handle_events(problem, t, t1, &mut events)?;
         }
@@ -256,27 +253,18 @@ impl Driver {
         pace: &mut Pace,
     ) -> Result<bool, StepError> {
         self.start.set(problem, *t);
-        let broken = self.methods.begin(problem, &self.start, settings.method, pace);
-        broken.map_err(|state| StepError::NoJacobian { variable: state_name(problem, state), time: *t })?;
-        let way = target - *t;
-        let smallest = 16.0 * f64::EPSILON * t.abs().max(target.abs());
-        let suggested = pace.substep;
-        let mut h = if suggested > 0.0 && suggested * STRETCH < way { suggested } else { way };
-        // A step of the system's own is taken at its shortest, whatever its error: that is no reason to end the run.
-        let shortest = if self.methods.by_itself() { self.shortest.min(way) } else { 0.0 };
+        let (way, smallest) = (target - *t, 16.0 * f64::EPSILON * t.abs().max(target.abs()));
+        self.begin(problem, *t, way, settings, pace)?;
+        let mut h = first_substep(*pace.substep_of(self.methods.by_itself()), way);
         loop {
-            h = h.max(shortest);
             let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
             let (estimate, state) = self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance);
-            let missed = h <= shortest && (estimate.scaled > 1.0 || estimate.scaled.is_nan());
-            if missed {
-                problem.system.tolerance_missed(*t, estimate.scaled, &mut problem.point());
-            }
-            if estimate.scaled <= 1.0 || missed {
+            let suggested = pace.substep_of(self.methods.by_itself());
+            if estimate.scaled <= 1.0 {
                 let whole = h == way;
                 // A substep that was cut short says nothing about how long the next may be, unless it was the limit.
-                if pace.substep == 0.0 || h >= pace.substep {
-                    pace.substep = h * growth(estimate.scaled, estimate.order);
+                if *suggested == 0.0 || h >= *suggested {
+                    *suggested = h * growth(estimate.scaled, estimate.order);
                 }
                 if settings.method == IntegrationMethod::Automatic {
                     self.methods.judge(problem, &self.start, (h, whole), &self.nominals, pace);
@@ -285,12 +273,42 @@ impl Driver {
                 return self.locate_event(problem, t, end, settings, pace);
             }
             h *= if estimate.scaled.is_finite() { growth(estimate.scaled, estimate.order).min(SAFETY) } else { SHRINK };
-            pace.substep = h;
+            if self.own_step_ends(problem, *t, h, estimate.scaled) {
+                self.methods.give_up_own_step();
+                self.begin(problem, *t, way, settings, pace)?;
+                h = first_substep(pace.substep, way);
+                continue;
+            }
+            *suggested = h;
             if h <= smallest {
                 let (variable, tolerance) = (state_name(problem, state), settings.relative_tolerance);
                 return Err(StepError::StepTooSmall { time: *t, step: h, tolerance, variable });
             }
         }
+    }
+
+    /// Chooses the method of a substep that begins where the problem stands.
+    fn begin(
+        &mut self,
+        problem: &Problem,
+        t: f64,
+        way: f64,
+        settings: &Settings,
+        pace: &mut Pace,
+    ) -> Result<(), StepError> {
+        let broken = self.methods.begin(problem, &self.start, (settings.method, way), pace);
+        broken.map_err(|state| StepError::NoJacobian { variable: state_name(problem, state), time: t })
+    }
+
+    /// Whether the system's own step is impossible after an attempt, or no longer pays for the length h that is left. The
+    /// problem then stands at the substep's start.
+    fn own_step_ends(&self, problem: &mut Problem, t: f64, h: f64, error: f64) -> bool {
+        if !self.methods.by_itself() {
+            return false;
+        }
+        problem.states().copy_from_slice(&self.start.states);
+        problem.evaluate(t);
+        !error.is_finite() || !problem.system.own_step_pays(h, &problem.values())
     }
 
     /// Moves to the end of an accepted substep, or to the first event indicator that changes its sign before. The
@@ -359,6 +377,11 @@ impl EventCount {
         let event = problem.next_time_event();
         event <= t || (t == t1 && event <= t1 + self.slack)
     }
+}
+
+/// The substep to try first, where one is suggested (0: none is) and there is so long a way to go.
+fn first_substep(suggested: f64, way: f64) -> f64 {
+    if suggested > 0.0 && suggested * STRETCH < way { suggested } else { way }
 }
 
 /// Factor to the next substep from a scaled error.

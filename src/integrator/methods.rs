@@ -60,17 +60,27 @@ impl IntegrationMethod {
 /// What a continuation goes on with. It lies in the instance's block between steps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pace {
-    /// The substep to begin with; 0 where none is known yet.
+    /// The substep to begin with, of a general method; 0 where none is known yet.
     pub substep: f64,
+    /// The same of the system's own step.
+    pub own_substep: f64,
     /// Whether the stiff method is in force.
     pub stiff: bool,
     /// Substeps that spoke for the other method, less those that didn't.
     pub evidence: i32,
 }
 
+impl Pace {
+    /// The substep of the system's own step, or of a general method.
+    pub fn substep_of(&mut self, own: bool) -> &mut f64 {
+        if own { &mut self.own_substep } else { &mut self.substep }
+    }
+}
+
 /// The methods for a system.
 ///
-/// The choice follows Hairer and Wanner (Solving Ordinary Differential Equations II, IV.2), with the work in it.
+/// A system's own step is taken where it pays, and given up for the rest of a communication step where it finds itself
+/// impossible, or would have to be so short that it doesn't pay. Between general methods the choice follows Hairer and Wanner (Solving Ordinary Differential Equations II, IV.2), with the work in it.
 /// A substep h of the explicit method speaks for the stiff one where its stability limits it, as h |λ| tells, λ being
 /// the eigenvalue of the largest magnitude. One that goes the whole way can't be beaten. A substep of the stiff method
 /// speaks for the explicit one where that would take less work within its stability. The stiff method is tried
@@ -81,8 +91,10 @@ pub struct Methods {
     explicit: DormandPrince,
     stiff: Option<Box<Rosenbrock>>,
     own: Option<OwnStep>,
-    /// Whether the system's own step is in force. It follows from what is asked for, anew at each substep.
+    /// Whether the system's own step is in force, and whether it was given up for the rest of a communication step.
+    /// Both are decided anew in each.
     by_itself: bool,
+    given_up: bool,
     /// Work of a stiff substep in explicit ones.
     work: f64,
     /// How many more substeps must speak for the stiff method than against it before it is tried: they take as long
@@ -98,7 +110,7 @@ impl Methods {
         let own = system.steps_itself().then(|| OwnStep::new(system, variables));
         let work = relative_work(states as f64);
         let (explicit, trial) = (DormandPrince::new(states), (work * f64::from(EVIDENCE)) as i32);
-        Methods { explicit, stiff, own, by_itself: false, work, trial }
+        Methods { explicit, stiff, own, by_itself: false, given_up: false, work, trial }
     }
 
     /// The explicit method.
@@ -111,6 +123,16 @@ impl Methods {
         self.by_itself
     }
 
+    /// Begins a communication step.
+    pub fn restart(&mut self) {
+        self.given_up = false;
+    }
+
+    /// Leaves the rest of a communication step to a general method.
+    pub fn give_up_own_step(&mut self) {
+        (self.by_itself, self.given_up) = (false, true);
+    }
+
     /// The method in force.
     pub fn in_force(&mut self, pace: &Pace) -> &mut dyn OneStepMethod {
         match (&mut self.own, &mut self.stiff) {
@@ -120,7 +142,8 @@ impl Methods {
         }
     }
 
-    /// Decides by which method the substep goes that begins where the problem stands, and prepares it.
+    /// Decides by which method the substep goes that begins where the problem stands, with so long a way to go, and
+    /// prepares it.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number, if the stiff method was asked for.
@@ -128,10 +151,13 @@ impl Methods {
         &mut self,
         problem: &Problem,
         start: &Start,
-        asked: IntegrationMethod,
+        (asked, way): (IntegrationMethod, f64),
         pace: &mut Pace,
     ) -> Result<(), usize> {
-        self.by_itself = asked == IntegrationMethod::Automatic && self.own.is_some();
+        self.by_itself = asked == IntegrationMethod::Automatic
+            && self.own.is_some()
+            && !self.given_up
+            && problem.system.own_step_pays(way, &problem.values());
         match asked {
             IntegrationMethod::Automatic if self.by_itself => return Ok(()),
             IntegrationMethod::Explicit => pace.stiff = false,

@@ -82,8 +82,6 @@ pub struct Settings {
     pub relative_tolerance: f64,
     /// Substeps that one communication step may take.
     pub max_substeps: usize,
-    /// A system's own step is never shorter than the communication step divided by this.
-    pub max_own_substeps: usize,
     /// Events that may follow each other without time between them.
     pub max_events: usize,
     /// A value beyond this, in magnitude, is divergence.
@@ -99,7 +97,6 @@ impl Default for Settings {
             method: IntegrationMethod::Automatic,
             relative_tolerance: 1e-6,
             max_substeps: 1_000_000,
-            max_own_substeps: 500,
             max_events: 10_000,
             divergence_limit: 1e12,
             event_slack: 1e-6,

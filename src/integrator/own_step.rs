@@ -10,6 +10,7 @@ pub struct OwnStep {
     /// The states to which one stride leads, and all values there.
     states: Vec<f64>,
     whole: Vec<f64>,
+    integers: Vec<i32>,
 }
 
 impl OwnStep {
@@ -19,14 +20,15 @@ impl OwnStep {
             workspace: vec![0.0; system.workspace()],
             states: vec![0.0; variables.states()],
             whole: vec![0.0; variables.reals(Section::Memory).end],
+            integers: vec![0; variables.integers(Section::Memory).end],
         }
     }
 
-    /// One stride from where the problem stands.
-    fn stride(&mut self, problem: &mut Problem, time: f64, length: f64) {
+    /// One stride from where the problem stands; whether it was possible.
+    fn stride(&mut self, problem: &mut Problem, time: f64, length: f64) -> bool {
         let (whole, workspace) = (&mut self.states, &mut self.workspace);
         let stride = Stride { time, length, slopes: problem.ramp.slopes, whole, workspace };
-        problem.system.advance(stride, &mut problem.point());
+        problem.system.advance(stride, &mut problem.point())
     }
 }
 
@@ -41,16 +43,24 @@ impl OneStepMethod for OwnStep {
         problem.states().copy_from_slice(&start.states);
         problem.evaluate_signals(start.time);
         let (middle, end) = (start.time + 0.5 * h, start.time + h);
-        self.stride(problem, start.time, 0.5 * h);
+        let impossible = (ErrorEstimate { scaled: f64::INFINITY, order: 1 }, 0);
+        if !self.stride(problem, start.time, 0.5 * h) {
+            return impossible;
+        }
         // The whole stride's end is evaluated first, while the half's states wait in its place.
         problem.states().swap_with_slice(&mut self.states);
         problem.evaluate_signals(end);
         self.whole.copy_from_slice(problem.reals);
+        self.integers.copy_from_slice(problem.integers);
         problem.states().copy_from_slice(&self.states);
         problem.evaluate_signals(middle);
-        self.stride(problem, middle, 0.5 * h);
+        if !self.stride(problem, middle, 0.5 * h) {
+            return impossible;
+        }
+        problem.evaluate_signals(end);
+        let whole = Values::new(&self.whole, &self.integers, problem.variables.offsets());
+        let estimate = problem.system.conclude(&whole, tolerance.nominals, &mut problem.point());
         problem.evaluate(end);
-        let whole = Values::new(&self.whole, problem.integers, problem.variables.offsets());
-        (problem.system.step_error(&whole, &problem.values(), tolerance.nominals), 0)
+        (estimate, 0)
     }
 }

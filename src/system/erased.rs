@@ -51,11 +51,11 @@ pub trait DynSystem: Send + Sync {
     /// See [`System::workspace`].
     fn workspace(&self) -> usize;
     /// See [`System::advance`].
-    fn advance(&self, stride: Stride, v: &mut Point);
-    /// See [`System::step_error`].
-    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate;
-    /// See [`System::tolerance_missed`].
-    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point);
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool;
+    /// See [`System::own_step_pays`].
+    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool;
+    /// See [`System::conclude`].
+    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate;
 }
 
 fn outputs<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers: &[i32], offsets: &Offsets) {
@@ -116,14 +116,14 @@ impl<M: System> DynSystem for M {
     fn workspace(&self) -> usize {
         System::workspace(self)
     }
-    fn advance(&self, stride: Stride, v: &mut Point) {
-        System::advance(self, stride, v);
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
+        System::advance(self, stride, v)
     }
-    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate {
-        System::step_error(self, whole, halves, nominals)
+    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
+        System::own_step_pays(self, h, v)
     }
-    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point) {
-        System::tolerance_missed(self, t, error, v);
+    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
+        System::conclude(self, whole, nominals, v)
     }
 }
 

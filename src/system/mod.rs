@@ -52,7 +52,7 @@
 //! | [`System::derivatives`] | right after `outputs` at the same point, so it may read signals | not allocate |
 //! | [`System::next_time_event`], [`System::event_indicators`], [`System::event`] | several times a step | not allocate |
 //! | [`System::check`] | at the start, at the end of each communication step, and where a step can't be finished | not allocate, but for a reason |
-//! | [`System::advance`], [`System::step_error`] | in place of a general integrator, where it [`System::steps_itself`] | not allocate |
+//! | [`System::advance`], [`System::conclude`] | in place of a general integrator, where it [`System::steps_itself`] | not allocate |
 //! | [`System::step_completed`] | once a communication step | not allocate, but for a message |
 //!
 //! The equations (`outputs`, `derivatives`) are generic over the [`Scalar`]: with `f64` they are simulated,
@@ -229,24 +229,26 @@ pub trait System: Sized + Send + Sync + 'static {
         0
     }
 
+    /// Whether [`System::advance`] is worth its while over a step h from where the values stand. General integration
+    /// goes on where it isn't.
+    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
+        let _ = (h, v);
+        true
+    }
+
     /// A system with a better way through a step than a general integrator brings it here: advance the states by one
     /// stride, and change nothing but them: a stride may be tried again with another length. Steps are made of pairs of
-    /// strides, and divided until [`System::step_error`] finds them accurate. Called only where
-    /// [`System::steps_itself`].
-    fn advance(&self, stride: Stride, v: &mut Point) {
+    /// strides, and divided until [`System::conclude`] finds them accurate. Called only where [`System::steps_itself`].
+    /// Whether the way holds for this stride: where it doesn't, general integration goes on.
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
         let _ = (stride, v);
+        false
     }
 
-    /// How far apart one `whole` stride and two `halves` arrive, both with their signals; `nominals` has one number a
-    /// state. The halves are kept.
-    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate {
-        let _ = (whole, halves, nominals);
+    /// Concludes a step: how far apart one `whole` stride and two halves arrive, both with their signals; the point
+    /// stands where the halves do. Its states may be improved from both. `nominals` has one number a state.
+    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
+        let _ = (whole, nominals, v);
         ErrorEstimate { scaled: f64::INFINITY, order: 1 }
-    }
-
-    /// Called when the shortest step allowed was taken although its error is `error` times what is tolerated: the place
-    /// to warn.
-    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point) {
-        let _ = (t, error, v);
     }
 }

@@ -1,6 +1,6 @@
 //! The closed-form step of an L1 controller.
 //!
-//! The estimates oscillate so fast that a general integrator needs hundreds of steps in a communication step. But with
+//! The estimates may oscillate so fast that a general integrator needs many steps in a communication step. But with
 //! the regressor φ, the control v_0 and the gain ω̂ of the stride's beginning, what couples them is linear: x̃ = x̂ − x,
 //! a = ω̂ v_0 + θ̂ φ + σ̂ (one number a channel, in which the estimates act together), the filter's state f, time and a
 //! constant. One matrix exponential solves it, and the increment of a is shared out to the estimates in proportion
@@ -78,22 +78,57 @@ impl L1 {
         Space { matrix, eta, exponential, solution: [start, end, whole], states }
     }
 
-    /// Advances the states by one stride, and tells where one of twice its length leads.
-    pub(super) fn closed_form(&self, stride: Stride, v: &mut Point) {
+    /// Advances the states by one stride, and tells where one of twice its length leads. Whether it could: not where an
+    /// estimate may come to the layer at its bounds on the way, for what is linear here knows no projection.
+    pub(super) fn closed_form(&self, stride: Stride, v: &mut Point) -> bool {
         let Space { matrix, eta, exponential, solution: [start, end, whole], states } = self.divide(stride.workspace);
         let at = self.places();
         let values = v.values();
-        Linear { l1: self, v: values, slopes: stride.slopes, at, matrix, eta }.fill();
-        matrix.iter_mut().for_each(|entry| *entry *= stride.length);
-        exponential::exponential(at.order, matrix, exponential);
+        Linear { l1: self, v: values, slopes: stride.slopes, at, matrix, eta: &mut *eta }.fill();
         self.linear_state(&values, at, start);
         apply(matrix, start, end);
         apply(matrix, end, whole);
+        let (rates, second_rates) = (&end[at.a..at.f], &whole[at.a..at.f]);
+        let amplitudes = &mut eta[..rates.len()];
+        self.amplitudes(&values, rates, second_rates, amplitudes);
+        matrix.iter_mut().for_each(|entry| *entry *= stride.length);
+        exponential::exponential(at.order, matrix, exponential);
+        apply(matrix, start, end);
+        apply(matrix, end, whole);
+        let of_a = at.a..at.f;
+        if self.may_be_projected(&values, amplitudes, [&start[of_a.clone()], &end[of_a.clone()], &whole[of_a]]) {
+            return false;
+        }
         self.arrive(&values, at, [start, whole], stride.slopes, 2.0 * stride.length, stride.whole);
         self.arrive(&values, at, [start, end], stride.slopes, stride.length, states);
         for handle in [self.x_hat, self.omega_hat, self.theta_hat.elements(), self.sigma_hat, self.f] {
             v.set(handle, &states[handle.span().range()]);
         }
+        true
+    }
+
+    /// How far a may swing about where it stands, with its rates of first and second order.
+    fn amplitudes(&self, v: &Values<f64>, rates: &[f64], second_rates: &[f64], amplitudes: &mut [f64]) {
+        let PB = v.matrix(self.design.PB);
+        for (i, amplitude) in amplitudes.iter_mut().enumerate() {
+            let stiffness: f64 = PB.column(i).iter().zip(self.plant.B.column(i).iter()).map(|(p, b)| p * b).sum();
+            let square = v[self.design.adaptation_gain] * self.excitation(v, i) * stiffness;
+            *amplitude = 2.0 * (rates[i] / square.sqrt()).hypot(second_rates[i] / square);
+        }
+    }
+
+    /// Whether an estimate may come to the layer in which projection acts, where a goes through these values.
+    fn may_be_projected(&self, v: &Values<f64>, amplitudes: &[f64], [start, end, whole]: [&[f64]; 3]) -> bool {
+        let epsilon = v[self.design.projection_tolerance];
+        (0..self.estimates()).any(|k| {
+            let Estimate { place, bounds: (lo, hi), channel: i, factor } = self.estimate(k, v);
+            let (gone, further) = (end[i] - start[i], whole[i] - start[i]);
+            let [down, up] = [gone.min(further).min(0.0) - amplitudes[i], gone.max(further).max(0.0) + amplitudes[i]];
+            let share = factor / self.excitation(v, i);
+            let in_layer = |increment: f64| projection::is_in_layer(v[place] + share * increment, lo, hi, epsilon);
+            // An estimate whose bounds coincide is in no layer, but doesn't move.
+            lo == hi || in_layer(down) || in_layer(up)
+        })
     }
 
     /// (x̃, a, f, t, 1) at the stride's beginning.
@@ -168,29 +203,24 @@ impl Linear<'_> {
         self.eta.fill(0.0);
         *self.entry(self.at.time, self.at.one) = 1.0;
         self.prediction_error();
-        if self.v.get(self.l1.active) {
-            self.uncertainty();
-            self.predictor();
-            self.adaptation();
-            self.control_law();
-        } else {
-            self.follow();
-        }
+        self.uncertainty();
+        self.predictor();
+        self.adaptation();
+        self.control_law();
     }
 
-    /// x̃' = A_m x̃ + (A_m x − x') …, which vanishes but for x̃ and x' while the predictor follows.
+    /// x̃' = A_m x̃ + (A_m x − x') …
     fn prediction_error(&mut self) {
         let (l1, v) = (self.l1, self.v);
-        let (A_m, x, active) = (l1.design.A_m(&v), &v[l1.x], v.get(l1.active));
+        let (A_m, x) = (l1.design.A_m(&v), &v[l1.x]);
         let rates = &self.slopes[l1.x.span().range()];
         for i in 0..x.len() {
             for j in 0..x.len() {
                 *self.entry(i, j) = A_m[(i, j)];
             }
             let along = |values: &[f64]| A_m.row(i).iter().zip(values).map(|(a, x)| a * x).sum::<f64>();
-            let (here, rate) = if active { (along(x), along(rates)) } else { (0.0, 0.0) };
-            *self.entry(i, self.at.one) = here - rates[i];
-            *self.entry(i, self.at.time) = rate;
+            *self.entry(i, self.at.one) = along(x) - rates[i];
+            *self.entry(i, self.at.time) = along(rates);
         }
     }
 
@@ -277,23 +307,6 @@ impl Linear<'_> {
                     *self.entry(row, self.at.one) += gain * along(r);
                     *self.entry(row, self.at.time) += gain * along(rates);
                 }
-            }
-        }
-    }
-
-    /// f' = −k (f − f_rest (u + K_m x)), while the control is the manual one.
-    fn follow(&mut self) {
-        let l1 = self.l1;
-        let (rate, order) = (self.v[l1.design.follow_rate], l1.filter.order());
-        for i in 0..l1.u.len() {
-            let limited = self.v[l1.u][i] != self.v[l1.u_manual][i];
-            let manual_rate = if limited { 0.0 } else { self.slopes[self.slope(l1.u_manual.at(i))][0] };
-            let (target, target_rate) = (self.v[l1.u][i] + self.v[l1.feedback][i], manual_rate + self.feedback_rate(i));
-            for (k, rest) in l1.filter_at_rest.iter().enumerate() {
-                let row = self.at.f + i * order + k;
-                *self.entry(row, row) = -rate;
-                *self.entry(row, self.at.one) = rate * rest * target;
-                *self.entry(row, self.at.time) = rate * rest * target_rate;
             }
         }
     }

@@ -26,6 +26,7 @@ pub(super) struct Design {
     pub sigma_bound: VectorOf<Parameter>,
     pub projection_tolerance: ScalarOf<Parameter>,
     pub adaptation_tolerance: ScalarOf<Parameter>,
+    pub closed_form_phase: ScalarOf<Parameter>,
     pub step_phase_limit: ScalarOf<Parameter>,
     pub u_min: VectorOf<Parameter>,
     pub u_max: VectorOf<Parameter>,
@@ -99,6 +100,8 @@ impl Design {
                          value's magnitude or nominal value";
         let phase = "angle through which the adaptation may turn in a communication step before the step is called too \
                      long";
+        let closed_form = "angle through which the adaptation turns in a step from which on the closed form is taken, in \
+                           co-simulation; below, a general method is less work";
         let limit = "control that the actuator can give; the predictor knows of it. 1e15 is no limit";
         Design {
             adaptation_gain: d
@@ -124,6 +127,7 @@ impl Design {
             ),
             adaptation_tolerance: d
                 .parameter(scalar("adaptation_tolerance", tolerance).start(1e-3).min(1e-9).max(1.0).nominal(1e-3)),
+            closed_form_phase: d.parameter(scalar("closed_form_phase", closed_form).unit("rad").start(10.0).min(0.0)),
             step_phase_limit: d.parameter(scalar("step_phase_limit", phase).unit("rad").start(10.0).positive()),
             u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(of_control)),
             u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(of_control)),

@@ -56,8 +56,17 @@ impl L1 {
         (0..self.estimates()).filter(held).count()
     }
 
-    /// Brings estimates back to tightened bounds.
+    /// Brings estimates back to tightened bounds, and says so.
     pub(super) fn clip_estimates(&self, v: &mut Point) {
+        let clipped = self.bring_within_bounds(v);
+        if clipped > 0 {
+            let text = format!("{clipped} estimates lay outside the new bounds and were brought to them");
+            v.say(self.at_bounds, text);
+        }
+    }
+
+    /// How many estimates lay outside their bounds, and no longer do.
+    pub(super) fn bring_within_bounds(&self, v: &mut Point) -> usize {
         let mut clipped = 0;
         for k in 0..self.estimates() {
             let Estimate { place, bounds: (lo, hi), .. } = self.estimate(k, &v.values());
@@ -65,9 +74,6 @@ impl L1 {
             clipped += usize::from(within != v[place]);
             v[place] = within;
         }
-        if clipped > 0 {
-            let text = format!("{clipped} estimates lay outside the new bounds and were brought to them");
-            v.say(self.at_bounds, text);
-        }
+        clipped
     }
 }

@@ -75,7 +75,6 @@ pub struct L1 {
     omega_entries: Vec<(usize, usize)>,
     at_bounds: Warning,
     long_step: Warning,
-    coarse_step: Warning,
 }
 
 impl System for L1 {
@@ -146,7 +145,6 @@ impl System for L1 {
             omega_entries,
             at_bounds: d.warning("logProjection", "estimates at their bounds, or brought back to tightened ones"),
             long_step: d.warning("logStepTooLong", "communication step too long for the adaptation gain"),
-            coarse_step: d.warning("logAccuracy", "accuracy asked for that the shortest step does not reach"),
             plant,
             filter,
         };
@@ -293,12 +291,20 @@ impl System for L1 {
         self.closed_form_workspace()
     }
 
-    fn advance(&self, stride: Stride, v: &mut Point) {
-        self.closed_form(stride, v);
+    /// Not while an estimate is at a bound, nor where a general method needs few steps.
+    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
+        let phase = v[self.adaptation_frequency] * h;
+        v.get(self.active) && phase >= v[self.design.closed_form_phase] && self.projections(v) == 0
     }
 
-    /// Of x̂, η̂ and u_ad: single estimates aren't determined where the regressor excites them little.
-    fn step_error(&self, whole: &Values<f64>, halves: &Values<f64>, nominals: &[f64]) -> ErrorEstimate {
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
+        self.closed_form(stride, v)
+    }
+
+    /// Of x̂, η̂ and u_ad: single estimates aren't determined where the regressor excites them little. The states are
+    /// extrapolated to strides of no length.
+    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
+        let halves = &v.values();
         let (x_hat, u_ad) = (&nominals[self.x_hat.span().range()], nominals[self.f.span().start]);
         let mut worst = 0.0;
         let mut compare = |whole: f64, halves: f64, magnitude: f64| {
@@ -314,16 +320,9 @@ impl System for L1 {
             // η̂ passes through zero where what it is made of does not.
             compare(whole[self.eta_hat][i], halves[self.eta_hat][i], u_ad.max(self.magnitude(i, halves)));
         }
-        ErrorEstimate { scaled: worst / halves[self.design.adaptation_tolerance], order: 2 }
-    }
-
-    fn tolerance_missed(&self, t: f64, error: f64, v: &mut Point) {
-        v.warn(self.coarse_step, || {
-            format!(
-                "the adaptation is too fast to be followed within adaptation_tolerance at t = {t} s: the error of the \
-                 shortest step is {error:.1e} times what is tolerated; use a shorter communication step"
-            )
-        });
+        let scaled = worst / halves[self.design.adaptation_tolerance];
+        self.extrapolate(whole, v);
+        ErrorEstimate { scaled, order: 2 }
     }
 }
 
@@ -378,6 +377,14 @@ impl L1 {
                 dx[self.f][i * self.filter.order() + k] = own;
             }
         }
+    }
+
+    /// Where strides of no length would lead: the error of a stride is proportional to its length.
+    fn extrapolate(&self, whole: &Values<f64>, v: &mut Point) {
+        for handle in [self.x_hat, self.omega_hat, self.theta_hat.elements(), self.sigma_hat, self.f] {
+            v[handle].iter_mut().zip(&whole[handle]).for_each(|(halves, whole)| *halves += *halves - whole);
+        }
+        self.bring_within_bounds(v);
     }
 
     /// Puts the adaptive control where the control is the manual one.

@@ -277,11 +277,15 @@ impl DynSystem for Composite {
         0
     }
 
-    fn advance(&self, _stride: Stride, _v: &mut Point) {}
-
-    fn step_error(&self, _whole: &Values<f64>, _halves: &Values<f64>, _nominals: &[f64]) -> ErrorEstimate {
-        ErrorEstimate { scaled: f64::INFINITY, order: 1 }
+    fn advance(&self, _stride: Stride, _v: &mut Point) -> bool {
+        false
     }
 
-    fn tolerance_missed(&self, _t: f64, _error: f64, _v: &mut Point) {}
+    fn own_step_pays(&self, _h: f64, _v: &Values<f64>) -> bool {
+        false
+    }
+
+    fn conclude(&self, _whole: &Values<f64>, _nominals: &[f64], _v: &mut Point) -> ErrorEstimate {
+        ErrorEstimate { scaled: f64::INFINITY, order: 1 }
+    }
 }
