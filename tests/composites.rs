@@ -247,6 +247,7 @@ fn a_whole_loop_of_this_package_starts_and_depends_on_what_it_says() {
         };
         let mut rates = variables.visible().filter(|element| element.variable.section == Section::Derivative);
         assert!(rates.any(moves), "{name}: a derivative of the plant depends on the control's state");
+        drop(rates);
         let mut execution = Execution::new(model);
         execution.initialise().unwrap();
         execution.step(0.0, 1e-3).unwrap();
