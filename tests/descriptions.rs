@@ -3,24 +3,8 @@
 mod common;
 
 use adaptive_fmu::fmi2::model_description;
-use adaptive_fmu::library::REGISTRY;
-use adaptive_fmu::model::{Description, Model};
+use common::described::{model, refused};
 use common::{description, description_folder, description_names};
-
-fn model(text: &str) -> Result<Model, String> {
-    let description = Description::read(text).map_err(|invalid| invalid.to_string())?;
-    Model::from_description(description, REGISTRY).map_err(|invalid| invalid.to_string())
-}
-
-/// Asserts that a description is refused in one line that names these things.
-fn refused(text: &str, named: &[&str]) {
-    let message = model(text).err().unwrap_or_else(|| panic!("this should be refused for {named:?}:\n{text}"));
-    for name in named {
-        assert!(message.contains(name), "`{message}` names `{name}`");
-    }
-    assert!(!message.contains('\n'), "one line: {message}");
-    assert!(message.len() < 500, "a line that can be read: {message}");
-}
 
 /// The controller of example 3.2.1 with one text in it replaced.
 fn controller(old: &str, new: &str) -> String {

@@ -60,7 +60,8 @@
 //! is left to the explicit method there, so that both cost the same at the same tolerance. Where bounds leave room (the
 //! loop 4-case1 with `omega_min` = -10 and `theta_bound` = 100), 20 s of the whole loop take 0.6 s with the closed form
 //! against 2.7 s with the explicit method at H = 10 ms, and 0.4 s against 1.9 s at 1 ms, with control peaks that agree to
-//! 1e-5.
+//! 2e-5: `run 4-case1 --until 20 --step 0.01 --set controller.omega_min[1,1]=-10 --set controller.theta_bound[1]=100`,
+//! and the same with `--set controller.integration_method=explicit`; user time of the process.
 
 mod dormand_prince;
 mod driver;

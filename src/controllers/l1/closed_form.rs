@@ -4,9 +4,7 @@
 //! the regressor φ, the control v_0 and the gain ω̂ of the stride's beginning, what couples them is linear: x̃ = x̂ − x,
 //! a = ω̂ v_0 + θ̂ φ + σ̂ (one number a channel, in which the estimates act together), the filter's state f, time and a
 //! constant. One matrix exponential solves it, and the increment of a is shared out to the estimates in proportion
-//! to what each of them multiplies, through the projection in closed form.
-
-use std::ops::Range;
+//! to what each of them multiplies. Projection isn't linear: where it may act, a general method takes the step.
 
 use super::estimates::Estimate;
 use super::{Baseline, L1, Regressor, largest};
@@ -158,11 +156,10 @@ impl L1 {
             *x_hat = v[self.x][k] + slope[k] * h + end[k];
         }
         states[self.f.span().range()].copy_from_slice(&end[at.f..at.time]);
-        let epsilon = v[self.design.projection_tolerance];
         for k in 0..self.estimates() {
-            let Estimate { place, bounds: (lo, hi), channel, factor } = self.estimate(k, v);
+            let Estimate { place, channel, factor, .. } = self.estimate(k, v);
             let increment = factor * (end[at.a + channel] - start[at.a + channel]) / self.excitation(v, channel);
-            states[place.span().start] = projection::projected(v[place], increment, lo, hi, epsilon);
+            states[place.span().start] = v[place] + increment;
         }
     }
 
@@ -187,13 +184,9 @@ impl Linear<'_> {
         &mut self.matrix[row + column * self.at.order]
     }
 
-    fn slope(&self, handle: impl Handle) -> Range<usize> {
-        handle.span().range()
-    }
-
     /// Rate of K_m x in a channel.
     fn feedback_rate(&self, channel: usize) -> f64 {
-        let rates = &self.slopes[self.slope(self.l1.x)];
+        let rates = &self.slopes[self.l1.x.span().range()];
         let K_m = self.l1.design.K_m(&self.v);
         K_m.map_or(0.0, |K_m| K_m.row(channel).iter().zip(rates).map(|(k, rate)| k * rate).sum())
     }

@@ -266,7 +266,10 @@ impl System for L1 {
         v.put(self.projection_active, count as i32);
         if count > 0 {
             v.warn(self.at_bounds, || {
-                format!("{count} of the estimates at a bound: where that lasts, the plant is beyond it")
+                format!(
+                    "{count} of the estimates at a bound: where that lasts, the plant is beyond it. Widen omega_min … \
+                     omega_max, theta_bound or sigma_bound if tracking suffers"
+                )
             });
         }
         let (frequency, limit) = (v[self.adaptation_frequency], v[self.design.step_phase_limit]);
