@@ -145,7 +145,7 @@ def test_the_system_with_unmatched_uncertainty_moves_as_its_equations_say(fmu, s
     unit = moved(fmu("UnmatchedMimo"), names, times, inputs, **start, use_secant=secant)
     rate = partial(unmatched_rate, u=u, secant=secant)
     expected = solved(rate, np.array([*start.values(), 0.0, 0.0]), times)
-    assert np.abs(expected[:, :3]).max() > 0.5
+    assert np.abs(expected[1:, :3]).max() > 0.4
     assert np.abs(unit - expected[:, :5]).max() < 1e-7
 
 
