@@ -4,18 +4,24 @@
 
 use crate::controllers::l1::L1;
 use crate::plants::actuated_siso::ActuatedSiso;
+use crate::plants::coupled_mimo::CoupledMimo;
 use crate::plants::nonlinear_siso::NonlinearSiso;
 use crate::plants::reference::Reference;
+use crate::plants::twin_rotor::TwinRotor;
 use crate::plants::two_link_robot::TwoLinkRobot;
+use crate::plants::unmatched_mimo::UnmatchedMimo;
 use crate::system::{Kind, Registry};
 
 /// Every system of this package.
 pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
     Kind::of::<ActuatedSiso>(),
+    Kind::of::<CoupledMimo>(),
     Kind::of::<NonlinearSiso>(),
     Kind::of::<Reference>(),
+    Kind::of::<TwinRotor>(),
     Kind::of::<TwoLinkRobot>(),
+    Kind::of::<UnmatchedMimo>(),
     Kind::COMPOSITE,
 ];
 

@@ -26,11 +26,12 @@ fn started(unit: Unit) -> Unit {
     unit
 }
 
-/// How long the comparison takes: while the fastest oscillation turns through 200 rad, where a unit has one.
+/// How long the comparison takes: while the fastest oscillation turns through 200 rad, where a unit has one; else 1 s, or
+/// the unit's experiment where that is shorter.
 fn duration(name: &str) -> f64 {
     let unit = started(Unit::new(name));
     if unit.model.variables().find("adaptation_frequency").is_none() {
-        return 1.0;
+        return unit.model.description().experiment.stop_time.min(1.0);
     }
     let (mut t, mut phase, stop) = (0.0, 0.0, unit.model.description().experiment.stop_time);
     while t < stop && phase < 200.0 {

@@ -221,6 +221,8 @@ STEPS_AND_STOPS = [(1e-3, 1e-3), (0.3, 1.0), (1.0, 1e-2), (0.25, 2.0), (1e-4, 0.
 @pytest.mark.parametrize(("step", "stop"), STEPS_AND_STOPS)
 def test_fmpy_simulates_every_unit_with_any_step_and_stop_time(each_fmu: Fmu, step: float, stop: float) -> None:
     inputs = dict.fromkeys(each_fmu.named(causality="input"), 0.1)
+    # Without its controller a plant may diverge soon after its experiment.
+    stop = min(stop, float(each_fmu.description.defaultExperiment.stopTime))
     result = fmpy.simulate_fmu(
         str(each_fmu.path), fmi_type="CoSimulation", output_interval=step, stop_time=stop, start_values=inputs
     )

@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 
 
 def duration(fmu: Fmu, inputs: dict[str, float]) -> float:
-    """While the fastest oscillation turns through 200 rad, where a unit has one; 1 s else."""
+    """While the fastest oscillation turns through 200 rad, where a unit has one; else 1 s or its experiment, if shorter."""
     if "adaptation_frequency" not in fmu.variables:
-        return 1.0
+        return min(1.0, float(fmu.description.defaultExperiment.stopTime))
     time, phase = 0.0, 0.0
     with Unit(fmu) as unit:
         unit.start(**inputs)

@@ -4,11 +4,19 @@ from functools import partial
 
 import numpy as np
 import pytest
-from independent_plants import Robot, actuated_rate, solved, uncertainty
+from independent_plants import (
+    Robot,
+    actuated_rate,
+    coupled_rate,
+    solved,
+    twin_rotor_rate,
+    uncertainty,
+    unmatched_rate,
+)
 from master import Exchange, Fmu, Unit
 from scipy.signal import freqs
 
-X = [f"x[{i}]" for i in (1, 2, 3, 4)]
+X = [f"x[{i}]" for i in (1, 2, 3, 4, 5, 6)]
 Z = ["z[1]", "z[2]"]
 
 
@@ -63,7 +71,7 @@ def test_the_robot_accelerates_as_its_lagrangian_says(fmu, robot: Robot) -> None
 def test_the_robot_moves_as_its_lagrangian_says(fmu, robot: Robot) -> None:
     times, u = np.linspace(0, 5, 101), np.array([4.0, -1.5])
     start = {"x0[1]": -0.7, "x0[2]": 1.1, "x0[3]": 0.6, "x0[4]": -2.0}
-    unit = moved(fmu("TwoLinkRobot"), X, times, {"u[1]": u[0], "u[2]": u[1]}, **start, **parameters(robot))
+    unit = moved(fmu("TwoLinkRobot"), X[:4], times, {"u[1]": u[0], "u[2]": u[1]}, **start, **parameters(robot))
     expected = solved(lambda t, x: robot.rate(t, x, u), np.array(list(start.values())), times)
     assert np.abs(expected).max() > 1
     assert np.abs(unit - expected).max() < 1e-7
@@ -126,3 +134,51 @@ def test_the_actuated_systems_reference_is_that_of_its_chapter(fmu, signal: str)
     r = moved(fmu("ReferenceActuatedSiso"), ["r[1]"], times, {}, signal=signal)[:, 0]
     raised = (times >= 14) & (times < 35) if signal == "chapter7" else np.zeros(101)
     assert np.abs(r - np.cos(0.5 * times) - raised).max() < 1e-14
+
+
+@pytest.mark.parametrize("secant", [False, True])
+def test_the_system_with_unmatched_uncertainty_moves_as_its_equations_say(fmu, secant: bool) -> None:
+    times, u = 2.0 + np.linspace(0, 10, 101), np.array([0.4, -0.3])
+    start = {"x0[1]": 0.3, "x0[2]": -0.5, "x0[3]": 0.2, "x_z0[1]": 0.7, "x_z0[2]": -1.2}
+    names = [*X[:3], "x_z[1]", "x_z[2]"]
+    inputs = {"u[1]": u[0], "u[2]": u[1]}
+    unit = moved(fmu("UnmatchedMimo"), names, times, inputs, **start, use_secant=secant)
+    rate = partial(unmatched_rate, u=u, secant=secant)
+    expected = solved(rate, np.array([*start.values(), 0.0, 0.0]), times)
+    assert np.abs(expected[1:, :3]).max() > 0.4
+    assert np.abs(unit - expected[:, :5]).max() < 1e-7
+
+
+def test_the_twin_rotor_moves_as_its_equations_say(fmu) -> None:
+    times, u = np.linspace(0, 10, 101), np.array([1.2, -0.7])
+    start = {f"x0[{i + 1}]": value for i, value in enumerate((-0.4, 0.3, 0.1, 1.5, -0.2, 0.3))}
+    unit = moved(fmu("TwinRotor"), X, times, {"u[1]": u[0], "u[2]": u[1]}, **start)
+    expected = solved(partial(twin_rotor_rate, u=u), np.array([*start.values(), 0.0]), times)
+    assert np.abs(expected[:, :4]).max() > 1
+    assert np.abs(unit - expected[:, :6]).max() < 1e-7
+
+
+@pytest.mark.parametrize("nonaffine", [False, True])
+def test_the_coupled_system_has_the_printed_rates(fmu, nonaffine: bool) -> None:
+    random = np.random.default_rng(7)
+    with begun(fmu("CoupledMimo"), nonaffine=nonaffine) as unit:
+        for _ in range(200):
+            t, x, u = random.uniform(0, 50), random.uniform(-3, 3, 3), random.uniform(-3, 3, 3)
+            unit.slave.setTime(t)
+            unit.x, unit["u[1]"], unit["u[2]"], unit["u[3]"] = x, *u
+            expected = coupled_rate(t, x, u, nonaffine)
+            assert np.abs(unit.rate() - expected).max() < 1e-13 * (1 + np.abs(expected).max())
+
+
+def test_the_references_of_the_plants_with_several_inputs_are_those_of_their_examples(fmu) -> None:
+    times = np.linspace(0, 30, 301)
+    names = [f"r[{i}]" for i in (1, 2, 3)]
+    unmatched = moved(fmu("ReferenceUnmatchedMimo"), names[:2], times, {})
+    expected = np.where(times[:, None] < 15 - 1e-9, [1.0, -0.5], [-0.5, 1.0])
+    assert np.abs(unmatched - expected).max() < 1e-14
+    coupled = moved(fmu("ReferenceCoupledMimo"), names, times, {})
+    assert np.abs(coupled - np.cos(np.outer(times, [0.75, 0.8, 0.7]))).max() < 1e-13
+    a = 1 - np.exp(-0.5 * times) * (1 + 0.5 * times + 0.125 * times**2)
+    rotor = moved(fmu("ReferenceTwinRotor"), names[:2], times, {})
+    expected = np.array([a * (0.2 + 0.1 * np.sin(0.3 * times)), a * 0.3 * np.sin(0.2 * times)]).T
+    assert np.abs(rotor - expected).max() < 1e-14
