@@ -1,6 +1,8 @@
 //! The plants and reference signals: one file each, in the symbols of their source.
 
 pub mod actuated_siso;
+mod attitude;
 pub mod nonlinear_siso;
+pub mod quadrotor;
 pub mod reference;
 pub mod two_link_robot;

@@ -5,6 +5,7 @@
 use crate::controllers::l1::L1;
 use crate::plants::actuated_siso::ActuatedSiso;
 use crate::plants::nonlinear_siso::NonlinearSiso;
+use crate::plants::quadrotor::Quadrotor;
 use crate::plants::reference::Reference;
 use crate::plants::two_link_robot::TwoLinkRobot;
 use crate::system::{Kind, Registry};
@@ -14,6 +15,7 @@ pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
     Kind::of::<ActuatedSiso>(),
     Kind::of::<NonlinearSiso>(),
+    Kind::of::<Quadrotor>(),
     Kind::of::<Reference>(),
     Kind::of::<TwoLinkRobot>(),
     Kind::COMPOSITE,
