@@ -29,6 +29,17 @@ impl<S: Scalar> Attitude<S> {
         ]
     }
 
+    /// R v: a vector in earth axes.
+    pub fn to_earth(&self, [a, b, c]: [S; 3]) -> [S; 3] {
+        let [x, y, z] = self.axes();
+        std::array::from_fn(|i| x[i] * a + y[i] * b + z[i] * c)
+    }
+
+    /// Rᵀ v: a vector in body axes.
+    pub fn to_body(&self, [a, b, c]: [S; 3]) -> [S; 3] {
+        self.axes().map(|[x, y, z]| x * a + y * b + z * c)
+    }
+
     /// W η': the body's rates from those of the angles.
     pub fn body_rates(&self, [d_phi, d_theta, d_psi]: [S; 3]) -> [S; 3] {
         let ([s_phi, s_theta, _], [c_phi, c_theta, _]) = (self.sin, self.cos);
@@ -50,6 +61,14 @@ impl<S: Scalar> Attitude<S> {
         let ([s_phi, s_theta, _], [c_phi, ..]) = (self.sin, self.cos);
         let d_psi = (s_phi * q + c_phi * r) * self.secant();
         [p + s_theta * d_psi, c_phi * q - s_phi * r, d_psi]
+    }
+
+    /// W⁻ᵀ τ: the moments about the body's axes that do the work of moments along the angles. No numbers where cos θ is
+    /// not above zero.
+    pub fn body_moments(&self, [along_phi, along_theta, along_psi]: [S; 3]) -> [S; 3] {
+        let ([s_phi, s_theta, _], [c_phi, ..]) = (self.sin, self.cos);
+        let tilted = (s_theta * along_phi + along_psi) * self.secant();
+        [along_phi, c_phi * along_theta + s_phi * tilted, c_phi * tilted - s_phi * along_theta]
     }
 
     /// 1/cos θ; no number from where on the angles describe no attitude.

@@ -2,6 +2,7 @@
 
 pub mod actuated_siso;
 mod attitude;
+pub mod mares_auv;
 pub mod nonlinear_siso;
 pub mod quadrotor;
 pub mod reference;

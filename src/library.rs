@@ -4,6 +4,7 @@
 
 use crate::controllers::l1::L1;
 use crate::plants::actuated_siso::ActuatedSiso;
+use crate::plants::mares_auv::MaresAuv;
 use crate::plants::nonlinear_siso::NonlinearSiso;
 use crate::plants::quadrotor::Quadrotor;
 use crate::plants::reference::Reference;
@@ -14,6 +15,7 @@ use crate::system::{Kind, Registry};
 pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
     Kind::of::<ActuatedSiso>(),
+    Kind::of::<MaresAuv>(),
     Kind::of::<NonlinearSiso>(),
     Kind::of::<Quadrotor>(),
     Kind::of::<Reference>(),

@@ -99,10 +99,14 @@ def actuated_rate(number: int, t: float, s: np.ndarray, u: float) -> np.ndarray:
 
 
 def solved(
-    rate: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray, times: np.ndarray, max_step: float = 5e-3
+    rate: Callable[[float, np.ndarray], np.ndarray],
+    start: np.ndarray,
+    times: np.ndarray,
+    max_step: float = 5e-3,
+    rtol: float = 1e-11,
 ) -> np.ndarray:
     """The solution at times, a row each. Between long steps scipy's interpolation is not as good as they are."""
-    options = {"rtol": 1e-11, "atol": 1e-13, "max_step": max_step}
+    options = {"rtol": rtol, "atol": rtol / 100, "max_step": max_step}
     answer = solve_ivp(rate, (times[0], times[-1]), start, "DOP853", times, **options)
     assert answer.success, answer.message
     return answer.y.T
