@@ -5,7 +5,9 @@
 use crate::controllers::l1::L1;
 use crate::plants::actuated_siso::ActuatedSiso;
 use crate::plants::coupled_mimo::CoupledMimo;
+use crate::plants::mares_auv::MaresAuv;
 use crate::plants::nonlinear_siso::NonlinearSiso;
+use crate::plants::quadrotor::Quadrotor;
 use crate::plants::reference::Reference;
 use crate::plants::twin_rotor::TwinRotor;
 use crate::plants::two_link_robot::TwoLinkRobot;
@@ -17,7 +19,9 @@ pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
     Kind::of::<ActuatedSiso>(),
     Kind::of::<CoupledMimo>(),
+    Kind::of::<MaresAuv>(),
     Kind::of::<NonlinearSiso>(),
+    Kind::of::<Quadrotor>(),
     Kind::of::<Reference>(),
     Kind::of::<TwinRotor>(),
     Kind::of::<TwoLinkRobot>(),

@@ -12,6 +12,27 @@ from scipy.signal import tf2ss
 H = 1e-30
 
 
+def lagrange(
+    kinetic: Callable[[np.ndarray, np.ndarray], complex],
+    potential: Callable[[np.ndarray], complex],
+    q: np.ndarray,
+    w: np.ndarray,
+    force: np.ndarray,
+    more_inertia: np.ndarray | float = 0.0,
+) -> np.ndarray:
+    """q'' from d/dt (dL/dq') - dL/dq = force, for a kinetic energy that is quadratic in the rates w."""
+    axes = np.eye(len(q))
+
+    def momentum(q: np.ndarray, w: np.ndarray) -> np.ndarray:
+        # Exact differences, for the energy is quadratic.
+        return np.array([(kinetic(q, w + e) - kinetic(q, w - e)) / 2 for e in axes])
+
+    inertia = np.column_stack([momentum(q, e).real for e in axes])
+    drift = momentum(q + 1j * H * w, w).imag / H
+    slope = np.imag([kinetic(p, w) - potential(p) for p in q + 1j * H * axes]) / H
+    return np.linalg.solve(inertia + more_inertia, force + slope - drift)
+
+
 @dataclass(frozen=True)
 class Robot:
     """Two bodies in a plane; `inertia_variation` as in example 7.5.2."""
@@ -39,20 +60,14 @@ class Robot:
         heights = l1 / 2 * np.sin(q[0]), l1 * np.sin(q[0]) + l2 / 2 * np.sin(q[0] + q[1])
         return self.g * sum(m * height for m, height in zip(self.mass, heights, strict=True))
 
-    def momentum(self, q: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """The derivatives of the kinetic energy by the rates: exact differences, for it is quadratic in them."""
-        return np.array([(self.kinetic_energy(q, w + e) - self.kinetic_energy(q, w - e)) / 2 for e in np.eye(2)])
-
     def acceleration(self, t: float, q: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """q'' from d/dt (dL/dq') - dL/dq = u - friction."""
-        inertia = np.column_stack([self.momentum(q, e) for e in np.eye(2)])
-        drift = self.momentum(q + 1j * H * w, w).imag / H
-        lagrangian = [self.kinetic_energy(p, w) - self.potential_energy(p) for p in q + 1j * H * np.eye(2)]
-        force = np.imag(lagrangian) / H
+        """q'' under torques u and friction."""
+        variation = np.zeros((2, 2))
         if self.inertia_variation:
             d1, d2, d3 = 0.6 * sin(0.3 * t), 0.7 * sin(0.25 * t), abs(0.5 * sin(0.35 * t))
-            inertia = inertia + np.array([[d1, d2], [d2, d3]])
-        return np.linalg.solve(inertia, u - np.multiply(self.friction, w) + force - drift)
+            variation = np.array([[d1, d2], [d2, d3]])
+        force = u - np.multiply(self.friction, w)
+        return lagrange(self.kinetic_energy, self.potential_energy, q, w, force, variation)
 
     def rate(self, t: float, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """x' for x = (q, q')."""
@@ -132,9 +147,15 @@ def coupled_rate(t: float, x: np.ndarray, u: np.ndarray, nonaffine: bool = False
     return (a + np.transpose(theta)) @ x + u + f + [1 + sin(t), 1.2 + cos(t), sin(t) + cos(t) - 1]
 
 
-def solved(rate: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray, times: np.ndarray) -> np.ndarray:
+def solved(
+    rate: Callable[[float, np.ndarray], np.ndarray],
+    start: np.ndarray,
+    times: np.ndarray,
+    max_step: float = 5e-3,
+    rtol: float = 1e-11,
+) -> np.ndarray:
     """The solution at times, a row each. Between long steps scipy's interpolation is not as good as they are."""
-    options = {"rtol": 1e-11, "atol": 1e-13, "max_step": 5e-3}
+    options = {"rtol": rtol, "atol": rtol / 100, "max_step": max_step}
     answer = solve_ivp(rate, (times[0], times[-1]), start, "DOP853", times, **options)
     assert answer.success, answer.message
     return answer.y.T

@@ -1,0 +1,282 @@
+//! MARES, an autonomous underwater vehicle: example 3.3.3.
+#![allow(non_snake_case)] // matrices have the names of their source
+
+use nalgebra::{DMatrixView, Matrix6};
+
+use super::attitude::{Attitude, require_regular};
+use crate::system::{
+    Declaration, Handle, Input, Invalid, MatrixOf, Naming, NoStructure, Parameter, Point, Prepared, Rates, Scalar,
+    ScalarOf, Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
+};
+
+/// From this ratio of length to diameter on, Lamb's formulas are not a difference of nearly equal numbers.
+const SMALLEST_FINENESS: f64 = 1.001;
+
+/// M ν' + C(ν) ν + D(ν) ν + g(η) = J(η)ᵀ u, η' = J(η) ν.
+#[derive(Debug)]
+pub struct MaresAuv {
+    x0: VectorOf<Parameter>,
+    hull: Hull,
+    u: VectorOf<Input>,
+    eta: VectorOf<State>,
+    nu: VectorOf<State>,
+    y: VectorOf<Signal>,
+    x: VectorOf<Signal>,
+}
+
+/// The vehicle as a body of revolution, and what follows from its measures.
+#[derive(Debug)]
+struct Hull {
+    length: ScalarOf<Parameter>,
+    diameter: ScalarOf<Parameter>,
+    m: ScalarOf<Parameter>,
+    z_g: ScalarOf<Parameter>,
+    rho: ScalarOf<Parameter>,
+    g: ScalarOf<Parameter>,
+    roll_added_inertia: ScalarOf<Parameter>,
+    linear_damping: VectorOf<Parameter>,
+    axial_drag: ScalarOf<Parameter>,
+    cross_flow_drag: ScalarOf<Parameter>,
+    roll_damping: ScalarOf<Parameter>,
+    inertia: VectorOf<Prepared>,
+    added_mass: VectorOf<Prepared>,
+    quadratic_damping: VectorOf<Prepared>,
+    M: MatrixOf<Prepared>,
+    inverse: MatrixOf<Prepared>,
+}
+
+impl System for MaresAuv {
+    type Structure = NoStructure;
+    const NAME: &'static str = "mares-auv";
+    const DOCUMENTATION: &'static str = include_str!("../docs/plants/mares_auv.md");
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let pose = ["position north", "position east", "depth", "phi, roll", "theta, pitch", "psi, yaw"];
+        let motion = ["surge velocity", "sway velocity", "heave velocity", "roll rate", "pitch rate", "yaw rate"];
+        let rates = pose.map(|text| format!("rate of {text}"));
+        let state: Vec<_> = pose.into_iter().chain(rates.iter().map(String::as_str)).collect();
+        let initial: Vec<_> = state.iter().map(|text| format!("initial {text}")).collect();
+        let initial: Vec<_> = initial.iter().map(String::as_str).collect();
+        let tracked = pose.map(|text| format!("tracked output, {text}"));
+        let forces = ["force north", "force east", "force down", "moment of phi", "moment of theta", "moment of psi"];
+        let units = ["m", "rad", "m/s", "rad/s"].map(|unit| [unit; 3]).concat();
+        let nominals = [[1.0; 3], [0.1; 3], [0.1; 3], [0.1; 3]].concat();
+        let state_like = |name: &str, first: usize, last: usize, texts: &[&str]| {
+            vector(name, last - first, "").each(texts).units(&units[first..last]).nominals(&nominals[first..last])
+        };
+        let plant = MaresAuv {
+            x0: d.parameter(state_like("x0", 0, 12, &initial).fixed()),
+            hull: Hull::declare(d),
+            u: d.input(
+                vector("u", 6, "")
+                    .each(&forces)
+                    .units(&["N", "N", "N", "N.m", "N.m", "N.m"])
+                    .nominals(&[10.0, 10.0, 10.0, 1.0, 1.0, 1.0]),
+            ),
+            eta: d.state(state_like("eta", 0, 6, &pose)),
+            nu: d.state(state_like("nu", 6, 12, &motion)),
+            y: d.output(state_like("y", 0, 6, &texts(&tracked))),
+            x: d.output(state_like("x", 0, 12, &state)),
+        };
+        plant.declare_dependence(d);
+        Ok(plant)
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        self.hull.prepare(v)
+    }
+
+    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+        let [pose, angles, velocity, rates] = thirds(&v[self.x0]);
+        require_regular("x0[5]", angles[1])?;
+        let attitude = Attitude::new(angles);
+        v.set(self.eta, [pose, angles].as_flattened());
+        v.set(self.nu, [attitude.to_body(velocity), attitude.body_rates(rates)].as_flattened());
+        Ok(())
+    }
+
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let [position, angles] = thirds(&v[self.eta]);
+        let [nu1, nu2] = thirds(&v[self.nu]);
+        let attitude = Attitude::new(angles);
+        y.set(self.y, [position, angles].as_flattened());
+        y.set(self.x, [position, angles, attitude.to_earth(nu1), attitude.angle_rates(nu2)].as_flattened());
+    }
+
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let [_, angles] = thirds(&v[self.eta]);
+        let attitude = Attitude::new(angles);
+        let [force, moment] = thirds(&v[self.u]);
+        let nu = v.array(self.nu);
+        let acting = [attitude.to_body(force), attitude.body_moments(moment)];
+        let (coriolis, damping) = (self.hull.coriolis(nu, v), self.hull.damping(nu, v));
+        let restoring = self.hull.restoring(&attitude, v);
+        let total = std::array::from_fn(|i| acting.as_flattened()[i] - coriolis[i] - damping[i] - restoring[i]);
+        dx.set(self.nu, times(v.matrix(self.hull.inverse), total));
+        // η' = J(η) ν is the second half of x.
+        dx.set(self.eta, &v[self.x][6..]);
+    }
+}
+
+impl MaresAuv {
+    fn declare_dependence(&self, d: &mut Declaration) {
+        let (eta, nu, u) = (self.eta, self.nu, self.u);
+        let (phi, theta, psi) = (eta.at(3), eta.at(4), eta.at(5));
+        for i in 0..6 {
+            d.depends(self.y.at(i), &[&eta.at(i)]);
+            d.depends(self.x.at(i), &[&eta.at(i)]);
+        }
+        for i in 0..3 {
+            let on: [&dyn Handle; 6] = [&phi, &theta, &psi, &nu.at(0), &nu.at(1), &nu.at(2)];
+            d.depends(self.x.at(6 + i), &on);
+            d.depends(eta.at(i).rate(), &on);
+            let on: [&dyn Handle; 5] = [&phi, &theta, &nu.at(3), &nu.at(4), &nu.at(5)];
+            d.depends(self.x.at(9 + i), &on);
+            d.depends(eta.at(3 + i).rate(), &on);
+        }
+        d.depends(nu.rate(), &[&phi, &theta, &psi, &nu, &u]);
+    }
+}
+
+impl Hull {
+    fn declare(d: &mut Declaration) -> Self {
+        let mut number = |name: &str, text: &str, unit, start| d.parameter(positive(name, text, unit, start));
+        let (length, diameter) = (
+            number("length", "length of the hull, a prolate spheroid", "m", 1.5),
+            number("diameter", "diameter of the hull", "m", 0.2),
+        );
+        let (m, rho) = (number("m", "mass", "kg", 32.0), number("rho", "density of the water", "kg/m3", 1025.0));
+        let g = number("g", "acceleration of gravity", "m/s2", 9.81);
+        let roll_added_inertia = "added moment of inertia of roll, as a part of the body's own";
+        let axial_drag = "drag coefficient along the hull, on its frontal area";
+        let cross_flow_drag = "drag coefficient across the hull, on length times diameter";
+        let axes = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
+        let each = |text: &str| axes.map(|axis| format!("{text} of {axis}"));
+        let (linear, quadratic, added) =
+            (each("linear damping"), each("quadratic damping"), each("added mass or moment of inertia"));
+        let inertia = ["x", "y", "z"].map(|axis| format!("moment of inertia about the body's {axis} axis"));
+        let of_parts = |unit, other| [unit, unit, unit, other, other, other];
+        let M_units = std::array::from_fn::<_, 36, _>(|k| match (k % 6 < 3, k / 6 < 3) {
+            (true, true) => "kg",
+            (false, false) => "kg.m2",
+            _ => "kg.m",
+        });
+        let M = "inertia matrix in body axes, with added mass";
+        Hull {
+            length,
+            diameter,
+            m,
+            z_g: d.parameter(
+                scalar("z_g", "how far the mass centre lies below the centre of buoyancy").unit("m").start(0.0044),
+            ),
+            rho,
+            g,
+            roll_added_inertia: d.parameter(scalar("roll_added_inertia", roll_added_inertia).start(0.05).min(0.0)),
+            linear_damping: d.parameter(
+                vector("linear_damping", 6, "")
+                    .each(&texts(&linear))
+                    .units(&of_parts("N.s/m", "N.m.s/rad"))
+                    .starts(&[1.0, 5.0, 5.0, 0.2, 1.0, 1.0])
+                    .min(0.0),
+            ),
+            axial_drag: d.parameter(scalar("axial_drag", axial_drag).start(0.2).min(0.0)),
+            cross_flow_drag: d.parameter(scalar("cross_flow_drag", cross_flow_drag).start(1.1).min(0.0)),
+            roll_damping: d
+                .parameter(scalar("roll_damping", "quadratic damping of roll").unit("N.m.s2/rad2").start(0.1).min(0.0)),
+            inertia: d.prepared(vector("inertia", 3, "").each(&texts(&inertia)).unit("kg.m2")),
+            added_mass: d.prepared(vector("added_mass", 6, "").each(&texts(&added)).units(&of_parts("kg", "kg.m2"))),
+            quadratic_damping: d.prepared(
+                vector("quadratic_damping", 6, "").each(&texts(&quadratic)).units(&of_parts("kg/m", "N.m.s2/rad2")),
+            ),
+            M: d.prepared(matrix("M", 6, 6, M).units(&M_units)),
+            inverse: d.prepared(matrix("#inverse of M", 6, 6, "").hidden()),
+        }
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let (length, diameter, m) = (v[self.length], v[self.diameter], v[self.m]);
+        if length < SMALLEST_FINENESS * diameter {
+            let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {diameter} m");
+            return Err(Invalid::new("length", length, allowed));
+        }
+        let (a, b) = (0.5 * length, 0.5 * diameter);
+        let lateral = 0.2 * m * (a * a + b * b);
+        let inertia = [0.4 * m * b * b, lateral, lateral];
+        let [along, across, turning] = lamb(a, b, v[self.rho]);
+        let added_mass = [along, across, across, v[self.roll_added_inertia] * inertia[0], turning, turning];
+        let frontal = 0.5 * v[self.rho] * v[self.axial_drag] * std::f64::consts::PI * b * b;
+        let broadside = 0.5 * v[self.rho] * v[self.cross_flow_drag] * length * diameter;
+        // Strips at a distance x from the middle move across at q |x|: the integral of |x|³ over the length.
+        let turned = broadside * length.powi(3) / 32.0;
+        v.set(self.quadratic_damping, [frontal, broadside, broadside, v[self.roll_damping], turned, turned]);
+        v.set(self.inertia, inertia);
+        v.set(self.added_mass, added_mass);
+        let own = [m, m, m, inertia[0], inertia[1], inertia[2]];
+        let mut M = Matrix6::from_fn(|i, j| if i == j { own[i] + added_mass[i] } else { 0.0 });
+        let lever = m * v[self.z_g];
+        // −m S(r_g) and its transpose, r_g = (0, 0, z_g).
+        ((M[(0, 4)], M[(4, 0)]), (M[(1, 3)], M[(3, 1)])) = ((lever, lever), (-lever, -lever));
+        let Some(factors) = M.cholesky() else {
+            let reason = "with it the inertia matrix is not positive definite; must be smaller";
+            return Err(Invalid::new("z_g", v[self.z_g], reason));
+        };
+        v.matrix_mut(self.M).copy_from(&M);
+        v.matrix_mut(self.inverse).copy_from(&factors.inverse());
+        Ok(())
+    }
+
+    /// C(ν) ν by Fossen's parametrisation from M: with M ν = (h1, h2) it is (ν2 × h1, ν1 × h1 + ν2 × h2).
+    fn coriolis<S: Scalar>(&self, nu: [S; 6], v: &Values<S>) -> [S; 6] {
+        let [h1, h2] = thirds(&times(v.matrix(self.M), nu));
+        let [nu1, nu2] = thirds(&nu);
+        let (force, by_shift, by_turn) = (cross(nu2, h1), cross(nu1, h1), cross(nu2, h2));
+        std::array::from_fn(|i| if i < 3 { force[i] } else { by_shift[i - 3] + by_turn[i - 3] })
+    }
+
+    /// D(ν) ν.
+    fn damping<S: Scalar>(&self, nu: [S; 6], v: &Values<S>) -> [S; 6] {
+        let (linear, quadratic) = (&v[self.linear_damping], &v[self.quadratic_damping]);
+        std::array::from_fn(|i| (linear[i] + quadratic[i] * nu[i].abs()) * nu[i])
+    }
+
+    /// g(η): the couple of weight and buoyancy, which are equal.
+    fn restoring<S: Scalar>(&self, attitude: &Attitude<S>, v: &Values<S>) -> [S; 6] {
+        let (zero, lever) = (S::from(0.0), v[self.m] * v[self.g] * v[self.z_g]);
+        // How far the body's x and y axis point down.
+        let [x, y, _] = attitude.axes().map(|axis| axis[2]);
+        [zero, zero, zero, lever * y, -lever * x, zero]
+    }
+}
+
+fn positive(name: &str, text: &str, unit: &'static str, start: f64) -> Spec<Naming> {
+    scalar(name, text).unit(unit).start(start).positive()
+}
+
+fn texts<const N: usize>(texts: &[String; N]) -> [&str; N] {
+    texts.each_ref().map(String::as_str)
+}
+
+/// Added mass along and across a prolate spheroid of semi-axes a > b in water of density ρ, and added moment of inertia
+/// of its turning about an axis across, by Lamb's formulas.
+fn lamb(a: f64, b: f64, rho: f64) -> [f64; 3] {
+    let displaced = 4.0 / 3.0 * std::f64::consts::PI * rho * a * b * b;
+    let e = (1.0 - (b / a).powi(2)).sqrt();
+    let alpha = 2.0 * (1.0 - e * e) / e.powi(3) * (e.atanh() - e);
+    let beta = 1.0 / (e * e) - (1.0 - e * e) / e.powi(3) * e.atanh();
+    let (difference, sum) = (a * a - b * b, a * a + b * b);
+    let turning = difference.powi(2) * (beta - alpha) / (2.0 * difference - sum * (beta - alpha));
+    [alpha / (2.0 - alpha) * displaced, beta / (2.0 - beta) * displaced, 0.2 * displaced * turning]
+}
+
+/// Parts of three.
+fn thirds<S: Scalar, const K: usize>(values: &[S]) -> [[S; 3]; K] {
+    std::array::from_fn(|k| std::array::from_fn(|i| values[3 * k + i]))
+}
+
+fn cross<S: Scalar>([a1, a2, a3]: [S; 3], [b1, b2, b3]: [S; 3]) -> [S; 3] {
+    [a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1]
+}
+
+fn times<S: Scalar>(matrix: DMatrixView<S>, vector: [S; 6]) -> [S; 6] {
+    std::array::from_fn(|i| (0..6).fold(S::from(0.0), |sum, j| sum + matrix[(i, j)] * vector[j]))
+}

@@ -1,0 +1,247 @@
+//! Quadrotor: examples 3.3.2 and 7.5.3.
+
+use super::attitude::{Attitude, require_regular};
+use crate::system::{
+    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
+    Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
+};
+
+/// Where the pitch angle stands in the state.
+const PITCH: usize = 7;
+
+/// p'' = R(η) (0, 0, τ_z)/m − g e_z; η'' = f(η, η') + G(η) τ.
+#[derive(Debug)]
+pub struct Quadrotor {
+    x0: VectorOf<Parameter>,
+    m: ScalarOf<Parameter>,
+    inertia: VectorOf<Parameter>,
+    g: ScalarOf<Parameter>,
+    thrust_min: ScalarOf<Parameter>,
+    thrust_max: ScalarOf<Parameter>,
+    exact_kinematics: BooleanOf<Parameter>,
+    uncertainty: Uncertainty,
+    u: VectorOf<Input>,
+    x: VectorOf<State>,
+    y: VectorOf<Signal>,
+    /// τ_z within its limits.
+    thrust: ScalarOf<Signal>,
+}
+
+/// What the second case of the example adds.
+#[derive(Debug)]
+struct Uncertainty {
+    uncertain: BooleanOf<Parameter>,
+    input_gain: VectorOf<Parameter>,
+    coefficient: MatrixOf<Parameter>,
+    gain: VectorOf<Parameter>,
+    frequency: VectorOf<Parameter>,
+    /// Coefficients of the denominators.
+    filter: VectorOf<Parameter>,
+    disturbance0: VectorOf<Parameter>,
+    /// Disturbance of φ; disturbance of θ and second state of its filter; the same of ψ.
+    disturbance: VectorOf<State>,
+}
+
+impl System for Quadrotor {
+    type Structure = NoStructure;
+    const NAME: &'static str = "quadrotor";
+    const DOCUMENTATION: &'static str = include_str!("../docs/plants/quadrotor.md");
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let starts = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, -0.1, 0.2, 0.0, 0.0, 0.0];
+        let units = ["m", "m/s", "rad", "rad/s"].map(|unit| [unit; 3]).concat();
+        let texts = ["position in x", "position in y", "height", "velocity in x", "velocity in y", "climb rate"]
+            .into_iter()
+            .chain(["phi, roll", "theta, pitch", "psi, yaw", "rate of phi", "rate of theta", "rate of psi"])
+            .collect::<Vec<_>>();
+        let initial: Vec<_> = texts.iter().map(|text| format!("initial {text}")).collect();
+        let initial: Vec<_> = initial.iter().map(String::as_str).collect();
+        let outputs = ["position in x", "position in y", "height", "psi, yaw"].map(|y| format!("tracked output, {y}"));
+        let axes = ["x", "y", "z"].map(|axis| format!("moment of inertia about the body's {axis} axis"));
+        let controls = ["thrust along the body's z axis", "torque of roll", "torque of pitch", "torque of yaw"];
+        let exact = "whether the body's rates are told from those of the angles";
+        let plant = Quadrotor {
+            x0: d.parameter(vector("x0", 12, "").each(&initial).units(&units).starts(&starts).fixed()),
+            m: d.parameter(scalar("m", "mass").unit("kg").start(0.5).positive()),
+            inertia: d.parameter(
+                vector("inertia", 3, "")
+                    .each(&axes.each_ref().map(String::as_str))
+                    .unit("kg.m2")
+                    .starts(&[4.85e-3, 4.85e-3, 8.81e-3])
+                    .positive(),
+            ),
+            g: d.parameter(scalar("g", "acceleration of gravity").unit("m/s2").start(9.81)),
+            thrust_min: d.parameter(scalar("thrust_min", "smallest thrust").unit("N")),
+            thrust_max: d.parameter(scalar("thrust_max", "largest thrust").unit("N").start(15.0)),
+            exact_kinematics: d.parameter(boolean("exact_kinematics", exact)),
+            uncertainty: Uncertainty::declare(d),
+            u: d.input(
+                vector("u", 4, "")
+                    .each(&controls)
+                    .units(&["N", "N.m", "N.m", "N.m"])
+                    .nominals(&[5.0, 0.01, 0.01, 0.01]),
+            ),
+            x: d.state(vector("x", 12, "").each(&texts).units(&units).output()),
+            y: d.output(
+                vector("y", 4, "").each(&outputs.each_ref().map(String::as_str)).units(&["m", "m", "m", "rad"]),
+            ),
+            thrust: d.local(scalar("thrust", "thrust that acts, within its limits").unit("N").nominal(5.0)),
+        };
+        plant.declare_dependence(d);
+        Ok(plant)
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let (min, max) = (v[self.thrust_min], v[self.thrust_max]);
+        if min <= max {
+            return Ok(());
+        }
+        Err(Invalid::new("thrust_min", min, format!("must not be above thrust_max = {max}")))
+    }
+
+    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+        v.copy(self.x0, self.x);
+        v.copy(self.uncertainty.disturbance0, self.uncertainty.disturbance);
+        if v.get(self.exact_kinematics) { require_regular("x0[8]", v[self.x0.at(PITCH)]) } else { Ok(()) }
+    }
+
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let [p1, p2, p3, _, _, _, _, _, psi, ..] = v.array::<_, 12>(self.x);
+        y.set(self.y, [p1, p2, p3, psi]);
+        let (thrust, min, max) = (v[self.u.at(0)], v[self.thrust_min], v[self.thrust_max]);
+        y[self.thrust] = if thrust.re() < min.re() {
+            min
+        } else if thrust.re() > max.re() {
+            max
+        } else {
+            thrust
+        };
+    }
+
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let x: [S; 12] = v.array(self.x);
+        let [velocity, angles, rates] = [3, 6, 9].map(|first| [x[first], x[first + 1], x[first + 2]]);
+        let attitude = Attitude::new(angles);
+        let [_, _, up] = attitude.axes();
+        let [a1, a2, a3] = up.map(|component| component * v[self.thrust] / v[self.m]);
+        let turning = self.uncertainty.applied(angles, self.angular_accelerations(&attitude, rates, v), v);
+        let parts = [velocity, [a1, a2, a3 - v[self.g]], rates, turning];
+        dx.set(self.x, parts.as_flattened());
+        self.uncertainty.derivatives(t, v, dx);
+    }
+}
+
+impl Quadrotor {
+    fn declare_dependence(&self, d: &mut Declaration) {
+        let (x, u, disturbance) = (self.x, self.u, self.uncertainty.disturbance);
+        let (phi, theta, psi) = (x.at(6), x.at(7), x.at(8));
+        for i in 0..3 {
+            d.depends(self.y.at(i), &[&x.at(i)]);
+            d.depends(x.at(i).rate(), &[&x.at(3 + i)]);
+            d.depends(x.at(3 + i).rate(), &[&phi, &theta, &psi, &u.at(0)]);
+            d.depends(x.at(6 + i).rate(), &[&x.at(9 + i)]);
+            d.depends(
+                x.at(9 + i).rate(),
+                &[&phi, &theta, &psi, &x.at(9), &x.at(10), &x.at(11), &u.at(1), &u.at(2), &u.at(3), &disturbance],
+            );
+        }
+        d.depends(self.y.at(3), &[&psi]);
+        d.depends(self.thrust, &[&u.at(0)]);
+        d.depends(disturbance.rate(), &[&disturbance]);
+    }
+
+    /// f(η, η') and G(η) τ. The printed f takes the angles' rates for those of the body, and G for I⁻¹.
+    fn angular_accelerations<S: Scalar>(&self, attitude: &Attitude<S>, rates: [S; 3], v: &Values<S>) -> [[S; 3]; 2] {
+        let [i_x, i_y, i_z] = v.array(self.inertia);
+        let [_, tau_p, tau_q, tau_r] = v.array(self.u);
+        let gyroscopic =
+            |[p, q, r]: [S; 3]| [(i_y - i_z) / i_x * q * r, (i_z - i_x) / i_y * p * r, (i_x - i_y) / i_z * p * q];
+        let by_torques = [tau_p / i_x, tau_q / i_y, tau_r / i_z];
+        if !v.get(self.exact_kinematics) {
+            return [gyroscopic(rates), by_torques];
+        }
+        let (turning, drift) = (gyroscopic(attitude.body_rates(rates)), attitude.body_rate_drift(rates));
+        let free = std::array::from_fn(|i| turning[i] - drift[i]);
+        [free, by_torques].map(|acceleration| attitude.angle_rates(acceleration))
+    }
+}
+
+impl Uncertainty {
+    fn declare(d: &mut Declaration) -> Self {
+        let filters = [
+            "a of the filter 1/(s + a) of phi's disturbance",
+            "a of the filter 1/(s^2 + a s + b) of theta's disturbance",
+            "b of the filter 1/(s^2 + a s + b) of theta's disturbance",
+            "a of the filter 1/(s^2 + a s + b) of psi's disturbance",
+            "b of the filter 1/(s^2 + a s + b) of psi's disturbance",
+        ];
+        let states = [
+            "disturbance of phi",
+            "disturbance of theta",
+            "second state of the filter of theta's disturbance",
+            "disturbance of psi",
+            "second state of the filter of psi's disturbance",
+        ];
+        let initial = states.map(|state| format!("initial {state}"));
+        let (initial, units) =
+            (initial.each_ref().map(String::as_str), ["rad/s2", "rad/s2", "rad/s3", "rad/s2", "rad/s3"]);
+        let what = "whether uncertainty, other input gains and disturbances act";
+        let coefficient = "coefficient of a term of the uncertainty: row by angle, first or second term";
+        Uncertainty {
+            uncertain: d.parameter(boolean("uncertain", what)),
+            input_gain: d.parameter(
+                vector("input_gain", 3, "factor of a torque's effect, where uncertain").starts(&[1.6, 0.7, 1.23]),
+            ),
+            coefficient: d.parameter(
+                matrix("uncertainty_coefficient", 3, 2, coefficient)
+                    .start(0.2)
+                    .units(&["rad/s2", "rad/s2", "rad/s2", "1/s2", "1/s2", "1/s2"]),
+            ),
+            gain: d.parameter(
+                vector("disturbance_gain", 3, "amplitude of the sine that enters the filter of a disturbance")
+                    .units(&["rad/s3", "rad/s4", "rad/s4"])
+                    .starts(&[0.2, 0.24, 0.15]),
+            ),
+            frequency: d.parameter(
+                vector("disturbance_frequency", 3, "angular frequency of that sine")
+                    .unit("rad/s")
+                    .starts(&[0.4, 0.6, 0.5]),
+            ),
+            filter: d.parameter(
+                vector("disturbance_filter", 5, "")
+                    .each(&filters)
+                    .units(&["1/s", "1/s", "1/s2", "1/s", "1/s2"])
+                    .starts(&[1.0, 2.0, 3.0, 3.0, 2.0]),
+            ),
+            disturbance0: d.parameter(vector("disturbance0", 5, "").each(&initial).units(&units).fixed()),
+            disturbance: d.state(vector("disturbance", 5, "").each(&states).units(&units).nominal(0.1)),
+        }
+    }
+
+    /// The angles' accelerations f + G τ, or f + f_Δ + G_Δ G τ + d where uncertain.
+    fn applied<S: Scalar>(&self, angles: [S; 3], [f, by_torques]: [[S; 3]; 2], v: &Values<S>) -> [S; 3] {
+        if !v.get(self.uncertain) {
+            return std::array::from_fn(|i| f[i] + by_torques[i]);
+        }
+        let [phi, theta, psi] = angles;
+        let terms = [
+            [phi.cos() * theta.sin(), phi * psi],
+            [phi.cos() * psi.sin(), phi * psi * psi],
+            [theta.cos() * phi.sin(), phi * theta * psi],
+        ];
+        let [d1, d2, _, d3, _] = v.array(self.disturbance);
+        let (gain, d) = (v.array::<_, 3>(self.input_gain), [d1, d2, d3]);
+        std::array::from_fn(|i| {
+            let [first, second] = [0, 1].map(|j| v[self.coefficient.at(i, j)] * terms[i][j]);
+            f[i] + first + second + gain[i] * by_torques[i] + d[i]
+        })
+    }
+
+    /// The filters, those of second order in observer form: the output is the first state.
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let [w1, w2, w3] = std::array::from_fn(|i| v[self.gain][i] * (v[self.frequency][i] * t).sin());
+        let [a1, a2, b2, a3, b3] = v.array(self.filter);
+        let [d1, d2, s2, d3, s3] = v.array(self.disturbance);
+        dx.set(self.disturbance, [w1 - a1 * d1, s2 - a2 * d2, w2 - b2 * d2, s3 - a3 * d3, w3 - b3 * d3]);
+    }
+}
