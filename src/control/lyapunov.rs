@@ -1,7 +1,7 @@
 //! The Lyapunov equation Aᵀ P + P A = −Q.
 
-use nalgebra::DMatrix;
 use nalgebra::linalg::Schur;
+use nalgebra::{Complex, DMatrix};
 
 use crate::error::Invalid;
 
@@ -51,17 +51,31 @@ pub fn gramian(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// # Errors
 /// [`Invalid`] with the eigenvalues.
 pub fn require_hurwitz(name: &str, a: &DMatrix<f64>) -> Result<(), Invalid> {
-    let Some(schur) = Schur::try_new(a.clone(), f64::EPSILON, MOST_ITERATIONS) else {
+    let Some(eigenvalues) = eigenvalues(a) else {
         return Err(Invalid::because(format!("{name} is too badly scaled: its eigenvalues can't be found")));
     };
-    let eigenvalues = schur.complex_eigenvalues();
     if eigenvalues.iter().all(|lambda| lambda.re < 0.0) {
         return Ok(());
     }
-    let list: Vec<_> =
-        eigenvalues.iter().map(|lambda| format!("{} + {}j", short(lambda.re), short(lambda.im))).collect();
+    let list: Vec<_> = eigenvalues.iter().map(eigenvalue_text).collect();
     let allowed = "must be Hurwitz: every eigenvalue needs a negative real part";
     Err(Invalid::new(format!("eigenvalues of {name}"), list.join(", "), allowed))
+}
+
+/// The eigenvalues of a square matrix. `None` when it is too badly scaled.
+pub(crate) fn eigenvalues(a: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
+    if a.is_empty() {
+        return Some(Vec::new());
+    }
+    // At multiple eigenvalues the iteration may circle within a few roundings.
+    let tolerances = [1.0, 4.0, 16.0, 64.0].map(|roundings| roundings * f64::EPSILON);
+    let schur = tolerances.into_iter().find_map(|eps| Schur::try_new(a.clone(), eps, MOST_ITERATIONS))?;
+    Some(schur.complex_eigenvalues().iter().copied().collect())
+}
+
+/// An eigenvalue for a message.
+pub(crate) fn eigenvalue_text(lambda: &Complex<f64>) -> String {
+    format!("{} + {}j", short(lambda.re), short(lambda.im))
 }
 
 /// A number for a message.
@@ -111,6 +125,19 @@ mod tests {
         let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 2.0, -1.0]);
         let message = solve(&a, &DMatrix::identity(2, 2)).unwrap_err().to_string();
         assert!(message.contains("1.000000") && message.contains("Hurwitz"), "{message}");
+    }
+
+    #[test]
+    fn a_hurwitz_matrix_with_a_multiple_eigenvalue_is_accepted() {
+        // −2 three times, and −2 ± 0.177j (numpy).
+        let rows = [
+            [-2.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, -2.0, 0.0, 0.0, 0.0],
+            [-6.203125, 3.40625, -0.40625, 2.40625, 3.203125],
+            [-0.203125, -0.59375, -0.40625, -1.59375, -0.796875],
+            [3.0, -2.0, -1.0, -1.0, -4.0],
+        ];
+        require_hurwitz("A_m", &DMatrix::from_row_slice(5, 5, &rows.concat())).unwrap();
     }
 
     #[test]
