@@ -78,6 +78,19 @@ impl Filter {
         self.B_f.len()
     }
 
+    /// By how much the degree of the denominator of D(s) exceeds that of the numerator: how often the output has to be
+    /// differentiated to show the input.
+    pub fn relative_degree(&self) -> usize {
+        // The cascade leaves exact zeros before: no sum in it cancels.
+        let mut input = self.B_f.clone();
+        let mut degree = 1;
+        while (&self.C_f * &input)[0] == 0.0 && degree < self.order() {
+            input = &self.A_f * input;
+            degree += 1;
+        }
+        degree
+    }
+
     /// Whether D(s) = 1/s, its state being the output.
     pub fn is_integrator(&self) -> bool {
         self.order() == 1 && (self.A_f[(0, 0)], self.B_f[0], self.C_f[0]) == (0.0, 1.0, 1.0)

@@ -6,6 +6,7 @@ pub mod filter;
 pub mod l1_design;
 pub mod l1_norm;
 pub mod lyapunov;
+pub mod matched_equivalent;
 pub mod pole_placement;
 pub mod prediction_error;
 pub mod projection;
