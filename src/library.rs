@@ -3,6 +3,7 @@
 //! To add a model: its own file, its description in `modelDescription/`, and a line here.
 
 use crate::controllers::l1::L1;
+use crate::controllers::l1_quadrotor::L1Quadrotor;
 use crate::plants::actuated_siso::ActuatedSiso;
 use crate::plants::coupled_mimo::CoupledMimo;
 use crate::plants::mares_auv::MaresAuv;
@@ -17,6 +18,7 @@ use crate::system::{Kind, Registry};
 /// Every system of this package.
 pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
+    Kind::of::<L1Quadrotor>(),
     Kind::of::<ActuatedSiso>(),
     Kind::of::<CoupledMimo>(),
     Kind::of::<MaresAuv>(),

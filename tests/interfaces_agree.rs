@@ -43,41 +43,56 @@ fn duration(name: &str) -> f64 {
     t.min(stop)
 }
 
-/// Within 1e-6 of each variable's nominal value, or of its largest one where that is larger: with inputs that no plant
-/// answers, a controller's own signals may grow to thousands. What oscillates has derivatives that are faster by that.
+/// Where the interfaces differ by more than 1e-6 of a variable's nominal value, or of its largest one where that is larger:
+/// with inputs that no plant answers, a controller's own signals may grow to thousands. What oscillates has derivatives
+/// that are faster by that. The unit for model exchange is integrated in so many substeps of one length.
+fn differences(name: &str, substeps: f64) -> Vec<String> {
+    let (exchange, slave) = (Unit::exchange(name), Unit::new(name));
+    if slave.model.variables().find("relative_tolerance").is_some() {
+        slave.put("relative_tolerance", 1e-10);
+        // The tolerance of a general method: an adaptive law's own step has one of its own.
+        assert_eq!(slave.set_integer("integration_method", 2), OK);
+    }
+    let [exchange, slave] = [exchange, slave].map(started);
+    let adapts = slave.model.variables().find("adaptation_frequency").is_some();
+    let (parts, mut next) = (20, exchange.settle());
+    let step = duration(name) / f64::from(parts);
+    let count = continuous(&slave).count();
+    let (mut largest, mut difference) = (vec![0.0_f64; count], vec![0.0_f64; count]);
+    for k in 0..parts {
+        let t = f64::from(k) * step;
+        assert_eq!(slave.step(t, step), OK, "{:?}", slave.messages());
+        next = exchange.integrate(t, f64::from(k + 1) * step, step / substeps, next);
+        for (i, element) in continuous(&slave).enumerate() {
+            let values = [&exchange, &slave].map(|unit| unit.get(&element.name()));
+            largest[i] = largest[i].max(values[1].abs());
+            difference[i] = difference[i].max((values[0] - values[1]).abs());
+        }
+    }
+    let fastest = if adapts { slave.get("adaptation_frequency") } else { 1.0 };
+    let mut found = Vec::new();
+    for (i, element) in continuous(&slave).enumerate() {
+        let rate = if element.variable.section == Section::Derivative { fastest } else { 1.0 };
+        let error = difference[i] / largest[i].max(element.nominal() * rate);
+        // What is no number is no agreement.
+        if error.is_nan() || error >= 1e-6 {
+            found.push(format!("{} differs by {error:e}, values up to {:e}", element.name(), largest[i]));
+        }
+    }
+    found
+}
+
 #[test]
 fn model_exchange_and_co_simulation_agree() {
     for name in description_names() {
-        let (exchange, slave) = (Unit::exchange(&name), Unit::new(&name));
-        if slave.model.variables().find("relative_tolerance").is_some() {
-            slave.put("relative_tolerance", 1e-10);
-            // The tolerance of a general method: an adaptive law's own step has one of its own.
-            assert_eq!(slave.set_integer("integration_method", 2), OK);
-        }
-        let [exchange, slave] = [exchange, slave].map(started);
-        // Where projection sets in, the rates of estimates have a kink: so the error of a step shrinks slowly.
-        let adapts = slave.model.variables().find("adaptation_frequency").is_some();
-        let substeps = if adapts { 20_000.0 } else { 2000.0 };
-        let (parts, mut next) = (20, exchange.settle());
-        let step = duration(&name) / f64::from(parts);
-        let count = continuous(&slave).count();
-        let (mut largest, mut difference) = (vec![0.0_f64; count], vec![0.0_f64; count]);
-        for k in 0..parts {
-            let t = f64::from(k) * step;
-            assert_eq!(slave.step(t, step), OK, "{:?}", slave.messages());
-            next = exchange.integrate(t, f64::from(k + 1) * step, step / substeps, next);
-            for (i, element) in continuous(&slave).enumerate() {
-                let values = [&exchange, &slave].map(|unit| unit.get(&element.name()));
-                largest[i] = largest[i].max(values[1].abs());
-                difference[i] = difference[i].max((values[0] - values[1]).abs());
-            }
-        }
-        let fastest = if adapts { slave.get("adaptation_frequency") } else { 1.0 };
-        for (i, element) in continuous(&slave).enumerate() {
-            let rate = if element.variable.section == Section::Derivative { fastest } else { 1.0 };
-            let scale = largest[i].max(element.nominal() * rate);
-            let (name_of, error) = (element.name(), difference[i] / scale);
-            assert!(error < 1e-6, "{name}: {name_of} differs by {error:e}, values up to {:e}", largest[i]);
-        }
+        let adapts = Unit::new(&name).model.variables().find("adaptation_frequency").is_some();
+        // The layer in which projection acts is stiff: an estimate that comes to its bound fast asks for short substeps.
+        let substeps = if adapts { vec![20_000.0, 80_000.0] } else { vec![2000.0] };
+        let mut found = Vec::new();
+        let agree = substeps.into_iter().any(|substeps| {
+            found = differences(&name, substeps);
+            found.is_empty()
+        });
+        assert!(agree, "{name}: {found:?}");
     }
 }

@@ -24,7 +24,9 @@ fn three(structure: &str, start: &str) -> String {
 fn a_baseline_needs_the_nominal_dynamics_and_only_a_baseline_does() {
     let a = description("L1TwoLinkRobot").lines().find(|line| line.starts_with("A = ")).unwrap().to_owned();
     refused(&robot(&a, ""), &["A is missing", "baseline"]);
-    refused(&robot("baseline = \"inside\"", ""), &["A = given", "baseline", "outside", "inside"]);
+    // Without one, A is where A_m starts.
+    let without = robot("baseline = \"inside\"", "").replace("pole_imag = [5.0, -5.0, 5.0, -5.0]", "");
+    refused(&without, &["[start] pole_real", "no such parameter", "A_m"]);
     refused(&robot("baseline = \"inside\"", "baseline = \"within\""), &["baseline", "within", "inside"]);
     refused(&robot(&a, "A = [[0.0, 1.0], [0.0, 0.0]]"), &["A = 2 x 2", "4 x 4"]);
     refused(&robot(&a, "A = [[0.0, 1.0], [0.0]]"), &["row 2 of A = 1 numbers", "the first has 2"]);
@@ -115,4 +117,62 @@ fn a_filter_that_is_none_is_refused_with_its_factor() {
     refused(&with("{ denominator = [[1.0, 0.0], [1.0, -1.0]] }"), &["D(s)", "[1.0, -1.0]", "left half plane"]);
     refused(&with("{ poles = [1.0] }"), &["[structure]", "poles", "denominator"]);
     refused(&with("{ gain = 0.0 }"), &["D(s): gain = 0"]);
+}
+
+/// A description with one text in it replaced.
+fn changed(name: &str, old: &str, new: &str) -> String {
+    let text = description(name);
+    assert!(text.contains(old), "`{old}` is in the description");
+    text.replace(old, new)
+}
+
+#[test]
+fn desired_dynamics_that_no_feedback_gives_are_refused() {
+    let coupled = |old, new| changed("L1CoupledMimo", old, new);
+    refused(&coupled("baseline = \"outside\"", ""), &["desired_dynamics", "matrix", "belongs to a baseline"]);
+    let two = coupled("B = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", "B = [[1.0], [0.0], [0.0]]");
+    let two = two.replace("C = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", "C = [[1.0, 0.0, 0.0]]");
+    let start = two.find("feedback_gain").unwrap();
+    let end =
+        "feedback_gain = [[30.0]]\nomega_min = [0.3]\nomega_max = [10.0]\ntheta_bound = [5.0]\nsigma_bound = [20.0]";
+    let one_input = format!("{}{end}", &two[..start]);
+    refused(&one_input, &["A_m", "A - A_m = 8.000e1", "range of B"]);
+}
+
+#[test]
+fn unmatched_uncertainty_needs_directions_that_the_control_does_not_reach() {
+    let unmatched = |new: &str| changed("L1UnmatchedMimo", "unmatched = true", new);
+    let given = |rows: &str| unmatched(&format!("B_um = {rows}"));
+    assert!(model(&given("[[0.0], [2.0], [0.0]]")).is_ok());
+    refused(&given("[[0.0], [1.0], [0.5]]"), &["B' B_um", "largest entry = 5.000e-1", "matched"]);
+    refused(&given("[[0.0], [1.0]]"), &["B_um = 2 x 1", "3 rows", "1 … 1 columns"]);
+    refused(&given("[[0.0, 0.0], [1.0, 2.0], [0.0, 0.0]]"), &["B_um = 3 x 2"]);
+    refused(&given("[[0.0], [1.0], [0.0]]\nunmatched = false"), &["B_um = given", "unmatched"]);
+    let matched = unmatched("").replace("sigma_bound_unmatched = [5.0]", "");
+    refused(&matched, &["[start] theta_bound_unmatched", "no such parameter"]);
+    let a = description("L1UnmatchedMimo").lines().find(|line| line.starts_with("A = ")).unwrap().to_owned();
+    refused(&changed("L1UnmatchedMimo", &a, ""), &["A is missing", "unmatched"]);
+    refused(&changed("L1CoupledMimo", "baseline", "unmatched = true\nbaseline"), &["unmatched = true", "every state"]);
+}
+
+#[test]
+fn unmatched_uncertainty_that_no_stable_or_proper_law_cancels_is_refused() {
+    // y_2 = x_2 − x_3 has a zero at 1/s in the right half plane.
+    let c = "C = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]";
+    let other = changed("L1UnmatchedMimo", c, "C = [[1.0, 0.0, 0.0], [0.0, 1.0, -1.0]]");
+    refused(&other, &["zero of C (sI - A_m)^-1 B = 1", "negative real part", "choose other outputs"]);
+    // The twin rotor's torques enter one integration behind its rotors: with two, a filter 1/s isn't enough.
+    let rotor = |old, new| changed("L1TwinRotor", old, new);
+    let behind = rotor(
+        "B_um = [\n    [0.0, 0.0],\n    [1.0, 0.0],\n    [0.0, 0.0],\n    [0.0, 1.0],",
+        "B_um = [\n    [1.0, 0.0],\n    [0.0, 0.0],\n    [0.0, 0.0],\n    [0.0, 1.0],",
+    );
+    refused(&behind, &["D(s): relative degree = 1", "at least 2", "more poles"]);
+}
+
+#[test]
+fn desired_dynamics_with_other_zeros_than_the_nominal_ones_are_refused() {
+    // With x_3 in the first row, too, the second output sees the control sooner or later by another chain.
+    let other = changed("L1UnmatchedMimo", "[start]", "[start]\nA_m = [[-1, 0, 0], [0, -1, 0], [0, -1, -1.8]]");
+    refused(&other, &["A_m", "singular"]);
 }

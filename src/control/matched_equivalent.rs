@@ -50,7 +50,7 @@ pub struct FilteredPolynomial {
 }
 
 impl MatchedEquivalent {
-    /// T(s) for a Hurwitz A_m (n × n), B (n × m), C (m × n) and B_um (n × k).
+    /// T(s) for A_m (n × n), B (n × m), C (m × n) and B_um (n × k).
     ///
     /// # Errors
     /// [`Invalid`] when H_m(s) has no inverse or none that is stable, or rounding would spoil it.
@@ -291,17 +291,19 @@ impl Plant {
         Some(MatchedEquivalent { polynomial, C_z: &inverse.K_x * &inverse.W, A_z: inverse.A_z, B_z })
     }
 
-    /// Whether H_m(s) T(s) = H_um(s) where neither is large for a reason of its own: at the mirror images of the poles.
+    /// Whether H_m(s) T(s) = H_um(s) where neither is large for a reason of its own: at the mirror images of stable poles,
+    /// and beyond all poles where one isn't stable.
     fn is_matched_by(&self, equivalent: &MatchedEquivalent) -> bool {
         let (n, m) = self.B.shape();
         let Some(poles) = eigenvalues(&self.A) else { return false };
-        poles.into_iter().all(|pole| {
-            let shifted = DMatrix::identity(n, n) * -pole.conj() - complex(&self.A);
+        let beyond = Complex::from(2.0 * self.A.norm());
+        poles.into_iter().map(|pole| if pole.re < 0.0 { -pole.conj() } else { beyond }).all(|point| {
+            let shifted = DMatrix::identity(n, n) * point - complex(&self.A);
             let lu = shifted.lu();
             let (Some(x_m), Some(x_um)) = (lu.solve(&complex(&self.B)), lu.solve(&complex(&self.E))) else {
                 return false;
             };
-            let (H_m, H_um, T) = (complex(&self.C) * x_m, complex(&self.C) * x_um, equivalent.at(-pole.conj()));
+            let (H_m, H_um, T) = (complex(&self.C) * x_m, complex(&self.C) * x_um, equivalent.at(point));
             let error = &H_m * &T - &H_um;
             let size = |i: usize, j: usize| H_m.row(i).norm() * T.column(j).norm() + H_um[(i, j)].norm();
             (0..T.ncols()).all(|j| (0..m).all(|i| error[(i, j)].norm() <= ACCURACY * size(i, j)))

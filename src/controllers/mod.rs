@@ -1,3 +1,5 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
 pub mod l1;
+pub mod l1_quadrotor;
+mod position_loop;

@@ -26,5 +26,5 @@ pub use linearise::{Eigenvalue, Linearisation, OperatingPoint, Quantity, lineari
 pub use metrics::{Measured, measure};
 pub use page::{Ending, Report};
 pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, pack};
-pub use ssp::{IdealModel, Metric, Plot, Statistic};
+pub use ssp::{Funnel, IdealModel, Metric, Plot, Statistic};
 pub use units::{Affine, UnitDefinition};

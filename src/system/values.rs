@@ -117,6 +117,12 @@ impl<C: Class> VectorOf<C> {
         ScalarOf { start: self.start + index, class: PhantomData }
     }
 
+    /// The handle of some of its elements, counted from 0.
+    pub fn part(self, range: Range<usize>) -> Self {
+        assert!(range.end <= self.len, "elements {range:?} of a vector of {}", self.len);
+        VectorOf { start: self.start + range.start, len: range.len(), class: PhantomData }
+    }
+
     /// Number of elements.
     #[allow(clippy::len_without_is_empty)] // a declared vector is never empty
     pub fn len(self) -> usize {

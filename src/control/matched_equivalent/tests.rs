@@ -111,6 +111,22 @@ fn assert_zeros(equivalent: &MatchedEquivalent, expected: &[Complex<f64>], toler
 }
 
 #[test]
+fn nominal_dynamics_need_not_be_stable() {
+    // x1'' = a x1' + u, d on x1': T = s - a by hand, whatever a.
+    for a in [0.0, 3.0, -2.0] {
+        let chain = Example {
+            A_m: matrix([[0.0, 1.0], [0.0, a]]),
+            B: matrix([[0.0], [1.0]]),
+            C: matrix([[1.0, 0.0]]),
+            B_um: matrix([[1.0], [0.0]]),
+        };
+        let found = chain.equivalent();
+        assert_eq!(found.polynomial.len(), 2);
+        assert!((found.polynomial[0][0] + a).abs() < 1e-15 && (found.polynomial[1][0] - 1.0).abs() < 1e-15);
+    }
+}
+
+#[test]
 fn a_disturbance_one_integrator_before_the_input_is_met_by_its_derivative() {
     let equivalent = third_order().equivalent();
     // By hand: x2' = x3 + d, so x3 = −d keeps y2 at zero, and u2 = x3' + 1.8 x3.

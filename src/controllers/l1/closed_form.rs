@@ -2,20 +2,26 @@
 //!
 //! The estimates may oscillate so fast that a general integrator needs many steps in a communication step. But with
 //! the regressor φ, the control v_0 and the gain ω̂ of the stride's beginning, what couples them is linear: x̃ = x̂ − x,
-//! a = ω̂ v_0 + θ̂ φ + σ̂ (one number a channel, in which the estimates act together), the filter's state f, time and a
-//! constant. One matrix exponential solves it, and the increment of a is shared out to the estimates in proportion
-//! to what each of them multiplies. Projection isn't linear: where it may act, a general method takes the step.
+//! a = ω̂ v_0 + θ̂ φ + σ̂ (one number a channel, in which the estimates act together; θ̂_2 ‖x‖∞ + σ̂_2 for an unmatched
+//! direction), the states f of the filter and z of H_m⁻¹ H_um, time and a constant. One matrix exponential solves it, and
+//! the increment of a is shared out to the estimates in proportion to what each of them multiplies. Projection isn't
+//! linear: where it may act, a general method takes the step.
+
+use nalgebra::DMatrixView;
 
 use super::estimates::Estimate;
-use super::{Baseline, L1, Regressor, largest};
+use super::law::Law;
+use super::unmatched::Zeros;
+use super::{Baseline, Regressor, largest};
 use crate::control::{exponential, projection};
-use crate::system::{Handle, Point, Stride, Values};
+use crate::system::{Class, ErrorEstimate, Handle, Point, Section, State, Stride, Values, VectorOf};
 
-/// Where the parts of the linear system's state (x̃, a, f, t, 1) begin.
+/// Where the parts of the linear system's state (x̃, a, f, z, t, 1) begin.
 #[derive(Debug, Clone, Copy)]
 struct Places {
     a: usize,
     f: usize,
+    z: usize,
     time: usize,
     one: usize,
     order: usize,
@@ -23,7 +29,10 @@ struct Places {
 
 /// The linear system, and what is needed to fill it.
 struct Linear<'a> {
-    l1: &'a L1,
+    l1: &'a Law,
+    /// The reference, and its rates where it moves within a stride.
+    r: &'a [f64],
+    r_rates: &'a [f64],
     v: Values<'a, f64>,
     slopes: &'a [f64],
     at: Places,
@@ -43,26 +52,38 @@ struct Space<'a> {
     states: &'a mut [f64],
 }
 
-impl L1 {
+impl Law {
     fn places(&self) -> Places {
-        let (n, m) = self.plant.B.shape();
-        let time = n + m + self.f.len();
-        Places { a: n, f: n + m, time, one: time + 1, order: time + 2 }
+        let (n, channels) = self.directions.shape();
+        let z = n + channels + self.f.len();
+        let time = z + self.z().map_or(0, VectorOf::len);
+        Places { a: n, f: n + channels, z, time, one: time + 1, order: time + 2 }
+    }
+
+    /// The state of H_m⁻¹ H_um, where it has one.
+    fn z(&self) -> Option<VectorOf<State>> {
+        self.unmatched.as_ref().and_then(|unmatched| unmatched.zeros.as_ref()).map(|zeros| zeros.z)
+    }
+
+    /// All states, a handle a kind.
+    fn all_states(&self) -> impl Iterator<Item = VectorOf<State>> {
+        let unmatched = self.unmatched.iter().flat_map(|unmatched| [unmatched.theta_hat, unmatched.sigma_hat]);
+        let matched = [self.x_hat, self.omega_hat, self.theta_hat.elements(), self.sigma_hat, self.f];
+        matched.into_iter().chain(unmatched).chain(self.z())
     }
 
     /// Number of continuous states.
     fn states(&self) -> usize {
-        let (n, m) = self.plant.B.shape();
-        n + self.estimates() + m * self.filter.order()
+        self.all_states().map(VectorOf::len).sum()
     }
 
     fn space_sizes(&self) -> [usize; 7] {
-        let (order, m) = (self.places().order, self.u.len());
-        [order * order, m * order, exponential::workspace(order), order, order, order, self.states()]
+        let (order, channels) = (self.places().order, self.channels());
+        [order * order, channels * order, exponential::workspace(order), order, order, order, self.states()]
     }
 
     /// Size of the workspace.
-    pub(super) fn closed_form_workspace(&self) -> usize {
+    pub(in crate::controllers) fn closed_form_workspace(&self) -> usize {
         self.space_sizes().iter().sum()
     }
 
@@ -78,11 +99,15 @@ impl L1 {
 
     /// Advances the states by one stride, and tells where one of twice its length leads. Whether it could: not where an
     /// estimate may come to the layer at its bounds on the way, for what is linear here knows no projection.
-    pub(super) fn closed_form(&self, stride: Stride, v: &mut Point) -> bool {
+    ///
+    /// A reference that is no input is held over the stride.
+    pub(in crate::controllers) fn closed_form<R: Class>(&self, r: VectorOf<R>, stride: Stride, v: &mut Point) -> bool {
         let Space { matrix, eta, exponential, solution: [start, end, whole], states } = self.divide(stride.workspace);
         let at = self.places();
         let values = v.values();
-        Linear { l1: self, v: values, slopes: stride.slopes, at, matrix, eta: &mut *eta }.fill();
+        let r_rates = if R::SECTION == Section::Input { &stride.slopes[r.span().range()] } else { &[] };
+        let r = &values[r];
+        Linear { l1: self, r, r_rates, v: values, slopes: stride.slopes, at, matrix, eta: &mut *eta }.fill();
         self.linear_state(&values, at, start);
         apply(matrix, start, end);
         apply(matrix, end, whole);
@@ -99,7 +124,7 @@ impl L1 {
         }
         self.arrive(&values, at, [start, whole], stride.slopes, 2.0 * stride.length, stride.whole);
         self.arrive(&values, at, [start, end], stride.slopes, stride.length, states);
-        for handle in [self.x_hat, self.omega_hat, self.theta_hat.elements(), self.sigma_hat, self.f] {
+        for handle in self.all_states() {
             v.set(handle, &states[handle.span().range()]);
         }
         true
@@ -109,7 +134,7 @@ impl L1 {
     fn amplitudes(&self, v: &Values<f64>, rates: &[f64], second_rates: &[f64], amplitudes: &mut [f64]) {
         let PB = v.matrix(self.design.PB);
         for (i, amplitude) in amplitudes.iter_mut().enumerate() {
-            let stiffness: f64 = PB.column(i).iter().zip(self.plant.B.column(i).iter()).map(|(p, b)| p * b).sum();
+            let stiffness: f64 = PB.column(i).iter().zip(self.directions.column(i).iter()).map(|(p, b)| p * b).sum();
             let square = v[self.design.adaptation_gain] * self.excitation(v, i) * stiffness;
             *amplitude = 2.0 * (rates[i] / square.sqrt()).hypot(second_rates[i] / square);
         }
@@ -129,15 +154,19 @@ impl L1 {
         })
     }
 
-    /// (x̃, a, f, t, 1) at the stride's beginning.
+    /// (x̃, a, f, z, t, 1) at the stride's beginning.
     fn linear_state(&self, v: &Values<f64>, at: Places, state: &mut [f64]) {
-        for (x_tilde, (x_hat, x)) in state.iter_mut().zip(v[self.x_hat].iter().zip(&v[self.x])) {
+        for (x_tilde, (x_hat, x)) in state.iter_mut().zip(v[self.x_hat].iter().zip(&v[self.ports.x])) {
             *x_tilde = x_hat - x;
         }
         for (i, a) in state[at.a..at.f].iter_mut().enumerate() {
-            *a = v[self.eta_hat][i] - if self.baseline == Baseline::Inside { v[self.feedback][i] } else { 0.0 };
+            let known = self.baseline == Baseline::Inside && i < self.feedback.len();
+            *a = self.uncertainty_of(i, v) - if known { v[self.feedback][i] } else { 0.0 };
         }
-        state[at.f..at.time].copy_from_slice(&v[self.f]);
+        state[at.f..at.z].copy_from_slice(&v[self.f]);
+        if let Some(z) = self.z() {
+            state[at.z..at.time].copy_from_slice(&v[z]);
+        }
         (state[at.time], state[at.one]) = (0.0, 1.0);
     }
 
@@ -151,11 +180,14 @@ impl L1 {
         h: f64,
         states: &mut [f64],
     ) {
-        let slope = &slopes[self.x.span().range()];
+        let slope = &slopes[self.ports.x.span().range()];
         for (k, x_hat) in states[self.x_hat.span().range()].iter_mut().enumerate() {
-            *x_hat = v[self.x][k] + slope[k] * h + end[k];
+            *x_hat = v[self.ports.x][k] + slope[k] * h + end[k];
         }
-        states[self.f.span().range()].copy_from_slice(&end[at.f..at.time]);
+        states[self.f.span().range()].copy_from_slice(&end[at.f..at.z]);
+        if let Some(z) = self.z() {
+            states[z.span().range()].copy_from_slice(&end[at.z..at.time]);
+        }
         for k in 0..self.estimates() {
             let Estimate { place, channel, factor, .. } = self.estimate(k, v);
             let increment = factor * (end[at.a + channel] - start[at.a + channel]) / self.excitation(v, channel);
@@ -165,9 +197,59 @@ impl L1 {
 
     /// N: the sum of squares of what the estimates of a channel are multiplied by.
     fn excitation(&self, v: &Values<f64>, channel: usize) -> f64 {
+        if let Some(unmatched) = self.unmatched.as_ref().filter(|_| channel >= self.eta_hat.len()) {
+            return v[unmatched.norm] * v[unmatched.norm] + 1.0;
+        }
         let entries = self.omega_entries.iter().filter(|entry| entry.0 == channel);
         let of_control: f64 = entries.map(|&(_, j)| v[self.v][j] * v[self.v][j]).sum();
         of_control + v[self.phi].iter().map(|phi| phi * phi).sum::<f64>() + 1.0
+    }
+
+    /// Whether the closed form is worth its while: not while an estimate is at a bound, nor where a general method needs
+    /// few steps.
+    pub(in crate::controllers) fn closed_form_pays(&self, h: f64, v: &Values<f64>) -> bool {
+        let phase = v[self.adaptation_frequency] * h;
+        v.get(self.active) && phase >= v[self.design.closed_form_phase] && self.projections(v) == 0
+    }
+
+    /// Compares x̂, η̂ and u_ad: single estimates aren't determined where the regressor excites them little. The states are
+    /// extrapolated to strides of no length.
+    pub(in crate::controllers) fn conclude(
+        &self,
+        whole: &Values<f64>,
+        nominals: &[f64],
+        v: &mut Point,
+    ) -> ErrorEstimate {
+        let halves = &v.values();
+        let (x_hat, u_ad) = (&nominals[self.x_hat.span().range()], nominals[self.f.span().start]);
+        let mut worst = 0.0;
+        let mut compare = |whole: f64, halves: f64, magnitude: f64| {
+            let error = (whole - halves).abs() / magnitude.max(whole.abs()).max(halves.abs());
+            // Not a number, once it is.
+            worst = if error > worst || error.is_nan() { error } else { worst };
+        };
+        for (k, &nominal) in x_hat.iter().enumerate() {
+            compare(whole[self.x_hat][k], halves[self.x_hat][k], nominal);
+        }
+        for i in 0..self.u_ad.len() {
+            compare(whole[self.u_ad][i], halves[self.u_ad][i], u_ad);
+        }
+        for i in 0..self.channels() {
+            // η̂ passes through zero where what it is made of does not.
+            let magnitude = u_ad.max(self.magnitude(i, halves));
+            compare(self.uncertainty_of(i, whole), self.uncertainty_of(i, halves), magnitude);
+        }
+        let scaled = worst / halves[self.design.adaptation_tolerance];
+        self.extrapolate(whole, v);
+        ErrorEstimate { scaled, order: 2 }
+    }
+
+    /// Where strides of no length would lead: the error of a stride is proportional to its length.
+    fn extrapolate(&self, whole: &Values<f64>, v: &mut Point) {
+        for handle in self.all_states() {
+            v[handle].iter_mut().zip(&whole[handle]).for_each(|(halves, whole)| *halves += *halves - whole);
+        }
+        self.bring_within_bounds(v);
     }
 }
 
@@ -186,7 +268,7 @@ impl Linear<'_> {
 
     /// Rate of K_m x in a channel.
     fn feedback_rate(&self, channel: usize) -> f64 {
-        let rates = &self.slopes[self.l1.x.span().range()];
+        let rates = &self.slopes[self.l1.ports.x.span().range()];
         let K_m = self.l1.design.K_m(&self.v);
         K_m.map_or(0.0, |K_m| K_m.row(channel).iter().zip(rates).map(|(k, rate)| k * rate).sum())
     }
@@ -196,17 +278,36 @@ impl Linear<'_> {
         self.eta.fill(0.0);
         *self.entry(self.at.time, self.at.one) = 1.0;
         self.prediction_error();
+        self.unmatched_uncertainty();
         self.uncertainty();
         self.predictor();
         self.adaptation();
         self.control_law();
+        self.unmatched_control();
+    }
+
+    /// The row of a channel's η̂ over the state.
+    fn row(&mut self, channel: usize) -> &mut [f64] {
+        &mut self.eta[channel * self.at.order..][..self.at.order]
+    }
+
+    /// η̂_2 = a_2 + θ̂_2 (‖x‖∞ − ‖x_0‖∞).
+    fn unmatched_uncertainty(&mut self) {
+        let Some(unmatched) = &self.l1.unmatched else { return };
+        let (m, at) = (self.l1.eta_hat.len(), self.at);
+        let norm_rate = norm_rate(self.l1, &self.v, self.slopes);
+        for i in 0..unmatched.eta_hat.len() {
+            let theta = self.v[unmatched.theta_hat][i];
+            let row = self.row(m + i);
+            (row[at.a + m + i], row[at.time]) = (1.0, theta * norm_rate);
+        }
     }
 
     /// x̃' = A_m x̃ + (A_m x − x') …
     fn prediction_error(&mut self) {
         let (l1, v) = (self.l1, self.v);
-        let (A_m, x) = (l1.design.A_m(&v), &v[l1.x]);
-        let rates = &self.slopes[l1.x.span().range()];
+        let (A_m, x) = (l1.design.A_m(&v), &v[l1.ports.x]);
+        let rates = &self.slopes[l1.ports.x.span().range()];
         for i in 0..x.len() {
             for j in 0..x.len() {
                 *self.entry(i, j) = A_m[(i, j)];
@@ -219,43 +320,60 @@ impl Linear<'_> {
 
     /// η̂ = a + ω̂ (v − v_0) + θ̂ (φ − φ_0) + K_m x, the last for a baseline inside.
     fn uncertainty(&mut self) {
-        let l1 = self.l1;
-        let m = l1.u.len();
-        for i in 0..m {
+        let (l1, at) = (self.l1, self.at);
+        for i in 0..l1.eta_hat.len() {
             let feedback_rate = self.feedback_rate(i);
-            let eta = &mut self.eta[i * self.at.order..(i + 1) * self.at.order];
-            eta[self.at.a + i] = 1.0;
-            eta[self.at.time] = regressor_rate(l1, &self.v, self.slopes, i);
+            let feedback = self.v[l1.feedback][i];
+            let rate = regressor_rate(l1, &self.v, self.slopes, i);
+            let eta = self.row(i);
+            (eta[at.a + i], eta[at.time]) = (1.0, rate);
             if l1.baseline == Baseline::Inside {
-                eta[self.at.one] = self.v[l1.feedback][i];
-                eta[self.at.time] += feedback_rate;
+                eta[at.one] = feedback;
+                eta[at.time] += feedback_rate;
             }
         }
         for (k, &(i, j)) in l1.omega_entries.iter().enumerate() {
-            let omega = self.v[l1.omega_hat][k];
-            let (u_ad, feedback) = (self.v[l1.u_ad][j], self.v[l1.feedback][j]);
-            let limited = self.v[l1.u][j] != u_ad - feedback;
-            let feedback_rate = self.feedback_rate(j);
-            let eta = &mut self.eta[i * self.at.order..(i + 1) * self.at.order];
-            // How v leaves v_0: with the filter's output, or not at all while the control is at its limit.
-            if !limited {
-                for (f, c) in eta[self.at.f + j * l1.filter.order()..].iter_mut().zip(l1.filter.C_f.iter()) {
-                    *f += omega * c;
-                }
-                eta[self.at.one] -= omega * u_ad;
+            self.add_control_change(self.v[l1.omega_hat][k], i, j);
+        }
+    }
+
+    /// How v_j leaves where it stands, times ω̂: with the filter's output, or not at all while the control is at its
+    /// limit.
+    fn add_control_change(&mut self, omega: f64, i: usize, j: usize) {
+        let (l1, at, v) = (self.l1, self.at, self.v);
+        let (u_ad, feedback) = (v[l1.u_ad][j], v[l1.feedback][j]);
+        let limited = v[l1.ports.u][j] != (u_ad - feedback) * l1.design.inertia(j, &v);
+        let feedback_rate = self.feedback_rate(j);
+        if !limited {
+            let eta = self.row(i);
+            for (f, c) in eta[at.f + j * l1.filter.order()..].iter_mut().zip(l1.filter.C_f.iter()) {
+                *f += omega * c;
             }
-            eta[self.at.time] += omega
-                * match (l1.baseline, limited) {
-                    (Baseline::Inside, false) => -feedback_rate,
-                    (Baseline::Outside, true) => feedback_rate,
-                    _ => 0.0,
-                };
+            eta[at.one] -= omega * u_ad;
+            self.add_at_once(omega, i, j);
+        }
+        self.row(i)[at.time] += omega
+            * match (l1.baseline, limited) {
+                (Baseline::Inside, false) => -feedback_rate,
+                (Baseline::Outside, true) => feedback_rate,
+                _ => 0.0,
+            };
+    }
+
+    /// What u_ad of channel j has of η̂_2 at once, times ω̂, in η̂ of channel i.
+    fn add_at_once(&mut self, omega: f64, i: usize, j: usize) {
+        let Some(direct) = self.l1.unmatched.as_ref().and_then(|unmatched| unmatched.direct) else { return };
+        let (gains, m, order) = (self.v.matrix(direct), self.l1.eta_hat.len(), self.at.order);
+        for (k, gain) in gains.row(j).iter().enumerate() {
+            let (matched, unmatched) = self.eta.split_at_mut(m * order);
+            let of_direction = &unmatched[k * order..][..order];
+            matched[i * order..][..order].iter_mut().zip(of_direction).for_each(|(eta, e)| *eta -= omega * gain * e);
         }
     }
 
     /// x̃' = … + B η̂
     fn predictor(&mut self) {
-        let B = &self.l1.plant.B;
+        let B = &self.l1.directions;
         for column in 0..self.at.order {
             for j in 0..B.ncols() {
                 let eta = self.eta[j * self.at.order + column];
@@ -270,9 +388,9 @@ impl Linear<'_> {
     fn adaptation(&mut self) {
         let l1 = self.l1;
         let (PB, gamma) = (self.v.matrix(l1.design.PB), self.v[l1.design.adaptation_gain]);
-        for i in 0..l1.u.len() {
+        for i in 0..l1.channels() {
             let gain = gamma * l1.excitation(&self.v, i);
-            for k in 0..l1.x.len() {
+            for k in 0..l1.x_hat.len() {
                 *self.entry(self.at.a + i, k) = -gain * PB[(k, i)];
             }
         }
@@ -281,16 +399,16 @@ impl Linear<'_> {
     /// f' = A_f f − B_f K (η̂ − K_g r)
     fn control_law(&mut self) {
         let (l1, v) = (self.l1, self.v);
-        let (K, K_g, r) = (v.matrix(l1.design.feedback_gain), v.matrix(l1.design.K_g), &v[l1.r]);
-        let (rates, order) = (&self.slopes[l1.r.span().range()], l1.filter.order());
-        for i in 0..l1.u.len() {
+        let (K, K_g, r) = (v.matrix(l1.design.feedback_gain), v.matrix(l1.design.K_g), self.r);
+        let (rates, order) = (self.r_rates, l1.filter.order());
+        for i in 0..l1.u_ad.len() {
             for k in 0..order {
                 let row = self.at.f + i * order + k;
                 let input = l1.filter.B_f[k];
                 for l in 0..order {
                     *self.entry(row, self.at.f + i * order + l) += l1.filter.A_f[(k, l)];
                 }
-                for j in (0..l1.u.len()).filter(|_| input != 0.0) {
+                for j in (0..l1.u_ad.len()).filter(|_| input != 0.0) {
                     let gain = input * K[(i, j)];
                     for column in 0..self.at.order {
                         let eta = self.eta[j * self.at.order + column];
@@ -303,16 +421,51 @@ impl Linear<'_> {
             }
         }
     }
+
+    /// f' = … − K D(s) H_m⁻¹ H_um η̂_2; z' = A_z z + B_z η̂_2.
+    fn unmatched_control(&mut self) {
+        let Some(unmatched) = &self.l1.unmatched else { return };
+        let (v, at, m) = (self.v, self.at, self.l1.eta_hat.len());
+        self.add_rows(at.f, &v.matrix(unmatched.input), -1.0, m);
+        let Some(Zeros { A_z, B_z, KC_z, .. }) = &unmatched.zeros else { return };
+        let (A_z, B_z, KC_z) = (v.matrix(*A_z), v.matrix(*B_z), v.matrix(*KC_z));
+        self.add_rows(at.z, &B_z, 1.0, m);
+        for j in 0..A_z.ncols() {
+            for i in 0..A_z.nrows() {
+                *self.entry(at.z + i, at.z + j) += A_z[(i, j)];
+            }
+            let filter = &self.l1.filter;
+            for k in 0..at.z - at.f {
+                *self.entry(at.f + k, at.z + j) -= filter.B_f[k % filter.order()] * KC_z[(k / filter.order(), j)];
+            }
+        }
+    }
+
+    /// Adds `sign` · gains · η̂ of the channels from `first` on to the rates from a place on.
+    fn add_rows(&mut self, place: usize, gains: &DMatrixView<f64>, sign: f64, first: usize) {
+        for (k, column) in gains.column_iter().enumerate() {
+            for of in 0..self.at.order {
+                let eta = sign * self.eta[(first + k) * self.at.order + of];
+                for (i, gain) in column.iter().enumerate().filter(|_| eta != 0.0) {
+                    *self.entry(place + i, of) += gain * eta;
+                }
+            }
+        }
+    }
 }
 
 /// Rate of θ̂ φ(x) in a channel, as x moves.
-fn regressor_rate(l1: &L1, v: &Values<f64>, slopes: &[f64], channel: usize) -> f64 {
-    let (theta_hat, rates) = (v.matrix(l1.theta_hat), &slopes[l1.x.span().range()]);
+fn regressor_rate(l1: &Law, v: &Values<f64>, slopes: &[f64], channel: usize) -> f64 {
+    let (theta_hat, rates) = (v.matrix(l1.theta_hat), &slopes[l1.ports.x.span().range()]);
     match l1.regressor {
         Regressor::State => theta_hat.row(channel).iter().zip(rates).map(|(theta, rate)| theta * rate).sum(),
-        Regressor::InfinityNorm => {
-            let k = largest(&v[l1.x]);
-            theta_hat[(channel, 0)] * rates[k] * v[l1.x][k].signum()
-        }
+        Regressor::InfinityNorm => theta_hat[(channel, 0)] * norm_rate(l1, v, slopes),
     }
+}
+
+/// Rate of ‖x‖∞, as x moves.
+fn norm_rate(l1: &Law, v: &Values<f64>, slopes: &[f64]) -> f64 {
+    let x = &v[l1.ports.x];
+    let k = largest(x);
+    slopes[l1.ports.x.span().range()][k] * x[k].signum()
 }

@@ -3,7 +3,7 @@
 
 use nalgebra::{Complex, DMatrix, DMatrixView};
 
-use super::structure::{Baseline, L1Structure, Plant};
+use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, Plant, Symbols};
 use crate::control::{feedforward, lyapunov, pole_placement};
 use crate::system::{
     Declaration, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal, matrix,
@@ -11,7 +11,7 @@ use crate::system::{
 };
 
 /// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
-const UNLIMITED: f64 = 1e15;
+pub(in crate::controllers) const UNLIMITED: f64 = 1e15;
 
 /// The numbers of the law, and what follows from them.
 #[derive(Debug)]
@@ -28,13 +28,15 @@ pub(super) struct Design {
     pub adaptation_tolerance: ScalarOf<Parameter>,
     pub closed_form_phase: ScalarOf<Parameter>,
     pub step_phase_limit: ScalarOf<Parameter>,
-    pub u_min: VectorOf<Parameter>,
-    pub u_max: VectorOf<Parameter>,
+    /// By which commanded accelerations become the control, where they are commanded.
+    inertia: Option<VectorOf<Parameter>>,
     P: MatrixOf<Prepared>,
     pub K_g: MatrixOf<Prepared>,
+    /// P (B B_um)
     pub PB: MatrixOf<Prepared>,
-    /// Largest eigenvalue of Bᵀ P B.
+    /// Largest eigenvalue of Bᵀ P B, and of B_umᵀ P B_um (zero without such).
     pub lambda_max: ScalarOf<Prepared>,
+    pub lambda_max_unmatched: ScalarOf<Prepared>,
     /// Rate at which the adaptive control follows the manual one while the controller is not enabled.
     pub follow_rate: ScalarOf<Prepared>,
 }
@@ -44,6 +46,8 @@ pub(super) struct Design {
 enum Dynamics {
     /// They are given; there is no baseline.
     Given(MatrixOf<Parameter>),
+    /// They are given, and the baseline's gain K_m brings them about.
+    Matched { A_m: MatrixOf<Parameter>, K_m: MatrixOf<Prepared> },
     /// Of poles, by the baseline's gain K_m.
     Placed {
         pole_real: VectorOf<Parameter>,
@@ -54,10 +58,20 @@ enum Dynamics {
 }
 
 impl Dynamics {
-    fn declare(d: &mut Declaration, n: usize, m: usize, baseline: Baseline) -> Self {
+    fn declare(d: &mut Declaration, plant: &Plant, structure: &L1Structure) -> Self {
+        let (n, m) = plant.B.shape();
         let text = "desired closed-loop dynamics";
-        if baseline == Baseline::None {
-            return Dynamics::Given(d.parameter(matrix("A_m", n, n, &format!("{text}; must be Hurwitz")).unit("1/s")));
+        let given = matrix("A_m", n, n, &format!("{text}; must be Hurwitz")).unit("1/s");
+        let K_m = matrix("K_m", m, n, "gain of the baseline, the static state feedback");
+        match (structure.baseline, structure.desired_dynamics) {
+            (Baseline::None, _) => {
+                let start = plant.A.as_ref().map_or(vec![0.0], |A| A.as_slice().to_vec());
+                return Dynamics::Given(d.parameter(given.starts(&start)));
+            }
+            (_, DesiredDynamics::Matrix) => {
+                return Dynamics::Matched { A_m: d.parameter(given), K_m: d.prepared(K_m) };
+            }
+            (_, DesiredDynamics::Poles) => {}
         }
         let order = "in the order of the inputs, conjugates side by side";
         let real = format!("real part of a desired closed-loop pole, {order}");
@@ -66,28 +80,33 @@ impl Dynamics {
             pole_real: d.parameter(vector("pole_real", n, &real).unit("1/s").start(-1.0)),
             pole_imag: d.parameter(vector("pole_imag", n, &imag).unit("rad/s")),
             A_m: d.prepared(matrix("A_m", n, n, text).unit("1/s")),
-            K_m: d.prepared(matrix("K_m", m, n, "gain of the baseline, the static state feedback")),
+            K_m: d.prepared(K_m),
         }
     }
 
-    /// Where poles are to be placed, sets A_m and K_m.
+    /// Where there is a baseline, its K_m, and A_m where poles are to be placed.
     fn prepare(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
-        let Dynamics::Placed { pole_real, pole_imag, A_m, K_m } = self else { return Ok(()) };
-        let poles: Vec<_> = v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im)).collect();
-        let gain = pole_placement::place(&plant.A, &plant.B, &poles)?;
-        v.matrix_mut(*A_m).copy_from(&(&plant.A - &plant.B * &gain));
-        v.matrix_mut(*K_m).copy_from(&gain);
+        let Some(A) = &plant.A else { return Ok(()) };
+        match self {
+            Dynamics::Given(_) => {}
+            Dynamics::Matched { A_m, K_m } => {
+                let gain = matching_gain(A, &plant.B, &v.matrix(*A_m).into_owned())?;
+                v.matrix_mut(*K_m).copy_from(&gain);
+            }
+            Dynamics::Placed { pole_real, pole_imag, A_m, K_m } => {
+                let poles = v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im));
+                let gain = pole_placement::place(A, &plant.B, &poles.collect::<Vec<_>>())?;
+                v.matrix_mut(*A_m).copy_from(&(A - &plant.B * &gain));
+                v.matrix_mut(*K_m).copy_from(&gain);
+            }
+        }
         Ok(())
     }
 }
 
 impl Design {
-    pub fn declare(
-        d: &mut Declaration,
-        (n, m): (usize, usize),
-        structure: &L1Structure,
-        of_control: &[&'static str],
-    ) -> Self {
+    pub fn declare(d: &mut Declaration, plant: &Plant, structure: &L1Structure, units: &Symbols) -> Self {
+        let ((n, m), k) = (plant.B.shape(), plant.B_um.ncols());
         let full = structure.is_full();
         let mut omega_bound = |name: &str, text: &str| {
             if full { d.parameter(matrix(name, m, m, text)).elements() } else { d.parameter(diagonal(name, m, text)) }
@@ -102,14 +121,14 @@ impl Design {
                      long";
         let closed_form = "angle through which the adaptation turns in a step from which on the closed form is taken, in \
                            co-simulation; below, a general method is less work";
-        let limit = "control that the actuator can give; the predictor knows of it. 1e15 is no limit";
+        let inertia = "nominal inertia that turns a commanded acceleration into the control";
         Design {
             adaptation_gain: d
                 .parameter(scalar("adaptation_gain", "adaptation gain Gamma").start(1e5).positive().nominal(1e5)),
             feedback_gain: d.parameter(
                 matrix("feedback_gain", m, m, "feedback gain K of the filter K D(s)").unit("1/s").identity(),
             ),
-            dynamics: Dynamics::declare(d, n, m, structure.baseline),
+            dynamics: Dynamics::declare(d, plant, structure),
             Q: d.parameter(
                 matrix("Q", n, n, "right-hand side of the Lyapunov equation A_m' P + P A_m = -Q").identity(),
             ),
@@ -129,12 +148,14 @@ impl Design {
                 .parameter(scalar("adaptation_tolerance", tolerance).start(1e-3).min(1e-9).max(1.0).nominal(1e-3)),
             closed_form_phase: d.parameter(scalar("closed_form_phase", closed_form).unit("rad").start(10.0).min(0.0)),
             step_phase_limit: d.parameter(scalar("step_phase_limit", phase).unit("rad").start(10.0).positive()),
-            u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(of_control)),
-            u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(of_control)),
+            inertia: (structure.commands == Commands::Acceleration).then(|| {
+                d.parameter(vector("nominal_inertia", m, inertia).units(&units.inertia).start(1.0).positive())
+            }),
             P: d.prepared(matrix("P", n, n, "solution of the Lyapunov equation")),
             K_g: d.prepared(matrix("K_g", m, m, "feedforward gain -(C A_m^-1 B)^-1 for unit steady-state gain")),
-            PB: d.prepared(matrix("#PB", n, m, "").hidden()),
+            PB: d.prepared(matrix("#PB", n, m + k, "").hidden()),
             lambda_max: d.prepared(scalar("#lambda_max", "").hidden()),
+            lambda_max_unmatched: d.prepared(scalar("#lambda_max, unmatched", "").hidden()),
             follow_rate: d.prepared(scalar("#follow rate", "").hidden()),
         }
     }
@@ -142,7 +163,7 @@ impl Design {
     /// The desired dynamics.
     pub fn A_m<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
         match &self.dynamics {
-            Dynamics::Given(A_m) => v.matrix(*A_m),
+            Dynamics::Given(A_m) | Dynamics::Matched { A_m, .. } => v.matrix(*A_m),
             Dynamics::Placed { A_m, .. } => v.matrix(*A_m),
         }
     }
@@ -151,37 +172,47 @@ impl Design {
     pub fn K_m<'a, S: Scalar>(&self, v: &Values<'a, S>) -> Option<DMatrixView<'a, S>> {
         match &self.dynamics {
             Dynamics::Given(_) => None,
-            Dynamics::Placed { K_m, .. } => Some(v.matrix(*K_m)),
+            Dynamics::Matched { K_m, .. } | Dynamics::Placed { K_m, .. } => Some(v.matrix(*K_m)),
         }
+    }
+
+    /// What turns the command of a channel into its control.
+    pub fn inertia<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        self.inertia.map_or(S::from(1.0), |inertia| v[inertia][channel])
     }
 
     /// Poles, P, K_g and what follows from them.
     pub fn prepare(&self, plant: &Plant, entries: &[(usize, usize)], v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = self.check_bounds(entries, v);
-        let designed = self.dynamics.prepare(plant, v).and_then(|()| {
-            let A_m = self.A_m(&v.values()).into_owned();
-            let P = lyapunov::solve(&A_m, &v.matrix(self.Q).into_owned())?;
-            Ok((P, feedforward::gain(&A_m, &plant.B, &plant.C)?))
-        });
-        match designed {
-            Err(reasons) => invalid.and(reasons),
-            Ok((P, K_g)) => {
-                let PB = &P * &plant.B;
-                let BPB = plant.B.transpose() * &PB;
-                if !BPB.norm_squared().is_finite() {
-                    let text = "A_m, Q and B are too large or too badly scaled: B' P B must be finite";
-                    invalid.and(Invalid::because(text));
-                    return Err(invalid);
-                }
-                v[self.lambda_max] = BPB.symmetric_eigenvalues().max();
-                v.matrix_mut(self.K_g).copy_from(&K_g);
-                v.matrix_mut(self.P).copy_from(&P);
-                v.matrix_mut(self.PB).copy_from(&PB);
-                let K: DMatrix<f64> = v.matrix(self.feedback_gain).into_owned();
-                v[self.follow_rate] = K.norm() / (K.nrows() as f64).sqrt();
-            }
+        if let Err(reasons) = self.dynamics.prepare(plant, v).and_then(|()| self.prepare_laws(plant, v)) {
+            invalid.and(reasons);
         }
         invalid.into_result()
+    }
+
+    /// P, K_g and what follows from them.
+    fn prepare_laws(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
+        let A_m = self.A_m(&v.values()).into_owned();
+        let P = lyapunov::solve(&A_m, &v.matrix(self.Q).into_owned())?;
+        let K_g = feedforward::gain(&A_m, &plant.B, &plant.C)?;
+        let largest = |B: &DMatrix<f64>| {
+            let BPB = B.transpose() * &P * B;
+            if B.ncols() == 0 {
+                Ok(0.0)
+            } else if BPB.norm_squared().is_finite() {
+                Ok(BPB.symmetric_eigenvalues().max())
+            } else {
+                let text = "A_m, Q and B are too large or too badly scaled: B' P B must be finite";
+                Err(Invalid::because(text))
+            }
+        };
+        (v[self.lambda_max], v[self.lambda_max_unmatched]) = (largest(&plant.B)?, largest(&plant.B_um)?);
+        v.matrix_mut(self.K_g).copy_from(&K_g);
+        v.matrix_mut(self.P).copy_from(&P);
+        v.matrix_mut(self.PB).copy_from(&(P * plant.all_directions()));
+        let K: DMatrix<f64> = v.matrix(self.feedback_gain).into_owned();
+        v[self.follow_rate] = K.norm() / (K.nrows() as f64).sqrt();
+        Ok(())
     }
 
     fn check_bounds(&self, entries: &[(usize, usize)], v: &Point) -> Invalid {
@@ -193,12 +224,18 @@ impl Design {
                 invalid.and(Invalid::new(format!("omega_min[{},{}]", i + 1, j + 1), lo, allowed));
             }
         }
-        for (i, (lo, hi)) in v[self.u_min].iter().zip(&v[self.u_max]).enumerate() {
-            if lo >= hi {
-                let allowed = format!("must be below u_max[{}] = {hi}", i + 1);
-                invalid.and(Invalid::new(format!("u_min[{}]", i + 1), lo, allowed));
-            }
-        }
         invalid
     }
+}
+
+/// K_m with A − B K_m = A_m.
+fn matching_gain(A: &DMatrix<f64>, B: &DMatrix<f64>, A_m: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
+    let wanted = A - A_m;
+    let gain = B.clone().svd(true, true).solve(&wanted, 0.0).map_err(Invalid::because)?;
+    let left = (B * &gain - &wanted).amax();
+    if left <= 1e-9 * wanted.amax() {
+        return Ok(gain);
+    }
+    let allowed = "state feedback can only change what the inputs reach: A - A_m must lie in the range of B";
+    Err(Invalid::new("A_m: what no feedback changes in A - A_m", format!("{left:.3e}"), allowed))
 }

@@ -1,6 +1,6 @@
 //! The estimates of an L1 controller, one by one, with their bounds.
 
-use super::L1;
+use super::law::Law;
 use crate::control::projection;
 use crate::system::{Point, ScalarOf, State, Values};
 
@@ -9,20 +9,34 @@ use crate::system::{Point, ScalarOf, State, Values};
 pub(super) struct Estimate {
     pub place: ScalarOf<State>,
     pub bounds: (f64, f64),
-    /// The channel to whose η̂ it adds.
+    /// The channel to whose η̂ it adds: of the control, then of the unmatched directions.
     pub channel: usize,
     /// What it is multiplied by there.
     pub factor: f64,
 }
 
-impl L1 {
+impl Law {
+    /// Number of channels with uncertainty: of the control, and of unmatched directions.
+    pub(super) fn channels(&self) -> usize {
+        self.directions.ncols()
+    }
+
+    /// η̂ of a channel.
+    pub(super) fn uncertainty_of(&self, channel: usize, v: &Values<f64>) -> f64 {
+        let m = self.eta_hat.len();
+        match &self.unmatched {
+            Some(unmatched) if channel >= m => v[unmatched.eta_hat][channel - m],
+            _ => v[self.eta_hat][channel],
+        }
+    }
+
     /// Number of estimates.
     pub(super) fn estimates(&self) -> usize {
         let (m, columns) = self.theta_hat.shape();
-        self.omega_entries.len() + m * columns + m
+        self.omega_entries.len() + m * columns + m + 2 * (self.channels() - m)
     }
 
-    /// One of them: of ω̂, then of θ̂ by columns, then of σ̂.
+    /// One of them: of ω̂, then of θ̂ by columns, then of σ̂, then of θ̂_2 and σ̂_2.
     pub(super) fn estimate(&self, k: usize, v: &Values<f64>) -> Estimate {
         let (m, columns) = self.theta_hat.shape();
         if let Some(&(channel, j)) = self.omega_entries.get(k) {
@@ -30,14 +44,24 @@ impl L1 {
             return Estimate { place: self.omega_hat.at(k), bounds, channel, factor: v[self.v][j] };
         }
         let k = k - self.omega_entries.len();
+        let within = |place, bound: f64, channel, factor| Estimate { place, bounds: (-bound, bound), channel, factor };
         let channel = k % m;
         if k < m * columns {
-            let (bound, column) = (v[self.design.theta_bound][channel], k / m);
-            let place = self.theta_hat.at(channel, column);
-            return Estimate { place, bounds: (-bound, bound), channel, factor: v[self.phi][column] };
+            let place = self.theta_hat.at(channel, k / m);
+            return within(place, v[self.design.theta_bound][channel], channel, v[self.phi][k / m]);
         }
-        let bound = v[self.design.sigma_bound][channel];
-        Estimate { place: self.sigma_hat.at(channel), bounds: (-bound, bound), channel, factor: 1.0 }
+        let k = k - m * columns;
+        match &self.unmatched {
+            Some(unmatched) if k >= m => {
+                let (of_sigma, i) = ((k - m) / (self.channels() - m), (k - m) % (self.channels() - m));
+                if of_sigma == 0 {
+                    within(unmatched.theta_hat.at(i), v[unmatched.theta_bound][i], m + i, v[unmatched.norm])
+                } else {
+                    within(unmatched.sigma_hat.at(i), v[unmatched.sigma_bound][i], m + i, 1.0)
+                }
+            }
+            _ => within(self.sigma_hat.at(channel), v[self.design.sigma_bound][channel], channel, 1.0),
+        }
     }
 
     /// Sum of the magnitudes of what η̂ is made of in a channel.
@@ -57,7 +81,7 @@ impl L1 {
     }
 
     /// Brings estimates back to tightened bounds, and says so.
-    pub(super) fn clip_estimates(&self, v: &mut Point) {
+    pub(in crate::controllers) fn clip_estimates(&self, v: &mut Point) {
         let clipped = self.bring_within_bounds(v);
         if clipped > 0 {
             let text = format!("{clipped} estimates lay outside the new bounds and were brought to them");

@@ -1,6 +1,6 @@
 //! What the sizes of an L1 controller follow from, as its description says it.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::Deserialize;
 
 use crate::control::filter::{Filter, FilterDescription};
@@ -42,12 +42,35 @@ pub enum Baseline {
     Inside,
 }
 
+/// How the desired dynamics are given, where a baseline brings them about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DesiredDynamics {
+    /// By their poles.
+    #[default]
+    Poles,
+    /// As the matrix A_m.
+    Matrix,
+}
+
+/// What the law commands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Commands {
+    /// The control itself.
+    #[default]
+    Control,
+    /// Accelerations, which the nominal inertia turns into forces or torques: the control.
+    Acceleration,
+}
+
 /// The description of an L1 controller's structure.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[allow(non_snake_case)] // matrices have the names of the thesis
 pub struct L1Structure {
-    /// Nominal dynamics A of the plant, n rows of n numbers, where there is a baseline.
+    /// Nominal dynamics A of the plant, n rows of n numbers, where there is a baseline. Without one, these are the desired
+    /// dynamics: where A_m starts.
     A: Option<Vec<Vec<f64>>>,
     /// Input matrix B, n rows of m numbers.
     B: Vec<Vec<f64>>,
@@ -58,7 +81,15 @@ pub struct L1Structure {
     #[serde(default)]
     pub(super) baseline: Baseline,
     #[serde(default)]
+    pub(super) desired_dynamics: DesiredDynamics,
+    #[serde(default)]
+    pub(super) commands: Commands,
+    #[serde(default)]
     filter: FilterDescription,
+    /// Whether unmatched uncertainty is estimated too, along B_um.
+    unmatched: Option<bool>,
+    /// Where unmatched uncertainty enters, n rows of k numbers, orthogonal to B; all that B leaves, where it isn't given.
+    B_um: Option<Vec<Vec<f64>>>,
     #[serde(default)]
     units: Units,
 }
@@ -78,24 +109,49 @@ pub(super) struct Symbols {
     pub r: Vec<&'static str>,
     pub x: Vec<&'static str>,
     pub u: Vec<&'static str>,
+    /// Of what the law commands: the control, or accelerations.
+    pub command: Vec<&'static str>,
+    /// Of the inertia that turns accelerations into the control.
+    pub inertia: Vec<&'static str>,
 }
 
 /// The matrices of a structure, whose sizes fit each other.
 #[derive(Debug)]
 #[allow(non_snake_case)]
 pub(super) struct Plant {
-    /// Nominal dynamics, n × n; empty without a baseline.
-    pub A: DMatrix<f64>,
+    /// Nominal dynamics, n × n, where they are given.
+    pub A: Option<DMatrix<f64>>,
     /// n × m.
     pub B: DMatrix<f64>,
     /// m × n.
     pub C: DMatrix<f64>,
+    /// n × k; no columns where unmatched uncertainty isn't estimated.
+    pub B_um: DMatrix<f64>,
+}
+
+impl Plant {
+    /// (B B_um): how each uncertainty moves the state.
+    #[allow(non_snake_case)]
+    pub fn all_directions(&self) -> DMatrix<f64> {
+        let (m, k) = (self.B.ncols(), self.B_um.ncols());
+        let mut all = self.B.clone().resize_horizontally(m + k, 0.0);
+        all.columns_mut(m, k).copy_from(&self.B_um);
+        all
+    }
 }
 
 impl L1Structure {
     /// Whether all entries of ω are estimated.
     pub(super) fn is_full(&self) -> bool {
         self.input_gain == InputGain::Full
+    }
+
+    /// Numbers of states and of inputs.
+    ///
+    /// # Errors
+    /// What is wrong with B.
+    pub(in crate::controllers) fn size(&self) -> Result<(usize, usize), Invalid> {
+        rows("B", &self.B).map(|B| B.shape())
     }
 
     /// # Errors
@@ -118,27 +174,63 @@ impl L1Structure {
             }
         };
         of_size("C", &C, (m, n))?;
-        let A = match (&self.A, self.baseline) {
-            (None, Baseline::None) => DMatrix::zeros(0, 0),
-            (Some(A), Baseline::Outside | Baseline::Inside) => {
-                let A = rows("A", A)?;
-                of_size("A", &A, (n, n))?;
-                A
+        let A = self.A.as_ref().map(|given| rows("A", given)).transpose()?;
+        if let Some(A) = &A {
+            of_size("A", A, (n, n))?;
+        } else if self.baseline != Baseline::None {
+            return Err(Invalid::because("A is missing: a baseline is designed for the nominal dynamics"));
+        }
+        if self.baseline == Baseline::None && self.desired_dynamics == DesiredDynamics::Matrix {
+            let allowed = "belongs to a baseline (\"outside\" or \"inside\"); without one, A_m is a parameter anyway";
+            return Err(Invalid::new("desired_dynamics", "\"matrix\"", allowed));
+        }
+        Ok(Plant { A, B_um: self.unmatched_directions(&B)?, B, C })
+    }
+
+    /// B_um: as given, or the orthogonal complement of B.
+    #[allow(non_snake_case)]
+    fn unmatched_directions(&self, B: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
+        let (n, m) = B.shape();
+        let B_um = match (&self.B_um, self.unmatched) {
+            (Some(_), Some(false)) => {
+                return Err(Invalid::new("B_um", "given", "belongs to unmatched = true, and it is false"));
             }
-            (None, _) => return Err(Invalid::because("A is missing: a baseline is designed for the nominal dynamics")),
-            (Some(_), Baseline::None) => {
-                let allowed = "belongs to a baseline (\"outside\" or \"inside\"), and there is none";
-                return Err(Invalid::new("A", "given", allowed));
+            (None, None | Some(false)) => return Ok(DMatrix::zeros(n, 0)),
+            _ if m == n => {
+                let allowed = "must be false: the inputs reach every state, so nothing is unmatched";
+                return Err(Invalid::new("unmatched", true, allowed));
             }
+            (Some(given), _) => rows("B_um", given)?,
+            (None, Some(true)) => orthogonal_complement(B),
         };
-        Ok(Plant { A, B, C })
+        let (rows, k) = B_um.shape();
+        if rows != n || k == 0 || k > n - m {
+            let allowed = format!("must have {n} rows and 1 … {} columns, as B is {n} x {m}", n - m);
+            return Err(Invalid::new("B_um", format!("{rows} x {k}"), allowed));
+        }
+        let overlap = (B.transpose() * &B_um).amax();
+        if overlap > 1e-9 * B.amax() * B_um.amax() {
+            let allowed = "must be 0: what the control reaches itself is matched uncertainty";
+            return Err(Invalid::new("B' B_um: largest entry", format!("{overlap:.3e}"), allowed));
+        }
+        if B_um.rank(1e-9 * B_um.amax()) < k {
+            return Err(Invalid::because("B_um: its columns must be linearly independent"));
+        }
+        Ok(B_um)
     }
 
     /// # Errors
     /// Which unit isn't known, or how many there must be.
     pub(super) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
         let Units { r, x, u } = &self.units;
-        Ok(Symbols { r: Unit::symbols("r", r, m)?, x: Unit::symbols("x", x, n)?, u: Unit::symbols("u", u, m)? })
+        let u = Unit::symbols("u", u, m)?;
+        let of_motion = |unit: &&'static str| match (self.commands, *unit) {
+            (Commands::Acceleration, "N") => ("m/s2", "kg"),
+            (Commands::Acceleration, "N.m") => ("rad/s2", "kg.m2"),
+            (_, other) => (other, "1"),
+        };
+        let (command, inertia) = u.iter().map(of_motion).unzip();
+        Ok(Symbols { r: Unit::symbols("r", r, m)?, x: Unit::symbols("x", x, n)?, u, command, inertia })
     }
 
     /// # Errors
@@ -164,4 +256,30 @@ fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
         }
     }
     Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
+}
+
+/// An orthonormal basis of what is orthogonal to the columns of B: the unit vectors as far as they lie there, in their
+/// order, so that directions that a state spans alone stay what they are.
+#[allow(non_snake_case)]
+fn orthogonal_complement(B: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = B.nrows();
+    let mut spanned: Vec<DVector<f64>> = Vec::new();
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    let orthogonal = |vector: DVector<f64>, to: &[DVector<f64>]| {
+        let length = vector.norm();
+        // Twice: once leaves rounding.
+        let left = (0..2).fold(vector, |v, _| to.iter().fold(v, |v, other| &v - other * other.dot(&v)));
+        (left.norm() > 1e-9 * length).then(|| left.normalize())
+    };
+    for column in B.column_iter() {
+        spanned.extend(orthogonal(column.into_owned(), &spanned));
+    }
+    for i in 0..n {
+        let unit = DVector::from_fn(n, |row, _| f64::from(u8::from(row == i)));
+        if let Some(direction) = orthogonal(unit, &spanned) {
+            spanned.push(direction.clone());
+            basis.push(direction);
+        }
+    }
+    DMatrix::from_columns(&basis)
 }

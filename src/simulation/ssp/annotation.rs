@@ -10,7 +10,7 @@ use crate::simulation::description::attribute;
 /// Type of our annotation.
 pub(super) const ANNOTATION: &str = "adaptive-fmu.closed-loop";
 
-/// A linear model numerator/denominator of an input signal, from rest.
+/// A linear model (numerator · input + initial)/denominator of an input signal; those of one name are added.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IdealModel {
     /// Name of its output.
@@ -21,6 +21,26 @@ pub struct IdealModel {
     pub numerator: Vec<f64>,
     /// Coefficients, highest power first.
     pub denominator: Vec<f64>,
+    /// Coefficients of what the initial state adds to numerator · input, highest power first; none from rest.
+    pub initial: Vec<f64>,
+}
+
+/// A performance function ρ(t) = (ρ_0 − ρ_∞) e^(−l t) + ρ_∞.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Funnel {
+    /// ρ_0
+    pub start: f64,
+    /// ρ_∞
+    pub end: f64,
+    /// l, 1/s
+    pub rate: f64,
+}
+
+impl Funnel {
+    /// ρ(t)
+    pub fn at(&self, t: f64) -> f64 {
+        (self.start - self.end) * (-self.rate * t).exp() + self.end
+    }
 }
 
 /// What is taken of a signal.
@@ -43,6 +63,8 @@ pub struct Metric {
     pub of: String,
     /// What is subtracted from it.
     pub minus: Option<String>,
+    /// What the difference is divided by, with the time from the start.
+    pub funnel: Option<Funnel>,
     /// From when on, s.
     pub from: f64,
     /// The largest value that is as it should be, if one is given.
@@ -77,8 +99,12 @@ impl Reader<'_> {
                 self.refuse(node, "an IdealModel must be strictly proper, with a first denominator coefficient not 0")
             );
         }
+        let initial = node.attribute("initial").map_or(Ok(vec![]), |_| self.numbers(node, "initial"))?;
+        if initial.len() >= denominator.len() {
+            return Err(self.refuse(node, "initial must have fewer coefficients than the denominator"));
+        }
         let (name, input) = (self.required(node, "name")?, self.required(node, "input")?);
-        Ok(IdealModel { name, input, numerator, denominator })
+        Ok(IdealModel { name, input, numerator, denominator, initial })
     }
 
     pub fn metric(&self, node: Node) -> Result<Metric, Error> {
@@ -92,9 +118,17 @@ impl Reader<'_> {
             statistic,
             of: self.required(node, "of")?,
             minus: attribute(node, "minus"),
+            funnel: node.attribute("funnel").map(|_| self.funnel(node)).transpose()?,
             from: self.number_or(node, "from", f64::NEG_INFINITY)?,
             limit: node.attribute("limit").map(|_| self.number(node, "limit")).transpose()?,
         })
+    }
+
+    fn funnel(&self, node: Node) -> Result<Funnel, Error> {
+        match self.numbers(node, "funnel")?[..] {
+            [start, end, rate] if end > 0.0 && start >= end && rate >= 0.0 => Ok(Funnel { start, end, rate }),
+            _ => Err(self.refuse(node, "funnel must be three numbers rho_0 >= rho_inf > 0 and a rate of decay >= 0")),
+        }
     }
 
     pub fn plot(&self, node: Node) -> Result<Plot, Error> {

@@ -9,7 +9,7 @@ mod structure;
 
 use std::path::PathBuf;
 
-pub use annotation::{IdealModel, Metric, Plot, Statistic};
+pub use annotation::{Funnel, IdealModel, Metric, Plot, Statistic};
 pub use files::LoopFiles;
 pub use package::pack;
 

@@ -1,0 +1,364 @@
+//! The L1 law: state predictor, adaptive laws, control law (thesis, sections 3.2 to 3.4).
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::{DMatrix, DVector};
+
+use super::design::Design;
+use super::ports::Ports;
+use super::structure::{Baseline, L1Structure, Plant, Regressor};
+use super::unmatched::Unmatched;
+use super::{AdaptiveStart, dot, infinity_norm, squared, within};
+use crate::control::filter::Filter;
+use crate::control::projection::projection;
+use crate::system::{
+    BooleanOf, ChoiceOf, Declaration, Discrete, Handle, IntegerOf, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
+    ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, matrix, scalar,
+    vector,
+};
+
+/// The law for a plant x' = A_m x + B (ω v + θ φ(x) + σ) + B_um (θ_2 ‖x‖∞ + σ_2).
+#[derive(Debug)]
+pub(in crate::controllers) struct Law {
+    pub(super) plant: Plant,
+    /// (B B_um)
+    pub(super) directions: DMatrix<f64>,
+    pub(super) filter: Filter,
+    /// The filter's state at rest, for an output of 1.
+    pub(super) filter_at_rest: DVector<f64>,
+    pub(super) regressor: Regressor,
+    pub(super) baseline: Baseline,
+    pub(super) design: Design,
+    u_ad_start: ChoiceOf<Parameter, AdaptiveStart>,
+    pub(super) ports: Ports,
+    pub(super) x_hat: VectorOf<State>,
+    pub(super) omega_hat: VectorOf<State>,
+    pub(super) theta_hat: MatrixOf<State>,
+    pub(super) sigma_hat: VectorOf<State>,
+    /// State of the filters, channel by channel.
+    pub(super) f: VectorOf<State>,
+    pub(super) unmatched: Option<Unmatched>,
+    pub(super) u_ad: VectorOf<Signal>,
+    pub(super) eta_hat: VectorOf<Signal>,
+    pub(super) adaptation_frequency: ScalarOf<Signal>,
+    /// K_m x
+    pub(super) feedback: VectorOf<Signal>,
+    /// The control that the estimates see.
+    pub(super) v: VectorOf<Signal>,
+    /// φ(x)
+    pub(super) phi: VectorOf<Signal>,
+    /// s = −(B B_um)ᵀ P x̃
+    s: VectorOf<Signal>,
+    /// What `enabled` was when it was last looked at: between events.
+    pub(super) active: BooleanOf<Discrete>,
+    pub(super) step_too_long: BooleanOf<Discrete>,
+    pub(super) projection_active: IntegerOf<Discrete>,
+    /// Row and column of each estimated entry of ω̂.
+    pub(super) omega_entries: Vec<(usize, usize)>,
+    pub(super) at_bounds: Warning,
+    pub(super) long_step: Warning,
+}
+
+impl Law {
+    /// Event indicators of a law.
+    pub const INDICATORS: usize = 1;
+
+    /// The law of a description, between these ports.
+    ///
+    /// # Errors
+    /// [`Invalid`] when the description contradicts itself.
+    pub fn declare(structure: &L1Structure, ports: Ports, d: &mut Declaration) -> Result<Self, Invalid> {
+        let (plant, filter) = (structure.plant()?, structure.filter()?);
+        let (n, m) = plant.B.shape();
+        let units = structure.units((n, m))?;
+        let full = structure.is_full();
+        let omega_entries: Vec<_> =
+            if full { (0..m * m).map(|k| (k % m, k / m)).collect() } else { (0..m).map(|i| (i, i)).collect() };
+        let (omega_hat, u_ad) = ("estimate of the input gain omega", "adaptive control, the filtered estimate");
+        let columns = if structure.regressor == Regressor::State { n } else { 1 };
+        let theta_hat = "estimate of theta, the uncertainty's dependence on the state";
+        let frequency = "frequency at which the estimates oscillate about their values";
+        let design = Design::declare(d, &plant, structure, &units);
+        let unmatched = Unmatched::declare(d, &plant, &filter)?;
+        // Where nothing else makes u_ad, the integrator's state is u_ad itself.
+        let is_state = filter.is_integrator() && unmatched.as_ref().is_none_or(|unmatched| unmatched.direct.is_none());
+        let law = Law {
+            filter_at_rest: filter.at_rest(),
+            regressor: structure.regressor,
+            baseline: structure.baseline,
+            design,
+            u_ad_start: d
+                .parameter(choice::<AdaptiveStart>("u_ad_start", "what the adaptive control starts with").fixed()),
+            ports,
+            x_hat: d.state(vector("x_hat", n, "state of the predictor").units(&units.x)),
+            omega_hat: if full {
+                d.state(matrix("omega_hat", m, m, omega_hat)).elements()
+            } else {
+                d.state(diagonal("omega_hat", m, omega_hat))
+            },
+            theta_hat: d.state(matrix("theta_hat", m, columns, theta_hat)),
+            sigma_hat: d.state(vector("sigma_hat", m, "estimate of the disturbance sigma")),
+            f: if is_state {
+                d.state(vector("u_ad", m, u_ad).units(&units.command))
+            } else {
+                d.state(matrix("filter_state", filter.order(), m, "state of the filter D(s) of a channel")).elements()
+            },
+            u_ad: d.local(if is_state {
+                vector("#u_ad", m, "").hidden()
+            } else {
+                vector("u_ad", m, u_ad).units(&units.command)
+            }),
+            eta_hat: d.local(vector("eta_hat", m, "estimate of the matched uncertainty with the control's own effect")),
+            adaptation_frequency: d.local(scalar("adaptation_frequency", frequency).unit("rad/s")),
+            feedback: d.local(vector("#feedback", m, "").hidden()),
+            v: d.local(vector("#v", m, "").hidden()),
+            phi: d.local(vector("#phi", columns, "").hidden()),
+            s: d.local(vector("#s", m + plant.B_um.ncols(), "").hidden()),
+            active: d.discrete(boolean("#active", "").start(true).hidden()),
+            step_too_long: d.discrete(
+                boolean("step_too_long", "whether the communication step is too long for the adaptation gain").output(),
+            ),
+            projection_active: d.discrete(
+                integer("projection_active", "number of estimates that are kept within their bounds").output(),
+            ),
+            omega_entries,
+            at_bounds: d.warning("logProjection", "estimates at their bounds, or brought back to tightened ones"),
+            long_step: d.warning("logStepTooLong", "communication step too long for the adaptation gain"),
+            directions: plant.all_directions(),
+            unmatched,
+            plant,
+            filter,
+        };
+        Ok(law)
+    }
+
+    /// Declares what depends on what; `reference` is what K_g r follows from.
+    pub fn declare_dependence(&self, d: &mut Declaration, reference: &[&dyn Handle]) {
+        let Ports { x, u_manual, u, .. } = &self.ports;
+        let mut estimates: Vec<&dyn Handle> = vec![&self.omega_hat, &self.theta_hat, &self.sigma_hat];
+        let mut u_ad: Vec<&dyn Handle> = vec![&self.f];
+        let mut frequency: Vec<&dyn Handle> = vec![x];
+        if let Some(unmatched) = &self.unmatched {
+            let own: [&dyn Handle; 3] = [&unmatched.theta_hat, &unmatched.sigma_hat, x];
+            d.depends(unmatched.eta_hat, &own);
+            d.depends(unmatched.theta_hat.rate(), &[x, &self.x_hat, &unmatched.theta_hat]);
+            d.depends(unmatched.sigma_hat.rate(), &[x, &self.x_hat, &unmatched.sigma_hat]);
+            estimates.extend(unmatched.states());
+            if unmatched.direct.is_some() {
+                u_ad.extend(own);
+            }
+            if let Some(zeros) = &unmatched.zeros {
+                d.depends(zeros.z.rate(), &[&own[..], &[&zeros.z]].concat());
+            }
+        }
+        let mut control = [&u_ad[..], &[u_manual as &dyn Handle]].concat();
+        if self.baseline != Baseline::None {
+            control.push(x);
+        }
+        frequency.extend(&control);
+        d.depends(*u, &control);
+        d.depends(self.u_ad, &u_ad);
+        d.depends(self.eta_hat, &[&estimates[..], &control, &[x]].concat());
+        d.depends(self.adaptation_frequency, &frequency);
+        d.depends(self.x_hat.rate(), &[&estimates[..], &control, &[x, &self.x_hat]].concat());
+        d.depends(self.omega_hat.rate(), &[&control[..], &[x, &self.x_hat, &self.omega_hat]].concat());
+        d.depends(self.theta_hat.rate(), &[x, &self.x_hat, &self.theta_hat]);
+        d.depends(self.sigma_hat.rate(), &[x, &self.x_hat, &self.sigma_hat]);
+        d.depends(self.f.rate(), &[&estimates[..], &control, &[x], reference].concat());
+    }
+
+    /// What is designed from parameters.
+    ///
+    /// # Errors
+    /// [`Invalid`] with every reason.
+    pub fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        self.design.prepare(&self.plant, &self.omega_entries, v)?;
+        let Some(unmatched) = &self.unmatched else { return Ok(()) };
+        let (A_m, K) = (self.design.A_m(&v.values()).into_owned(), v.matrix(self.design.feedback_gain).into_owned());
+        unmatched.prepare(&A_m, &K, &self.plant, &self.filter, v)
+    }
+
+    /// The predictor starts at the measured state; ω̂ at the identity, which its bounds must hold, the other estimates
+    /// at zero.
+    ///
+    /// # Errors
+    /// [`Invalid`] with the bounds that don't hold the start.
+    pub fn initialise(&self, v: &mut Point) -> Result<(), Invalid> {
+        let enabled = v.get(self.ports.enabled);
+        v.put(self.active, enabled);
+        v.copy(self.ports.x, self.x_hat);
+        v[self.f].fill(0.0);
+        if !enabled || v.get(self.u_ad_start) == AdaptiveStart::Bumpless {
+            self.take_over(v);
+        }
+        let mut invalid = Invalid::none();
+        for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
+            let (lo, hi) = (v[self.design.omega_min][k], v[self.design.omega_max][k]);
+            let start = f64::from(u8::from(i == j));
+            if !(lo..=hi).contains(&start) {
+                let name = format!("omega_min[{0},{1}] … omega_max[{0},{1}]", i + 1, j + 1);
+                let allowed = format!("must hold the start value {start} of the estimate omega_hat");
+                invalid.and(Invalid::new(name, format!("{lo} … {hi}"), allowed));
+            }
+            v[self.omega_hat][k] = start;
+        }
+        invalid.into_result()
+    }
+
+    /// Whether the controller is in command.
+    pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> bool {
+        v.get(self.active)
+    }
+
+    /// u = u_ad − K_m x within its limits; η̂ = ω̂ v + θ̂ φ(x) + σ̂ (+ K_m x), η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2;
+    /// s = −(B B_um)ᵀ P x̃.
+    pub fn outputs<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
+        let (x, x_hat) = (&v[self.ports.x], &v[self.x_hat]);
+        match self.regressor {
+            Regressor::State => y.set(self.phi, x),
+            Regressor::InfinityNorm => y.set(self.phi, [infinity_norm(x)]),
+        }
+        if let Some(unmatched) = &self.unmatched {
+            unmatched.outputs(infinity_norm(x), v, y);
+        }
+        self.control(v, y);
+        let (theta_hat, PB) = (v.matrix(self.theta_hat), v.matrix(self.design.PB));
+        for i in 0..self.eta_hat.len() {
+            let known = if self.baseline == Baseline::Inside { y[self.feedback][i] } else { S::from(0.0) };
+            y[self.eta_hat][i] = v[self.sigma_hat][i] + known + dot(theta_hat.row(i).iter(), &y[self.phi]);
+        }
+        for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
+            let term = v[self.omega_hat][k] * y[self.v][j];
+            y[self.eta_hat][i] += term;
+        }
+        for i in 0..self.s.len() {
+            let x_tilde = x_hat.iter().zip(x).map(|(&x_hat, &x)| x_hat - x);
+            y[self.s][i] = -x_tilde.zip(PB.column(i).iter()).fold(S::from(0.0), |sum, (x, &p)| sum + x * p);
+        }
+        self.frequency(v, y);
+    }
+
+    /// The control, and what the estimates see of it.
+    fn control<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
+        let (active, K_m) = (v.get(self.active), self.design.K_m(v));
+        for i in 0..self.u_ad.len() {
+            let states = v[self.f].chunks_exact(self.filter.order()).nth(i).unwrap_or(&[]);
+            let filtered = states.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
+            let u_ad = filtered + self.at_once(i, v, |unmatched, k| y[unmatched.eta_hat][k]);
+            let feedback = K_m.as_ref().map_or(S::from(0.0), |K_m| dot(K_m.row(i).iter(), &v[self.ports.x]));
+            let inertia = self.design.inertia(i, v);
+            let wanted = if active { (u_ad - feedback) * inertia } else { v[self.ports.u_manual][i] };
+            let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
+            (y[self.u_ad][i], y[self.feedback][i], y[self.ports.u][i]) = (u_ad, feedback, u);
+            y[self.v][i] = match self.baseline {
+                Baseline::None | Baseline::Inside => u / inertia,
+                Baseline::Outside if active => u_ad + (u - wanted) / inertia,
+                Baseline::Outside => u / inertia + feedback,
+            };
+        }
+    }
+
+    /// What u_ad of a channel has of η̂_2 at once.
+    pub(super) fn at_once<S: Scalar>(&self, i: usize, v: &Values<S>, eta_hat: impl Fn(&Unmatched, usize) -> S) -> S {
+        self.unmatched.as_ref().map_or(S::from(0.0), |unmatched| unmatched.at_once(i, v, |k| eta_hat(unmatched, k)))
+    }
+
+    /// ω_a, of the faster of the matched and the unmatched estimates.
+    fn frequency<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
+        let matched = v[self.design.lambda_max] * (squared(&y[self.v]) + squared(&y[self.phi]) + 1.0);
+        let unmatched = self.unmatched.as_ref().map_or(S::from(0.0), |unmatched| {
+            v[self.design.lambda_max_unmatched] * (y[unmatched.norm] * y[unmatched.norm] + 1.0)
+        });
+        let larger = if unmatched.re() > matched.re() { unmatched } else { matched };
+        y[self.adaptation_frequency] = (v[self.design.adaptation_gain] * larger).sqrt();
+    }
+
+    /// State predictor, adaptive laws with projection, and the control law u_ad = −K D(s) (η̂ + H_m⁻¹ H_um η̂_2 − K_g r).
+    /// While not enabled, estimates are frozen; the predictor follows the state, and the adaptive control the manual one.
+    pub fn derivatives<S: Scalar>(&self, r: &[S], v: &Values<S>, dx: &mut Rates<S>) {
+        let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], v.get(self.active));
+        let A_m = self.design.A_m(v);
+        for i in 0..x_hat.len() {
+            let own = dot(A_m.row(i).iter(), x_hat);
+            dx[self.x_hat][i] = if active { own } else { own - dot(A_m.row(i).iter(), x) };
+        }
+        if let Some(unmatched) = &self.unmatched {
+            unmatched.derivatives(v, dx);
+        }
+        if active {
+            self.uncertainty(v, dx);
+            self.adaptive_laws(v, dx);
+            self.control_law(r, v, dx);
+        } else {
+            self.follow(v, dx);
+        }
+    }
+
+    /// What the predictor has of the uncertainty: B η̂ + B_um η̂_2.
+    fn uncertainty<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
+        let unmatched = self.unmatched.as_ref().map_or(&[][..], |unmatched| &v[unmatched.eta_hat]);
+        for (direction, &eta) in self.directions.column_iter().zip(v[self.eta_hat].iter().chain(unmatched)) {
+            dx[self.x_hat].iter_mut().zip(direction.iter()).for_each(|(rate, &b)| *rate += eta * b);
+        }
+    }
+
+    /// Γ Proj(·, ·) of each estimate.
+    fn adaptive_laws<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
+        let (phi, s, m) = (&v[self.phi], &v[self.s], self.sigma_hat.len());
+        let (gamma, epsilon) = (v[self.design.adaptation_gain], v[self.design.projection_tolerance]);
+        for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
+            let (lo, hi) = (v[self.design.omega_min][k], v[self.design.omega_max][k]);
+            dx[self.omega_hat][k] = gamma * projection(v[self.omega_hat][k], s[i] * v[self.v][j], lo, hi, epsilon);
+        }
+        let within = |estimate: S, rate: S, bound: S| gamma * projection(estimate, rate, -bound, bound, epsilon);
+        for i in 0..m {
+            for (j, &phi) in phi.iter().enumerate() {
+                let entry = self.theta_hat.at(i, j);
+                dx[entry] = within(v[entry], s[i] * phi, v[self.design.theta_bound][i]);
+            }
+            dx[self.sigma_hat][i] = within(v[self.sigma_hat][i], s[i], v[self.design.sigma_bound][i]);
+        }
+        let Some(unmatched) = &self.unmatched else { return };
+        for (i, &s) in s[m..].iter().enumerate() {
+            let (theta, sigma) = (v[unmatched.theta_hat][i], v[unmatched.sigma_hat][i]);
+            dx[unmatched.theta_hat][i] = within(theta, s * v[unmatched.norm], v[unmatched.theta_bound][i]);
+            dx[unmatched.sigma_hat][i] = within(sigma, s, v[unmatched.sigma_bound][i]);
+        }
+    }
+
+    /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it never makes the
+    /// control jump.
+    fn control_law<S: Scalar>(&self, r: &[S], v: &Values<S>, dx: &mut Rates<S>) {
+        let eta_hat = &v[self.eta_hat];
+        let (K, K_g) = (v.matrix(self.design.feedback_gain), v.matrix(self.design.K_g));
+        let Filter { A_f, B_f, .. } = &self.filter;
+        for i in 0..r.len() {
+            let error = |j: usize| eta_hat[j] - dot(K_g.row(j).iter(), r);
+            let driven = -(0..r.len()).fold(S::from(0.0), |sum, j| sum + K[(i, j)] * error(j));
+            for k in 0..self.filter.order() {
+                let states = &v[self.f][i * self.filter.order()..];
+                let own = A_f.row(k).iter().zip(states).fold(driven * B_f[k], |sum, (&a, &f)| sum + f * a);
+                dx[self.f][i * self.filter.order() + k] = own;
+            }
+        }
+        if let Some(unmatched) = &self.unmatched {
+            unmatched.drive(&self.filter, self.f, v, dx);
+        }
+    }
+
+    /// While not enabled: the adaptive control follows the manual one.
+    fn follow<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.omega_hat].fill(S::from(0.0));
+        dx.slice(self.theta_hat).fill(S::from(0.0));
+        dx[self.sigma_hat].fill(S::from(0.0));
+        if let Some(unmatched) = &self.unmatched {
+            dx[unmatched.theta_hat].fill(S::from(0.0));
+            dx[unmatched.sigma_hat].fill(S::from(0.0));
+        }
+        for (k, rate) in dx[self.f].iter_mut().enumerate() {
+            let (i, rest) = (k / self.filter.order(), self.filter_at_rest[k % self.filter.order()]);
+            let at_once = self.at_once(i, v, |unmatched, k| v[unmatched.eta_hat][k]);
+            let u_ad = v[self.ports.u][i] / self.design.inertia(i, v) + v[self.feedback][i];
+            *rate = -v[self.design.follow_rate] * (v[self.f][k] - (u_ad - at_once) * rest);
+        }
+    }
+}

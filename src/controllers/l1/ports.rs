@@ -1,0 +1,47 @@
+//! By which signals an L1 law is connected: a unit's own, or a part of them where the law is one part of a unit.
+
+use super::design::UNLIMITED;
+use super::structure::Symbols;
+use crate::system::{BooleanOf, Declaration, Input, Invalid, Parameter, Point, Signal, VectorOf, boolean, vector};
+
+/// The measured state, the control with its limits, and manual control.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::controllers) struct Ports {
+    pub x: VectorOf<Input>,
+    pub enabled: BooleanOf<Input>,
+    pub u_manual: VectorOf<Input>,
+    pub u: VectorOf<Signal>,
+    pub u_min: VectorOf<Parameter>,
+    pub u_max: VectorOf<Parameter>,
+}
+
+impl Ports {
+    /// Of a unit that is the law alone.
+    pub(super) fn declare(d: &mut Declaration, units: &Symbols) -> Self {
+        let (x, u, m) = (&units.x, &units.u, units.u.len());
+        let limit = "control that the actuator can give; the predictor knows of it. 1e15 is no limit";
+        Ports {
+            x: d.input(vector("x", x.len(), "measured state of the plant").units(x)),
+            enabled: d.input(
+                boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true),
+            ),
+            u_manual: d.input(vector("u_manual", m, "control while the controller is not enabled").units(u)),
+            u: d.output(vector("u", m, "control").units(u)),
+            u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(u)),
+            u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(u)),
+        }
+    }
+
+    /// # Errors
+    /// Which limits of the control leave nothing between them.
+    pub fn prepare_limits(u_min: VectorOf<Parameter>, u_max: VectorOf<Parameter>, v: &Point) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        for (i, (lo, hi)) in v[u_min].iter().zip(&v[u_max]).enumerate() {
+            if lo >= hi {
+                let allowed = format!("must be below u_max[{}] = {hi}", i + 1);
+                invalid.and(Invalid::new(format!("u_min[{}]", i + 1), lo, allowed));
+            }
+        }
+        invalid.into_result()
+    }
+}

@@ -1,0 +1,172 @@
+//! The extension of an L1 law to unmatched uncertainty (thesis, section 3.4).
+//!
+//! x' = A_m x + B (ω v + …) + B_um (θ_2 ‖x‖∞ + σ_2). What enters along B_um is estimated in the same way; where it shows in
+//! y, the control cancels it through H_m⁻¹(s) H_um(s), which the filter makes proper.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::DMatrix;
+
+use super::dot;
+use super::structure::Plant;
+use crate::control::filter::Filter;
+use crate::control::matched_equivalent::{FilteredPolynomial, MatchedEquivalent};
+use crate::system::{
+    Declaration, Handle, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals,
+    State, Values, VectorOf, matrix, scalar, vector,
+};
+
+/// Estimates along B_um, and D(s) H_m⁻¹(s) H_um(s) as it shares the states of D(s).
+#[derive(Debug)]
+pub(super) struct Unmatched {
+    pub theta_bound: VectorOf<Parameter>,
+    pub sigma_bound: VectorOf<Parameter>,
+    pub theta_hat: VectorOf<State>,
+    pub sigma_hat: VectorOf<State>,
+    pub eta_hat: VectorOf<Signal>,
+    /// ‖x‖∞
+    pub norm: ScalarOf<Signal>,
+    /// What K η̂_2 adds to the rates of the filter's states, in their order.
+    pub input: MatrixOf<Prepared>,
+    /// What it adds to u_ad at once, where the product with D(s) isn't strictly proper.
+    pub direct: Option<MatrixOf<Prepared>>,
+    pub zeros: Option<Zeros>,
+}
+
+/// The part of H_m⁻¹ H_um whose poles are the transmission zeros of H_m: z' = A_z z + B_z η̂_2.
+#[derive(Debug)]
+pub(super) struct Zeros {
+    pub z: VectorOf<State>,
+    pub A_z: MatrixOf<Prepared>,
+    pub B_z: MatrixOf<Prepared>,
+    /// K C_z: what the filter takes in.
+    pub KC_z: MatrixOf<Prepared>,
+}
+
+impl Unmatched {
+    /// Where there is an unmatched direction.
+    ///
+    /// # Errors
+    /// [`Invalid`] when H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
+    pub fn declare(d: &mut Declaration, plant: &Plant, filter: &Filter) -> Result<Option<Self>, Invalid> {
+        let (m, k) = (plant.B.ncols(), plant.B_um.ncols());
+        if k == 0 {
+            return Ok(None);
+        }
+        // State feedback moves no zero and raises no degree: any A_m that it leads to has those of A.
+        let Some(A) = &plant.A else {
+            let reason =
+                "A is missing: with unmatched uncertainty the number of states depends on the nominal dynamics";
+            return Err(Invalid::because(reason));
+        };
+        let equivalent = MatchedEquivalent::new(A, &plant.B, &plant.C, &plant.B_um)?;
+        let direct = equivalent.behind(filter)?.direct != 0.0;
+        let bound = "bound on the magnitude of";
+        let hidden = |name: &str, rows, columns| matrix(name, rows, columns, "").hidden();
+        let order = equivalent.A_z.nrows();
+        Ok(Some(Unmatched {
+            theta_bound: d.parameter(vector("theta_bound_unmatched", k, &format!("{bound} theta_2")).min(0.0)),
+            sigma_bound: d.parameter(vector("sigma_bound_unmatched", k, &format!("{bound} sigma_2")).min(0.0)),
+            theta_hat: d.state(vector(
+                "theta_hat_unmatched",
+                k,
+                "estimate of theta_2, the unmatched uncertainty's dependence on the state's norm",
+            )),
+            sigma_hat: d.state(vector("sigma_hat_unmatched", k, "estimate of the unmatched disturbance sigma_2")),
+            eta_hat: d.local(vector("eta_hat_unmatched", k, "estimate of the unmatched uncertainty")),
+            norm: d.local(scalar("#norm of x", "").hidden()),
+            input: d.prepared(hidden("#D H_m^-1 H_um: input", m * filter.order(), k)),
+            direct: direct.then(|| d.prepared(hidden("#D H_m^-1 H_um: direct", m, k))),
+            zeros: (order > 0).then(|| Zeros {
+                z: d.state(vector("inverse_state", order, "state of H_m^-1 H_um, at the zeros of H_m")),
+                A_z: d.prepared(hidden("#A_z", order, order)),
+                B_z: d.prepared(hidden("#B_z", order, k)),
+                KC_z: d.prepared(hidden("#K C_z", m, order)),
+            }),
+        }))
+    }
+
+    /// D(s) H_m⁻¹(s) H_um(s) for the desired dynamics, with K.
+    pub fn prepare(
+        &self,
+        A_m: &DMatrix<f64>,
+        K: &DMatrix<f64>,
+        plant: &Plant,
+        filter: &Filter,
+        v: &mut Point,
+    ) -> Result<(), Invalid> {
+        let equivalent = MatchedEquivalent::new(A_m, &plant.B, &plant.C, &plant.B_um)?;
+        let FilteredPolynomial { inputs, direct } = equivalent.behind(filter)?;
+        let (order, declared) = (equivalent.A_z.nrows(), self.zeros.as_ref().map_or(0, |zeros| zeros.z.len()));
+        if order != declared || (direct != 0.0 && self.direct.is_none()) {
+            let text = format!(
+                "A_m: C (sI - A_m)^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), or another \
+                 relative degree: give A_m there"
+            );
+            return Err(Invalid::because(text));
+        }
+        let mut input = DMatrix::zeros(self.input.shape().0, self.input.shape().1);
+        for (power, gain) in inputs.iter().zip(&equivalent.polynomial) {
+            input += (K * gain).kronecker(power);
+        }
+        v.matrix_mut(self.input).copy_from(&input);
+        if let Some(at_once) = self.direct {
+            let highest = &equivalent.polynomial[equivalent.degree()];
+            v.matrix_mut(at_once).copy_from(&(K * highest * direct));
+        }
+        if let Some(Zeros { A_z, B_z, KC_z, .. }) = &self.zeros {
+            v.matrix_mut(*A_z).copy_from(&equivalent.A_z);
+            v.matrix_mut(*B_z).copy_from(&equivalent.B_z);
+            v.matrix_mut(*KC_z).copy_from(&(K * &equivalent.C_z));
+        }
+        Ok(())
+    }
+
+    /// η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2.
+    pub fn outputs<S: Scalar>(&self, norm: S, v: &Values<S>, y: &mut Signals<S>) {
+        y[self.norm] = norm;
+        for i in 0..self.eta_hat.len() {
+            y[self.eta_hat][i] = self.estimate(i, norm, v);
+        }
+    }
+
+    /// η̂_2 in a direction.
+    pub fn estimate<S: Scalar>(&self, direction: usize, norm: S, v: &Values<S>) -> S {
+        v[self.theta_hat][direction] * norm + v[self.sigma_hat][direction]
+    }
+
+    /// What u_ad of a channel has at once of η̂_2.
+    pub fn at_once<S: Scalar>(&self, channel: usize, v: &Values<S>, eta_hat: impl Fn(usize) -> S) -> S {
+        self.direct.map_or(S::from(0.0), |direct| {
+            let row = v.matrix(direct);
+            (0..row.ncols()).fold(S::from(0.0), |sum, k| sum - row[(channel, k)] * eta_hat(k))
+        })
+    }
+
+    /// What the filter's states f get of η̂_2, beside what drives them anyway.
+    pub fn drive<S: Scalar>(&self, filter: &Filter, f: VectorOf<State>, v: &Values<S>, dx: &mut Rates<S>) {
+        let (eta_hat, input) = (&v[self.eta_hat], v.matrix(self.input));
+        for (k, rate) in dx[f].iter_mut().enumerate() {
+            *rate -= dot(input.row(k).iter(), eta_hat);
+            if let Some(Zeros { z, KC_z, .. }) = &self.zeros {
+                let (channel, place) = (k / filter.order(), k % filter.order());
+                *rate -= dot(v.matrix(*KC_z).row(channel).iter(), &v[*z]) * filter.B_f[place];
+            }
+        }
+    }
+
+    /// z' = A_z z + B_z η̂_2.
+    pub fn derivatives<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
+        let Some(Zeros { z, A_z, B_z, .. }) = &self.zeros else { return };
+        let (A_z, B_z) = (v.matrix(*A_z), v.matrix(*B_z));
+        for i in 0..z.len() {
+            dx[*z][i] = dot(A_z.row(i).iter(), &v[*z]) + dot(B_z.row(i).iter(), &v[self.eta_hat]);
+        }
+    }
+
+    /// States that rates of others depend on: the estimates, and z.
+    pub fn states(&self) -> Vec<&dyn Handle> {
+        let mut states: Vec<&dyn Handle> = vec![&self.theta_hat, &self.sigma_hat];
+        states.extend(self.zeros.as_ref().map(|zeros| &zeros.z as &dyn Handle));
+        states
+    }
+}

@@ -1,0 +1,141 @@
+//! L1 adaptive control of a quadrotor's attitude behind a loop for its position: examples 3.3.2 and 7.5.3.
+
+use super::l1::{L1Structure, Law, Ports, UNLIMITED, within};
+use super::position_loop::PositionLoop;
+use crate::system::{
+    Declaration, ErrorEstimate, Input, Invalid, Parameter, Point, Rates, Scalar, Signal, Signals, Stride, System,
+    Values, VectorOf, boolean, vector,
+};
+
+/// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques.
+#[derive(Debug)]
+pub struct L1Quadrotor {
+    position: PositionLoop,
+    attitude: Law,
+    x: VectorOf<Input>,
+    u_manual: VectorOf<Input>,
+    u: VectorOf<Signal>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+}
+
+impl System for L1Quadrotor {
+    type Structure = L1Structure;
+    const NAME: &'static str = "l1-quadrotor";
+    const DOCUMENTATION: &'static str =
+        concat!(include_str!("../../docs/controllers/l1_quadrotor.md"), include_str!("../../docs/controllers/l1.md"));
+
+    fn indicators(&self) -> usize {
+        Law::INDICATORS
+    }
+
+    fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let size = structure.size()?;
+        if size != (6, 3) {
+            let allowed = "must be 6 x 3: three angles and their rates, and a torque for each";
+            return Err(Invalid::new("B", format!("{} x {}", size.0, size.1), allowed));
+        }
+        let position = PositionLoop::declare(d);
+        let controls = ["thrust along the body's z axis", "torque of roll", "torque of pitch", "torque of yaw"];
+        let units = ["N", "N.m", "N.m", "N.m"];
+        let control = |name: &str, text: &str| {
+            let each =
+                controls.map(|control| if text.is_empty() { control.into() } else { format!("{text} {control}") });
+            vector(name, 4, "")
+                .each(&each.each_ref().map(String::as_str))
+                .units(&units)
+                .nominals(&[5.0, 0.01, 0.01, 0.01])
+        };
+        let states = ["position", "velocity", "angle", "rate of angle"];
+        let axes = [["in x", "in y", "in z"], ["phi, roll", "theta, pitch", "psi, yaw"]];
+        let states: Vec<_> = (0..12).map(|k| format!("measured {} {}", states[k / 3], axes[k / 6][k % 3])).collect();
+        let states: Vec<_> = states.iter().map(String::as_str).collect();
+        let limit = "1e15 is no limit";
+        let x = d.input(
+            vector("x", 12, "").each(&states).units(&["m", "m/s", "rad", "rad/s"].map(|unit| [unit; 3]).concat()),
+        );
+        let enabled = "whether the controller is in command; the torques take over without a jump";
+        let enabled = d.input(boolean("enabled", enabled).start(true));
+        let u_manual = d.input(control("u_manual", "while the controller is not enabled:"));
+        let u = d.output(control("u", ""));
+        let min = [0.0, -UNLIMITED, -UNLIMITED, -UNLIMITED];
+        let max = [15.0, UNLIMITED, UNLIMITED, UNLIMITED];
+        let u_min = d.parameter(control("u_min", &format!("lower limit ({limit}):")).starts(&min));
+        let u_max = d.parameter(control("u_max", &format!("upper limit ({limit}):")).starts(&max));
+        let ports = Ports {
+            x: x.part(6..12),
+            enabled,
+            u_manual: u_manual.part(1..4),
+            u: u.part(1..4),
+            u_min: u_min.part(1..4),
+            u_max: u_max.part(1..4),
+        };
+        let attitude = Law::declare(&structure, ports, d)?;
+        let PositionLoop { r, dr, ddr, angles, thrust, .. } = position;
+        d.depends(angles, &[&r, &dr, &ddr, &x]);
+        d.depends(thrust, &[&r, &dr, &ddr, &x]);
+        d.depends(u.at(0), &[&r, &dr, &ddr, &x, &u_manual.at(0)]);
+        attitude.declare_dependence(d, &[&r, &dr, &ddr, &x]);
+        Ok(L1Quadrotor { position, attitude, x, u_manual, u, u_min, u_max })
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        for prepared in [Ports::prepare_limits(self.u_min, self.u_max, v), self.attitude.prepare(v)] {
+            prepared.unwrap_or_else(|reasons| invalid.and(reasons));
+        }
+        invalid.into_result()
+    }
+
+    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+        self.attitude.initialise(v)
+    }
+
+    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+        self.attitude.clip_estimates(v);
+    }
+
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let [p1, p2, p3, v1, v2, v3, phi, theta, psi, ..] = v.array::<_, 12>(self.x);
+        self.position.outputs([[p1, p2, p3], [v1, v2, v3], [phi, theta, psi]], v, y);
+        let wanted = if self.attitude.is_active(v) { y[self.position.thrust] } else { v[self.u_manual.at(0)] };
+        y[self.u.at(0)] = within(wanted, v[self.u_min.at(0)], v[self.u_max.at(0)]);
+        self.attitude.outputs(v, y);
+    }
+
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        self.attitude.derivatives(&v[self.position.angles], v, dx);
+    }
+
+    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
+        self.attitude.event_indicators(v, z);
+    }
+
+    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
+        self.attitude.event(v);
+    }
+
+    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
+        self.attitude.step_completed(step, v);
+    }
+
+    fn steps_itself(&self) -> bool {
+        true
+    }
+
+    fn workspace(&self) -> usize {
+        self.attitude.closed_form_workspace()
+    }
+
+    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
+        self.attitude.closed_form_pays(h, v)
+    }
+
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
+        self.attitude.closed_form(self.position.angles, stride, v)
+    }
+
+    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
+        self.attitude.conclude(whole, nominals, v)
+    }
+}
