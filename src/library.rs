@@ -4,11 +4,13 @@
 
 use crate::controllers::l1::L1;
 use crate::plants::actuated_siso::ActuatedSiso;
+use crate::plants::actuator::Actuator;
 use crate::plants::coupled_mimo::CoupledMimo;
 use crate::plants::mares_auv::MaresAuv;
 use crate::plants::nonlinear_siso::NonlinearSiso;
 use crate::plants::quadrotor::Quadrotor;
 use crate::plants::reference::Reference;
+use crate::plants::sensor::Sensor;
 use crate::plants::twin_rotor::TwinRotor;
 use crate::plants::two_link_robot::TwoLinkRobot;
 use crate::plants::unmatched_mimo::UnmatchedMimo;
@@ -18,11 +20,13 @@ use crate::system::{Kind, Registry};
 pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
     Kind::of::<ActuatedSiso>(),
+    Kind::of::<Actuator>(),
     Kind::of::<CoupledMimo>(),
     Kind::of::<MaresAuv>(),
     Kind::of::<NonlinearSiso>(),
     Kind::of::<Quadrotor>(),
     Kind::of::<Reference>(),
+    Kind::of::<Sensor>(),
     Kind::of::<TwinRotor>(),
     Kind::of::<TwoLinkRobot>(),
     Kind::of::<UnmatchedMimo>(),

@@ -4,14 +4,12 @@
 use nalgebra::{Complex, DMatrix, DMatrixView};
 
 use super::structure::{Baseline, L1Structure, Plant};
+use crate::control::limits::{self, UNLIMITED};
 use crate::control::{feedforward, lyapunov, pole_placement};
 use crate::system::{
     Declaration, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal, matrix,
     scalar, vector,
 };
-
-/// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
-const UNLIMITED: f64 = 1e15;
 
 /// The numbers of the law, and what follows from them.
 #[derive(Debug)]
@@ -193,12 +191,7 @@ impl Design {
                 invalid.and(Invalid::new(format!("omega_min[{},{}]", i + 1, j + 1), lo, allowed));
             }
         }
-        for (i, (lo, hi)) in v[self.u_min].iter().zip(&v[self.u_max]).enumerate() {
-            if lo >= hi {
-                let allowed = format!("must be below u_max[{}] = {hi}", i + 1);
-                invalid.and(Invalid::new(format!("u_min[{}]", i + 1), lo, allowed));
-            }
-        }
+        invalid.and(limits::check(&v[self.u_min], &v[self.u_max]));
         invalid
     }
 }

@@ -9,6 +9,7 @@ mod structure;
 use nalgebra::DVector;
 
 use crate::control::filter::Filter;
+use crate::control::limits::within;
 use crate::control::projection::projection;
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, Discrete, ErrorEstimate, Handle, Input, IntegerOf, Invalid, MatrixOf,
@@ -399,17 +400,6 @@ impl L1 {
                 v[self.f][i * self.filter.order() + k] = (u + feedback) * rest;
             }
         }
-    }
-}
-
-/// A value kept within limits.
-fn within<S: Scalar>(value: S, min: S, max: S) -> S {
-    if value.re() < min.re() {
-        min
-    } else if value.re() > max.re() {
-        max
-    } else {
-        value
     }
 }
 
