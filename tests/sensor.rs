@@ -188,6 +188,20 @@ fn each_seed_has_noise_of_its_own() {
     assert_eq!(narrower, noise(2, 3, 100), "whatever the number of channels");
 }
 
+/// Worked out by another program from the definition: SplitMix64's output function, and Box and Muller's cosine.
+#[test]
+fn the_noise_of_a_seed_stays_what_it_was() {
+    let printed = [
+        [-0.976_386_566_884_499_1, 0.363_463_412_625_192_05, -0.028_183_223_245_599_943],
+        [1.305_035_117_090_314, 0.866_030_103_480_691_3, 1.515_449_845_738_524],
+    ];
+    for (samples, expected) in noise(2, 1, 1000).iter().zip(printed) {
+        let found = [1, 2, 1000].map(|k| samples[k - 1]);
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14), "{found:?}");
+    }
+    assert!((noise(1, -5, 1)[0][0] + 1.256_934_872_524_446_7).abs() < 1e-14);
+}
+
 #[test]
 fn noise_has_the_deviation_and_sample_time_that_are_set() {
     let unit = started("noise_deviation = [0.25]\nsample_time = 0.004", 0.0);
