@@ -65,10 +65,10 @@ impl System for Actuator {
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
-        match self.line.prepare(v) {
-            Ok(delays) => v[self.samples] = f64::from(u8::from(delays)),
-            Err(reasons) => invalid.and(reasons),
+        if let Err(reasons) = self.line.prepare(v) {
+            invalid.and(reasons);
         }
+        v[self.samples] = f64::from(u8::from(self.line.is_used(&v.values())));
         for i in 0..self.u.len() {
             let (own, limited) = (v[self.time_constant][i], v[self.rate_limit][i] < UNLIMITED);
             let working = if own == 0.0 && limited { v[self.clock.sample_time] } else { own };

@@ -74,7 +74,7 @@ impl Clock {
         v[self.sample] = self.sample_at(t, v);
     }
 
-    /// Samples that passed while nothing was sampled.
+    /// Skips samples that passed while nothing was sampled.
     pub fn catch_up(&self, t: f64, v: &mut Point) {
         // A sample may have been taken a little before its instant, by a rounding of the communication points.
         v[self.sample] = v[self.sample].max(self.sample_at(t, v));
@@ -114,11 +114,11 @@ impl DelayLine {
         }
     }
 
-    /// Counts the delays in samples; whether there is any.
+    /// Counts the delays in samples.
     ///
     /// # Errors
     /// Delays that aren't so many whole samples as the line holds.
-    pub fn prepare(&self, v: &mut Point) -> Result<bool, Invalid> {
+    pub fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = Invalid::none();
         let (sample_time, most) = (v[self.clock.sample_time], (self.line.shape().1 - 1) as f64);
         for i in 0..self.delay.len() {
@@ -133,8 +133,12 @@ impl DelayLine {
             }
             v[self.samples][i] = samples;
         }
-        invalid.into_result()?;
-        Ok(v[self.samples].iter().any(|&samples| samples > 0.0))
+        invalid.into_result()
+    }
+
+    /// Whether any channel is delayed, now and from the start on: delays are fixed.
+    pub fn is_used(&self, v: &Values<f64>) -> bool {
+        v[self.samples].iter().any(|&samples| samples > 0.0)
     }
 
     /// At the start the line is at rest.

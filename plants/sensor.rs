@@ -68,9 +68,10 @@ impl System for Sensor {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let delays = self.line.prepare(v)?;
+        self.line.prepare(v)?;
         let any = |handle: VectorOf<Parameter>| v[handle].iter().any(|&value| value > 0.0);
-        v[self.samples] = f64::from(u8::from(delays || any(self.noise_deviation) || any(self.resolution)));
+        let samples = self.line.is_used(&v.values()) || any(self.noise_deviation) || any(self.resolution);
+        v[self.samples] = f64::from(u8::from(samples));
         Ok(())
     }
 
@@ -86,7 +87,10 @@ impl System for Sensor {
     }
 
     fn parameters_changed(&self, t: f64, v: &mut Point) {
-        self.clock.catch_up(t, v);
+        // A delay line holds every sample, so that none was missed.
+        if !self.line.is_used(&v.values()) {
+            self.clock.catch_up(t, v);
+        }
         for i in 0..self.u.len() {
             let (acts, u) = (v[self.time_constant][i] > 0.0, v[self.u][i]);
             self.lag.change(i, acts, u, v);

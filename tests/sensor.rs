@@ -381,6 +381,28 @@ fn errors_tuned_while_running_take_effect_at_the_next_step() {
 }
 
 #[test]
+fn a_parameter_tuned_a_rounding_before_a_sample_loses_none_of_the_delayed_values() {
+    let unit = started("delay = [0.002]", 0.0);
+    // u = t.
+    let step = |t: f64, step: f64| {
+        unit.put("u[1]", t);
+        assert_eq!(unit.set_slope("u[1]", 1.0), OK);
+        unit.run(t, 1, step);
+    };
+    let (sample, rounding) = (0.01, 5e-13);
+    step(0.0, sample - 1e-7);
+    // So short a step isn't taken for one to the sample.
+    step(sample - 1e-7, 1e-7 - rounding);
+    unit.put("bias[1]", 0.5);
+    step(sample - rounding, 1e-7);
+    for k in 0..4 {
+        let t = sample - rounding + 1e-7 + f64::from(k) * 1e-3;
+        step(t, 1e-3);
+        assert!((unit.get("y[1]") - (t + 1e-3 - 0.002 + 0.5)).abs() < 1e-12, "{}", unit.get("y[1]"));
+    }
+}
+
+#[test]
 fn a_lag_that_is_switched_on_begins_where_the_signal_is() {
     let unit = started("relative_tolerance = 1e-10", 1.0);
     unit.run(0.0, 10, 0.01);
