@@ -7,6 +7,9 @@ use crate::system::{
     Values, VectorOf, scalar, vector,
 };
 
+/// Event indicators of a channel: two of each piecewise linear effect.
+const KINKS: usize = 6;
+
 /// Each channel: dead zone, delay, limits, rate limit and lag, in this order.
 #[derive(Debug)]
 pub struct Actuator {
@@ -30,6 +33,10 @@ impl System for Actuator {
     type Structure = Channels;
     const NAME: &'static str = "actuator";
     const DOCUMENTATION: &'static str = include_str!("../docs/plants/actuator.md");
+
+    fn indicators(&self) -> usize {
+        KINKS * self.u.len()
+    }
 
     fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
         let units = structure.units()?;
@@ -113,7 +120,29 @@ impl System for Actuator {
         (v[self.samples] != 0.0).then(|| self.clock.next(v))
     }
 
-    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
+    /// Kinks of the equations: no step leads across one, or its error would not be known. What is not set has none.
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+        for (i, z) in z.chunks_exact_mut(KINKS).enumerate() {
+            let (u, dead_zone) = (v[self.u][i], v[self.dead_zone][i]);
+            let command = self.line.delayed(t, i, self.noticed(i, v), v);
+            let ahead = within(command, v[self.u_min][i], v[self.u_max][i]) - v[self.lag.x][i];
+            let most = v[self.rate_limit][i] * v[self.working_time_constant][i];
+            z.fill(1.0);
+            if dead_zone > 0.0 {
+                z[..2].copy_from_slice(&[u - dead_zone, u + dead_zone]);
+            }
+            z[2..4].copy_from_slice(&[command - v[self.u_min][i], command - v[self.u_max][i]]);
+            if v[self.rate_limit][i] < UNLIMITED {
+                z[4..].copy_from_slice(&[ahead - most, ahead + most]);
+            }
+        }
+    }
+
+    /// A sample is taken where one is due; a kink changes nothing.
+    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+        if self.next_time_event(&v.values()).is_none_or(|next| next > t) {
+            return;
+        }
         self.clock.tick(v);
         for i in 0..self.u.len() {
             let command = self.noticed(i, &v.values());

@@ -177,6 +177,38 @@ fn whatever_is_commanded_the_output_keeps_its_limits_and_its_rate() {
 }
 
 #[test]
+fn a_command_that_sweeps_across_everything_in_one_step_is_followed_all_the_same() {
+    let all = "dead_zone = [0.1]\nu_min = [-0.6]\nu_max = [0.9]\nrate_limit = [15.0]\ntime_constant = [0.03]\n\
+               relative_tolerance = 1e-10";
+    let swept = |from: f64, slope: f64, steps: usize| {
+        let (unit, step) = (at_rest(all, from), 0.05 / steps as f64);
+        for k in 0..steps {
+            unit.put("u[1]", from + slope * k as f64 * step);
+            assert_eq!(unit.set_slope("u[1]", slope), OK);
+            unit.run(k as f64 * step, 1, step);
+        }
+        unit.get("y[1]")
+    };
+    let mut random = Random::new(3);
+    for from in [-1.12; 1].into_iter().chain((0..200).map(|_| 1.5 * random.next())) {
+        let slope = -from.signum() * 50.0;
+        let difference = (swept(from, slope, 1) - swept(from, slope, 500)).abs();
+        assert!(difference < 1e-7, "from {from}: {difference}");
+    }
+}
+
+#[test]
+fn a_ramp_exactly_as_fast_as_the_rate_limit_is_followed_behind_it() {
+    let unit = at_rest("rate_limit = [2.0]\ntime_constant = [0.125]", 0.0);
+    for k in 0..1000 {
+        unit.put("u[1]", 2.0 * f64::from(k) * 0.01);
+        assert_eq!(unit.set_slope("u[1]", 2.0), OK);
+        unit.run(f64::from(k) * 0.01, 1, 0.01);
+    }
+    assert!((unit.get("y[1]") - (20.0 - 2.0 * 0.125)).abs() < 1e-5, "{}", unit.get("y[1]"));
+}
+
+#[test]
 fn a_restored_or_deserialised_actuator_goes_on_bit_for_bit() {
     let unit = Unit::from_text(&text(2, ALL));
     unit.start(0.0);
