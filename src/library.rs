@@ -5,11 +5,13 @@
 use crate::controllers::l1::L1;
 use crate::controllers::l1_quadrotor::L1Quadrotor;
 use crate::plants::actuated_siso::ActuatedSiso;
+use crate::plants::actuator::Actuator;
 use crate::plants::coupled_mimo::CoupledMimo;
 use crate::plants::mares_auv::MaresAuv;
 use crate::plants::nonlinear_siso::NonlinearSiso;
 use crate::plants::quadrotor::Quadrotor;
 use crate::plants::reference::Reference;
+use crate::plants::sensor::Sensor;
 use crate::plants::twin_rotor::TwinRotor;
 use crate::plants::two_link_robot::TwoLinkRobot;
 use crate::plants::unmatched_mimo::UnmatchedMimo;
@@ -20,11 +22,13 @@ pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
     Kind::of::<L1Quadrotor>(),
     Kind::of::<ActuatedSiso>(),
+    Kind::of::<Actuator>(),
     Kind::of::<CoupledMimo>(),
     Kind::of::<MaresAuv>(),
     Kind::of::<NonlinearSiso>(),
     Kind::of::<Quadrotor>(),
     Kind::of::<Reference>(),
+    Kind::of::<Sensor>(),
     Kind::of::<TwinRotor>(),
     Kind::of::<TwoLinkRobot>(),
     Kind::of::<UnmatchedMimo>(),

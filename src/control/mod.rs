@@ -1,10 +1,11 @@
-//! What controllers share: the projection operator and the mathematics of their design.
+//! What controllers share: limits, the projection operator and the mathematics of their design.
 
 pub mod exponential;
 pub mod feedforward;
 pub mod filter;
 pub mod l1_design;
 pub mod l1_norm;
+pub mod limits;
 pub mod lyapunov;
 pub mod matched_equivalent;
 pub mod pole_placement;

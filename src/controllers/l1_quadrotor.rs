@@ -1,7 +1,8 @@
 //! L1 adaptive control of a quadrotor's attitude behind a loop for its position: examples 3.3.2 and 7.5.3.
 
-use super::l1::{L1Structure, Law, Ports, UNLIMITED, within};
+use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
+use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
     Declaration, ErrorEstimate, Input, Invalid, Parameter, Point, Rates, Scalar, Signal, Signals, Stride, System,
     Values, VectorOf, boolean, vector,
@@ -80,10 +81,8 @@ impl System for L1Quadrotor {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = Invalid::none();
-        for prepared in [Ports::prepare_limits(self.u_min, self.u_max, v), self.attitude.prepare(v)] {
-            prepared.unwrap_or_else(|reasons| invalid.and(reasons));
-        }
+        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        self.attitude.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
         invalid.into_result()
     }
 

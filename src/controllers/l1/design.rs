@@ -10,9 +10,6 @@ use crate::system::{
     scalar, vector,
 };
 
-/// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
-pub(in crate::controllers) const UNLIMITED: f64 = 1e15;
-
 /// The numbers of the law, and what follows from them.
 #[derive(Debug)]
 pub(super) struct Design {

@@ -7,8 +7,9 @@ use super::design::Design;
 use super::ports::Ports;
 use super::structure::{Baseline, L1Structure, Plant, Regressor};
 use super::unmatched::Unmatched;
-use super::{AdaptiveStart, dot, infinity_norm, squared, within};
+use super::{AdaptiveStart, dot, infinity_norm, squared};
 use crate::control::filter::Filter;
+use crate::control::limits::within;
 use crate::control::projection::projection;
 use crate::system::{
     BooleanOf, ChoiceOf, Declaration, Discrete, Handle, IntegerOf, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,

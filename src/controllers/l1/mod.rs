@@ -10,11 +10,11 @@ mod structure;
 mod supervision;
 mod unmatched;
 
+use crate::control::limits;
 use crate::system::{
     Choice, Declaration, ErrorEstimate, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Values,
     VectorOf, vector,
 };
-pub(super) use design::UNLIMITED;
 pub(super) use law::Law;
 pub(super) use ports::Ports;
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
@@ -61,10 +61,8 @@ impl System for L1 {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let (mut invalid, ports) = (Invalid::none(), &self.law.ports);
-        for prepared in [Ports::prepare_limits(ports.u_min, ports.u_max, v), self.law.prepare(v)] {
-            prepared.unwrap_or_else(|reasons| invalid.and(reasons));
-        }
+        let mut invalid = limits::check(&v[self.law.ports.u_min], &v[self.law.ports.u_max]);
+        self.law.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
         invalid.into_result()
     }
 
@@ -115,17 +113,6 @@ impl System for L1 {
 
     fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
         self.law.conclude(whole, nominals, v)
-    }
-}
-
-/// A value kept within limits.
-pub(super) fn within<S: Scalar>(value: S, min: S, max: S) -> S {
-    if value.re() < min.re() {
-        min
-    } else if value.re() > max.re() {
-        max
-    } else {
-        value
     }
 }
 

@@ -1,8 +1,8 @@
 //! By which signals an L1 law is connected: a unit's own, or a part of them where the law is one part of a unit.
 
-use super::design::UNLIMITED;
 use super::structure::Symbols;
-use crate::system::{BooleanOf, Declaration, Input, Invalid, Parameter, Point, Signal, VectorOf, boolean, vector};
+use crate::control::limits::UNLIMITED;
+use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, boolean, vector};
 
 /// The measured state, the control with its limits, and manual control.
 #[derive(Debug, Clone, Copy)]
@@ -30,18 +30,5 @@ impl Ports {
             u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(u)),
             u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(u)),
         }
-    }
-
-    /// # Errors
-    /// Which limits of the control leave nothing between them.
-    pub fn prepare_limits(u_min: VectorOf<Parameter>, u_max: VectorOf<Parameter>, v: &Point) -> Result<(), Invalid> {
-        let mut invalid = Invalid::none();
-        for (i, (lo, hi)) in v[u_min].iter().zip(&v[u_max]).enumerate() {
-            if lo >= hi {
-                let allowed = format!("must be below u_max[{}] = {hi}", i + 1);
-                invalid.and(Invalid::new(format!("u_min[{}]", i + 1), lo, allowed));
-            }
-        }
-        invalid.into_result()
     }
 }

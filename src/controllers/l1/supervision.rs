@@ -3,7 +3,8 @@
 
 use super::law::Law;
 use super::unmatched::Unmatched;
-use super::{dot, infinity_norm, within};
+use super::{dot, infinity_norm};
+use crate::control::limits::within;
 use crate::system::{Point, Values};
 
 impl Law {

@@ -1,0 +1,173 @@
+//! An actuator: what a plant gets of what a controller commands.
+
+use super::channels::{Channels, Clock, DelayLine, Lag};
+use crate::control::limits::{self, UNLIMITED, within};
+use crate::system::{
+    Declaration, Input, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit,
+    Values, VectorOf, scalar, vector,
+};
+
+/// Event indicators of a channel: two of each piecewise linear effect.
+const KINKS: usize = 6;
+
+/// Each channel: dead zone, delay, limits, rate limit and lag, in this order.
+#[derive(Debug)]
+pub struct Actuator {
+    dead_zone: VectorOf<Parameter>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    rate_limit: VectorOf<Parameter>,
+    time_constant: VectorOf<Parameter>,
+    clock: Clock,
+    line: DelayLine,
+    lag: Lag,
+    /// Time constants that the lag works with; 0 where there is neither a lag nor a rate limit.
+    working_time_constant: VectorOf<Prepared>,
+    /// 1 where anything is sampled.
+    samples: ScalarOf<Prepared>,
+    u: VectorOf<Input>,
+    y: VectorOf<Signal>,
+}
+
+impl System for Actuator {
+    type Structure = Channels;
+    const NAME: &'static str = "actuator";
+    const DOCUMENTATION: &'static str = include_str!("../docs/plants/actuator.md");
+
+    fn indicators(&self) -> usize {
+        KINKS * self.u.len()
+    }
+
+    fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
+        let units = structure.units()?;
+        let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
+        let m = units.len();
+        let clock = Clock::declare(d, "the delay; time constant of a rate limit that has no lag behind it");
+        let parameter = |name: &str, text: &str, start: f64| vector(name, m, text).start(start).units(&units);
+        let actuator = Actuator {
+            dead_zone: d.parameter(parameter("dead_zone", "commands up to this magnitude do nothing", 0.0).min(0.0)),
+            line: DelayLine::declare(d, clock, &structure),
+            u_min: d.parameter(parameter("u_min", "smallest output; -1e15 is no limit", -UNLIMITED)),
+            u_max: d.parameter(parameter("u_max", "largest output; 1e15 is no limit", UNLIMITED)),
+            rate_limit: d.parameter(
+                parameter("rate_limit", "fastest change of the output; 1e15 is no limit", UNLIMITED)
+                    .units(&rates)
+                    .positive(),
+            ),
+            time_constant: d
+                .parameter(vector("time_constant", m, "time constant of the lag; 0: none").unit("s").min(0.0)),
+            clock,
+            lag: Lag::declare(d, &units),
+            working_time_constant: d.prepared(vector("#working time constant", m, "").hidden()),
+            samples: d.prepared(scalar("#samples", "").hidden()),
+            u: d.input(vector("u", m, "command").units(&units)),
+            y: d.output(vector("y", m, "what the actuator gives").units(&units)),
+        };
+        for i in 0..m {
+            d.depends(actuator.y.at(i), &[&actuator.u.at(i), &actuator.lag.x.at(i)]);
+            d.depends(actuator.lag.x.at(i).rate(), &[&actuator.u.at(i), &actuator.lag.x.at(i)]);
+        }
+        Ok(actuator)
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        if let Err(reasons) = self.line.prepare(v) {
+            invalid.and(reasons);
+        }
+        v[self.samples] = f64::from(u8::from(self.line.is_used(&v.values())));
+        for i in 0..self.u.len() {
+            let (own, limited) = (v[self.time_constant][i], v[self.rate_limit][i] < UNLIMITED);
+            let working = if own == 0.0 && limited { v[self.clock.sample_time] } else { own };
+            v[self.working_time_constant][i] = working;
+        }
+        invalid.into_result()
+    }
+
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        self.clock.start(t, v);
+        for i in 0..self.u.len() {
+            let command = self.noticed(i, &v.values());
+            self.line.fill(i, command, v);
+            let (acts, command) = (v[self.working_time_constant][i] > 0.0, self.possible(t, i, &v.values()));
+            self.lag.start(i, acts, command, v);
+        }
+        Ok(())
+    }
+
+    fn parameters_changed(&self, t: f64, v: &mut Point) {
+        for i in 0..self.u.len() {
+            let (acts, command) = (v[self.working_time_constant][i] > 0.0, self.possible(t, i, &v.values()));
+            self.lag.change(i, acts, command, v);
+        }
+    }
+
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
+        for i in 0..self.u.len() {
+            y[self.y][i] = self.lag.lagged(i, self.possible(t, i, v), v);
+        }
+    }
+
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        for i in 0..self.u.len() {
+            let limit = v[self.rate_limit][i];
+            let wanted = || (self.possible(t, i, v) - v[self.lag.x][i]) / v[self.working_time_constant][i];
+            dx[self.lag.x][i] = if self.lag.acts(i, v) { within(wanted(), -limit, limit) } else { S::from(0.0) };
+        }
+    }
+
+    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+        (v[self.samples] != 0.0).then(|| self.clock.next(v))
+    }
+
+    /// Kinks of the equations: no step leads across one, or its error would not be known. What is not set has none.
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+        for (i, z) in z.chunks_exact_mut(KINKS).enumerate() {
+            let (u, dead_zone) = (v[self.u][i], v[self.dead_zone][i]);
+            let command = self.line.delayed(t, i, self.noticed(i, v), v);
+            let ahead = within(command, v[self.u_min][i], v[self.u_max][i]) - v[self.lag.x][i];
+            let most = v[self.rate_limit][i] * v[self.working_time_constant][i];
+            z.fill(1.0);
+            if dead_zone > 0.0 {
+                z[..2].copy_from_slice(&[u - dead_zone, u + dead_zone]);
+            }
+            z[2..4].copy_from_slice(&[command - v[self.u_min][i], command - v[self.u_max][i]]);
+            if v[self.rate_limit][i] < UNLIMITED {
+                z[4..].copy_from_slice(&[ahead - most, ahead + most]);
+            }
+        }
+    }
+
+    /// A sample is taken where one is due; a kink changes nothing.
+    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+        if self.next_time_event(&v.values()).is_none_or(|next| next > t) {
+            return;
+        }
+        self.clock.tick(v);
+        for i in 0..self.u.len() {
+            let command = self.noticed(i, &v.values());
+            self.line.push(i, command, v);
+        }
+    }
+}
+
+impl Actuator {
+    /// The command behind the dead zone.
+    fn noticed<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let (u, dead_zone) = (v[self.u][i], v[self.dead_zone][i]);
+        // At its edge, and everywhere without one, the command is passed on.
+        if u.re() >= dead_zone.re() {
+            u - dead_zone
+        } else if u.re() <= -dead_zone.re() {
+            u + dead_zone
+        } else {
+            S::from(0.0)
+        }
+    }
+
+    /// The delayed command within the limits.
+    fn possible<S: Scalar>(&self, t: S, i: usize, v: &Values<S>) -> S {
+        let command = self.line.delayed(t, i, self.noticed(i, v), v);
+        within(command, v[self.u_min][i], v[self.u_max][i])
+    }
+}

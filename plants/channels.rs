@@ -1,0 +1,207 @@
+//! What sensors and actuators share: channels with a clock that samples them, a delay and a lag.
+
+use serde::Deserialize;
+
+use crate::system::{
+    Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit, Values,
+    VectorOf, matrix, scalar, vector,
+};
+
+/// Numbers that all delay lines of a unit may hold together.
+const LARGEST_LINES: usize = 1_000_000;
+
+/// Number of channels, their units (1 where none are given), and how many samples the longest delay may have.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channels {
+    channels: usize,
+    #[serde(default)]
+    units: Vec<String>,
+    #[serde(default = "usual_delay_samples")]
+    delay_samples: usize,
+}
+
+fn usual_delay_samples() -> usize {
+    100
+}
+
+impl Channels {
+    /// The unit of each channel.
+    ///
+    /// # Errors
+    /// Sizes beyond what is allowed, and units that aren't known.
+    pub(super) fn units(&self) -> Result<Vec<&'static str>, Invalid> {
+        let Channels { channels, units, delay_samples } = self;
+        if !(1..=1000).contains(channels) {
+            return Err(Invalid::new("channels", channels, "must be within 1 … 1000"));
+        }
+        let most = LARGEST_LINES / channels - 1;
+        if *delay_samples > most {
+            return Err(Invalid::new(
+                "delay_samples",
+                delay_samples,
+                format!("must be within 0 … {most}, with {channels} channels"),
+            ));
+        }
+        Unit::symbols("u", units, *channels)
+    }
+}
+
+/// Sample instants k h, counted from t = 0 whenever the simulation starts.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Clock {
+    pub sample_time: ScalarOf<Parameter>,
+    /// Number k of the latest sample; it stands still where nothing is sampled.
+    pub sample: ScalarOf<Discrete>,
+}
+
+impl Clock {
+    pub fn declare(d: &mut Declaration, sampled: &str) -> Self {
+        let text = format!("time from sample to sample of {sampled}");
+        Clock {
+            sample_time: d.parameter(scalar("sample_time", &text).unit("s").start(1e-3).min(1e-9).fixed()),
+            sample: d.discrete(scalar("#sample", "").hidden()),
+        }
+    }
+
+    fn sample_at(&self, t: f64, v: &Point) -> f64 {
+        // An instant that t meets up to rounding counts as passed.
+        (t / v[self.sample_time] + 1e-9).floor()
+    }
+
+    /// The sample that is the latest at the start.
+    pub fn start(&self, t: f64, v: &mut Point) {
+        v[self.sample] = self.sample_at(t, v);
+    }
+
+    /// Skips samples that passed while nothing was sampled.
+    pub fn catch_up(&self, t: f64, v: &mut Point) {
+        // A sample may have been taken a little before its instant, by a rounding of the communication points.
+        v[self.sample] = v[self.sample].max(self.sample_at(t, v));
+    }
+
+    /// The next sample is taken.
+    pub fn tick(&self, v: &mut Point) {
+        v[self.sample] += 1.0;
+    }
+
+    /// When the next sample is to be taken, s.
+    pub fn next(&self, v: &Values<f64>) -> f64 {
+        (v[self.sample] + 1.0) * v[self.sample_time]
+    }
+}
+
+/// A delay in each channel: the values at the latest sample instants, and straight lines between them.
+#[derive(Debug)]
+pub(super) struct DelayLine {
+    clock: Clock,
+    delay: VectorOf<Parameter>,
+    /// The delays in samples.
+    samples: VectorOf<Prepared>,
+    /// A ring in each row: sample k is in column k modulo their number.
+    line: MatrixOf<Discrete>,
+}
+
+impl DelayLine {
+    pub fn declare(d: &mut Declaration, clock: Clock, structure: &Channels) -> Self {
+        let Channels { channels: m, delay_samples, .. } = *structure;
+        let delay = vector("delay", m, "transport delay, a multiple of sample_time; 0: none");
+        DelayLine {
+            clock,
+            delay: d.parameter(delay.unit("s").min(0.0).fixed()),
+            samples: d.prepared(vector("#delay in samples", m, "").hidden()),
+            line: d.discrete(matrix("#delay line", m, delay_samples + 1, "").hidden()),
+        }
+    }
+
+    /// Counts the delays in samples.
+    ///
+    /// # Errors
+    /// Delays that aren't so many whole samples as the line holds.
+    pub fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        let (sample_time, most) = (v[self.clock.sample_time], (self.line.shape().1 - 1) as f64);
+        for i in 0..self.delay.len() {
+            let delay = v[self.delay][i];
+            let samples = (delay / sample_time).round();
+            if samples > most || (delay / sample_time - samples).abs() > 1e-6 {
+                let longest = most * sample_time;
+                let allowed = format!(
+                    "must be a multiple of sample_time = {sample_time} within 0 … {longest:.6} (delay_samples = {most})"
+                );
+                invalid.and(Invalid::new(format!("delay[{}]", i + 1), delay, allowed));
+            }
+            v[self.samples][i] = samples;
+        }
+        invalid.into_result()
+    }
+
+    /// Whether any channel is delayed, now and from the start on: delays are fixed.
+    pub fn is_used(&self, v: &Values<f64>) -> bool {
+        v[self.samples].iter().any(|&samples| samples > 0.0)
+    }
+
+    /// At the start the line is at rest.
+    pub fn fill(&self, i: usize, value: f64, v: &mut Point) {
+        v.matrix_mut(self.line).row_mut(i).fill(value);
+    }
+
+    /// Takes what comes in at a sample instant.
+    pub fn push(&self, i: usize, value: f64, v: &mut Point) {
+        let place = self.line.at(i, self.column(v[self.clock.sample]));
+        v[place] = value;
+    }
+
+    /// What comes out at t, where this comes in.
+    pub fn delayed<S: Scalar>(&self, t: S, i: usize, present: S, v: &Values<S>) -> S {
+        let samples = v[self.samples][i].re();
+        if samples == 0.0 {
+            return present;
+        }
+        let (sample, sample_time) = (v[self.clock.sample].re(), v[self.clock.sample_time]);
+        let [before, after] = [0.0, 1.0].map(|k| v[self.line.at(i, self.column(sample - samples + k))]);
+        before + (after - before) * ((t - sample_time * sample) / sample_time)
+    }
+
+    fn column(&self, sample: f64) -> usize {
+        sample.rem_euclid(self.line.shape().1 as f64) as usize
+    }
+}
+
+/// A lag of first order in each channel, where there is one.
+#[derive(Debug)]
+pub(super) struct Lag {
+    pub x: VectorOf<State>,
+    /// 1 where there is one.
+    acts: VectorOf<Discrete>,
+}
+
+impl Lag {
+    pub fn declare(d: &mut Declaration, units: &[&'static str]) -> Self {
+        let (m, text) = (units.len(), "state of the lag; it stands still where there is none");
+        Lag { x: d.state(vector("x", m, text).units(units)), acts: d.discrete(vector("#lag acts", m, "").hidden()) }
+    }
+
+    /// At the start the lag is at rest.
+    pub fn start(&self, i: usize, acts: bool, input: f64, v: &mut Point) {
+        v[self.acts][i] = 0.0;
+        self.change(i, acts, input, v);
+    }
+
+    /// A lag that comes in begins where the channel is, so that nothing jumps.
+    pub fn change(&self, i: usize, acts: bool, input: f64, v: &mut Point) {
+        if acts && v[self.acts][i] == 0.0 {
+            v[self.x][i] = input;
+        }
+        v[self.acts][i] = f64::from(u8::from(acts));
+    }
+
+    pub fn acts<S: Scalar>(&self, i: usize, v: &Values<S>) -> bool {
+        v[self.acts][i].re() != 0.0
+    }
+
+    /// What comes out where this comes in.
+    pub fn lagged<S: Scalar>(&self, i: usize, input: S, v: &Values<S>) -> S {
+        if self.acts(i, v) { v[self.x][i] } else { input }
+    }
+}

@@ -1,0 +1,23 @@
+//! Gaussian noise without a generator's state: each number depends on seed, channel and sample alone.
+
+/// The number of a sample of a channel, with mean 0 and standard deviation 1.
+pub(super) fn normal(seed: i32, channel: usize, sample: f64) -> f64 {
+    let stream = [seed as u64, channel as u64, sample as i64 as u64].into_iter().fold(0, scrambled);
+    let [radius, angle] = [0, 1].map(|half| uniform(scrambled(stream, half)));
+    // Box and Muller's transformation.
+    (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * angle).cos()
+}
+
+/// One more word taken into a number all of whose bits depend on all bits of the words (the output function of
+/// SplitMix64).
+fn scrambled(number: u64, word: u64) -> u64 {
+    let mut bits = number.wrapping_add(word).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    bits ^ (bits >> 31)
+}
+
+/// A number in (0, 1].
+fn uniform(bits: u64) -> f64 {
+    ((bits >> 11) + 1) as f64 / (1_u64 << 53) as f64
+}

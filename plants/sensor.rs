@@ -1,0 +1,152 @@
+//! A sensor: what a controller gets of what it measures.
+
+use super::channels::{Channels, Clock, DelayLine, Lag};
+use super::noise::normal;
+use crate::system::{
+    Declaration, Discrete, Input, IntegerOf, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
+    Signals, System, Values, VectorOf, integer, scalar, vector,
+};
+
+/// Each channel: lag, delay, bias, noise and quantisation, in this order.
+#[derive(Debug)]
+pub struct Sensor {
+    time_constant: VectorOf<Parameter>,
+    bias: VectorOf<Parameter>,
+    noise_deviation: VectorOf<Parameter>,
+    resolution: VectorOf<Parameter>,
+    seed: IntegerOf<Parameter>,
+    clock: Clock,
+    lag: Lag,
+    line: DelayLine,
+    /// 1 where anything is sampled.
+    samples: ScalarOf<Prepared>,
+    /// Noise of standard deviation 1, held since the latest sample.
+    noise: VectorOf<Discrete>,
+    /// The quantised value, held since the latest sample.
+    held: VectorOf<Discrete>,
+    u: VectorOf<Input>,
+    y: VectorOf<Signal>,
+}
+
+impl System for Sensor {
+    type Structure = Channels;
+    const NAME: &'static str = "sensor";
+    const DOCUMENTATION: &'static str = include_str!("../docs/plants/sensor.md");
+
+    fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
+        let units = structure.units()?;
+        let m = units.len();
+        let clock = Clock::declare(d, "delay, noise and quantisation");
+        let seed = "which noise it is: another one with each seed, in each channel";
+        let sensor = Sensor {
+            time_constant: d
+                .parameter(vector("time_constant", m, "time constant of the lag; 0: none").unit("s").min(0.0)),
+            line: DelayLine::declare(d, clock, &structure),
+            bias: d.parameter(vector("bias", m, "constant error").units(&units)),
+            noise_deviation: d.parameter(
+                vector("noise_deviation", m, "standard deviation of the noise; 0: none").units(&units).min(0.0),
+            ),
+            seed: d.parameter(integer("seed", seed).start(1).fixed()),
+            resolution: d.parameter(
+                vector("resolution", m, "step between the values that can be told apart; 0: none")
+                    .units(&units)
+                    .min(0.0),
+            ),
+            clock,
+            lag: Lag::declare(d, &units),
+            samples: d.prepared(scalar("#samples", "").hidden()),
+            noise: d.discrete(vector("#noise", m, "").hidden()),
+            held: d.discrete(vector("#held", m, "").hidden()),
+            u: d.input(vector("u", m, "what is measured").units(&units)),
+            y: d.output(vector("y", m, "measured value").units(&units)),
+        };
+        for i in 0..m {
+            d.depends(sensor.y.at(i), &[&sensor.u.at(i), &sensor.lag.x.at(i)]);
+            d.depends(sensor.lag.x.at(i).rate(), &[&sensor.u.at(i), &sensor.lag.x.at(i)]);
+        }
+        Ok(sensor)
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        self.line.prepare(v)?;
+        let any = |handle: VectorOf<Parameter>| v[handle].iter().any(|&value| value > 0.0);
+        let samples = self.line.is_used(&v.values()) || any(self.noise_deviation) || any(self.resolution);
+        v[self.samples] = f64::from(u8::from(samples));
+        Ok(())
+    }
+
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        self.clock.start(t, v);
+        for i in 0..self.u.len() {
+            let (acts, u) = (v[self.time_constant][i] > 0.0, v[self.u][i]);
+            self.lag.start(i, acts, u, v);
+            self.line.fill(i, u, v);
+        }
+        self.sample(t, v);
+        Ok(())
+    }
+
+    fn parameters_changed(&self, t: f64, v: &mut Point) {
+        // A delay line holds every sample, so that none was missed.
+        if !self.line.is_used(&v.values()) {
+            self.clock.catch_up(t, v);
+        }
+        for i in 0..self.u.len() {
+            let (acts, u) = (v[self.time_constant][i] > 0.0, v[self.u][i]);
+            self.lag.change(i, acts, u, v);
+        }
+        self.sample(t, v);
+    }
+
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
+        for i in 0..self.u.len() {
+            let quantised = v[self.resolution][i].re() > 0.0;
+            y[self.y][i] = if quantised { v[self.held][i] } else { self.analogue(t, i, v) };
+        }
+    }
+
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        for i in 0..self.u.len() {
+            let acts = self.lag.acts(i, v);
+            let rate = || (v[self.u][i] - v[self.lag.x][i]) / v[self.time_constant][i];
+            dx[self.lag.x][i] = if acts { rate() } else { S::from(0.0) };
+        }
+    }
+
+    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+        (v[self.samples] != 0.0).then(|| self.clock.next(v))
+    }
+
+    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+        self.clock.tick(v);
+        for i in 0..self.u.len() {
+            let lagged = self.lag.lagged(i, v[self.u][i], &v.values());
+            self.line.push(i, lagged, v);
+        }
+        self.sample(t, v);
+    }
+}
+
+impl Sensor {
+    /// The value before quantisation.
+    fn analogue<S: Scalar>(&self, t: S, i: usize, v: &Values<S>) -> S {
+        let lagged = self.lag.lagged(i, v[self.u][i], v);
+        self.line.delayed(t, i, lagged, v) + v[self.bias][i] + v[self.noise_deviation][i] * v[self.noise][i]
+    }
+
+    /// Draws the noise of the latest sample, and quantises.
+    fn sample(&self, t: f64, v: &mut Point) {
+        let (seed, sample) = (v.get(self.seed), v[self.clock.sample]);
+        for i in 0..self.u.len() {
+            v[self.noise][i] = normal(seed, i, sample);
+            v[self.held][i] = quantised(self.analogue(t, i, &v.values()), v[self.resolution][i]);
+        }
+    }
+}
+
+/// The nearest multiple of the resolution.
+fn quantised(value: f64, resolution: f64) -> f64 {
+    let steps = value / resolution;
+    // Steps finer than the number itself change nothing.
+    if steps.is_finite() { steps.round() * resolution } else { value }
+}
