@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Once;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
@@ -73,8 +74,10 @@ pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<Pat
 }
 
 fn warn_if_slow(library: &Library) -> Result<(), Error> {
+    static TOLD: Once = Once::new();
     if !library.describe(None)?.build.optimised {
-        eprintln!("warning: the library was built without optimisation and is slow; build it with --release");
+        let warning = "the library was built without optimisation and is slow; build it with --release";
+        TOLD.call_once(|| eprintln!("warning: {warning}"));
     }
     Ok(())
 }

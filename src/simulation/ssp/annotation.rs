@@ -58,6 +58,15 @@ pub struct Plot {
     pub signals: Vec<String>,
 }
 
+/// A failure of a unit that the loop is there to show, as of one that can't be held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExpectedFailure {
+    /// Earliest time, s.
+    pub from: f64,
+    /// Latest time, s.
+    pub until: f64,
+}
+
 impl Reader<'_> {
     /// Communication step in s, and order.
     pub fn master(&self, node: Node) -> Result<(f64, Order), Error> {
@@ -95,6 +104,14 @@ impl Reader<'_> {
             from: self.number_or(node, "from", f64::NEG_INFINITY)?,
             limit: node.attribute("limit").map(|_| self.number(node, "limit")).transpose()?,
         })
+    }
+
+    pub fn expected_failure(&self, node: Node) -> Result<ExpectedFailure, Error> {
+        let (from, until) = (self.number(node, "from")?, self.number(node, "until")?);
+        if until < from {
+            return Err(self.refuse(node, &format!("until = {until}: must not be before from, {from}")));
+        }
+        Ok(ExpectedFailure { from, until })
     }
 
     pub fn plot(&self, node: Node) -> Result<Plot, Error> {
