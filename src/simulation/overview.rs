@@ -68,21 +68,13 @@ impl Row {
     /// The row of a run that took some time.
     pub fn new(name: &str, report: &Report, took: Duration) -> Self {
         let (end, verdict) = (report.end(), report.verdict());
-        let mut pieces: Vec<String> = report.measured.iter().map(piece).collect();
-        match (report.ending, report.structure.expected_failure) {
-            (Ending::Failed(_), _) if verdict == Verdict::Holds => {
-                pieces = vec![format!("failed at t = {end} s, as it should")];
-            }
-            // Metrics of a loop that is lost say nothing.
-            (Ending::Failed(_), _) => pieces = vec![format!("failed at t = {end} s")],
-            (Ending::Complete, Some(expected)) if expected.until < end => {
-                pieces.insert(0, format!("should have failed by t = {} s", expected.until));
-            }
-            _ => {}
-        }
-        if *report.ending == Ending::Complete && !report.recording.warnings.is_empty() {
-            pieces.push(format!("warnings: {}", report.recording.warnings.len()));
-        }
+        let pieces = match report.ending {
+            Ending::Failed(_) if verdict == Verdict::Holds => vec![format!("failed at t = {end} s, as it should")],
+            // Metrics of a loop that is lost, or of a part of a run, say nothing.
+            Ending::Failed(_) => vec![format!("failed at t = {end} s")],
+            Ending::Interrupted => vec![format!("at t = {end} s")],
+            Ending::Complete => complete(report),
+        };
         Row { name: name.to_owned(), verdict, took: Some(took), pieces }
     }
 
@@ -90,6 +82,13 @@ impl Row {
     pub fn without_run(name: &str, verdict: Verdict, reason: &str) -> Self {
         Row { name: name.to_owned(), verdict, took: None, pieces: vec![reason.to_owned()] }
     }
+}
+
+/// What is told of a run that came to its end.
+fn complete(report: &Report) -> Vec<String> {
+    let expected = report.structure.expected_failure.filter(|expected| expected.until < report.end());
+    let failure = expected.map(|expected| format!("should have failed by t = {} s", expected.until));
+    failure.into_iter().chain(report.measured.iter().map(piece)).collect()
 }
 
 /// A metric without its span of time, and its limit.
