@@ -395,3 +395,15 @@ fn a_file_that_is_no_xml_is_refused() {
     let nothing = Folder(tempfile::tempdir().unwrap());
     assert_tells(&nothing.refusal(), &["SystemStructure.ssd"]);
 }
+
+#[test]
+fn a_loop_may_be_there_to_show_a_failure_in_a_span_of_time() {
+    let with = |failure: &str| Folder::new("").replaced("</ClosedLoop>", &format!("\n{failure}</ClosedLoop>"));
+    assert_eq!(with("").structure().unwrap().expected_failure, None);
+    let expected = with("<ExpectedFailure from='0.1' until='0.2'/>").structure().unwrap().expected_failure.unwrap();
+    assert_eq!((expected.from, expected.until), (0.1, 0.2));
+    for (failure, word) in [("from='0.2' until='0.1'", "until = 0.1"), ("from='0.2'", "no until")] {
+        let told = with(&format!("<ExpectedFailure {failure}/>")).refusal();
+        assert_tells(&told, &["SystemStructure.ssd", "line ", word]);
+    }
+}

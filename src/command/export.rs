@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Once;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
@@ -73,8 +74,10 @@ pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<Pat
 }
 
 fn warn_if_slow(library: &Library) -> Result<(), Error> {
+    static TOLD: Once = Once::new();
     if !library.describe(None)?.build.optimised {
-        eprintln!("warning: the library was built without optimisation and is slow; build it with --release");
+        let warning = "the library was built without optimisation and is slow; build it with --release";
+        TOLD.call_once(|| eprintln!("warning: {warning}"));
     }
     Ok(())
 }
@@ -99,11 +102,33 @@ fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error
     let fmus = match files.fmus() {
         Some(own) => own,
         None => {
-            export_units(&files.structure()?, library, new.path())?;
+            export_with_choices(&files.structure()?, library, new.path())?;
             new.path().to_owned()
         }
     };
     let (file, warnings) = pack(&files, &fmus, out)?;
     warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
     Ok(file)
+}
+
+/// Writes the FMUs of a loop into a folder, started as the loop chooses from enumerations: other masters can't set them.
+fn export_with_choices(structure: &Structure, library: &Library, out: &Path) -> Result<(), Error> {
+    warn_if_slow(library)?;
+    let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
+    for fmu in needed {
+        let source = exporter::find_description(fmu)?.with_start(&choices(structure, fmu))?;
+        exporter::export(&source, library, out)?;
+    }
+    Ok(())
+}
+
+/// The enumerations' items that all units of an FMU take.
+fn choices<'a>(structure: &'a Structure, fmu: &str) -> Vec<(&'a str, &'a str)> {
+    let mut units = structure.components.iter().filter(|component| component.fmu == fmu).map(|unit| {
+        let chosen = unit.values.iter().filter(|value| value.data_type.as_deref() == Some("Enumeration"));
+        chosen.map(|value| (value.name.as_str(), value.text.trim())).collect::<BTreeSet<_>>()
+    });
+    let first = units.next().unwrap_or_default();
+    let common = units.fold(first, |common, unit| &common & &unit);
+    common.into_iter().collect()
 }

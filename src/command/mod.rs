@@ -7,3 +7,4 @@ pub mod list;
 pub mod parameters;
 mod progress;
 pub mod run;
+mod run_all;

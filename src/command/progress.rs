@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::simulation::Settings;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Exit code of a run that was interrupted: 128 and the number of the signal, as shells have it.
 pub const INTERRUPTED: u8 = 130;
@@ -14,7 +14,7 @@ const REFRESH: Duration = Duration::from_millis(200);
 static ASKED_TO_STOP: AtomicBool = AtomicBool::new(false);
 
 /// From now on, Ctrl-C asks the run to stop at the next communication point, and a second one ends at once.
-pub fn listen_to_interrupts() {
+fn listen_to_interrupts() {
     let heard = ctrlc::set_handler(|| {
         if ASKED_TO_STOP.swap(true, Ordering::SeqCst) {
             process::exit(INTERRUPTED.into());
@@ -30,7 +30,23 @@ pub fn is_interrupted() -> bool {
     ASKED_TO_STOP.load(Ordering::SeqCst)
 }
 
-/// A bar on stderr, where that is a terminal.
+/// The bars of all runs on stderr, where that is a terminal.
+pub struct Bars(MultiProgress);
+
+impl Bars {
+    /// From now on, interrupts are listened to.
+    pub fn new(silent: bool) -> Self {
+        listen_to_interrupts();
+        Bars(if silent { MultiProgress::with_draw_target(ProgressDrawTarget::hidden()) } else { MultiProgress::new() })
+    }
+
+    /// A line on stderr, above the bars.
+    pub fn tell(&self, line: &str) {
+        self.0.suspend(|| eprintln!("{line}"));
+    }
+}
+
+/// The bar of a run.
 pub struct Progress {
     bar: ProgressBar,
     settings: Settings,
@@ -39,10 +55,10 @@ pub struct Progress {
 }
 
 impl Progress {
-    pub fn new(silent: bool, settings: Settings) -> Self {
+    pub fn new(bars: &Bars, name: &str, settings: Settings) -> Self {
         let length = ((settings.stop_time - settings.start_time) * 1e3) as u64;
-        let bar = if silent { ProgressBar::hidden() } else { ProgressBar::new(length) };
-        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}, {eta} left") {
+        let bar = bars.0.add(ProgressBar::new(length)).with_prefix(name.to_owned());
+        if let Ok(style) = ProgressStyle::with_template("{prefix:14} {bar:30} {percent:>3} %  {msg}, {eta} left") {
             bar.set_style(style);
         }
         bar.enable_steady_tick(REFRESH);

@@ -2,18 +2,20 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
 use adaptive_fmu::simulation::{
-    ClosedLoop, Ending, LoopFiles, Measured, Order, Recording, Report, Settings, Structure,
+    ClosedLoop, Ending, LoopFiles, Measured, Order, Recording, Report, Settings, Structure, Verdict,
 };
 use adaptive_fmu::simulation::{measure, svg, terminal};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::export::{export_units, export_whole};
 use super::parameters::Parameters;
-use super::progress::{self, Progress};
+use super::progress::{self, Bars, Progress};
+use super::run_all;
 
 /// A metric beyond its limit.
 const BEYOND_LIMIT: u8 = 3;
@@ -22,8 +24,11 @@ const RESULTS: &str = "results";
 #[derive(clap::Args)]
 pub struct Arguments {
     /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
-    #[arg(value_name = "LOOP")]
-    name: String,
+    #[arg(value_name = "LOOP", required_unless_present = "all")]
+    name: Option<String>,
+    /// All loops of this package, and a table of them
+    #[arg(long, conflicts_with_all = ["name", "case", "set"])]
+    all: bool,
     /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
     #[arg(long, conflicts_with_all = ["order", "fmus"])]
     composite: bool,
@@ -33,7 +38,7 @@ pub struct Arguments {
     fmus: Option<PathBuf>,
     /// Folder for results
     #[arg(long, default_value = RESULTS)]
-    out: PathBuf,
+    pub out: PathBuf,
     /// Communication step in s, in place of the loop's own
     #[arg(long, value_parser = positive)]
     step: Option<f64>,
@@ -47,15 +52,15 @@ pub struct Arguments {
     parameters: Parameters,
     /// As JSON
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 impl Arguments {
     /// A loop as it is, through the FMUs in a folder.
     pub fn of(name: &str, fmus: &Path, json: bool) -> Self {
         let (fmus, out, parameters) = (Some(fmus.to_owned()), PathBuf::from(RESULTS), Parameters::default());
-        let (name, composite, step, until, order) = (name.to_owned(), false, None, None, None);
-        Arguments { name, composite, fmus, out, step, until, order, parameters, json }
+        let (name, step, until, order) = (Some(name.to_owned()), None, None, None);
+        Arguments { name, all: false, composite: false, fmus, out, step, until, order, parameters, json }
     }
 }
 
@@ -80,9 +85,58 @@ fn close(options: &Arguments, files: &LoopFiles, structure: &Structure) -> Resul
     ClosedLoop::new(structure, &fmus)
 }
 
-/// Runs a closed loop, writes what it recorded and prints its metrics.
+/// Runs a closed loop, or all, and prints what it came to.
 pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
-    let files = LoopFiles::find(&options.name)?;
+    let Some(name) = &options.name else { return Ok(run_all::execute(options)) };
+    let done = run(options, name, &Bars::new(options.json))?;
+    if let Some(error) = done.failure {
+        eprintln!("what was computed until then is in {}", done.folder.display());
+        return Err(error);
+    }
+    print(&done, options.json).map_err(|reason| Error::Loop { file: done.structure.file.clone(), reason })?;
+    Ok(exit_code(done.report().verdict()))
+}
+
+pub fn exit_code(verdict: Verdict) -> ExitCode {
+    match verdict {
+        Verdict::Holds => ExitCode::SUCCESS,
+        Verdict::Beyond => ExitCode::from(BEYOND_LIMIT),
+        Verdict::Failed => ExitCode::FAILURE,
+        Verdict::Interrupted => ExitCode::from(progress::INTERRUPTED),
+    }
+}
+
+/// A run whose results are written.
+pub struct Run {
+    structure: Structure,
+    settings: Settings,
+    whole: bool,
+    recording: Recording,
+    measured: Vec<Measured>,
+    ending: Ending,
+    folder: PathBuf,
+    /// Why it did not come to its end.
+    pub failure: Option<Error>,
+    /// How long the simulation took.
+    pub took: Duration,
+}
+
+impl Run {
+    pub fn report(&self) -> Report<'_> {
+        let Run { structure, settings, whole, recording, measured, ending, .. } = self;
+        Report { structure, settings: *settings, whole: *whole, recording, measured, ending }
+    }
+
+    /// What a script wants of it.
+    pub fn told(&self) -> Value {
+        json!({ "loop": self.structure.name, "ended": self.ending.word(), "metrics": self.measured,
+                "warnings": self.recording.warnings, "results": self.folder })
+    }
+}
+
+/// Runs a closed loop and writes its results, also those of a run that a unit's failure ended.
+pub fn run(options: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
+    let files = LoopFiles::find(name)?;
     let mut structure = files.structure()?;
     options.parameters.apply(&mut structure, &files)?;
     let settings = Settings {
@@ -99,41 +153,35 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
         )));
     }
     let mut closed = close(options, &files, &structure)?;
-    if options.composite {
+    let begun = Instant::now();
+    let (mut recording, ending, failure) = simulate(&mut closed, settings, &mut Progress::new(bars, name, settings));
+    let took = begun.elapsed();
+    let measured = measure(&structure, &mut recording).map_err(wrong)?;
+    let whole = options.composite;
+    if whole {
         structure.name.push_str("-composite");
     }
-    let (mut recording, ending, failure) = simulate(&mut closed, settings, options.json);
-    let measured = measure(&structure, &mut recording).map_err(wrong)?;
     let folder = options.out.join(&structure.name);
-    let (recording, measured, whole) = (&recording, &measured, options.composite);
-    let report = Report { structure: &structure, settings, whole, recording, measured, ending: &ending };
-    write_results(&report, &folder)?;
-    if let Some(error) = failure {
-        eprintln!("what was computed until then is in {}", folder.display());
-        return Err(error);
-    }
-    print(&report, &folder, options.json).map_err(wrong)?;
-    let beyond = measured.iter().any(|metric| metric.holds() == Some(false));
-    Ok(match ending {
-        Ending::Interrupted => ExitCode::from(progress::INTERRUPTED),
-        _ if beyond => ExitCode::from(BEYOND_LIMIT),
-        _ => ExitCode::SUCCESS,
-    })
+    let done = Run { structure, settings, whole, recording, measured, ending, folder, failure, took };
+    write_results(&done.report(), &done.folder)?;
+    Ok(done)
 }
 
 /// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.
-fn simulate(closed: &mut ClosedLoop, settings: Settings, silent: bool) -> (Recording, Ending, Option<Error>) {
-    progress::listen_to_interrupts();
-    let mut shown = Progress::new(silent, settings);
+fn simulate(
+    closed: &mut ClosedLoop,
+    settings: Settings,
+    progress: &mut Progress,
+) -> (Recording, Ending, Option<Error>) {
     let mut ending = Ending::Complete;
     let result = closed.run(settings, |time| {
-        shown.show(time);
+        progress.show(time);
         if progress::is_interrupted() && time < settings.stop_time {
             ending = Ending::Interrupted;
         }
         ending == Ending::Complete
     });
-    shown.clear();
+    progress.clear();
     match result {
         Ok(recording) => (recording, ending, None),
         Err((error, recording)) => (*recording, Ending::Failed(error.to_string()), Some(error)),
@@ -159,23 +207,20 @@ fn write_results(report: &Report, folder: &Path) -> Result<(), Error> {
     write("index.html", report.html().map_err(wrong)?)
 }
 
-fn print(report: &Report, folder: &Path, json: bool) -> Result<(), String> {
-    let Report { structure, recording, measured, ending, .. } = report;
-    if let Some(shortfall) = report.shortfall() {
+fn print(done: &Run, json: bool) -> Result<(), String> {
+    let Run { structure, recording, measured, folder, .. } = done;
+    if let Some(shortfall) = done.report().shortfall() {
         eprintln!("the run {shortfall}; what was computed until then is in {}", folder.display());
     }
     if json {
-        let warnings = &recording.warnings;
-        let value = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured, "warnings": warnings,
-                            "results": folder });
-        println!("{value}");
+        println!("{}", done.told());
         return Ok(());
     }
     if let Some(plot) = structure.plots.first() {
         println!("{}", terminal(plot, recording)?);
     }
     println!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
-    for Measured { label, value, limit } in *measured {
+    for Measured { label, value, limit } in measured {
         let value = value.map_or("–".to_owned(), |value| format!("{value:.5}"));
         println!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
     }

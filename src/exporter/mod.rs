@@ -31,6 +31,24 @@ pub struct Source {
     pub text: String,
 }
 
+impl Source {
+    /// The same system with other start values.
+    ///
+    /// # Errors
+    /// When the text is no description.
+    pub fn with_start(self, values: &[(&str, &str)]) -> Result<Self, Error> {
+        if values.is_empty() {
+            return Ok(self);
+        }
+        let refuse = |reason: String| Error::Description { file: self.file.clone(), reason };
+        let mut table: toml::Table = self.text.parse().map_err(|error: toml::de::Error| refuse(error.to_string()))?;
+        let start = table.entry("start").or_insert_with(|| toml::Table::new().into());
+        let start = start.as_table_mut().ok_or_else(|| refuse("start must be a table".to_owned()))?;
+        start.extend(values.iter().map(|(name, text)| ((*name).to_owned(), (*text).into())));
+        Ok(Source { text: table.to_string(), ..self })
+    }
+}
+
 /// The descriptions of this package: name and text.
 pub fn descriptions() -> &'static [(&'static str, &'static str)] {
     DESCRIPTIONS

@@ -100,11 +100,15 @@ pub struct Report<'a> {
 }
 
 impl Report<'_> {
+    /// Time of the last recorded point in s: a multiple of the communication step, without its rounding error.
+    pub fn end(&self) -> f64 {
+        let end = self.recording.times.last().unwrap_or(&self.settings.start_time);
+        (end * 1e9).round() / 1e9
+    }
+
     /// What is to be said of a run that did not come to its end; none of a complete one.
     pub fn shortfall(&self) -> Option<String> {
-        let (end, stop) = (self.recording.times.last().unwrap_or(&self.settings.start_time), self.settings.stop_time);
-        // A multiple of the communication step, without its rounding error.
-        let end = (end * 1e9).round() / 1e9;
+        let (end, stop) = (self.end(), self.settings.stop_time);
         match self.ending {
             Ending::Complete => None,
             Ending::Interrupted => Some(format!("was interrupted at t = {end} s of {stop} s")),

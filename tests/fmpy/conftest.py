@@ -19,8 +19,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from master import Fmu, Unit  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-# What a person wrote an FMU's description for, known before anything is exported.
+# What a person wrote an FMU's description or a loop's structure for, known before anything is exported.
 FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
+LOOP_NAMES = sorted(file.parent.name for file in ROOT.glob("examples/*/SystemStructure.ssd"))
 
 
 def adaptive_fmu(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:

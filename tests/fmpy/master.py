@@ -1,6 +1,6 @@
-"""A small master on FMPy: units by variable names, and the closed loop of example 3.2.1."""
+"""A small master on FMPy: units by variable names, closed loops of any units, and that of example 3.2.1."""
 
-from ctypes import POINTER, c_double, c_uint
+from ctypes import POINTER, c_double, c_int, c_uint
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -156,89 +156,125 @@ class Exchange(Unit):
         return dx
 
 
-class Reals:
-    """Some real variables of a unit, read or set together without looking them up again."""
+class Values:
+    """Some variables of a unit of one type, read or set together without looking them up again."""
 
-    def __init__(self, unit: Unit, names: list[str]) -> None:
-        self.values = np.zeros(len(names))
+    _NUMBERS = {"Real": (c_double, float), "Integer": (c_int, np.intc), "Boolean": (c_int, np.intc)}
+
+    def __init__(self, unit: Unit, names: list[str], kind: str = "Real") -> None:
+        number, array = self._NUMBERS[kind]
+        self.values = np.zeros(len(names), array)
         self._slave, self._count = unit.slave, len(names)
+        self._get, self._set = (getattr(unit.slave, f"fmi2{word}{kind}") for word in ("Get", "Set"))
         self._references = (c_uint * len(names))(*map(unit.reference, names))
-        self._pointer = (c_double * len(names)).from_buffer(self.values)
+        self._pointer = (number * len(names)).from_buffer(self.values)
 
     def get(self) -> None:
         """Reads them into `values`."""
-        self._slave.fmi2GetReal(self._slave.component, self._references, self._count, self._pointer)
+        self._get(self._slave.component, self._references, self._count, self._pointer)
 
     def set(self) -> None:
         """Sets them from `values`."""
-        self._slave.fmi2SetReal(self._slave.component, self._references, self._count, self._pointer)
-
-
-OUTPUTS = {"reference": ["r[1]"], "plant": ["x[1]", "x[2]", "y[1]"], "controller": ["u[1]"]}
-INPUTS = {"reference": [], "plant": ["u[1]"], "controller": ["r[1]", "x[1]", "x[2]"]}
+        self._set(self._slave.component, self._references, self._count, self._pointer)
 
 
 @dataclass
 class Loop:
-    """What was recorded of the closed loop, at every communication point."""
+    """What was recorded of a closed loop at every communication point: `loop["plant.y[1]"]`."""
 
     time: np.ndarray
-    r: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    u: np.ndarray
+    signals: dict[str, np.ndarray]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.signals[name]
+
+    # The signals of example 3.2.1.
+    @property
+    def r(self) -> np.ndarray:
+        return self["reference.r[1]"]
+
+    @property
+    def x(self) -> np.ndarray:
+        return np.column_stack([self["plant.x[1]"], self["plant.x[2]"]])
+
+    @property
+    def y(self) -> np.ndarray:
+        return self["plant.y[1]"]
+
+    @property
+    def u(self) -> np.ndarray:
+        return self["controller.u[1]"]
 
     def same_as(self, other: "Loop") -> bool:
         """Whether all of it is equal, bit for bit."""
-        mine, theirs = vars(self).values(), vars(other).values()
-        return all(a.tobytes() == b.tobytes() for a, b in zip(mine, theirs, strict=True))
+        same = self.time.tobytes() == other.time.tobytes() and self.signals.keys() == other.signals.keys()
+        return same and all(values.tobytes() == other[name].tobytes() for name, values in self.signals.items())
 
     def part(self, first: int, last: int) -> "Loop":
         """The communication points from one to the other, both included."""
-        return Loop(**{name: values[first : last + 1] for name, values in vars(self).items()})
+        chosen = slice(first, last + 1)
+        return Loop(self.time[chosen], {name: values[chosen] for name, values in self.signals.items()})
+
+    def followed_by(self, later: "Loop") -> "Loop":
+        """With a run that begins where this one ends."""
+        signals = {name: np.concatenate([values, later[name][1:]]) for name, values in self.signals.items()}
+        return Loop(np.concatenate([self.time, later.time[1:]]), signals)
+
+
+Connections = list[tuple[str, str]]
 
 
 class ClosedLoop:
-    """Reference, plant and controller of example 3.2.1 with their connections."""
+    """Units by their names and connections between their real variables: ("plant.y[1]", "controller.y[1]")."""
 
-    def __init__(self, reference: Unit, plant: Unit, controller: Unit) -> None:
-        self.units = {"reference": reference, "plant": plant, "controller": controller}
-        self._outputs = {name: Reals(unit, OUTPUTS[name]) for name, unit in self.units.items()}
-        self._inputs = {name: Reals(unit, INPUTS[name]) for name, unit in self.units.items()}
-        # Every value that is handed on: outputs' buffer and place, inputs' buffer and place.
-        to_controller = [("reference", 0, 0), ("plant", 0, 1), ("plant", 1, 2)]
-        self._links = {
-            "reference": [],
-            "plant": [(self._outputs["controller"].values, 0, self._inputs["plant"].values, 0)],
-            "controller": [
-                (self._outputs[source].values, i, self._inputs["controller"].values, j)
-                for source, i, j in to_controller
-            ],
-        }
+    def __init__(self, units: dict[str, Unit], connections: Connections) -> None:
+        self.units = units
+        self._outputs = {name: self._outputs_of(unit) for name, unit in units.items()}
+        self.signals = [f"{name}.{v}" for name, parts in self._outputs.items() for names, _ in parts for v in names]
+        ends = [[end.split(".", 1) for end in connection] for connection in connections]
+        inputs = {name: [variable for _, (unit, variable) in ends if unit == name] for name in units}
+        self._inputs = {name: Values(unit, inputs[name]) for name, unit in units.items()}
+        # What each unit is handed: buffer and place of the output, place of the input.
+        self._links: dict[str, list[tuple[np.ndarray, int, int]]] = {name: [] for name in units}
+        for (source, output), (target, _) in ends:
+            names, reals = next(part for part in self._outputs[source] if output in part[0])
+            assert reals.values.dtype == float, f"{source}.{output} is no real variable"
+            self._links[target].append((reals.values, names.index(output), len(self._links[target])))
+
+    @staticmethod
+    def _outputs_of(unit: Unit) -> list[tuple[list[str], Values]]:
+        """The outputs of a unit, those of a type together."""
+        named = [(unit.fmu.named(causality="output", type=kind), kind) for kind in ("Real", "Integer", "Boolean")]
+        return [(names, Values(unit, names, kind)) for names, kind in named if names]
 
     def take(self, name: str, read_again: bool = False) -> None:
         """Hands a unit its inputs; `read_again` reads its outputs once more after that, as OMSimulator does."""
-        for source, i, target, j in self._links[name]:
-            target[j] = source[i]
-        self._inputs[name].set()
+        inputs = self._inputs[name]
+        for source, i, j in self._links[name]:
+            inputs.values[j] = source[i]
+        inputs.set()
         if read_again:
             self.give(name)
 
     def give(self, name: str) -> None:
         """Reads a unit's outputs."""
-        self._outputs[name].get()
+        for _, values in self._outputs[name]:
+            values.get()
+
+    def _row(self) -> np.ndarray:
+        return np.concatenate([values.values for parts in self._outputs.values() for _, values in parts])
 
     def forget(self) -> None:
         """Hands on nothing of an earlier run."""
-        for reals in [*self._outputs.values(), *self._inputs.values()]:
-            reals.values.fill(0.0)
+        for values in [*(values for parts in self._outputs.values() for _, values in parts), *self._inputs.values()]:
+            values.values.fill(0)
 
     def start(self, time: float = 0.0, stop: float | None = None, inputs_set: bool = True) -> Self:
         """Initialises all units, with or without handing on values in Initialization Mode."""
         for unit in self.units.values():
             unit.slave.setupExperiment(startTime=time, stopTime=stop)
             unit.slave.enterInitializationMode()
-        for _ in range(3 if inputs_set else 0):
+        for _ in self.units if inputs_set else []:
             for name in self.units:
                 self.take(name)
                 self.give(name)
@@ -260,11 +296,13 @@ class ClosedLoop:
         """Steps all units, from communication point `first` on."""
         count = round((stop - start) / step)
         times = start + step * np.arange(first, count + 1)
-        rows = np.empty((len(times), 5))
-        outputs = list(self._outputs.values())
-        rows[0] = np.concatenate([output.values for output in outputs])
-        for k in range(len(times) - 1):
-            time, duration = float(times[k]), float(times[k + 1] - times[k])
+        return self.follow(times, np.diff(times), order, read_again)
+
+    def follow(self, times: np.ndarray, steps: np.ndarray, order: str, read_again: bool = False) -> Loop:
+        """Steps all units from one of these times to the next, by these steps."""
+        rows = np.empty((len(times), len(self.signals)))
+        rows[0] = self._row()
+        for k, (time, duration) in enumerate(zip(times[:-1].tolist(), steps.tolist(), strict=True)):
             if order == "jacobi":
                 for name in self.units:
                     self.take(name, read_again)
@@ -277,8 +315,15 @@ class ClosedLoop:
             if order == "jacobi":
                 for name in self.units:
                     self.give(name)
-            rows[k + 1] = np.concatenate([output.values for output in outputs])
-        return Loop(times, rows[:, 0].copy(), rows[:, 1:3].copy(), rows[:, 3].copy(), rows[:, 4].copy())
+            rows[k + 1] = self._row()
+        return Loop(times, {name: rows[:, place].copy() for place, name in enumerate(self.signals)})
+
+
+def example(reference: Unit, plant: Unit, controller: Unit) -> ClosedLoop:
+    """Example 3.2.1."""
+    connections = [(f"plant.{x}", f"controller.{x}") for x in ("x[1]", "x[2]")]
+    connections += [("reference.r[1]", "controller.r[1]"), ("controller.u[1]", "plant.u[1]")]
+    return ClosedLoop({"reference": reference, "plant": plant, "controller": controller}, connections)
 
 
 def closed_loop(
@@ -287,7 +332,7 @@ def closed_loop(
     """Example 3.2.1 from rest through its three FMUs; `fmu` gives one by its name."""
     with Unit(fmu(REFERENCE)) as reference, Unit(fmu(PLANT)) as plant, Unit(fmu(CONTROLLER)) as controller:
         reference["signal"] = signal
-        loop = ClosedLoop(reference, plant, controller)
+        loop = example(reference, plant, controller)
         loop.start(stop=stop, inputs_set=options.pop("inputs_set", True))
         return loop.run(stop, step, order, **options)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from master import Reals, Unit
+from master import Values, Unit
 
 UNITS = {
     "robot": ("ReferenceTwoLinkRobot", "TwoLinkRobot", "L1TwoLinkRobot"),
@@ -25,10 +25,10 @@ class Separate:
         values = zip(UNITS[kind], ({}, plant, controller), strict=True)
         self.reference, self.plant, self.controller = (unit(name, **of_unit) for name, of_unit in values)
         m = len([name for name in self.plant.fmu.variables if name.startswith("y[")])
-        self.r, self.x = Reals(self.reference, elements("r", m)), Reals(self.plant, elements("x", 2 * m))
-        self.u, self.by_hand = (Reals(self.controller, elements(name, m)) for name in ("u", "u_manual"))
-        self._inputs = Reals(self.controller, [*elements("r", m), *elements("x", 2 * m)])
-        self._applied, self._count = Reals(self.plant, elements("u", m)), 0
+        self.r, self.x = Values(self.reference, elements("r", m)), Values(self.plant, elements("x", 2 * m))
+        self.u, self.by_hand = (Values(self.controller, elements(name, m)) for name in ("u", "u_manual"))
+        self._inputs = Values(self.controller, [*elements("r", m), *elements("x", 2 * m)])
+        self._applied, self._count = Values(self.plant, elements("u", m)), 0
         self.reference.start()
         self.plant.start()
         self.r.get()

@@ -113,13 +113,17 @@ def test_other_masters_find_their_annotations_first_and_attributes_where_they_re
 
 
 def test_a_value_that_other_masters_leave_out_is_told_when_a_loop_is_packed(loop, tmp_path) -> None:
-    parameter = '<ssv:Parameter name="signal"><ssv:Enumeration value="cosine"/></ssv:Parameter></ssv:Parameters>'
+    # The FMU starts with the cosine.
+    parameter = '<ssv:Parameter name="signal"><ssv:Enumeration value="square"/></ssv:Parameter></ssv:Parameters>'
     change(loop / "reference.ssv", "</ssv:Parameters>", parameter)
     binding = '<ssd:ParameterBinding source="reference.ssv"/>'
     change(loop / "SystemStructure.ssd", binding, binding * 2)
     answer = adaptive_fmu("export", "--ssp", loop, "--out", tmp_path)
     assert answer.returncode == 0 and "warning: `reference.signal`" in answer.stderr
     assert "warning: `reference` has several parameter sets" in answer.stderr
+    with zipfile.ZipFile(tmp_path / f"{LOOPS[0]}.ssp") as archive:
+        # They refuse a file that names an item.
+        assert '<ssv:Parameter name="signal"><ssv:Integer value="2"/>' in archive.read("reference.ssv").decode()
     bindings = '<ssd:ParameterBindings><ssd:ParameterBinding prefix="reference." source="reference.ssv"/></ssd:ParameterBindings>'
     change(loop / "SystemStructure.ssd", "<ssd:Elements>", f"{bindings}<ssd:Elements>")
     assert "warning: the system has parameters" in adaptive_fmu("export", "--ssp", loop, "--out", tmp_path).stderr

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
 import pytest
-from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, Loop, Unit, closed_loop
+from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, Loop, Unit, closed_loop, example
 
 STEP, STOP, COUNT = 1e-3, 0.6, 8
 
@@ -17,7 +17,7 @@ def loops(unit) -> list[ClosedLoop]:
     for k in range(COUNT):
         reference = unit(REFERENCE, signal=["cosine", "square"][k % 2])
         controller = unit(CONTROLLER, **{"feedback_gain[1,1]": 20.0 + k})
-        made.append(ClosedLoop(reference, unit(PLANT, **{"x0[1]": 0.1 * k}), controller))
+        made.append(example(reference, unit(PLANT, **{"x0[1]": 0.1 * k}), controller))
     return made
 
 
@@ -84,7 +84,7 @@ def test_freeing_one_instance_leaves_the_others_alone(unit, fmu) -> None:
 
 def test_a_failed_instance_leaves_the_others_alone(unit, fmu) -> None:
     expected = closed_loop(fmu, 0.2, STEP)
-    loop = ClosedLoop(unit(REFERENCE), unit(PLANT), unit(CONTROLLER)).start()
+    loop = example(unit(REFERENCE), unit(PLANT), unit(CONTROLLER)).start()
     failing = unit(PLANT, **{"x0[1]": 1e6}).start()
     with pytest.raises(Exception, match="fmi2DoStep"):
         failing.step(0.0, 1.0)

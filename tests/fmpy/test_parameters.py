@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from independent import Design, Experiment, changed, continuous_loop
-from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, Loop, Unit, refused
+from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, Unit, example, refused
 
 STEP = 1e-3
 VARIABLES = {
@@ -16,15 +16,11 @@ VARIABLES = {
 @pytest.fixture
 def loop(unit) -> ClosedLoop:
     """The example with its cosine, started."""
-    return ClosedLoop(unit(REFERENCE), unit(PLANT), unit(CONTROLLER)).start()
+    return example(unit(REFERENCE), unit(PLANT), unit(CONTROLLER)).start()
 
 
 def controller_of(loop: ClosedLoop) -> Unit:
     return loop.units["controller"]
-
-
-def joined(first: Loop, second: Loop) -> Loop:
-    return Loop(**{name: np.concatenate([values, vars(second)[name][1:]]) for name, values in vars(first).items()})
 
 
 @pytest.mark.parametrize(
@@ -36,7 +32,7 @@ def test_a_gain_changed_while_running_acts_as_in_the_continuous_loop(
     until, stop = 2000, 4000
     first = loop.run(until * STEP, STEP)
     controller_of(loop)[VARIABLES[number]] = value
-    run = joined(first, loop.run(stop * STEP, STEP, first=until))
+    run = first.followed_by(loop.run(stop * STEP, STEP, first=until))
     solution = continuous_loop(Experiment(4.0, changes=((2.0, changed(**{number: value})),)))
     unchanged = continuous_loop(Experiment(4.0))
     error = np.abs(run.x[::10] - solution.x).max()
@@ -106,7 +102,7 @@ INVALID = [
 def test_an_invalid_set_is_refused_and_the_loop_goes_on_as_if_it_had_never_been_set(
     unit, loop: ClosedLoop, values: dict[str, float], named: str
 ) -> None:
-    other = ClosedLoop(unit(REFERENCE), unit(PLANT), unit(CONTROLLER)).start()
+    other = example(unit(REFERENCE), unit(PLANT), unit(CONTROLLER)).start()
     loop.run(0.5, STEP), other.run(0.5, STEP)
     controller = controller_of(loop)
     before = controller.everything()

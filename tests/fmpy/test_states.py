@@ -1,7 +1,7 @@
 """States that a master saves, restores, and keeps as bytes; reset."""
 
 import pytest
-from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, refused
+from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, example, refused
 
 STEP, SAVED, STOP = 1e-3, 700, 1200
 NAMES = ["reference", "plant", "controller"]
@@ -12,7 +12,7 @@ def make_loop(unit):
     """Makes the example's loop with the square wave (its next edge after 0.7 s is at 2.17 s), not yet started."""
 
     def make() -> ClosedLoop:
-        return ClosedLoop(unit(REFERENCE, signal="square"), unit(PLANT), unit(CONTROLLER))
+        return example(unit(REFERENCE, signal="square"), unit(PLANT), unit(CONTROLLER))
 
     return make
 

@@ -80,6 +80,15 @@ pub struct Plot {
     pub signals: Vec<String>,
 }
 
+/// A failure of a unit that the loop is there to show, as of one that can't be held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExpectedFailure {
+    /// Earliest time, s.
+    pub from: f64,
+    /// Latest time, s.
+    pub until: f64,
+}
+
 impl Reader<'_> {
     /// Communication step in s, and order.
     pub fn master(&self, node: Node) -> Result<(f64, Order), Error> {
@@ -129,6 +138,14 @@ impl Reader<'_> {
             [start, end, rate] if end > 0.0 && start >= end && rate >= 0.0 => Ok(Funnel { start, end, rate }),
             _ => Err(self.refuse(node, "funnel must be three numbers rho_0 >= rho_inf > 0 and a rate of decay >= 0")),
         }
+    }
+
+    pub fn expected_failure(&self, node: Node) -> Result<ExpectedFailure, Error> {
+        let (from, until) = (self.number(node, "from")?, self.number(node, "until")?);
+        if until < from {
+            return Err(self.refuse(node, &format!("until = {until}: must not be before from, {from}")));
+        }
+        Ok(ExpectedFailure { from, until })
     }
 
     pub fn plot(&self, node: Node) -> Result<Plot, Error> {

@@ -9,7 +9,7 @@ mod structure;
 
 use std::path::PathBuf;
 
-pub use annotation::{Funnel, IdealModel, Metric, Plot, Statistic};
+pub use annotation::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Statistic};
 pub use files::LoopFiles;
 pub use package::pack;
 
@@ -49,6 +49,8 @@ pub struct Structure {
     pub metrics: Vec<Metric>,
     /// What is plotted.
     pub plots: Vec<Plot>,
+    /// The failure that it is to end with, if it is to.
+    pub expected_failure: Option<ExpectedFailure>,
 }
 
 /// A unit of the loop.

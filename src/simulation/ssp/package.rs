@@ -7,11 +7,12 @@ use roxmltree::Node;
 
 use super::files::LoopFiles;
 use super::reader::parse;
-use super::{STRUCTURE, Structure};
+use super::{Component, STRUCTURE, StartValue, Structure};
 use crate::error::Error;
 use crate::exporter::{read_entry, write_entries};
-use crate::simulation::check::check;
-use crate::simulation::description::{Description, child, elements};
+use crate::simulation::check::{Wiring, check};
+use crate::simulation::description::{Description, Variable, attribute, child, elements};
+use crate::simulation::fmu::Value;
 
 /// Namespaces that the annotations below stand in. Other masters read prefixes as they stand, and some take an
 /// attribute for an element: so they are declared in the root.
@@ -22,20 +23,26 @@ const NAMESPACES: [(&str, &str); 4] = [
     ("osp", "http://opensimulationplatform.com/SSP/OSPAnnotations"),
 ];
 
-/// Writes `NAME.ssp` into a folder: the structure, the parameter files and the FMUs of another folder. The same files
-/// always give the same bytes. Answers its path, and what other masters will leave out.
+/// Writes `NAME.ssp` into a folder: the structure, the parameter files and the FMUs of another folder. Items of
+/// enumerations are given by their numbers there. The same files always give the same bytes. Answers its path, and what other masters will leave out.
 ///
 /// # Errors
 /// When the loop and its FMUs don't fit each other, or files are missing or can't be written.
 pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
     let structure = files.structure()?;
-    let mut warnings = left_out(&structure, fmus)?;
+    let descriptions = descriptions(&structure, fmus)?;
+    let wiring = check(&structure, &descriptions.iter().collect::<Vec<_>>())?;
+    let choices = choices(&structure, &descriptions, &wiring);
+    let mut warnings = wiring.notes;
+    warnings.extend(choices.iter().filter_map(Choice::left_out));
     warnings.extend(overlooked(files)?);
-    let mut entries = vec![(STRUCTURE.to_owned(), for_other_masters(files, &structure)?.into_bytes())];
-    let sets: BTreeSet<String> = files.parameter_files().into_iter().chain(structure.parameter_files).collect();
-    for name in sets {
-        let text = files.read(&name)?;
-        entries.push((name, text.into_bytes()));
+    let file = files.structure_file();
+    let text = for_other_masters(&numbered(&files.structure_text()?, &file, &choices)?, &file, &structure)?;
+    let mut entries = vec![(STRUCTURE.to_owned(), text.into_bytes())];
+    let beside = files.parameter_files();
+    for name in beside.iter().chain(&structure.parameter_files).collect::<BTreeSet<_>>() {
+        let text = numbered(&files.read(name)?, &files.path(name), &choices)?;
+        entries.push((name.clone(), text.into_bytes()));
     }
     let units: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
     for unit in units {
@@ -49,26 +56,74 @@ pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<
     Ok((file, warnings))
 }
 
-/// Checks the loop; start values of enumerations, which ecos, libcosim and OMSimulator don't set.
-fn left_out(structure: &Structure, fmus: &Path) -> Result<Vec<String>, Error> {
-    let mut descriptions = Vec::new();
-    for component in &structure.components {
+/// The descriptions of the components' FMUs, one each, in their order.
+fn descriptions(structure: &Structure, fmus: &Path) -> Result<Vec<Description>, Error> {
+    let read = |component: &Component| {
         let file = fmus.join(format!("{}.fmu", component.fmu));
-        let refuse = |reason| Error::Archive { file: file.clone(), reason };
-        descriptions.push(Description::read(&read_entry(&file, "modelDescription.xml")?).map_err(refuse)?);
+        let xml = read_entry(&file, "modelDescription.xml")?;
+        Description::read(&xml).map_err(|reason| Error::Archive { file, reason })
+    };
+    structure.components.iter().map(read).collect()
+}
+
+/// A start value that is an item of an enumeration. Other masters know none: ecos and libcosim refuse a package that
+/// names an item, and leave its number out with a warning; so does OMSimulator.
+struct Choice<'a> {
+    component: &'a str,
+    value: &'a StartValue,
+    /// Number of the item.
+    number: i32,
+    variable: &'a Variable,
+}
+
+/// The choices that a loop makes.
+fn choices<'a>(structure: &'a Structure, descriptions: &'a [Description], wiring: &Wiring) -> Vec<Choice<'a>> {
+    let mut choices = Vec::new();
+    for ((component, description), values) in structure.components.iter().zip(descriptions).zip(&wiring.values) {
+        for (place, value) in values {
+            let variable = &description.variables[*place];
+            let given = component.values.iter().find(|given| given.name == variable.name);
+            if let ("Enumeration", Value::Integer(number), Some(value)) = (variable.kind.as_str(), value, given) {
+                choices.push(Choice { component: &component.name, value, number: *number, variable });
+            }
+        }
     }
-    let descriptions: Vec<&Description> = descriptions.iter().collect();
-    let wiring = check(structure, &descriptions)?;
-    let mut warnings = wiring.notes;
-    for ((component, description), values) in structure.components.iter().zip(descriptions).zip(wiring.values) {
-        let variables = values.iter().map(|(place, _)| &description.variables[*place]);
-        let enumerations = variables.filter(|variable| variable.kind == "Enumeration");
-        warnings.extend(enumerations.map(|variable| {
-            let name = format!("{}.{}", component.name, variable.name);
-            format!("`{name}` is an enumeration: ecos, libcosim and OMSimulator keep the FMU's start value")
-        }));
+    choices
+}
+
+impl Choice<'_> {
+    /// What is to be told of it, unless the FMU starts with it anyway.
+    fn left_out(&self) -> Option<String> {
+        let starts_so = self.variable.start.as_ref().is_some_and(|start| *start == self.number.to_string());
+        let name = format!("{}.{}", self.component, self.variable.name);
+        let warning = format!("`{name}` is an enumeration: ecos, libcosim and OMSimulator keep the FMU's start value");
+        (!starts_so).then_some(warning)
     }
-    Ok(warnings)
+
+    /// Whether it was given in this line of a file, under this name there.
+    fn is_given(&self, file: &Path, line: u32, name: &str) -> bool {
+        let origin = &self.value.origin;
+        let same_name = name.ends_with(&self.value.name) || self.value.name.ends_with(name);
+        origin.file == file && origin.line == Some(line) && same_name
+    }
+}
+
+/// The text of a file with the numbers of chosen items in place of their names.
+fn numbered(text: &str, file: &Path, choices: &[Choice]) -> Result<String, Error> {
+    let document = parse(text, file)?;
+    let named = document.descendants().filter(|node| node.tag_name().name() == "Enumeration");
+    let mut numbered = text.to_owned();
+    // From the end on, so that what is still to be replaced stays in its place.
+    for node in named.collect::<Vec<_>>().into_iter().rev() {
+        let Some(parameter) = node.parent().filter(|parent| parent.tag_name().name() == "Parameter") else { continue };
+        let line = document.text_pos_at(parameter.range().start).row;
+        let name = attribute(parameter, "name").unwrap_or_default();
+        if let Some(choice) = choices.iter().find(|choice| choice.is_given(file, line, &name)) {
+            let tag = text[node.range().start + 1..].split("Enumeration").next().unwrap_or_default();
+            numbered.replace_range(node.range(), &format!("<{tag}Integer value=\"{}\"/>", choice.number));
+        }
+    }
+    Ok(numbered)
 }
 
 /// Parameter sets that other masters don't look for.
@@ -92,8 +147,8 @@ fn overlooked(files: &LoopFiles) -> Result<Vec<String>, Error> {
 
 /// The structure with what masters want that know the communication step by annotations of their own only:
 /// OMSimulator reads no system without one, and only where it is the first; libcosim has no step without one.
-fn for_other_masters(files: &LoopFiles, structure: &Structure) -> Result<String, Error> {
-    let (text, file, step) = (files.structure_text()?, files.structure_file(), structure.step);
+fn for_other_masters(text: &str, file: &Path, structure: &Structure) -> Result<String, Error> {
+    let step = structure.step;
     let oms = |content: String| ("org.openmodelica", format!("<oms:Annotations>{content}</oms:Annotations>"));
     let master = oms(format!(
         "<oms:SimulationInformation><oms:FixedStepMaster description=\"oms-ma\" stepSize=\"{step}\" \
@@ -104,9 +159,9 @@ fn for_other_masters(files: &LoopFiles, structure: &Structure) -> Result<String,
         structure.name
     ));
     let algorithm = format!("<osp:Algorithm><osp:FixedStepAlgorithm baseStepSize=\"{step}\"/></osp:Algorithm>");
-    let text = annotated(&declared(&text, &file)?, &file, "System", &master)?;
-    let text = annotated(&text, &file, "DefaultExperiment", &("com.opensimulationplatform", algorithm))?;
-    annotated(&text, &file, "DefaultExperiment", &results)
+    let text = annotated(&declared(text, file)?, file, "System", &master)?;
+    let text = annotated(&text, file, "DefaultExperiment", &("com.opensimulationplatform", algorithm))?;
+    annotated(&text, file, "DefaultExperiment", &results)
 }
 
 /// The text with an annotation before the others of a child of the root, unless it has one of that type.

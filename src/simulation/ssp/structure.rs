@@ -55,6 +55,7 @@ impl Reader<'_> {
             models: elements(ours, "IdealModel").map(|node| self.model(node)).collect::<Result<_, _>>()?,
             metrics: elements(ours, "Metric").map(|node| self.metric(node)).collect::<Result<_, _>>()?,
             plots: elements(ours, "Plot").map(|node| self.plot(node)).collect::<Result<_, _>>()?,
+            expected_failure: child(ours, "ExpectedFailure").map(|node| self.expected_failure(node)).transpose()?,
         };
         // The system's values come last: they prevail over those of its components.
         structure.apply(self.bindings(system, &units, files)?)?;

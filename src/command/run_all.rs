@@ -1,0 +1,83 @@
+//! `run --all`: every closed loop of this package.
+
+use std::panic::resume_unwind;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::exporter;
+use adaptive_fmu::simulation::{Row, Verdict, table};
+use serde_json::{Value, json};
+
+use super::progress::{self, Bars};
+use super::run::{Arguments, exit_code, run};
+
+/// A loop's row, and all that is known of it.
+struct Tried {
+    row: Row,
+    told: Value,
+}
+
+/// Runs the loops on all cores, each as it is run alone, and prints a table of them.
+pub fn execute(options: &Arguments) -> ExitCode {
+    let tried = on_all_cores(options);
+    let (rows, told): (Vec<Row>, Vec<Value>) = tried.into_iter().map(|tried| (tried.row, tried.told)).unzip();
+    if options.json {
+        println!("{}", json!({ "loops": told }));
+    } else {
+        println!("{}", table(&rows));
+        println!("the results of each loop are in a folder of its name in {}", options.out.display());
+    }
+    exit_code(rows.iter().map(|row| row.verdict).max().unwrap_or(Verdict::Holds))
+}
+
+fn on_all_cores(options: &Arguments) -> Vec<Tried> {
+    let (loops, next, bars) = (exporter::loops(), AtomicUsize::new(0), Bars::new(options.json));
+    let work = || {
+        let mut tried = Vec::new();
+        loop {
+            let place = next.fetch_add(1, Ordering::Relaxed);
+            let Some((name, _)) = loops.get(place) else { return tried };
+            tried.push((place, attempt(options, name, &bars)));
+        }
+    };
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let mut tried: Vec<(usize, Tried)> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    });
+    tried.sort_by_key(|(place, _)| *place);
+    tried.into_iter().map(|(_, tried)| tried).collect()
+}
+
+/// Runs a loop; what goes wrong is told, and the others go on.
+fn attempt(options: &Arguments, name: &str, bars: &Bars) -> Tried {
+    if progress::is_interrupted() {
+        return without_run(Row::without_run(name, Verdict::Interrupted, "not begun"), "not begun");
+    }
+    let failed = |error: Error| {
+        bars.tell(&format!("error: {name}: {error}"));
+        without_run(Row::without_run(name, Verdict::Failed, "could not be run"), &error.to_string())
+    };
+    let done = match run(options, name, bars) {
+        Ok(done) => done,
+        Err(error) => return failed(error),
+    };
+    let row = Row::new(name, &done.report(), done.took);
+    let mut told = done.told();
+    told["verdict"] = json!(row.verdict.word());
+    told["seconds"] = json!(done.took.as_secs_f64());
+    if let Some(error) = &done.failure {
+        told["error"] = json!(error.to_string());
+        if row.verdict == Verdict::Failed {
+            bars.tell(&format!("error: {name}: {error}"));
+        }
+    }
+    Tried { row, told }
+}
+
+fn without_run(row: Row, reason: &str) -> Tried {
+    let told = json!({ "loop": row.name, "verdict": row.verdict.word(), "metrics": [], "error": reason });
+    Tried { row, told }
+}
