@@ -136,7 +136,9 @@ impl Law {
         for (i, amplitude) in amplitudes.iter_mut().enumerate() {
             let stiffness: f64 = PB.column(i).iter().zip(self.directions.column(i).iter()).map(|(p, b)| p * b).sum();
             let square = v[self.design.adaptation_gain] * self.excitation(v, i) * stiffness;
-            *amplitude = 2.0 * (rates[i] / square.sqrt()).hypot(second_rates[i] / square);
+            // Frozen estimates leave nothing that swings.
+            let swings = |rate: f64, second: f64| 2.0 * (rate / square.sqrt()).hypot(second / square);
+            *amplitude = if square > 0.0 { swings(rates[i], second_rates[i]) } else { 0.0 };
         }
     }
 
@@ -144,13 +146,13 @@ impl Law {
     fn may_be_projected(&self, v: &Values<f64>, amplitudes: &[f64], [start, end, whole]: [&[f64]; 3]) -> bool {
         let epsilon = v[self.design.projection_tolerance];
         (0..self.estimates()).any(|k| {
-            let Estimate { place, bounds: (lo, hi), channel: i, factor } = self.estimate(k, v);
+            let estimate = self.estimate(k, v);
+            let Estimate { place, bounds: (lo, hi), channel: i, factor } = estimate;
             let (gone, further) = (end[i] - start[i], whole[i] - start[i]);
             let [down, up] = [gone.min(further).min(0.0) - amplitudes[i], gone.max(further).max(0.0) + amplitudes[i]];
             let share = factor / self.excitation(v, i);
             let in_layer = |increment: f64| projection::is_in_layer(v[place] + share * increment, lo, hi, epsilon);
-            // An estimate whose bounds coincide is in no layer, but doesn't move.
-            lo == hi || in_layer(down) || in_layer(up)
+            !estimate.is_frozen() && (in_layer(down) || in_layer(up))
         })
     }
 
@@ -189,20 +191,17 @@ impl Law {
             states[z.span().range()].copy_from_slice(&end[at.z..at.time]);
         }
         for k in 0..self.estimates() {
-            let Estimate { place, channel, factor, .. } = self.estimate(k, v);
-            let increment = factor * (end[at.a + channel] - start[at.a + channel]) / self.excitation(v, channel);
-            states[place.span().start] = v[place] + increment;
+            let estimate = self.estimate(k, v);
+            let Estimate { place, channel, factor, .. } = estimate;
+            let moved = || factor * (end[at.a + channel] - start[at.a + channel]) / self.excitation(v, channel);
+            states[place.span().start] = v[place] + if estimate.is_frozen() { 0.0 } else { moved() };
         }
     }
 
-    /// N: the sum of squares of what the estimates of a channel are multiplied by.
+    /// N: the sum of squares of what the estimates of a channel are multiplied by, of those that may move.
     fn excitation(&self, v: &Values<f64>, channel: usize) -> f64 {
-        if let Some(unmatched) = self.unmatched.as_ref().filter(|_| channel >= self.eta_hat.len()) {
-            return v[unmatched.norm] * v[unmatched.norm] + 1.0;
-        }
-        let entries = self.omega_entries.iter().filter(|entry| entry.0 == channel);
-        let of_control: f64 = entries.map(|&(_, j)| v[self.v][j] * v[self.v][j]).sum();
-        of_control + v[self.phi].iter().map(|phi| phi * phi).sum::<f64>() + 1.0
+        let estimates = (0..self.estimates()).map(|k| self.estimate(k, v));
+        estimates.filter(|e| e.channel == channel && !e.is_frozen()).map(|e| e.factor * e.factor).sum()
     }
 
     /// Whether the closed form is worth its while: not while an estimate is at a bound, nor where a general method needs

@@ -15,6 +15,13 @@ pub(super) struct Estimate {
     pub factor: f64,
 }
 
+impl Estimate {
+    /// Whether its bounds leave it nowhere to go.
+    pub fn is_frozen(&self) -> bool {
+        self.bounds.0 == self.bounds.1
+    }
+}
+
 impl Law {
     /// Number of channels with uncertainty: of the control, and of unmatched directions.
     pub(super) fn channels(&self) -> usize {
