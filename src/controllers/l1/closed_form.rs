@@ -112,18 +112,26 @@ impl Law {
         apply(matrix, start, end);
         apply(matrix, end, whole);
         let (rates, second_rates) = (&end[at.a..at.f], &whole[at.a..at.f]);
-        let amplitudes = &mut eta[..rates.len()];
-        self.amplitudes(&values, rates, second_rates, amplitudes);
+        // What η̂ was written down in has done its part.
+        let (amplitudes, rest) = eta.split_at_mut(self.channels());
+        let excitations = &mut rest[..amplitudes.len()];
+        excitations.iter_mut().enumerate().for_each(|(i, excitation)| *excitation = self.excitation(&values, i));
+        self.amplitudes(&values, excitations, [rates, second_rates], amplitudes);
         matrix.iter_mut().for_each(|entry| *entry *= stride.length);
         exponential::exponential(at.order, matrix, exponential);
         apply(matrix, start, end);
         apply(matrix, end, whole);
         let of_a = at.a..at.f;
-        if self.may_be_projected(&values, amplitudes, [&start[of_a.clone()], &end[of_a.clone()], &whole[of_a]]) {
+        if self.may_be_projected(
+            &values,
+            excitations,
+            amplitudes,
+            [&start[of_a.clone()], &end[of_a.clone()], &whole[of_a]],
+        ) {
             return false;
         }
-        self.arrive(&values, at, [start, whole], stride.slopes, 2.0 * stride.length, stride.whole);
-        self.arrive(&values, at, [start, end], stride.slopes, stride.length, states);
+        self.arrive(&values, excitations, [start, whole], stride.slopes, 2.0 * stride.length, stride.whole);
+        self.arrive(&values, excitations, [start, end], stride.slopes, stride.length, states);
         for handle in self.all_states() {
             v.set(handle, &states[handle.span().range()]);
         }
@@ -131,11 +139,12 @@ impl Law {
     }
 
     /// How far a may swing about where it stands, with its rates of first and second order.
-    fn amplitudes(&self, v: &Values<f64>, rates: &[f64], second_rates: &[f64], amplitudes: &mut [f64]) {
+    fn amplitudes(&self, v: &Values<f64>, excitations: &[f64], rates: [&[f64]; 2], amplitudes: &mut [f64]) {
+        let [rates, second_rates] = rates;
         let PB = v.matrix(self.design.PB);
         for (i, amplitude) in amplitudes.iter_mut().enumerate() {
             let stiffness: f64 = PB.column(i).iter().zip(self.directions.column(i).iter()).map(|(p, b)| p * b).sum();
-            let square = v[self.design.adaptation_gain] * self.excitation(v, i) * stiffness;
+            let square = v[self.design.adaptation_gain] * excitations[i] * stiffness;
             // Frozen estimates leave nothing that swings.
             let swings = |rate: f64, second: f64| 2.0 * (rate / square.sqrt()).hypot(second / square);
             *amplitude = if square > 0.0 { swings(rates[i], second_rates[i]) } else { 0.0 };
@@ -143,14 +152,20 @@ impl Law {
     }
 
     /// Whether an estimate may come to the layer in which projection acts, where a goes through these values.
-    fn may_be_projected(&self, v: &Values<f64>, amplitudes: &[f64], [start, end, whole]: [&[f64]; 3]) -> bool {
+    fn may_be_projected(
+        &self,
+        v: &Values<f64>,
+        excitations: &[f64],
+        amplitudes: &[f64],
+        [start, end, whole]: [&[f64]; 3],
+    ) -> bool {
         let epsilon = v[self.design.projection_tolerance];
         (0..self.estimates()).any(|k| {
             let estimate = self.estimate(k, v);
             let Estimate { place, bounds: (lo, hi), channel: i, factor } = estimate;
             let (gone, further) = (end[i] - start[i], whole[i] - start[i]);
             let [down, up] = [gone.min(further).min(0.0) - amplitudes[i], gone.max(further).max(0.0) + amplitudes[i]];
-            let share = factor / self.excitation(v, i);
+            let share = factor / excitations[i];
             let in_layer = |increment: f64| projection::is_in_layer(v[place] + share * increment, lo, hi, epsilon);
             !estimate.is_frozen() && (in_layer(down) || in_layer(up))
         })
@@ -176,13 +191,13 @@ impl Law {
     fn arrive(
         &self,
         v: &Values<f64>,
-        at: Places,
+        excitations: &[f64],
         [start, end]: [&[f64]; 2],
         slopes: &[f64],
         h: f64,
         states: &mut [f64],
     ) {
-        let slope = &slopes[self.ports.x.span().range()];
+        let (at, slope) = (self.places(), &slopes[self.ports.x.span().range()]);
         for (k, x_hat) in states[self.x_hat.span().range()].iter_mut().enumerate() {
             *x_hat = v[self.ports.x][k] + slope[k] * h + end[k];
         }
@@ -193,7 +208,7 @@ impl Law {
         for k in 0..self.estimates() {
             let estimate = self.estimate(k, v);
             let Estimate { place, channel, factor, .. } = estimate;
-            let moved = || factor * (end[at.a + channel] - start[at.a + channel]) / self.excitation(v, channel);
+            let moved = || factor * (end[at.a + channel] - start[at.a + channel]) / excitations[channel];
             states[place.span().start] = v[place] + if estimate.is_frozen() { 0.0 } else { moved() };
         }
     }

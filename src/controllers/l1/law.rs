@@ -326,8 +326,8 @@ impl Law {
         }
     }
 
-    /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it never makes the
-    /// control jump.
+    /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it makes the
+    /// control jump at most by what u_ad has of η̂_2 at once.
     fn control_law<S: Scalar>(&self, r: &[S], v: &Values<S>, dx: &mut Rates<S>) {
         let eta_hat = &v[self.eta_hat];
         let (K, K_g) = (v.matrix(self.design.feedback_gain), v.matrix(self.design.K_g));
