@@ -2,4 +2,5 @@
 
 pub mod l1;
 pub mod l1_quadrotor;
+pub mod observer;
 mod position_loop;

@@ -18,6 +18,7 @@ use crate::system::{
 pub(super) use law::Law;
 pub(super) use ports::Ports;
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
+pub(super) use structure::{input_and_output, nominal_dynamics, of_motion};
 
 /// What the adaptive control starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,11 +117,11 @@ impl System for L1 {
     }
 }
 
-fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S]) -> S {
+pub(super) fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S]) -> S {
     row.zip(column).fold(S::from(0.0), |sum, (&a, &b)| sum + a * b)
 }
 
-fn squared<S: Scalar>(x: &[S]) -> S {
+pub(super) fn squared<S: Scalar>(x: &[S]) -> S {
     dot(x.iter(), x)
 }
 
