@@ -131,18 +131,19 @@ fn both_interfaces_give_the_derivatives_of_the_values_that_a_master_sees() {
                 let [after, before] = [h, -h].map(|by| at(&exchange, &knowns, &moved(by), &unknowns));
                 after.iter().zip(&before).map(|(after, before)| (after - before) / (2.0 * h)).collect::<Vec<_>>()
             };
-            let (coarse, fine) = (central(2e-4), central(1e-4));
+            let [coarse, fine, finer, finest] = [2e-4, 1e-4, 1e-5, 1e-6].map(central);
             let exact = along(&slave, &unknowns, &knowns, &seed).unwrap();
             at(&exchange, &knowns, &values, &unknowns);
             assert_eq!(along(&exchange, &unknowns, &knowns, &seed).unwrap(), exact, "{name}");
-            for ((exact, coarse), fine) in exact.iter().zip(coarse).zip(fine) {
+            for (i, exact) in exact.iter().enumerate() {
+                let (coarse, fine) = (coarse[i], fine[i]);
                 if (fine - coarse).abs() > 1e-4 * exact.abs().max(1.0) {
                     kinks += 1;
                     continue;
                 }
                 compared += 1;
-                // A slight kink between the two steps spoils the coarse difference, and what is extrapolated from it.
-                let differences = [fine + (fine - coarse) / 3.0, fine];
+                // A slight kink nearby spoils what reaches across it: the nearer differences don't.
+                let differences = [fine + (fine - coarse) / 3.0, finer[i], finest[i]];
                 let near = |difference: f64| (exact - difference).abs() < 1e-6 * exact.abs().max(1.0);
                 assert!(differences.into_iter().any(near), "{name}: {exact}, {differences:?}");
             }
