@@ -1,11 +1,13 @@
 //! L1 adaptive control of a quadrotor's attitude behind a loop for its position: examples 3.3.2 and 7.5.3.
 
+use std::ops::Range;
+
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    Declaration, ErrorEstimate, Input, Invalid, Parameter, Point, Rates, Scalar, Signal, Signals, Stride, System,
-    Values, VectorOf, boolean, vector,
+    Declaration, ErrorEstimate, Input, Invalid, Many, Parameter, Point, Rates, Scalar, Signal, Signals, Spec, Stride,
+    System, Values, VectorOf, boolean, vector,
 };
 
 /// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques. Where it is `OBSERVED`, the law takes the angles and
@@ -48,20 +50,9 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
                 .units(&units)
                 .nominals(&[5.0, 0.01, 0.01, 0.01])
         };
-        let states = ["position", "velocity", "angle", "rate of angle"];
-        let axes = [["in x", "in y", "in z"], ["phi, roll", "theta, pitch", "psi, yaw"]];
-        let measured = if OBSERVED { 9 } else { 12 };
-        let states: Vec<_> =
-            (0..measured).map(|k| format!("measured {} {}", states[k / 3], axes[k / 6][k % 3])).collect();
-        let states: Vec<_> = states.iter().map(String::as_str).collect();
         let limit = "1e15 is no limit";
-        let units = ["m", "m/s", "rad", "rad/s"].map(|unit| [unit; 3]).concat();
-        let x = d.input(vector("x", measured, "").each(&states).units(&units[..measured]));
-        let attitude_state = if OBSERVED {
-            d.input(vector("x_obs", 6, "estimate of an angle, then of its rate, in the order of x").units(&units[6..]))
-        } else {
-            x.part(6..12)
-        };
+        let x = d.input(state("x", "measured", 0..if OBSERVED { 9 } else { 12 }));
+        let attitude_state = if OBSERVED { d.input(state("x_obs", "estimated", 6..12)) } else { x.part(6..12) };
         let enabled = "whether the controller is in command; the torques take over without a jump";
         let enabled = d.input(boolean("enabled", enabled).start(true));
         let u_manual = d.input(control("u_manual", "while the controller is not enabled:"));
@@ -144,4 +135,14 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
     fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
         self.attitude.conclude(whole, nominals, v)
     }
+}
+
+/// The state (position, velocity, angles, rates of angles) or a part of it, as an input.
+fn state(name: &str, how: &str, part: Range<usize>) -> Spec<Many> {
+    let kinds = [("position", "m"), ("velocity", "m/s"), ("angle", "rad"), ("rate of angle", "rad/s")];
+    let axes = [["in x", "in y", "in z"], ["phi, roll", "theta, pitch", "psi, yaw"]];
+    let texts: Vec<_> = part.clone().map(|k| format!("{how} {} {}", kinds[k / 3].0, axes[k / 6][k % 3])).collect();
+    let texts: Vec<_> = texts.iter().map(String::as_str).collect();
+    let units: Vec<_> = part.clone().map(|k| kinds[k / 3].1).collect();
+    vector(name, part.len(), "").each(&texts).units(&units)
 }
