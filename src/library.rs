@@ -2,6 +2,7 @@
 //!
 //! To add a model: its own file, its description in `modelDescription/`, and a line here.
 
+use crate::controllers::fuzzy_l1::FuzzyL1;
 use crate::controllers::l1::L1;
 use crate::controllers::l1_quadrotor::L1Quadrotor;
 use crate::plants::actuated_siso::ActuatedSiso;
@@ -19,6 +20,7 @@ use crate::system::{Kind, Registry};
 
 /// Every system of this package.
 pub static REGISTRY: Registry = &[
+    Kind::of::<FuzzyL1>(),
     Kind::of::<L1>(),
     Kind::of::<L1Quadrotor>(),
     Kind::of::<ActuatedSiso>(),

@@ -103,7 +103,7 @@ impl System for L1Quadrotor {
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        self.attitude.derivatives(&v[self.position.angles], v, dx);
+        self.attitude.derivatives(&v[self.position.angles], v.matrix(self.attitude.feedback_gain()), v, dx);
     }
 
     fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
@@ -131,7 +131,7 @@ impl System for L1Quadrotor {
     }
 
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        self.attitude.closed_form(self.position.angles, stride, v)
+        self.attitude.closed_form(self.position.angles, self.attitude.feedback_gain(), stride, v)
     }
 
     fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {

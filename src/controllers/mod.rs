@@ -1,5 +1,7 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
+mod fuzzy_gain;
+pub mod fuzzy_l1;
 pub mod l1;
 pub mod l1_quadrotor;
 mod position_loop;

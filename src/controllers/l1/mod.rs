@@ -79,7 +79,7 @@ impl System for L1 {
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        self.law.derivatives(&v[self.r], v, dx);
+        self.law.derivatives(&v[self.r], v.matrix(self.law.feedback_gain()), v, dx);
     }
 
     fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
@@ -108,7 +108,7 @@ impl System for L1 {
     }
 
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        self.law.closed_form(self.r, stride, v)
+        self.law.closed_form(self.r, self.law.feedback_gain(), stride, v)
     }
 
     fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {

@@ -105,7 +105,7 @@ struct Units {
 
 /// Known units of the signals.
 #[derive(Debug)]
-pub(super) struct Symbols {
+pub(in crate::controllers) struct Symbols {
     pub r: Vec<&'static str>,
     pub x: Vec<&'static str>,
     pub u: Vec<&'static str>,
@@ -221,7 +221,7 @@ impl L1Structure {
 
     /// # Errors
     /// Which unit isn't known, or how many there must be.
-    pub(super) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
+    pub(in crate::controllers) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
         let Units { r, x, u } = &self.units;
         let u = Unit::symbols("u", u, m)?;
         let of_motion = |unit: &&'static str| match (self.commands, *unit) {
