@@ -102,8 +102,9 @@ fn at(unit: &Unit, knowns: &[u32], values: &[f64], unknowns: &[u32]) -> Vec<f64>
 /// both give are those of differences through the functions of model exchange.
 #[test]
 fn both_interfaces_give_the_derivatives_of_the_values_that_a_master_sees() {
-    let (mut random, mut starts) = (Random::new(7), Random::new(8));
     for name in description_names() {
+        // The same for each: one more unit changes no other's points.
+        let (mut random, mut starts) = (Random::new(7), Random::new(8));
         let (slave, exchange) = (Unit::new(&name), Unit::exchange(&name));
         slave.enter(0.0);
         // Away from rest, where quadratic damping has a kink in its slope.
@@ -131,12 +132,17 @@ fn both_interfaces_give_the_derivatives_of_the_values_that_a_master_sees() {
                 let [after, before] = [h, -h].map(|by| at(&exchange, &knowns, &moved(by), &unknowns));
                 after.iter().zip(&before).map(|(after, before)| (after - before) / (2.0 * h)).collect::<Vec<_>>()
             };
+            // What the slave met as an event in its step is one here.
+            at(&exchange, &knowns, &values, &unknowns);
+            assert_eq!(exchange.enter_event_mode(), OK);
+            exchange.settle();
             let (coarse, fine) = (central(2e-4), central(1e-4));
             let exact = along(&slave, &unknowns, &knowns, &seed).unwrap();
             at(&exchange, &knowns, &values, &unknowns);
             assert_eq!(along(&exchange, &unknowns, &knowns, &seed).unwrap(), exact, "{name}");
             for ((exact, coarse), fine) in exact.iter().zip(coarse).zip(fine) {
-                if (fine - coarse).abs() > 1e-4 * exact.abs().max(1.0) {
+                // A kink that only the coarse difference meets is off by a third of this in what they extrapolate to.
+                if (fine - coarse).abs() > 3e-6 * exact.abs().max(1.0) {
                     kinks += 1;
                     continue;
                 }
