@@ -1,4 +1,4 @@
-"""The loops of example 3.3.1 and of chapter 4, with a fuzzy gain too: as one unit, and through separate units at several steps."""
+"""The loops of example 3.3.1 and of chapter 4: as one unit, and through separate units at several steps."""
 
 import json
 import re
