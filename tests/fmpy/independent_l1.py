@@ -94,7 +94,7 @@ class L1:
         return fuzzy_gain(self.fuzzy[0] * abs(e), self.fuzzy[1] * abs(rate))
 
     def law(self) -> Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """u and the rate of the states (x_hat, omega_hat by rows, theta_hat, sigma_hat, u_ad), of (r, r'), x and them."""
+        """u and the rate of the states (x_hat, omega_hat by rows, theta_hat, sigma_hat, u_ad) of (r, r'), x, them."""
         m, A_m, B, K_m, K_g = self.m, self.A_m, self.B, self.K_m, self.K_g
         BP, gain = B.T @ self.P(), self.adaptation_gain
         bound = np.repeat([self.theta_bound, self.sigma_bound], m)
