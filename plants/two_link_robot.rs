@@ -23,6 +23,7 @@ pub struct TwoLinkRobot {
     inertia_variation: BooleanOf<Parameter>,
     variation_amplitude: VectorOf<Parameter>,
     variation_frequency: VectorOf<Parameter>,
+    rate_weight: ScalarOf<Parameter>,
     u: VectorOf<Input>,
     x: VectorOf<State>,
     y: VectorOf<Signal>,
@@ -65,16 +66,19 @@ impl System for TwoLinkRobot {
                     .unit("rad/s")
                     .starts(&[0.3, 0.25, 0.35]),
             ),
+            rate_weight: d.parameter(scalar("rate_weight", "weight of the rates in the output y").unit("s")),
             u: d.input(vector("u", 2, "").each(&["torque of joint 1", "torque of joint 2"]).unit("N.m")),
             x: d.state(vector("x", 4, "").each(&states).units(&state_units).output()),
-            y: d.output(vector("y", 2, "").each(&["tracked output, q1", "tracked output, q2"]).unit("rad")),
+            y: d.output(
+                vector("y", 2, "").each(&["output, q1 + rate_weight q1'", "output, q2 + rate_weight q2'"]).unit("rad"),
+            ),
             determinant: d.local(
                 scalar("det_M", "determinant of the inertia matrix; where it is not positive no motion follows")
                     .unit("kg2.m4"),
             ),
         };
         for i in 0..2 {
-            d.depends(robot.y.at(i), &[&robot.x.at(i)]);
+            d.depends(robot.y.at(i), &[&robot.x.at(i), &robot.x.at(i + 2)]);
             d.depends(robot.x.at(i).rate(), &[&robot.x.at(i + 2)]);
             d.depends(robot.x.at(i + 2).rate(), &[&robot.x, &robot.u]);
         }
@@ -97,8 +101,8 @@ impl System for TwoLinkRobot {
     }
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
-        let [q1, q2, ..] = v.array::<_, 4>(self.x);
-        y.set(self.y, [q1, q2]);
+        let ([q1, q2, w1, w2], weight) = (v.array(self.x), v[self.rate_weight]);
+        y.set(self.y, [q1 + weight * w1, q2 + weight * w2]);
         y[self.determinant] = determinant(self.inertia(t, v));
     }
 

@@ -2,8 +2,10 @@
 //!
 //! To add a model: its own file, its description in `modelDescription/`, and a line here.
 
+use crate::controllers::fuzzy_l1::FuzzyL1;
 use crate::controllers::l1::L1;
 use crate::controllers::l1_quadrotor::L1Quadrotor;
+use crate::controllers::observer::Observer;
 use crate::plants::actuated_siso::ActuatedSiso;
 use crate::plants::actuator::Actuator;
 use crate::plants::coupled_mimo::CoupledMimo;
@@ -19,8 +21,11 @@ use crate::system::{Kind, Registry};
 
 /// Every system of this package.
 pub static REGISTRY: Registry = &[
+    Kind::of::<FuzzyL1>(),
     Kind::of::<L1>(),
-    Kind::of::<L1Quadrotor>(),
+    Kind::of::<L1Quadrotor<false>>(),
+    Kind::of::<L1Quadrotor<true>>(),
+    Kind::of::<Observer>(),
     Kind::of::<ActuatedSiso>(),
     Kind::of::<Actuator>(),
     Kind::of::<CoupledMimo>(),

@@ -8,7 +8,7 @@ use adaptive_fmu::model::{Description, Model};
 use common::description;
 use common::models::Run;
 
-const CONTROLLERS: [&str; 3] = ["L1NonlinearSiso", "L1ActuatedSiso", "L1TwoLinkRobot"];
+const CONTROLLERS: [&str; 4] = ["L1NonlinearSiso", "L1ActuatedSiso", "L1TwoLinkRobot", "FuzzyL1ActuatedSiso"];
 
 /// A controller with further lines in its `[structure]` and its `[start]`. The robot's has the slower poles of its case 2.
 fn controller(name: &str, structure: &str, start: &str) -> Run {

@@ -1,8 +1,9 @@
-//! What controllers share: limits, the projection operator and the mathematics of their design.
+//! What controllers share: limits, the projection operator, fuzzy inference and the mathematics of their design.
 
 pub mod exponential;
 pub mod feedforward;
 pub mod filter;
+pub mod fuzzy;
 pub mod l1_design;
 pub mod l1_norm;
 pub mod limits;

@@ -1,16 +1,19 @@
 //! L1 adaptive control of a quadrotor's attitude behind a loop for its position: examples 3.3.2 and 7.5.3.
 
+use std::ops::Range;
+
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    Declaration, ErrorEstimate, Input, Invalid, Parameter, Point, Rates, Scalar, Signal, Signals, Stride, System,
-    Values, VectorOf, boolean, vector,
+    Declaration, ErrorEstimate, Input, Invalid, Many, Parameter, Point, Rates, Scalar, Signal, Signals, Spec, Stride,
+    System, Values, VectorOf, boolean, vector,
 };
 
-/// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques.
+/// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques. Where it is `OBSERVED`, the law takes the angles and
+/// their rates from an observer; the position loop takes the measured angles all the same.
 #[derive(Debug)]
-pub struct L1Quadrotor {
+pub struct L1Quadrotor<const OBSERVED: bool> {
     position: PositionLoop,
     attitude: Law,
     x: VectorOf<Input>,
@@ -20,9 +23,9 @@ pub struct L1Quadrotor {
     u_max: VectorOf<Parameter>,
 }
 
-impl System for L1Quadrotor {
+impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
     type Structure = L1Structure;
-    const NAME: &'static str = "l1-quadrotor";
+    const NAME: &'static str = if OBSERVED { "l1-quadrotor-observed" } else { "l1-quadrotor" };
     const DOCUMENTATION: &'static str =
         concat!(include_str!("../../docs/controllers/l1_quadrotor.md"), include_str!("../../docs/controllers/l1.md"));
 
@@ -47,14 +50,9 @@ impl System for L1Quadrotor {
                 .units(&units)
                 .nominals(&[5.0, 0.01, 0.01, 0.01])
         };
-        let states = ["position", "velocity", "angle", "rate of angle"];
-        let axes = [["in x", "in y", "in z"], ["phi, roll", "theta, pitch", "psi, yaw"]];
-        let states: Vec<_> = (0..12).map(|k| format!("measured {} {}", states[k / 3], axes[k / 6][k % 3])).collect();
-        let states: Vec<_> = states.iter().map(String::as_str).collect();
         let limit = "1e15 is no limit";
-        let x = d.input(
-            vector("x", 12, "").each(&states).units(&["m", "m/s", "rad", "rad/s"].map(|unit| [unit; 3]).concat()),
-        );
+        let x = d.input(state("x", "measured", 0..if OBSERVED { 9 } else { 12 }));
+        let attitude_state = if OBSERVED { d.input(state("x_obs", "estimated", 6..12)) } else { x.part(6..12) };
         let enabled = "whether the controller is in command; the torques take over without a jump";
         let enabled = d.input(boolean("enabled", enabled).start(true));
         let u_manual = d.input(control("u_manual", "while the controller is not enabled:"));
@@ -64,7 +62,7 @@ impl System for L1Quadrotor {
         let u_min = d.parameter(control("u_min", &format!("lower limit ({limit}):")).starts(&min));
         let u_max = d.parameter(control("u_max", &format!("upper limit ({limit}):")).starts(&max));
         let ports = Ports {
-            x: x.part(6..12),
+            x: attitude_state,
             enabled,
             u_manual: u_manual.part(1..4),
             u: u.part(1..4),
@@ -95,7 +93,7 @@ impl System for L1Quadrotor {
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        let [p1, p2, p3, v1, v2, v3, phi, theta, psi, ..] = v.array::<_, 12>(self.x);
+        let [p1, p2, p3, v1, v2, v3, phi, theta, psi, ..] = v.array::<_, 9>(self.x.part(0..9));
         self.position.outputs([[p1, p2, p3], [v1, v2, v3], [phi, theta, psi]], v, y);
         let wanted = if self.attitude.is_active(v) { y[self.position.thrust] } else { v[self.u_manual.at(0)] };
         y[self.u.at(0)] = within(wanted, v[self.u_min.at(0)], v[self.u_max.at(0)]);
@@ -103,7 +101,7 @@ impl System for L1Quadrotor {
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        self.attitude.derivatives(&v[self.position.angles], v, dx);
+        self.attitude.derivatives(&v[self.position.angles], v.matrix(self.attitude.feedback_gain()), v, dx);
     }
 
     fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
@@ -131,10 +129,20 @@ impl System for L1Quadrotor {
     }
 
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        self.attitude.closed_form(self.position.angles, stride, v)
+        self.attitude.closed_form(self.position.angles, self.attitude.feedback_gain(), stride, v)
     }
 
     fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
         self.attitude.conclude(whole, nominals, v)
     }
+}
+
+/// The state (position, velocity, angles, rates of angles) or a part of it, as an input.
+fn state(name: &str, how: &str, part: Range<usize>) -> Spec<Many> {
+    let kinds = [("position", "m"), ("velocity", "m/s"), ("angle", "rad"), ("rate of angle", "rad/s")];
+    let axes = [["in x", "in y", "in z"], ["phi, roll", "theta, pitch", "psi, yaw"]];
+    let texts: Vec<_> = part.clone().map(|k| format!("{how} {} {}", kinds[k / 3].0, axes[k / 6][k % 3])).collect();
+    let texts: Vec<_> = texts.iter().map(String::as_str).collect();
+    let units: Vec<_> = part.clone().map(|k| kinds[k / 3].1).collect();
+    vector(name, part.len(), "").each(&texts).units(&units)
 }

@@ -1,5 +1,8 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
+mod fuzzy_gain;
+pub mod fuzzy_l1;
 pub mod l1;
 pub mod l1_quadrotor;
+pub mod observer;
 mod position_loop;

@@ -61,8 +61,9 @@ def test_poles_and_weights_tuned_while_running_give_the_design_that_scipy_finds(
     check(controller, DESIGNS[then], Q)
 
 
-# Beyond the peaks of the control, and no further: scipy needs thousands of steps for a tenth of a second.
-@pytest.mark.parametrize(("loop", "stop"), [("3.3.1-case2", 0.2), ("4-case1", 0.12)])
+# Beyond the peaks of the control, and no further: scipy needs thousands of steps for a tenth of a second. With a fuzzy
+# gain only as far as scipy, which doesn't see its kinks, is accurate enough itself.
+@pytest.mark.parametrize(("loop", "stop"), [("3.3.1-case2", 0.2), ("4-case1", 0.12), ("4-case1-fuzzy", 0.06)])
 def test_a_loop_as_one_unit_is_the_continuous_loop_that_scipy_solves(loop: str, stop: float, tmp_path) -> None:
     exported = adaptive_fmu("export", "--composite", loop, "--out", tmp_path)
     assert exported.returncode == 0, exported.stderr
@@ -75,6 +76,9 @@ def test_a_loop_as_one_unit_is_the_continuous_loop_that_scipy_solves(loop: str, 
     for tolerance, of_x, of_u in ((1e-6, 1e-6, 1e-6 * peak), (1e-9, 2e-8, 1e-7 * peak)):
         with Unit(fmu) as whole:
             whole["relative_tolerance"] = tolerance
+            # Such that much of the inference's range is gone through in this time.
+            for name, value in zip(("k_p", "k_d", "k_e"), DESIGNS[loop].fuzzy or (), strict=False):
+                whole[f"controller.{name}"] = value
             whole.start(stop=stop)
             for k, (t, following) in enumerate(zip(times[:-1], times[1:], strict=True), start=1):
                 whole.step(t, following - t)

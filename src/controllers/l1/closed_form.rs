@@ -14,7 +14,7 @@ use super::law::Law;
 use super::unmatched::Zeros;
 use super::{Baseline, Regressor, largest};
 use crate::control::{exponential, projection};
-use crate::system::{Class, ErrorEstimate, Handle, Point, Section, State, Stride, Values, VectorOf};
+use crate::system::{Class, ErrorEstimate, Handle, MatrixOf, Point, Section, State, Stride, Values, VectorOf};
 
 /// Where the parts of the linear system's state (x̃, a, f, z, t, 1) begin.
 #[derive(Debug, Clone, Copy)]
@@ -33,6 +33,7 @@ struct Linear<'a> {
     /// The reference, and its rates where it moves within a stride.
     r: &'a [f64],
     r_rates: &'a [f64],
+    K: DMatrixView<'a, f64>,
     v: Values<'a, f64>,
     slopes: &'a [f64],
     at: Places,
@@ -100,14 +101,20 @@ impl Law {
     /// Advances the states by one stride, and tells where one of twice its length leads. Whether it could: not where an
     /// estimate may come to the layer at its bounds on the way, for what is linear here knows no projection.
     ///
-    /// A reference that is no input is held over the stride.
-    pub(in crate::controllers) fn closed_form<R: Class>(&self, r: VectorOf<R>, stride: Stride, v: &mut Point) -> bool {
+    /// A reference that is no input is held over the stride, and so is K.
+    pub(in crate::controllers) fn closed_form<R: Class, G: Class>(
+        &self,
+        r: VectorOf<R>,
+        K: MatrixOf<G>,
+        stride: Stride,
+        v: &mut Point,
+    ) -> bool {
         let Space { matrix, eta, exponential, solution: [start, end, whole], states } = self.divide(stride.workspace);
         let at = self.places();
         let values = v.values();
         let r_rates = if R::SECTION == Section::Input { &stride.slopes[r.span().range()] } else { &[] };
-        let r = &values[r];
-        Linear { l1: self, r, r_rates, v: values, slopes: stride.slopes, at, matrix, eta: &mut *eta }.fill();
+        let (r, K) = (&values[r], values.matrix(K));
+        Linear { l1: self, r, r_rates, K, v: values, slopes: stride.slopes, at, matrix, eta: &mut *eta }.fill();
         self.linear_state(&values, at, start);
         apply(matrix, start, end);
         apply(matrix, end, whole);
@@ -413,7 +420,7 @@ impl Linear<'_> {
     /// f' = A_f f − B_f K (η̂ − K_g r)
     fn control_law(&mut self) {
         let (l1, v) = (self.l1, self.v);
-        let (K, K_g, r) = (v.matrix(l1.design.feedback_gain), v.matrix(l1.design.K_g), self.r);
+        let (K, K_g, r) = (self.K, v.matrix(l1.design.K_g), self.r);
         let (rates, order) = (self.r_rates, l1.filter.order());
         for i in 0..l1.u_ad.len() {
             for k in 0..order {

@@ -1,7 +1,7 @@
 //! The L1 law: state predictor, adaptive laws, control law (thesis, sections 3.2 to 3.4).
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::design::Design;
 use super::ports::Ports;
@@ -205,6 +205,42 @@ impl Law {
         invalid.into_result()
     }
 
+    /// K, where nothing else stands in its place.
+    pub fn feedback_gain(&self) -> MatrixOf<Parameter> {
+        self.design.feedback_gain
+    }
+
+    /// y = C x of a channel.
+    pub fn output<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        v[self.ports.x].iter().zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (&x, &c)| sum + x * c)
+    }
+
+    /// y' = C A_m x of a channel, as it follows from the state for the nominal plant: without uncertainty, and where the
+    /// control doesn't enter it (C B = 0).
+    pub fn output_rate<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        let (A_m, x) = (self.design.A_m(v), &v[self.ports.x]);
+        let rates = A_m.row_iter().map(|row| dot(row.iter(), x));
+        rates.zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (rate, &c)| sum + rate * c)
+    }
+
+    /// Whether K may change with the outputs and their rates.
+    ///
+    /// # Errors
+    /// [`Invalid`] where it may not, and why.
+    pub fn allows_scheduling(&self) -> Result<(), Invalid> {
+        if self.unmatched.is_some() {
+            let allowed = "must be false: a feedback gain that changes would make the control jump";
+            return Err(Invalid::new("unmatched", true, allowed));
+        }
+        let entered = (&self.plant.C * &self.plant.B).amax();
+        if entered > 1e-9 * self.plant.C.amax() * self.plant.B.amax() {
+            let allowed =
+                "must be 0: the rate of an output that the control enters at once is not known from the state";
+            return Err(Invalid::new("C B: largest entry", format!("{entered:.3e}"), allowed));
+        }
+        Ok(())
+    }
+
     /// Whether the controller is in command.
     pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> bool {
         v.get(self.active)
@@ -274,8 +310,8 @@ impl Law {
     }
 
     /// State predictor, adaptive laws with projection, and the control law u_ad = −K D(s) (η̂ + H_m⁻¹ H_um η̂_2 − K_g r).
-    /// While not enabled, estimates are frozen; the predictor follows the state, and the adaptive control the manual one.
-    pub fn derivatives<S: Scalar>(&self, r: &[S], v: &Values<S>, dx: &mut Rates<S>) {
+    /// K may be another than the parameter where [`Law::allows_scheduling`]. While not enabled, estimates are frozen; the predictor follows the state, and the adaptive control the manual one.
+    pub fn derivatives<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
         let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], v.get(self.active));
         let A_m = self.design.A_m(v);
         for i in 0..x_hat.len() {
@@ -288,7 +324,7 @@ impl Law {
         if active {
             self.uncertainty(v, dx);
             self.adaptive_laws(v, dx);
-            self.control_law(r, v, dx);
+            self.control_law(r, K, v, dx);
         } else {
             self.follow(v, dx);
         }
@@ -328,9 +364,8 @@ impl Law {
 
     /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it makes the
     /// control jump at most by what u_ad has of η̂_2 at once.
-    fn control_law<S: Scalar>(&self, r: &[S], v: &Values<S>, dx: &mut Rates<S>) {
-        let eta_hat = &v[self.eta_hat];
-        let (K, K_g) = (v.matrix(self.design.feedback_gain), v.matrix(self.design.K_g));
+    fn control_law<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
+        let (eta_hat, K_g) = (&v[self.eta_hat], v.matrix(self.design.K_g));
         let Filter { A_f, B_f, .. } = &self.filter;
         for i in 0..r.len() {
             let error = |j: usize| eta_hat[j] - dot(K_g.row(j).iter(), r);

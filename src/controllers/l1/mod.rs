@@ -18,6 +18,7 @@ use crate::system::{
 pub(super) use law::Law;
 pub(super) use ports::Ports;
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
+pub(super) use structure::{input_and_output, nominal_dynamics, of_motion};
 
 /// What the adaptive control starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,7 +80,7 @@ impl System for L1 {
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        self.law.derivatives(&v[self.r], v, dx);
+        self.law.derivatives(&v[self.r], v.matrix(self.law.feedback_gain()), v, dx);
     }
 
     fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
@@ -108,7 +109,7 @@ impl System for L1 {
     }
 
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        self.law.closed_form(self.r, stride, v)
+        self.law.closed_form(self.r, self.law.feedback_gain(), stride, v)
     }
 
     fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
@@ -116,11 +117,11 @@ impl System for L1 {
     }
 }
 
-fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S]) -> S {
+pub(super) fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S]) -> S {
     row.zip(column).fold(S::from(0.0), |sum, (&a, &b)| sum + a * b)
 }
 
-fn squared<S: Scalar>(x: &[S]) -> S {
+pub(super) fn squared<S: Scalar>(x: &[S]) -> S {
     dot(x.iter(), x)
 }
 

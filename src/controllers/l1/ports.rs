@@ -17,7 +17,7 @@ pub(in crate::controllers) struct Ports {
 
 impl Ports {
     /// Of a unit that is the law alone.
-    pub(super) fn declare(d: &mut Declaration, units: &Symbols) -> Self {
+    pub fn declare(d: &mut Declaration, units: &Symbols) -> Self {
         let (x, u, m) = (&units.x, &units.u, units.u.len());
         let limit = "control that the actuator can give; the predictor knows of it. 1e15 is no limit";
         Ports {

@@ -105,7 +105,7 @@ struct Units {
 
 /// Known units of the signals.
 #[derive(Debug)]
-pub(super) struct Symbols {
+pub(in crate::controllers) struct Symbols {
     pub r: Vec<&'static str>,
     pub x: Vec<&'static str>,
     pub u: Vec<&'static str>,
@@ -158,26 +158,9 @@ impl L1Structure {
     /// What doesn't fit.
     #[allow(non_snake_case)]
     pub(super) fn plant(&self) -> Result<Plant, Invalid> {
-        let (B, C) = (rows("B", &self.B)?, rows("C", &self.C)?);
-        let (n, m) = B.shape();
-        if n > MOST_STATES || m > n {
-            let allowed = format!("must have 1 … {MOST_STATES} rows, and no more columns than rows");
-            return Err(Invalid::new("B", format!("{n} x {m}"), allowed));
-        }
-        let of_size = |name: &str, matrix: &DMatrix<f64>, size: (usize, usize)| {
-            let (rows, columns) = matrix.shape();
-            let allowed = format!("must be {} x {}, as B is {n} x {m}", size.0, size.1);
-            if (rows, columns) == size {
-                Ok(())
-            } else {
-                Err(Invalid::new(name, format!("{rows} x {columns}"), allowed))
-            }
-        };
-        of_size("C", &C, (m, n))?;
-        let A = self.A.as_ref().map(|given| rows("A", given)).transpose()?;
-        if let Some(A) = &A {
-            of_size("A", A, (n, n))?;
-        } else if self.baseline != Baseline::None {
+        let (B, C) = input_and_output(&self.B, &self.C)?;
+        let A = self.A.as_ref().map(|A| nominal_dynamics(A, &B)).transpose()?;
+        if A.is_none() && self.baseline != Baseline::None {
             return Err(Invalid::because("A is missing: a baseline is designed for the nominal dynamics"));
         }
         if self.baseline == Baseline::None && self.desired_dynamics == DesiredDynamics::Matrix {
@@ -221,15 +204,14 @@ impl L1Structure {
 
     /// # Errors
     /// Which unit isn't known, or how many there must be.
-    pub(super) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
+    pub(in crate::controllers) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
         let Units { r, x, u } = &self.units;
         let u = Unit::symbols("u", u, m)?;
-        let of_motion = |unit: &&'static str| match (self.commands, *unit) {
-            (Commands::Acceleration, "N") => ("m/s2", "kg"),
-            (Commands::Acceleration, "N.m") => ("rad/s2", "kg.m2"),
-            (_, other) => (other, "1"),
+        let commanded = |unit: &&'static str| match self.commands {
+            Commands::Acceleration => of_motion(unit),
+            Commands::Control => (*unit, "1"),
         };
-        let (command, inertia) = u.iter().map(of_motion).unzip();
+        let (command, inertia) = u.iter().map(commanded).unzip();
         Ok(Symbols { r: Unit::symbols("r", r, m)?, x: Unit::symbols("x", x, n)?, u, command, inertia })
     }
 
@@ -237,6 +219,55 @@ impl L1Structure {
     /// Why it is no filter of this law.
     pub(super) fn filter(&self) -> Result<Filter, Invalid> {
         Filter::new(&self.filter)
+    }
+}
+
+/// B and C, n × m and m × n.
+///
+/// # Errors
+/// What doesn't fit.
+#[allow(non_snake_case)]
+pub(in crate::controllers) fn input_and_output(
+    B: &[Vec<f64>],
+    C: &[Vec<f64>],
+) -> Result<(DMatrix<f64>, DMatrix<f64>), Invalid> {
+    let (B, C) = (rows("B", B)?, rows("C", C)?);
+    let (n, m) = B.shape();
+    if n > MOST_STATES || m > n {
+        let allowed = format!("must have 1 … {MOST_STATES} rows, and no more columns than rows");
+        return Err(Invalid::new("B", format!("{n} x {m}"), allowed));
+    }
+    require_size("C", &C, (m, n), &B)?;
+    Ok((B, C))
+}
+
+/// A, n × n.
+///
+/// # Errors
+/// What doesn't fit.
+#[allow(non_snake_case)]
+pub(in crate::controllers) fn nominal_dynamics(A: &[Vec<f64>], B: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
+    let A = rows("A", A)?;
+    require_size("A", &A, (B.nrows(), B.nrows()), B)?;
+    Ok(A)
+}
+
+#[allow(non_snake_case)]
+fn require_size(name: &str, matrix: &DMatrix<f64>, size: (usize, usize), B: &DMatrix<f64>) -> Result<(), Invalid> {
+    let (rows, columns) = matrix.shape();
+    if (rows, columns) == size {
+        return Ok(());
+    }
+    let allowed = format!("must be {} x {}, as B is {} x {}", size.0, size.1, B.nrows(), B.ncols());
+    Err(Invalid::new(name, format!("{rows} x {columns}"), allowed))
+}
+
+/// Units of an acceleration and of the inertia that turns it into a control of this unit.
+pub(in crate::controllers) fn of_motion(control: &'static str) -> (&'static str, &'static str) {
+    match control {
+        "N" => ("m/s2", "kg"),
+        "N.m" => ("rad/s2", "kg.m2"),
+        other => (other, "1"),
     }
 }
 

@@ -1,0 +1,174 @@
+//! A feedback gain by fuzzy inference from the tracking error and its rate (thesis, chapter 4).
+#![allow(non_snake_case)] // sets and matrices have the names of the thesis
+
+use crate::control::fuzzy::{SETS, Triangle, infer};
+use crate::system::{
+    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, Signal,
+    Signals, Values, VectorOf, boolean, choice, matrix, scalar, vector,
+};
+
+/// What the inference gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum FuzzyOutput {
+    Gain,
+    InverseGain,
+}
+
+impl Choice for FuzzyOutput {
+    const TYPE: &'static str = "FuzzyOutput";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Gain, "gain", "k_f is the feedback gain"),
+        (Self::InverseGain, "inverse_gain", "k_f is the inverse of the feedback gain"),
+    ];
+}
+
+/// k of each channel: of k_f where |e| > k_e, else the constant one.
+#[derive(Debug)]
+pub(super) struct FuzzyGain {
+    k_p: ScalarOf<Parameter>,
+    k_d: ScalarOf<Parameter>,
+    k_e: ScalarOf<Parameter>,
+    fuzzy_output: ChoiceOf<Parameter, FuzzyOutput>,
+    input_centre: VectorOf<Parameter>,
+    sets: Sets,
+    /// One a channel.
+    pub k_f: Vec<ScalarOf<Signal>>,
+    /// Whether |e| > k_e, for each channel: between events.
+    is_fuzzy: Vec<BooleanOf<Discrete>>,
+    /// K with the gains in force.
+    pub K: MatrixOf<Signal>,
+}
+
+/// The corners of the output sets, of which neighbours share some.
+#[derive(Debug)]
+struct Sets {
+    VL_c: ScalarOf<Parameter>,
+    VL_l: ScalarOf<Parameter>,
+    L_l: ScalarOf<Parameter>,
+    L_c: ScalarOf<Parameter>,
+    L_h: ScalarOf<Parameter>,
+    S_l: ScalarOf<Parameter>,
+    S_c: ScalarOf<Parameter>,
+    VS_l: ScalarOf<Parameter>,
+    VS_c: ScalarOf<Parameter>,
+}
+
+impl Sets {
+    /// Each starts in the middle of its bounds.
+    fn declare(d: &mut Declaration) -> Self {
+        let mut corner = |name: &str, text: &str, min: f64, max: f64| {
+            d.parameter(scalar(name, &format!("output set {text}")).start(0.5 * (min + max)).min(min).max(max))
+        };
+        Sets {
+            VL_c: corner("VL_c", "`very large`: centre and upper end", 8.0, 12.0),
+            VL_l: corner("VL_l", "`very large`: lower end, and upper end of `small`", 4.0, 8.0),
+            L_l: corner("L_l", "`large`: lower end, and upper end of `very small`", 1.5, 3.0),
+            L_c: corner("L_c", "`large`: centre", 3.0, 6.0),
+            L_h: corner("L_h", "`large`: upper end", 6.0, 10.0),
+            S_l: corner("S_l", "`small`: lower end, and upper end of `zero`", 0.3, 1.5),
+            S_c: corner("S_c", "`small`: centre", 1.5, 4.0),
+            VS_l: corner("VS_l", "`very small`: lower end, and lower end and centre of `zero`", 0.0, 0.5),
+            VS_c: corner("VS_c", "`very small`: centre", 0.5, 1.5),
+        }
+    }
+
+    /// Each set has a width; by the bounds of single corners the others are in order.
+    fn prepare(&self, v: &Point) -> Invalid {
+        let mut invalid = Invalid::none();
+        for (low, high, names) in [(self.VS_l, self.S_l, ["VS_l", "S_l"]), (self.VL_l, self.VL_c, ["VL_l", "VL_c"])] {
+            if v[low] >= v[high] {
+                invalid.and(Invalid::new(names[0], v[low], format!("must be below {} = {}", names[1], v[high])));
+            }
+        }
+        invalid
+    }
+
+    /// Zero, very small, small, large, very large.
+    fn triangles<S: Scalar>(&self, v: &Values<S>) -> [Triangle<S>; SETS] {
+        let Sets { VL_c, VL_l, L_l, L_c, L_h, S_l, S_c, VS_l, VS_c } = self;
+        [(VS_l, VS_l, S_l), (VS_l, VS_c, L_l), (S_l, S_c, VL_l), (L_l, L_c, L_h), (VL_l, VL_c, VL_c)]
+            .map(|(&low, &centre, &high)| Triangle { low: v[low], centre: v[centre], high: v[high] })
+    }
+}
+
+impl FuzzyGain {
+    /// For m channels.
+    pub fn declare(d: &mut Declaration, m: usize) -> Self {
+        let gain = "fuzzy gain, from the error and its rate";
+        let centres_of = ["zero", "very small", "small", "large", "very large"]
+            .map(|set| format!("centre of the input set `{set}`, for k_p |e| and k_d |e'|"));
+        FuzzyGain {
+            k_p: d.parameter(scalar("k_p", "factor of |e| in the inference").start(0.1).min(0.0)),
+            k_d: d.parameter(scalar("k_d", "factor of |e'| in the inference").unit("s").start(0.05).min(0.0)),
+            k_e: d.parameter(scalar("k_e", "magnitude of e above which the gain is fuzzy").start(0.1).min(0.0)),
+            fuzzy_output: d.parameter(choice::<FuzzyOutput>("fuzzy_output", "what the inference gives")),
+            input_centre: d.parameter(
+                vector("input_centre", SETS, "")
+                    .each(&centres_of.each_ref().map(String::as_str))
+                    .starts(&[0.08, 0.31, 0.54, 0.77, 1.0]),
+            ),
+            sets: Sets::declare(d),
+            k_f: if m == 1 {
+                vec![d.output(scalar("k_f", gain))]
+            } else {
+                let all = d.output(vector("k_f", m, gain));
+                (0..m).map(|i| all.at(i)).collect()
+            },
+            is_fuzzy: (0..m).map(|i| d.discrete(boolean(&format!("#is_fuzzy[{}]", i + 1), "").hidden())).collect(),
+            K: d.local(matrix("gain_in_force", m, m, "feedback gain K in force").unit("1/s")),
+        }
+    }
+
+    /// # Errors
+    /// Sets without a width or out of order, and a K that is no diagonal.
+    pub fn prepare(&self, feedback_gain: MatrixOf<Parameter>, v: &Point) -> Result<(), Invalid> {
+        let mut invalid = self.sets.prepare(v);
+        for (k, pair) in v[self.input_centre].windows(2).enumerate() {
+            if pair[0] >= pair[1] {
+                let allowed = format!("must be below input_centre[{}] = {}", k + 2, pair[1]);
+                invalid.and(Invalid::new(format!("input_centre[{}]", k + 1), pair[0], allowed));
+            }
+        }
+        let (K, m) = (v.matrix(feedback_gain), self.k_f.len());
+        for (i, j) in (0..m * m).map(|k| (k / m, k % m)).filter(|&(i, j)| i != j && K[(i, j)] != 0.0) {
+            let allowed = "must be 0: each channel has a fuzzy gain of its own";
+            invalid.and(Invalid::new(format!("feedback_gain[{},{}]", i + 1, j + 1), K[(i, j)], allowed));
+        }
+        invalid.into_result()
+    }
+
+    /// k_f and the gain in force, from e and e' of each channel.
+    pub fn outputs<S: Scalar>(
+        &self,
+        feedback_gain: MatrixOf<Parameter>,
+        errors: impl Fn(usize) -> [S; 2],
+        v: &Values<S>,
+        y: &mut Signals<S>,
+    ) {
+        let (centres, sets) = (v.array(self.input_centre), self.sets.triangles(v));
+        y.slice(self.K).copy_from_slice(&v[feedback_gain.elements()]);
+        for (i, (&k_f, &is_fuzzy)) in self.k_f.iter().zip(&self.is_fuzzy).enumerate() {
+            let [e, rate] = errors(i);
+            y[k_f] = infer([v[self.k_p] * e.abs(), v[self.k_d] * rate.abs()], &centres, &sets);
+            if v.get(is_fuzzy) {
+                y[self.K.at(i, i)] = match v.get(self.fuzzy_output) {
+                    FuzzyOutput::Gain => y[k_f],
+                    FuzzyOutput::InverseGain => y[k_f].recip(),
+                };
+            }
+        }
+    }
+
+    /// By how much |e| of each channel is above k_e; never zero, so that the sign alone tells which gain is in force.
+    pub fn event_indicators(&self, e: impl Fn(usize) -> f64, v: &Values<f64>, z: &mut [f64]) {
+        for (i, z) in z.iter_mut().enumerate() {
+            let above = e(i).abs() - v[self.k_e];
+            *z = if above > 0.0 { above } else { above.min(-f64::MIN_POSITIVE) };
+        }
+    }
+
+    /// Chooses the gain of a channel by its error.
+    pub fn choose(&self, channel: usize, e: f64, v: &mut Point) {
+        v.put(self.is_fuzzy[channel], e.abs() - v[self.k_e] > 0.0);
+    }
+}

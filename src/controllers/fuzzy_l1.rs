@@ -1,0 +1,120 @@
+//! L1 adaptive control with a fuzzy feedback gain (thesis, chapter 4).
+
+use super::fuzzy_gain::FuzzyGain;
+use super::l1::{L1Structure, Law, Ports};
+use crate::control::limits;
+use crate::system::{
+    Declaration, ErrorEstimate, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Unit, Values, VectorOf,
+    vector,
+};
+
+/// The L1 law with a feedback gain that follows from the tracking error and its rate.
+#[derive(Debug)]
+pub struct FuzzyL1 {
+    r: VectorOf<Input>,
+    dr: VectorOf<Input>,
+    ports: Ports,
+    law: Law,
+    gain: FuzzyGain,
+}
+
+impl FuzzyL1 {
+    /// e = r − y of a channel.
+    fn error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        v[self.r][channel] - self.law.output(channel, v)
+    }
+
+    fn choose_gains(&self, v: &mut Point) {
+        for i in 0..self.r.len() {
+            let e = self.error(i, &v.values());
+            self.gain.choose(i, e, v);
+        }
+    }
+}
+
+impl System for FuzzyL1 {
+    type Structure = L1Structure;
+    const NAME: &'static str = "fuzzy-l1";
+    const DOCUMENTATION: &'static str =
+        concat!(include_str!("../../docs/controllers/fuzzy_l1.md"), include_str!("../../docs/controllers/l1.md"));
+
+    fn indicators(&self) -> usize {
+        Law::INDICATORS + self.r.len()
+    }
+
+    fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let size = structure.size()?;
+        let units = structure.units(size)?;
+        let rates: Vec<_> = units.r.iter().map(|unit| Unit::per_second(unit)).collect();
+        let r = d.input(vector("r", size.1, "reference").units(&units.r));
+        let dr = d.input(vector("dr", size.1, "time derivative of the reference").units(&rates));
+        let ports = Ports::declare(d, &units);
+        let law = Law::declare(&structure, ports, d)?;
+        law.allows_scheduling()?;
+        let gain = FuzzyGain::declare(d, size.1);
+        law.declare_dependence(d, &[&r, &dr]);
+        gain.k_f.iter().for_each(|&k_f| d.depends(k_f, &[&r, &dr, &ports.x]));
+        Ok(FuzzyL1 { r, dr, ports, law, gain })
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = limits::check(&v[self.ports.u_min], &v[self.ports.u_max]);
+        self.gain.prepare(self.law.feedback_gain(), v).unwrap_or_else(|reasons| invalid.and(reasons));
+        self.law.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
+        invalid.into_result()
+    }
+
+    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+        self.choose_gains(v);
+        self.law.initialise(v)
+    }
+
+    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+        self.law.clip_estimates(v);
+    }
+
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        self.law.outputs(v, y);
+        let errors = |i: usize| [self.error(i, v), v[self.dr][i] - self.law.output_rate(i, v)];
+        self.gain.outputs(self.law.feedback_gain(), errors, v, y);
+    }
+
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        self.law.derivatives(&v[self.r], v.matrix(self.gain.K), v, dx);
+    }
+
+    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
+        let (of_law, of_gain) = z.split_at_mut(Law::INDICATORS);
+        self.law.event_indicators(v, of_law);
+        self.gain.event_indicators(|i| self.error(i, v), v, of_gain);
+    }
+
+    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
+        self.law.event(v);
+        self.choose_gains(v);
+    }
+
+    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
+        self.law.step_completed(step, v);
+    }
+
+    fn steps_itself(&self) -> bool {
+        true
+    }
+
+    fn workspace(&self) -> usize {
+        self.law.closed_form_workspace()
+    }
+
+    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
+        self.law.closed_form_pays(h, v)
+    }
+
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
+        self.law.closed_form(self.r, self.gain.K, stride, v)
+    }
+
+    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
+        self.law.conclude(whole, nominals, v)
+    }
+}

@@ -1,0 +1,241 @@
+//! Robust adaptive observer: the state of an uncertain plant from its output (thesis, chapter 7).
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::{Complex, DMatrix, DMatrixView};
+use serde::Deserialize;
+
+use super::l1::{dot, input_and_output, nominal_dynamics, of_motion, squared};
+use crate::control::{lyapunov, pole_placement};
+use crate::system::{
+    BooleanOf, Declaration, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
+    Signals, State, System, Unit, Values, VectorOf, boolean, matrix, scalar, vector,
+};
+
+/// How the gain k_l is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObserverDynamics {
+    /// By the poles of A − k_l C.
+    #[default]
+    Poles,
+    /// As it is.
+    Gain,
+}
+
+/// The description of an observer's structure.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObserverStructure {
+    /// Nominal dynamics, n rows of n numbers.
+    A: Vec<Vec<f64>>,
+    /// Nominal input matrix, n rows of m numbers.
+    B: Vec<Vec<f64>>,
+    /// What is measured, m rows of n numbers.
+    C: Vec<Vec<f64>>,
+    #[serde(default)]
+    observer_dynamics: ObserverDynamics,
+    #[serde(default)]
+    units: Units,
+}
+
+/// Units of the signals, an element each; 1 where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Units {
+    x: Vec<String>,
+    y: Vec<String>,
+    u: Vec<String>,
+}
+
+/// k_l.
+#[derive(Debug)]
+enum Gain {
+    Given(MatrixOf<Parameter>),
+    Placed { pole_real: VectorOf<Parameter>, pole_imag: VectorOf<Parameter>, k_l: MatrixOf<Prepared> },
+}
+
+/// x̆' = A x̆ − k_l ỹ − β̆ β_l B ỹ + g(y, u) with ỹ = C x̆ − y.
+#[derive(Debug)]
+pub struct Observer {
+    A: DMatrix<f64>,
+    B: DMatrix<f64>,
+    C: DMatrix<f64>,
+    k_l: Gain,
+    Gamma_l: ScalarOf<Parameter>,
+    sigma_l: ScalarOf<Parameter>,
+    beta_error_power: ScalarOf<Parameter>,
+    lambda_0: ScalarOf<Parameter>,
+    d_0: ScalarOf<Parameter>,
+    unmodeled_gain: ScalarOf<Parameter>,
+    known_input: BooleanOf<Parameter>,
+    nominal_inertia: VectorOf<Parameter>,
+    x_obs0: VectorOf<Parameter>,
+    beta0: ScalarOf<Parameter>,
+    delta0: ScalarOf<Parameter>,
+    y: VectorOf<Input>,
+    u: VectorOf<Input>,
+    x_obs: VectorOf<State>,
+    beta: ScalarOf<State>,
+    delta: ScalarOf<State>,
+    /// ỹ
+    y_tilde: VectorOf<Signal>,
+    beta_l: ScalarOf<Signal>,
+}
+
+impl System for Observer {
+    type Structure = ObserverStructure;
+    const NAME: &'static str = "observer";
+    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/observer.md");
+
+    fn declare(structure: ObserverStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let (B, C) = input_and_output(&structure.B, &structure.C)?;
+        let A = nominal_dynamics(&structure.A, &B)?;
+        let (n, m) = B.shape();
+        let x = Unit::symbols("x", &structure.units.x, n)?;
+        let y = Unit::symbols("y", &structure.units.y, m)?;
+        let u = Unit::symbols("u", &structure.units.u, m)?;
+        let inertia: Vec<_> = u.iter().map(|unit| of_motion(unit).1).collect();
+        let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
+        let observer = Observer {
+            k_l: Gain::declare(d, structure.observer_dynamics, (n, m)),
+            Gamma_l: d.parameter(number("Gamma_l", "adaptation gain of beta", 100.0).unit("1/s")),
+            sigma_l: d.parameter(number("sigma_l", "leakage of beta", 1e-4)),
+            beta_error_power: d.parameter(
+                scalar("beta_error_power", "power of the output error's norm in the adaptation of beta")
+                    .start(1.0)
+                    .positive(),
+            ),
+            lambda_0: d.parameter(scalar("lambda_0", "decay rate of delta").unit("1/s").start(2.5).positive()),
+            d_0: d.parameter(number("d_0", "constant excitation of delta", 0.625).unit("1/s")),
+            unmodeled_gain: d.parameter(number("unmodeled_gain", "gain from |y|^4 to delta", 1.0).unit("1/s")),
+            known_input: d.parameter(boolean("known_input", "whether the plant's nominal input is made use of")),
+            nominal_inertia: d.parameter(
+                vector("nominal_inertia", m, "nominal inertia: the input in parts of it acts through B")
+                    .units(&inertia)
+                    .start(1.0)
+                    .positive(),
+            ),
+            x_obs0: d.parameter(vector("x_obs0", n, "initial estimate of the plant's state").units(&x).fixed()),
+            beta0: d.parameter(number("beta0", "initial value of beta", 1.0).fixed()),
+            delta0: d.parameter(scalar("delta0", "initial value of delta").start(1.0).positive().fixed()),
+            y: d.input(vector("y", m, "measured output of the plant").units(&y)),
+            u: d.input(vector("u", m, "input of the plant, used with known_input").units(&u)),
+            x_obs: d.state(vector("x_obs", n, "estimate of the plant's state").units(&x).output()),
+            beta: d.state(scalar("beta", "adaptive gain of the output error").output()),
+            delta: d.state(scalar("delta", "bound on the effect of unmodeled dynamics").output()),
+            y_tilde: d.local(vector("y_tilde", m, "output error, estimated minus measured").units(&y)),
+            beta_l: d.local(scalar("beta_l", "growth of the uncertainty with output, estimate and delta")),
+            A,
+            B,
+            C,
+        };
+        let Observer { y, u, x_obs, beta, delta, .. } = &observer;
+        d.depends(observer.y_tilde, &[x_obs, y]);
+        d.depends(observer.beta_l, &[x_obs, delta, y]);
+        d.depends(x_obs.rate(), &[x_obs, beta, delta, y, u]);
+        d.depends(beta.rate(), &[x_obs, beta, delta, y]);
+        d.depends(delta.rate(), &[delta, y]);
+        Ok(observer)
+    }
+
+    /// A − k_l C must be Hurwitz.
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        if let Gain::Placed { pole_real, pole_imag, k_l } = &self.k_l {
+            let poles = v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im));
+            let gain = placed(&self.A, &self.C, &poles.collect::<Vec<_>>())?;
+            v.matrix_mut(*k_l).copy_from(&gain);
+        }
+        let closed = &self.A - self.k_l.matrix(&v.values()) * &self.C;
+        lyapunov::require_hurwitz("A - observer_gain C", &closed)
+    }
+
+    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+        v.copy(self.x_obs0, self.x_obs);
+        v.copy(self.beta0, self.beta);
+        v.copy(self.delta0, self.delta);
+        Ok(())
+    }
+
+    /// ỹ = C x̆ − y; β_l = 1 + ‖y‖⁴ + ‖x̆‖² ‖y‖⁴ + 2 δ.
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let (measured, x_obs) = (&v[self.y], &v[self.x_obs]);
+        for (i, &measured) in measured.iter().enumerate() {
+            y[self.y_tilde][i] = times(&self.C, i, x_obs) - measured;
+        }
+        y[self.beta_l] = fourth_power(measured) * (squared(x_obs) + 1.0) + v[self.delta] * 2.0 + 1.0;
+    }
+
+    /// x̆' = A x̆ − k_l ỹ − β̆ β_l B ỹ + g(y, u); β̆' = Γ_l ‖ỹ‖^q β_l − Γ_l σ_l β̆; δ' = −λ_0 δ + c ‖y‖⁴ + d_0.
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let (x_obs, y_tilde, beta, beta_l) = (&v[self.x_obs], &v[self.y_tilde], v[self.beta], v[self.beta_l]);
+        let k_l = self.k_l.matrix(v);
+        let known = v.get(self.known_input);
+        for i in 0..x_obs.len() {
+            let g = if known { self.nominal_input(i, v) } else { S::from(0.0) };
+            let robust = beta * beta_l * times(&self.B, i, y_tilde);
+            dx[self.x_obs][i] = times(&self.A, i, x_obs) - dot(k_l.row(i).iter(), y_tilde) - robust + g;
+        }
+        let error = power(squared(y_tilde), v[self.beta_error_power] * 0.5);
+        dx[self.beta] = v[self.Gamma_l] * (error * beta_l - v[self.sigma_l] * beta);
+        let delta_l = v[self.unmodeled_gain] * fourth_power(&v[self.y]) + v[self.d_0];
+        dx[self.delta] = delta_l - v[self.lambda_0] * v[self.delta];
+    }
+}
+
+impl Observer {
+    /// Row i of g(y, u) = B u, with u in parts of the nominal inertia.
+    fn nominal_input<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let inputs = v[self.u].iter().zip(&v[self.nominal_inertia]);
+        inputs.zip(self.B.row(i).iter()).fold(S::from(0.0), |sum, ((&u, &inertia), &b)| sum + u / inertia * b)
+    }
+}
+
+impl Gain {
+    fn declare(d: &mut Declaration, given: ObserverDynamics, (n, m): (usize, usize)) -> Self {
+        let gain = |text: &str| matrix("observer_gain", n, m, text);
+        let text = "gain k_l of the output error";
+        if given == ObserverDynamics::Gain {
+            return Gain::Given(d.parameter(gain(&format!("{text}; A - k_l C must be Hurwitz"))));
+        }
+        let order = "in the order of the outputs, conjugates side by side";
+        let (real, imag) = (format!("real part of an observer pole, {order}"), format!("imaginary part, {order}"));
+        Gain::Placed {
+            pole_real: d.parameter(vector("observer_pole_real", n, &real).unit("1/s").start(-1.0)),
+            pole_imag: d.parameter(vector("observer_pole_imag", n, &imag).unit("rad/s")),
+            k_l: d.prepared(gain(text)),
+        }
+    }
+
+    fn matrix<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
+        match self {
+            Gain::Given(k_l) => v.matrix(*k_l),
+            Gain::Placed { k_l, .. } => v.matrix(*k_l),
+        }
+    }
+}
+
+/// k_l that gives A − k_l C these poles: the dual of state feedback.
+fn placed(A: &DMatrix<f64>, C: &DMatrix<f64>, poles: &[Complex<f64>]) -> Result<DMatrix<f64>, Invalid> {
+    let (A, C) = (A.transpose(), C.transpose());
+    if pole_placement::controllability_indices(&A, &C).is_err() {
+        let text = "A, C: the rows of C must be linearly independent, and every state must show in the output (A, C \
+                    observable)";
+        return Err(Invalid::because(text));
+    }
+    Ok(pole_placement::place(&A, &C, poles)?.transpose())
+}
+
+/// Row i of a constant matrix times a vector.
+fn times<S: Scalar>(matrix: &DMatrix<f64>, i: usize, vector: &[S]) -> S {
+    matrix.row(i).iter().zip(vector).fold(S::from(0.0), |sum, (&entry, &x)| sum + x * entry)
+}
+
+/// ‖y‖⁴
+fn fourth_power<S: Scalar>(y: &[S]) -> S {
+    squared(y) * squared(y)
+}
+
+/// base^exponent of a base that isn't negative. At zero the derivative is none for small exponents, and taken as zero.
+fn power<S: Scalar>(base: S, exponent: S) -> S {
+    if base.re() == 0.0 { S::from(0.0) } else { base.powd(exponent) }
+}
