@@ -16,11 +16,15 @@ pub mod fmi2;
 pub mod integrator;
 pub mod library;
 pub mod model;
+#[cfg(feature = "cli")]
+pub mod parallel;
 #[path = "../plants/mod.rs"]
 pub mod plants;
 #[cfg(feature = "cli")]
 pub mod simulation;
 pub mod system;
+#[cfg(feature = "cli")]
+pub mod tuning;
 
 /// Whether this crate was built with the C functions of its own models in it; see [`export_fmi2`].
 pub const EXPORTS_ITS_OWN_MODELS: bool = cfg!(feature = "library");

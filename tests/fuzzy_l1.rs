@@ -45,6 +45,14 @@ fn where_the_error_is_small_the_gain_is_the_constant_one_and_else_the_fuzzy_one(
 }
 
 #[test]
+fn without_inference_the_gain_has_two_levels() {
+    for (e, gain) in [(0.09, 20.0), (0.11, 0.7), (3.0, 0.7)] {
+        let run = at("fuzzy_output = 'constant'\nconstant_gain = 0.7", [e, 4.0, 0.0, 0.0]);
+        assert_eq!((run.get("k_f"), run.get("gain_in_force[1,1]")), (0.7, gain), "e = {e}");
+    }
+}
+
+#[test]
 fn the_gain_grows_with_the_error_and_with_its_rate() {
     let k_f = |values| at("", values).get("k_f");
     // (low + centre + high) / 3 of the sets zero and very large.

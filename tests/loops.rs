@@ -1,8 +1,9 @@
 //! Loops as SSP files: what is read, what start values hold, and what is refused, with its line.
 
 use std::fs;
+use std::path::Path;
 
-use adaptive_fmu::simulation::{Description, LoopFiles, Structure, Value, Wiring, check};
+use adaptive_fmu::simulation::{Description, LoadedLoop, LoopFiles, Structure, Value, Wiring, check};
 use tempfile::TempDir;
 
 /// A unit with inputs and outputs of all types: y follows u without delay, z and `length` do not.
@@ -328,13 +329,16 @@ fn a_start_value_that_fits_nothing_is_refused_with_its_line() {
 fn a_single_value_names_a_unit_that_is_there_and_means_one() {
     let mut structure = Folder::new("").structure().unwrap();
     let mut refusal = |assignment: &str| structure.set(assignment).unwrap_err().to_string();
-    assert_tells(&refusal("gain=1"), &["--set gain=1", "UNIT.variable", "one, two"]);
     assert_tells(&refusal("one.gain"), &["UNIT.variable=value"]);
     assert_tells(&refusal("three.gain=1"), &["three.gain", "one, two"]);
     assert_tells(&refusal("A.gain=1"), &["`A`", "one, two"]);
     structure.components[1].fmu = "B".to_owned();
     structure.set("B.gain=8").unwrap();
     assert_eq!(structure.components[1].values[0].text, "8");
+    // Without a unit it is of the loop as one unit, which separate ones have not.
+    structure.set("gain=1").unwrap();
+    let refusal = LoadedLoop::new(&structure, Path::new("")).unwrap_err().to_string();
+    assert_tells(&refusal, &["--set gain=1", "UNIT.variable", "one, two", "--composite"]);
 }
 
 #[test]

@@ -29,6 +29,9 @@ pub struct Arguments {
     /// Shared library to pack instead of the one built with this program (one that holds models of your own)
     #[arg(long)]
     library: Option<PathBuf>,
+    /// Parameter set (.ssv) with values that the one FMU named is to start with
+    #[arg(long, value_name = "FILE.ssv", requires = "names", conflicts_with_all = ["all", "composite", "ssp"])]
+    values: Option<PathBuf>,
     /// Then closes this loop through the FMUs
     #[arg(long, value_name = "LOOP")]
     run: Option<String>,
@@ -39,12 +42,15 @@ pub struct Arguments {
 
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, all: every, composite, ssp, out, library, run, json } = arguments;
+    let Arguments { names, all: every, composite, ssp, out, library, values, run, json } = arguments;
     let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
     let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
-    let mut fmus = export(&names, &library, out)?;
+    let mut fmus = match values {
+        Some(values) => vec![export_with_values(&names, values, &library, out)?],
+        None => export(&names, &library, out)?,
+    };
     for name in composite {
         let (file, warnings) = export_whole(&LoopFiles::find(name)?.structure()?, &library, out)?;
         warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
@@ -71,6 +77,16 @@ fn all() -> Vec<String> {
 pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
     warn_if_slow(library)?;
     names.iter().map(|name| exporter::export(&exporter::find_description(name)?, library, out)).collect()
+}
+
+/// Writes one FMU that starts with the values of a parameter set.
+fn export_with_values(names: &[String], values: &Path, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+    let [name] = names else {
+        let reason = format!("its values can't be those of {} FMUs: name one", names.len());
+        return Err(Error::Loop { file: values.to_owned(), reason });
+    };
+    warn_if_slow(library)?;
+    exporter::export(&exporter::with_values(&exporter::find_description(name)?, values, library)?, library, out)
 }
 
 fn warn_if_slow(library: &Library) -> Result<(), Error> {

@@ -1,7 +1,7 @@
 //! `linearise`: the linear system that an FMU is like about an operating point.
 
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
+use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
@@ -39,7 +39,7 @@ fn assignment(text: &str) -> Result<(String, String), String> {
 /// Prints the linear system.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-    let fmu = Rc::new(Fmu::open(&find_fmu(&arguments.name, folder.path())?)?);
+    let fmu = Arc::new(Fmu::open(&find_fmu(&arguments.name, folder.path())?)?);
     let Arguments { at: time, steady_state, set, .. } = arguments;
     let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone() };
     let linear = linearise(&fmu, &point)?;

@@ -83,3 +83,30 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 }
+
+/// The bar of many runs.
+pub struct Counter(ProgressBar);
+
+impl Counter {
+    /// So many runs, of which some were done before.
+    pub fn new(bars: &Bars, name: &str, runs: usize, done: usize) -> Self {
+        let bar = bars.0.add(ProgressBar::new(runs as u64)).with_prefix(name.to_owned());
+        if let Ok(style) = ProgressStyle::with_template("{prefix:14} {bar:30} {pos} of {len} runs, {msg}, {eta} left") {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(REFRESH);
+        bar.set_position(done as u64);
+        bar.reset_eta();
+        Counter(bar)
+    }
+
+    /// One more run is done.
+    pub fn count(&self, message: &str) {
+        self.0.set_message(message.to_owned());
+        self.0.inc(1);
+    }
+
+    pub fn clear(&self) {
+        self.0.finish_and_clear();
+    }
+}

@@ -5,15 +5,13 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::Library;
 use adaptive_fmu::simulation::{
-    ClosedLoop, Ending, LoopFiles, Measured, Order, Recording, Report, Settings, Structure, Verdict,
+    ClosedLoop, Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict,
 };
 use adaptive_fmu::simulation::{measure, svg, terminal};
 use serde_json::{Value, json};
 
-use super::export::{export_units, export_whole};
-use super::parameters::Parameters;
+use super::loop_options::LoopOptions;
 use super::progress::{self, Bars, Progress};
 use super::run_all;
 
@@ -29,27 +27,11 @@ pub struct Arguments {
     /// All loops of this package, and a table of them
     #[arg(long, conflicts_with_all = ["name", "case", "set"])]
     all: bool,
-    /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
-    #[arg(long, conflicts_with_all = ["order", "fmus"])]
-    composite: bool,
-    /// Folder with FMUs to use as they are; without it, those in resources/ beside the loop, or this package's, which
-    /// are exported anew into fmus/
-    #[arg(long)]
-    fmus: Option<PathBuf>,
     /// Folder for results
     #[arg(long, default_value = RESULTS)]
     pub out: PathBuf,
-    /// Communication step in s, in place of the loop's own
-    #[arg(long, value_parser = positive)]
-    step: Option<f64>,
-    /// Stop time in s, in place of the loop's own
-    #[arg(long, value_parser = positive)]
-    until: Option<f64>,
-    /// gauss-seidel or jacobi, in place of the loop's own
-    #[arg(long)]
-    order: Option<Order>,
     #[command(flatten)]
-    parameters: Parameters,
+    options: LoopOptions,
     /// As JSON
     #[arg(long)]
     pub json: bool,
@@ -58,31 +40,9 @@ pub struct Arguments {
 impl Arguments {
     /// A loop as it is, through the FMUs in a folder.
     pub fn of(name: &str, fmus: &Path, json: bool) -> Self {
-        let (fmus, out, parameters) = (Some(fmus.to_owned()), PathBuf::from(RESULTS), Parameters::default());
-        let (name, step, until, order) = (Some(name.to_owned()), None, None, None);
-        Arguments { name, all: false, composite: false, fmus, out, step, until, order, parameters, json }
+        let options = LoopOptions { fmus: Some(fmus.to_owned()), ..LoopOptions::default() };
+        Arguments { name: Some(name.to_owned()), all: false, out: PathBuf::from(RESULTS), options, json }
     }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
-    number.ok_or_else(|| "must be a finite number above 0".to_owned())
-}
-
-/// The units of a loop, connected, or all of it as one.
-fn close(options: &Arguments, files: &LoopFiles, structure: &Structure) -> Result<ClosedLoop, Error> {
-    if options.composite {
-        let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-        let (fmu, notes) = export_whole(structure, &Library::beside_program()?, folder.path())?;
-        return ClosedLoop::whole(&structure.name, &fmu, notes);
-    }
-    if let Some(fmus) = options.fmus.clone().or_else(|| files.fmus()) {
-        return ClosedLoop::new(structure, &fmus);
-    }
-    // A loop must not show the numbers of units that were exported before an equation was changed.
-    let fmus = PathBuf::from("fmus");
-    export_units(structure, &Library::beside_program()?, &fmus)?;
-    ClosedLoop::new(structure, &fmus)
 }
 
 /// Runs a closed loop, or all, and prints what it came to.
@@ -135,33 +95,22 @@ impl Run {
 }
 
 /// Runs a closed loop and writes its results, also those of a run that a unit's failure ended.
-pub fn run(options: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
+pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
     let files = LoopFiles::find(name)?;
-    let mut structure = files.structure()?;
-    options.parameters.apply(&mut structure, &files)?;
-    let settings = Settings {
-        start_time: structure.start_time,
-        stop_time: options.until.unwrap_or(structure.stop_time),
-        step: options.step.unwrap_or(structure.step),
-        order: options.order.unwrap_or(structure.order),
-    };
-    let wrong = |reason: String| Error::Loop { file: structure.file.clone(), reason };
-    if settings.stop_time <= settings.start_time {
-        return Err(wrong(format!(
-            "stop time {}: must be after the start, {}",
-            settings.stop_time, settings.start_time
-        )));
-    }
-    let mut closed = close(options, &files, &structure)?;
+    let options = &arguments.options;
+    let mut structure = options.structure(&files)?;
+    let settings = options.settings(&structure)?;
+    let mut closed = options.units(&files, &structure)?.load(&structure)?.instantiate(&[])?;
     let begun = Instant::now();
     let (mut recording, ending, failure) = simulate(&mut closed, settings, &mut Progress::new(bars, name, settings));
     let took = begun.elapsed();
+    let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
     let whole = options.composite;
     if whole {
         structure.name.push_str("-composite");
     }
-    let folder = options.out.join(&structure.name);
+    let folder = arguments.out.join(&structure.name);
     let done = Run { structure, settings, whole, recording, measured, ending, folder, failure, took };
     write_results(&done.report(), &done.folder)?;
     Ok(done)

@@ -1,12 +1,10 @@
 //! `run --all`: every closed loop of this package.
 
-use std::panic::resume_unwind;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
+use adaptive_fmu::parallel;
 use adaptive_fmu::simulation::{Row, Verdict, table};
 use serde_json::{Value, json};
 
@@ -33,22 +31,8 @@ pub fn execute(options: &Arguments) -> ExitCode {
 }
 
 fn on_all_cores(options: &Arguments) -> Vec<Tried> {
-    let (loops, next, bars) = (exporter::loops(), AtomicUsize::new(0), Bars::new(options.json));
-    let work = || {
-        let mut tried = Vec::new();
-        loop {
-            let place = next.fetch_add(1, Ordering::Relaxed);
-            let Some((name, _)) = loops.get(place) else { return tried };
-            tried.push((place, attempt(options, name, &bars)));
-        }
-    };
-    let cores = thread::available_parallelism().map_or(1, usize::from);
-    let mut tried: Vec<(usize, Tried)> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().flat_map(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
-    });
-    tried.sort_by_key(|(place, _)| *place);
-    tried.into_iter().map(|(_, tried)| tried).collect()
+    let (loops, bars) = (exporter::loops(), Bars::new(options.json));
+    parallel::each(&vec![(); parallel::cores()], loops.len(), |(), place| attempt(options, loops[place].0, &bars))
 }
 
 /// Runs a loop; what goes wrong is told, and the others go on.

@@ -12,6 +12,7 @@ use crate::system::{
 enum FuzzyOutput {
     Gain,
     InverseGain,
+    Constant,
 }
 
 impl Choice for FuzzyOutput {
@@ -19,6 +20,7 @@ impl Choice for FuzzyOutput {
     const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
         (Self::Gain, "gain", "k_f is the feedback gain"),
         (Self::InverseGain, "inverse_gain", "k_f is the inverse of the feedback gain"),
+        (Self::Constant, "constant", "no inference: k_f is constant_gain, and the feedback gain, to compare with"),
     ];
 }
 
@@ -29,6 +31,7 @@ pub(super) struct FuzzyGain {
     k_d: ScalarOf<Parameter>,
     k_e: ScalarOf<Parameter>,
     fuzzy_output: ChoiceOf<Parameter, FuzzyOutput>,
+    constant_gain: ScalarOf<Parameter>,
     input_centre: VectorOf<Parameter>,
     sets: Sets,
     /// One a channel.
@@ -102,6 +105,12 @@ impl FuzzyGain {
             k_d: d.parameter(scalar("k_d", "factor of |e'| in the inference").unit("s").start(0.05).min(0.0)),
             k_e: d.parameter(scalar("k_e", "magnitude of e above which the gain is fuzzy").start(0.1).min(0.0)),
             fuzzy_output: d.parameter(choice::<FuzzyOutput>("fuzzy_output", "what the inference gives")),
+            constant_gain: d.parameter(
+                scalar("constant_gain", "k_f without inference, where fuzzy_output = constant")
+                    .unit("1/s")
+                    .start(0.6)
+                    .positive(),
+            ),
             input_centre: d.parameter(
                 vector("input_centre", SETS, "")
                     .each(&centres_of.each_ref().map(String::as_str))
@@ -149,10 +158,13 @@ impl FuzzyGain {
         y.slice(self.K).copy_from_slice(&v[feedback_gain.elements()]);
         for (i, (&k_f, &is_fuzzy)) in self.k_f.iter().zip(&self.is_fuzzy).enumerate() {
             let [e, rate] = errors(i);
-            y[k_f] = infer([v[self.k_p] * e.abs(), v[self.k_d] * rate.abs()], &centres, &sets);
+            y[k_f] = match v.get(self.fuzzy_output) {
+                FuzzyOutput::Constant => v[self.constant_gain],
+                _ => infer([v[self.k_p] * e.abs(), v[self.k_d] * rate.abs()], &centres, &sets),
+            };
             if v.get(is_fuzzy) {
                 y[self.K.at(i, i)] = match v.get(self.fuzzy_output) {
-                    FuzzyOutput::Gain => y[k_f],
+                    FuzzyOutput::Gain | FuzzyOutput::Constant => y[k_f],
                     FuzzyOutput::InverseGain => y[k_f].recip(),
                 };
             }

@@ -7,7 +7,7 @@ use toml::{Table, Value};
 use super::{Library, Source, describe, find_description};
 use crate::error::Error;
 use crate::model;
-use crate::simulation::{self, Affine, Description, Structure, Variable, check};
+use crate::simulation::{self, Affine, Component, Description, StartValue, Structure, Variable, check, start_values};
 use crate::system::Kind;
 
 /// Parameters about communication steps, of which a whole has none inside.
@@ -43,7 +43,38 @@ pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Ve
         }));
         parts.push(Value::Table(part(&unit.name, &sources[k], &start)?));
     }
-    Ok((source(structure, parts), wiring.notes))
+    Ok((source(structure, parts, own_start(structure)?), wiring.notes))
+}
+
+/// What the whole itself starts with, where a user says so.
+fn own_start(structure: &Structure) -> Result<Table, Error> {
+    let entry = |value: &StartValue| {
+        let StartValue { name, text, origin, .. } = value;
+        if !ABOUT_STEPS.contains(&name.as_str()) {
+            let known = ABOUT_STEPS.join(", ");
+            return Err(origin.refuse(&format!("`{name}` must be UNIT.variable, or one of the whole: {known}")));
+        }
+        Ok((name.clone(), text.parse().map_or_else(|_| Value::String(text.clone()), Value::Float)))
+    };
+    structure.whole.iter().map(entry).collect()
+}
+
+/// The description of an FMU that starts with the values of a parameter set.
+///
+/// # Errors
+/// When the set can't be read, or a value doesn't fit.
+pub fn with_values(source: &Source, parameters: &Path, library: &Library) -> Result<Source, Error> {
+    let described = fmu_description(source, library)?;
+    let unit = Component::alone(&described.name, parameters)?;
+    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+    let mut table: Table = source.text.parse().map_err(|error: toml::de::Error| refuse(error.to_string()))?;
+    let start = table.entry("start").or_insert_with(|| Table::new().into());
+    let start = start.as_table_mut().ok_or_else(|| refuse("start must be a table".to_owned()))?;
+    for (place, value) in start_values(&unit, &described, |_| false)? {
+        let variable = &described.variables[place];
+        start.insert(variable.name.clone(), in_description(variable, &value));
+    }
+    Ok(Source { text: table.to_string(), file: source.file.clone() })
 }
 
 /// The description of a unit's FMU, as its master would read it.
@@ -53,7 +84,7 @@ fn fmu_description(source: &Source, library: &Library) -> Result<Description, Er
 }
 
 /// The text of the whole's description.
-fn source(structure: &Structure, parts: Vec<Value>) -> Source {
+fn source(structure: &Structure, parts: Vec<Value>, start: Table) -> Source {
     let link = |(unit, connector): &(String, String)| Value::String(format!("{unit}.{connector}"));
     let links = structure.connections.iter().map(|c| Value::Array(vec![link(&c.from), link(&c.to)]));
     let mut inside = Table::new();
@@ -68,6 +99,7 @@ fn source(structure: &Structure, parts: Vec<Value>) -> Source {
     description.insert("description".to_owned(), Value::String(format!("{}, as one unit", structure.description)));
     description.insert("experiment".to_owned(), Value::Table(experiment.into_iter().collect()));
     description.insert("structure".to_owned(), Value::Table(inside));
+    description.insert("start".to_owned(), Value::Table(start));
     Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string() }
 }
 

@@ -9,7 +9,7 @@ mod page;
 use std::path::{Path, PathBuf};
 
 pub use archive::{PLATFORM, read_entry, unpack, write_entries};
-pub use composite::{composite, composite_name};
+pub use composite::{composite, composite_name, with_values};
 pub use library::Library;
 pub(crate) use library::with_causes;
 pub(crate) use page::escaped;

@@ -36,11 +36,19 @@ fn range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
 /// # Errors
 /// When a diagram names a signal that isn't there, or can't be drawn.
 pub fn svg(title: &str, plots: &[Plot], recording: &Recording) -> Result<String, String> {
+    svg_over("t in s", title, plots, recording)
+}
+
+/// The same over something else than time.
+///
+/// # Errors
+/// When a diagram names a signal that isn't there, or can't be drawn.
+pub fn svg_over(x: &str, title: &str, plots: &[Plot], recording: &Recording) -> Result<String, String> {
     let mut text = String::new();
     let size = (WIDTH, HEIGHT_OF_ONE * plots.len().max(1) as u32 + 40);
     {
         let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
-        draw(&root, title, plots, recording).map_err(|error| error.to_string())?;
+        draw(&root, (x, title), plots, recording).map_err(|error| error.to_string())?;
         root.present().map_err(|error| error.to_string())?;
     }
     Ok(text)
@@ -48,7 +56,7 @@ pub fn svg(title: &str, plots: &[Plot], recording: &Recording) -> Result<String,
 
 fn draw<B: DrawingBackend>(
     root: &DrawingArea<B, plotters::coord::Shift>,
-    title: &str,
+    (x, title): (&str, &str),
     plots: &[Plot],
     recording: &Recording,
 ) -> Result<(), Box<dyn std::error::Error>>
@@ -75,7 +83,7 @@ where
             .x_label_area_size(32)
             .y_label_area_size(58)
             .build_cartesian_2d(start..end, low..high)?;
-        chart.configure_mesh().light_line_style(WHITE).x_desc("t in s").label_style(("sans-serif", 14)).draw()?;
+        chart.configure_mesh().light_line_style(WHITE).x_desc(x).label_style(("sans-serif", 14)).draw()?;
         for (k, (name, column)) in columns.iter().enumerate() {
             let style = COLOURS[k % COLOURS.len()].stroke_width(if k == 0 { 2 } else { 1 });
             let series = LineSeries::new(thinned(&recording.times, column, GROUPS), style);

@@ -129,25 +129,8 @@ impl<'a> Check<'a> {
     }
 
     fn values(&self, unit: usize, links: &[Link]) -> Result<Vec<(usize, Value)>, Error> {
-        let (component, description) = (&self.structure.components[unit], self.descriptions[unit]);
-        let value_of = |start: &StartValue| {
-            let name = format!("{}.{}", component.name, start.name);
-            let refuse = |reason: String| start.origin.refuse(&reason);
-            let place = description.place(&start.name);
-            let place =
-                place.ok_or_else(|| refuse(format!("there is no `{name}`: {} has no such variable", component.fmu)))?;
-            let variable = &description.variables[place];
-            if links.iter().any(|link| link.to == (unit, place)) {
-                return Err(refuse(format!("`{name}` is connected: its values come from there")));
-            }
-            if variable.start.is_none() || variable.variability == "constant" {
-                let (variability, causality) = (&variable.variability, &variable.causality);
-                return Err(refuse(format!("`{name}` can't be set: it is a {variability} {causality}")));
-            }
-            let value = value(start, variable, description.unit(variable));
-            Ok((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?))
-        };
-        component.values.iter().map(value_of).collect()
+        let is_connected = |place| links.iter().any(|link| link.to == (unit, place));
+        start_values(&self.structure.components[unit], self.descriptions[unit], is_connected)
     }
 
     fn circles(&self, links: &[Link]) -> Result<(), Error> {
@@ -174,6 +157,35 @@ impl<'a> Check<'a> {
         }
         notes
     }
+}
+
+/// The start values of a component in the types and units of its FMU's variables, with their places.
+///
+/// # Errors
+/// For a value of a variable that isn't there, can't be set, is connected, or is of another type or dimension.
+pub fn start_values(
+    component: &Component,
+    description: &Description,
+    is_connected: impl Fn(usize) -> bool,
+) -> Result<Vec<(usize, Value)>, Error> {
+    let value_of = |start: &StartValue| {
+        let name = format!("{}.{}", component.name, start.name);
+        let refuse = |reason: String| start.origin.refuse(&reason);
+        let place = description.place(&start.name);
+        let place =
+            place.ok_or_else(|| refuse(format!("there is no `{name}`: {} has no such variable", component.fmu)))?;
+        let variable = &description.variables[place];
+        if is_connected(place) {
+            return Err(refuse(format!("`{name}` is connected: its values come from there")));
+        }
+        if variable.start.is_none() || variable.variability == "constant" {
+            let (variability, causality) = (&variable.variability, &variable.causality);
+            return Err(refuse(format!("`{name}` can't be set: it is a {variability} {causality}")));
+        }
+        let value = value(start, variable, description.unit(variable));
+        Ok((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?))
+    };
+    component.values.iter().map(value_of).collect()
 }
 
 fn name((unit, variable): &(String, String)) -> String {

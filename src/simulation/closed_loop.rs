@@ -1,16 +1,11 @@
 //! The master: units stepped together, outputs handed to inputs.
 
-use std::collections::HashMap;
 use std::fmt;
-use std::path::Path;
-use std::rc::Rc;
 use std::str::FromStr;
 
-use super::check::{Link, check};
-use super::description::Description;
-use super::fmu::{Fmu, Instance};
+use super::description::Variable;
+use super::fmu::Instance;
 use super::port::{Ports, signals};
-use super::ssp::{Component, Structure};
 use super::units::Affine;
 use crate::error::Error;
 
@@ -110,49 +105,13 @@ impl Recording {
 }
 
 impl ClosedLoop {
-    /// Loads and connects the units of a loop from the FMUs in a folder.
-    ///
-    /// # Errors
-    /// When an FMU can't be loaded, or a connection or value doesn't fit.
-    pub fn new(structure: &Structure, fmus: &Path) -> Result<Self, Error> {
-        let open = |component: &Component| Fmu::open(&fmus.join(format!("{}.fmu", component.fmu))).map(Rc::new);
-        let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-        let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
-        let wiring = check(structure, &descriptions)?;
-        let mut closed = ClosedLoop::empty(wiring.notes);
-        // The place of each signal's value in the row.
-        let mut places = HashMap::new();
-        for (k, (component, fmu)) in structure.components.iter().zip(&opened).enumerate() {
-            let instance = fmu.instantiate(&component.name)?;
-            for (place, value) in &wiring.values[k] {
-                instance.set_start(fmu.description.variables[*place].reference, value)?;
-            }
-            let own = signals(&fmu.description).map(|(place, _)| (k, place));
-            places.extend(own.zip(closed.row.len()..));
-            closed.add(instance, &format!("{}.", component.name));
-        }
-        for Link { from, to: (unit, input), conversion } in &wiring.links {
-            closed.units[*unit].inputs.add(&descriptions[*unit].variables[*input], places[from], *conversion);
-        }
-        Ok(closed)
-    }
-
-    /// Loads a loop that is one FMU, whose outputs have the names of the loop's signals.
-    ///
-    /// # Errors
-    /// When the FMU can't be loaded.
-    pub fn whole(name: &str, fmu: &Path, notes: Vec<String>) -> Result<Self, Error> {
-        let mut closed = ClosedLoop::empty(notes);
-        closed.add(Rc::new(Fmu::open(fmu)?).instantiate(name)?, "");
-        Ok(closed)
-    }
-
-    fn empty(notes: Vec<String>) -> Self {
+    /// A loop without units.
+    pub(super) fn empty(notes: Vec<String>) -> Self {
         ClosedLoop { units: Vec::new(), names: Vec::new(), measures: Vec::new(), row: Vec::new(), notes }
     }
 
     /// Adds a unit; its signals are named by its variables, with a prefix.
-    fn add(&mut self, instance: Instance, prefix: &str) {
+    pub(super) fn add(&mut self, instance: Instance, prefix: &str) {
         let mut outputs = Ports::default();
         for (_, variable) in signals(instance.description()) {
             outputs.add(variable, self.row.len(), Affine::IDENTITY);
@@ -161,6 +120,21 @@ impl ClosedLoop {
             self.measures.push(variable.unit.clone().unwrap_or_default());
         }
         self.units.push(Unit { instance, outputs, inputs: Ports::default() });
+    }
+
+    /// Number of its signals.
+    pub(super) fn width(&self) -> usize {
+        self.row.len()
+    }
+
+    /// Hands the signal at a place of the row to an input of a unit.
+    pub(super) fn connect(&mut self, unit: usize, input: &Variable, place: usize, conversion: Affine) {
+        self.units[unit].inputs.add(input, place, conversion);
+    }
+
+    /// Names of its signals.
+    pub fn names(&self) -> &[String] {
+        &self.names
     }
 
     /// Runs the loop. `progress` is told the time, and may end the run by answering false.

@@ -5,7 +5,7 @@ mod exchange;
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
+use std::sync::Arc;
 
 use libloading::Library;
 
@@ -109,7 +109,7 @@ impl Fmu {
     ///
     /// # Errors
     /// When the library lacks a function, or refuses.
-    pub fn instantiate(self: &Rc<Self>, name: &str) -> Result<Instance, Error> {
+    pub fn instantiate(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
         self.instantiate_as(CO_SIMULATION, name)
     }
 
@@ -117,11 +117,11 @@ impl Fmu {
     ///
     /// # Errors
     /// When the library lacks a function, or refuses.
-    pub fn instantiate_for_exchange(self: &Rc<Self>, name: &str) -> Result<Instance, Error> {
+    pub fn instantiate_for_exchange(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
         self.instantiate_as(MODEL_EXCHANGE, name)
     }
 
-    fn instantiate_as(self: &Rc<Self>, kind: c_int, name: &str) -> Result<Instance, Error> {
+    fn instantiate_as(self: &Arc<Self>, kind: c_int, name: &str) -> Result<Instance, Error> {
         let refuse = |reason: String| Error::Archive { file: self.file.clone(), reason };
         let messages = Box::new(RefCell::new(Vec::new()));
         let callbacks = Box::new(CallbackFunctions {
@@ -136,7 +136,7 @@ impl Fmu {
         let resources = c_string(&file_uri(&self.folder.path().join("resources")))?;
         let instance_name = c_string(name)?;
         // SAFETY: the types are those that the standard gives these names; the library stays loaded as long as the
-        // instance (it holds this Rc), and strings and callbacks as long as the standard asks.
+        // instance (it holds this Arc), and strings and callbacks as long as the standard asks.
         unsafe {
             let functions = self.functions().map_err(|error| refuse(with_causes(&error)))?;
             let instantiate =
@@ -146,7 +146,7 @@ impl Fmu {
             if component.is_null() {
                 return Err(refuse(format!("fmi2Instantiate failed: {}", messages.take().join("; "))));
             }
-            let (fmu, name) = (Rc::clone(self), name.to_owned());
+            let (fmu, name) = (Arc::clone(self), name.to_owned());
             Ok(Instance { component, functions, name, time: 0.0, messages, _callbacks: callbacks, fmu })
         }
     }
@@ -212,7 +212,7 @@ pub struct Instance {
     time: f64,
     messages: Box<RefCell<Vec<String>>>,
     _callbacks: Box<CallbackFunctions>,
-    fmu: Rc<Fmu>,
+    fmu: Arc<Fmu>,
 }
 
 impl Instance {

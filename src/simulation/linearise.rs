@@ -1,7 +1,7 @@
 //! The linear system x' = A x + B u, y = C x + D u that an FMU is like about an operating point, from the exact
 //! derivatives that it gives.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{DMatrix, Schur};
@@ -96,7 +96,7 @@ pub(super) struct Plan<'a> {
 ///
 /// # Errors
 /// When it gives no directional derivatives, a start value is refused, or there is no steady state.
-pub fn linearise(fmu: &Rc<Fmu>, point: &OperatingPoint) -> Result<Linearisation, Error> {
+pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation, Error> {
     let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
     let structure = ModelStructure::read(&read_entry(fmu.file(), "modelDescription.xml")?).map_err(refuse)?;
     let time = point.time.unwrap_or(structure.start_time);

@@ -8,6 +8,7 @@ mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
 mod linearise;
+mod loaded;
 mod metrics;
 mod model_structure;
 mod overview;
@@ -18,15 +19,17 @@ mod steady_state;
 mod thinned;
 mod units;
 
-pub use chart::{svg, terminal};
-pub use check::{Link, Wiring, check};
+pub use chart::{svg, svg_over, terminal};
+pub use check::{Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use description::{Description, Variable};
 pub use fmu::{Fmu, Instance, Value};
 pub use linearise::{Eigenvalue, Linearisation, OperatingPoint, Quantity, linearise};
+pub use loaded::{LoadedLoop, Place};
 pub use metrics::{Measured, measure};
 pub use overview::{Row, Verdict, table};
 pub use page::{Ending, Report};
 pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, pack};
 pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Statistic};
+pub use ssp::{SquareTerm, TunedParameter, Tuning};
 pub use units::{Affine, UnitDefinition};

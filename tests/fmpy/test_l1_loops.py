@@ -184,11 +184,29 @@ def test_with_a_fuzzy_gain_the_desired_dynamics_that_the_plain_loop_diverges_wit
     assert round(np.abs(whole["controller.u[1]"]).max(), 1) == 131.3
 
 
-@pytest.mark.parametrize(("loop", "objective"), [("4-case1", 339.8), ("4-case1-fuzzy", 71.9)])
-def test_the_sum_of_squares_that_a_fuzzy_gain_is_tuned_for(ran, loop: str, objective: float) -> None:
-    _, table = ran(loop, "--composite", "--until", 8, "--step", 0.01)
+@pytest.mark.parametrize(
+    ("loop", "case", "objective"),
+    [
+        ("4-case1", None, 339.8),
+        ("4-case1-fuzzy", None, 71.9),
+        ("4-case1-fuzzy", "tuned", 55.6),
+        # Inference off, a gain of two levels.
+        ("4-case1-fuzzy", "two-level", 70.2),
+    ],
+)
+def test_the_sum_of_squares_that_a_fuzzy_gain_is_tuned_for(ran, loop: str, case: str | None, objective: float) -> None:
+    chosen = ["--case", f"{case}.ssv"] if case else []
+    _, table = ran(loop, "--composite", "--until", 8, "--step", 0.01, *chosen)
     e, u = table["reference.r[1]"] - table["plant.y[1]"], table["controller.u[1]"]
     assert round(np.sum(e**2 + 1e-3 * u**2), 1) == objective
+
+
+@pytest.mark.parametrize(("case", "peak"), [("tuned", 11.1), ("two-level", 11.6)])
+def test_tuned_or_without_inference_the_loop_tracks_alike_and_has_no_higher_peaks(ran, case: str, peak: float) -> None:
+    told, table = ran("4-case1-fuzzy", "--case", f"{case}.ssv")
+    assert round(tracking("4-case1-fuzzy", table)[0], 4) == 0.0725
+    assert round(peaks("4-case1-fuzzy", table)[0], 1) == peak
+    assert all(metric["limit"] is None or metric["value"] <= metric["limit"] for metric in told["metrics"])
 
 
 def test_the_parameter_set_of_the_output_sets_is_where_they_start(ran) -> None:

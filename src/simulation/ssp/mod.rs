@@ -6,12 +6,15 @@ mod package;
 mod parameters;
 mod reader;
 mod structure;
+mod tuning;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 pub use annotation::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Statistic};
 pub use files::LoopFiles;
 pub use package::pack;
+pub use tuning::{SquareTerm, TunedParameter, Tuning};
 
 use super::closed_loop::Order;
 use super::units::{Affine, UnitDefinition};
@@ -33,6 +36,8 @@ pub struct Structure {
     pub components: Vec<Component>,
     /// Connections.
     pub connections: Vec<Connection>,
+    /// Start values of what the loop has of its own where it is one unit, each name once.
+    pub whole: Vec<StartValue>,
     /// Parameter files that it names, by their paths in its folder.
     pub parameter_files: Vec<String>,
     /// Start time, s.
@@ -51,6 +56,8 @@ pub struct Structure {
     pub plots: Vec<Plot>,
     /// The failure that it is to end with, if it is to.
     pub expected_failure: Option<ExpectedFailure>,
+    /// How it is tuned, unless the user says otherwise.
+    pub tuning: Option<Tuning>,
 }
 
 /// A unit of the loop.
@@ -121,6 +128,15 @@ pub struct Connection {
 }
 
 impl Structure {
+    /// All start values that differ from the FMUs' own, by their names in the loop.
+    pub fn all_values(&self) -> BTreeMap<String, String> {
+        let units = self.components.iter().flat_map(|unit| unit.values.iter().map(move |value| (Some(unit), value)));
+        let all = units.chain(self.whole.iter().map(|value| (None, value)));
+        let name =
+            |unit: Option<&Component>, name: &str| unit.map_or(name.to_owned(), |unit| format!("{}.{name}", unit.name));
+        all.map(|(unit, value)| (name(unit, &value.name), value.text.clone())).collect()
+    }
+
     /// A refusal of what stands in a line of its file.
     pub fn refuse(&self, line: u32, reason: &str) -> Error {
         Origin { file: self.file.clone(), line: Some(line) }.refuse(reason)

@@ -6,7 +6,7 @@ use roxmltree::Node;
 
 use super::files::{LoopFiles, is_inside};
 use super::reader::{Reader, parse};
-use super::{Origin, StartValue, Structure};
+use super::{Component, Origin, StartValue, Structure};
 use crate::error::Error;
 use crate::simulation::description::{attribute, child, elements};
 use crate::simulation::units::UnitDefinition;
@@ -20,6 +20,18 @@ const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
 fn read_set(text: &str, file: &Path) -> Result<Vec<StartValue>, Error> {
     let document = parse(text, file)?;
     Reader { document: &document, file }.parameter_set(document.root_element(), &[])
+}
+
+impl Component {
+    /// An FMU that stands in no loop, with the values of a parameter set.
+    ///
+    /// # Errors
+    /// When the set can't be read.
+    pub fn alone(fmu: &str, parameters: &Path) -> Result<Self, Error> {
+        let text = std::fs::read_to_string(parameters).map_err(Error::file(parameters))?;
+        let (name, values) = (fmu.to_owned(), read_set(&text, parameters)?);
+        Ok(Component { fmu: name.clone(), name, connectors: Vec::new(), values })
+    }
 }
 
 impl Reader<'_> {
@@ -95,6 +107,12 @@ impl Reader<'_> {
     }
 }
 
+/// Puts a value in the place of an earlier one of its name.
+fn put(values: &mut Vec<StartValue>, value: StartValue) {
+    values.retain(|earlier| earlier.name != value.name);
+    values.push(value);
+}
+
 impl Structure {
     /// Takes over values that are named `component.variable`; those that a component has of the same name yield.
     ///
@@ -123,7 +141,8 @@ impl Structure {
         self.apply(read_set(&text, &file)?)
     }
 
-    /// Sets a start value from `UNIT.variable=value`, where UNIT is a component, or an FMU that only one has.
+    /// Sets a start value from `UNIT.variable=value`, where UNIT is a component, or an FMU that only one has. A name
+    /// without a dot is of the loop as one unit.
     ///
     /// # Errors
     /// When the text is none of that form, or UNIT isn't there.
@@ -136,15 +155,26 @@ impl Structure {
             let users: Vec<usize> = (0..self.components.len()).filter(|&k| self.components[k].fmu == unit).collect();
             (!users.is_empty()).then_some(users)
         };
-        let (place, name) = self.split(target.trim(), by_fmu).map_err(|reason| origin.refuse(&reason))?;
-        self.put(place, StartValue { name, data_type: None, text: text.trim().to_owned(), unit: None, origin });
+        let (target, text) = (target.trim(), text.trim().to_owned());
+        if !target.contains('.') {
+            put(&mut self.whole, StartValue { name: target.to_owned(), data_type: None, text, unit: None, origin });
+            return Ok(());
+        }
+        let (place, name) = self.split(target, by_fmu).map_err(|reason| origin.refuse(&reason))?;
+        self.put(place, StartValue { name, data_type: None, text, unit: None, origin });
         Ok(())
     }
 
+    /// # Errors
+    /// For a value that names no unit: separate units have none in common.
+    pub(in crate::simulation) fn check_separate(&self) -> Result<(), Error> {
+        let Some(value) = self.whole.first() else { return Ok(()) };
+        let reason = self.split(&value.name, |_| None).err().unwrap_or_default();
+        Err(value.origin.refuse(&format!("{reason}; what has no unit is of the loop as one unit (--composite)")))
+    }
+
     fn put(&mut self, place: usize, value: StartValue) {
-        let values = &mut self.components[place].values;
-        values.retain(|earlier| earlier.name != value.name);
-        values.push(value);
+        put(&mut self.components[place].values, value);
     }
 
     /// The component that a name begins with, and the variable; names of both may hold dots.

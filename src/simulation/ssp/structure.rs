@@ -47,6 +47,7 @@ impl Reader<'_> {
             description: attribute(system, "description").unwrap_or_default(),
             components: self.components(system, &units, files)?,
             connections: self.connections(system)?,
+            whole: Vec::new(),
             parameter_files: parameter_files(root),
             start_time: self.number_or(experiment, "startTime", 0.0)?,
             stop_time: self.number(experiment, "stopTime")?,
@@ -56,6 +57,7 @@ impl Reader<'_> {
             metrics: elements(ours, "Metric").map(|node| self.metric(node)).collect::<Result<_, _>>()?,
             plots: elements(ours, "Plot").map(|node| self.plot(node)).collect::<Result<_, _>>()?,
             expected_failure: child(ours, "ExpectedFailure").map(|node| self.expected_failure(node)).transpose()?,
+            tuning: child(ours, "Tuning").map(|node| self.tuning(node)).transpose()?,
         };
         // The system's values come last: they prevail over those of its components.
         structure.apply(self.bindings(system, &units, files)?)?;

@@ -1,0 +1,97 @@
+//! Which loop, through which units, and how it is stepped: what `run` and `tune` have in common.
+
+use std::path::PathBuf;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::exporter::Library;
+use adaptive_fmu::simulation::{LoadedLoop, LoopFiles, Order, Settings, Structure};
+use tempfile::TempDir;
+
+use super::export::{export_units, export_whole};
+use super::parameters::Parameters;
+
+#[derive(clap::Args, Default)]
+pub struct LoopOptions {
+    /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
+    #[arg(long, conflicts_with_all = ["order", "fmus"])]
+    pub composite: bool,
+    /// Folder with FMUs to use as they are; without it, those in resources/ beside the loop, or this package's, which
+    /// are exported anew into fmus/
+    #[arg(long)]
+    pub fmus: Option<PathBuf>,
+    /// Communication step in s, in place of the loop's own
+    #[arg(long, value_parser = positive)]
+    pub step: Option<f64>,
+    /// Stop time in s, in place of the loop's own
+    #[arg(long, value_parser = positive)]
+    pub until: Option<f64>,
+    /// gauss-seidel or jacobi, in place of the loop's own
+    #[arg(long)]
+    pub order: Option<Order>,
+    #[command(flatten)]
+    pub parameters: Parameters,
+}
+
+pub fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
+    number.ok_or_else(|| "must be a finite number above 0".to_owned())
+}
+
+/// Where the units of a loop are.
+pub enum Units {
+    /// FMUs in a folder, one each.
+    Separate(PathBuf),
+    /// One FMU, in a folder that goes with it, and what is to be told of it.
+    Whole { fmu: PathBuf, notes: Vec<String>, _folder: TempDir },
+}
+
+impl LoopOptions {
+    /// The loop with the values that are asked for.
+    pub fn structure(&self, files: &LoopFiles) -> Result<Structure, Error> {
+        let mut structure = files.structure()?;
+        self.parameters.apply(&mut structure, files)?;
+        Ok(structure)
+    }
+
+    /// How it is stepped.
+    pub fn settings(&self, structure: &Structure) -> Result<Settings, Error> {
+        let settings = Settings {
+            start_time: structure.start_time,
+            stop_time: self.until.unwrap_or(structure.stop_time),
+            step: self.step.unwrap_or(structure.step),
+            order: self.order.unwrap_or(structure.order),
+        };
+        if settings.stop_time <= settings.start_time {
+            let (stop, start) = (settings.stop_time, settings.start_time);
+            let reason = format!("stop time {stop}: must be after the start, {start}");
+            return Err(Error::Loop { file: structure.file.clone(), reason });
+        }
+        Ok(settings)
+    }
+
+    /// The units of a loop, exported where they don't come with it.
+    pub fn units(&self, files: &LoopFiles, structure: &Structure) -> Result<Units, Error> {
+        if self.composite {
+            let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+            let (fmu, notes) = export_whole(structure, &Library::beside_program()?, folder.path())?;
+            return Ok(Units::Whole { fmu, notes, _folder: folder });
+        }
+        if let Some(fmus) = self.fmus.clone().or_else(|| files.fmus()) {
+            return Ok(Units::Separate(fmus));
+        }
+        // A loop must not show the numbers of units that were exported before an equation was changed.
+        let fmus = PathBuf::from("fmus");
+        export_units(structure, &Library::beside_program()?, &fmus)?;
+        Ok(Units::Separate(fmus))
+    }
+}
+
+impl Units {
+    /// Loads a loop of these units.
+    pub fn load(&self, structure: &Structure) -> Result<LoadedLoop, Error> {
+        match self {
+            Units::Separate(fmus) => LoadedLoop::new(structure, fmus),
+            Units::Whole { fmu, notes, .. } => LoadedLoop::whole(&structure.name, fmu, notes.clone()),
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! `tune`: parameters of a closed loop by a particle swarm.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::time::Instant;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::parallel;
+use adaptive_fmu::simulation::{LoopFiles, Settings, SquareTerm, Structure, TunedParameter, Tuning};
+use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
+
+use super::loop_options::{LoopOptions, positive};
+use super::progress::{self, Bars, Counter};
+use super::tuned::{Tuned, print, write_results};
+
+/// Written after every generation.
+pub const RECORD: &str = "search.json";
+const SAMPLE: f64 = 0.01;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
+    #[arg(value_name = "LOOP")]
+    name: String,
+    /// Parameter to tune, in place of those that the loop names; without bounds, within those of the FMU; repeatable
+    #[arg(long, value_name = "UNIT.variable[=LOW..HIGH]", value_parser = parameter)]
+    parameter: Vec<TunedParameter>,
+    /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points, in place of what the loop says; repeatable
+    #[arg(long, value_name = "WEIGHT SIGNAL [- SIGNAL]")]
+    square: Vec<SquareTerm>,
+    /// Minimise a metric of the loop
+    #[arg(long, value_name = "LABEL", conflicts_with_all = ["square", "sample"])]
+    metric: Option<String>,
+    /// Time between the points that are summed up, in s
+    #[arg(long, value_parser = positive)]
+    sample: Option<f64>,
+    #[command(flatten)]
+    swarm: SwarmOptions,
+    /// Go on with an earlier search of the same question, up to so many generations
+    #[arg(long)]
+    resume: bool,
+    /// Runs at a time; without it, as many as there are cores
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// Folder for results, which go to LOOP-tuned in it
+    #[arg(long, default_value = "results")]
+    out: PathBuf,
+    #[command(flatten)]
+    options: LoopOptions,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+struct SwarmOptions {
+    /// Particles of the swarm
+    #[arg(long, default_value_t = 150, value_parser = clap::value_parser!(u32).range(1..))]
+    particles: u32,
+    /// Generations; each runs the loop once a particle
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
+    generations: u32,
+    /// Which random numbers; the same seed gives the same search, on any number of threads
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Pull of a particle's own best position
+    #[arg(long, default_value_t = 2.0, value_parser = not_negative)]
+    cognitive: f64,
+    /// Pull of the best position of all
+    #[arg(long, default_value_t = 2.0, value_parser = not_negative)]
+    social: f64,
+    /// Inertia in the first generation
+    #[arg(long, default_value_t = 1.0, value_parser = not_negative)]
+    inertia: f64,
+    /// Factor of the inertia from generation to generation
+    #[arg(long, default_value_t = 0.99, value_parser = not_negative)]
+    decay: f64,
+    /// Largest change of a parameter in a generation, in parts of its range
+    #[arg(long, default_value_t = 0.1, value_parser = positive)]
+    velocity_limit: f64,
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
+    number.ok_or_else(|| "must be a finite number, not below 0".to_owned())
+}
+
+fn parameter(text: &str) -> Result<TunedParameter, String> {
+    let Some((name, bounds)) = text.split_once('=') else {
+        return Ok(TunedParameter { name: text.trim().to_owned(), low: None, high: None });
+    };
+    let number = |text: &str| text.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    let bounds = bounds.split_once("..").and_then(|(low, high)| number(low).zip(number(high)));
+    let (low, high) = bounds.ok_or("must be UNIT.variable, or UNIT.variable=LOW..HIGH with two finite numbers")?;
+    Ok(TunedParameter { name: name.trim().to_owned(), low: Some(low), high: Some(high) })
+}
+
+/// Searches, and writes what was found; also when the user interrupts.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let bars = Bars::new(arguments.json);
+    let files = LoopFiles::find(&arguments.name)?;
+    let structure = arguments.options.structure(&files)?;
+    let task = Task::new(arguments, &files, structure)?;
+    let folder = arguments.out.join(format!("{}-tuned", task.structure.name));
+    std::fs::create_dir_all(&folder).map_err(Error::file(&folder))?;
+    let file = folder.join(RECORD);
+    let mut swarm = if arguments.resume { Record::resume(&file, &task.question)? } else { task.swarm() };
+    let begun = Instant::now();
+    let before = task.as_it_is();
+    let ended = task.search(&mut swarm, &file, &bars)?;
+    let took = begun.elapsed();
+    let Some(best) = ended.best.clone() else {
+        let reason = ended.reason.as_deref().unwrap_or("interrupted");
+        let reason =
+            format!("none of {} runs came to its end, so there is no best one; the last: {reason}", ended.runs);
+        return Err(Error::Loop { file: task.structure.file.clone(), reason });
+    };
+    let again = task.again(arguments, &files, &best)?;
+    let interrupted = ended.interrupted;
+    let tuned = Tuned { task, best, before, again, swarm, ended, took, folder };
+    write_results(&tuned)?;
+    print(&tuned, arguments.json);
+    Ok(if interrupted { ExitCode::from(progress::INTERRUPTED) } else { ExitCode::SUCCESS })
+}
+
+/// What is to be done.
+pub struct Task {
+    pub structure: Structure,
+    settings: Settings,
+    question: Question,
+    generations: usize,
+    pub search: Search,
+}
+
+/// A loop before anything is tuned.
+pub struct Before {
+    /// What the parameters start with.
+    pub values: Vec<f64>,
+    /// None where the run fails.
+    pub objective: Option<f64>,
+}
+
+/// How a search ended.
+pub struct Ended {
+    best: Option<Best>,
+    pub interrupted: bool,
+    pub runs: usize,
+    /// Why the last run that failed did.
+    pub reason: Option<String>,
+}
+
+impl Task {
+    fn new(arguments: &Arguments, files: &LoopFiles, structure: Structure) -> Result<Self, Error> {
+        let options = &arguments.options;
+        let Tuning { parameters, terms, sample, until } = structure.tuning.clone().unwrap_or(Tuning {
+            parameters: Vec::new(),
+            terms: Vec::new(),
+            sample: SAMPLE,
+            until: None,
+        });
+        let parameters = if arguments.parameter.is_empty() { parameters } else { arguments.parameter.clone() };
+        let terms = if arguments.square.is_empty() { terms } else { arguments.square.clone() };
+        let sample = arguments.sample.unwrap_or(sample);
+        let objective = arguments.metric.clone().map_or(Objective::Squares { terms, sample }, Objective::Metric);
+        let mut settings = options.settings(&structure)?;
+        settings.stop_time = options.until.or(until).unwrap_or(settings.stop_time);
+        if options.composite && options.step.is_none() && matches!(objective, Objective::Squares { .. }) {
+            // Nothing depends on further communication points.
+            settings.step = sample;
+        }
+        let units = options.units(files, &structure)?;
+        let first = units.load(&structure)?;
+        let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
+        let further = if first.can_be_multiplied() { threads - 1 } else { 0 };
+        let mut loops = vec![first];
+        for _ in 0..further {
+            loops.push(units.load(&structure)?);
+        }
+        let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
+        let search = Search::new(structure.clone(), settings, objective.clone(), &parameters, loops).map_err(wrong)?;
+        let SwarmOptions { particles, generations, seed, cognitive, social, inertia, decay, velocity_limit } =
+            arguments.swarm;
+        let question = Question {
+            name: structure.name.clone(),
+            composite: options.composite,
+            step: settings.step,
+            times: (settings.start_time, settings.stop_time),
+            order: settings.order.to_string(),
+            values: structure.all_values(),
+            objective,
+            parameters: search.ranges().to_vec(),
+            particles: particles as usize,
+            motion: Motion { cognitive, social, inertia, decay, velocity_limit },
+            seed,
+        };
+        Ok(Task { structure, settings, question, generations: generations as usize, search })
+    }
+
+    fn swarm(&self) -> Swarm {
+        let Question { particles, motion, seed, .. } = self.question;
+        let bounds = self.search.ranges().iter().map(|range| (range.low, range.high)).collect();
+        Swarm::new(particles, bounds, self.search.start(), motion, seed)
+    }
+
+    fn as_it_is(&self) -> Option<Before> {
+        let values = self.search.present()?;
+        let outcomes = self.search.run(&[&values], |_| (), progress::is_interrupted);
+        Some(Before { objective: outcomes.first().and_then(Outcome::value), values })
+    }
+
+    /// Goes on with a swarm up to the last generation.
+    fn search(&self, swarm: &mut Swarm, file: &Path, bars: &Bars) -> Result<Ended, Error> {
+        let (particles, done) = (self.question.particles, swarm.history().len());
+        let counter = Counter::new(bars, &self.structure.name, self.generations * particles, done * particles);
+        let mut ended = Ended { best: swarm.best().cloned(), interrupted: false, runs: 0, reason: None };
+        let best = Mutex::new(ended.best.as_ref().map(|best| best.value));
+        while swarm.history().len() < self.generations && !ended.interrupted {
+            let tell = |outcome: &Outcome| {
+                let mut best = best.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                *best = outcome.value().into_iter().chain(*best).reduce(f64::min);
+                let generation = swarm.history().len() + 1;
+                let value = best.map_or_else(|| "none yet".to_owned(), |best| format!("{best:.6}"));
+                counter.count(&format!("generation {generation} of {}, best {value}", self.generations));
+            };
+            let outcomes = self.search.run(&swarm.positions(), tell, progress::is_interrupted);
+            ended.note(swarm, &outcomes);
+            if !ended.interrupted {
+                swarm.tell(&outcomes.iter().map(Outcome::value).collect::<Vec<_>>());
+                Record { question: self.question.clone(), swarm: swarm.clone() }.write(file)?;
+            }
+        }
+        counter.clear();
+        Ok(ended)
+    }
+
+    /// The objective of the best values where the whole's tolerance and method are those that every run has, if others
+    /// were asked for.
+    fn again(&self, arguments: &Arguments, files: &LoopFiles, best: &Best) -> Result<Option<Outcome>, Error> {
+        if self.structure.whole.is_empty() {
+            return Ok(None);
+        }
+        let structure = Structure { whole: Vec::new(), ..self.structure.clone() };
+        let loaded = arguments.options.units(files, &structure)?.load(&structure)?;
+        let named = |range: &Range| {
+            let (low, high) = (Some(range.low), Some(range.high));
+            TunedParameter { name: range.name.clone(), low, high }
+        };
+        let parameters: Vec<_> = self.search.ranges().iter().map(named).collect();
+        let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
+        let objective = self.question.objective.clone();
+        let search = Search::new(structure.clone(), self.settings, objective, &parameters, vec![loaded]);
+        let outcomes = search.map_err(wrong)?.run(&[&best.position], |_| (), || false);
+        Ok(outcomes.into_iter().next())
+    }
+}
+
+impl Ended {
+    /// Takes over what a generation came to, before the swarm moves on; also a part of one.
+    fn note(&mut self, swarm: &Swarm, outcomes: &[Outcome]) {
+        for (position, outcome) in swarm.positions().into_iter().zip(outcomes) {
+            match outcome {
+                Outcome::Interrupted => {
+                    self.interrupted = true;
+                    continue;
+                }
+                Outcome::Failed(reason) => self.reason = Some(reason.clone()),
+                Outcome::Value(value) if is_better(*value, self.best.as_ref()) => {
+                    self.best = Some(Best { position: position.to_vec(), value: *value });
+                }
+                Outcome::Value(_) => {}
+            }
+            self.runs += 1;
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! What a search found: told, and written.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::simulation::{Plot, Recording, svg_over};
+use adaptive_fmu::tuning::{Best, Generation, Outcome, Range, Swarm, parameter_set};
+use serde_json::{Map, Value, json};
+
+use super::tune::{Before, Ended, RECORD, Task};
+
+const TUNED: &str = "tuned.ssv";
+
+/// The result of a search.
+pub struct Tuned {
+    pub task: Task,
+    pub best: Best,
+    pub before: Option<Before>,
+    /// The best values with every run's tolerance and method, where others were asked for.
+    pub again: Option<Outcome>,
+    /// The swarm after the last whole generation.
+    pub swarm: Swarm,
+    pub ended: Ended,
+    pub took: Duration,
+    pub folder: PathBuf,
+}
+
+impl Tuned {
+    fn failed(&self) -> usize {
+        self.swarm.history().iter().map(|generation| generation.failed).sum()
+    }
+
+    fn name(&self) -> &str {
+        &self.task.structure.name
+    }
+
+    fn ranges(&self) -> &[Range] {
+        self.task.search.ranges()
+    }
+
+    fn values(&self) -> impl Iterator<Item = (&str, f64)> {
+        self.ranges().iter().map(|range| range.name.as_str()).zip(self.best.position.iter().copied())
+    }
+}
+
+/// Writes the best values as parameter sets, of the loop and of each unit, and how the search went.
+pub fn write_results(tuned: &Tuned) -> Result<(), Error> {
+    let write = |name: &str, text: String| {
+        let file = tuned.folder.join(name);
+        std::fs::write(&file, text).map_err(Error::file(&file))
+    };
+    let remark = format!("Found for {} by a particle swarm; its objective is {}.", tuned.name(), tuned.best.value);
+    let set = |values: &[(&str, f64)]| parameter_set("tuned", &remark, values).map_err(Error::file(&tuned.folder));
+    write(TUNED, set(&tuned.values().collect::<Vec<_>>())?)?;
+    for unit in tuned.task.structure.components.iter().map(|component| &component.name) {
+        let of_unit = |(name, value)| Some((str::strip_prefix(name, unit.as_str())?.strip_prefix('.')?, value));
+        let values: Vec<_> = tuned.values().filter_map(of_unit).collect();
+        if !values.is_empty() {
+            write(&format!("{unit}.ssv"), set(&values)?)?;
+        }
+    }
+    let history = tuned.swarm.history();
+    let column = |of: fn(&Generation) -> Option<f64>| {
+        history.iter().map(|generation| of(generation).unwrap_or(f64::NAN)).collect::<Vec<_>>()
+    };
+    let names = ["best so far", "median of the generation"].map(str::to_owned).to_vec();
+    let recording = Recording {
+        names: names.clone(),
+        times: (1..=history.len()).map(|generation| generation as f64).collect(),
+        columns: vec![column(|generation| generation.best), column(|generation| generation.median)],
+        ..Recording::default()
+    };
+    let plot = Plot { title: "objective".to_owned(), signals: names };
+    let wrong = |reason| Error::Loop { file: tuned.folder.clone(), reason };
+    write("convergence.svg", svg_over("generation", tuned.name(), &[plot], &recording).map_err(wrong)?)
+}
+
+/// Prints a table of the values, or what a script wants.
+pub fn print(tuned: &Tuned, json: bool) {
+    let Tuned { best, before, again, ended, took, folder, .. } = tuned;
+    let (name, start) = (tuned.name(), before.as_ref().and_then(|before| before.objective));
+    if json {
+        let parameters: Map<String, Value> =
+            tuned.values().map(|(name, value)| (name.to_owned(), json!(value))).collect();
+        let again = again.as_ref().map(Outcome::value);
+        println!(
+            "{}",
+            json!({ "loop": name, "ended": if ended.interrupted { "interrupted" } else { "complete" },
+                    "objective": { "start": start, "best": best.value, "verified": again },
+                    "parameters": parameters, "generations": tuned.swarm.history().len(), "runs": ended.runs,
+                    "failed": tuned.failed(), "seconds": took.as_secs_f64(), "results": folder })
+        );
+        return;
+    }
+    let told = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.6}"));
+    println!("{name:34} {:>14} {:>14}   bounds", "as it is", "tuned");
+    println!("{:34} {:>14} {:>14}", "objective", told(start), told(Some(best.value)));
+    for (k, range) in tuned.ranges().iter().enumerate() {
+        let (was, is) = (before.as_ref().map(|before| before.values[k]), best.position[k]);
+        println!("{:34} {:>14} {is:>14.6}   {} … {}", range.name, told(was), range.low, range.high);
+    }
+    match again {
+        Some(Outcome::Value(value)) => println!("with its own tolerance and method the loop comes to {value:.6}"),
+        Some(Outcome::Failed(reason)) => {
+            println!("warning: with its own tolerance and method the loop fails: {reason}")
+        }
+        _ => {}
+    }
+    if let Some(reason) = &ended.reason {
+        println!("{} runs failed and count as worst; the last: {reason}", tuned.failed());
+    }
+    if ended.interrupted {
+        eprintln!("interrupted in generation {}; --resume goes on", tuned.swarm.history().len() + 1);
+    }
+    println!("{} runs took {:.1} s", ended.runs, took.as_secs_f64());
+    let folder = folder.display();
+    println!(
+        "{TUNED} (for --case), a set for each unit (for export --values), convergence.svg and {RECORD} are in {folder}"
+    );
+}

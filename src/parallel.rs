@@ -1,0 +1,45 @@
+//! Independent pieces of work on several threads.
+
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+/// Number of threads that this machine runs at a time.
+pub fn cores() -> usize {
+    thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// The answers to so many pieces of work, in their order. Each worker has a thread of its own, and takes the next piece
+/// when it is done with one.
+pub fn each<W: Sync, T: Send>(workers: &[W], pieces: usize, work: impl Fn(&W, usize) -> T + Sync) -> Vec<T> {
+    let (next, work) = (AtomicUsize::new(0), &work);
+    let share = |worker: &W| {
+        let mut done = Vec::new();
+        loop {
+            let piece = next.fetch_add(1, Ordering::Relaxed);
+            if piece >= pieces {
+                return done;
+            }
+            done.push((piece, work(worker, piece)));
+        }
+    };
+    let mut done: Vec<(usize, T)> = thread::scope(|scope| {
+        let threads: Vec<_> = workers.iter().map(|worker| scope.spawn(|| share(worker))).collect();
+        threads.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    });
+    done.sort_by_key(|(piece, _)| *piece);
+    done.into_iter().map(|(_, answer)| answer).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_piece_is_answered_once_and_in_order() {
+        let answers = each(&[10, 20, 30], 100, |worker, piece| (piece, *worker));
+        assert_eq!(answers.iter().map(|(piece, _)| *piece).collect::<Vec<_>>(), (0..100).collect::<Vec<_>>());
+        assert!(answers.iter().all(|(_, worker)| [10, 20, 30].contains(worker)));
+        assert_eq!(each(&[()], 0, |(), piece| piece), Vec::<usize>::new());
+    }
+}

@@ -1,0 +1,118 @@
+//! Loops whose FMUs are loaded and fit each other: what instances are made of, as many as are wanted.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::check::{Link, check};
+use super::closed_loop::ClosedLoop;
+use super::description::{Description, Variable};
+use super::fmu::{Fmu, Value};
+use super::port::signals;
+use super::ssp::{Component, Structure};
+use crate::error::Error;
+
+/// A loop that is ready to be instantiated.
+#[derive(Debug)]
+pub struct LoadedLoop {
+    units: Vec<LoadedUnit>,
+    links: Vec<Link>,
+    notes: Vec<String>,
+}
+
+#[derive(Debug)]
+struct LoadedUnit {
+    fmu: Arc<Fmu>,
+    name: String,
+    /// What stands before its variables' names in the loop's.
+    prefix: String,
+    /// Start values: places of variables.
+    values: Vec<(usize, Value)>,
+}
+
+/// A variable of a unit, by places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    unit: usize,
+    variable: usize,
+}
+
+impl LoadedLoop {
+    /// Loads the units of a loop from the FMUs in a folder.
+    ///
+    /// # Errors
+    /// When an FMU can't be loaded, or a connection or value doesn't fit.
+    pub fn new(structure: &Structure, fmus: &Path) -> Result<Self, Error> {
+        structure.check_separate()?;
+        let open = |component: &Component| Fmu::open(&fmus.join(format!("{}.fmu", component.fmu))).map(Arc::new);
+        let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
+        let wiring = check(structure, &descriptions)?;
+        let parts = structure.components.iter().zip(opened).zip(wiring.values);
+        let units = parts.map(|((component, fmu), values)| {
+            let (name, prefix) = (component.name.clone(), format!("{}.", component.name));
+            LoadedUnit { fmu, name, prefix, values }
+        });
+        Ok(LoadedLoop { units: units.collect(), links: wiring.links, notes: wiring.notes })
+    }
+
+    /// Loads a loop that is one FMU, whose variables have the names that they have in the loop.
+    ///
+    /// # Errors
+    /// When the FMU can't be loaded.
+    pub fn whole(name: &str, fmu: &Path, notes: Vec<String>) -> Result<Self, Error> {
+        let (fmu, name) = (Arc::new(Fmu::open(fmu)?), name.to_owned());
+        let unit = LoadedUnit { fmu, name, prefix: String::new(), values: Vec::new() };
+        Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes })
+    }
+
+    /// A variable by its name in the loop.
+    pub fn variable(&self, name: &str) -> Option<(Place, &Variable)> {
+        self.units.iter().enumerate().find_map(|(unit, LoadedUnit { fmu, prefix, .. })| {
+            let variable = fmu.description.place(name.strip_prefix(prefix)?)?;
+            Some((Place { unit, variable }, &fmu.description.variables[variable]))
+        })
+    }
+
+    /// The value that a Real variable starts with in this loop.
+    pub fn start_of(&self, Place { unit, variable }: Place) -> Option<f64> {
+        let LoadedUnit { fmu, values, .. } = &self.units[unit];
+        match values.iter().find(|(place, _)| *place == variable) {
+            Some((_, Value::Real(value))) => Some(*value),
+            Some(_) => None,
+            None => fmu.description.variables[variable].start.as_ref()?.parse().ok(),
+        }
+    }
+
+    /// Whether several instances can be there at a time.
+    pub fn can_be_multiplied(&self) -> bool {
+        let only_once = |name: &str| name == "canBeInstantiatedOnlyOncePerProcess";
+        !self.units.iter().any(|unit| unit.fmu.description.capabilities.iter().any(|(name, _)| only_once(name)))
+    }
+
+    /// Instantiates and connects the units, with further start values of Real variables.
+    ///
+    /// # Errors
+    /// When a unit refuses.
+    pub fn instantiate(&self, further: &[(Place, f64)]) -> Result<ClosedLoop, Error> {
+        let mut closed = ClosedLoop::empty(self.notes.clone());
+        // The place of each signal's value in the row.
+        let mut places = HashMap::new();
+        for (k, LoadedUnit { fmu, name, prefix, values }) in self.units.iter().enumerate() {
+            let instance = fmu.instantiate(name)?;
+            let set = |variable: usize, value: &Value| {
+                instance.set_start(fmu.description.variables[variable].reference, value)
+            };
+            values.iter().try_for_each(|(variable, value)| set(*variable, value))?;
+            let own = further.iter().filter(|(place, _)| place.unit == k);
+            own.clone().try_for_each(|(place, value)| set(place.variable, &Value::Real(*value)))?;
+            places.extend(signals(&fmu.description).map(|(place, _)| (k, place)).zip(closed.width()..));
+            closed.add(instance, prefix);
+        }
+        for Link { from, to: (unit, input), conversion } in &self.links {
+            let variable = &self.units[*unit].fmu.description.variables[*input];
+            closed.connect(*unit, variable, places[from], *conversion);
+        }
+        Ok(closed)
+    }
+}

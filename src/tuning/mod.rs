@@ -1,0 +1,163 @@
+//! Tuning parameters of a closed loop by a particle swarm.
+
+mod objective;
+mod record;
+mod swarm;
+
+pub use objective::Objective;
+pub use record::{Question, Record, parameter_set};
+pub use swarm::{Best, Generation, Motion, Swarm, is_better};
+
+use std::collections::HashSet;
+
+use serde::{Deserialize, Serialize};
+
+use crate::parallel;
+use crate::simulation::{LoadedLoop, Place, Settings, Structure, TunedParameter};
+
+/// A parameter that is searched, with its bounds in its own unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Range {
+    /// Its name, `unit.variable`.
+    pub name: String,
+    /// Lower bound.
+    pub low: f64,
+    /// Upper bound.
+    pub high: f64,
+}
+
+/// A search: a loop, what is varied in it, and by what it is judged.
+#[derive(Debug)]
+pub struct Search {
+    structure: Structure,
+    settings: Settings,
+    objective: Objective,
+    ranges: Vec<Range>,
+    places: Vec<Place>,
+    /// One a thread: other tools' libraries may not bear two instances at work at a time.
+    loops: Vec<LoadedLoop>,
+}
+
+/// A run of the loop.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// The objective.
+    Value(f64),
+    /// Why there is none.
+    Failed(String),
+    /// The user asked to stop before its end.
+    Interrupted,
+}
+
+impl Outcome {
+    /// The objective, where there is one.
+    pub fn value(&self) -> Option<f64> {
+        if let Outcome::Value(value) = self { Some(*value) } else { None }
+    }
+}
+
+impl Search {
+    /// A search in a loop that was loaded so often as loops may run at a time.
+    ///
+    /// # Errors
+    /// When there is nothing to tune, a parameter isn't there or has no bounds, or the objective doesn't fit the loop.
+    pub fn new(
+        structure: Structure,
+        settings: Settings,
+        objective: Objective,
+        parameters: &[TunedParameter],
+        loops: Vec<LoadedLoop>,
+    ) -> Result<Self, String> {
+        let first = loops.first().ok_or("no loop was loaded")?;
+        if parameters.is_empty() {
+            return Err("0 parameters to tune: name at least one by --parameter UNIT.variable=LOW..HIGH".to_owned());
+        }
+        let mut names = HashSet::new();
+        if let Some(twice) = parameters.iter().find(|parameter| !names.insert(&parameter.name)) {
+            return Err(format!("parameter `{}` is named twice", twice.name));
+        }
+        let found: Vec<_> = parameters.iter().map(|parameter| range(parameter, first)).collect::<Result<_, _>>()?;
+        let (ranges, places) = found.into_iter().unzip();
+        let closed = first.instantiate(&[]).map_err(|error| error.to_string())?;
+        objective.check(&structure, closed.names(), settings)?;
+        Ok(Search { structure, settings, objective, ranges, places, loops })
+    }
+
+    /// The parameters.
+    pub fn ranges(&self) -> &[Range] {
+        &self.ranges
+    }
+
+    /// The values that the loop starts with as it is.
+    pub fn present(&self) -> Option<Vec<f64>> {
+        self.places.iter().map(|&place| self.loops[0].start_of(place)).collect()
+    }
+
+    /// The same, if they lie within the bounds.
+    pub fn start(&self) -> Option<Vec<f64>> {
+        let inside = |value: &f64, range: &Range| (range.low..=range.high).contains(value);
+        self.present().filter(|values| values.iter().zip(&self.ranges).all(|(value, range)| inside(value, range)))
+    }
+
+    /// Runs the loop with each of the positions, on all threads. `done` is told each outcome as it comes;
+    /// `is_interrupted` is asked at every communication point.
+    pub fn run(
+        &self,
+        positions: &[&[f64]],
+        done: impl Fn(&Outcome) + Sync,
+        is_interrupted: impl Fn() -> bool + Sync,
+    ) -> Vec<Outcome> {
+        parallel::each(&self.loops, positions.len(), |loaded, k| {
+            if is_interrupted() {
+                return Outcome::Interrupted;
+            }
+            let outcome = self.run_one(loaded, positions[k], &is_interrupted);
+            done(&outcome);
+            outcome
+        })
+    }
+
+    fn run_one(&self, loaded: &LoadedLoop, position: &[f64], is_interrupted: &dyn Fn() -> bool) -> Outcome {
+        let values: Vec<_> = self.places.iter().copied().zip(position.iter().copied()).collect();
+        let mut interrupted = false;
+        let recording = loaded.instantiate(&values).and_then(|mut closed| {
+            let go_on = |_| {
+                interrupted = is_interrupted();
+                !interrupted
+            };
+            closed.run(self.settings, go_on).map_err(|(error, _)| error)
+        });
+        match recording {
+            Ok(_) if interrupted => Outcome::Interrupted,
+            Ok(mut recording) => {
+                self.objective.value(&self.structure, &mut recording).map_or_else(Outcome::Failed, Outcome::Value)
+            }
+            Err(error) => Outcome::Failed(error.to_string()),
+        }
+    }
+}
+
+/// The bounds of a parameter, as they are given or else those of the FMU, and where it is.
+fn range(parameter: &TunedParameter, loaded: &LoadedLoop) -> Result<(Range, Place), String> {
+    let TunedParameter { name, low, high } = parameter;
+    let (place, variable) = loaded.variable(name).ok_or_else(|| format!("there is no parameter `{name}`"))?;
+    if variable.causality != "parameter" || variable.kind != "Real" {
+        let (kind, causality) = (&variable.kind, &variable.causality);
+        return Err(format!("`{name}` is a {causality} of type {kind}: only Real parameters can be tuned"));
+    }
+    let allowed = |bound: &Option<String>| bound.as_ref().and_then(|text| text.parse::<f64>().ok());
+    let (min, max) = (allowed(&variable.min), allowed(&variable.max));
+    let bound = |own: Option<f64>, of_fmu: Option<f64>, word: &str| {
+        own.or(of_fmu)
+            .ok_or_else(|| format!("`{name}` has no {word} bound, and its FMU names none: give both, {name}=LOW..HIGH"))
+    };
+    let (low, high) = (bound(*low, min, "lower")?, bound(*high, max, "upper")?);
+    if low >= high {
+        return Err(format!("`{name}` = {low}..{high}: the lower bound must be below the upper one"));
+    }
+    let (least, most) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
+    if low < least || high > most {
+        return Err(format!("`{name}` = {low}..{high}: must lie within {least}..{most}, as its FMU allows"));
+    }
+    Ok((Range { name: name.clone(), low, high }, place))
+}

@@ -1,0 +1,114 @@
+//! What a search leaves: a file to go on from, and parameter sets.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use quick_xml::Writer;
+use quick_xml::events::{BytesDecl, BytesText, Event};
+use serde::{Deserialize, Serialize};
+
+use super::{Motion, Objective, Range, Swarm};
+use crate::error::Error;
+
+/// What a search is about: a file can be gone on from by the same question only.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Question {
+    /// Name of the loop.
+    pub name: String,
+    /// Whether it is run as one unit.
+    pub composite: bool,
+    /// Communication step, s.
+    pub step: f64,
+    /// Start and stop time, s.
+    pub times: (f64, f64),
+    /// Order of the units.
+    pub order: String,
+    /// Start values that differ from those of the FMUs.
+    pub values: BTreeMap<String, String>,
+    /// What is minimised.
+    pub objective: Objective,
+    /// What is varied.
+    pub parameters: Vec<Range>,
+    /// Number of particles.
+    pub particles: usize,
+    /// How the swarm moves.
+    pub motion: Motion,
+    /// Which random numbers it takes.
+    pub seed: u64,
+}
+
+/// A search after a whole generation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// What is searched.
+    pub question: Question,
+    /// How far the search is.
+    pub swarm: Swarm,
+}
+
+impl Record {
+    /// Writes the file; one of an earlier generation is replaced at once or not at all.
+    ///
+    /// # Errors
+    /// When it can't be written.
+    pub fn write(&self, file: &Path) -> Result<(), Error> {
+        let text = serde_json::to_string(self).map_err(|error| Error::file(file)(error.into()))?;
+        let beside = file.with_extension("part");
+        std::fs::write(&beside, text).map_err(Error::file(&beside))?;
+        std::fs::rename(&beside, file).map_err(Error::file(file))
+    }
+
+    /// Reads the swarm of a file, to go on with.
+    ///
+    /// # Errors
+    /// When it can't be read, or answers another question.
+    pub fn resume(file: &Path, question: &Question) -> Result<Swarm, Error> {
+        let text = std::fs::read_to_string(file).map_err(Error::file(file))?;
+        let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
+        let Record { question: other, swarm } =
+            serde_json::from_str(&text).map_err(|error| refuse(format!("is no search to go on with: {error}")))?;
+        let [asked, known] = [question, &other].map(|question| serde_json::to_value(question).unwrap_or_default());
+        let keys = asked.as_object().into_iter().flat_map(|object| object.keys());
+        let differing: Vec<_> = keys
+            .filter(|key| asked[*key] != known[*key])
+            .map(|key| format!("{key} was {}, is {}", known[key], asked[key]))
+            .collect();
+        if differing.is_empty() {
+            Ok(swarm)
+        } else {
+            Err(refuse(format!("is of another search: {}", differing.join("; "))))
+        }
+    }
+}
+
+/// A parameter set in the format of SSP (.ssv) with values of Real parameters, and a remark.
+///
+/// # Errors
+/// When it can't be written.
+pub fn parameter_set(name: &str, remark: &str, values: &[(&str, f64)]) -> std::io::Result<String> {
+    let mut writer = Writer::new_with_indent(Vec::new(), b' ', 2);
+    writer.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
+    let spaces = [
+        ("xmlns:ssv", "http://ssp-standard.org/SSP1/SystemStructureParameterValues"),
+        ("name", name),
+        ("version", "1.0"),
+    ];
+    writer.create_element("ssv:ParameterSet").with_attributes(spaces).write_inner_content(|writer| {
+        // Two hyphens would end it.
+        writer.write_event(Event::Comment(BytesText::from_escaped(format!(" {} ", remark.replace("--", "- -")))))?;
+        writer.create_element("ssv:Parameters").write_inner_content(|writer| {
+            for (name, value) in values {
+                writer.create_element("ssv:Parameter").with_attribute(("name", *name)).write_inner_content(
+                    |writer| {
+                        let text = value.to_string();
+                        let value = writer.create_element("ssv:Real").with_attribute(("value", text.as_str()));
+                        value.write_empty().map(|_| ())
+                    },
+                )?;
+            }
+            Ok(())
+        })?;
+        Ok(())
+    })?;
+    Ok(String::from_utf8_lossy(&writer.into_inner()).into_owned() + "\n")
+}
