@@ -140,7 +140,8 @@ def test_a_reset_forgets_parameters_and_inputs(each_fmu, unit) -> None:
     fresh = unit(each_fmu.name).start().everything()
     for name in [*each_fmu.named(causality="input"), "signal"]:
         if name in each_fmu.variables:
-            instance[name] = 2
+            # From a large output error an observer escapes within the step.
+            instance[name] = 0.3 if name.startswith("y[") else 2
     instance.start(time=3.0)
     instance.step(3.0, 1e-3)
     instance.slave.reset()
