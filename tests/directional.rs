@@ -45,14 +45,22 @@ fn directional_derivatives_are_those_of_the_equations() {
         let unknowns: Vec<u32> = range(Section::Signal).chain(range(Section::Derivative)).collect();
         let (mut compared, mut kinks) = (0, 0);
         for _ in 0..20 {
-            execution.set_time(5.0 + 5.0 * random.next());
-            knowns.iter().for_each(|&known| execution.block.reals[known as usize] = 0.8 * random.next());
+            // Where the equations hold: an error must be within its funnel.
+            loop {
+                execution.set_time(5.0 + 5.0 * random.next());
+                knowns.iter().for_each(|&known| execution.block.reals[known as usize] = 0.8 * random.next());
+                execution.evaluate();
+                if execution.unsound().is_none() {
+                    break;
+                }
+            }
             let seed: Vec<f64> = knowns.iter().map(|_| random.next()).collect();
             let mut exact = vec![f64::NAN; unknowns.len()];
             execution.directional_derivative(&unknowns, &knowns, &seed, &mut exact);
             for (&unknown, exact) in unknowns.iter().zip(&exact) {
                 let (difference, disagreement) = richardson(&execution, &knowns, &seed, unknown);
-                if disagreement > 1e-4 * exact.abs().max(1.0) {
+                // Or next to where they cease to hold.
+                if disagreement.is_nan() || disagreement > 1e-4 * exact.abs().max(1.0) {
                     kinks += 1;
                     continue;
                 }
@@ -106,10 +114,13 @@ fn both_interfaces_give_the_derivatives_of_the_values_that_a_master_sees() {
         // The same for each: one more unit changes no other's points.
         let (mut random, mut starts) = (Random::new(7), Random::new(8));
         let (slave, exchange) = (Unit::new(&name), Unit::exchange(&name));
+        [&slave, &exchange].into_iter().for_each(Unit::soften);
         slave.enter(0.0);
         // Away from rest, where quadratic damping has a kink in its slope.
         let variables = slave.model.variables().visible();
-        for initial in variables.map(|element| element.name()).filter(|name| name.starts_with("x0[")) {
+        for initial in
+            variables.map(|element| element.name()).filter(|name| name.starts_with("x0[") || name.starts_with("x_m0["))
+        {
             slave.put(&initial, slave.get(&initial) + 0.1 * starts.next());
         }
         assert_eq!(slave.exit(), OK);

@@ -20,6 +20,7 @@ fn continuous(unit: &Unit) -> impl Iterator<Item = Element<'_>> {
 
 /// A unit with constant inputs, initialised.
 fn started(unit: Unit) -> Unit {
+    unit.soften();
     unit.enter(0.0);
     put_inputs(&unit);
     assert_eq!(unit.exit(), OK);

@@ -167,7 +167,8 @@ impl Funnel {
         }
     }
 
-    fn bounds<S: Scalar>(&self, i: usize, v: &Values<S>) -> Bounds<S> {
+    /// Bounds of z in a channel.
+    pub fn bounds<S: Scalar>(&self, i: usize, v: &Values<S>) -> Bounds<S> {
         let (full, other) = (S::from(1.0), v[self.overshoot][i]);
         match (v.get(self.shape), v.get(self.is_positive[i])) {
             (Shape::Symmetric, _) => Bounds { lower: full, upper: full },
@@ -189,6 +190,11 @@ impl Funnel {
         let z = if v.get(self.began_inside) { e / performance.rho } else { (bounds.upper - bounds.lower) * 0.5 };
         let (epsilon, R) = (bounds.transformed(z), bounds.slope(z) / performance.rho);
         Inside { e, performance, bounds, z, epsilon, R }
+    }
+
+    /// The smallest distance of a channel's bounds that is to come, halved.
+    pub fn narrowest(&self, i: usize, v: &Values<f64>) -> f64 {
+        v[self.rho_inf][i]
     }
 
     /// Shows a channel.
