@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use super::export::{export_units, export_whole};
 use super::parameters::Parameters;
 
-#[derive(clap::Args, Default)]
+#[derive(clap::Args, Default, Clone)]
 pub struct LoopOptions {
     /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
     #[arg(long, conflicts_with_all = ["order", "fmus"])]
