@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn an_adjugate_is_the_inverse_times_the_determinant_whatever_the_size() {
-        let full = [[2.0, -1.0, 0.5], [0.3, 1.5, -2.0], [1.0, 0.25, 3.0]];
+        let full: [[f64; 3]; 3] = [[2.0, -1.0, 0.5], [0.3, 1.5, -2.0], [1.0, 0.25, 3.0]];
         let inverse = nalgebra::Matrix3::from_fn(|i, l| full[i][l]).try_inverse().unwrap();
         let determinant = nalgebra::Matrix3::from_fn(|i, l| full[i][l]).determinant();
         let found = adjugate(&full);
