@@ -10,7 +10,7 @@ use adaptive_fmu::system::Section;
 use common::described::open_description;
 use common::random::Random;
 use common::systems::Root;
-use common::{ERROR, OK, Unit, description, description_names};
+use common::{ERROR, OK, Unit, description_names};
 
 /// Signals and derivatives with inputs and states moved by so much along a direction.
 fn moved(execution: &Execution, knowns: &[u32], seed: &[f64], by: f64) -> Vec<f64> {

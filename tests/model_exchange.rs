@@ -17,7 +17,7 @@ fn plant(t: f64, [x1, x2]: [f64; 2], u: f64) -> f64 {
 }
 
 fn started(name: &str) -> Unit {
-    let unit = Unit::exchange(name);
+    let unit = Unit::exchange_from_text(&open_description(name));
     unit.begin();
     unit
 }

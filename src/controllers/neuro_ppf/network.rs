@@ -105,9 +105,11 @@ impl Network {
 
 /// 1/(1 + e^(−a)), with the exponential that is at most 1, so that nothing overflows.
 fn sigmoid<S: Scalar>(a: S) -> S {
-    let small = (-a.abs()).exp();
-    let of = if a.re() > 0.0 { S::from(1.0) } else { small };
-    of / (small + 1.0)
+    if a.re() > 0.0 {
+        return ((-a).exp() + 1.0).recip();
+    }
+    let small = a.exp();
+    small / (small + 1.0)
 }
 
 /// Zᵀθ
