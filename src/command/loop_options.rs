@@ -50,6 +50,7 @@ impl LoopOptions {
     pub fn structure(&self, files: &LoopFiles) -> Result<Structure, Error> {
         let mut structure = files.structure()?;
         self.parameters.apply(&mut structure, files)?;
+        structure.expected_failure = structure.expected_failure.filter(|it| !(self.composite && it.separate_only));
         Ok(structure)
     }
 

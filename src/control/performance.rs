@@ -70,9 +70,13 @@ impl<T: Scalar> Bounds<T> {
     /// z = S(ε), the inverse of [`Bounds::transformed`].
     pub fn inverse(&self, epsilon: T) -> T {
         // With the exponential that is at most 1, so that nothing overflows.
-        let small = (-epsilon.abs() * 2.0).exp();
-        let (of_upper, of_lower) = if epsilon.re() > 0.0 { (T::from(1.0), small) } else { (small, T::from(1.0)) };
-        (self.upper * of_upper - self.lower * of_lower) / (small + 1.0)
+        if epsilon.re() >= 0.0 {
+            let small = (-epsilon * 2.0).exp();
+            (self.upper - self.lower * small) / (small + 1.0)
+        } else {
+            let small = (epsilon * 2.0).exp();
+            (self.upper * small - self.lower) / (small + 1.0)
+        }
     }
 }
 
@@ -95,6 +99,18 @@ mod tests {
             }
             assert!((bounds.inverse(-800.0) + lower).abs() < 1e-300 && bounds.inverse(800.0) == upper);
             assert!(!bounds.transformed(upper + 0.1).is_finite() && !bounds.transformed(-lower).is_finite());
+        }
+    }
+
+    #[test]
+    fn the_inverse_has_the_slope_of_the_inverse_everywhere() {
+        for epsilon in [-3.0, -1e-9, 0.0, 1e-9, 0.4] {
+            let (z, slope) = first_derivative(
+                |epsilon: Dual64| Bounds { lower: 0.3.into(), upper: 1.0.into() }.inverse(epsilon),
+                epsilon,
+            );
+            let of = Bounds { lower: 0.3, upper: 1.0 }.slope(z);
+            assert!((slope * of - 1.0).abs() < 1e-12, "at {epsilon}: {slope}");
         }
     }
 

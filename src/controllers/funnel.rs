@@ -216,7 +216,7 @@ impl Funnel {
             if bounds.hold(e / rho) {
                 continue;
             }
-            let (low, high, number) = (-bounds.lower * rho, bounds.upper * rho, i + 1);
+            let (low, high, number) = (0.0 - bounds.lower * rho, bounds.upper * rho, i + 1);
             let by = if e > 0.0 { e - high } else { low - e };
             let helps = if v[self.opened_at][i] == t && !v.get(self.began_inside) {
                 if bounds.margin(e.signum()) < 0.0 || e == 0.0 {

@@ -6,5 +6,6 @@ pub mod fuzzy_l1;
 pub mod l1;
 pub mod l1_quadrotor;
 pub mod mrac_ppf;
+pub mod neuro_ppf;
 pub mod observer;
 mod position_loop;
