@@ -5,6 +5,8 @@
 use crate::controllers::fuzzy_l1::FuzzyL1;
 use crate::controllers::l1::L1;
 use crate::controllers::l1_quadrotor::L1Quadrotor;
+use crate::controllers::mrac_ppf::MracPpf;
+use crate::controllers::neuro_ppf::NeuroPpf;
 use crate::controllers::observer::Observer;
 use crate::plants::actuated_siso::ActuatedSiso;
 use crate::plants::actuator::Actuator;
@@ -25,6 +27,8 @@ pub static REGISTRY: Registry = &[
     Kind::of::<L1>(),
     Kind::of::<L1Quadrotor<false>>(),
     Kind::of::<L1Quadrotor<true>>(),
+    Kind::of::<MracPpf>(),
+    Kind::of::<NeuroPpf>(),
     Kind::of::<Observer>(),
     Kind::of::<ActuatedSiso>(),
     Kind::of::<Actuator>(),

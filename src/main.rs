@@ -28,6 +28,8 @@ enum Command {
     Info(command::info::Arguments),
     /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
     Run(command::run::Arguments),
+    /// Runs several closed loops, and shows on one page what all of them measure
+    Compare(command::compare::Arguments),
     /// Tunes parameters of a closed loop by a particle swarm
     Tune(command::tune::Arguments),
     /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
@@ -51,6 +53,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Run(arguments) => command::run::execute(&arguments),
+        Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
     }
 }

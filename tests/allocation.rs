@@ -8,6 +8,7 @@ use std::cell::Cell;
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::library::{self, fmi2_functions::*};
 use adaptive_fmu::system::{Causality, Kind, Registry};
+use common::described::open_description;
 use common::loops::whole;
 use common::stiff::{Valve, evaluations};
 use common::systems::Ball;
@@ -88,7 +89,7 @@ fn the_counter_counts() {
 #[test]
 fn a_step_allocates_nothing() {
     for name in description_names() {
-        let unit = Unit::new(&name);
+        let unit = Unit::from_text(&open_description(&name));
         unit.start(0.0);
         let step = unit.model.description().experiment.step;
         assert_eq!(allocations(&unit, step, 300), [0; 3], "{name}: setting, stepping, getting");
@@ -99,7 +100,7 @@ fn a_step_allocates_nothing() {
 fn a_step_with_changing_inputs_allocates_nothing() {
     for name in description_names() {
         for handling in [2, 3] {
-            let unit = Unit::new(&name);
+            let unit = Unit::from_text(&open_description(&name));
             if unit.model.variables().find("input_handling").is_none() {
                 continue;
             }
@@ -114,7 +115,7 @@ fn a_step_with_changing_inputs_allocates_nothing() {
 #[test]
 fn a_step_by_the_stiff_method_allocates_nothing() {
     for name in description_names() {
-        let unit = Unit::new(&name);
+        let unit = Unit::from_text(&open_description(&name));
         if unit.model.variables().find("integration_method").is_none() {
             continue;
         }
@@ -195,7 +196,7 @@ fn allocations_of_exchange(unit: &Unit, step: f64, steps: usize) -> usize {
 #[test]
 fn model_exchange_allocates_nothing() {
     for name in description_names() {
-        let unit = Unit::exchange(&name);
+        let unit = Unit::exchange_from_text(&open_description(&name));
         unit.start(0.0);
         let step = unit.model.description().experiment.step;
         assert_eq!(allocations_of_exchange(&unit, step, 300), 0, "{name}");

@@ -240,9 +240,10 @@ fn a_whole_loop_of_this_package_starts_and_depends_on_what_it_says() {
         let model = Model::from_description(Description::read(&whole_loop(name)).unwrap(), REGISTRY).unwrap();
         let variables = model.variables();
         assert!(variables.find("controller.u[1]").is_some());
-        // u_ad is what its filter holds, unless it is the state of that itself.
-        let held = ["controller.filter_state[1,1]", "controller.u_ad[1]"].into_iter();
-        let held = held.filter_map(|name| variables.find(name)).next().unwrap();
+        // u_ad is what its filter holds, unless it is the state of that itself; other laws have estimates in the control.
+        let names = ["filter_state[1,1]", "u_ad[1]", "theta_hat[1,1]", "theta_f[1,1]"];
+        let held = names.iter().map(|name| format!("controller.{name}"));
+        let held = held.filter_map(|name| variables.find(&name)).next().unwrap();
         let moves = |rate: Element| {
             let on = variables.dependence(Section::Derivative, rate.place()).unwrap();
             rate.name().starts_with("der(plant.") && on.contains(&(Section::State, held.place()))

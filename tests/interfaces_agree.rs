@@ -3,6 +3,7 @@
 mod common;
 
 use adaptive_fmu::system::{Causality, Element, Section, Variability};
+use common::described::open_description;
 use common::*;
 
 /// Constant inputs of no special values.
@@ -20,6 +21,7 @@ fn continuous(unit: &Unit) -> impl Iterator<Item = Element<'_>> {
 
 /// A unit with constant inputs, initialised.
 fn started(unit: Unit) -> Unit {
+    unit.soften();
     unit.enter(0.0);
     put_inputs(&unit);
     assert_eq!(unit.exit(), OK);
@@ -29,7 +31,7 @@ fn started(unit: Unit) -> Unit {
 /// How long the comparison takes: while the fastest oscillation turns through 200 rad, where a unit has one; else 1 s, or
 /// the unit's experiment where that is shorter.
 fn duration(name: &str) -> f64 {
-    let unit = started(Unit::new(name));
+    let unit = started(Unit::from_text(&open_description(name)));
     if unit.model.variables().find("adaptation_frequency").is_none() {
         return unit.model.description().experiment.stop_time.min(1.0);
     }
@@ -47,7 +49,8 @@ fn duration(name: &str) -> f64 {
 /// with inputs that no plant answers, a controller's own signals may grow to thousands. What oscillates has derivatives
 /// that are faster by that. The unit for model exchange is integrated in so many substeps of one length.
 fn differences(name: &str, substeps: f64) -> Vec<String> {
-    let (exchange, slave) = (Unit::exchange(name), Unit::new(name));
+    let text = open_description(name);
+    let (exchange, slave) = (Unit::exchange_from_text(&text), Unit::from_text(&text));
     if slave.model.variables().find("relative_tolerance").is_some() {
         slave.put("relative_tolerance", 1e-10);
         // The tolerance of a general method: an adaptive law's own step has one of its own.

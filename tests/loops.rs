@@ -405,8 +405,15 @@ fn a_loop_may_be_there_to_show_a_failure_in_a_span_of_time() {
     let with = |failure: &str| Folder::new("").replaced("</ClosedLoop>", &format!("\n{failure}</ClosedLoop>"));
     assert_eq!(with("").structure().unwrap().expected_failure, None);
     let expected = with("<ExpectedFailure from='0.1' until='0.2'/>").structure().unwrap().expected_failure.unwrap();
-    assert_eq!((expected.from, expected.until), (0.1, 0.2));
-    for (failure, word) in [("from='0.2' until='0.1'", "until = 0.1"), ("from='0.2'", "no until")] {
+    assert_eq!((expected.from, expected.until, expected.separate_only), (0.1, 0.2, false));
+    let separate = with("<ExpectedFailure from='0.1' until='0.2' of='separate'/>").structure().unwrap();
+    assert!(separate.expected_failure.unwrap().separate_only);
+    let wrong = [
+        ("from='0.2' until='0.1'", "until = 0.1"),
+        ("from='0.2'", "no until"),
+        ("from='0.1' until='0.2' of='units'", "of = units"),
+    ];
+    for (failure, word) in wrong {
         let told = with(&format!("<ExpectedFailure {failure}/>")).refusal();
         assert_tells(&told, &["SystemStructure.ssd", "line ", word]);
     }

@@ -4,6 +4,7 @@ mod common;
 
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use common::described::open_description;
 use common::exchange::Event;
 use common::systems::*;
 use common::*;
@@ -16,7 +17,7 @@ fn plant(t: f64, [x1, x2]: [f64; 2], u: f64) -> f64 {
 }
 
 fn started(name: &str) -> Unit {
-    let unit = Unit::exchange(name);
+    let unit = Unit::exchange_from_text(&open_description(name));
     unit.begin();
     unit
 }
@@ -287,7 +288,7 @@ fn a_reset_unit_runs_as_a_new_one() {
 fn every_unit_can_be_made_for_both_interfaces_at_once() {
     for name in description_names() {
         let [exchange, slave] =
-            [MODEL_EXCHANGE, CO_SIMULATION].map(|kind| Unit::made(REGISTRY, &description(&name), kind));
+            [MODEL_EXCHANGE, CO_SIMULATION].map(|kind| Unit::made(REGISTRY, &open_description(&name), kind));
         exchange.begin();
         slave.start(0.0);
         assert_eq!(slave.step(0.0, 1e-3), OK);

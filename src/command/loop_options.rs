@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use super::export::{export_units, export_whole};
 use super::parameters::Parameters;
 
-#[derive(clap::Args, Default)]
+#[derive(clap::Args, Default, Clone)]
 pub struct LoopOptions {
     /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
     #[arg(long, conflicts_with_all = ["order", "fmus"])]
@@ -50,6 +50,7 @@ impl LoopOptions {
     pub fn structure(&self, files: &LoopFiles) -> Result<Structure, Error> {
         let mut structure = files.structure()?;
         self.parameters.apply(&mut structure, files)?;
+        structure.expected_failure = structure.expected_failure.filter(|it| !(self.composite && it.separate_only));
         Ok(structure)
     }
 

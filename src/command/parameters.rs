@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::simulation::{LoopFiles, Structure};
 
-#[derive(clap::Args, Default)]
+#[derive(clap::Args, Default, Clone)]
 pub struct Parameters {
     /// Parameter set to apply (names UNIT.variable): a file, or one that lies beside the loop; repeatable, the last wins
     #[arg(long, value_name = "FILE.ssv")]

@@ -45,6 +45,13 @@ impl Arguments {
     }
 }
 
+impl Arguments {
+    /// A loop with options, its results in a folder.
+    pub fn with(name: &str, options: &LoopOptions, out: &Path, json: bool) -> Self {
+        Arguments { name: Some(name.to_owned()), all: false, out: out.to_owned(), options: options.clone(), json }
+    }
+}
+
 /// Runs a closed loop, or all, and prints what it came to.
 pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
     let Some(name) = &options.name else { return Ok(run_all::execute(options)) };

@@ -1,8 +1,11 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
+mod funnel;
 mod fuzzy_gain;
 pub mod fuzzy_l1;
 pub mod l1;
 pub mod l1_quadrotor;
+pub mod mrac_ppf;
+pub mod neuro_ppf;
 pub mod observer;
 mod position_loop;

@@ -40,7 +40,10 @@ pub struct Execution {
 impl Execution {
     /// An instance at its start values.
     pub fn new(model: Model) -> Self {
-        let block = model.block();
+        let mut block = model.block();
+        if let Some(stepped) = model.variables().stepped() {
+            block.integers[stepped] = 1;
+        }
         let inputs = model.variables().reals(Section::Input).len();
         Execution {
             fresh: false,
@@ -60,6 +63,15 @@ impl Execution {
     /// The model.
     pub fn model(&self) -> &Model {
         &self.model
+    }
+
+    /// From now on the master integrates, in model exchange.
+    pub fn hand_over_integration(&mut self) {
+        if let Some(stepped) = self.model.variables().stepped() {
+            self.block.integers[stepped] = 0;
+            self.start.integers[stepped] = 0;
+            self.changed();
+        }
     }
 
     /// Back to the start values.

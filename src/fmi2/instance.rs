@@ -80,9 +80,14 @@ impl Instance {
                 model_description::guid_text(own)
             )));
         }
+        let references = References::new(model.variables());
+        let mut execution = Execution::new(model);
+        if interface == Interface::ModelExchange {
+            execution.hand_over_integration();
+        }
         Ok(Instance {
-            references: References::new(model.variables()),
-            execution: Execution::new(model),
+            references,
+            execution,
             identity: snapshot::identity(own, interface),
             logger,
             interface,

@@ -3,6 +3,7 @@
 mod chart;
 mod check;
 mod closed_loop;
+mod comparison;
 mod description;
 mod feedthrough;
 #[allow(unsafe_code)]
@@ -22,6 +23,7 @@ mod units;
 pub use chart::{svg, svg_over, terminal};
 pub use check::{Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
+pub use comparison::Comparison;
 pub use description::{Description, Variable};
 pub use fmu::{Fmu, Instance, Value};
 pub use linearise::{Eigenvalue, Linearisation, OperatingPoint, Quantity, linearise};

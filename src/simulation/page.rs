@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use plotly::color::Rgb;
-use plotly::common::{Anchor, Line, Mode, Orientation, Title};
+use plotly::common::{Anchor, DashType, Line, Mode, Orientation, Title};
 use plotly::layout::{Axis, HoverMode, Legend, Margin};
 use plotly::{Configuration, Layout, Scatter};
 
@@ -122,15 +122,7 @@ impl Report<'_> {
     /// When a plot names a signal that isn't there.
     pub fn html(&self) -> Result<String, String> {
         let Structure { name, description, plots, .. } = self.structure;
-        let (name, description) = (escaped(name), escaped(description));
-        let mut page = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
-             <title>{name}</title>\n<style>{STYLE}</style>\n<!--\n{LICENCE}\n-->\n{}\n</head>\n<body>\n<h1>{name}</h1>\n\
-             <p>{description}</p>\n",
-            script()
-        );
+        let mut page = beginning(name, description);
         if let Some(shortfall) = self.shortfall() {
             let _ = writeln!(page, "<p class=\"bad\">This run {}.</p>", escaped(&shortfall));
         }
@@ -141,30 +133,26 @@ impl Report<'_> {
         self.push_metrics(&mut page);
         self.push_warnings(&mut page);
         self.push_settings(&mut page);
-        let _ = writeln!(page, "<script>{SCRIPT}</script>\n</body>\n</html>");
+        ending(&mut page);
         Ok(page)
     }
 
     fn plot(&self, plot: &Plot) -> Result<plotly::Plot, String> {
-        let mut drawn = plotly::Plot::new();
         let unit = |name: &String| self.recording.measure(name);
         let mut units: Vec<&str> = plot.signals.iter().filter_map(unit).collect();
         units.sort_unstable();
         units.dedup();
-        for (name, colour) in plot.signals.iter().zip(COLOURS.iter().cycle()) {
+        let mut curves = Vec::new();
+        for name in &plot.signals {
             let column = self.recording.column(name).ok_or_else(|| format!("there is no signal `{name}`"))?;
-            let (times, values) = thinned(&self.recording.times, column, GROUPS).into_iter().unzip();
             // With units of several kinds in one plot, each curve tells its own.
             let label = match unit(name) {
                 Some(unit) if units.len() > 1 => format!("{name} in {unit}"),
                 _ => name.clone(),
             };
-            let line = Line::new().color(Rgb::new(colour.0, colour.1, colour.2)).width(1.5);
-            drawn.add_trace(Scatter::new(times, values).mode(Mode::Lines).name(escaped(&label)).line(line));
+            curves.push(Curve::new(&label, &self.recording.times, column));
         }
-        drawn.set_layout(layout(&units));
-        drawn.set_configuration(Configuration::new().responsive(true).display_logo(false));
-        Ok(drawn)
+        Ok(drawn(&curves, &units))
     }
 
     fn push_metrics(&self, page: &mut String) {
@@ -219,6 +207,56 @@ impl Report<'_> {
         let version = env!("CARGO_PKG_VERSION");
         let _ = writeln!(page, "<tr><th>made by<td>adaptive-fmu {version}\n</table></div>");
     }
+}
+
+/// A curve of a diagram.
+pub(super) struct Curve {
+    name: String,
+    points: Vec<(f64, f64)>,
+    dash: DashType,
+}
+
+impl Curve {
+    /// Thinned, its peaks kept.
+    pub fn new(name: &str, times: &[f64], values: &[f64]) -> Self {
+        Curve { name: name.to_owned(), points: thinned(times, values, GROUPS), dash: DashType::Solid }
+    }
+
+    /// The same as a dashed line.
+    pub fn dashed(self) -> Self {
+        Curve { dash: DashType::Dash, ..self }
+    }
+}
+
+/// A diagram of curves over time, whose values are in these units.
+pub(super) fn drawn(curves: &[Curve], units: &[&str]) -> plotly::Plot {
+    let mut plot = plotly::Plot::new();
+    for (Curve { name, points, dash }, colour) in curves.iter().zip(COLOURS.iter().cycle()) {
+        let (times, values) = points.iter().copied().unzip();
+        let line = Line::new().color(Rgb::new(colour.0, colour.1, colour.2)).width(1.5).dash(dash.clone());
+        plot.add_trace(Scatter::new(times, values).mode(Mode::Lines).name(escaped(name)).line(line));
+    }
+    plot.set_layout(layout(units));
+    plot.set_configuration(Configuration::new().responsive(true).display_logo(false));
+    plot
+}
+
+/// A page up to its title and what it is about.
+pub(super) fn beginning(name: &str, description: &str) -> String {
+    let (name, description) = (escaped(name), escaped(description));
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
+         <title>{name}</title>\n<style>{STYLE}</style>\n<!--\n{LICENCE}\n-->\n{}\n</head>\n<body>\n<h1>{name}</h1>\n\
+         <p>{description}</p>\n",
+        script()
+    )
+}
+
+/// What makes the diagrams of a page move together, and its end.
+pub(super) fn ending(page: &mut String) {
+    let _ = writeln!(page, "<script>{SCRIPT}</script>\n</body>\n</html>");
 }
 
 /// plotly.js alone: the crate appends a script for formulas, which no plot here has, half as large again.

@@ -202,6 +202,16 @@ impl Declaration {
         Warning { flag: self.integer_memory(1), category }
     }
 
+    /// Whether the unit is stepped by a master of co-simulation, which holds its inputs meanwhile: false in model exchange,
+    /// and for a part of a composite.
+    pub fn is_stepped(&mut self) -> BooleanOf<class::Memory> {
+        let start = self.integer_memory(1);
+        if self.part.is_none() {
+            self.variables.stepped = Some(start);
+        }
+        BooleanOf { start, class: PhantomData }
+    }
+
     /// Declares all that signals or derivatives depend on, among inputs and states. Where nothing is declared,
     /// tools are told that everything may matter.
     ///

@@ -253,6 +253,8 @@ pub struct Variables {
     pub(super) dependence: Vec<Dependence>,
     /// Warnings: category and description. Each has a flag in the integers' memory.
     pub(super) warnings: Vec<(&'static str, &'static str)>,
+    /// The flag in the integers' memory that tells a system that it is stepped, if it asked for it.
+    pub(super) stepped: Option<usize>,
     pub(super) real_sizes: [usize; Section::COUNT],
     pub(super) integer_sizes: [usize; Section::COUNT],
     pub(super) offsets: Offsets,
@@ -275,6 +277,11 @@ impl Variables {
                 self.by_name.insert(element.name(), (index, element.offset));
             }
         }
+    }
+
+    /// Place, among all integers, of the flag that tells the system that it is stepped by a master of co-simulation.
+    pub fn stepped(&self) -> Option<usize> {
+        self.stepped.map(|place| self.integers(Section::Memory).start + place)
     }
 
     /// The variables, in the order of their declaration.

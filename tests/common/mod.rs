@@ -180,6 +180,20 @@ impl Unit {
         unsafe { fmi2ExitInitializationMode(self.component) }
     }
 
+    /// Makes a law with prescribed performance one that both interfaces can follow with any inputs: not sampled, with gentle
+    /// gains and a wide funnel. Other units stay as they are.
+    pub fn soften(&self) {
+        let variables = self.model.variables();
+        if variables.find("law").is_none() {
+            return;
+        }
+        assert_eq!(self.set_integer("law", 2), OK);
+        self.put("switching_width", 0.5);
+        for (name, value) in [("gamma_1", 5.0), ("gamma_2", 5.0), ("beta", 0.2), ("rho_inf", 1.9)] {
+            (1..=3).for_each(|i| self.put(&format!("{name}[{i}]"), value));
+        }
+    }
+
     pub fn reset(&self) -> Status {
         unsafe { fmi2Reset(self.component) }
     }

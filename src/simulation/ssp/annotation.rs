@@ -87,6 +87,8 @@ pub struct ExpectedFailure {
     pub from: f64,
     /// Latest time, s.
     pub until: f64,
+    /// Whether only separate units fail, and the loop as one unit holds.
+    pub separate_only: bool,
 }
 
 impl Reader<'_> {
@@ -145,7 +147,12 @@ impl Reader<'_> {
         if until < from {
             return Err(self.refuse(node, &format!("until = {until}: must not be before from, {from}")));
         }
-        Ok(ExpectedFailure { from, until })
+        let separate_only = match node.attribute("of") {
+            None => false,
+            Some("separate") => true,
+            Some(other) => return Err(self.refuse(node, &format!("of = {other}: must be separate, or left out"))),
+        };
+        Ok(ExpectedFailure { from, until, separate_only })
     }
 
     pub fn plot(&self, node: Node) -> Result<Plot, Error> {

@@ -1,0 +1,146 @@
+//! Prescribed performance: functions of time that bound an error, and the error transformed so that it has no bounds.
+//!
+//! C. P. Bechlioulis and G. A. Rovithakis, Robust adaptive control of feedback linearizable MIMO nonlinear systems with
+//! prescribed performance, IEEE Trans. Automatic Control 53 (2008) 2090–2099; chapters 5 and 6 of the thesis, where the
+//! transformation is printed of ρ/e in place of e/ρ.
+
+use crate::system::Scalar;
+
+/// A performance function ρ(t) = (ρ_0 − ρ_∞) e^(−l t) + ρ_∞ at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Performance<T> {
+    /// ρ
+    pub rho: T,
+    /// ρ'
+    pub rate: T,
+    /// ρ''
+    pub second_rate: T,
+}
+
+impl<T: Scalar> Performance<T> {
+    /// At the time t after it was ρ_0.
+    pub fn at(t: T, rho_0: T, rho_inf: T, decay_rate: T) -> Self {
+        let above = (rho_0 - rho_inf) * (-decay_rate * t).exp();
+        let rate = -decay_rate * above;
+        Performance { rho: above + rho_inf, rate, second_rate: -decay_rate * rate }
+    }
+}
+
+/// Bounds −δ_lo < z < δ_up of the error in parts of ρ, z = e/ρ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds<T> {
+    /// δ_lo
+    pub lower: T,
+    /// δ_up
+    pub upper: T,
+}
+
+impl<T: Scalar> Bounds<T> {
+    /// Whether z is between them.
+    pub fn hold(&self, z: T) -> bool {
+        z.re() > -self.lower.re() && z.re() < self.upper.re()
+    }
+
+    /// How far z is from the nearer one; negative outside.
+    pub fn margin(&self, z: T) -> T {
+        let (below, above) = (z + self.lower, self.upper - z);
+        if below.re() < above.re() { below } else { above }
+    }
+
+    /// ε(z) = ½ ln((δ_lo + z)/(δ_up − z)), the transformed error; no number outside.
+    pub fn transformed(&self, z: T) -> T {
+        let Bounds { lower, upper } = *self;
+        if lower.re() > 0.0 && upper.re() > 0.0 {
+            // Where z is tiny, as sharp as z itself.
+            return ((z / lower).ln_1p() - (-z / upper).ln_1p() + (lower / upper).ln()) * 0.5;
+        }
+        ((z + lower) / (upper - z)).ln() * 0.5
+    }
+
+    /// dε/dz = ½ (1/(δ_lo + z) + 1/(δ_up − z))
+    pub fn slope(&self, z: T) -> T {
+        ((z + self.lower).recip() + (self.upper - z).recip()) * 0.5
+    }
+
+    /// d²ε/dz²
+    pub fn second_slope(&self, z: T) -> T {
+        ((self.upper - z).powi(-2) - (z + self.lower).powi(-2)) * 0.5
+    }
+
+    /// z = S(ε), the inverse of [`Bounds::transformed`].
+    pub fn inverse(&self, epsilon: T) -> T {
+        // With the exponential that is at most 1, so that nothing overflows.
+        if epsilon.re() >= 0.0 {
+            let small = (-epsilon * 2.0).exp();
+            (self.upper - self.lower * small) / (small + 1.0)
+        } else {
+            let small = (epsilon * 2.0).exp();
+            (self.upper * small - self.lower) / (small + 1.0)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_dual::{Dual64, first_derivative};
+
+    const BOUNDS: [(f64, f64); 4] = [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.3, 1.0)];
+
+    #[test]
+    fn the_transformation_takes_the_funnel_to_all_numbers_and_back() {
+        for (lower, upper) in BOUNDS {
+            let bounds = Bounds { lower, upper };
+            for part in [1e-6_f64, 0.1, 0.5, 0.77, 1.0 - 1e-6] {
+                let z = -lower + part * (lower + upper);
+                let epsilon = bounds.transformed(z);
+                assert!((bounds.inverse(epsilon) - z).abs() < 1e-12, "{bounds:?}: {z} became {epsilon}");
+                assert!((epsilon - 0.5 * (part / (1.0 - part)).ln()).abs() < 1e-9);
+            }
+            assert!((bounds.inverse(-800.0) + lower).abs() < 1e-300 && bounds.inverse(800.0) == upper);
+            assert!(!bounds.transformed(upper + 0.1).is_finite() && !bounds.transformed(-lower).is_finite());
+        }
+    }
+
+    #[test]
+    fn the_inverse_has_the_slope_of_the_inverse_everywhere() {
+        for epsilon in [-3.0, -1e-9, 0.0, 1e-9, 0.4] {
+            let (z, slope) = first_derivative(
+                |epsilon: Dual64| Bounds { lower: 0.3.into(), upper: 1.0.into() }.inverse(epsilon),
+                epsilon,
+            );
+            let of = Bounds { lower: 0.3, upper: 1.0 }.slope(z);
+            assert!((slope * of - 1.0).abs() < 1e-12, "at {epsilon}: {slope}");
+        }
+    }
+
+    #[test]
+    fn a_tiny_error_keeps_its_digits() {
+        let bounds = Bounds { lower: 1.0, upper: 1.0 };
+        let z = 1.234_567_89e-12_f64;
+        assert!((bounds.transformed(z) / z - 1.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn slopes_are_derivatives() {
+        for (lower, upper) in BOUNDS {
+            let bounds = Bounds { lower, upper };
+            let z = -lower + 0.3 * (lower + upper);
+            let of = |z: Dual64| Bounds { lower: lower.into(), upper: upper.into() }.transformed(z);
+            assert!((first_derivative(of, z).1 / bounds.slope(z) - 1.0).abs() < 1e-13);
+            let slope = |z: Dual64| Bounds { lower: lower.into(), upper: upper.into() }.slope(z);
+            let second = first_derivative(slope, z).1;
+            assert!((second - bounds.second_slope(z)).abs() < 1e-12 * second.abs());
+        }
+    }
+
+    #[test]
+    fn a_performance_function_falls_from_its_start_to_its_end() {
+        let at = |t| Performance::at(t, 1.1, 0.005, 2.0);
+        assert_eq!((at(0.0).rho, at(1e9).rho), (1.1, 0.005));
+        let (rho, rate) =
+            first_derivative(|t: Dual64| Performance::at(t, 1.1.into(), 0.005.into(), 2.0.into()).rho, 0.7);
+        assert!((rho - at(0.7).rho).abs() < 1e-15 && (rate - at(0.7).rate).abs() < 1e-15);
+        assert!((at(0.7).second_rate - 4.0 * 1.095 * (-1.4_f64).exp()).abs() < 1e-14);
+    }
+}

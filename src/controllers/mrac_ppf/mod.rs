@@ -1,0 +1,376 @@
+//! Robust model reference adaptive control with prescribed performance (thesis, chapter 6).
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+mod sampled;
+
+use nalgebra::DMatrix;
+use serde::Deserialize;
+
+use super::funnel::{Funnel, Inside};
+use crate::control::limits::{self, UNLIMITED, within};
+use crate::control::lyapunov;
+use crate::system::{
+    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf, Memory,
+    Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
+    boolean, choice, integer, matrix, scalar, vector,
+};
+
+/// When the law is evaluated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Evaluation {
+    Automatic,
+    Continuous,
+    Sampled,
+}
+
+impl Choice for Evaluation {
+    const TYPE: &'static str = "MracLaw";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Automatic, "automatic", "sampled in co-simulation; continuous in model exchange and in a whole loop"),
+        (Self::Continuous, "continuous", "at all times; in co-simulation only where the step is short against 1/s"),
+        (Self::Sampled, "sampled", "once a communication step, so that the loop follows the law's own dynamics in it"),
+    ];
+}
+
+/// Nominal matrices: n states, of which each is controlled by its channel.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MracStructure {
+    A: Vec<Vec<f64>>,
+    B: Vec<Vec<f64>>,
+    #[serde(default)]
+    units: Symbols,
+}
+
+/// Units of the state and the control; 1 where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Symbols {
+    x: Vec<String>,
+    u: Vec<String>,
+}
+
+/// u = B⁺(−A x + A_m (x_m − r) + z ρ' − θ̂ᵀx − σ̂ᵀψ − ᾱ tanh(ε/φ) − K_ε ε), channel by channel.
+#[derive(Debug)]
+pub struct MracPpf {
+    A: DMatrix<f64>,
+    /// Pseudoinverse of B.
+    B_inverse: DMatrix<f64>,
+    A_m: MatrixOf<Parameter>,
+    gamma_1: VectorOf<Parameter>,
+    gamma_2: VectorOf<Parameter>,
+    beta: VectorOf<Parameter>,
+    upsilon: VectorOf<Parameter>,
+    psi: VectorOf<Parameter>,
+    alpha_bar: VectorOf<Parameter>,
+    K_epsilon: VectorOf<Parameter>,
+    switching_width: ScalarOf<Parameter>,
+    x_m0: VectorOf<Parameter>,
+    law: ChoiceOf<Parameter, Evaluation>,
+    prediction_steps: IntegerOf<Parameter>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    funnel: Funnel,
+    r: VectorOf<Input>,
+    x: VectorOf<Input>,
+    x_m: VectorOf<State>,
+    /// A column a channel.
+    theta_hat: MatrixOf<State>,
+    /// Integral part of σ̂, a column a channel.
+    integral: MatrixOf<State>,
+    sigma_hat: MatrixOf<Signal>,
+    u: VectorOf<Signal>,
+    /// e = x − x_m
+    e: ErrorOf,
+    /// Whether the unit is stepped by a master of co-simulation.
+    is_stepped: BooleanOf<Memory>,
+    /// The control of the sampled law until it is computed anew, and x_m when the step before began.
+    held: VectorOf<Discrete>,
+    x_m_before: VectorOf<Discrete>,
+    step_too_long: BooleanOf<Discrete>,
+    long_step: Warning,
+}
+
+/// How small e is where the law works, against x and x_m.
+const ERROR_NOMINAL: f64 = 1e-9;
+
+impl System for MracPpf {
+    type Structure = MracStructure;
+    const NAME: &'static str = "mrac-ppf";
+    const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/mrac_ppf.md");
+
+    fn indicators(&self) -> usize {
+        self.x.len()
+    }
+
+    fn declare(structure: MracStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let (A, B_inverse) = structure.matrices()?;
+        let (n, m) = (A.nrows(), B_inverse.nrows());
+        let unit_x = Unit::symbols("x", &structure.units.x, n)?;
+        let unit_u = Unit::symbols("u", &structure.units.u, m)?;
+        let gain = |name: &str, text: &str, start: f64| vector(name, n, text).start(start).min(0.0);
+        let limit =
+            |name: &str, size: &str| vector(name, m, &format!("{size} control, 1e15 is no limit")).units(&unit_u);
+        let (x, x_m) = (
+            d.input(vector("x", n, "measured state of the plant").units(&unit_x)),
+            d.state(vector("x_m", n, "state of the reference model").units(&unit_x)),
+        );
+        let law = MracPpf {
+            A_m: d.parameter(matrix("A_m", n, n, "state matrix of the reference model").unit("1/s").identity()),
+            gamma_1: d.parameter(gain("gamma_1", "adaptation gain of theta_hat", 5e4)),
+            gamma_2: d.parameter(gain("gamma_2", "adaptation gain of sigma_hat", 5e4)),
+            beta: d.parameter(gain("beta", "proportional part of the adaptation of sigma_hat", 2.0)),
+            upsilon: d.parameter(gain("upsilon", "leakage of sigma_hat", 0.05)),
+            psi: d.parameter(vector("psi", n, "regressor of sigma_hat").start(2.0)),
+            alpha_bar: d.parameter(gain("alpha_bar", "gain of the smoothed sign of epsilon", 10.0)),
+            K_epsilon: d.parameter(vector("K_epsilon", n, "gain of epsilon").start(0.1).positive()),
+            switching_width: d.parameter(
+                scalar("switching_width", "epsilon within which the sign is smoothed, phi").start(0.01).positive(),
+            ),
+            x_m0: d.parameter(vector("x_m0", n, "initial state of the reference model").units(&unit_x).fixed()),
+            law: d.parameter(choice::<Evaluation>("law", "when the law is evaluated").fixed()),
+            prediction_steps: d.parameter(
+                integer(
+                    "prediction_steps",
+                    "communication steps over which the sampled law looks ahead: 1 is sharper, where the plant is stepped \
+                     before the controller; 2 serves any master",
+                )
+                .start(2)
+                .within(1, 100),
+            ),
+            u_min: d.parameter(limit("u_min", "smallest").start(-UNLIMITED)),
+            u_max: d.parameter(limit("u_max", "largest").start(UNLIMITED)),
+            funnel: Funnel::declare(d, &unit_x, [2.0, 0.05, 1.5]),
+            r: d.input(vector("r", n, "reference").units(&unit_x)),
+            theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each channel")),
+            integral: d.state(matrix("sigma_integral", n, n, "integral part of sigma_hat, a column for each channel")),
+            sigma_hat: d.local(matrix("sigma_hat", n, n, "estimate of the disturbance's bound, a column for each channel")),
+            u: d.output(vector("u", m, "control").units(&unit_u)),
+            e: d.tracking_error(x, x_m, ERROR_NOMINAL),
+            is_stepped: d.is_stepped(),
+            held: d.discrete(vector("#held", m, "").hidden()),
+            x_m_before: d.discrete(vector("#x_m_before", n, "").hidden()),
+            step_too_long: d.discrete(
+                boolean("step_too_long", "whether the communication step is too long for the continuous law").output(),
+            ),
+            long_step: d.warning("logStepTooLong", "communication step too long for the continuous law"),
+            A,
+            B_inverse,
+            x,
+            x_m,
+        };
+        law.declare_dependence(d);
+        Ok(law)
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        invalid.and(self.funnel.prepare(v));
+        let A_m = v.matrix(self.A_m).into_owned();
+        lyapunov::require_hurwitz("A_m", &A_m).unwrap_or_else(|reasons| invalid.and(reasons));
+        invalid.into_result()
+    }
+
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        if v.get(self.law) == Evaluation::Sampled && !v.get(self.is_stepped) {
+            let allowed = "must be continuous or automatic: only a unit that is stepped in co-simulation is sampled";
+            return Err(Invalid::new("law", "sampled", allowed));
+        }
+        v.copy(self.x_m0, self.x_m);
+        v.copy(self.x_m0, self.x_m_before);
+        v[self.theta_hat.elements()].fill(0.0);
+        v[self.integral.elements()].fill(0.0);
+        self.funnel.open(t, |i, v| v.error(self.e, i), v);
+        self.hold_nominal_control(t, v);
+        Ok(())
+    }
+
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let n = self.x.len();
+        y.slice(self.u).fill(S::from(0.0));
+        for i in 0..n {
+            let inside = self.inside(i, t, v);
+            self.funnel.show(i, &inside, y);
+            let mut sigma = S::from(0.0);
+            for j in 0..n {
+                let estimate = self.sigma_hat(i, j, inside.epsilon, v);
+                y[self.sigma_hat.at(j, i)] = estimate;
+                sigma += estimate * v[self.psi][j];
+            }
+            let wanted = self.wanted_rate(i, &inside, sigma, v);
+            let parts = y.slice(self.u).iter_mut().zip(self.B_inverse.column(i));
+            parts.for_each(|(u, &of_channel)| *u += wanted * of_channel);
+        }
+        for k in 0..self.u.len() {
+            let u = self.u.at(k);
+            y[u] = if self.is_sampled(v) { v[self.held][k] } else { within(y[u], v[self.u_min][k], v[self.u_max][k]) };
+        }
+    }
+
+    /// x_m' = A_m (x_m − r); θ̂' = γ_1 ε R x; I' = γ_2 R (ε ψ − |ε| υ σ̂).
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let n = self.x.len();
+        let is_sampled = self.is_sampled(v);
+        for i in 0..n {
+            dx[self.x_m.at(i)] = self.model_rate(i, v);
+            let Inside { epsilon, R, .. } = self.inside(i, t, v);
+            for j in 0..n {
+                let (theta, integral) = if is_sampled {
+                    (S::from(0.0), S::from(0.0))
+                } else {
+                    self.adaptation(i, j, (epsilon, R), v[self.sigma_hat.at(j, i)], v)
+                };
+                dx[self.theta_hat.at(j, i)] = theta;
+                dx[self.integral.at(j, i)] = integral;
+            }
+        }
+    }
+
+    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+        self.funnel.check(t, |i| v.error(self.e, i), v)
+    }
+
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+        self.funnel.event_indicators(t, |i| v.error(self.e, i), v, z);
+    }
+
+    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+        self.funnel.event(t, |i, v| v.error(self.e, i), v);
+    }
+
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        if self.is_sampled(&v.values()) {
+            self.sample(t, step, v);
+        } else if v.get(self.is_stepped) {
+            self.warn_of_long_step(step, v);
+        }
+    }
+}
+
+impl MracPpf {
+    fn declare_dependence(&self, d: &mut Declaration) {
+        let n = self.x.len();
+        for i in 0..n {
+            let own = [&self.x.at(i) as &dyn crate::system::Handle, &self.x_m.at(i)];
+            for signal in self.funnel.signals_of_error() {
+                d.depends(signal.at(i), &own);
+            }
+            for signal in self.funnel.signals_of_time() {
+                d.depends(signal.at(i), &[]);
+            }
+            for j in 0..n {
+                let integral = self.integral.at(j, i);
+                d.depends(self.sigma_hat.at(j, i), &[&own[..], &[&integral]].concat());
+                d.depends(self.theta_hat.at(j, i).rate(), &[&own[..], &[&self.x.at(j)]].concat());
+                d.depends(integral.rate(), &[&own[..], &[&integral]].concat());
+            }
+        }
+        d.depends(self.x_m.rate(), &[&self.x_m, &self.r]);
+        d.depends(self.u, &[&self.x, &self.x_m, &self.r, &self.theta_hat, &self.integral]);
+    }
+
+    fn is_sampled<S: Scalar>(&self, v: &Values<S>) -> bool {
+        v.get(self.is_stepped) && v.get(self.law) != Evaluation::Continuous
+    }
+
+    fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
+        self.funnel.inside(i, t, v.error(self.e, i), v)
+    }
+
+    /// σ̂ = (I + β γ_2 ε ψ)/(1 + β γ_2 υ |ε|)
+    fn sigma_hat<S: Scalar>(&self, i: usize, j: usize, epsilon: S, v: &Values<S>) -> S {
+        let gain = v[self.beta][i] * v[self.gamma_2][i];
+        (v[self.integral.at(j, i)] + gain * epsilon * v[self.psi][j])
+            / (gain * v[self.upsilon][i] * epsilon.abs() + 1.0)
+    }
+
+    /// θ̂' and I' of an element, but for the gains that a sampled law has at another time.
+    fn adaptation<S: Scalar>(&self, i: usize, j: usize, (epsilon, R): (S, S), sigma_hat: S, v: &Values<S>) -> (S, S) {
+        let theta = v[self.gamma_1][i] * epsilon * R * v[self.x][j];
+        let leakage = epsilon.abs() * v[self.upsilon][i] * sigma_hat;
+        (theta, v[self.gamma_2][i] * R * (epsilon * v[self.psi][j] - leakage))
+    }
+
+    /// A_m (x_m − r)
+    fn model_rate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let A_m = v.matrix(self.A_m);
+        let terms = v[self.x_m].iter().zip(&v[self.r]).enumerate();
+        terms.fold(S::from(0.0), |sum, (j, (&x_m, &r))| sum + A_m[(i, j)] * (x_m - r))
+    }
+
+    /// −A x
+    fn against_nominal<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        v[self.x].iter().enumerate().fold(S::from(0.0), |sum, (j, &x)| sum - x * self.A[(i, j)])
+    }
+
+    /// θ̂ᵀx
+    fn estimated<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let terms = v[self.x].iter().enumerate();
+        terms.fold(S::from(0.0), |sum, (j, &x)| sum + v[self.theta_hat.at(j, i)] * x)
+    }
+
+    /// B u of a channel, from σ̂ᵀψ.
+    fn wanted_rate<S: Scalar>(&self, i: usize, inside: &Inside<S>, sigma: S, v: &Values<S>) -> S {
+        let Inside { performance, z, epsilon, .. } = *inside;
+        self.against_nominal(i, v) + self.model_rate(i, v) + z * performance.rate
+            - self.estimated(i, v)
+            - sigma
+            - self.robust(i, epsilon, v)
+    }
+
+    /// ᾱ tanh(ε/φ) + K_ε ε
+    fn robust<S: Scalar>(&self, i: usize, epsilon: S, v: &Values<S>) -> S {
+        v[self.alpha_bar][i] * (epsilon / v[self.switching_width]).tanh() + v[self.K_epsilon][i] * epsilon
+    }
+
+    /// Where the law is continuous and its input is held, the loop of a channel turns into an oscillation when the step is
+    /// beyond 1/s to 2/s, by the order in which units are stepped.
+    fn warn_of_long_step(&self, step: f64, v: &mut Point) {
+        let psi: f64 = v[self.psi].iter().map(|psi| psi * psi).sum();
+        let rate = (0..self.x.len()).map(|i| {
+            let gain = psi * v[self.beta][i] * v[self.gamma_2][i]
+                + v[self.alpha_bar][i] / v[self.switching_width]
+                + v[self.K_epsilon][i];
+            gain / self.funnel.narrowest(i, &v.values())
+        });
+        let rate = rate.fold(0.0, f64::max);
+        let too_long = rate * step > 1.0;
+        v.put(self.step_too_long, too_long);
+        if too_long {
+            v.warn(self.long_step, || {
+                format!(
+                    "the communication step {step:.3e} s is too long for the continuous law with these gains, whose error \
+                     decays at {rate:.3e} 1/s where the plant's input gain is 1. Use {:.1e} s or less, law = sampled, or the \
+                     loop as one unit",
+                    1.0 / rate
+                )
+            });
+        }
+    }
+}
+
+impl MracStructure {
+    /// A, and the pseudoinverse of B.
+    fn matrices(&self) -> Result<(DMatrix<f64>, DMatrix<f64>), Invalid> {
+        let read = |name: &str, rows: &[Vec<f64>]| {
+            let columns = rows.first().map_or(0, Vec::len);
+            if columns == 0 || rows.iter().any(|row| row.len() != columns) {
+                return Err(Invalid::because(format!("{name} must have rows of one size")));
+            }
+            Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
+        };
+        let (A, B) = (read("A", &self.A)?, read("B", &self.B)?);
+        let (n, m) = B.shape();
+        if A.shape() != (n, n) {
+            let allowed = format!("must be {n} × {n}, as B has {n} rows");
+            return Err(Invalid::new("size of A", format!("{} × {}", A.nrows(), A.ncols()), allowed));
+        }
+        let rank = B.rank(1e-9 * B.amax());
+        if rank < n {
+            let allowed = format!("must be {n}: each of {n} states needs a control of its own (B is {n} × {m})");
+            return Err(Invalid::new("rank of B", rank, allowed));
+        }
+        let inverse = B.pseudo_inverse(0.0).map_err(|reason| Invalid::because(format!("B: {reason}")))?;
+        Ok((A, inverse))
+    }
+}

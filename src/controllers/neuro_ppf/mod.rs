@@ -1,0 +1,255 @@
+//! Neuro-adaptive control with prescribed performance (thesis, chapter 5 and section 6.5).
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+mod input_gain;
+mod network;
+mod order;
+
+use serde::Deserialize;
+
+use super::funnel::Funnel;
+use crate::control::limits::{self, UNLIMITED, within};
+use crate::system::{
+    Declaration, Handle, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State,
+    System, Unit, Values, VectorOf, matrix, scalar, vector,
+};
+use input_gain::{Channels, InputGainNetwork, MOST_CHANNELS};
+use network::{Network, sum};
+pub use network::{NetworkStructure, WeightRule};
+use order::Order;
+
+/// The funnel of chapter 5: rho_0, rho_inf, decay_rate.
+const FUNNEL: [f64; 3] = [1.1, 0.005, 2.0];
+
+/// The description of the law's structure.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NeuroPpfStructure {
+    /// After how many derivatives of a tracked variable the control shows: 1 or 2.
+    relative_degree: usize,
+    channels: usize,
+    /// Whether the input gain is estimated, too.
+    #[serde(default = "yes")]
+    input_gain_network: bool,
+    network: NetworkStructure,
+    #[serde(default)]
+    units: Units,
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// Units of the signals, an element each; 1 where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Units {
+    r: Vec<String>,
+    u: Vec<String>,
+}
+
+/// ν_b = F_f + R⁻¹ V + k R⁻¹ E + n_f R E; u = ν_a − (η_Ga |ν_a|² + η_Gb |ν_b|²) R E.
+#[derive(Debug)]
+pub struct NeuroPpf {
+    network: Network,
+    input_gain: Option<InputGainNetwork>,
+    order: Order,
+    funnel: Funnel,
+    k: ScalarOf<Parameter>,
+    n_f: ScalarOf<Parameter>,
+    eta_Gb: ScalarOf<Parameter>,
+    sigma: ScalarOf<Parameter>,
+    /// Γ
+    network_gain: ScalarOf<Parameter>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    r: VectorOf<Input>,
+    x: VectorOf<Input>,
+    theta_f: MatrixOf<State>,
+    u: VectorOf<Signal>,
+    E: VectorOf<Signal>,
+    F_f: VectorOf<Signal>,
+    nu_b: VectorOf<Signal>,
+    Z: VectorOf<Signal>,
+    /// R_i E_i
+    RE: VectorOf<Signal>,
+}
+
+impl System for NeuroPpf {
+    type Structure = NeuroPpfStructure;
+    const NAME: &'static str = "neuro-ppf";
+    const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/neuro_ppf.md");
+
+    fn indicators(&self) -> usize {
+        self.r.len()
+    }
+
+    fn declare(structure: NeuroPpfStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let (m, degree) = structure.size()?;
+        let network = Network::new(&structure.network, m * degree)?;
+        let neurons = network.neurons();
+        let r = Unit::symbols("r", &structure.units.r, m)?;
+        let u = Unit::symbols("u", &structure.units.u, m)?;
+        let x: Vec<_> = r.iter().copied().chain(r.iter().map(|unit| Unit::per_second(unit))).take(m * degree).collect();
+        let state = if degree == 1 { "measured state of the plant" } else { "measured coordinates, then their rates" };
+        let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
+        let limit = "control that the actuator can give; 1e15 is no limit";
+        let law = NeuroPpf {
+            funnel: Funnel::declare(d, &r, FUNNEL),
+            k: d.parameter(number("k", "gain of the filtered error", 0.5).unit("1/s")),
+            n_f: d.parameter(number("n_f", "gain of the robust term for the estimate of the dynamics", 0.2)),
+            eta_Gb: d.parameter(number("eta_Gb", "gain of the robust term for nu_b", 0.2)),
+            sigma: d.parameter(number("sigma", "leakage of the networks' weights", 7.5)),
+            network_gain: d.parameter(scalar("network_gain", "adaptation gain of the networks").start(0.1).positive()),
+            u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(&u)),
+            u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(&u)),
+            r: d.input(vector("r", m, "reference").units(&r)),
+            order: if degree == 1 { Order::first(d, &r) } else { Order::second(d, &r) },
+            x: d.input(vector("x", x.len(), state).units(&x)),
+            theta_f: d.state(matrix(
+                "theta_f",
+                neurons,
+                m,
+                "weight of a neuron in the estimate of a channel's dynamics",
+            )),
+            input_gain: structure.input_gain_network.then(|| InputGainNetwork::declare(d, neurons, &u)),
+            u: d.output(vector("u", m, "control").units(&u)),
+            E: d.local(vector("E", m, "filtered error: the transformed error, for relative degree 2 with its rate")),
+            F_f: d.local(vector("F_f", m, "estimate of the plant's dynamics")),
+            nu_b: d.local(vector("nu_b", m, "control for an input gain of 1")),
+            Z: d.local(vector("#Z", neurons, "").hidden()),
+            RE: d.local(vector("#RE", m, "").hidden()),
+            network,
+        };
+        law.declare_dependence(d);
+        Ok(law)
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        invalid.and(self.funnel.prepare(v));
+        invalid.into_result()
+    }
+
+    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+        self.order.initialise(v);
+        if let Some(input_gain) = &self.input_gain {
+            input_gain.initialise(&self.network, self.x, v);
+        }
+        self.funnel.open(t, |i, v| self.error(i, v), v);
+        Ok(())
+    }
+
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
+        self.network.outputs(&v[self.x], &mut y[self.Z]);
+        let theta_f = v.matrix(self.theta_f);
+        let mut nu_b = [S::from(0.0); MOST_CHANNELS];
+        for i in 0..self.r.len() {
+            let inside = self.funnel.inside(i, t, self.error(i, v), v);
+            self.funnel.show(i, &inside, y);
+            let motion = self.order.motion(i, &inside, [self.r, self.x], v);
+            let F_f = sum(&y[self.Z], theta_f.column(i).as_slice());
+            let RE = inside.R * motion.E;
+            nu_b[i] = F_f + (motion.V + v[self.k] * motion.E) / inside.R + v[self.n_f] * RE;
+            y[self.E.at(i)] = motion.E;
+            y[self.F_f.at(i)] = F_f;
+            y[self.nu_b.at(i)] = nu_b[i];
+            y[self.RE.at(i)] = RE;
+        }
+        self.control(nu_b, v, y);
+    }
+
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        self.order.derivatives(self.r, v, dx);
+        let (gain, sigma) = (v[self.network_gain], v[self.sigma]);
+        for i in 0..self.r.len() {
+            for j in 0..self.network.neurons() {
+                let theta = self.theta_f.at(j, i);
+                dx[theta] = gain * (v[self.Z.at(j)] * v[self.RE.at(i)] - sigma * v[theta]);
+            }
+        }
+        if let Some(input_gain) = &self.input_gain {
+            input_gain.derivatives([self.Z, self.RE], [gain, sigma], v, dx);
+        }
+    }
+
+    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+        self.funnel.check(t, |i| self.error(i, v), v)
+    }
+
+    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+        self.funnel.event_indicators(t, |i| self.error(i, v), v, z);
+    }
+
+    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+        self.funnel.event(t, |i, v| self.error(i, v), v);
+    }
+}
+
+impl NeuroPpf {
+    fn error<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        self.order.error(i, [self.r, self.x], v)
+    }
+
+    /// Writes u, within its limits.
+    fn control<S: Scalar>(&self, nu_b: Channels<S>, v: &Values<S>, y: &mut Signals<S>) {
+        let (nu_a, of_nu_a) = match &self.input_gain {
+            Some(input_gain) => input_gain.outputs(self.Z, nu_b, v, y),
+            None => ([S::from(0.0); MOST_CHANNELS], S::from(0.0)),
+        };
+        let robust = of_nu_a + v[self.eta_Gb] * sum(&nu_b, &nu_b);
+        for (i, nu_a) in nu_a.into_iter().enumerate().take(self.r.len()) {
+            let wanted = nu_a - robust * y[self.RE.at(i)];
+            y[self.u.at(i)] = within(wanted, v[self.u_min.at(i)], v[self.u_max.at(i)]);
+        }
+    }
+
+    fn declare_dependence(&self, d: &mut Declaration) {
+        let NeuroPpf { x, r, theta_f, network, .. } = self;
+        d.depends(self.Z, &[x]);
+        self.funnel.signals_of_time().into_iter().for_each(|signal| d.depends(signal, &[]));
+        let mut all: Vec<Box<dyn Handle>> = vec![Box::new(*x), Box::new(*r), Box::new(theta_f.elements())];
+        match self.order {
+            Order::First { x_m, .. } => all.push(Box::new(x_m)),
+            Order::Second { dr, ddr, .. } => all.extend([Box::new(dr) as Box<dyn Handle>, Box::new(ddr)]),
+        }
+        let all: Vec<&dyn Handle> = all.iter().map(Box::as_ref).collect();
+        self.order.declare_dependence(d, [*r, *x], |d, i, [error, filtered, known]| {
+            self.funnel.signals_of_error().into_iter().for_each(|signal| d.depends(signal.at(i), error));
+            [self.E, self.RE].into_iter().for_each(|signal| d.depends(signal.at(i), filtered));
+            let neurons = network.neurons();
+            let weights = theta_f.elements().part(i * neurons..(i + 1) * neurons);
+            let estimate: [&dyn Handle; 2] = [x, &weights];
+            d.depends(self.F_f.at(i), &estimate);
+            d.depends(self.nu_b.at(i), &[&estimate, known].concat());
+            for j in 0..neurons {
+                let weight = theta_f.at(j, i);
+                d.depends(weight.rate(), &[&[x as &dyn Handle, &weight], filtered].concat());
+            }
+        });
+        match &self.input_gain {
+            Some(input_gain) => {
+                input_gain.declare_dependence(d, x, &all);
+                d.depends(self.u, &[&all[..], &[&input_gain.states()]].concat());
+            }
+            None => d.depends(self.u, &all),
+        }
+    }
+}
+
+impl NeuroPpfStructure {
+    /// Channels, and their relative degree.
+    fn size(&self) -> Result<(usize, usize), Invalid> {
+        let mut invalid = Invalid::none();
+        if !(1..=MOST_CHANNELS).contains(&self.channels) {
+            let allowed =
+                format!("must be within 1 … {MOST_CHANNELS}: the adjugate of larger input gains isn't provided for");
+            invalid.and(Invalid::new("channels", self.channels, allowed));
+        }
+        if !(1..=2).contains(&self.relative_degree) {
+            invalid.and(Invalid::new("relative_degree", self.relative_degree, "must be 1 or 2"));
+        }
+        invalid.into_result()?;
+        Ok((self.channels, self.relative_degree))
+    }
+}

@@ -1,0 +1,161 @@
+//! The networks' common layer of sigmoid neurons, and how its weights are given.
+
+use nalgebra::DMatrix;
+use serde::Deserialize;
+
+use crate::system::{Invalid, Scalar};
+
+/// The most neurons.
+const MOST: usize = 1000;
+/// As many as there are inputs at most, and one for the bias.
+const PRIMES: [f64; 7] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
+
+/// How the weights of the neurons are given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WeightRule {
+    /// Within ±1, neuron j's from the fractions of j √2, j √3, j √5, …
+    SquareRoots,
+    /// Within ±2, neuron j's from the fractions of j/g, j/g², … with g^(n + 2) = g + 1 for n inputs: points of a
+    /// low-discrepancy sequence.
+    QuasiRandom,
+    /// As they are.
+    Given,
+}
+
+/// The description of the layer.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkStructure {
+    rule: WeightRule,
+    #[serde(default)]
+    neurons: Option<usize>,
+    #[serde(default)]
+    weights: Vec<Vec<f64>>,
+    #[serde(default)]
+    biases: Vec<f64>,
+}
+
+/// Z_j(x) = 1/(1 + e^(−w_jᵀ x − b_j)).
+#[derive(Debug)]
+pub(super) struct Network {
+    /// By columns: w_j in column j.
+    weights: DMatrix<f64>,
+    biases: Vec<f64>,
+}
+
+impl Network {
+    /// Of so many inputs.
+    ///
+    /// # Errors
+    /// Numbers of neurons and weights that contradict each other.
+    pub fn new(structure: &NetworkStructure, inputs: usize) -> Result<Self, Invalid> {
+        let rule: fn(usize, usize, usize) -> f64 = match structure.rule {
+            WeightRule::Given => return Network::given(structure, inputs),
+            WeightRule::SquareRoots => |j, k, _| 2.0 * (j as f64 * PRIMES[k].sqrt()).fract() - 1.0,
+            WeightRule::QuasiRandom => |j, k, inputs| {
+                let g = ratio(inputs + 1);
+                4.0 * (j as f64 * g.powi(-(k as i32 + 1))).fract() - 2.0
+            },
+        };
+        if !structure.weights.is_empty() || !structure.biases.is_empty() {
+            return Err(Invalid::because("weights, biases: go with rule = \"given\" alone"));
+        }
+        let neurons = size(structure.neurons.unwrap_or(0))?;
+        Ok(Network {
+            weights: DMatrix::from_fn(inputs, neurons, |k, j| rule(j + 1, k, inputs)),
+            biases: (1..=neurons).map(|j| rule(j, inputs, inputs)).collect(),
+        })
+    }
+
+    fn given(structure: &NetworkStructure, inputs: usize) -> Result<Self, Invalid> {
+        let NetworkStructure { weights, biases, .. } = structure;
+        let neurons = size(structure.neurons.unwrap_or(weights.len()))?;
+        let mut invalid = Invalid::none();
+        if weights.len() != neurons {
+            invalid.and(Invalid::new("weights", format!("{} rows", weights.len()), format!("must be {neurons}")));
+        }
+        if let Some((j, row)) = weights.iter().enumerate().find(|(_, row)| row.len() != inputs) {
+            let allowed = format!("must be {inputs}, one an input of the network");
+            invalid.and(Invalid::new(format!("weights, row {}", j + 1), format!("{} numbers", row.len()), allowed));
+        }
+        if biases.len() != neurons {
+            invalid.and(Invalid::new("biases", format!("{} numbers", biases.len()), format!("must be {neurons}")));
+        }
+        if weights.iter().flatten().chain(biases).any(|number| !number.is_finite()) {
+            invalid.and(Invalid::because("weights, biases: must be finite"));
+        }
+        invalid.into_result()?;
+        let weights = DMatrix::from_fn(inputs, neurons, |k, j| weights[j][k]);
+        Ok(Network { weights, biases: biases.clone() })
+    }
+
+    pub fn neurons(&self) -> usize {
+        self.biases.len()
+    }
+
+    /// Writes Z(x).
+    pub fn outputs<S: Scalar>(&self, x: &[S], Z: &mut [S]) {
+        for (j, Z) in Z.iter_mut().enumerate() {
+            let weights = self.weights.column(j);
+            *Z = sigmoid(x.iter().zip(weights.iter()).fold(S::from(self.biases[j]), |sum, (&x, &w)| sum + x * w));
+        }
+    }
+}
+
+/// 1/(1 + e^(−a)), with the exponential that is at most 1, so that nothing overflows.
+fn sigmoid<S: Scalar>(a: S) -> S {
+    if a.re() > 0.0 {
+        return ((-a).exp() + 1.0).recip();
+    }
+    let small = a.exp();
+    small / (small + 1.0)
+}
+
+/// Zᵀθ
+pub(super) fn sum<S: Scalar>(Z: &[S], theta: &[S]) -> S {
+    Z.iter().zip(theta).fold(S::from(0.0), |sum, (&Z, &theta)| sum + Z * theta)
+}
+
+fn size(neurons: usize) -> Result<usize, Invalid> {
+    if (1..=MOST).contains(&neurons) {
+        return Ok(neurons);
+    }
+    Err(Invalid::new("neurons", neurons, format!("must be within 1 … {MOST}")))
+}
+
+/// The root g > 1 of g^(d + 1) = g + 1, which spreads points best in d dimensions.
+fn ratio(dimensions: usize) -> f64 {
+    // The iteration contracts to machine precision well before this.
+    (0..64).fold(1.2, |g: f64, _| (g + 1.0).powf(1.0 / (dimensions as f64 + 1.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(rule: WeightRule, neurons: usize) -> NetworkStructure {
+        NetworkStructure { rule, neurons: Some(neurons), weights: vec![], biases: vec![] }
+    }
+
+    #[test]
+    fn the_rules_give_the_weights_of_the_examples() {
+        let robot = Network::new(&of(WeightRule::SquareRoots, 30), 4).unwrap();
+        // 30 √7 = 79.372539…, 2 √11 = 6.633249…
+        assert!((robot.weights[(3, 29)] - (2.0 * 0.372_539_331_937_7 - 1.0)).abs() < 1e-11);
+        assert!((robot.biases[1] - (2.0 * 0.633_249_580_710_8 - 1.0)).abs() < 1e-11);
+        assert!((ratio(4) - 1.167_303_978_261_418_7).abs() < 1e-15);
+        let coupled = Network::new(&of(WeightRule::QuasiRandom, 80), 3).unwrap();
+        let expected = |j: f64, k: i32| 4.0 * (j * 1.167_303_978_261_418_7_f64.powi(-k)).fract() - 2.0;
+        assert!((coupled.weights[(2, 79)] - expected(80.0, 3)).abs() < 1e-11);
+        assert!((coupled.biases[6] - expected(7.0, 4)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_neuron_far_from_its_middle_has_a_value_and_a_derivative() {
+        for (a, value) in [(-1e4, 0.0), (0.0, 0.5), (1e4, 1.0)] {
+            let (found, slope) = num_dual::first_derivative(|a: num_dual::Dual64| sigmoid(a), a);
+            assert_eq!((found, slope), (value, if a == 0.0 { 0.25 } else { 0.0 }));
+        }
+    }
+}

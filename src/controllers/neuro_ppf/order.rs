@@ -1,0 +1,128 @@
+//! What the law knows of the motion of its errors, by the channels' relative degree.
+
+use crate::controllers::funnel::Inside;
+use crate::system::{
+    Declaration, Handle, Input, MatrixOf, Parameter, Point, Rates, Scalar, State, Unit, Values, VectorOf, matrix,
+    vector,
+};
+
+/// How the errors are made, and moved by what is known.
+#[derive(Debug)]
+pub(super) enum Order {
+    /// e = x − x_m with the reference model x_m' = A_m (x_m − r).
+    First { A_m: MatrixOf<Parameter>, x_m0: VectorOf<Parameter>, x_m: VectorOf<State> },
+    /// e = q − r of x = (q, q').
+    Second { dr: VectorOf<Input>, ddr: VectorOf<Input>, lambda: VectorOf<Parameter> },
+}
+
+/// The law's view of a channel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Motion<S> {
+    /// The error that is adapted to: ε, or ε' + λ ε.
+    pub E: S,
+    /// What of E' doesn't come from the plant.
+    pub V: S,
+}
+
+impl Order {
+    pub fn first(d: &mut Declaration, units: &[&'static str]) -> Self {
+        let m = units.len();
+        let start: Vec<f64> = (0..m * m).map(|k| if k % m == k / m { -1.0 } else { 0.0 }).collect();
+        Order::First {
+            A_m: d.parameter(matrix("A_m", m, m, "state matrix of the reference model").unit("1/s").starts(&start)),
+            x_m0: d.parameter(vector("x_m0", m, "initial state of the reference model").units(units).fixed()),
+            x_m: d.state(vector("x_m", m, "state of the reference model, which the plant is to follow").units(units)),
+        }
+    }
+
+    pub fn second(d: &mut Declaration, units: &[&'static str]) -> Self {
+        let m = units.len();
+        let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
+        let second_rates: Vec<_> = rates.iter().map(|unit| Unit::per_second(unit)).collect();
+        Order::Second {
+            dr: d.input(vector("dr", m, "time derivative of the reference").units(&rates)),
+            ddr: d.input(vector("ddr", m, "second time derivative of the reference").units(&second_rates)),
+            lambda: d.parameter(
+                vector("lambda", m, "weight of the transformed error beside its rate")
+                    .unit("1/s")
+                    .start(0.75)
+                    .positive(),
+            ),
+        }
+    }
+
+    /// The error of a channel.
+    pub fn error<S: Scalar>(&self, i: usize, [r, x]: [VectorOf<Input>; 2], v: &Values<S>) -> S {
+        match *self {
+            Order::First { x_m, .. } => v[x][i] - v[x_m][i],
+            Order::Second { .. } => v[x][i] - v[r][i],
+        }
+    }
+
+    /// E and V of a channel, from w = e' − z ρ', z' = w/ρ.
+    pub fn motion<S: Scalar>(
+        &self,
+        i: usize,
+        inside: &Inside<S>,
+        [r, x]: [VectorOf<Input>; 2],
+        v: &Values<S>,
+    ) -> Motion<S> {
+        let Inside { performance, bounds, z, epsilon, R, .. } = *inside;
+        match *self {
+            Order::First { .. } => Motion { E: epsilon, V: R * (-self.model_rate(i, r, v) - z * performance.rate) },
+            Order::Second { dr, ddr, lambda } => {
+                let (rho, rate) = (performance.rho, performance.rate);
+                let w = v[x][r.len() + i] - v[dr][i] - z * rate;
+                let dz = w / rho;
+                let dR = (bounds.second_slope(z) * dz - R * rate) / rho;
+                let known = dz * rate + z * performance.second_rate + v[ddr][i];
+                Motion { E: R * w + v[lambda][i] * epsilon, V: dR * w - R * known + v[lambda][i] * R * w }
+            }
+        }
+    }
+
+    /// x_m' = A_m (x_m − r) of a channel; zero without a model.
+    fn model_rate<S: Scalar>(&self, i: usize, r: VectorOf<Input>, v: &Values<S>) -> S {
+        let Order::First { A_m, x_m, .. } = *self else { return S::from(0.0) };
+        let away = v[x_m].iter().zip(&v[r]);
+        v.matrix(A_m).row(i).iter().zip(away).fold(S::from(0.0), |sum, (&a, (&x_m, &r))| sum + a * (x_m - r))
+    }
+
+    pub fn initialise(&self, v: &mut Point) {
+        if let Order::First { x_m0, x_m, .. } = *self {
+            v.copy(x_m0, x_m);
+        }
+    }
+
+    pub fn derivatives<S: Scalar>(&self, r: VectorOf<Input>, v: &Values<S>, dx: &mut Rates<S>) {
+        if let Order::First { x_m, .. } = *self {
+            (0..x_m.len()).for_each(|i| dx[x_m][i] = self.model_rate(i, r, v));
+        }
+    }
+
+    /// Calls with what e of a channel, what E, and what V depends on.
+    pub fn declare_dependence(
+        &self,
+        d: &mut Declaration,
+        [r, x]: [VectorOf<Input>; 2],
+        mut each: impl FnMut(&mut Declaration, usize, [&[&dyn Handle]; 3]),
+    ) {
+        let m = r.len();
+        for i in 0..m {
+            let (x_i, r_i) = (&x.at(i), &r.at(i));
+            match self {
+                Order::First { x_m, .. } => {
+                    let error: [&dyn Handle; 2] = [x_i, &x_m.at(i)];
+                    each(d, i, [&error, &error, &[x_i, x_m, &r]]);
+                }
+                Order::Second { dr, ddr, .. } => {
+                    let (rate, dr) = (&x.at(m + i), &dr.at(i));
+                    each(d, i, [&[x_i, r_i], &[x_i, r_i, rate, dr], &[x_i, r_i, rate, dr, &ddr.at(i)]]);
+                }
+            }
+        }
+        if let Order::First { x_m, .. } = self {
+            d.depends(x_m.rate(), &[x_m, &r]);
+        }
+    }
+}
