@@ -8,6 +8,7 @@ use crate::controllers::l1_quadrotor::L1Quadrotor;
 use crate::controllers::mrac_ppf::MracPpf;
 use crate::controllers::neuro_ppf::NeuroPpf;
 use crate::controllers::observer::Observer;
+use crate::controllers::watched::Watched;
 use crate::plants::actuated_siso::ActuatedSiso;
 use crate::plants::actuator::Actuator;
 use crate::plants::coupled_mimo::CoupledMimo;
@@ -23,10 +24,10 @@ use crate::system::{Kind, Registry};
 
 /// Every system of this package.
 pub static REGISTRY: Registry = &[
-    Kind::of::<FuzzyL1>(),
-    Kind::of::<L1>(),
-    Kind::of::<L1Quadrotor<false>>(),
-    Kind::of::<L1Quadrotor<true>>(),
+    Kind::of::<Watched<FuzzyL1>>(),
+    Kind::of::<Watched<L1>>(),
+    Kind::of::<Watched<L1Quadrotor<false>>>(),
+    Kind::of::<Watched<L1Quadrotor<true>>>(),
     Kind::of::<MracPpf>(),
     Kind::of::<NeuroPpf>(),
     Kind::of::<Observer>(),

@@ -2,20 +2,36 @@
 
 use super::fuzzy_gain::FuzzyGain;
 use super::l1::{L1Structure, Law, Ports};
+use super::watched::Tracking;
 use crate::control::limits;
 use crate::system::{
-    Declaration, ErrorEstimate, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Unit, Values, VectorOf,
-    vector,
+    Declaration, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Unit, Values,
+    VectorOf, vector,
 };
 
 /// The L1 law with a feedback gain that follows from the tracking error and its rate.
 #[derive(Debug)]
 pub struct FuzzyL1 {
     r: VectorOf<Input>,
+    units_of_r: Vec<&'static str>,
     dr: VectorOf<Input>,
     ports: Ports,
     law: Law,
     gain: FuzzyGain,
+}
+
+impl Tracking for FuzzyL1 {
+    fn error_units(&self) -> Vec<&'static str> {
+        self.units_of_r.clone()
+    }
+
+    fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        self.error(channel, v)
+    }
+
+    fn errors_follow_from(&self) -> Vec<&dyn Handle> {
+        vec![&self.r, &self.ports.x]
+    }
 }
 
 impl FuzzyL1 {
@@ -54,7 +70,7 @@ impl System for FuzzyL1 {
         let gain = FuzzyGain::declare(d, size.1);
         law.declare_dependence(d, &[&r, &dr]);
         gain.k_f.iter().for_each(|&k_f| d.depends(k_f, &[&r, &dr, &ports.x]));
-        Ok(FuzzyL1 { r, dr, ports, law, gain })
+        Ok(FuzzyL1 { r, units_of_r: units.r, dr, ports, law, gain })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {

@@ -4,10 +4,11 @@ use std::ops::Range;
 
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
+use super::watched::Tracking;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    Declaration, ErrorEstimate, Input, Invalid, Many, Parameter, Point, Rates, Scalar, Signal, Signals, Spec, Stride,
-    System, Values, VectorOf, boolean, vector,
+    Declaration, ErrorEstimate, Handle, Input, Invalid, Many, Parameter, Point, Rates, Scalar, Signal, Signals, Spec,
+    Stride, System, Values, VectorOf, boolean, vector,
 };
 
 /// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques. Where it is `OBSERVED`, the law takes the angles and
@@ -21,6 +22,21 @@ pub struct L1Quadrotor<const OBSERVED: bool> {
     u: VectorOf<Signal>,
     u_min: VectorOf<Parameter>,
     u_max: VectorOf<Parameter>,
+}
+
+impl<const OBSERVED: bool> Tracking for L1Quadrotor<OBSERVED> {
+    /// Of the position and the yaw.
+    fn error_units(&self) -> Vec<&'static str> {
+        vec!["m", "m", "m", "rad"]
+    }
+
+    fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        v[self.position.r][channel] - v[self.x][[0, 1, 2, 8][channel]]
+    }
+
+    fn errors_follow_from(&self) -> Vec<&dyn Handle> {
+        vec![&self.position.r, &self.x]
+    }
 }
 
 impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {

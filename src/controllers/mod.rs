@@ -9,3 +9,4 @@ pub mod mrac_ppf;
 pub mod neuro_ppf;
 pub mod observer;
 mod position_loop;
+pub mod watched;

@@ -10,9 +10,10 @@ mod structure;
 mod supervision;
 mod unmatched;
 
+use super::watched::Tracking;
 use crate::control::limits;
 use crate::system::{
-    Choice, Declaration, ErrorEstimate, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Values,
+    Choice, Declaration, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Values,
     VectorOf, vector,
 };
 pub(super) use law::Law;
@@ -40,7 +41,22 @@ impl Choice for AdaptiveStart {
 #[derive(Debug)]
 pub struct L1 {
     r: VectorOf<Input>,
+    units_of_r: Vec<&'static str>,
     law: Law,
+}
+
+impl Tracking for L1 {
+    fn error_units(&self) -> Vec<&'static str> {
+        self.units_of_r.clone()
+    }
+
+    fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        v[self.r][channel] - self.law.output(channel, v)
+    }
+
+    fn errors_follow_from(&self) -> Vec<&dyn Handle> {
+        vec![&self.r, &self.law.ports.x]
+    }
 }
 
 impl System for L1 {
@@ -58,7 +74,7 @@ impl System for L1 {
         let r = d.input(vector("r", units.r.len(), "reference").units(&units.r));
         let law = Law::declare(&structure, Ports::declare(d, &units), d)?;
         law.declare_dependence(d, &[&r]);
-        Ok(L1 { r, law })
+        Ok(L1 { r, units_of_r: units.r, law })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
