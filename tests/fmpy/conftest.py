@@ -6,12 +6,15 @@
 With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones.
 """
 
+import csv
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -75,3 +78,32 @@ def unit(fmu: Callable[[str], Fmu]) -> Iterator[Callable[..., Unit]]:
     yield make
     for instance in made:
         instance.free()
+
+
+def read_csv(file: Path) -> dict[str, np.ndarray]:
+    with file.open() as text:
+        rows = list(csv.reader(text))
+    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=False))
+
+
+# A loop that is run: what it tells, and what was recorded of it.
+Ran = tuple[dict, dict[str, np.ndarray]]
+
+
+@pytest.fixture(scope="module")
+def ran(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
+    """Runs a loop by the program, with these options, once."""
+    done: dict[tuple[str, ...], Ran] = {}
+
+    def run(loop: str, *options: str | float) -> Ran:
+        words = (loop, *map(str, options))
+        if words not in done:
+            fmus = [] if "--composite" in words else ["--fmus", fmu_folder]
+            answer = adaptive_fmu("run", *words, *fmus, "--json", "--out", tmp_path_factory.mktemp("run"))
+            # 3: a peak beyond its limit, with another step than the loop's own.
+            assert answer.returncode in (0, 3) and answer.stderr == "", answer
+            told = json.loads(answer.stdout)
+            done[words] = told, read_csv(Path(told["results"]) / "result.csv")
+        return done[words]
+
+    return run

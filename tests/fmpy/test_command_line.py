@@ -1,6 +1,5 @@
 """The program as a user runs it: what it prints, what it writes, how it ends."""
 
-import csv
 import json
 import shutil
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from conftest import FMU_NAMES, ROOT, adaptive_fmu
+from conftest import FMU_NAMES, ROOT, adaptive_fmu, read_csv
 from fmpy.validation import validate_fmu
 from lxml import etree
 from master import CONTROLLER, PLANT, Fmu, Unit, closed_loop
@@ -61,12 +60,6 @@ def short_run(request, fmu_folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("results")
     command = ["run", "3.2.1-cosine", "--json", "--until", "2", "--order", request.param]
     return request.param, adaptive_fmu(*command, "--fmus", fmu_folder, "--out", out), out / "3.2.1-cosine"
-
-
-def read_csv(file: Path) -> dict[str, np.ndarray]:
-    with file.open() as text:
-        rows = list(csv.reader(text))
-    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=False))
 
 
 def test_run_ends_well_with_metrics_csv_and_plot(short_run) -> None:

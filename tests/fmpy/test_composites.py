@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import adaptive_fmu
+from conftest import adaptive_fmu, read_csv
 from independent import CONVERGED, Experiment, continuous_loop
 from lxml import html
 from master import Fmu, Unit, closed_loop
 from test_closed_loop import metrics
-from test_command_line import LOOPS, read_csv
+from test_command_line import LOOPS
 from test_loops import SQUARE
 
 
@@ -57,7 +57,9 @@ def test_a_whole_loop_is_the_continuous_one(composite, signal: str) -> None:
 def test_separate_units_come_to_the_whole_loop_as_their_step_gets_small(composite, fmu) -> None:
     whole, steps = run(composite["cosine"], 5.0, 1e-2), [2e-3, 1e-3, 5e-4, 2.5e-4]
     loops = [closed_loop(fmu, 5.0, step) for step in steps]
-    errors = [np.abs(loop.x[:: round(1e-2 / step)] - whole[:, :2]).max() for loop, step in zip(loops, steps, strict=True)]
+    errors = [
+        np.abs(loop.x[:: round(1e-2 / step)] - whole[:, :2]).max() for loop, step in zip(loops, steps, strict=True)
+    ]
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] >= 0.8, errors
 
 

@@ -1,14 +1,11 @@
 """The loops of example 3.3.1 and of chapter 4: as one unit, and through separate units at several steps."""
 
-import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import adaptive_fmu
-from test_command_line import read_csv
+from conftest import adaptive_fmu, read_csv
 
 # The continuous loops, converged: tracking after 5 s (rms e_1, e_2 of the robot; max |e| of chapter 4), and max |u|.
 TRACKING = {
@@ -32,27 +29,6 @@ HIGHER = {"3.3.1": {"gauss-seidel": 3, "jacobi": 16}, "4": {"gauss-seidel": 2.7}
 # As one unit; the metrics are those of points at every millisecond, whatever the loop's own step is.
 WHOLE = ("--composite", "--step", 1e-3)
 BOTH = ["gauss-seidel", "jacobi"]
-# A loop that is run: what it tells, and what was recorded of it.
-Ran = tuple[dict, dict[str, np.ndarray]]
-
-
-@pytest.fixture(scope="module")
-def ran(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
-    """Runs a loop by the program, with these options, once."""
-    done: dict[tuple[str, ...], Ran] = {}
-
-    def run(loop: str, *options: str | float) -> Ran:
-        words = (loop, *map(str, options))
-        if words not in done:
-            fmus = [] if "--composite" in words else ["--fmus", fmu_folder]
-            answer = adaptive_fmu("run", *words, *fmus, "--json", "--out", tmp_path_factory.mktemp("run"))
-            # 3: a peak beyond its limit, with another step than the loop's own.
-            assert answer.returncode in (0, 3) and answer.stderr == "", answer
-            told = json.loads(answer.stdout)
-            done[words] = told, read_csv(Path(told["results"]) / "result.csv")
-        return done[words]
-
-    return run
 
 
 def channels(loop: str) -> range:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import fmpy
 import pytest
-from conftest import ROOT, adaptive_fmu
+from conftest import ROOT, adaptive_fmu, read_csv
 from fmpy.ssp.ssd import read_ssd
 from lxml import etree
-from test_command_line import LOOPS, fails, read_csv
+from test_command_line import LOOPS, fails
 
 SCHEMA = Path(fmpy.__file__).parent / "ssp" / "schema"
 SQUARE = """<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" name="square" version="1.0">
@@ -173,16 +173,22 @@ def test_a_single_value_that_its_unit_refuses_ends_the_run_with_the_units_reason
 
 def test_an_input_left_open_is_a_warning(loop, tmp_path) -> None:
     structure = loop / "SystemStructure.ssd"
-    connection = '<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>'
+    connection = (
+        '<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>'
+    )
     change(structure, connection, "")
     answer = adaptive_fmu("run", loop, "--until", "0.1", "--json", "--out", tmp_path)
-    assert [warning for warning in json.loads(answer.stdout)["warnings"] if "plant.u[1]" in warning and "line " in warning]
+    assert [
+        warning for warning in json.loads(answer.stdout)["warnings"] if "plant.u[1]" in warning and "line " in warning
+    ]
 
 
 def test_states_of_different_units_are_not_connected_unawares(loop, tmp_path) -> None:
     change(loop / "SystemStructure.ssd", 'startConnector="x[1]" endElement', 'startConnector="x[2]" endElement')
     told = fails("run", loop, "--out", tmp_path)
-    assert all(word in told for word in ["line ", "plant.x[2]", "1/s", "controller.x[1]", "suppressUnitConversion"]), told
+    assert all(word in told for word in ["line ", "plant.x[2]", "1/s", "controller.x[1]", "suppressUnitConversion"]), (
+        told
+    )
 
 
 def archive(file: Path, *entries: tuple[str, str | bytes]) -> Path:

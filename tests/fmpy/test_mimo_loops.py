@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import adaptive_fmu
+from conftest import adaptive_fmu, read_csv
 from independent_unmatched import continuous_loop
 from master import Fmu, Unit
-from test_command_line import read_csv
 
 # The continuous loops, converged, in the digits that are known: metrics by their labels.
 CONTINUOUS = {
@@ -170,7 +169,9 @@ def test_the_quadrotors_position_loop_asks_for_the_thrust_that_gives_the_acceler
 
         def inputs(tilt: tuple[float, float], r=r, p=p, v=v, dr=dr, ddr=ddr, psi=psi) -> dict[str, float]:  # noqa: B008
             named = {"r": [*r, psi], "dr": dr, "ddr": ddr, "x": [*p, *v, *tilt, psi, 0, 0, 0]}
-            return {f"{name}[{i + 1}]": float(value) for name, values in named.items() for i, value in enumerate(values)}
+            return {
+                f"{name}[{i + 1}]": float(value) for name, values in named.items() for i, value in enumerate(values)
+            }
 
         level = unit("L1Quadrotor", **inputs((0.0, 0.0))).start()
         phi, theta = level["angle_reference[1]"], level["angle_reference[2]"]

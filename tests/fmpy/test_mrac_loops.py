@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, adaptive_fmu
+from conftest import ROOT, adaptive_fmu, read_csv
 from lxml import html
 from master import Fmu, Unit
-from test_command_line import fails, read_csv
+from test_command_line import fails
 
 BOTH = ["gauss-seidel", "jacobi"]
 CHANNELS = (1, 2, 3)
@@ -36,7 +36,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
     folder = tmp_path_factory.mktemp("whole")
     assert adaptive_fmu("export", "--composite", "6.5.1-mrac", "--out", folder).returncode == 0
     fmu = Fmu(folder / "Loop_6_5_1_mrac.fmu", folder / "unpacked")
-    names = [f"{name}[{i}]" for name in ("controller.e", "controller.rho", "plant.x", "controller.x_m") for i in CHANNELS]
+    names = [
+        f"{name}[{i}]" for name in ("controller.e", "controller.rho", "plant.x", "controller.x_m") for i in CHANNELS
+    ]
     with Unit(fmu) as unit:
         unit.start()
         rows = [[unit[name] for name in names]]

@@ -1,19 +1,11 @@
 """The loops of chapter 7, through an observer: as one unit, and through separate units."""
 
-import json
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
-from conftest import adaptive_fmu
 from independent_plants import solved
 from scipy import signal
-from test_command_line import read_csv
 from test_plants import moved
 
-# A loop that is run: what it tells, and what was recorded of it.
-Ran = tuple[dict, dict[str, np.ndarray]]
 # As one unit; the metrics are those of points at every millisecond, whatever the loop's own step is.
 WHOLE = ("--composite", "--step", 1e-3)
 # The continuous loops, converged: rms errors from 5 s on (of 7.5.1, the largest deviation from the ideal model).
@@ -38,25 +30,6 @@ ERRORS = {
     "7.5.3-case1": QUADROTOR,
     "7.5.3-case2": QUADROTOR[:3],
 }
-
-
-@pytest.fixture(scope="module")
-def ran(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
-    """Runs a loop by the program, with these options, once."""
-    done: dict[tuple[str, ...], Ran] = {}
-
-    def run(loop: str, *options: str | float) -> Ran:
-        words = (loop, *map(str, options))
-        if words not in done:
-            fmus = [] if "--composite" in words else ["--fmus", fmu_folder]
-            answer = adaptive_fmu("run", *words, *fmus, "--json", "--out", tmp_path_factory.mktemp("run"))
-            # 3: a metric beyond its limit, with other options than the loop's own.
-            assert answer.returncode in (0, 3) and answer.stderr == "", answer
-            told = json.loads(answer.stdout)
-            done[words] = told, read_csv(Path(told["results"]) / "result.csv")
-        return done[words]
-
-    return run
 
 
 def late(table: dict[str, np.ndarray]) -> np.ndarray:

@@ -1,39 +1,17 @@
 """The loops with prescribed performance: as one unit, and through separate units."""
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import adaptive_fmu
-from test_command_line import read_csv
+from conftest import adaptive_fmu, read_csv
 
-# A loop that is run: what it tells, and what was recorded of it.
-Ran = tuple[dict, dict[str, np.ndarray]]
 # As one unit, with points at every millisecond, whatever the loop's own step is.
 WHOLE = ("--composite", "--step", 1e-3)
 # The continuous loops, converged: the largest |e|/rho, and the largest |u|, both over the whole run.
 PARTS = {"6.5.1-neuro": (0.78, 0.95, 0.26), "6.5.2-neuro": (0.79, 0.96, 0.28)}
 ROBOT_ERRORS, ROBOT_PEAKS = (0.00266, 0.00250), (30.94, 28.96)
 CHANNELS = {"5": 2, "5-wide": 2, "6.5.1-neuro": 3, "6.5.2-neuro": 3}
-
-
-@pytest.fixture(scope="module")
-def ran(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
-    """Runs a loop by the program, with these options, once."""
-    done: dict[tuple[str, ...], Ran] = {}
-
-    def run(loop: str, *options: str | float) -> Ran:
-        words = (loop, *map(str, options))
-        if words not in done:
-            fmus = [] if "--composite" in words else ["--fmus", fmu_folder]
-            answer = adaptive_fmu("run", *words, *fmus, "--json", "--out", tmp_path_factory.mktemp("run"))
-            told = json.loads(answer.stdout)
-            done[words] = told, read_csv(Path(told["results"]) / "result.csv")
-        return done[words]
-
-    return run
 
 
 def values(told: dict, label: str) -> list[float]:

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, adaptive_fmu
+from conftest import ROOT, adaptive_fmu, read_csv
 from lxml import html
-from test_command_line import read_csv
 
 LOOP = "3.2.1-cosine"
 BROWSER = next(filter(None, map(shutil.which, ["chromium", "chromium-browser", "google-chrome"])), None)

@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from conftest import ROOT, adaptive_fmu
-from test_command_line import fails, read_csv
+from conftest import ROOT, adaptive_fmu, read_csv
+from test_command_line import fails
 
 LOOP = "4-case1-fuzzy"
 # As one unit, as fast as its objective allows: it moves by less than 1e-5 of its value.
