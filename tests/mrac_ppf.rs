@@ -201,7 +201,8 @@ fn the_control_keeps_to_its_limits() {
 
 #[test]
 fn parameters_and_structures_that_contradict_themselves_are_refused_with_the_numbers() {
-    refused(&text("rho_inf = [0.05, 2.5, 0.05]"), &["rho_inf[2] = 2.5", "below rho_0[2] = 2"]);
+    let wide = description(NAME).replace("rho_inf = [0.05, 0.05, 0.05]", "rho_inf = [0.05, 2.5, 0.05]");
+    refused(&wide, &["rho_inf[2] = 2.5", "below rho_0[2] = 2"]);
     refused(&text("K_epsilon = [0.1, 0.0, 0.1]"), &["K_epsilon[2]"]);
     let hurwitz = description(NAME).replace("[-70.0, 0.0, 0.0]", "[70.0, 0.0, 0.0]");
     refused(&hurwitz, &["A_m", "70"]);
