@@ -86,7 +86,7 @@ fn export_with_values(names: &[String], values: &Path, library: &Library, out: &
         return Err(Error::Loop { file: values.to_owned(), reason });
     };
     warn_if_slow(library)?;
-    exporter::export(&exporter::with_values(&exporter::find_description(name)?, values, library)?, library, out)
+    exporter::export(&exporter::with_values(exporter::find_description(name)?, values, library)?, library, out)
 }
 
 fn warn_if_slow(library: &Library) -> Result<(), Error> {
@@ -132,7 +132,8 @@ fn export_with_choices(structure: &Structure, library: &Library, out: &Path) -> 
     warn_if_slow(library)?;
     let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
     for fmu in needed {
-        let source = exporter::find_description(fmu)?.with_start(&choices(structure, fmu))?;
+        let choices = choices(structure, fmu).into_iter().map(|(name, item)| (name.to_owned(), item.into())).collect();
+        let source = exporter::find_description(fmu)?.with_start(choices)?;
         exporter::export(&source, library, out)?;
     }
     Ok(())

@@ -103,7 +103,7 @@ pub fn print(tuned: &Tuned, json: bool) {
     match again {
         Some(Outcome::Value(value)) => println!("with its own tolerance and method the loop comes to {value:.6}"),
         Some(Outcome::Failed(reason)) => {
-            println!("warning: with its own tolerance and method the loop fails: {reason}")
+            eprintln!("warning: with its own tolerance and method the loop fails: {reason}")
         }
         _ => {}
     }

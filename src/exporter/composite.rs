@@ -63,18 +63,14 @@ fn own_start(structure: &Structure) -> Result<Table, Error> {
 ///
 /// # Errors
 /// When the set can't be read, or a value doesn't fit.
-pub fn with_values(source: &Source, parameters: &Path, library: &Library) -> Result<Source, Error> {
-    let described = fmu_description(source, library)?;
+pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Result<Source, Error> {
+    let described = fmu_description(&source, library)?;
     let unit = Component::alone(&described.name, parameters)?;
-    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-    let mut table: Table = source.text.parse().map_err(|error: toml::de::Error| refuse(error.to_string()))?;
-    let start = table.entry("start").or_insert_with(|| Table::new().into());
-    let start = start.as_table_mut().ok_or_else(|| refuse("start must be a table".to_owned()))?;
-    for (place, value) in start_values(&unit, &described, |_| false)? {
+    let entry = |(place, value): (usize, simulation::Value)| {
         let variable = &described.variables[place];
-        start.insert(variable.name.clone(), in_description(variable, &value));
-    }
-    Ok(Source { text: table.to_string(), file: source.file.clone() })
+        (variable.name.clone(), in_description(variable, &value))
+    };
+    source.with_start(start_values(&unit, &described, |_| false)?.into_iter().map(entry).collect())
 }
 
 /// The description of a unit's FMU, as its master would read it.

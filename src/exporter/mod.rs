@@ -36,7 +36,7 @@ impl Source {
     ///
     /// # Errors
     /// When the text is no description.
-    pub fn with_start(self, values: &[(&str, &str)]) -> Result<Self, Error> {
+    pub fn with_start(self, values: Vec<(String, toml::Value)>) -> Result<Self, Error> {
         if values.is_empty() {
             return Ok(self);
         }
@@ -44,7 +44,7 @@ impl Source {
         let mut table: toml::Table = self.text.parse().map_err(|error: toml::de::Error| refuse(error.to_string()))?;
         let start = table.entry("start").or_insert_with(|| toml::Table::new().into());
         let start = start.as_table_mut().ok_or_else(|| refuse("start must be a table".to_owned()))?;
-        start.extend(values.iter().map(|(name, text)| ((*name).to_owned(), (*text).into())));
+        start.extend(values);
         Ok(Source { text: table.to_string(), ..self })
     }
 }

@@ -177,6 +177,15 @@ def test_the_sum_of_squares_that_a_fuzzy_gain_is_tuned_for(ran, loop: str, case:
     assert round(np.sum(e**2 + 1e-3 * u**2), 1) == objective
 
 
+def test_one_tuned_gain_without_inference_is_better_than_tuned_output_sets(ran) -> None:
+    chosen = ("--case", "two-level.ssv", "--set", "controller.constant_gain=2.94")
+    _, table = ran("4-case1-fuzzy", "--composite", "--step", 1e-3, *chosen)
+    e, u = table["reference.r[1]"] - table["plant.y[1]"], table["controller.u[1]"]
+    sampled = slice(0, 8001, 10)
+    assert round(np.sum(e[sampled] ** 2 + 1e-3 * u[sampled] ** 2), 1) == 35.1
+    assert (round(np.sqrt(np.mean(e**2)), 3), round(np.abs(u).max(), 1)) == (0.093, 28.2)
+
+
 @pytest.mark.parametrize(("case", "peak"), [("tuned", 11.1), ("two-level", 11.6)])
 def test_tuned_or_without_inference_the_loop_tracks_alike_and_has_no_higher_peaks(ran, case: str, peak: float) -> None:
     told, table = ran("4-case1-fuzzy", "--case", f"{case}.ssv")
