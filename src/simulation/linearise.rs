@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
+use nalgebra::DMatrix;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
-use nalgebra::{DMatrix, Schur};
 use serde::Serialize;
 
 use super::check::typed;
@@ -12,14 +12,13 @@ use super::description::Variable;
 use super::fmu::{Fmu, Instance};
 use super::model_structure::ModelStructure;
 use super::steady_state;
+use crate::control::lyapunov;
 use crate::error::Error;
 use crate::exporter::read_entry;
 
 const DIRECTIONAL: &str = "providesDirectionalDerivative";
 /// Communication step of an FMU that proposes none, s.
 const STEP: f64 = 1e-3;
-/// The QR algorithm takes a few iterations an eigenvalue.
-const EIGENVALUE_ITERATIONS: usize = 10_000;
 
 /// Where an FMU is linearised.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -235,8 +234,7 @@ fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Eigenvalue>, &'static str> {
     balance_parlett_reinsch(&mut balanced);
     // The rounding errors of the algorithm: what is smaller can't be told from zero, nor stable from unstable.
     let noise = 10.0 * a.nrows() as f64 * f64::EPSILON * balanced.norm();
-    let schur = Schur::try_new(balanced, f64::EPSILON, EIGENVALUE_ITERATIONS);
-    let found = schur.ok_or("the search for eigenvalues of A does not converge")?.complex_eigenvalues();
+    let found = lyapunov::eigenvalues(&balanced).ok_or("the search for eigenvalues of A does not converge")?;
     let eigenvalue = |real: f64, imaginary: f64| {
         let frequency = real.hypot(imaginary);
         if frequency <= noise {

@@ -31,6 +31,18 @@ class Fmu:
         return [v.name for v in self.variables.values() if fits(v)]
 
 
+def at_ease(fmu: Fmu) -> dict[str, float]:
+    """Values by which a law stands inputs that no plant answers: wide funnels, and gains that no funnel's edge needs."""
+    reals = {"rho_0": 10.0, "rho_inf": 9.0, "decay_rate": 0.0}
+    choices = {"funnel": 1}
+    if "law" in fmu.variables:
+        # Continuous in co-simulation, too.
+        choices["law"] = 2
+        reals |= {"switching_width": 0.5, "gamma_1": 5.0, "gamma_2": 5.0, "beta": 0.2}
+    names = [(name, name.split("[")[0]) for name in fmu.named(causality="parameter")]
+    return {name: (reals | choices)[array] for name, array in names if array in reals | choices}
+
+
 @dataclass(frozen=True)
 class Message:
     """What a unit logged."""

@@ -33,6 +33,7 @@ class Package:
             (f"{c.startElement}.{c.startConnector}", f"{c.endElement}.{c.endConnector}") for c in system.connections
         ]
         self.step = float(root.find(".//{*}ClosedLoop/{*}Master").get("step"))
+        # That of separate units, which these are, or of any.
         failure = root.find(".//{*}ClosedLoop/{*}ExpectedFailure")
         self.fails_at = float("inf") if failure is None else float(failure.get("from"))
 

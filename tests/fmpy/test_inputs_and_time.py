@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import FMU_NAMES
 from independent import HALF_PERIOD, plant_rate, square
-from master import CONTROLLER, PLANT, REFERENCE, Fmu, FMICallException, Unit, refused
+from master import CONTROLLER, PLANT, REFERENCE, Fmu, FMICallException, Unit, at_ease, refused
 from scipy.integrate import solve_ivp
 
 Signal = Callable[[float], float]
@@ -220,11 +220,11 @@ STEPS_AND_STOPS = [(1e-3, 1e-3), (0.3, 1.0), (1.0, 1e-2), (0.25, 2.0), (1e-4, 0.
 
 @pytest.mark.parametrize(("step", "stop"), STEPS_AND_STOPS)
 def test_fmpy_simulates_every_unit_with_any_step_and_stop_time(each_fmu: Fmu, step: float, stop: float) -> None:
-    inputs = dict.fromkeys(each_fmu.named(causality="input"), 0.1)
+    start = at_ease(each_fmu) | dict.fromkeys(each_fmu.named(causality="input"), 0.1)
     # Without its controller a plant may diverge soon after its experiment.
     stop = min(stop, float(each_fmu.description.defaultExperiment.stopTime))
     result = fmpy.simulate_fmu(
-        str(each_fmu.path), fmi_type="CoSimulation", output_interval=step, stop_time=stop, start_values=inputs
+        str(each_fmu.path), fmi_type="CoSimulation", output_interval=step, stop_time=stop, start_values=start
     )
     assert result["time"][0] == 0.0 and result["time"][-1] == pytest.approx(stop, abs=step)
     assert all(np.isfinite(result[name]).all() for name in result.dtype.names)
@@ -234,7 +234,7 @@ def test_fmpy_simulates_every_unit_with_any_step_and_stop_time(each_fmu: Fmu, st
 # The plant diverges without its controller: the next test.
 @pytest.mark.parametrize("name", [name for name in FMU_NAMES if name != PLANT])
 def test_fmpy_runs_the_default_experiment_of_every_unit_that_can_stand_alone(fmu, name: str) -> None:
-    result = fmpy.simulate_fmu(str(fmu(name).path))
+    result = fmpy.simulate_fmu(str(fmu(name).path), start_values=at_ease(fmu(name)))
     assert result["time"][-1] == float(fmu(name).description.defaultExperiment.stopTime)
     if name == REFERENCE:
         assert result["r[1]"] == pytest.approx(2 * np.cos(0.2 * result["time"]), abs=1e-12)

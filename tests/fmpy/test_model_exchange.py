@@ -4,7 +4,7 @@ import fmpy
 import numpy as np
 import pytest
 from independent import HALF_PERIOD, Experiment, continuous_loop
-from master import CONTROLLER, PLANT, REFERENCE, Exchange, Fmu, Unit
+from master import CONTROLLER, PLANT, REFERENCE, Exchange, Fmu, Unit, at_ease
 from scipy.integrate import solve_ivp
 
 
@@ -48,6 +48,7 @@ def test_fmpys_cvode_gets_the_motion_of_co_simulation(each_fmu: Fmu) -> None:
     CVode's relative tolerance is 1e-10, that of the unit 1e-9; CVode takes 500 steps at most from one output to the next.
     """
     inputs = {name: 0.3 - 0.2 * k for k, name in enumerate(each_fmu.named(causality="input", type="Real"))}
+    start = at_ease(each_fmu) | inputs
     stop = duration(each_fmu, inputs)
     moving = [v.name for v in each_fmu.variables.values() if v.variability == "continuous" and v.causality != "input"]
     names = [name for name in moving if not name.startswith("der(")]
@@ -60,8 +61,8 @@ def test_fmpys_cvode_gets_the_motion_of_co_simulation(each_fmu: Fmu) -> None:
             str(each_fmu.path), stop_time=stop, output_interval=stop / 1000, output=names, **options
         )
 
-    co_simulation = run(fmi_type="CoSimulation", start_values=inputs | tolerance)
-    exchange = run(fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-10, start_values=inputs)
+    co_simulation = run(fmi_type="CoSimulation", start_values=start | tolerance)
+    exchange = run(fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-10, start_values=start)
     # At an event FMPy gives the values before it and behind it; a unit of co-simulation stands behind it.
     times = co_simulation["time"]
     exchange = exchange[np.searchsorted(exchange["time"], times + 1e-9, side="right") - 1]

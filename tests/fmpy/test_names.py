@@ -1,7 +1,7 @@
 """The names that other people's scripts use, and what the capability flags promise."""
 
 import pytest
-from master import CONTROLLER, PLANT, REFERENCE, Fmu, FMICallException, Unit, refused
+from master import CONTROLLER, PLANT, REFERENCE, Fmu, FMICallException, Unit, at_ease, refused
 
 CONTRACT = {
     PLANT: {
@@ -87,6 +87,8 @@ def test_flags_promise_what_every_unit_can_do(each_fmu: Fmu) -> None:
     assert not flags.canRunAsynchronuously and not flags.canBeInstantiatedOnlyOncePerProcess
     with Unit(each_fmu, "a") as unit, Unit(each_fmu, "b"):
         assert (unit.slave.getVersion(), unit.slave.getTypesPlatform()) == ("2.0", "default")
+        for name, value in at_ease(each_fmu).items():
+            unit[name] = value
         unit.start()
         saved = unit.slave.getFMUstate()
         for k, step in enumerate([1e-3, 7e-4, 1e-6]):
@@ -103,7 +105,7 @@ def test_flags_promise_what_every_unit_can_do(each_fmu: Fmu) -> None:
 def test_what_no_flag_promises_is_refused_not_answered_wrongly(each_fmu: Fmu) -> None:
     with Unit(each_fmu) as unit:
         unit.start()
-        output = unit.reference(each_fmu.named(causality="output")[0])
+        output = unit.reference(each_fmu.named(causality="output", type="Real")[0])
         if not each_fmu.description.coSimulation.providesDirectionalDerivative:
             refused(unit.slave.getDirectionalDerivative, [output], [], [])
             assert "providesDirectionalDerivative" in unit.messages[-1].text
