@@ -1,7 +1,7 @@
 """States that a master saves, restores, and keeps as bytes; reset."""
 
 import pytest
-from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, example, refused
+from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, at_ease, example, refused
 
 STEP, SAVED, STOP = 1e-3, 700, 1200
 NAMES = ["reference", "plant", "controller"]
@@ -138,6 +138,8 @@ def test_after_a_reset_the_same_run_comes_again_bit_for_bit(make_loop) -> None:
 def test_a_reset_forgets_parameters_and_inputs(each_fmu, unit) -> None:
     instance = unit(each_fmu.name)
     fresh = unit(each_fmu.name).start().everything()
+    for name, value in at_ease(each_fmu).items():
+        instance[name] = value
     for name in [*each_fmu.named(causality="input"), "signal"]:
         if name in each_fmu.variables:
             # From a large output error an observer escapes within the step.
