@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-use crate::control::lyapunov::{gramian, require_hurwitz};
+use crate::control::lyapunov::{eigenvalues, gramian, require_hurwitz};
 use crate::error::Invalid;
 
 /// Relative distance of the two bounds of an impulse response's integral at which refining ends.
@@ -44,7 +44,8 @@ impl Bounds {
         Bounds { lower: self.lower * factor, upper: self.upper * factor }
     }
 
-    fn plus(self, other: Bounds) -> Bounds {
+    /// Of a sum.
+    pub fn plus(self, other: Bounds) -> Bounds {
         Bounds { lower: self.lower + other.lower, upper: self.upper + other.upper }
     }
 }
@@ -103,7 +104,7 @@ struct Tail {
 
 impl Tail {
     fn of(A: &DMatrix<f64>, c: &RowDVector<f64>) -> Option<Self> {
-        let margin = A.complex_eigenvalues().iter().map(|lambda| -lambda.re).fold(f64::INFINITY, f64::min);
+        let margin = eigenvalues(A)?.iter().map(|lambda| -lambda.re).fold(f64::INFINITY, f64::min);
         let alpha = margin / 2.0;
         let shifted = A + DMatrix::identity(A.nrows(), A.nrows()) * alpha;
         Some(Tail { alpha, W: gramian(&shifted, &(c.transpose() * c))? })

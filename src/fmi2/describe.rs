@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model};
+use crate::report::DesignReport;
 use crate::system::Registry;
 
 use super::model_description;
@@ -58,6 +59,8 @@ pub struct Unit {
     pub model_description: String,
     /// What it is and its equations, in Markdown.
     pub documentation: String,
+    /// What its designer should know of its start values.
+    pub report: DesignReport,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -74,9 +77,10 @@ pub fn reply(description: Option<&str>, registry: Registry) -> String {
         let model = Model::from_description(Description::read(text)?, registry)?;
         let xml = model_description::xml(&model);
         let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
+        let report = model.report();
         // A unit that can't start from its own start values is not worth packing.
         Execution::new(model).initialise().map_err(Invalid::because)?;
-        Ok(Unit { name, model_description: xml, documentation })
+        Ok(Unit { name, model_description: xml, documentation, report })
     };
     match description.map(describe).transpose() {
         Ok(unit) => {

@@ -1,0 +1,139 @@
+//! What makes an L1 design satisfy its L1-norm condition: found by search, with the norm itself.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use nalgebra::DMatrix;
+
+use crate::control::l1_design::{L1Design, Lipschitz};
+use crate::control::l1_norm::Bounds;
+use crate::error::Invalid;
+
+/// What λ is to be at most, for a little room to rounding.
+const AIM: f64 = 0.99;
+
+/// Doublings of K that are tried.
+const DOUBLINGS: i32 = 16;
+
+/// Halvings of the last doubling.
+const HALVINGS: usize = 7;
+
+/// How often another input gain may turn out the worst one.
+const ROUNDS: usize = 4;
+
+/// Where, from the identity to the bounds of the input gain as far as they keep the loop stable, narrower ones are put.
+const NARROWED: f64 = 0.9;
+
+/// What would make λ less than 1.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Advice {
+    /// By which factor K has to grow, and λ then.
+    pub gain_factor: Option<(f64, f64)>,
+    /// Where no factor of K does it: the one of those tried with the least λ, and that.
+    pub best_factor: Option<(f64, f64)>,
+    /// By which factor the bounds on θ have to shrink.
+    pub bound_factor: Option<f64>,
+    /// Where the loop isn't stable for each input gain: bounds of ω between which it is.
+    pub narrower: Option<(DMatrix<f64>, DMatrix<f64>)>,
+}
+
+impl Advice {
+    /// For a design with λ, at least 1, at its worst input gain.
+    ///
+    /// # Errors
+    /// [`Invalid`] as of [`L1Design::norms`].
+    pub fn of(design: &L1Design, lipschitz: Lipschitz, lambda: Bounds, omega: &DMatrix<f64>) -> Result<Self, Invalid> {
+        if lambda.upper.is_finite() {
+            let mut advice = gain_search(design, lipschitz, omega.clone())?;
+            advice.bound_factor = Some(rounded_down(AIM / lambda.upper));
+            return Ok(advice);
+        }
+        let Some(narrower) = narrowed(design) else { return Ok(Advice::default()) };
+        let L1Design { omega_min, omega_max, .. } = &narrower;
+        let bounds = Some((omega_min.clone(), omega_max.clone()));
+        let lambda = narrower.worst(lipschitz)?.norms.lambda(lipschitz).upper;
+        let bound_factor = (lambda >= 1.0 && lambda.is_finite()).then(|| rounded_down(AIM / lambda));
+        Ok(Advice { narrower: bounds, bound_factor, ..Advice::default() })
+    }
+}
+
+/// Searches the factor of K at the worst input gain, then tries it at all.
+fn gain_search(design: &L1Design, lipschitz: Lipschitz, mut omega: DMatrix<f64>) -> Result<Advice, Invalid> {
+    let mut best = (1.0, f64::INFINITY);
+    for _ in 0..ROUNDS {
+        let mut lambda = |factor: f64| {
+            let lambda = design.with_gain_times(factor).norms(&omega)?.lambda(lipschitz).upper;
+            if lambda < best.1 {
+                best = (factor, lambda);
+            }
+            Ok::<_, Invalid>(lambda)
+        };
+        let (mut low, mut high) = (1.0, None);
+        for factor in (0..=DOUBLINGS).map(|k| 2_f64.powi(k)) {
+            let found = lambda(factor)?;
+            if found <= AIM {
+                high = Some(factor);
+                break;
+            }
+            if found.is_infinite() {
+                break;
+            }
+            low = factor;
+        }
+        let Some(mut high) = high else { return Ok(Advice { best_factor: Some(best), ..Advice::default() }) };
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if lambda(middle)? <= AIM { high = middle } else { low = middle }
+        }
+        let factor = rounded_up(high);
+        let scaled = design.with_gain_times(factor);
+        let worst = scaled.worst(lipschitz)?;
+        let everywhere = worst.norms.lambda(lipschitz).upper;
+        if everywhere < 1.0 {
+            return Ok(Advice { gain_factor: Some((factor, everywhere)), ..Advice::default() });
+        }
+        (omega, best) = (worst.omega, (factor, everywhere));
+    }
+    Ok(Advice { best_factor: Some(best), ..Advice::default() })
+}
+
+/// The design with bounds of ω nearer to the identity, between which the loop is stable: first with other lower ones
+/// alone. `None` when it isn't even for ω = I.
+fn narrowed(design: &L1Design) -> Option<L1Design> {
+    let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
+    let towards = |bound: &DMatrix<f64>, part: f64| (&identity + (bound - &identity) * part).map(|v| rounded(v, 1e-9));
+    let stable = |design: &L1Design| design.gains().iter().all(|omega| design.is_stable(omega));
+    let search = |with: &dyn Fn(f64) -> L1Design| {
+        let (mut low, mut high) = (0.0, 1.0);
+        if !stable(&with(low)) {
+            return None;
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if stable(&with(middle)) { low = middle } else { high = middle }
+        }
+        let found = with(NARROWED * low);
+        stable(&found).then_some(found)
+    };
+    let lower = |part: f64| L1Design { omega_min: towards(&design.omega_min, part), ..design.clone() };
+    let both = |part: f64| L1Design { omega_max: towards(&design.omega_max, part), ..lower(part) };
+    search(&lower).or_else(|| search(&both))
+}
+
+fn rounded(value: f64, unit: f64) -> f64 {
+    (value / unit).round() * unit
+}
+
+/// To three digits.
+fn rounded_up(value: f64) -> f64 {
+    let unit = digit(value);
+    (value / unit).ceil() * unit
+}
+
+fn rounded_down(value: f64) -> f64 {
+    let unit = digit(value);
+    (value / unit).floor() * unit
+}
+
+/// What the third digit of a number counts.
+fn digit(value: f64) -> f64 {
+    10_f64.powi(value.log10().floor() as i32 - 2)
+}
