@@ -16,7 +16,7 @@ const PER_DECADE: f64 = 60.0;
 const WIDENED: i32 = 8;
 
 /// Sections that narrow a crossing down to rounding, and an extremum to what its flatness lets be told.
-const BISECTIONS: usize = 60;
+const BISECTIONS: usize = 44;
 const SECTIONS: usize = 40;
 
 /// How near to 1, as the logarithm of its magnitude, an extremum between points of the grid may come to be looked for.

@@ -25,14 +25,23 @@ const NARROWED: f64 = 0.9;
 /// What would make λ less than 1.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Advice {
+    /// Where the loop isn't stable for each input gain: what makes it so. The rest of the advice goes on from there.
+    pub stabilising: Option<Stabilising>,
     /// By which factor K has to grow, and λ then.
     pub gain_factor: Option<(f64, f64)>,
     /// Where no factor of K does it: the one of those tried with the least λ, and that.
     pub best_factor: Option<(f64, f64)>,
     /// By which factor the bounds on θ have to shrink.
     pub bound_factor: Option<f64>,
-    /// Where the loop isn't stable for each input gain: bounds of ω between which it is.
-    pub narrower: Option<(DMatrix<f64>, DMatrix<f64>)>,
+}
+
+/// What makes the loop stable for each input gain within its bounds.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Stabilising {
+    /// A smaller K, by this factor.
+    Gain(f64),
+    /// Narrower bounds of the input gain: the lower and the upper ones.
+    Bounds(DMatrix<f64>, DMatrix<f64>),
 }
 
 impl Advice {
@@ -46,13 +55,39 @@ impl Advice {
             advice.bound_factor = Some(rounded_down(AIM / lambda.upper));
             return Ok(advice);
         }
-        let Some(narrower) = narrowed(design) else { return Ok(Advice::default()) };
-        let L1Design { omega_min, omega_max, .. } = &narrower;
-        let bounds = Some((omega_min.clone(), omega_max.clone()));
-        let lambda = narrower.worst(lipschitz)?.norms.lambda(lipschitz).upper;
-        let bound_factor = (lambda >= 1.0 && lambda.is_finite()).then(|| rounded_down(AIM / lambda));
-        Ok(Advice { narrower: bounds, bound_factor, ..Advice::default() })
+        let (stable, stabilising) = if let Some(factor) = calmer(design) {
+            (design.with_gain_times(factor), Stabilising::Gain(factor))
+        } else if let Some(narrower) = narrowed(design) {
+            let stabilising = Stabilising::Bounds(narrower.omega_min.clone(), narrower.omega_max.clone());
+            (narrower, stabilising)
+        } else {
+            return Ok(Advice::default());
+        };
+        let worst = stable.worst(lipschitz)?;
+        let lambda = worst.norms.lambda(lipschitz);
+        let further = if lambda.upper >= 1.0 && lambda.upper.is_finite() {
+            Advice::of(&stable, lipschitz, lambda, &worst.omega)?
+        } else {
+            Advice::default()
+        };
+        Ok(Advice { stabilising: Some(stabilising), ..further })
     }
+}
+
+/// A factor of K that leaves it stable for each input gain, with as much to spare: half of what is found to.
+fn calmer(design: &L1Design) -> Option<f64> {
+    let stable = |factor: f64| is_stable(&design.with_gain_times(factor));
+    let mut low = (1..=DOUBLINGS / 2).map(|k| 0.5_f64.powi(k)).find(|&factor| stable(factor))?;
+    let mut high = 2.0 * low;
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if stable(middle) { low = middle } else { high = middle }
+    }
+    Some(rounded_down(0.5 * low))
+}
+
+fn is_stable(design: &L1Design) -> bool {
+    design.gains().iter().all(|omega| design.is_stable(omega))
 }
 
 /// Searches the factor of K at the worst input gain, then tries it at all.
@@ -60,7 +95,7 @@ fn gain_search(design: &L1Design, lipschitz: Lipschitz, mut omega: DMatrix<f64>)
     let mut best = (1.0, f64::INFINITY);
     for _ in 0..ROUNDS {
         let mut lambda = |factor: f64| {
-            let lambda = design.with_gain_times(factor).norms(&omega)?.lambda(lipschitz).upper;
+            let lambda = design.with_gain_times(factor).rough_norms(&omega)?.lambda(lipschitz).upper;
             if lambda < best.1 {
                 best = (factor, lambda);
             }
@@ -99,27 +134,21 @@ fn gain_search(design: &L1Design, lipschitz: Lipschitz, mut omega: DMatrix<f64>)
 /// alone. `None` when it isn't even for ω = I.
 fn narrowed(design: &L1Design) -> Option<L1Design> {
     let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
-    let towards = |bound: &DMatrix<f64>, part: f64| (&identity + (bound - &identity) * part).map(|v| rounded(v, 1e-9));
-    let stable = |design: &L1Design| design.gains().iter().all(|omega| design.is_stable(omega));
+    // No more digits than a person would write.
+    let short = |value: f64| (value * 1e9).round() / 1e9;
+    let towards = |bound: &DMatrix<f64>, part: f64| (&identity + (bound - &identity) * part).map(short);
     let search = |with: &dyn Fn(f64) -> L1Design| {
         let (mut low, mut high) = (0.0, 1.0);
-        if !stable(&with(low)) {
-            return None;
-        }
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
-            if stable(&with(middle)) { low = middle } else { high = middle }
+            if is_stable(&with(middle)) { low = middle } else { high = middle }
         }
-        let found = with(NARROWED * low);
-        stable(&found).then_some(found)
+        let found = with((NARROWED * low * 100.0).floor() / 100.0);
+        is_stable(&found).then_some(found)
     };
     let lower = |part: f64| L1Design { omega_min: towards(&design.omega_min, part), ..design.clone() };
     let both = |part: f64| L1Design { omega_max: towards(&design.omega_max, part), ..lower(part) };
     search(&lower).or_else(|| search(&both))
-}
-
-fn rounded(value: f64, unit: f64) -> f64 {
-    (value / unit).round() * unit
 }
 
 /// To three digits.

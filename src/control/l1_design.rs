@@ -7,7 +7,7 @@
 use nalgebra::{Complex, DMatrix};
 
 use crate::control::filter::Filter;
-use crate::control::l1_norm::{Bounds, l1_norm};
+use crate::control::l1_norm::{Bounds, L1Norms};
 use crate::control::lyapunov::{eigenvalues, require_hurwitz};
 use crate::error::Invalid;
 
@@ -16,6 +16,18 @@ const GRID: usize = 128;
 
 /// Entries of the input gain at most whose every corner is tried.
 const ENTRIES: usize = 10;
+
+/// Work of all norms over ω at most, in multiplications of an impulse response's step: beyond, fewer input gains are tried,
+/// but never fewer than these.
+const BUDGET: usize = 30_000_000;
+const FEWEST: usize = 4;
+
+/// Work of one norm at most: beyond, it takes minutes.
+const MOST_WORK: usize = 3_000_000;
+
+/// How close the bounds of a norm are, and of one that is only compared with others.
+const TOLERANCE: f64 = 1e-7;
+const ROUGH: f64 = 1e-2;
 
 /// Points of the grid of frequencies in a decade.
 const PER_DECADE: f64 = 40.0;
@@ -123,6 +135,27 @@ impl L1Design {
         self.A_m.nrows() + self.K.nrows() * self.filter.order() + zeros
     }
 
+    /// Work of a norm: a step of each impulse response.
+    fn work(&self) -> usize {
+        let inputs = self.B.ncols() + self.unmatched.as_ref().map_or(0, |way| way.B_um.ncols());
+        self.A_m.nrows() * inputs * self.order().pow(3)
+    }
+
+    /// Whether its norms and frequency responses would take minutes.
+    pub fn is_large(&self) -> bool {
+        self.work() > MOST_WORK
+    }
+
+    /// How many input gains may be tried.
+    fn most_points(&self) -> usize {
+        (BUDGET / self.work().max(1)).clamp(FEWEST, 1 << ENTRIES)
+    }
+
+    /// Entries of the input gain at most whose every corner is tried.
+    fn most_entries(&self) -> usize {
+        self.most_points().ilog2() as usize
+    }
+
     /// With another K, so many times as large.
     pub fn with_gain_times(&self, factor: f64) -> Self {
         let mut design = self.clone();
@@ -192,18 +225,30 @@ impl L1Design {
     /// # Errors
     /// [`Invalid`] when A_m isn't Hurwitz, or the system too badly scaled.
     pub fn norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        self.norms_by(&mut L1Norms::within(TOLERANCE), omega)
+    }
+
+    /// The same within a percent, for less work.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn rough_norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        self.norms_by(&mut L1Norms::within(ROUGH), omega)
+    }
+
+    fn norms_by(&self, norms: &mut L1Norms, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
         require_hurwitz("A_m", &self.A_m)?;
         if !self.is_stable(omega) {
             return Ok(Norms::INFINITE);
         }
         let ((A, B), (n, m)) = (self.system(omega), self.B.shape());
         let to_x = DMatrix::identity(n, A.nrows());
-        let norm = |first: usize, count: usize| l1_norm(&A, &B.columns(first, count).into_owned(), &to_x);
+        let mut norm = |first: usize, count: usize| norms.of(&A, &B.columns(first, count).into_owned(), &to_x);
         Ok(Norms { matched: norm(0, m)?, unmatched: norm(m, B.ncols() - m)? })
     }
 
     /// The largest λ over ω: on a grid of its bounds for up to four entries with distinct bounds, at the corners and
-    /// the centre for up to ten, at 1024 corners spread over all and the centre for more.
+    /// the centre for up to ten, at 1024 corners spread over all and the centre for more; at fewer in large systems.
     ///
     /// Between the points it may be larger; corners and centre are where it is usually largest.
     ///
@@ -211,19 +256,30 @@ impl L1Design {
     /// [`Invalid`] as of [`L1Design::norms`].
     pub fn worst(&self, lipschitz: Lipschitz) -> Result<Worst, Invalid> {
         let gains = self.gains();
-        let mut worst: Option<(f64, Norms, &DMatrix<f64>)> = None;
+        let found = |norms: Norms, omega: &DMatrix<f64>| {
+            let every_corner = self.free().len() <= self.most_entries();
+            Ok(Worst { norms, omega: omega.clone(), points: gains.len(), every_corner })
+        };
+        let (mut rough, mut exact) = (L1Norms::within(ROUGH), L1Norms::within(TOLERANCE));
+        let mut candidates = Vec::with_capacity(gains.len());
         for omega in &gains {
-            let norms = self.norms(omega)?;
+            let norms = self.norms_by(&mut rough, omega)?;
+            if norms.matched == Bounds::INFINITE {
+                return found(norms, omega);
+            }
+            candidates.push((norms.lambda(lipschitz), omega));
+        }
+        let least = candidates.iter().map(|(lambda, _)| lambda.lower).fold(0.0, f64::max);
+        let mut worst: Option<(f64, Norms, &DMatrix<f64>)> = None;
+        for (_, omega) in candidates.iter().filter(|(lambda, _)| lambda.upper >= least) {
+            let norms = self.norms_by(&mut exact, omega)?;
             let lambda = norms.lambda(lipschitz).upper;
             if worst.is_none_or(|(largest, ..)| lambda > largest) {
                 worst = Some((lambda, norms, omega));
             }
-            if lambda.is_infinite() {
-                break;
-            }
         }
         let (_, norms, omega) = worst.ok_or_else(|| Invalid::because("omega_min, omega_max: no input gain to try"))?;
-        Ok(Worst { norms, omega: omega.clone(), points: gains.len(), every_corner: self.free().len() <= ENTRIES })
+        found(norms, omega)
     }
 
     /// Entries of ω whose bounds differ.
@@ -242,15 +298,16 @@ impl L1Design {
             omega
         };
         let power = |levels: usize| u32::try_from(free.len()).ok().and_then(|k| levels.checked_pow(k));
+        let (most, entries) = (self.most_points().min(GRID), self.most_entries());
         // An odd number of levels has the centre among them.
-        if let Some(levels) = [9, 5, 3].into_iter().find(|&levels| power(levels).is_some_and(|count| count <= GRID)) {
+        if let Some(levels) = [9, 5, 3].into_iter().find(|&levels| power(levels).is_some_and(|count| count <= most)) {
             let count = power(levels).unwrap_or(1);
             let digit = |point: usize, k: usize| point / levels.pow(k as u32) % levels;
             return (0..count).map(|point| at(&|k| digit(point, k) as f64 / (levels - 1) as f64)).collect();
         }
-        let corners = 1 << free.len().min(ENTRIES);
+        let corners = 1 << free.len().min(entries);
         let corner = |point: usize, k: usize| {
-            if free.len() <= ENTRIES {
+            if free.len() <= entries {
                 return f64::from(u8::from(point >> k & 1 == 1));
             }
             // Beyond: the parity of a few bits of the point, others for each entry, as in an orthogonal array.

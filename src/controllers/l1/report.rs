@@ -7,16 +7,13 @@ use nalgebra::DMatrix;
 use super::law::Law;
 use super::{Baseline, Regressor};
 use crate::control::delay_margin::{Crossing, NominalLoop};
-use crate::control::l1_advice::Advice;
+use crate::control::l1_advice::{Advice, Stabilising};
 use crate::control::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
 use crate::control::l1_norm::Bounds;
 use crate::control::prediction_error::Uncertainty;
 use crate::control::{lyapunov, pole_placement};
 use crate::report::number;
 use crate::system::{DesignReport, Values, Verdict};
-
-/// States of plant and filters up to which norms and frequency responses are computed: beyond, they take minutes.
-const MOST_STATES: usize = 48;
 
 /// Relative residual up to which a Lyapunov equation counts as solved.
 const RESIDUAL: f64 = 1e-9;
@@ -36,7 +33,7 @@ impl Law {
             if !name.is_empty() {
                 report.tell("K", K, "1/s", "held constant: that it changes is not accounted for");
             }
-            if design.order() > MOST_STATES {
+            if design.is_large() {
                 too_large(&design, report);
                 continue;
             }
@@ -137,7 +134,7 @@ impl Law {
             Ok((worst, lambda, advice))
         });
         match found {
-            Ok((worst, lambda, advice)) => self.tell_condition(&worst, (lipschitz, lambda, advice), design, report),
+            Ok((worst, lambda, advice)) => self.tell_condition(&worst, (lipschitz, lambda, advice), report),
             Err(reasons) => report.judge("‖G‖", "not found", "", Verdict::NotSound, reasons.to_string()),
         }
     }
@@ -146,7 +143,6 @@ impl Law {
         &self,
         worst: &Worst,
         (lipschitz, lambda, advice): (Lipschitz, Bounds, Option<Advice>),
-        design: &L1Design,
         report: &mut DesignReport,
     ) {
         report.tell(
@@ -167,7 +163,7 @@ impl Law {
             report.tell("lambda", lambda, "", "‖G‖ L < 1: bounded for every uncertainty within the bounds");
             return;
         };
-        let note = advised(&advice, design, self.unmatched.is_some());
+        let note = advised(&advice, self.unmatched.is_some());
         report.judge("lambda", lambda, "", Verdict::NotSound, format!("must be below 1. {note}"));
     }
 
@@ -273,8 +269,7 @@ impl Law {
 /// Says of a design that is too large what isn't computed.
 fn too_large(design: &L1Design, report: &mut DesignReport) {
     let note = format!(
-        "the norm, its condition and margins are computed for up to {MOST_STATES} states of plant and filters, and these \
-         are {}",
+        "the norms and margins of a system of {} states, of plant and filters, would take minutes: check a part of it",
         design.order()
     );
     report.judge("L1-norm condition", "not checked", "", Verdict::NotSound, note);
@@ -346,32 +341,38 @@ fn report_loop(design: &L1Design, report: &mut DesignReport) {
 }
 
 /// What would make λ less than 1, in the words of the parameters.
-fn advised(advice: &Advice, design: &L1Design, unmatched: bool) -> String {
-    let bounds = if unmatched { "theta_bound and theta_bound_unmatched" } else { "theta_bound" };
-    let shrink = |factor: f64| format!("{bounds} times {} would do", number(factor));
-    if let Some((min, max)) = &advice.narrower {
-        let narrow = format!("Within omega_min = {}, omega_max = {} the loop is stable", rows(min), rows(max));
-        let then = advice.bound_factor.map_or(String::new(), |factor| format!("; there {}", shrink(factor)));
-        return format!("No feedback_gain does it, as the loop isn't stable for each omega. {narrow}{then}");
-    }
-    let Some(factor) = advice.bound_factor else {
-        return "The loop isn't stable even with omega = I: check the sign and size of feedback_gain".to_owned();
+fn advised(advice: &Advice, unmatched: bool) -> String {
+    let first = match &advice.stabilising {
+        None => String::new(),
+        Some(Stabilising::Gain(factor)) => {
+            format!("The loop isn't stable for each omega; feedback_gain times {} makes it so. ", number(*factor))
+        }
+        Some(Stabilising::Bounds(min, max)) => format!(
+            "No feedback_gain does it, as the loop isn't stable for each omega; omega_min = {}, omega_max = {} make it so. ",
+            rows(min),
+            rows(max)
+        ),
+    };
+    let then = if first.is_empty() { "" } else { "From there, " };
+    let Some(bound) = advice.bound_factor else {
+        return match advice.stabilising {
+            Some(_) => format!("{first}That will do"),
+            None => "The loop isn't stable even with omega = I: check the sign and size of feedback_gain".to_owned(),
+        };
     };
     let gain = match (advice.gain_factor, advice.best_factor) {
-        (Some((factor, lambda)), _) => format!(
-            "feedback_gain times {} would do (lambda = {}; first entry {})",
-            number(factor),
-            number(lambda),
-            number(design.K[(0, 0)] * factor)
-        ),
+        (Some((factor, lambda)), _) => {
+            format!("{then}feedback_gain times {} would do (lambda = {})", number(factor), number(lambda))
+        }
         (None, Some((best, lambda))) => format!(
-            "No feedback_gain does it: of its multiples tried, {} times gives the least lambda, {}",
+            "{then}no larger feedback_gain does it: of its multiples tried, {} times gives the least lambda, {}",
             number(best),
             number(lambda)
         ),
         (None, None) => String::new(),
     };
-    format!("{gain}. So would a smaller uncertainty: {}", shrink(factor))
+    let bounds = if unmatched { "theta_bound and theta_bound_unmatched" } else { "theta_bound" };
+    format!("{first}{gain}. So would a smaller uncertainty: {bounds} times {}", number(bound))
 }
 
 /// A matrix in a sentence; a diagonal one by its diagonal.
