@@ -113,8 +113,10 @@ fn list(numbers: &[f64]) -> String {
 /// One of a conjugate pair stands for both.
 fn eigenvalue(value: &Eigenvalue) -> String {
     let imaginary = if value.imaginary > 0.0 { format!(" ± {}j", number(value.imaginary)) } else { String::new() };
-    let damping = value.damping.map_or(String::new(), |damping| format!(", damping {}", number(damping)));
-    format!("{}{imaginary}{damping}, {} rad/s", number(value.real), number(value.frequency))
+    let rest = value
+        .damping
+        .map_or(String::new(), |damping| format!(", damping {}, {} rad/s", number(damping), number(value.frequency)));
+    format!("{}{imaginary} 1/s{rest}", number(value.real))
 }
 
 /// Seven digits, as short as can be.
@@ -136,7 +138,7 @@ pub struct Finding {
     pub name: String,
     /// Its value.
     pub value: Value,
-    /// Unit of the value; empty where it has none.
+    /// Unit of the value; empty where it has none, and for eigenvalues, which have theirs.
     pub unit: String,
     /// How it is judged.
     pub verdict: Verdict,
@@ -208,14 +210,13 @@ impl DesignReport {
 
     /// The eigenvalues of a matrix whose modes must decay, where that is asked for.
     pub fn eigenvalues(&mut self, name: &str, matrix: &DMatrix<f64>, must_decay: bool) {
-        let unit = "1/s";
         match eigenvalues(matrix) {
-            Err(reason) => self.judge(name, "not found", unit, Verdict::NotSound, format!("{name}: {reason}")),
+            Err(reason) => self.judge(name, "not found", "", Verdict::NotSound, format!("{name}: {reason}")),
             Ok(found) if must_decay && found.iter().any(|value| value.real >= 0.0) => {
                 let note = "every eigenvalue needs a negative real part";
-                self.judge(name, Value::Eigenvalues(found), unit, Verdict::NotSound, note);
+                self.judge(name, Value::Eigenvalues(found), "", Verdict::NotSound, note);
             }
-            Ok(found) => self.tell(name, Value::Eigenvalues(found), unit, ""),
+            Ok(found) => self.tell(name, Value::Eigenvalues(found), "", ""),
         }
     }
 }
@@ -253,7 +254,7 @@ mod tests {
     fn people_see_one_of_a_pair_and_short_numbers() {
         let mut report = DesignReport::new(1e-3);
         report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -25.0, -6.0]), true);
-        assert_eq!(report.findings[0].value.lines(), ["-3 ± 4j, damping 0.6, 5 rad/s"]);
+        assert_eq!(report.findings[0].value.lines(), ["-3 ± 4j 1/s, damping 0.6, 5 rad/s"]);
         assert_eq!(Value::from(Bounds { lower: 0.1, upper: 0.100_000_001 }).lines(), ["0.1"]);
         assert_eq!(Value::from(Bounds { lower: 0.1, upper: 0.2 }).lines(), ["0.1 … 0.2"]);
     }

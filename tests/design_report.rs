@@ -49,6 +49,8 @@ fn more_gain_or_less_uncertainty_makes_example_3_2_1_sound_as_it_is_advised() {
     let gain = 20.0 * advised(&lambda.note, "feedback_gain times ");
     let stronger = |gain: f64| report(&replaced(&text, "[[20.0]]", &format!("[[{gain}]]")));
     assert!(stronger(gain).is_sound() && number(&stronger(gain), "lambda") < 1.0);
+    let margin = advised(&lambda.note, "delay margin ");
+    assert!((number(&stronger(gain), "delay margin") / margin - 1.0).abs() < 1e-5, "{margin}");
     // No more than is needed.
     assert!(!stronger(0.95 * gain).is_sound());
     let bound = 10.0 * advised(&lambda.note, "theta_bound times ");
@@ -111,6 +113,7 @@ fn a_filter_too_slow_for_its_gain_needs_a_smaller_one_first() {
     // The lags of example 3.4.1 let K omega = 8 · 3 rad/s oscillate.
     let text = description("L1UnmatchedMimo");
     let lambda = finding(&report(&text), "lambda").clone();
+    assert!(lambda.note.contains("makes it so"), "{}", lambda.note);
     let gain = 8.0 * advised(&lambda.note, "feedback_gain times ");
     let calmer = replaced(&text, "[[8.0, 0.0], [0.0, 8.0]]", &format!("[[{gain}, 0.0], [0.0, {gain}]]"));
     assert_eq!(finding(&report(&calmer), "largest real part of a pole of C(s)").verdict, Verdict::Ok);
@@ -149,16 +152,17 @@ fn a_step_that_is_too_long_at_rest_is_one_that_the_running_controller_warns_of()
     assert!((number(&report(&slower), "longest step at rest") / 0.05 - 1.0).abs() < 1e-5);
 }
 
-/// How much the control of example 3.2.1 swings in the seconds 5 to 8 and 17 to 20, with the nominal plant x' = A_m x + B u
+/// How much the control of example 3.2.1 swings in the seconds 2 to 4 and 8 to 10, with the nominal plant x' = A_m x + B u
 /// and a delay at its input.
 fn swings(delay: usize, step: f64) -> [f64; 2] {
     let controller = Unit::new("L1NonlinearSiso");
     controller.start(0.0);
-    controller.put("r[1]", 0.2);
+    // Far from all bounds.
+    controller.put("r[1]", 2e-3);
     let (mut x, mut sent) = ([0.0_f64; 2], vec![0.0; delay]);
     let rate = |[x1, x2]: [f64; 2], u: f64| [x2, -x1 - 1.4 * x2 + u];
     let mut found = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
-    for k in 0..(20.0 / step) as usize {
+    for k in 0..(10.0 / step) as usize {
         let t = k as f64 * step;
         let u = sent[sent.len() - delay];
         // The midpoint rule is exact enough for modes of 1 rad/s.
@@ -170,8 +174,8 @@ fn swings(delay: usize, step: f64) -> [f64; 2] {
         assert_eq!(controller.step(t, step), OK, "{:?}", controller.messages());
         let u = controller.get("u[1]");
         sent.push(u);
-        for (found, from) in found.iter_mut().zip([5.0, 17.0]) {
-            if (from..from + 3.0).contains(&t) {
+        for (found, from) in found.iter_mut().zip([2.0, 8.0]) {
+            if (from..from + 2.0).contains(&t) {
                 *found = [found[0].min(u), found[1].max(u)];
             }
         }
@@ -186,9 +190,9 @@ fn the_loop_is_stable_just_below_the_delay_margin_and_not_just_above() {
     let step = 1e-3;
     let delay = |part: f64| (part * margin / step).round() as usize;
     let [early, late] = swings(delay(0.94), step);
-    assert!(late < 0.1 * early, "below the margin swings die away: {early}, {late}");
+    assert!(late < 0.2 * early, "below the margin swings die away: {early}, {late}");
     let [early, late] = swings(delay(1.06), step);
-    assert!(late > 10.0 * early, "above it they grow: {early}, {late}");
+    assert!(late > 5.0 * early, "above it they grow: {early}, {late}");
 }
 
 #[test]
@@ -231,15 +235,13 @@ fn a_whole_loop_reports_of_its_parts_and_of_no_communication_step() {
     assert_eq!(inside.step, 0.0);
     assert!(inside.findings.iter().all(|finding| finding.section.starts_with("controller: ")));
     assert_eq!(number(&inside, "lambda"), number(&alone, "lambda"));
+    assert!(inside.findings.iter().all(|finding| !finding.section.contains("Communication step")));
 }
 
 #[test]
 fn an_observer_tells_its_poles() {
-    let Value::Eigenvalues(poles) =
-        &finding(&report(&description("ObserverActuatedSiso")), "eigenvalues of A - k_l C").value
-    else {
-        panic!("eigenvalues")
-    };
+    let report = report(&description("ObserverActuatedSiso"));
+    let Value::Eigenvalues(poles) = &finding(&report, "eigenvalues of A - k_l C").value else { panic!("{report:?}") };
     // s² + (8 + 64) s + 64
     for pole in poles {
         assert!((pole.real * pole.real + 72.0 * pole.real + 64.0).abs() < 1e-9 && pole.imaginary == 0.0, "{pole:?}");

@@ -9,7 +9,6 @@ use super::{Baseline, Regressor};
 use crate::control::delay_margin::{Crossing, NominalLoop};
 use crate::control::l1_advice::{Advice, Stabilising};
 use crate::control::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
-use crate::control::l1_norm::Bounds;
 use crate::control::prediction_error::Uncertainty;
 use crate::control::{lyapunov, pole_placement};
 use crate::report::number;
@@ -39,7 +38,9 @@ impl Law {
             }
             report_loop(&design, report);
             report.section(&section("L1-norm condition"));
-            self.report_condition(&design, v, report);
+            // The parameter itself, or what inference gives in its place.
+            let gain = if *name == gains[0].0 { "feedback_gain" } else { "K" };
+            self.report_condition(&design, gain, v, report);
             report.section(&section("Time delay"));
             self.report_delay(&design, v, report);
         }
@@ -122,29 +123,30 @@ impl Law {
         }
     }
 
-    fn report_condition(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_condition(&self, design: &L1Design, gain: &str, v: &Values<f64>, report: &mut DesignReport) {
         let lipschitz = self.lipschitz(v);
         // Where nothing is uncertain, the largest norm.
         let free = Lipschitz { matched: 1.0, unmatched: 1.0 };
         let weights = if lipschitz.matched + lipschitz.unmatched > 0.0 { lipschitz } else { free };
         let found = design.worst(weights).and_then(|worst| {
             let lambda = worst.norms.lambda(lipschitz);
-            let advice =
-                (lambda.upper >= 1.0).then(|| Advice::of(design, lipschitz, lambda, &worst.omega)).transpose()?;
-            Ok((worst, lambda, advice))
+            let advice = (lambda.upper >= 1.0).then(|| Advice::of(design, lipschitz, lambda, &worst.omega));
+            Ok((worst, lambda, advice.transpose()?))
         });
-        match found {
-            Ok((worst, lambda, advice)) => self.tell_condition(&worst, (lipschitz, lambda, advice), report),
-            Err(reasons) => report.judge("‖G‖", "not found", "", Verdict::NotSound, reasons.to_string()),
+        let (worst, lambda, advice) = match found {
+            Ok(found) => found,
+            Err(reasons) => return report.judge("‖G‖", "not found", "", Verdict::NotSound, reasons.to_string()),
+        };
+        self.tell_norms(&worst, lipschitz, report);
+        if let Some(advice) = advice {
+            let note = format!("must be below 1. {}", self.advised(&advice, design, gain, v));
+            report.judge("lambda", lambda, "", Verdict::NotSound, note);
+        } else {
+            report.tell("lambda", lambda, "", "‖G‖ L < 1: bounded for every uncertainty within the bounds");
         }
     }
 
-    fn tell_condition(
-        &self,
-        worst: &Worst,
-        (lipschitz, lambda, advice): (Lipschitz, Bounds, Option<Advice>),
-        report: &mut DesignReport,
-    ) {
+    fn tell_norms(&self, worst: &Worst, lipschitz: Lipschitz, report: &mut DesignReport) {
         report.tell(
             "‖G‖",
             worst.norms.matched,
@@ -159,12 +161,52 @@ impl Law {
         let among = if worst.every_corner { "every corner" } else { "not every corner" };
         let tried = format!("of {} tried, {among} of the bounds among them", worst.points);
         report.tell("worst omega", &worst.omega, "", &tried);
-        let Some(advice) = advice else {
-            report.tell("lambda", lambda, "", "‖G‖ L < 1: bounded for every uncertainty within the bounds");
-            return;
+    }
+
+    /// What would make λ less than 1, in the words of the parameters.
+    fn advised(&self, advice: &Advice, design: &L1Design, gain: &str, v: &Values<f64>) -> String {
+        let is_full = self.omega_entries.len() == design.K.len();
+        let (first, then) = match &advice.stabilising {
+            None => (String::new(), design.clone()),
+            Some(Stabilising::Gain(factor)) => {
+                let text =
+                    format!("The loop isn't stable for each omega; {gain} times {} makes it so", number(*factor));
+                (text, design.with_gain_times(*factor))
+            }
+            Some(Stabilising::Bounds(min, max)) => {
+                let text = format!(
+                    "No {gain} does it, as the loop isn't stable for each omega; omega_min = {}, omega_max = {} make it so",
+                    rows(min, is_full),
+                    rows(max, is_full)
+                );
+                (text, design.clone())
+            }
         };
-        let note = advised(&advice, self.unmatched.is_some());
-        report.judge("lambda", lambda, "", Verdict::NotSound, format!("must be below 1. {note}"));
+        let Some(bound) = advice.bound_factor else {
+            let hopeless = format!("The loop isn't stable even with omega = I: check the sign and size of {gain}");
+            return if first.is_empty() { hopeless } else { format!("{first}. That will do") };
+        };
+        let start = if first.is_empty() { String::new() } else { format!("{first}. Then ") };
+        let of_bounds = if self.unmatched.is_some() { "theta_bound and theta_bound_unmatched" } else { "theta_bound" };
+        let smaller = format!("{of_bounds} times {}", number(bound));
+        let Some((factor, lambda)) = advice.gain_factor else {
+            let (best, lambda) = advice.best_factor.unwrap_or((1.0, f64::INFINITY));
+            return format!(
+                "{start}{smaller} would do. No larger {gain} does it: of its multiples tried, {} times gives the least \
+                 lambda, {}",
+                number(best),
+                number(lambda)
+            );
+        };
+        let crossings = self.nominal_loop(&then.with_gain_times(factor), v).crossings();
+        let margin =
+            crossings.as_ref().and_then(|crossings| crossings.first()).map_or(f64::INFINITY, |first| first.delay);
+        format!(
+            "{start}{gain} times {} would do (lambda = {}, delay margin {} s), or a smaller uncertainty: {smaller}",
+            number(factor),
+            number(lambda),
+            number(margin)
+        )
     }
 
     fn report_delay(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
@@ -246,7 +288,11 @@ impl Law {
         Uncertainty { theta_bound, sigma_bound, omega_range: ranges.collect(), ..Uncertainty::default() }
     }
 
+    /// Of a unit that is stepped by itself.
     fn report_step(&self, v: &Values<f64>, report: &mut DesignReport) {
+        if report.step == 0.0 {
+            return;
+        }
         let frequency = self.frequency_for([0.0, 0.0], v);
         let longest = self.longest_step(frequency, v);
         report.section("Communication step");
@@ -298,7 +344,8 @@ fn weakest_direction(A_m: &DMatrix<f64>, B: &DMatrix<f64>, report: &mut DesignRe
     let (weakest, least) = eigen.eigenvalues.argmin();
     let ratio = (least.max(0.0) / eigen.eigenvalues.max()).sqrt();
     let direction = eigen.eigenvectors.column(weakest).into_owned();
-    let direction = &direction * direction[direction.iamax()].signum();
+    // Up to rounding, and pointing along its largest element.
+    let direction = (&direction * direction[direction.iamax()].signum()).map(|v| if v.abs() < 1e-12 { 0.0 } else { v });
     report.tell("weakest direction", &direction, "", "of the state, which a control of given energy moves least");
     report.tell("reach along it", ratio, "", "relative to the strongest one; depends on the states' units");
 }
@@ -340,46 +387,10 @@ fn report_loop(design: &L1Design, report: &mut DesignReport) {
     }
 }
 
-/// What would make λ less than 1, in the words of the parameters.
-fn advised(advice: &Advice, unmatched: bool) -> String {
-    let first = match &advice.stabilising {
-        None => String::new(),
-        Some(Stabilising::Gain(factor)) => {
-            format!("The loop isn't stable for each omega; feedback_gain times {} makes it so. ", number(*factor))
-        }
-        Some(Stabilising::Bounds(min, max)) => format!(
-            "No feedback_gain does it, as the loop isn't stable for each omega; omega_min = {}, omega_max = {} make it so. ",
-            rows(min),
-            rows(max)
-        ),
-    };
-    let then = if first.is_empty() { "" } else { "From there, " };
-    let Some(bound) = advice.bound_factor else {
-        return match advice.stabilising {
-            Some(_) => format!("{first}That will do"),
-            None => "The loop isn't stable even with omega = I: check the sign and size of feedback_gain".to_owned(),
-        };
-    };
-    let gain = match (advice.gain_factor, advice.best_factor) {
-        (Some((factor, lambda)), _) => {
-            format!("{then}feedback_gain times {} would do (lambda = {})", number(factor), number(lambda))
-        }
-        (None, Some((best, lambda))) => format!(
-            "{then}no larger feedback_gain does it: of its multiples tried, {} times gives the least lambda, {}",
-            number(best),
-            number(lambda)
-        ),
-        (None, None) => String::new(),
-    };
-    let bounds = if unmatched { "theta_bound and theta_bound_unmatched" } else { "theta_bound" };
-    format!("{first}{gain}. So would a smaller uncertainty: {bounds} times {}", number(bound))
-}
-
-/// A matrix in a sentence; a diagonal one by its diagonal.
-fn rows(matrix: &DMatrix<f64>) -> String {
+/// Bounds of ω as a description gives them.
+fn rows(matrix: &DMatrix<f64>, is_full: bool) -> String {
     let list = |values: Vec<f64>| values.into_iter().map(number).collect::<Vec<_>>().join(", ");
-    let diagonal = DMatrix::from_diagonal(&matrix.diagonal());
-    if *matrix == diagonal {
+    if !is_full || matrix.len() == 1 {
         return format!("[{}]", list(matrix.diagonal().iter().copied().collect()));
     }
     let rows: Vec<_> = matrix.row_iter().map(|row| format!("[{}]", list(row.iter().copied().collect()))).collect();

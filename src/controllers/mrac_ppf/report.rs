@@ -17,7 +17,9 @@ impl MracPpf {
         report.tell("k_g", &(-&self.B_inverse * &A_m), "", "gain of the reference, B k_g = -A_m");
         report.section("Funnel");
         self.funnel.report(v, report);
-        self.tell_step(v, report);
+        if report.step > 0.0 {
+            self.tell_step(v, report);
+        }
     }
 
     fn tell_step(&self, v: &Values<f64>, report: &mut DesignReport) {
