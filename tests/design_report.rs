@@ -5,7 +5,9 @@ mod common;
 use std::f64::consts::PI;
 use std::time::{Duration, Instant};
 
-use adaptive_fmu::report::{DesignReport, Finding, Value, Verdict};
+use adaptive_fmu::model::Model;
+use adaptive_fmu::report::{Finding, Value};
+use adaptive_fmu::system::*;
 use common::described::model;
 use common::loops::whole;
 use common::{OK, Unit, description, description_names};
@@ -269,7 +271,35 @@ fn a_reference_model_that_does_not_decay_is_no_sound_design() {
     assert_eq!(finding(&report(&diverging), "eigenvalues of A_m").verdict, Verdict::NotSound);
 }
 
+/// x' = −k x, which is to decay.
+struct Decay(ScalarOf<Parameter>);
+
+impl System for Decay {
+    type Structure = NoStructure;
+    const NAME: &'static str = "decay";
+    const DOCUMENTATION: &'static str = "";
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Decay(d.parameter(scalar("k", "rate").start(1.0))))
+    }
+    fn outputs<S: Scalar>(&self, _: S, _: &Values<S>, _: &mut Signals<S>) {}
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let k = v[self.0];
+        let verdict = if k > 0.0 { Verdict::Ok } else { Verdict::NotSound };
+        report.judge("k", k, "1/s", verdict, "k above 0 would do");
+    }
+}
+
+#[test]
+fn a_model_of_ones_own_tells_what_it_finds_in_its_start_values() {
+    let sound = |k: f64| {
+        let start = format!("k = {k:?}").parse().unwrap();
+        Model::new::<Decay>("Decay", &start).unwrap().report().is_sound()
+    };
+    assert!(sound(0.5) && !sound(-0.5));
+}
+
 /// A controller of n states in pairs, each pair with an input.
+#[allow(non_snake_case)] // matrices have the names of the field
 fn large(n: usize) -> String {
     let matrix = |rows: usize, columns: usize, entry: &dyn Fn(usize, usize) -> f64| {
         let row = |i| format!("[{}]", (0..columns).map(|j| format!("{:?}", entry(i, j))).collect::<Vec<_>>().join(","));
@@ -277,20 +307,12 @@ fn large(n: usize) -> String {
     };
     let is = |condition: bool| f64::from(u8::from(condition));
     let m = n / 2;
+    let oscillator = |i: usize, j: usize| is(i + m == j) - is(i >= m && j + m == i) - 2.0 * is(i >= m && j == i);
+    let [A, B, C] = [matrix(n, n, &oscillator), matrix(n, m, &|i, j| is(i == j + m)), matrix(m, n, &|i, j| is(i == j))];
+    let [min, max] = ["0.5", "2.0"].map(|bound| vec![bound; m].join(","));
     format!(
-        "name = 'Large'\nmodel = 'l1'\ndescription = ''\n[structure]\nA = {}\nB = {}\nC = {}\n\
-         regressor = 'infinity_norm'\ninput_gain = 'diagonal'\n[start]\nomega_min = {}\nomega_max = {}\n",
-        matrix(n, n, &|i, j| if i + m == j {
-            1.0
-        } else if i >= m && j == i - m {
-            -1.0
-        } else {
-            -2.0 * is(i >= m && j == i)
-        }),
-        matrix(n, m, &|i, j| is(i == j + m)),
-        matrix(m, n, &|i, j| is(i == j)),
-        format!("[{}]", vec!["0.5"; m].join(",")),
-        format!("[{}]", vec!["2.0"; m].join(",")),
+        "name = 'Large'\nmodel = 'l1'\ndescription = ''\n[structure]\nA = {A}\nB = {B}\nC = {C}\n\
+         regressor = 'infinity_norm'\ninput_gain = 'diagonal'\n[start]\nomega_min = [{min}]\nomega_max = [{max}]\n",
     )
 }
 

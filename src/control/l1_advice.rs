@@ -10,10 +10,10 @@ use crate::error::Invalid;
 /// What λ is to be at most, for a little room to rounding.
 const AIM: f64 = 0.99;
 
-/// Doublings of K that are tried.
+/// Doublings of K that are tried, in two steps each.
 const DOUBLINGS: i32 = 16;
 
-/// Halvings of the last doubling.
+/// Halvings of the last step.
 const HALVINGS: usize = 7;
 
 /// How often another input gain may turn out the worst one.
@@ -102,7 +102,7 @@ fn gain_search(design: &L1Design, lipschitz: Lipschitz, mut omega: DMatrix<f64>)
             Ok::<_, Invalid>(lambda)
         };
         let (mut low, mut high) = (1.0, None);
-        for factor in (0..=DOUBLINGS).map(|k| 2_f64.powi(k)) {
+        for factor in (0..=2 * DOUBLINGS).map(|k| 2_f64.powf(0.5 * f64::from(k))) {
             let found = lambda(factor)?;
             if found <= AIM {
                 high = Some(factor);

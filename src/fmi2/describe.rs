@@ -66,7 +66,7 @@ pub struct Unit {
 #[derive(Debug, Serialize, Deserialize)]
 enum Reply {
     #[serde(rename = "described")]
-    Described(Described),
+    Described(Box<Described>),
     #[serde(rename = "failure")]
     Failure(String),
 }
@@ -85,7 +85,7 @@ pub fn reply(description: Option<&str>, registry: Registry) -> String {
     match description.map(describe).transpose() {
         Ok(unit) => {
             let models = registry.iter().map(|kind| kind.name.to_owned()).collect();
-            write(&Reply::Described(Described { build: Build::own(), models, unit }))
+            write(&Reply::Described(Box::new(Described { build: Build::own(), models, unit })))
         }
         Err(invalid) => failure(&invalid.to_string()),
     }
@@ -106,7 +106,7 @@ fn write(reply: &Reply) -> String {
 /// The failure that it tells of, or that it is no reply.
 pub fn read(reply: &str) -> Result<Described, String> {
     match serde_json::from_str(reply) {
-        Ok(Reply::Described(described)) => Ok(described),
+        Ok(Reply::Described(described)) => Ok(*described),
         Ok(Reply::Failure(reason)) => Err(reason),
         Err(error) => Err(format!("the library's reply can't be read: {error}")),
     }
