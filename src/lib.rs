@@ -20,6 +20,7 @@ pub mod model;
 pub mod parallel;
 #[path = "../plants/mod.rs"]
 pub mod plants;
+pub mod report;
 #[cfg(feature = "cli")]
 pub mod simulation;
 pub mod system;

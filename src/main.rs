@@ -10,7 +10,7 @@ use clap::{Parser, Subcommand};
 /// Adaptive controllers and their plants as FMI 2.0 units.
 ///
 /// Exit codes: 0 done; 1 it could not be done, with the reason on stderr; 2 the arguments are wrong; 3 a loop ran,
-/// but a metric is beyond its limit; 130 a run was interrupted.
+/// but a metric is beyond its limit, or a design was checked and isn't sound; 130 a run was interrupted.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -22,6 +22,8 @@ struct Arguments {
 enum Command {
     /// Lists the FMUs and the closed loops
     List(command::list::Arguments),
+    /// Reports on the design of an FMU's description: poles, margins, and whether its conditions hold
+    Check(command::check::Arguments),
     /// Writes FMUs
     Export(command::export::Arguments),
     /// Tells what an FMU is
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
 fn execute(command: Command) -> Result<ExitCode, Error> {
     match command {
         Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Check(arguments) => command::check::execute(&arguments),
         Command::Export(arguments) => command::export::execute(&arguments),
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),

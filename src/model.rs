@@ -4,6 +4,7 @@ use serde::Deserialize;
 
 use crate::error::Invalid;
 use crate::execution::Controls;
+use crate::report::DesignReport;
 use crate::system::{Data, Declaration, DynSystem, Kind, NoStructure, Registry, Section, System, Variables};
 
 /// What a person writes about an FMU (`modelDescription/NAME.toml`).
@@ -188,6 +189,17 @@ impl Model {
     /// The variables that every model has, and the simulation's memory.
     pub(crate) fn controls(&self) -> &Controls {
         &self.controls
+    }
+
+    /// What a designer should know of the start values.
+    pub fn report(&self) -> DesignReport {
+        let mut report = DesignReport::new(self.description.experiment.step);
+        let mut block = self.block();
+        // They were prepared when the model was made, so nothing is refused here.
+        if self.prepare(&mut block, &mut Vec::new()).is_ok() {
+            self.system.report(&block.point(self, &mut Vec::new()).values(), &mut report);
+        }
+        report
     }
 
     /// A block of start values.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
+use adaptive_fmu::report::number;
 use adaptive_fmu::simulation::{Fmu, Linearisation, LoopFiles, OperatingPoint, Quantity, Structure, linearise};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
@@ -133,15 +134,5 @@ fn print_matrix(name: &str, matrix: &DMatrix<f64>, rows: &[String], columns: &[Q
     for (title, row) in rows.iter().zip(matrix.row_iter()) {
         let values: Vec<_> = row.iter().zip(&widths).map(|(v, width)| format!("{:>width$}", number(*v))).collect();
         println!("{title:first$}{}", values.concat());
-    }
-}
-
-/// Seven digits, as short as can be.
-fn number(value: f64) -> String {
-    let short = format!("{:.6e}", value).parse().unwrap_or(value);
-    if short == 0.0 || (1e-3..1e6).contains(&f64::abs(short)) {
-        format!("{}", short + 0.0)
-    } else {
-        format!("{short:e}")
     }
 }

@@ -7,8 +7,8 @@
 use nalgebra::{Complex, DMatrix};
 
 use crate::control::filter::Filter;
-use crate::control::l1_norm::{Bounds, l1_norm};
-use crate::control::lyapunov::require_hurwitz;
+use crate::control::l1_norm::{Bounds, L1Norms};
+use crate::control::lyapunov::{eigenvalues, require_hurwitz};
 use crate::error::Invalid;
 
 /// Points at most of a grid over the bounds of the input gain.
@@ -17,34 +17,102 @@ const GRID: usize = 128;
 /// Entries of the input gain at most whose every corner is tried.
 const ENTRIES: usize = 10;
 
+/// Work of all norms over ω at most, in multiplications of an impulse response's step: beyond, fewer input gains are tried,
+/// but never fewer than these.
+const BUDGET: usize = 30_000_000;
+const FEWEST: usize = 4;
+
+/// Work of one norm at most: beyond, it takes minutes.
+const MOST_WORK: usize = 3_000_000;
+
+/// How close the bounds of a norm are, and of one that is only compared with others.
+const TOLERANCE: f64 = 1e-7;
+const ROUGH: f64 = 1e-2;
+
 /// Points of the grid of frequencies in a decade.
 const PER_DECADE: f64 = 40.0;
 
-/// The L1 law u = −K D(s)(η̂ − K_g r) for x' = A_m x + B (ω u + …), with ω between bounds, entry by entry.
-#[derive(Debug, Clone, Copy)]
-pub struct L1Design<'a> {
+/// The L1 law u_ad = −K D(s)(η̂ + H_m⁻¹ H_um η̂_2 − K_g r) for x' = A_m x + B (ω u_ad + w) + B_um w_2, with ω between
+/// bounds, entry by entry, and an uncertainty w, w_2.
+///
+/// As the adaptation gets fast, η̂ is ω u_ad + w and η̂_2 is w_2: what is left is a linear system from (w, w_2) to x.
+#[derive(Debug, Clone)]
+pub struct L1Design {
     /// n × n, Hurwitz.
-    pub A_m: &'a DMatrix<f64>,
+    pub A_m: DMatrix<f64>,
     /// n × m.
-    pub B: &'a DMatrix<f64>,
+    pub B: DMatrix<f64>,
     /// m × m.
-    pub K: &'a DMatrix<f64>,
+    pub K: DMatrix<f64>,
     /// D(s), the same on every channel.
-    pub filter: &'a Filter,
+    pub filter: Filter,
     /// m × m.
-    pub omega_min: &'a DMatrix<f64>,
+    pub omega_min: DMatrix<f64>,
     /// m × m.
-    pub omega_max: &'a DMatrix<f64>,
+    pub omega_max: DMatrix<f64>,
+    /// m × n. K_m of a baseline that acts through ω like all control and is counted as known: what is left of it is
+    /// (I − ω) K_m x.
+    pub known: Option<DMatrix<f64>>,
+    /// The way of the unmatched uncertainty, where it is estimated.
+    pub unmatched: Option<UnmatchedWay>,
 }
 
-/// The input gain with the largest norm among those tried.
+/// How K D(s) H_m⁻¹(s) H_um(s) shares the states f of K D(s): f' = … − input w_2 − (I ⊗ B_f) KC_z z, u_ad = … − direct w_2,
+/// z' = A_z z + B_z w_2.
+#[derive(Debug, Clone)]
+pub struct UnmatchedWay {
+    /// n × k.
+    pub B_um: DMatrix<f64>,
+    /// m n_f × k.
+    pub input: DMatrix<f64>,
+    /// m × k.
+    pub direct: DMatrix<f64>,
+    /// n_z × n_z.
+    pub A_z: DMatrix<f64>,
+    /// n_z × k.
+    pub B_z: DMatrix<f64>,
+    /// m × n_z.
+    pub KC_z: DMatrix<f64>,
+}
+
+/// Lipschitz constants of the uncertainty in the state, by the largest element.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lipschitz {
+    /// Of what enters with the control.
+    pub matched: f64,
+    /// Of what doesn't.
+    pub unmatched: f64,
+}
+
+/// The norms from the uncertainty to the state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Norms {
+    /// From what enters with the control.
+    pub matched: Bounds,
+    /// From what doesn't; zero where there is none.
+    pub unmatched: Bounds,
+}
+
+impl Norms {
+    const INFINITE: Norms = Norms { matched: Bounds::INFINITE, unmatched: Bounds::INFINITE };
+
+    /// λ = ‖G‖ L + ‖G_um‖ L_2, below 1 where the L1-norm condition holds.
+    pub fn lambda(&self, lipschitz: Lipschitz) -> Bounds {
+        if !self.matched.upper.is_finite() {
+            return Bounds::INFINITE;
+        }
+        self.matched.times(lipschitz.matched).plus(self.unmatched.times(lipschitz.unmatched))
+    }
+}
+
+/// The input gain with the largest λ among those tried.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Worst {
-    /// The norm there, infinite where the loop isn't stable.
-    pub norm: Bounds,
+    /// The norms there, infinite where the loop isn't stable.
+    pub norms: Norms,
     /// The input gain.
     pub omega: DMatrix<f64>,
-    /// How many input gains were tried.
+    /// How many input gains there were to try.
     pub points: usize,
     /// Whether every corner of the bounds was among them. If not, only some were, and a larger norm is more likely to
     /// have been missed.
@@ -60,63 +128,158 @@ pub struct Bandwidth {
     pub fastest: f64,
 }
 
-impl L1Design<'_> {
+impl L1Design {
+    /// Number of states of the linear system.
+    pub fn order(&self) -> usize {
+        let zeros = self.unmatched.as_ref().map_or(0, |way| way.A_z.nrows());
+        self.A_m.nrows() + self.K.nrows() * self.filter.order() + zeros
+    }
+
+    /// Work of a norm: a step of each impulse response.
+    fn work(&self) -> usize {
+        let inputs = self.B.ncols() + self.unmatched.as_ref().map_or(0, |way| way.B_um.ncols());
+        self.A_m.nrows() * inputs * self.order().pow(3)
+    }
+
+    /// Whether its norms and frequency responses would take minutes.
+    pub fn is_large(&self) -> bool {
+        self.work() > MOST_WORK
+    }
+
+    /// How many input gains may be tried.
+    fn most_points(&self) -> usize {
+        (BUDGET / self.work().max(1)).clamp(FEWEST, 1 << ENTRIES)
+    }
+
+    /// Entries of the input gain at most whose every corner is tried.
+    fn most_entries(&self) -> usize {
+        self.most_points().ilog2() as usize
+    }
+
+    /// With another K, so many times as large.
+    pub fn with_gain_times(&self, factor: f64) -> Self {
+        let mut design = self.clone();
+        design.K *= factor;
+        if let Some(way) = &mut design.unmatched {
+            way.input *= factor;
+            way.direct *= factor;
+            way.KC_z *= factor;
+        }
+        design
+    }
+
     /// Matrix of the loop ωK D(s), whose eigenvalues are the poles of C(s).
     pub fn loop_matrix(&self, omega: &DMatrix<f64>) -> DMatrix<f64> {
-        let Filter { A_f, B_f, C_f } = self.filter;
-        DMatrix::identity(self.K.nrows(), self.K.nrows()).kronecker(A_f) - (omega * self.K).kronecker(&(B_f * C_f))
+        let Filter { A_f, B_f, C_f } = &self.filter;
+        DMatrix::identity(self.K.nrows(), self.K.nrows()).kronecker(A_f) - (omega * &self.K).kronecker(&(B_f * C_f))
     }
 
-    /// Whether the loop ωK D(s) is stable.
+    /// Poles of C(s). `None` when they can't be found.
+    pub fn loop_poles(&self, omega: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
+        eigenvalues(&self.loop_matrix(omega))
+    }
+
+    /// Whether the loop ωK D(s) is stable, and with it what is left of a baseline that is counted as known.
     pub fn is_stable(&self, omega: &DMatrix<f64>) -> bool {
-        self.loop_matrix(omega).complex_eigenvalues().iter().all(|lambda| lambda.re < 0.0)
+        let decays =
+            |matrix: &DMatrix<f64>| eigenvalues(matrix).is_some_and(|poles| poles.iter().all(|lambda| lambda.re < 0.0));
+        decays(&self.loop_matrix(omega)) && (self.known.is_none() || decays(&self.system(omega).0))
     }
 
-    /// ‖G‖ in the L1 sense, G(s) = (sI − A_m)⁻¹ B (I − C(s)), C(s) = ωK D(s) (I + ωK D(s))⁻¹; infinite when the loop
-    /// isn't stable.
-    ///
-    /// The L1-norm condition is ‖G‖ L < 1 with the Lipschitz constant L of the uncertainty.
+    /// A and B of the linear system from (w, w_2) to (x, f, z).
+    fn system(&self, omega: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+        let (n, m) = self.B.shape();
+        let (states, order) = (m * self.filter.order(), self.order());
+        let channels = |block: &DMatrix<f64>| DMatrix::identity(m, m).kronecker(block);
+        let (C_F, B_F) = (channels(&dynamic(&self.filter.C_f)), channels(&dynamic(&self.filter.B_f)));
+        let driven = &B_F * &self.K;
+        let mut A = DMatrix::zeros(order, order);
+        A.view_mut((0, 0), (n, n)).copy_from(&self.A_m);
+        A.view_mut((0, n), (n, states)).copy_from(&(&self.B * omega * &C_F));
+        A.view_mut((n, n), (states, states)).copy_from(&(channels(&self.filter.A_f) - &driven * omega * &C_F));
+        if let Some(K_m) = &self.known {
+            let left = (DMatrix::identity(m, m) - omega) * K_m;
+            let mut of_x = A.columns_mut(0, n);
+            of_x.rows_mut(0, n).gemm(1.0, &self.B, &left, 1.0);
+            of_x.rows_mut(n, states).gemm(-1.0, &driven, &left, 1.0);
+        }
+        let k = self.unmatched.as_ref().map_or(0, |way| way.B_um.ncols());
+        let mut B = DMatrix::zeros(order, m + k);
+        B.view_mut((0, 0), (n, m)).copy_from(&self.B);
+        B.view_mut((n, 0), (states, m)).copy_from(&-&driven);
+        if let Some(UnmatchedWay { B_um, input, direct, A_z, B_z, KC_z }) = &self.unmatched {
+            let z = n + states;
+            A.view_mut((n, z), (states, order - z)).copy_from(&-(&B_F * KC_z));
+            A.view_mut((z, z), A_z.shape()).copy_from(A_z);
+            let at_once = omega * direct;
+            B.view_mut((0, m), (n, k)).copy_from(&(B_um - &self.B * &at_once));
+            B.view_mut((n, m), (states, k)).copy_from(&(&driven * &at_once - input));
+            B.view_mut((z, m), B_z.shape()).copy_from(B_z);
+        }
+        (A, B)
+    }
+
+    /// ‖G‖ in the L1 sense, G(s) = (sI − A_m)⁻¹ B (I − C(s)), C(s) = ωK D(s) (I + ωK D(s))⁻¹, and what it is from unmatched
+    /// uncertainty; infinite when the loop isn't stable.
     ///
     /// # Errors
     /// [`Invalid`] when A_m isn't Hurwitz, or the system too badly scaled.
-    pub fn norm(&self, omega: &DMatrix<f64>) -> Result<Bounds, Invalid> {
-        require_hurwitz("A_m", self.A_m)?;
-        if !self.is_stable(omega) {
-            return Ok(Bounds::INFINITE);
-        }
-        let (n, m) = self.B.shape();
-        let states = m * self.filter.order();
-        let identity = DMatrix::identity(m, m);
-        // z = (I − C) v is what the filter's channels take in: z = v − ωK y, y = D z.
-        let mut A = DMatrix::zeros(n + states, n + states);
-        A.view_mut((0, 0), (n, n)).copy_from(self.A_m);
-        let fed_back = self.B * omega * self.K * identity.kronecker(&self.filter.C_f);
-        A.view_mut((0, n), (n, states)).copy_from(&-fed_back);
-        A.view_mut((n, n), (states, states)).copy_from(&self.loop_matrix(omega));
-        let mut B = DMatrix::zeros(n + states, m);
-        B.view_mut((0, 0), (n, m)).copy_from(self.B);
-        B.view_mut((n, 0), (states, m)).copy_from(&identity.kronecker(&self.filter.B_f));
-        l1_norm(&A, &B, &DMatrix::identity(n, n + states))
+    pub fn norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        self.norms_by(&mut L1Norms::within(TOLERANCE), omega)
     }
 
-    /// The largest norm over ω: on a grid of its bounds for up to four entries with distinct bounds, at the corners and
-    /// the centre for up to ten, at 1024 corners spread over all and the centre for more.
+    /// The same within a percent, for less work.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn rough_norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        self.norms_by(&mut L1Norms::within(ROUGH), omega)
+    }
+
+    fn norms_by(&self, norms: &mut L1Norms, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        require_hurwitz("A_m", &self.A_m)?;
+        if !self.is_stable(omega) {
+            return Ok(Norms::INFINITE);
+        }
+        let ((A, B), (n, m)) = (self.system(omega), self.B.shape());
+        let to_x = DMatrix::identity(n, A.nrows());
+        let mut norm = |first: usize, count: usize| norms.of(&A, &B.columns(first, count).into_owned(), &to_x);
+        Ok(Norms { matched: norm(0, m)?, unmatched: norm(m, B.ncols() - m)? })
+    }
+
+    /// The largest λ over ω: on a grid of its bounds for up to four entries with distinct bounds, at the corners and
+    /// the centre for up to ten, at 1024 corners spread over all and the centre for more; at fewer in large systems.
     ///
     /// Between the points it may be larger; corners and centre are where it is usually largest.
     ///
     /// # Errors
-    /// [`Invalid`] as of [`L1Design::norm`].
-    pub fn worst(&self) -> Result<Worst, Invalid> {
+    /// [`Invalid`] as of [`L1Design::norms`].
+    pub fn worst(&self, lipschitz: Lipschitz) -> Result<Worst, Invalid> {
         let gains = self.gains();
-        let mut worst: Option<(Bounds, &DMatrix<f64>)> = None;
+        let found = |norms: Norms, omega: &DMatrix<f64>| {
+            let every_corner = self.free().len() <= self.most_entries();
+            Ok(Worst { norms, omega: omega.clone(), points: gains.len(), every_corner })
+        };
+        let (mut rough, mut exact) = (L1Norms::within(ROUGH), L1Norms::within(TOLERANCE));
+        let mut candidates = Vec::with_capacity(gains.len());
         for omega in &gains {
-            let norm = self.norm(omega)?;
-            if worst.is_none_or(|(largest, _)| norm.upper > largest.upper) {
-                worst = Some((norm, omega));
+            let norms = self.norms_by(&mut rough, omega)?;
+            if norms.matched == Bounds::INFINITE {
+                return found(norms, omega);
+            }
+            candidates.push((norms.lambda(lipschitz), omega));
+        }
+        let least = candidates.iter().map(|(lambda, _)| lambda.lower).fold(0.0, f64::max);
+        let mut worst: Option<(f64, Norms, &DMatrix<f64>)> = None;
+        for (_, omega) in candidates.iter().filter(|(lambda, _)| lambda.upper >= least) {
+            let norms = self.norms_by(&mut exact, omega)?;
+            let lambda = norms.lambda(lipschitz).upper;
+            if worst.is_none_or(|(largest, ..)| lambda > largest) {
+                worst = Some((lambda, norms, omega));
             }
         }
-        let (norm, omega) = worst.ok_or_else(|| Invalid::because("omega_min, omega_max: no input gain to try"))?;
-        Ok(Worst { norm, omega: omega.clone(), points: gains.len(), every_corner: self.free().len() <= ENTRIES })
+        let (_, norms, omega) = worst.ok_or_else(|| Invalid::because("omega_min, omega_max: no input gain to try"))?;
+        found(norms, omega)
     }
 
     /// Entries of ω whose bounds differ.
@@ -125,7 +288,7 @@ impl L1Design<'_> {
     }
 
     /// The input gains to try.
-    fn gains(&self) -> Vec<DMatrix<f64>> {
+    pub fn gains(&self) -> Vec<DMatrix<f64>> {
         let free = self.free();
         let at = |place: &dyn Fn(usize) -> f64| {
             let mut omega = self.omega_min.clone();
@@ -135,15 +298,16 @@ impl L1Design<'_> {
             omega
         };
         let power = |levels: usize| u32::try_from(free.len()).ok().and_then(|k| levels.checked_pow(k));
+        let (most, entries) = (self.most_points().min(GRID), self.most_entries());
         // An odd number of levels has the centre among them.
-        if let Some(levels) = [9, 5, 3].into_iter().find(|&levels| power(levels).is_some_and(|count| count <= GRID)) {
+        if let Some(levels) = [9, 5, 3].into_iter().find(|&levels| power(levels).is_some_and(|count| count <= most)) {
             let count = power(levels).unwrap_or(1);
             let digit = |point: usize, k: usize| point / levels.pow(k as u32) % levels;
             return (0..count).map(|point| at(&|k| digit(point, k) as f64 / (levels - 1) as f64)).collect();
         }
-        let corners = 1 << free.len().min(ENTRIES);
+        let corners = 1 << free.len().min(entries);
         let corner = |point: usize, k: usize| {
-            if free.len() <= ENTRIES {
+            if free.len() <= entries {
                 return f64::from(u8::from(point >> k & 1 == 1));
             }
             // Beyond: the parity of a few bits of the point, others for each entry, as in an orthogonal array.
@@ -158,7 +322,7 @@ impl L1Design<'_> {
     /// C(s) = ωK D(s) (I + ωK D(s))⁻¹. `None` at a pole.
     pub fn low_pass(&self, omega: &DMatrix<f64>, s: Complex<f64>) -> Option<DMatrix<Complex<f64>>> {
         let d = self.filter.at(s);
-        let gain = (omega * self.K).map(Complex::from);
+        let gain = (omega * &self.K).map(Complex::from);
         let m = gain.nrows();
         // With D = 1/q: C = ωK (q I + ωK)⁻¹, which holds at the integrator's pole too.
         let q = if d.is_finite() { d.inv() } else { Complex::from(0.0) };
@@ -176,25 +340,36 @@ impl L1Design<'_> {
         if !self.is_stable(omega) {
             return None;
         }
-        let poles = self.loop_matrix(omega).complex_eigenvalues().map(Complex::norm);
-        let (lowest, decades) = (1e-4 * poles.min(), (1e8 * poles.max() / poles.min()).log10());
-        let values = |w: f64| self.low_pass(omega, Complex::new(0.0, w)).map(|C| C.singular_values());
-        let falls = |value: &dyn Fn(f64) -> Option<f64>| {
-            let grid = (0..(decades * PER_DECADE) as usize).map(|k| lowest * 10_f64.powf(k as f64 / PER_DECADE));
-            let mut below = lowest;
-            for w in grid {
-                if value(w)? < std::f64::consts::FRAC_1_SQRT_2 {
-                    return bisect(below, w, value);
-                }
-                below = w;
-            }
-            None
+        let poles = self.loop_poles(omega)?;
+        let [least, most] = [f64::min, f64::max].map(|of| poles.iter().map(|pole| pole.norm()).reduce(of));
+        let (lowest, decades) = (1e-4 * least?, (1e8 * most? / least?).log10());
+        let extremes = |w: f64| {
+            let singular = self.low_pass(omega, Complex::new(0.0, w))?.singular_values();
+            Some([singular.min(), singular.max()])
         };
-        Some(Bandwidth {
-            slowest: falls(&|w| values(w).map(|singular| singular.min()))?,
-            fastest: falls(&|w| values(w).map(|singular| singular.max()))?,
-        })
+        let mut found = [None; 2];
+        let mut below = lowest;
+        for w in (0..(decades * PER_DECADE) as usize).map(|k| lowest * 10_f64.powf(k as f64 / PER_DECADE)) {
+            let now = extremes(w)?;
+            for (k, found) in found.iter_mut().enumerate() {
+                if found.is_none() && now[k] < std::f64::consts::FRAC_1_SQRT_2 {
+                    *found = Some(bisect(below, w, &|w| extremes(w).map(|values| values[k]))?);
+                }
+            }
+            if let [Some(slowest), Some(fastest)] = found {
+                return Some(Bandwidth { slowest, fastest });
+            }
+            below = w;
+        }
+        None
     }
+}
+
+/// A row or a column as a matrix.
+fn dynamic<R: nalgebra::Dim, C: nalgebra::Dim>(
+    part: &nalgebra::Matrix<f64, R, C, impl nalgebra::RawStorage<f64, R, C>>,
+) -> DMatrix<f64> {
+    DMatrix::from_fn(part.nrows(), part.ncols(), |i, j| part[(i, j)])
 }
 
 /// Where a value that is above 1/√2 at `low` and below it at `high` is that.
@@ -207,217 +382,4 @@ fn bisect(mut low: f64, mut high: f64, value: &dyn Fn(f64) -> Option<f64>) -> Op
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::control::filter::FilterDescription;
-    use crate::control::pole_placement::place;
-
-    struct Example {
-        A_m: DMatrix<f64>,
-        B: DMatrix<f64>,
-        K: DMatrix<f64>,
-        filter: Filter,
-        omega_min: DMatrix<f64>,
-        omega_max: DMatrix<f64>,
-    }
-
-    impl Example {
-        fn design(&self) -> L1Design<'_> {
-            let Example { A_m, B, K, filter, omega_min, omega_max } = self;
-            L1Design { A_m, B, K, filter, omega_min, omega_max }
-        }
-    }
-
-    fn filter(factors: &[&[f64]]) -> Filter {
-        let denominator = factors.iter().map(|factor| factor.to_vec()).collect();
-        Filter::new(&FilterDescription { denominator, ..FilterDescription::default() }).unwrap()
-    }
-
-    fn fifth_order() -> Filter {
-        filter(&[&[1.0, 0.0], &[0.04, 1.0], &[1.0 / 70.0, 1.0], &[6.25e-4, 0.045, 1.0]])
-    }
-
-    fn scalar(x: f64) -> DMatrix<f64> {
-        DMatrix::from_element(1, 1, x)
-    }
-
-    /// One input, D = 1/s.
-    fn siso() -> Example {
-        Example {
-            A_m: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -1.0, -1.4]),
-            B: DMatrix::from_row_slice(2, 1, &[0.0, 1.0]),
-            K: scalar(20.0),
-            filter: filter(&[&[1.0, 0.0]]),
-            omega_min: scalar(0.5),
-            omega_max: scalar(3.0),
-        }
-    }
-
-    /// Three coupled states, two inputs.
-    fn mimo(filter: Filter) -> Example {
-        let omega = DMatrix::from_row_slice(2, 2, &[1.2, 0.3, -0.2, 0.8]);
-        Example {
-            A_m: DMatrix::from_row_slice(3, 3, &[-3.0, 1.0, 0.0, 0.0, -4.0, 2.0, -1.0, 0.0, -5.0]),
-            B: DMatrix::from_row_slice(3, 2, &[1.0, 0.0, 0.3, 1.0, 0.0, 0.5]),
-            K: DMatrix::from_row_slice(2, 2, &[8.0, 1.0, 0.0, 6.0]),
-            filter,
-            omega_min: omega.clone(),
-            omega_max: omega,
-        }
-    }
-
-    #[track_caller]
-    fn assert_is(found: Bounds, expected: f64) {
-        let close = |bound: f64| (bound - expected).abs() < 2e-7 * expected;
-        assert!(close(found.lower) && close(found.upper), "{found:?}, expected {expected}");
-    }
-
-    #[test]
-    fn the_norm_is_that_of_the_impulse_responses() {
-        // By numpy: modes of the impulse responses, their zeros by scipy.optimize.brentq, exact antiderivatives.
-        let one = siso();
-        assert_is(one.design().norm(&scalar(0.5)).unwrap(), 0.18711177630525086);
-        assert_is(one.design().norm(&scalar(1.0)).unwrap(), 0.10340149026047432);
-        assert_is(one.design().norm(&scalar(3.0)).unwrap(), 0.03777799631596649);
-        let two = mimo(filter(&[&[1.0, 0.0]]));
-        assert_is(two.design().norm(&two.omega_min).unwrap(), 0.22349492422692355);
-        let two = mimo(filter(&[&[1.0, 0.0], &[0.04, 1.0]]));
-        assert_is(two.design().norm(&two.omega_min).unwrap(), 0.25123878793363624);
-    }
-
-    /// Double integrators with one pair of poles each, and K.
-    fn chains(pairs: &[(f64, f64)], k: f64) -> Example {
-        let m = pairs.len();
-        let mut A = DMatrix::zeros(2 * m, 2 * m);
-        A.view_mut((0, m), (m, m)).fill_with_identity();
-        let mut B = DMatrix::zeros(2 * m, m);
-        B.view_mut((m, 0), (m, m)).fill_with_identity();
-        let pair = |&(re, im): &(f64, f64)| [Complex::new(re, im), Complex::new(re, -im)];
-        let poles: Vec<_> = pairs.iter().flat_map(pair).collect();
-        let A_m = &A - &B * place(&A, &B, &poles).unwrap();
-        Example { A_m, B, K: DMatrix::from_diagonal_element(m, m, k), ..siso() }
-    }
-
-    #[test]
-    fn the_norms_of_a_quadrotor_a_robot_and_a_filter_of_fifth_order_are_right() {
-        // By numpy as above; the last with the modes in mpmath to 40 digits.
-        let quadrotor = chains(&[(-30.0, 0.5), (-35.0, 0.5), (-40.0, 0.5)], 30.0);
-        let uniform = |omega| DMatrix::from_diagonal_element(3, 3, omega);
-        assert_is(quadrotor.design().norm(&uniform(0.5)).unwrap(), 0.02454826205067584);
-        assert_is(quadrotor.design().norm(&uniform(10.0)).unwrap(), 0.005310001824164684);
-        let robot = chains(&[(-300.0, 5.0), (-400.0, 5.0)], 30.0);
-        let omega = DMatrix::from_row_slice(2, 2, &[0.5, -0.3, -0.3, 0.5]);
-        assert_is(robot.design().norm(&omega).unwrap(), 0.0027395491790482237);
-        let unmatched = Example {
-            A_m: DMatrix::from_row_slice(3, 3, &[-1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, -1.8]),
-            B: DMatrix::from_row_slice(3, 2, &[1.0, 0.0, 0.0, 0.0, 1.0, 1.0]),
-            K: DMatrix::from_diagonal_element(2, 2, 4.0),
-            filter: fifth_order(),
-            ..siso()
-        };
-        let omega = DMatrix::from_row_slice(2, 2, &[0.8, -0.2, 0.2, 1.2]);
-        assert_is(unmatched.design().norm(&omega).unwrap(), 0.790884781598942);
-    }
-
-    #[test]
-    fn bounds_that_let_the_input_gain_lose_its_sign_leave_no_guarantee() {
-        let mut robot = chains(&[(-30.0, 0.5), (-40.0, 0.5)], 30.0);
-        robot.omega_min = DMatrix::from_row_slice(2, 2, &[0.5, -2.0, -2.0, 0.5]);
-        robot.omega_max = DMatrix::from_row_slice(2, 2, &[10.0, 2.0, 2.0, 10.0]);
-        let worst = robot.design().worst().unwrap();
-        assert_eq!(worst.norm, Bounds::INFINITE);
-        assert!(worst.omega.determinant() < 0.0 && worst.every_corner, "{}", worst.omega);
-    }
-
-    #[test]
-    fn without_a_fast_filter_little_is_gained() {
-        // (1/(s + 2)) (1 − 1/(s + 1)): ∫|2e^−2t − e^−t| = 1/2 by hand, which is the norm of 1/(s + 2) alone.
-        let mut example = siso();
-        (example.A_m, example.B) = (scalar(-2.0), scalar(1.0));
-        example.K = scalar(1.0);
-        assert_is(example.design().norm(&scalar(1.0)).unwrap(), 0.5);
-    }
-
-    #[test]
-    fn the_worst_input_gain_is_found_on_its_bounds() {
-        let example = siso();
-        let worst = example.design().worst().unwrap();
-        assert_is(worst.norm, 0.18711177630525086);
-        assert_eq!((worst.omega[0], worst.points, worst.every_corner), (0.5, 9, true));
-    }
-
-    #[test]
-    fn an_unstable_loop_has_an_infinite_norm_at_the_gain_that_makes_it_so() {
-        // k/(s (s + 1)(s + 2)) is stable below k = 6 (Routh).
-        let mut example = siso();
-        example.filter = filter(&[&[1.0, 0.0], &[1.0, 1.0], &[1.0, 2.0]]);
-        example.K = scalar(1.0);
-        (example.omega_min, example.omega_max) = (scalar(1.0), scalar(5.99));
-        assert!(example.design().worst().unwrap().norm.upper.is_finite());
-        example.omega_max = scalar(6.01);
-        let worst = example.design().worst().unwrap();
-        assert_eq!((worst.norm, worst.omega[0]), (Bounds::INFINITE, 6.01));
-        assert!(example.design().bandwidth(&scalar(6.01)).is_none());
-    }
-
-    #[test]
-    fn a_model_that_is_not_stable_is_refused() {
-        let mut example = siso();
-        example.A_m[(1, 0)] = 1.0;
-        assert!(example.design().worst().unwrap_err().to_string().contains("eigenvalues of A_m"));
-    }
-
-    #[test]
-    fn every_corner_is_tried_up_to_ten_entries() {
-        let corners = |m: usize, free: usize| {
-            let K = DMatrix::identity(m, m);
-            let (low, mut high) = (DMatrix::from_element(m, m, 1.0), DMatrix::from_element(m, m, 1.0));
-            (0..free).for_each(|k| high[k] = 2.0);
-            let example = Example { K, omega_min: low, omega_max: high, ..siso() };
-            let gains = example.design().gains();
-            let mut corners: Vec<Vec<u8>> = gains
-                .iter()
-                .filter(|omega| omega.iter().all(|&entry| entry == 1.0 || entry == 2.0))
-                .map(|omega| omega.iter().map(|&entry| entry as u8).collect())
-                .collect();
-            corners.sort();
-            corners.dedup();
-            let centred = gains.iter().any(|omega| (0..free).all(|k| omega[k] == 1.5));
-            assert!(centred && gains.len() <= (1 << ENTRIES) + 1);
-            corners.len()
-        };
-        for free in 0..=10 {
-            assert_eq!(corners(4, free), 1 << free, "{free} entries");
-        }
-        // Beyond, many different ones.
-        assert!(corners(4, 16) > 900, "{}", corners(4, 16));
-        assert!(corners(6, 36) > 900, "{}", corners(6, 36));
-    }
-
-    #[test]
-    fn the_control_follows_up_to_its_bandwidth() {
-        let one = siso();
-        // ωK/(s + ωK).
-        let bandwidth = one.design().bandwidth(&scalar(1.5)).unwrap();
-        assert!((bandwidth.slowest - 30.0).abs() < 1e-9 && (bandwidth.fastest - 30.0).abs() < 1e-9, "{bandwidth:?}");
-        // Two channels apart: 8 and 40 rad/s.
-        let two = Example { K: DMatrix::from_diagonal_element(2, 2, 8.0), ..siso() };
-        let omega = DMatrix::from_row_slice(2, 2, &[5.0, 0.0, 0.0, 1.0]);
-        let bandwidth = two.design().bandwidth(&omega).unwrap();
-        assert!((bandwidth.slowest - 8.0).abs() < 1e-9 && (bandwidth.fastest - 40.0).abs() < 1e-9, "{bandwidth:?}");
-        // A filter of fifth order, by python-control's frequency response and scipy.optimize.brentq.
-        let high = Example { filter: fifth_order(), ..siso() };
-        for (gain, expected) in [(0.1, 2.5377694793235825), (0.25, 9.228656562051807)] {
-            let found = high.design().bandwidth(&scalar(gain)).unwrap().slowest;
-            assert!((found - expected).abs() < 1e-8 * expected, "{found}, expected {expected}");
-        }
-    }
-
-    #[test]
-    fn constant_uncertainty_is_cancelled_fully() {
-        let two = mimo(filter(&[&[1.0, 0.0], &[0.04, 1.0]]));
-        let gain = two.design().dc_gain(&two.omega_min).unwrap();
-        assert!((gain - DMatrix::<f64>::identity(2, 2)).amax() < 1e-14);
-        assert!(two.design().dc_gain(&DMatrix::from_element(2, 2, 1.0)).is_none(), "singular");
-    }
-}
+mod tests;

@@ -1,13 +1,12 @@
 //! The L1 norm of a linear system: the largest peak of an output that inputs within ±1 can cause.
 #![allow(non_snake_case)] // matrices have the names of the field
 
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-use crate::control::lyapunov::{gramian, require_hurwitz};
+use crate::control::lyapunov::{eigenvalues, gramian, require_hurwitz};
 use crate::error::Invalid;
-
-/// Relative distance of the two bounds of an impulse response's integral at which refining ends.
-const TOLERANCE: f64 = 1e-7;
 
 /// What the bound on the rest of an impulse response may be when it is cut off, relative to the bound at its start.
 const TAIL: f64 = 1e-10;
@@ -44,40 +43,62 @@ impl Bounds {
         Bounds { lower: self.lower * factor, upper: self.upper * factor }
     }
 
-    fn plus(self, other: Bounds) -> Bounds {
+    /// Of a sum.
+    pub fn plus(self, other: Bounds) -> Bounds {
         Bounds { lower: self.lower + other.lower, upper: self.upper + other.upper }
     }
 }
 
-/// ‖C (sI − A)⁻¹ B‖ in the L1 sense: the integral of the magnitude of each impulse response, summed over the inputs,
-/// the largest over the outputs.
-///
-/// # Errors
-/// [`Invalid`] when A isn't Hurwitz, or too badly scaled for this precision.
-pub fn l1_norm(A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -> Result<Bounds, Invalid> {
-    require_hurwitz("A", A)?;
-    let mut norm = Bounds { lower: 0.0, upper: 0.0 };
-    for c in C.row_iter() {
-        let mut row = Bounds { lower: 0.0, upper: 0.0 };
-        for b in B.column_iter() {
-            row = row.plus(entry(A, &b.into_owned(), &c.into_owned())?);
-        }
-        norm = norm.max(row);
-    }
-    Ok(norm)
+/// L1 norms, and the impulse responses integrated for them: systems of many channels have few that differ.
+#[derive(Debug)]
+pub struct L1Norms {
+    /// Relative distance of the two bounds of an impulse response's integral at which refining ends.
+    tolerance: f64,
+    integrated: HashMap<Vec<u64>, Bounds>,
 }
 
-/// Integral of |g(t)|, g(t) = c e^(At) b, over all t ≥ 0.
-fn entry(A: &DMatrix<f64>, b: &DVector<f64>, c: &RowDVector<f64>) -> Result<Bounds, Invalid> {
-    let between = states_between(A, b, c);
-    if between.is_empty() {
-        return Ok(Bounds { lower: 0.0, upper: 0.0 });
+impl L1Norms {
+    /// With bounds as close as this, relative.
+    pub fn within(tolerance: f64) -> Self {
+        L1Norms { tolerance, integrated: HashMap::new() }
     }
-    let A = A.select_rows(&between).select_columns(&between);
-    let (b, c) = (b.select_rows(&between), c.select_columns(&between));
-    let tail = Tail::of(&A, &c)
-        .ok_or_else(|| Invalid::because("an L1 norm: the system is too badly scaled for double precision"))?;
-    Ok(Response::new(&A, b, &c, &tail).integral())
+
+    /// ‖C (sI − A)⁻¹ B‖ in the L1 sense: the integral of the magnitude of each impulse response, summed over the inputs,
+    /// the largest over the outputs.
+    ///
+    /// # Errors
+    /// [`Invalid`] when A isn't Hurwitz, or too badly scaled for this precision.
+    pub fn of(&mut self, A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -> Result<Bounds, Invalid> {
+        require_hurwitz("A", A)?;
+        let mut norm = Bounds { lower: 0.0, upper: 0.0 };
+        for c in C.row_iter() {
+            let mut row = Bounds { lower: 0.0, upper: 0.0 };
+            for b in B.column_iter() {
+                row = row.plus(self.entry(A, &b.into_owned(), &c.into_owned())?);
+            }
+            norm = norm.max(row);
+        }
+        Ok(norm)
+    }
+
+    /// Integral of |g(t)|, g(t) = c e^(At) b, over all t ≥ 0.
+    fn entry(&mut self, A: &DMatrix<f64>, b: &DVector<f64>, c: &RowDVector<f64>) -> Result<Bounds, Invalid> {
+        let between = states_between(A, b, c);
+        if between.is_empty() {
+            return Ok(Bounds { lower: 0.0, upper: 0.0 });
+        }
+        let A = A.select_rows(&between).select_columns(&between);
+        let (b, c) = (b.select_rows(&between), c.select_columns(&between));
+        let key = A.iter().chain(b.iter()).chain(c.iter()).map(|entry| entry.to_bits()).collect();
+        if let Some(&known) = self.integrated.get(&key) {
+            return Ok(known);
+        }
+        let tail = Tail::of(&A, &c)
+            .ok_or_else(|| Invalid::because("an L1 norm: the system is too badly scaled for double precision"))?;
+        let integral = Response::new(&A, b, &c, &tail).integral(self.tolerance);
+        self.integrated.insert(key, integral);
+        Ok(integral)
+    }
 }
 
 /// The states that the input reaches and the output sees: channels that don't act on each other are taken alone.
@@ -103,7 +124,7 @@ struct Tail {
 
 impl Tail {
     fn of(A: &DMatrix<f64>, c: &RowDVector<f64>) -> Option<Self> {
-        let margin = A.complex_eigenvalues().iter().map(|lambda| -lambda.re).fold(f64::INFINITY, f64::min);
+        let margin = eigenvalues(A)?.iter().map(|lambda| -lambda.re).fold(f64::INFINITY, f64::min);
         let alpha = margin / 2.0;
         let shifted = A + DMatrix::identity(A.nrows(), A.nrows()) * alpha;
         Some(Tail { alpha, W: gramian(&shifted, &(c.transpose() * c))? })
@@ -230,10 +251,10 @@ impl<'a> Response<'a> {
         end
     }
 
-    fn integral(mut self) -> Bounds {
+    fn integral(mut self, tolerance: f64) -> Bounds {
         loop {
             let sum = self.intervals.iter().fold(Bounds { lower: 0.0, upper: self.tail }, |sum, i| sum.plus(i.bounds));
-            let allowed = TOLERANCE * sum.lower;
+            let allowed = tolerance * sum.lower;
             let open = self.intervals.iter().filter(|interval| interval.divisible()).count();
             if open == 0 || sum.upper - sum.lower - self.tail <= allowed || self.intervals.len() > INTERVALS {
                 return sum;
@@ -259,7 +280,7 @@ mod tests {
         let n = (A.len() as f64).sqrt() as usize;
         let A = DMatrix::from_row_slice(n, n, A);
         let B = DMatrix::from_row_slice(n, B.len() / n, B);
-        l1_norm(&A, &B, &DMatrix::from_row_slice(C.len() / n, n, C)).unwrap()
+        L1Norms::within(1e-7).of(&A, &B, &DMatrix::from_row_slice(C.len() / n, n, C)).unwrap()
     }
 
     /// Both bounds at the true value, and in their order.
@@ -315,7 +336,8 @@ mod tests {
     #[test]
     fn a_system_that_is_not_stable_has_no_norm() {
         let A = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -1.0, 0.0]);
-        let message = l1_norm(&A, &DMatrix::identity(2, 2), &DMatrix::identity(2, 2)).unwrap_err().to_string();
+        let message =
+            L1Norms::within(1e-7).of(&A, &DMatrix::identity(2, 2), &DMatrix::identity(2, 2)).unwrap_err().to_string();
         assert!(message.contains("eigenvalues of A") && message.contains("Hurwitz"), "{message}");
     }
 }

@@ -1,9 +1,12 @@
 //! What controllers share: limits, the projection operator, fuzzy inference and the mathematics of their design.
 
+pub mod delay_margin;
+pub mod eigenvalues;
 pub mod exponential;
 pub mod feedforward;
 pub mod filter;
 pub mod fuzzy;
+pub mod l1_advice;
 pub mod l1_design;
 pub mod l1_norm;
 pub mod limits;

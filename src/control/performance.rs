@@ -4,6 +4,9 @@
 //! prescribed performance, IEEE Trans. Automatic Control 53 (2008) 2090–2099; chapters 5 and 6 of the thesis, where the
 //! transformation is printed of ρ/e in place of e/ρ.
 
+use nalgebra::DMatrix;
+
+use crate::report::DesignReport;
 use crate::system::Scalar;
 
 /// A performance function ρ(t) = (ρ_0 − ρ_∞) e^(−l t) + ρ_∞ at a time.
@@ -25,6 +28,22 @@ impl<T: Scalar> Performance<T> {
         Performance { rho: above + rho_inf, rate, second_rate: -decay_rate * rate }
     }
 }
+
+/// Tells of the funnels of all channels.
+pub fn report(rho_0: &[f64], rho_inf: &[f64], decay_rate: &[f64], report: &mut DesignReport) {
+    let row = |values: &dyn Fn(usize) -> f64| DMatrix::from_fn(1, rho_0.len(), |_, i| values(i));
+    report.tell("rho_0", &row(&|i| rho_0[i]), "", "bound of each error at the start, in the error's own unit");
+    report.tell("rho_inf", &row(&|i| rho_inf[i]), "", "bound in the end");
+    report.tell("decay_rate", &row(&|i| decay_rate[i]), "1/s", "");
+    let steepest = row(&|i| decay_rate[i] * (rho_0[i] - rho_inf[i]));
+    report.tell("steepest slope", &steepest, "", "at the start: an error that decays more slowly leaves the funnel");
+    let narrow = |i: usize| ((rho_0[i] - rho_inf[i]) / (NARROW * rho_inf[i])).max(1.0).ln() / decay_rate[i];
+    let slowest = (0..rho_0.len()).map(narrow).fold(0.0, f64::max);
+    report.tell("narrow from", slowest, "s", "all bounds are within 5 % of rho_inf");
+}
+
+/// Part of ρ_∞ within which a funnel counts as narrow.
+const NARROW: f64 = 0.05;
 
 /// Bounds −δ_lo < z < δ_up of the error in parts of ρ, z = e/ρ.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,10 +3,10 @@
 
 #![allow(non_snake_case)] // R is the thesis' name
 
-use crate::control::performance::{Bounds, Performance};
+use crate::control::performance::{self, Bounds, Performance};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar, Signal, Signals,
-    Values, VectorOf, Warning, boolean, choice, integer, vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar,
+    Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, vector,
 };
 
 /// Where the funnel re-opens, in parts of the distance of its bounds.
@@ -150,6 +150,20 @@ impl Funnel {
             }
         }
         invalid
+    }
+
+    /// Tells of the funnels.
+    pub fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        performance::report(&v[self.rho_0], &v[self.rho_inf], &v[self.decay_rate], report);
+        let overshoot = v[self.overshoot].iter().copied().fold(f64::INFINITY, f64::min);
+        match v.get(self.shape) {
+            Shape::Symmetric => report.tell("shape", "symmetric", "", "-rho < e < rho"),
+            Shape::NoOvershoot if overshoot > 0.0 => report.tell("shape", "no_overshoot", "", ""),
+            Shape::NoOvershoot => {
+                let note = "with overshoot = 0 an error that starts at 0 starts at a bound: it is refused there";
+                report.tell("shape", "no_overshoot", "", note);
+            }
+        }
     }
 
     /// Opens the funnels at the start.

@@ -1,11 +1,16 @@
 //! A feedback gain by fuzzy inference from the tracking error and its rate (thesis, chapter 4).
 #![allow(non_snake_case)] // sets and matrices have the names of the thesis
 
+use nalgebra::DMatrix;
+
 use crate::control::fuzzy::{SETS, Triangle, infer};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, Signal,
     Signals, Values, VectorOf, boolean, choice, matrix, scalar, vector,
 };
+
+/// Intervals of the grid of errors and rates on which the range of the gain is looked for.
+const GRID: usize = 32;
 
 /// What the inference gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -144,6 +149,26 @@ impl FuzzyGain {
             invalid.and(Invalid::new(format!("feedback_gain[{},{}]", i + 1, j + 1), K[(i, j)], allowed));
         }
         invalid.into_result()
+    }
+
+    /// K with the constant gain, and with the least and the largest fuzzy one on a grid of errors and rates.
+    pub fn range(&self, feedback_gain: MatrixOf<Parameter>, v: &Values<f64>) -> Vec<(&'static str, DMatrix<f64>)> {
+        let (centres, sets) = (v.array(self.input_centre), self.sets.triangles(v));
+        let (least, largest) = (centres[0], centres[SETS - 1]);
+        let part = |k: usize| least + (largest - least) * k as f64 / GRID as f64;
+        let inferred = (0..=GRID).flat_map(|i| (0..=GRID).map(move |j| (i, j)));
+        let inferred = inferred.map(|(i, j)| match v.get(self.fuzzy_output) {
+            FuzzyOutput::Constant => v[self.constant_gain],
+            FuzzyOutput::Gain => infer([part(i), part(j)], &centres, &sets),
+            FuzzyOutput::InverseGain => infer([part(i), part(j)], &centres, &sets).recip(),
+        });
+        let (low, high) = inferred.fold((f64::INFINITY, 0.0_f64), |(low, high), k| (low.min(k), high.max(k)));
+        let uniform = |k: f64| DMatrix::from_diagonal_element(self.k_f.len(), self.k_f.len(), k);
+        let mut gains = vec![("constant K", v.matrix(feedback_gain).into_owned()), ("least fuzzy K", uniform(low))];
+        if high > low {
+            gains.push(("largest fuzzy K", uniform(high)));
+        }
+        gains
     }
 
     /// k_f and the gain in force, from e and e' of each channel.

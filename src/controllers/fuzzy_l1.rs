@@ -5,8 +5,8 @@ use super::l1::{L1Structure, Law, Ports};
 use super::watched::Tracking;
 use crate::control::limits;
 use crate::system::{
-    Declaration, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Unit, Values,
-    VectorOf, vector,
+    Declaration, DesignReport, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System,
+    Unit, Values, VectorOf, vector,
 };
 
 /// The L1 law with a feedback gain that follows from the tracking error and its rate.
@@ -112,6 +112,10 @@ impl System for FuzzyL1 {
 
     fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
         self.law.step_completed(step, v);
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.law.report(&self.gain.range(self.law.feedback_gain(), v), v, report);
     }
 
     fn steps_itself(&self) -> bool {

@@ -7,8 +7,8 @@ use super::position_loop::PositionLoop;
 use super::watched::Tracking;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    Declaration, ErrorEstimate, Handle, Input, Invalid, Many, Parameter, Point, Rates, Scalar, Signal, Signals, Spec,
-    Stride, System, Values, VectorOf, boolean, vector,
+    Declaration, DesignReport, ErrorEstimate, Handle, Input, Invalid, Many, Parameter, Point, Rates, Scalar, Signal,
+    Signals, Spec, Stride, System, Values, VectorOf, boolean, vector,
 };
 
 /// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques. Where it is `OBSERVED`, the law takes the angles and
@@ -130,6 +130,10 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
 
     fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
         self.attitude.step_completed(step, v);
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.attitude.report(&[("", v.matrix(self.attitude.feedback_gain()).into_owned())], v, report);
     }
 
     fn steps_itself(&self) -> bool {

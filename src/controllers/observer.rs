@@ -4,11 +4,11 @@
 use nalgebra::{Complex, DMatrix, DMatrixView};
 use serde::Deserialize;
 
-use super::l1::{dot, input_and_output, nominal_dynamics, of_motion, squared};
+use super::l1::{controllability, dot, input_and_output, nominal_dynamics, of_motion, squared};
 use crate::control::{lyapunov, pole_placement};
 use crate::system::{
-    BooleanOf, Declaration, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
-    Signals, State, System, Unit, Values, VectorOf, boolean, matrix, scalar, vector,
+    BooleanOf, Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar,
+    ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, boolean, matrix, scalar, vector,
 };
 
 /// How the gain k_l is given.
@@ -147,6 +147,21 @@ impl System for Observer {
         }
         let closed = &self.A - self.k_l.matrix(&v.values()) * &self.C;
         lyapunov::require_hurwitz("A - observer_gain C", &closed)
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let k_l = self.k_l.matrix(v).into_owned();
+        report.section("Observer");
+        report.eigenvalues("eigenvalues of A", &self.A, false);
+        report.eigenvalues("eigenvalues of A - k_l C", &(&self.A - &k_l * &self.C), true);
+        controllability(["observability", "A", "C"], [&self.A.transpose(), &self.C.transpose()], report);
+        report.tell("k_l", &k_l, "", "gain of the output error");
+        report.section("Adaptation");
+        let leak = v[self.Gamma_l] * v[self.sigma_l];
+        report.tell("leakage of beta", leak, "1/s", "Gamma_l sigma_l: rate at which beta falls where y_tilde is 0");
+        let rest = v[self.d_0] / v[self.lambda_0];
+        report.tell("delta at rest", rest, "", "d_0/lambda_0, where y is 0");
+        report.tell("decay of delta", v[self.lambda_0], "1/s", "");
     }
 
     fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {

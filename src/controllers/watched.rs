@@ -4,10 +4,10 @@
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
-use crate::control::performance::Performance;
+use crate::control::performance::{self, Performance};
 use crate::system::{
-    BooleanOf, Declaration, Discrete, ErrorEstimate, Handle, IntegerOf, Invalid, Parameter, Point, Rates, Scalar,
-    ScalarOf, Signal, Signals, Stride, System, Values, VectorOf, Warning, boolean, integer, scalar, vector,
+    BooleanOf, Declaration, DesignReport, Discrete, ErrorEstimate, Handle, IntegerOf, Invalid, Parameter, Point, Rates,
+    Scalar, ScalarOf, Signal, Signals, Stride, System, Values, VectorOf, Warning, boolean, integer, scalar, vector,
 };
 
 /// A controller that knows the errors that it is to keep small.
@@ -207,6 +207,14 @@ impl<C: Tracking> System for Watched<C> {
 
     fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
         self.controller.step_completed(t, step, v);
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.controller.report(v, report);
+        let Some(funnel) = &self.funnel else { return };
+        report.section("Watched funnel");
+        let (rho_0, rho_inf, decay_rate) = (&v[funnel.rho_0], &v[funnel.rho_inf], &v[funnel.decay_rate]);
+        performance::report(rho_0, rho_inf, decay_rate, report);
     }
 
     fn steps_itself(&self) -> bool {

@@ -5,6 +5,7 @@ mod composite;
 #[allow(unsafe_code)]
 mod library;
 mod page;
+mod report;
 
 use std::path::{Path, PathBuf};
 
@@ -78,7 +79,10 @@ pub fn find_description(name: &str) -> Result<Source, Error> {
 }
 
 /// The unit of a description, as the library describes it, and how that was built.
-fn describe(source: &Source, library: &Library) -> Result<(Unit, Build), Error> {
+///
+/// # Errors
+/// For a description that the library refuses.
+pub fn describe(source: &Source, library: &Library) -> Result<(Unit, Build), Error> {
     let described = library.describe(Some(&source.text)).map_err(|error| match error {
         Error::Library(reason) => Error::Description { file: source.file.clone(), reason },
         other => other,

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use pulldown_cmark::{CowStr, Event, Options, Parser};
 use pulldown_latex::{RenderConfig, Storage, config::DisplayMode, push_mathml};
 
+use super::report;
 use crate::fmi2::describe::{Build, Unit};
 use crate::simulation::Description;
 
@@ -14,6 +15,7 @@ const STYLE: &str = "
   td, th { border-bottom: 1px solid #ddd; padding: .25em .6em; text-align: left; vertical-align: top; }
   code { font-family: ui-monospace, monospace; }
   .scroll { overflow-x: auto; }
+  .report td { white-space: pre-line; }
   math[display=block] { margin: .7em 0; padding: .3em 0; overflow-x: auto; overflow-y: hidden; }
   @media (prefers-color-scheme: dark) { body { background: #161616; color: #e6e6e6; } td, th { border-color: #444; } }
   footer { margin-top: 3em; font-size: .85em; opacity: .7; }
@@ -30,6 +32,7 @@ pub fn html(unit: &Unit, build: &Build) -> String {
          <body>\n<h1>{name}</h1>\n<p>{summary}.</p>\n{}",
         rendered(&unit.documentation)
     );
+    report::push(&mut page, &unit.report);
     if let Some(description) = &description {
         push_variables(&mut page, description);
     }

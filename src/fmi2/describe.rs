@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model};
+use crate::report::DesignReport;
 use crate::system::Registry;
 
 use super::model_description;
@@ -58,12 +59,14 @@ pub struct Unit {
     pub model_description: String,
     /// What it is and its equations, in Markdown.
     pub documentation: String,
+    /// What its designer should know of its start values.
+    pub report: DesignReport,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 enum Reply {
     #[serde(rename = "described")]
-    Described(Described),
+    Described(Box<Described>),
     #[serde(rename = "failure")]
     Failure(String),
 }
@@ -74,14 +77,15 @@ pub fn reply(description: Option<&str>, registry: Registry) -> String {
         let model = Model::from_description(Description::read(text)?, registry)?;
         let xml = model_description::xml(&model);
         let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
+        let report = model.report();
         // A unit that can't start from its own start values is not worth packing.
         Execution::new(model).initialise().map_err(Invalid::because)?;
-        Ok(Unit { name, model_description: xml, documentation })
+        Ok(Unit { name, model_description: xml, documentation, report })
     };
     match description.map(describe).transpose() {
         Ok(unit) => {
             let models = registry.iter().map(|kind| kind.name.to_owned()).collect();
-            write(&Reply::Described(Described { build: Build::own(), models, unit }))
+            write(&Reply::Described(Box::new(Described { build: Build::own(), models, unit })))
         }
         Err(invalid) => failure(&invalid.to_string()),
     }
@@ -102,7 +106,7 @@ fn write(reply: &Reply) -> String {
 /// The failure that it tells of, or that it is no reply.
 pub fn read(reply: &str) -> Result<Described, String> {
     match serde_json::from_str(reply) {
-        Ok(Reply::Described(described)) => Ok(described),
+        Ok(Reply::Described(described)) => Ok(*described),
         Ok(Reply::Failure(reason)) => Err(reason),
         Err(error) => Err(format!("the library's reply can't be read: {error}")),
     }

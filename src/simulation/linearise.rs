@@ -4,7 +4,6 @@
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use serde::Serialize;
 
 use super::check::typed;
@@ -12,7 +11,7 @@ use super::description::Variable;
 use super::fmu::{Fmu, Instance};
 use super::model_structure::ModelStructure;
 use super::steady_state;
-use crate::control::lyapunov;
+use crate::control::eigenvalues::{Eigenvalue, eigenvalues};
 use crate::error::Error;
 use crate::exporter::read_entry;
 
@@ -40,19 +39,6 @@ pub struct Quantity {
     pub unit: Option<String>,
     /// Value.
     pub value: f64,
-}
-
-/// An eigenvalue of A.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Eigenvalue {
-    /// Real part, 1/s.
-    pub real: f64,
-    /// Imaginary part, rad/s.
-    pub imaginary: f64,
-    /// Damping ratio; none of an eigenvalue 0.
-    pub damping: Option<f64>,
-    /// Natural frequency, rad/s.
-    pub frequency: f64,
 }
 
 /// A linearised FMU.
@@ -116,7 +102,7 @@ pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation
         (simulated(prepared(instance, point, structure.start_time, time)?, structure.start_time, time)?, None)
     };
     let [a, b, c, d] = plan.matrices(&instance)?;
-    let eigenvalues = eigenvalues(&a).map_err(|message| refuse(format!("t = {time} s: {message}")))?;
+    let eigenvalues = eigenvalues(&a).map_err(|message| refuse(format!("t = {time} s: A {message}")))?;
     let values = |variables: &[&Variable]| quantities(&instance, variables);
     let (states, inputs, outputs) = (values(&plan.states)?, values(&plan.inputs)?, values(&plan.outputs)?);
     let name = fmu.description.name.clone();
@@ -219,59 +205,5 @@ impl<'a> Plan<'a> {
             Self::jacobian(instance, outputs, states)?,
             Self::jacobian(instance, outputs, inputs)?,
         ])
-    }
-}
-
-fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Eigenvalue>, &'static str> {
-    if a.is_empty() {
-        return Ok(Vec::new());
-    }
-    if !a.iter().all(|value| value.is_finite()) {
-        return Err("A is not finite");
-    }
-    // States of very different sizes would drown the slow eigenvalues in the rounding errors of the fast ones.
-    let mut balanced = a.clone();
-    balance_parlett_reinsch(&mut balanced);
-    // The rounding errors of the algorithm: what is smaller can't be told from zero, nor stable from unstable.
-    let noise = 10.0 * a.nrows() as f64 * f64::EPSILON * balanced.norm();
-    let found = lyapunov::eigenvalues(&balanced).ok_or("the search for eigenvalues of A does not converge")?;
-    let eigenvalue = |real: f64, imaginary: f64| {
-        let frequency = real.hypot(imaginary);
-        if frequency <= noise {
-            return Eigenvalue { real: 0.0, imaginary: 0.0, damping: None, frequency: 0.0 };
-        }
-        Eigenvalue { real, imaginary, damping: Some(-real / frequency), frequency }
-    };
-    let mut eigenvalues: Vec<_> = found.iter().map(|value| eigenvalue(value.re, value.im)).collect();
-    eigenvalues.sort_by(|p, q| p.frequency.total_cmp(&q.frequency).then(q.imaginary.total_cmp(&p.imaginary)));
-    Ok(eigenvalues)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_oscillator_has_its_natural_frequency_and_damping() {
-        // x'' + 2 ζ ω x' + ω² x = 0 with ω = 5 and ζ = 0.2
-        let found = eigenvalues(&DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -25.0, -2.0])).unwrap();
-        assert_eq!(found.len(), 2);
-        for eigenvalue in &found {
-            assert!((eigenvalue.frequency - 5.0).abs() < 1e-12 && (eigenvalue.damping.unwrap() - 0.2).abs() < 1e-12);
-        }
-        assert!((found[0].imaginary - 24.0_f64.sqrt()).abs() < 1e-12 && found[1].imaginary < 0.0);
-    }
-
-    #[test]
-    fn an_integrator_has_no_damping() {
-        let found = eigenvalues(&DMatrix::from_row_slice(2, 2, &[-3.0, 0.0, 0.0, 0.0])).unwrap();
-        assert_eq!(found[0], Eigenvalue { real: 0.0, imaginary: 0.0, damping: None, frequency: 0.0 });
-        assert_eq!(found[1].damping, Some(1.0));
-    }
-
-    #[test]
-    fn a_system_without_states_has_no_eigenvalues_and_one_that_is_not_finite_is_refused() {
-        assert_eq!(eigenvalues(&DMatrix::zeros(0, 0)), Ok(vec![]));
-        assert!(eigenvalues(&DMatrix::from_element(2, 2, f64::NAN)).is_err());
     }
 }

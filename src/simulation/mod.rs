@@ -26,7 +26,7 @@ pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use comparison::Comparison;
 pub use description::{Description, Variable};
 pub use fmu::{Fmu, Instance, Value};
-pub use linearise::{Eigenvalue, Linearisation, OperatingPoint, Quantity, linearise};
+pub use linearise::{Linearisation, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
 pub use metrics::{Measured, measure};
 pub use overview::{Row, Verdict, table};

@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 use super::values::{Offsets, Values, Written};
 use super::{Declaration, ErrorEstimate, Point, Scalar, Section, Stride, System};
 use crate::error::Invalid;
+use crate::report::DesignReport;
 
 /// A [`System`] whose type was erased. Every `System` is one.
 pub trait DynSystem: Send + Sync {
@@ -46,6 +47,8 @@ pub trait DynSystem: Send + Sync {
     fn event(&self, t: f64, crossed: &[bool], v: &mut Point);
     /// See [`System::step_completed`].
     fn step_completed(&self, t: f64, step: f64, v: &mut Point);
+    /// See [`System::report`].
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport);
     /// See [`System::steps_itself`].
     fn steps_itself(&self) -> bool;
     /// See [`System::workspace`].
@@ -109,6 +112,9 @@ impl<M: System> DynSystem for M {
     }
     fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
         System::step_completed(self, t, step, v);
+    }
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        System::report(self, v, report);
     }
     fn steps_itself(&self) -> bool {
         System::steps_itself(self)

@@ -54,6 +54,7 @@
 //! | [`System::check`] | at the start, at the end of each communication step, and where a step can't be finished | not allocate, but for a reason |
 //! | [`System::advance`], [`System::conclude`] | in place of a general integrator, where it [`System::steps_itself`] | not allocate |
 //! | [`System::step_completed`] | once a communication step | not allocate, but for a message |
+//! | [`System::report`] | before a unit is used at all, after `prepare` | allocate; take up to some 0.1 s |
 //!
 //! The equations (`outputs`, `derivatives`) are generic over the [`Scalar`]: with `f64` they are simulated,
 //! with dual numbers the same text gives exact derivatives, for masters and for the integration of stiff equations.
@@ -93,6 +94,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 pub use crate::error::Invalid;
+pub use crate::report::{DesignReport, Verdict};
 
 /// What equations are written over: `f64`, or a dual number that carries an exact derivative.
 pub trait Scalar: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync {}
@@ -217,6 +219,12 @@ pub trait System: Sized + Send + Sync + 'static {
     /// system's own assumptions. In a composite, whose parts hold no inputs for each other, the length is 0.
     fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
         let _ = (t, step, v);
+    }
+
+    /// Tells what a designer should know of these parameters before using them, as it follows from them alone: poles,
+    /// margins, whether the conditions hold that the design rests on, and what would mend those that don't.
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let _ = (v, report);
     }
 
     /// Whether [`System::advance`] is to be used in place of a general integrator.

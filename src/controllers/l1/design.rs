@@ -16,7 +16,7 @@ pub(super) struct Design {
     pub adaptation_gain: ScalarOf<Parameter>,
     pub feedback_gain: MatrixOf<Parameter>,
     dynamics: Dynamics,
-    Q: MatrixOf<Parameter>,
+    pub Q: MatrixOf<Parameter>,
     pub omega_min: VectorOf<Parameter>,
     pub omega_max: VectorOf<Parameter>,
     pub theta_bound: VectorOf<Parameter>,
@@ -27,7 +27,7 @@ pub(super) struct Design {
     pub step_phase_limit: ScalarOf<Parameter>,
     /// By which commanded accelerations become the control, where they are commanded.
     inertia: Option<VectorOf<Parameter>>,
-    P: MatrixOf<Prepared>,
+    pub P: MatrixOf<Prepared>,
     pub K_g: MatrixOf<Prepared>,
     /// P (B B_um)
     pub PB: MatrixOf<Prepared>,

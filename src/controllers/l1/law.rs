@@ -299,14 +299,19 @@ impl Law {
         self.unmatched.as_ref().map_or(S::from(0.0), |unmatched| unmatched.at_once(i, v, |k| eta_hat(unmatched, k)))
     }
 
-    /// ω_a, of the faster of the matched and the unmatched estimates.
+    /// ω_a of the signals as they stand.
     fn frequency<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
-        let matched = v[self.design.lambda_max] * (squared(&y[self.v]) + squared(&y[self.phi]) + 1.0);
-        let unmatched = self.unmatched.as_ref().map_or(S::from(0.0), |unmatched| {
-            v[self.design.lambda_max_unmatched] * (y[unmatched.norm] * y[unmatched.norm] + 1.0)
-        });
+        let matched = squared(&y[self.v]) + squared(&y[self.phi]);
+        let unmatched = self.unmatched.as_ref().map_or(S::from(0.0), |unmatched| y[unmatched.norm] * y[unmatched.norm]);
+        y[self.adaptation_frequency] = self.frequency_for([matched, unmatched], v);
+    }
+
+    /// ω_a, of the faster of the matched and the unmatched estimates, for ‖v‖² + ‖φ‖² and ‖x‖∞².
+    pub(super) fn frequency_for<S: Scalar>(&self, [matched, unmatched]: [S; 2], v: &Values<S>) -> S {
+        let matched = v[self.design.lambda_max] * (matched + 1.0);
+        let unmatched = v[self.design.lambda_max_unmatched] * (unmatched + 1.0);
         let larger = if unmatched.re() > matched.re() { unmatched } else { matched };
-        y[self.adaptation_frequency] = (v[self.design.adaptation_gain] * larger).sqrt();
+        (v[self.design.adaptation_gain] * larger).sqrt()
     }
 
     /// State predictor, adaptive laws with projection, and the control law u_ad = −K D(s) (η̂ + H_m⁻¹ H_um η̂_2 − K_g r).

@@ -6,6 +6,7 @@ mod design;
 mod estimates;
 mod law;
 mod ports;
+mod report;
 mod structure;
 mod supervision;
 mod unmatched;
@@ -13,11 +14,12 @@ mod unmatched;
 use super::watched::Tracking;
 use crate::control::limits;
 use crate::system::{
-    Choice, Declaration, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System, Values,
-    VectorOf, vector,
+    Choice, Declaration, DesignReport, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride,
+    System, Values, VectorOf, vector,
 };
 pub(super) use law::Law;
 pub(super) use ports::Ports;
+pub(super) use report::controllability;
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
 pub(super) use structure::{input_and_output, nominal_dynamics, of_motion};
 
@@ -109,6 +111,10 @@ impl System for L1 {
 
     fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
         self.law.step_completed(step, v);
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.law.report(&[("", v.matrix(self.law.feedback_gain()).into_owned())], v, report);
     }
 
     fn steps_itself(&self) -> bool {

@@ -40,6 +40,11 @@ impl Law {
         }
     }
 
+    /// The longest communication step for an adaptation that turns at this frequency, s.
+    pub(super) fn longest_step(&self, frequency: f64, v: &Values<f64>) -> f64 {
+        v[self.design.step_phase_limit] / frequency
+    }
+
     /// Counts estimates at their bounds, and warns of them and of a step that is too long.
     pub fn step_completed(&self, step: f64, v: &mut Point) {
         let count = self.projections(&v.values());
@@ -52,15 +57,15 @@ impl Law {
                 )
             });
         }
-        let (frequency, limit) = (v[self.adaptation_frequency], v[self.design.step_phase_limit]);
-        let too_long = v.get(self.active) && frequency * step > limit;
+        let frequency = v[self.adaptation_frequency];
+        let longest = self.longest_step(frequency, &v.values());
+        let too_long = v.get(self.active) && step > longest;
         v.put(self.step_too_long, too_long);
         if too_long {
             v.warn(self.long_step, || {
                 format!(
                     "the communication step {step:.3e} s is too long for the adaptation, which turns at {frequency:.3e} \
-                     rad/s now: while that lasts, peaks of the control grow. Use {:.1e} s or less",
-                    limit / frequency
+                     rad/s now: while that lasts, peaks of the control grow. Use {longest:.1e} s or less"
                 )
             });
         }

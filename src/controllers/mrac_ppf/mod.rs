@@ -1,6 +1,7 @@
 //! Robust model reference adaptive control with prescribed performance (thesis, chapter 6).
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
+mod report;
 mod sampled;
 
 use nalgebra::DMatrix;
@@ -10,8 +11,8 @@ use super::funnel::{Funnel, Inside};
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::control::lyapunov;
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf, Memory,
-    Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
+    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf,
+    Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
     boolean, choice, integer, matrix, scalar, vector,
 };
 
@@ -238,6 +239,10 @@ impl System for MracPpf {
         self.funnel.event(t, |i, v| v.error(self.e, i), v);
     }
 
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
+    }
+
     fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
         if self.is_sampled(&v.values()) {
             self.sample(t, step, v);
@@ -323,26 +328,36 @@ impl MracPpf {
         v[self.alpha_bar][i] * (epsilon / v[self.switching_width]).tanh() + v[self.K_epsilon][i] * epsilon
     }
 
-    /// Where the law is continuous and its input is held, the loop of a channel turns into an oscillation when the step is
-    /// beyond 1/s to 2/s, by the order in which units are stepped.
-    fn warn_of_long_step(&self, step: f64, v: &mut Point) {
+    /// s, the fastest rate at which an error decays under the continuous law where the plant's input gain is 1. Where its
+    /// input is held, the loop of that channel turns into an oscillation when the step is beyond 1/s to 2/s, by the order in
+    /// which units are stepped.
+    fn decay(&self, v: &Values<f64>) -> f64 {
         let psi: f64 = v[self.psi].iter().map(|psi| psi * psi).sum();
         let rate = (0..self.x.len()).map(|i| {
             let gain = psi * v[self.beta][i] * v[self.gamma_2][i]
                 + v[self.alpha_bar][i] / v[self.switching_width]
                 + v[self.K_epsilon][i];
-            gain / self.funnel.narrowest(i, &v.values())
+            gain / self.funnel.narrowest(i, v)
         });
-        let rate = rate.fold(0.0, f64::max);
-        let too_long = rate * step > 1.0;
+        rate.fold(0.0, f64::max)
+    }
+
+    /// The longest communication step for the continuous law, s.
+    fn longest_step(&self, v: &Values<f64>) -> f64 {
+        1.0 / self.decay(v)
+    }
+
+    fn warn_of_long_step(&self, step: f64, v: &mut Point) {
+        let longest = self.longest_step(&v.values());
+        let too_long = step > longest;
         v.put(self.step_too_long, too_long);
         if too_long {
+            let rate = self.decay(&v.values());
             v.warn(self.long_step, || {
                 format!(
                     "the communication step {step:.3e} s is too long for the continuous law with these gains, whose error \
-                     decays at {rate:.3e} 1/s where the plant's input gain is 1. Use {:.1e} s or less, law = sampled, or the \
-                     loop as one unit",
-                    1.0 / rate
+                     decays at {rate:.3e} 1/s where the plant's input gain is 1. Use {longest:.1e} s or less, law = sampled, \
+                     or the loop as one unit"
                 )
             });
         }

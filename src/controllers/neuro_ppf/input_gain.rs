@@ -2,8 +2,8 @@
 
 use super::network::{Network, sum};
 use crate::system::{
-    Declaration, Discrete, Handle, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, Values,
-    VectorOf, matrix, scalar, vector,
+    Declaration, DesignReport, Discrete, Handle, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
+    State, Values, VectorOf, Verdict, matrix, scalar, vector,
 };
 
 /// The most channels, for which adjugates are written out.
@@ -54,6 +54,19 @@ impl InputGainNetwork {
         let all: Vec<&dyn Handle> = nu_b.iter().copied().chain([&self.theta_G as &dyn Handle]).collect();
         d.depends(self.nu_a, &all);
         d.depends(self.theta_G.rate(), &all);
+    }
+
+    /// Tells whether the network can act.
+    pub fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let g = v[self.g_network_initial];
+        if g != 0.0 {
+            report.tell("input gain at the start", g, "", "g_network_initial");
+            return;
+        }
+        let note = "g_network_initial is 0: the estimate of the input gain stays 0, and all control is the robust term of \
+                    nu_b. Take the plant's nominal input gain for the network to act, or input_gain_network = false for as \
+                    much with fewer states";
+        report.judge("input gain at the start", g, "", Verdict::Warning, note);
     }
 
     pub fn states(&self) -> MatrixOf<State> {

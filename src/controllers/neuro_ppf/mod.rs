@@ -4,14 +4,15 @@
 mod input_gain;
 mod network;
 mod order;
+mod report;
 
 use serde::Deserialize;
 
 use super::funnel::Funnel;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    Declaration, Handle, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State,
-    System, Unit, Values, VectorOf, matrix, scalar, vector,
+    Declaration, DesignReport, Handle, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
+    Signals, State, System, Unit, Values, VectorOf, matrix, scalar, vector,
 };
 use input_gain::{Channels, InputGainNetwork, MOST_CHANNELS};
 use network::{Network, sum};
@@ -171,6 +172,10 @@ impl System for NeuroPpf {
         if let Some(input_gain) = &self.input_gain {
             input_gain.derivatives([self.Z, self.RE], [gain, sigma], v, dx);
         }
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
     }
 
     fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {

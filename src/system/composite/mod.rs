@@ -19,6 +19,7 @@ use super::erased::{DynSystem, Kind, Registry, read};
 use super::values::{Offsets, Values};
 use super::{ErrorEstimate, Point, Scalar, Section, Stride};
 use crate::error::Invalid;
+use crate::report::DesignReport;
 use errors::ErrorCoordinates;
 use schedule::Step;
 
@@ -266,6 +267,15 @@ impl DynSystem for Composite {
     /// No part holds the inputs that it has from others.
     fn step_completed(&self, t: f64, _step: f64, v: &mut Point) {
         self.each(v, |part, v| part.with(v, |system, v| system.step_completed(t, 0.0, v)));
+    }
+
+    /// Of its parts, which take no communication steps.
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        report.step = 0.0;
+        for part in &self.parts {
+            let own = Values { offsets: &part.offsets(v.offsets), ..*v };
+            report.of_part(&part.name, |report| part.system.report(&own, report));
+        }
     }
 
     /// A part's own way through a step holds its inputs; the whole is integrated together.

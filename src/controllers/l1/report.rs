@@ -1,0 +1,398 @@
+//! What a designer should know of an L1 law: its desired dynamics, its filter's loop, the L1-norm condition, the bound on
+//! the prediction error, the time-delay margin and the communication step.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::DMatrix;
+
+use super::law::Law;
+use super::{Baseline, Regressor};
+use crate::control::delay_margin::{Crossing, NominalLoop};
+use crate::control::l1_advice::{Advice, Stabilising};
+use crate::control::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
+use crate::control::prediction_error::Uncertainty;
+use crate::control::{lyapunov, pole_placement};
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+
+/// Relative residual up to which a Lyapunov equation counts as solved.
+const RESIDUAL: f64 = 1e-9;
+
+/// By how much a gain that is advised should lessen the prediction error.
+const FINER: f64 = 10.0;
+
+impl Law {
+    /// Tells of the law, with each of these K, of which the first is the parameter.
+    pub fn report(&self, gains: &[(&str, DMatrix<f64>)], v: &Values<f64>, report: &mut DesignReport) {
+        self.report_dynamics(v, report);
+        self.report_lyapunov(v, report);
+        for (name, K) in gains {
+            let section = |title: &str| if name.is_empty() { title.to_owned() } else { format!("{title}, {name}") };
+            let design = self.l1_design(K, v);
+            report.section(&section("Filter loop"));
+            if !name.is_empty() {
+                report.tell("K", K, "1/s", "held constant: that it changes is not accounted for");
+            }
+            if design.is_large() {
+                too_large(&design, report);
+                continue;
+            }
+            report_loop(&design, report);
+            report.section(&section("L1-norm condition"));
+            // The parameter itself, or what inference gives in its place.
+            let gain = if *name == gains[0].0 { "feedback_gain" } else { "K" };
+            self.report_condition(&design, gain, v, report);
+            report.section(&section("Time delay"));
+            self.report_delay(&design, v, report);
+        }
+        self.report_prediction(v, report);
+        self.report_step(v, report);
+    }
+
+    fn report_dynamics(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let A_m = self.design.A_m(v).into_owned();
+        report.section("Desired dynamics");
+        report.eigenvalues("eigenvalues of A_m", &A_m, true);
+        if let (Some(A), Some(K_m)) = (&self.plant.A, self.design.K_m(v)) {
+            let K_m = K_m.into_owned();
+            report.eigenvalues("eigenvalues of A", A, false);
+            report.eigenvalues("eigenvalues of A - B K_m", &(A - &self.plant.B * &K_m), true);
+            controllability(["controllability", "A", "B"], [A, &self.plant.B], report);
+            report.tell("K_m", &K_m, "", "gain of the baseline");
+        } else {
+            controllability(["controllability", "A_m", "B"], [&A_m, &self.plant.B], report);
+        }
+        weakest_direction(&A_m, &self.plant.B, report);
+        report.tell("K_g", &v.matrix(self.design.K_g).into_owned(), "", "gain of the reference");
+    }
+
+    fn report_lyapunov(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let (A_m, P) = (self.design.A_m(v).into_owned(), v.matrix(self.design.P).into_owned());
+        let eigenvalues = P.symmetric_eigenvalues();
+        report.section("Lyapunov equation");
+        report.tell("least eigenvalue of P", eigenvalues.min(), "", "");
+        report.tell("largest eigenvalue of P", eigenvalues.max(), "", "");
+        let left = (A_m.transpose() * &P + &P * &A_m + v.matrix(self.design.Q)).norm() / (A_m.norm() * P.norm());
+        let (verdict, note) = if left <= RESIDUAL {
+            (Verdict::Ok, "relative residual of A_m' P + P A_m = -Q")
+        } else {
+            (Verdict::Warning, "the estimates may not decrease V: scale states or A_m so that their sizes are alike")
+        };
+        report.judge("residual", left, "", verdict, note);
+    }
+
+    /// The law as the linear system that fast adaptation makes it.
+    fn l1_design(&self, K: &DMatrix<f64>, v: &Values<f64>) -> L1Design {
+        let m = K.nrows();
+        let bound = |values: &[f64]| {
+            let mut matrix = DMatrix::zeros(m, m);
+            self.omega_entries.iter().zip(values).for_each(|(&entry, &value)| matrix[entry] = value);
+            matrix
+        };
+        let matrix = |handle: Option<DMatrix<f64>>, rows, columns| handle.unwrap_or(DMatrix::zeros(rows, columns));
+        let unmatched = self.unmatched.as_ref().map(|unmatched| {
+            let k = self.plant.B_um.ncols();
+            let zeros = unmatched.zeros.as_ref();
+            UnmatchedWay {
+                B_um: self.plant.B_um.clone(),
+                input: v.matrix(unmatched.input).into_owned(),
+                direct: matrix(unmatched.direct.map(|direct| v.matrix(direct).into_owned()), m, k),
+                A_z: matrix(zeros.map(|zeros| v.matrix(zeros.A_z).into_owned()), 0, 0),
+                B_z: matrix(zeros.map(|zeros| v.matrix(zeros.B_z).into_owned()), 0, k),
+                KC_z: matrix(zeros.map(|zeros| v.matrix(zeros.KC_z).into_owned()), m, 0),
+            }
+        });
+        L1Design {
+            A_m: self.design.A_m(v).into_owned(),
+            B: self.plant.B.clone(),
+            K: K.clone(),
+            filter: self.filter.clone(),
+            omega_min: bound(&v[self.design.omega_min]),
+            omega_max: bound(&v[self.design.omega_max]),
+            known: self.design.K_m(v).filter(|_| self.baseline == Baseline::Inside).map(|K_m| K_m.into_owned()),
+            unmatched,
+        }
+    }
+
+    /// L of what the bounds on θ allow, by the largest element of the state.
+    fn lipschitz(&self, v: &Values<f64>) -> Lipschitz {
+        let largest = |bounds: &[f64]| bounds.iter().copied().fold(0.0, f64::max);
+        let entries = if self.regressor == Regressor::State { self.x_hat.len() as f64 } else { 1.0 };
+        Lipschitz {
+            matched: entries * largest(&v[self.design.theta_bound]),
+            unmatched: self.unmatched.as_ref().map_or(0.0, |unmatched| largest(&v[unmatched.theta_bound])),
+        }
+    }
+
+    fn report_condition(&self, design: &L1Design, gain: &str, v: &Values<f64>, report: &mut DesignReport) {
+        let lipschitz = self.lipschitz(v);
+        // Where nothing is uncertain, the largest norm.
+        let free = Lipschitz { matched: 1.0, unmatched: 1.0 };
+        let weights = if lipschitz.matched + lipschitz.unmatched > 0.0 { lipschitz } else { free };
+        let found = design.worst(weights).and_then(|worst| {
+            let lambda = worst.norms.lambda(lipschitz);
+            let advice = (lambda.upper >= 1.0).then(|| Advice::of(design, lipschitz, lambda, &worst.omega));
+            Ok((worst, lambda, advice.transpose()?))
+        });
+        let (worst, lambda, advice) = match found {
+            Ok(found) => found,
+            Err(reasons) => return report.judge("‖G‖", "not found", "", Verdict::NotSound, reasons.to_string()),
+        };
+        self.tell_norms(&worst, lipschitz, report);
+        if let Some(advice) = advice {
+            let note = format!("must be below 1. {}", self.advised(&advice, design, gain, v));
+            report.judge("lambda", lambda, "", Verdict::NotSound, note);
+        } else {
+            report.tell("lambda", lambda, "", "‖G‖ L < 1: bounded for every uncertainty within the bounds");
+        }
+    }
+
+    fn tell_norms(&self, worst: &Worst, lipschitz: Lipschitz, report: &mut DesignReport) {
+        report.tell(
+            "‖G‖",
+            worst.norms.matched,
+            "",
+            "L1 norm from matched uncertainty to the state, at the worst omega",
+        );
+        report.tell("L", lipschitz.matched, "", "Lipschitz constant that theta_bound allows");
+        if self.unmatched.is_some() {
+            report.tell("‖G_um‖", worst.norms.unmatched, "", "the same from unmatched uncertainty");
+            report.tell("L_2", lipschitz.unmatched, "", "Lipschitz constant that theta_bound_unmatched allows");
+        }
+        let among = if worst.every_corner { "every corner" } else { "not every corner" };
+        let tried = format!("of {} tried, {among} of the bounds among them", worst.points);
+        report.tell("worst omega", &worst.omega, "", &tried);
+    }
+
+    /// What would make λ less than 1, in the words of the parameters.
+    fn advised(&self, advice: &Advice, design: &L1Design, gain: &str, v: &Values<f64>) -> String {
+        let is_full = self.omega_entries.len() == design.K.len();
+        let (first, then) = match &advice.stabilising {
+            None => (String::new(), design.clone()),
+            Some(Stabilising::Gain(factor)) => {
+                let text =
+                    format!("The loop isn't stable for each omega; {gain} times {} makes it so", number(*factor));
+                (text, design.with_gain_times(*factor))
+            }
+            Some(Stabilising::Bounds(min, max)) => {
+                let text = format!(
+                    "No {gain} does it, as the loop isn't stable for each omega; omega_min = {}, omega_max = {} make it so",
+                    rows(min, is_full),
+                    rows(max, is_full)
+                );
+                (text, design.clone())
+            }
+        };
+        let Some(bound) = advice.bound_factor else {
+            let hopeless = format!("The loop isn't stable even with omega = I: check the sign and size of {gain}");
+            return if first.is_empty() { hopeless } else { format!("{first}. That will do") };
+        };
+        let start = if first.is_empty() { String::new() } else { format!("{first}. Then ") };
+        let of_bounds = if self.unmatched.is_some() { "theta_bound and theta_bound_unmatched" } else { "theta_bound" };
+        let smaller = format!("{of_bounds} times {}", number(bound));
+        let Some((factor, lambda)) = advice.gain_factor else {
+            let (best, lambda) = advice.best_factor.unwrap_or((1.0, f64::INFINITY));
+            return format!(
+                "{start}{smaller} would do. No larger {gain} does it: of its multiples tried, {} times gives the least \
+                 lambda, {}",
+                number(best),
+                number(lambda)
+            );
+        };
+        let crossings = self.nominal_loop(&then.with_gain_times(factor), v).crossings();
+        let margin =
+            crossings.as_ref().and_then(|crossings| crossings.first()).map_or(f64::INFINITY, |first| first.delay);
+        format!(
+            "{start}{gain} times {} would do (lambda = {}, delay margin {} s), or a smaller uncertainty: {smaller}",
+            number(factor),
+            number(lambda),
+            number(margin)
+        )
+    }
+
+    fn report_delay(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
+        let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
+        if !design.is_stable(&identity) {
+            let note = "the loop with omega = I isn't stable even without delay";
+            report.judge("delay margin", 0.0, "s", Verdict::NotSound, note);
+            return;
+        }
+        let broken = self.nominal_loop(design, v);
+        let Some(crossings) = broken.crossings() else {
+            let note = "frequency responses of the loop are too badly scaled";
+            report.judge("delay margin", "not found", "s", Verdict::Warning, note);
+            return;
+        };
+        let Some(&Crossing { frequency, phase, delay }) = crossings.first() else {
+            report.tell("delay margin", f64::INFINITY, "s", "the loop's gain is nowhere 1");
+            return;
+        };
+        let of = "delay at the plant's input, in all channels, up to which the loop of the nominal plant is stable";
+        // Held signals lag by half a step; what is measured before the plant's step, by one more.
+        let lag = 1.5 * report.step;
+        if delay > lag {
+            report.tell("delay margin", delay, "s", of);
+        } else {
+            let note = format!(
+                "sampling alone may delay by {} s, 1.5 communication steps. A step below {} s, or a smaller feedback_gain, \
+                 leaves room",
+                number(lag),
+                number(delay / 1.5)
+            );
+            report.judge("delay margin", delay, "s", Verdict::Warning, note);
+        }
+        report.tell("phase there", phase.to_degrees(), "deg", "phase margin of that crossing of the gain through 1");
+        report.tell("frequency there", frequency, "rad/s", "");
+        if crossings.len() > 1 {
+            let all = DMatrix::from_fn(crossings.len(), 2, |i, j| [crossings[i].frequency, crossings[i].delay][j]);
+            report.tell("all crossings", &all, "rad/s, s", "frequency of each crossing through 1, and its delay");
+        }
+    }
+
+    fn nominal_loop(&self, design: &L1Design, v: &Values<f64>) -> NominalLoop {
+        let K_m = self.design.K_m(v).map(|K_m| K_m.into_owned());
+        let A = if K_m.is_some() { self.plant.A.clone() } else { None };
+        let (n, m) = design.B.shape();
+        NominalLoop {
+            A: A.unwrap_or_else(|| design.A_m.clone()),
+            B: design.B.clone(),
+            K_m: K_m.unwrap_or_else(|| DMatrix::zeros(m, n)),
+            K: design.K.clone(),
+            filter: design.filter.clone(),
+        }
+    }
+
+    fn report_prediction(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let uncertainty = self.uncertain(v);
+        let (P, Q) = (v.matrix(self.design.P).into_owned(), v.matrix(self.design.Q).into_owned());
+        let gain = v[self.design.adaptation_gain];
+        report.section("Prediction error");
+        let constant = "for constant omega, theta and sigma; where they change, it is larger";
+        report.tell("theta_m", uncertainty.theta_m(&P, &Q), "", constant);
+        let bound = uncertainty.prediction_error(&P, &Q, gain);
+        let finer = format!(
+            "at all times. adaptation_gain = {} would make it {FINER} times smaller, and the adaptation as many times faster",
+            number(gain * FINER * FINER)
+        );
+        report.tell("bound on |x_hat - x|", bound, "", &finer);
+    }
+
+    fn uncertain(&self, v: &Values<f64>) -> Uncertainty {
+        let (design, columns) = (&self.design, self.theta_hat.shape().1);
+        let of_all = |bounds: &[f64]| bounds.iter().flat_map(|&bound| vec![bound; columns]).collect::<Vec<_>>();
+        let (mut theta_bound, mut sigma_bound) = (of_all(&v[design.theta_bound]), v[design.sigma_bound].to_vec());
+        if let Some(unmatched) = &self.unmatched {
+            theta_bound.extend(&v[unmatched.theta_bound]);
+            sigma_bound.extend(&v[unmatched.sigma_bound]);
+        }
+        let ranges = v[design.omega_max].iter().zip(&v[design.omega_min]).map(|(max, min)| max - min);
+        Uncertainty { theta_bound, sigma_bound, omega_range: ranges.collect(), ..Uncertainty::default() }
+    }
+
+    /// Of a unit that is stepped by itself.
+    fn report_step(&self, v: &Values<f64>, report: &mut DesignReport) {
+        if report.step == 0.0 {
+            return;
+        }
+        let frequency = self.frequency_for([0.0, 0.0], v);
+        let longest = self.longest_step(frequency, v);
+        report.section("Communication step");
+        let grows = "adaptation_frequency with control and state at zero; grows as √(1 + |v|² + |phi|²)";
+        report.tell("omega_a at rest", frequency, "rad/s", grows);
+        if report.step <= longest {
+            report.tell("longest step at rest", longest, "s", "beyond it, step_too_long would be true at once");
+            return;
+        }
+        let gain = v[self.design.adaptation_gain] * (longest / report.step).powi(2);
+        let note = format!(
+            "shorter than the default step, {} s: take one as short, or adaptation_gain = {}",
+            number(report.step),
+            number(gain)
+        );
+        report.judge("longest step at rest", longest, "s", Verdict::Warning, note);
+    }
+}
+
+/// Says of a design that is too large what isn't computed.
+fn too_large(design: &L1Design, report: &mut DesignReport) {
+    let note = format!(
+        "the norms and margins of a system of {} states, of plant and filters, would take minutes: check a part of it",
+        design.order()
+    );
+    report.judge("L1-norm condition", "not checked", "", Verdict::NotSound, note);
+}
+
+/// Controllability of a pair, or the observability that is its dual, and the names of the two.
+pub(in crate::controllers) fn controllability(
+    [property, A, B]: [&str; 3],
+    pair: [&DMatrix<f64>; 2],
+    report: &mut DesignReport,
+) {
+    let name = format!("{property} indices of ({A}, {B})");
+    match pole_placement::controllability_indices(pair[0], pair[1]) {
+        Ok(indices) => {
+            let indices = DMatrix::from_fn(1, indices.len(), |_, i| indices[i] as f64);
+            report.tell(&name, &indices, "", "one a channel; their sum, the rank, is the number of states");
+        }
+        Err(reason) => report.judge(&name, "none", "", Verdict::Warning, reason.to_string()),
+    }
+}
+
+/// The direction that a bounded control moves least, by the controllability Gramian of the desired dynamics.
+fn weakest_direction(A_m: &DMatrix<f64>, B: &DMatrix<f64>, report: &mut DesignReport) {
+    let Some(reached) = lyapunov::gramian(&A_m.transpose(), &(B * B.transpose())) else { return };
+    let eigen = reached.symmetric_eigen();
+    let (weakest, least) = eigen.eigenvalues.argmin();
+    let ratio = (least.max(0.0) / eigen.eigenvalues.max()).sqrt();
+    let direction = eigen.eigenvectors.column(weakest).into_owned();
+    // Up to rounding, and pointing along its largest element.
+    let direction = (&direction * direction[direction.iamax()].signum()).map(|v| if v.abs() < 1e-12 { 0.0 } else { v });
+    report.tell("weakest direction", &direction, "", "of the state, which a control of given energy moves least");
+    report.tell("reach along it", ratio, "", "relative to the strongest one; depends on the states' units");
+}
+
+fn report_loop(design: &L1Design, report: &mut DesignReport) {
+    let gains = design.gains();
+    let slowest = |omega: &DMatrix<f64>| {
+        let poles = design.loop_poles(omega)?;
+        poles.iter().map(|pole| pole.re).reduce(f64::max)
+    };
+    let found: Option<Vec<_>> = gains.iter().map(|omega| slowest(omega).map(|re| (re, omega))).collect();
+    let worst = found.and_then(|found| found.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)));
+    let Some((real, omega)) = worst else {
+        report.judge("poles of C(s)", "not found", "1/s", Verdict::NotSound, "the filter's loop is too badly scaled");
+        return;
+    };
+    let name = "largest real part of a pole of C(s)";
+    if real < 0.0 {
+        report.tell(name, real, "1/s", &format!("over {} values of omega within its bounds", gains.len()));
+    } else {
+        let note = "omega may take the control's effect away, or turn it round; what helps stands at lambda";
+        report.judge(name, real, "1/s", Verdict::NotSound, note);
+        report.tell("omega there", omega, "", "");
+    }
+    let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
+    match design.dc_gain(&identity) {
+        Some(gain) => report.tell("C(0)", &gain, "", "constant uncertainty is cancelled in full"),
+        None => report.judge("C(0)", "none", "", Verdict::NotSound, "feedback_gain is singular"),
+    }
+    if let Some(band) = design.bandwidth(&identity) {
+        let note = "of C(s) with omega = I, where its slowest direction has fallen by 3 dB";
+        report.tell("bandwidth", band.slowest, "rad/s", note);
+        if band.fastest > band.slowest * (1.0 + 1e-6) {
+            report.tell("bandwidth of the fastest direction", band.fastest, "rad/s", "");
+        }
+    }
+    if let Some(band) = design.bandwidth(omega).filter(|_| real < 0.0) {
+        report.tell("least bandwidth", band.slowest, "rad/s", "with the omega that makes the loop slowest");
+    }
+}
+
+/// Bounds of ω as a description gives them.
+fn rows(matrix: &DMatrix<f64>, is_full: bool) -> String {
+    let list = |values: Vec<f64>| values.into_iter().map(number).collect::<Vec<_>>().join(", ");
+    if !is_full || matrix.len() == 1 {
+        return format!("[{}]", list(matrix.diagonal().iter().copied().collect()));
+    }
+    let rows: Vec<_> = matrix.row_iter().map(|row| format!("[{}]", list(row.iter().copied().collect()))).collect();
+    format!("[{}]", rows.join(", "))
+}

@@ -1,0 +1,43 @@
+//! What a designer should know of a robust MRAC law.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use super::{Evaluation, MracPpf};
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+
+impl MracPpf {
+    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let A_m = v.matrix(self.A_m).into_owned();
+        report.section("Reference model");
+        report.eigenvalues("eigenvalues of A_m", &A_m, true);
+        report.eigenvalues("eigenvalues of A", &self.A, false);
+        // B⁺ has the rank of B, which the description is refused without.
+        let rank = self.B_inverse.rank(1e-9 * self.B_inverse.amax());
+        report.tell("rank of B", rank as f64, "", "each state has a control of its own");
+        report.tell("k_g", &(-&self.B_inverse * &A_m), "", "gain of the reference, B k_g = -A_m");
+        report.section("Funnel");
+        self.funnel.report(v, report);
+        if report.step > 0.0 {
+            self.tell_step(v, report);
+        }
+    }
+
+    fn tell_step(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let (longest, sampled) = (self.longest_step(v), v.get(self.law) != Evaluation::Continuous);
+        report.section("Communication step");
+        let note = "rate of the error under the continuous law, where the plant's input gain is 1";
+        report.tell("s", self.decay(v), "1/s", note);
+        let name = "longest step of the continuous law";
+        if sampled {
+            report.tell(name, longest, "s", "1/s; in co-simulation the law is sampled, which longer steps suit");
+        } else if report.step <= longest {
+            report.tell(name, longest, "s", "1/s; where the plant is stepped first, 2/s");
+        } else {
+            let note = format!(
+                "shorter than the default step, {} s: take one as short, law = sampled, or the loop as one unit",
+                number(report.step)
+            );
+            report.judge(name, longest, "s", Verdict::Warning, note);
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! What a designer should know of a neuro-adaptive law.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::DMatrix;
+
+use super::NeuroPpf;
+use super::order::Order;
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+
+impl NeuroPpf {
+    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        report.section("Error dynamics");
+        match self.order {
+            Order::First { A_m, .. } => {
+                report.eigenvalues("eigenvalues of A_m", &v.matrix(A_m).into_owned(), true);
+            }
+            Order::Second { lambda, .. } => {
+                let lambda = DMatrix::from_row_slice(1, v[lambda].len(), &v[lambda]);
+                report.tell("decay of epsilon", &lambda, "1/s", "where E = epsilon' + lambda epsilon is zero");
+            }
+        }
+        self.tell_rates(v, report);
+        report.section("Networks");
+        let (neurons, channels) = (self.network.neurons() as f64, self.r.len() as f64);
+        report.tell("neurons", neurons, "", "sigmoids in the common layer, with fixed weights");
+        report.tell("inputs", self.x.len() as f64, "", "of each neuron");
+        let gains = if self.input_gain.is_some() { channels * channels } else { 0.0 };
+        report.tell("adapted weights", neurons * (channels + gains), "", "each of them a state");
+        let leak = v[self.network_gain] * v[self.sigma];
+        report.tell("leakage", leak, "1/s", "rate at which unexcited weights decay, network_gain sigma");
+        if let Some(input_gain) = &self.input_gain {
+            input_gain.report(v, report);
+        }
+        report.section("Funnel");
+        self.funnel.report(v, report);
+    }
+
+    /// E' = −(k + n_f R²) E where the networks are right, with R = 1/ρ in the middle of a symmetric funnel.
+    fn tell_rates(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let (k, n_f) = (v[self.k], v[self.n_f]);
+        let narrowest = (0..self.r.len()).map(|i| self.funnel.narrowest(i, v)).fold(f64::INFINITY, f64::min);
+        if k > 0.0 {
+            report.tell("least decay of E", k, "1/s", "k; where the networks are right");
+        } else {
+            let note = "k is 0: what is left of E decays by n_f alone. Take k above 0";
+            report.judge("least decay of E", k, "1/s", Verdict::Warning, note);
+        }
+        let end = k + n_f / (narrowest * narrowest);
+        let note = format!(
+            "k + n_f/rho_inf²; a law whose inputs are held needs steps well below its inverse, {} s, or the loop as one unit",
+            number(1.0 / end)
+        );
+        if report.step * end < 1.0 {
+            report.tell("decay of E in the narrow funnel", end, "1/s", &note);
+        } else {
+            report.judge("decay of E in the narrow funnel", end, "1/s", Verdict::Warning, note);
+        }
+    }
+}

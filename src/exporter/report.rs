@@ -1,0 +1,46 @@
+//! The design report on an FMU's page.
+
+use std::fmt::Write;
+
+use super::page::escaped;
+use crate::report::{DesignReport, Finding, Verdict};
+
+/// Appends the report; nothing where there is nothing to report.
+pub fn push(page: &mut String, report: &DesignReport) {
+    if report.findings.is_empty() {
+        return;
+    }
+    let verdict = match report.verdict() {
+        Verdict::Ok => "Sound: nothing was found against the start values.",
+        Verdict::Warning => "Sound, with warnings about the start values.",
+        Verdict::NotSound => {
+            "Not shown to be sound with the start values: a condition that the design rests on doesn't hold, or can't be \
+             shown. It is sufficient, so that the loop may work all the same."
+        }
+    };
+    let _ = writeln!(page, "<h2>Design report</h2>\n<p>{verdict}</p>");
+    let mut section = None;
+    for finding in &report.findings {
+        if section != Some(&finding.section) {
+            close(page, section);
+            let title = escaped(&finding.section);
+            let _ = writeln!(page, "<h3>{title}</h3>\n<div class=\"scroll report\"><table>");
+            section = Some(&finding.section);
+        }
+        push_finding(page, finding);
+    }
+    close(page, section);
+}
+
+fn close(page: &mut String, section: Option<&String>) {
+    if section.is_some() {
+        page.push_str("</table></div>\n");
+    }
+}
+
+fn push_finding(page: &mut String, finding: &Finding) {
+    let Finding { name, value, unit, verdict, note, .. } = finding;
+    let verdict = if *verdict == Verdict::Ok { String::new() } else { format!("<b>{}</b>: ", verdict.text()) };
+    let [name, value, unit, note] = [name, &value.lines().join("\n"), unit, note].map(|text| escaped(text));
+    let _ = writeln!(page, "<tr><td>{name}<td>{value}<td>{unit}<td>{verdict}{note}");
+}
