@@ -23,6 +23,7 @@ pub mod plants;
 #[cfg(feature = "cli")]
 pub mod simulation;
 pub mod system;
+pub mod text_file;
 #[cfg(feature = "cli")]
 pub mod tuning;
 
