@@ -3,6 +3,11 @@
 use std::fmt;
 use std::path::PathBuf;
 
+/// A text of a file or another tool as one line that can be shown: control characters escaped.
+pub fn one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { c.escape_debug().to_string() } else { c.to_string() }).collect()
+}
+
 /// Why a set of parameters, a structure or a start is refused: one line a reason.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Invalid {

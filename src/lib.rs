@@ -24,6 +24,7 @@ pub mod report;
 #[cfg(feature = "cli")]
 pub mod simulation;
 pub mod system;
+pub mod text_file;
 #[cfg(feature = "cli")]
 pub mod tuning;
 

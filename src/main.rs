@@ -4,7 +4,7 @@ mod command;
 
 use std::process::ExitCode;
 
-use adaptive_fmu::error::Error;
+use adaptive_fmu::error::{Error, one_line};
 use clap::{Parser, Subcommand};
 
 /// Adaptive controllers and their plants as FMI 2.0 units.
@@ -38,11 +38,17 @@ enum Command {
     Linearise(command::linearise::Arguments),
 }
 
+/// The longest message, in characters.
+const LONGEST_MESSAGE: usize = 4000;
+
 fn main() -> ExitCode {
     match execute(Arguments::parse().command) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error}");
+            // Names and values of a file may hold anything, of any length.
+            let text = one_line(&error.to_string());
+            let shown = text.char_indices().nth(LONGEST_MESSAGE).map_or(&*text, |(end, _)| &text[..end]);
+            eprintln!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
             ExitCode::FAILURE
         }
     }

@@ -282,12 +282,18 @@ fn allowed(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
     }
 }
 
+/// The most reasons that a person wants to read at a time.
+const MOST_REASONS: usize = 20;
+
 /// Puts the `[start]` table of a description in place of a system's own start values.
 fn set_start_values(variables: &mut Variables, start: &toml::Table) -> Result<(), Invalid> {
     let mut invalid = Invalid::none();
     for (name, value) in start {
         if let Err(reason) = variables.set_start(name, value) {
             invalid.and(Invalid::new(format!("[start] {name}"), value, reason));
+        }
+        if invalid.reasons().len() == MOST_REASONS {
+            break;
         }
     }
     invalid.into_result()

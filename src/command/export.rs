@@ -132,8 +132,7 @@ fn export_with_choices(structure: &Structure, library: &Library, out: &Path) -> 
     warn_if_slow(library)?;
     let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
     for fmu in needed {
-        let choices = choices(structure, fmu).into_iter().map(|(name, item)| (name.to_owned(), item.into())).collect();
-        let source = exporter::find_description(fmu)?.with_start(choices)?;
+        let source = exporter::find_description(fmu)?.with_start(choices(structure, fmu))?;
         exporter::export(&source, library, out)?;
     }
     Ok(())

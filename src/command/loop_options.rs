@@ -10,6 +10,9 @@ use tempfile::TempDir;
 use super::export::{export_units, export_whole};
 use super::parameters::Parameters;
 
+/// The most communication points of a run.
+const MOST_POINTS: f64 = 1e7;
+
 #[derive(clap::Args, Default, Clone)]
 pub struct LoopOptions {
     /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
@@ -65,6 +68,11 @@ impl LoopOptions {
         if settings.stop_time <= settings.start_time {
             let (stop, start) = (settings.stop_time, settings.start_time);
             let reason = format!("stop time {stop}: must be after the start, {start}");
+            return Err(Error::Loop { file: structure.file.clone(), reason });
+        }
+        let points = (settings.stop_time - settings.start_time) / settings.step;
+        if points > MOST_POINTS {
+            let reason = format!("{points:e} communication points would be recorded; at most {MOST_POINTS} are");
             return Err(Error::Loop { file: structure.file.clone(), reason });
         }
         Ok(settings)

@@ -9,8 +9,9 @@ use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
 use super::library::Library;
 use crate::error::Error;
-use crate::fmi2::describe::Unit;
+use crate::fmi2::describe::{Build, Unit};
 use crate::fmi2::resources::DESCRIPTION;
+use crate::text_file;
 
 /// Folder of this platform's binaries.
 pub const PLATFORM: &str = if cfg!(target_os = "windows") {
@@ -21,18 +22,40 @@ pub const PLATFORM: &str = if cfg!(target_os = "windows") {
     "linux64"
 };
 
-/// What an archive may unpack to: a limit for archives that aren't ours.
+/// What an archive may unpack to, and one text in it: limits for archives that aren't ours.
 const LARGEST: u64 = 1 << 30;
+const LARGEST_TEXT: u64 = 1 << 26;
+/// The most files in an archive.
+const MOST_ENTRIES: usize = 10_000;
+
+/// A file in an archive.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    /// Its path.
+    pub name: String,
+    /// Its size in bytes, unpacked.
+    pub size: u64,
+}
+
+/// Name of what tells, within an FMU, how its library was built.
+pub const BUILD: &str = "resources/build.json";
 
 /// Writes an FMU; a file of that name is replaced at the end, or not at all.
 ///
 /// # Errors
 /// When files can't be read or written.
-pub fn write(file: &Path, unit: &Unit, description: &str, page: &str, library: &Library) -> Result<(), Error> {
+pub fn write(
+    file: &Path,
+    (unit, build): (&Unit, &Build),
+    description: &str,
+    page: &str,
+    library: &Library,
+) -> Result<(), Error> {
+    let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
     let binary = std::fs::read(library.path()).map_err(Error::file(library.path()))?;
     let binary_name = format!("binaries/{PLATFORM}/{}{}", unit.name, std::env::consts::DLL_SUFFIX);
     let resource = format!("resources/{DESCRIPTION}");
-    let entries: [(&str, &[u8]); 8] = [
+    let entries: [(&str, &[u8]); 9] = [
         ("modelDescription.xml", unit.model_description.as_bytes()),
         ("model.png", include_bytes!("../../modelDescription/model.png")),
         (&binary_name, &binary),
@@ -41,6 +64,7 @@ pub fn write(file: &Path, unit: &Unit, description: &str, page: &str, library: &
         ("documentation/licenses/LICENSE-APACHE", include_bytes!("../../LICENSE-APACHE")),
         ("documentation/licenses/LICENSE-MIT", include_bytes!("../../LICENSE-MIT")),
         (&resource, description.as_bytes()),
+        (BUILD, build.as_bytes()),
     ];
     write_entries(file, &entries)
 }
@@ -86,7 +110,7 @@ fn zipped(entries: &[(&str, &[u8])]) -> zip::result::ZipResult<Vec<u8>> {
 }
 
 fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
-    let opened = File::open(file).map_err(Error::file(file))?;
+    let opened = text_file::open(file).map_err(Error::file(file))?;
     let refuse = |error: zip::result::ZipError| Error::Archive {
         file: file.to_owned(),
         reason: format!("not a readable archive: {error}"),
@@ -94,6 +118,10 @@ fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
     let mut archive = ZipArchive::new(opened).map_err(refuse)?;
     if archive.has_duplicate_names() {
         let reason = "holds several entries of one name".to_owned();
+        return Err(Error::Archive { file: file.to_owned(), reason });
+    }
+    if archive.len() > MOST_ENTRIES {
+        let reason = format!("holds {} files; at most {MOST_ENTRIES} are accepted", archive.len());
         return Err(Error::Archive { file: file.to_owned(), reason });
     }
     let mut total = 0_u64;
@@ -107,6 +135,23 @@ fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
     Ok(archive)
 }
 
+/// The files in an archive.
+///
+/// # Errors
+/// When it is broken or hostile.
+pub fn entries(file: &Path) -> Result<Vec<Entry>, Error> {
+    let mut archive = open(file)?;
+    let count = archive.len();
+    let entry = |index| {
+        let entry = archive.by_index_raw(index)?;
+        let name = entry.name()?.into_owned();
+        Ok(entry.is_file().then_some(Entry { size: entry.size(), name }))
+    };
+    let entries: zip::result::ZipResult<Vec<_>> = (0..count).map(entry).collect();
+    let entries = entries.map_err(|error| Error::Archive { file: file.to_owned(), reason: error.to_string() })?;
+    Ok(entries.into_iter().flatten().collect())
+}
+
 /// The text of one file in an archive.
 ///
 /// # Errors
@@ -115,8 +160,11 @@ pub fn read_entry(file: &Path, name: &str) -> Result<String, Error> {
     let mut archive = open(file)?;
     let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
     let entry = archive.by_name(name).map_err(|_| refuse(format!("holds no {name}: it is not an FMU of this kind")))?;
+    if entry.size() > LARGEST_TEXT {
+        return Err(refuse(format!("{name}: is longer than {LARGEST_TEXT} bytes")));
+    }
     let mut text = String::new();
-    entry.take(LARGEST).read_to_string(&mut text).map_err(|error| refuse(format!("{name}: {error}")))?;
+    entry.take(LARGEST_TEXT + 1).read_to_string(&mut text).map_err(|error| refuse(format!("{name}: {error}")))?;
     Ok(text)
 }
 
@@ -133,22 +181,24 @@ pub fn unpack(file: &Path, folder: &Path) -> Result<(), Error> {
             return Err(refuse(format!("entry {index} would lie outside the folder")));
         };
         let target = folder.join(&name);
+        let failed = |error: std::io::Error| refuse(format!("{}: {error}", name.display()));
         if entry.is_dir() {
-            std::fs::create_dir_all(&target).map_err(Error::file(&target))?;
+            std::fs::create_dir_all(&target).map_err(failed)?;
             continue;
         }
         if let Some(parent) = target.parent() {
-            std::fs::create_dir_all(parent).map_err(Error::file(parent))?;
+            std::fs::create_dir_all(parent).map_err(failed)?;
         }
         // Two names may be one path: `a` and `./a`.
         let mut written = File::create_new(&target).map_err(|error| match error.kind() {
             ErrorKind::AlreadyExists => refuse(format!("holds several entries that are `{}`", name.display())),
-            _ => Error::file(&target)(error),
+            _ => failed(error),
         })?;
         let size = entry.size();
-        let copied = std::io::copy(&mut (&mut entry).take(size), &mut written).map_err(Error::file(&target))?;
+        // One byte more than there is, so that the end is met, where the checksum is compared.
+        let copied = std::io::copy(&mut (&mut entry).take(size.saturating_add(1)), &mut written).map_err(failed)?;
         if copied != size {
-            return Err(refuse(format!("the entry `{}` is shorter than it says", name.display())));
+            return Err(refuse(format!("the entry `{}` is not of the size that it says", name.display())));
         }
     }
     Ok(())

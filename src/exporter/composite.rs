@@ -1,5 +1,6 @@
 //! The description of a whole loop as one unit, made from its structure and the descriptions of its units.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use toml::{Table, Value};
@@ -43,7 +44,21 @@ pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Ve
         }));
         parts.push(Value::Table(part(&unit.name, &sources[k], &start)?));
     }
-    Ok((source(structure, parts, own_start(structure)?), wiring.notes))
+    let mut whole = source(structure, parts, own_start(structure)?);
+    whole.text.insert_str(0, &as_comments(&sources));
+    Ok((whole, wiring.notes))
+}
+
+/// The descriptions of the units, each once, as comments: only what they say is in the whole, not how.
+fn as_comments(sources: &[Source]) -> String {
+    let mut files = BTreeSet::new();
+    let sources = sources.iter().filter(|source| files.insert(&source.file));
+    let commented = |source: &Source| {
+        let name = source.file.file_name().unwrap_or_default().to_string_lossy();
+        let lines: String = source.text.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n").collect();
+        format!("# From {name}:\n#\n{lines}\n")
+    };
+    sources.map(commented).collect()
 }
 
 /// What the whole itself starts with, where a user says so.
@@ -66,11 +81,11 @@ fn own_start(structure: &Structure) -> Result<Table, Error> {
 pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Result<Source, Error> {
     let described = fmu_description(&source, library)?;
     let unit = Component::alone(&described.name, parameters)?;
-    let entry = |(place, value): (usize, simulation::Value)| {
-        let variable = &described.variables[place];
-        (variable.name.clone(), in_description(variable, &value))
-    };
-    source.with_start(start_values(&unit, &described, |_| false)?.into_iter().map(entry).collect())
+    let values = start_values(&unit, &described, |_| false)?;
+    source.with_start(values.iter().map(|(place, value)| {
+        let variable = &described.variables[*place];
+        (variable.name.as_str(), in_description::<toml_edit::Value>(variable, value))
+    }))
 }
 
 /// The description of a unit's FMU, as its master would read it.
@@ -116,14 +131,17 @@ fn part(name: &str, source: &Source, values: &[(&Variable, &simulation::Value)])
 }
 
 /// A value as a description has it: an enumeration's by the name of the item.
-fn in_description(variable: &Variable, value: &simulation::Value) -> Value {
+fn in_description<V: From<f64> + From<i64> + From<bool> + From<String>>(
+    variable: &Variable,
+    value: &simulation::Value,
+) -> V {
     match value {
-        simulation::Value::Real(number) => Value::Float(*number),
+        simulation::Value::Real(number) => (*number).into(),
         simulation::Value::Integer(number) => {
             let item = usize::try_from(*number - 1).ok().and_then(|place| variable.items.get(place));
-            item.map_or(Value::Integer((*number).into()), |item| Value::String(item.clone()))
+            item.map_or_else(|| i64::from(*number).into(), |item| item.clone().into())
         }
-        simulation::Value::Boolean(value) => Value::Boolean(*value),
-        simulation::Value::String(text) => Value::String(text.clone()),
+        simulation::Value::Boolean(value) => (*value).into(),
+        simulation::Value::String(text) => text.clone().into(),
     }
 }

@@ -3,8 +3,10 @@
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
 
+use super::Source;
 use crate::error::Error;
 use crate::fmi2::describe::{self, Described};
+use crate::text_file;
 
 /// A shared library for this platform.
 #[derive(Debug)]
@@ -43,9 +45,12 @@ impl Library {
     /// # Errors
     /// When it can't be loaded.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let refuse = |error| Error::Library(format!("{}: {}", path.display(), with_causes(&error)));
+        text_file::open(path).map_err(Error::file(path))?;
+        let refuse = |error: String| Error::Library(format!("{}: {error}", path.display()));
+        // A bare name would be looked for among the libraries of the system.
+        let whole = path.canonicalize().map_err(|error| refuse(error.to_string()))?;
         // SAFETY: loading runs the initialisers of a library that the user named or built; one of ours has none.
-        let loaded = unsafe { libloading::Library::new(path) }.map_err(refuse)?;
+        let loaded = unsafe { libloading::Library::new(whole) }.map_err(|error| refuse(with_causes(&error)))?;
         Ok(Library { path: path.to_owned(), loaded })
     }
 
@@ -57,10 +62,14 @@ impl Library {
     /// What it says of itself, and of the FMU of a description.
     ///
     /// # Errors
-    /// [`Error::Library`] with what it refuses, or when it isn't a library of this kind.
-    pub fn describe(&self, description: Option<&str>) -> Result<Described, Error> {
-        let text = description.map(CString::new).transpose();
-        let text = text.map_err(|_| Error::Library("the description holds a NUL character".to_owned()))?;
+    /// What it refuses, with the description's file; or when it isn't a library of this kind and version.
+    pub fn describe(&self, description: Option<&Source>) -> Result<Described, Error> {
+        let refuse = |reason| match description {
+            Some(source) => Error::Description { file: source.file.clone(), reason },
+            None => Error::Library(reason),
+        };
+        let text = description.map(|source| CString::new(source.text.as_str())).transpose();
+        let text = text.map_err(|_| refuse("holds a NUL character".to_owned()))?;
         let missing =
             |_| Error::Library(format!("{} exports no models: it needs the line export_fmi2!", self.path.display()));
         let mut reply: Option<String> = None;
@@ -72,7 +81,11 @@ impl Library {
             function(text, Some(keep), std::ptr::from_mut(&mut reply).cast());
         }
         let reply = reply.ok_or_else(|| Error::Library(format!("{} gave no reply", self.path.display())))?;
-        describe::read(&reply).map_err(Error::Library)
+        let unknown = |reason| {
+            let advice = "it was built with another version of adaptive-fmu; build it anew";
+            Error::Library(format!("{}: its reply can't be read ({reason}): {advice}", self.path.display()))
+        };
+        describe::read(&reply).map_err(unknown)?.map_err(refuse)
     }
 }
 

@@ -9,7 +9,7 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-pub use archive::{PLATFORM, read_entry, unpack, write_entries};
+pub use archive::{BUILD, Entry, PLATFORM, entries, read_entry, unpack, write_entries};
 pub use composite::{composite, composite_name, with_values};
 pub use library::Library;
 pub(crate) use library::with_causes;
@@ -17,6 +17,7 @@ pub(crate) use page::escaped;
 
 use crate::error::Error;
 use crate::fmi2::describe::{Build, Unit};
+use crate::text_file;
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
@@ -33,20 +34,33 @@ pub struct Source {
 }
 
 impl Source {
-    /// The same system with other start values.
+    /// The same system with other start values; what else stands in the text stays, comments too.
     ///
     /// # Errors
     /// When the text is no description.
-    pub fn with_start(self, values: Vec<(String, toml::Value)>) -> Result<Self, Error> {
-        if values.is_empty() {
-            return Ok(self);
+    pub fn with_start<'a, V: Into<toml_edit::Value>>(
+        &self,
+        values: impl IntoIterator<Item = (&'a str, V)>,
+    ) -> Result<Self, Error> {
+        let refuse = |reason: &str| Error::Description { file: self.file.clone(), reason: reason.to_owned() };
+        let mut text: toml_edit::DocumentMut =
+            self.text.parse().map_err(|error: toml_edit::TomlError| refuse(error.message()))?;
+        let mut values = values.into_iter().peekable();
+        if values.peek().is_none() {
+            return Ok(self.clone());
         }
-        let refuse = |reason: String| Error::Description { file: self.file.clone(), reason };
-        let mut table: toml::Table = self.text.parse().map_err(|error: toml::de::Error| refuse(error.to_string()))?;
-        let start = table.entry("start").or_insert_with(|| toml::Table::new().into());
-        let start = start.as_table_mut().ok_or_else(|| refuse("start must be a table".to_owned()))?;
-        start.extend(values);
-        Ok(Source { text: table.to_string(), ..self })
+        let start = text.entry("start").or_insert_with(toml_edit::table);
+        let start = start.as_table_like_mut().ok_or_else(|| refuse("start must be a table"))?;
+        for (name, value) in values {
+            let mut value = value.into();
+            if let Some(before) = start.get_mut(name).and_then(toml_edit::Item::as_value_mut) {
+                *value.decor_mut() = before.decor().clone();
+                *before = value;
+            } else {
+                start.insert(name, toml_edit::value(value));
+            }
+        }
+        Ok(Source { text: text.to_string(), ..self.clone() })
     }
 }
 
@@ -67,7 +81,7 @@ pub fn loops() -> &'static [(&'static str, Embedded)] {
 pub fn find_description(name: &str) -> Result<Source, Error> {
     let path = Path::new(name);
     if path.extension().is_some_and(|extension| extension == "toml") {
-        let text = std::fs::read_to_string(path).map_err(Error::file(path))?;
+        let text = text_file::read(path).map_err(Error::file(path))?;
         return Ok(Source { file: path.to_owned(), text });
     }
     let found = DESCRIPTIONS.iter().find(|(known, _)| *known == name);
@@ -83,10 +97,7 @@ pub fn find_description(name: &str) -> Result<Source, Error> {
 /// # Errors
 /// For a description that the library refuses.
 pub fn describe(source: &Source, library: &Library) -> Result<(Unit, Build), Error> {
-    let described = library.describe(Some(&source.text)).map_err(|error| match error {
-        Error::Library(reason) => Error::Description { file: source.file.clone(), reason },
-        other => other,
-    })?;
+    let described = library.describe(Some(source))?;
     let unit = described.unit.ok_or_else(|| Error::Library("the library described no unit".to_owned()))?;
     Ok((unit, described.build))
 }
@@ -100,6 +111,6 @@ pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf,
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
     let file = out.join(format!("{}.fmu", unit.name));
     let page = page::html(&unit, &build);
-    archive::write(&file, &unit, &source.text, &page, library)?;
+    archive::write(&file, (&unit, &build), &source.text, &page, library)?;
     Ok(file)
 }

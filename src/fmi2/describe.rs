@@ -14,22 +14,25 @@ use super::model_description;
 /// How a library was built.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Build {
+    /// Name and version of the package that holds the models.
+    pub package: String,
     /// Version of this crate.
     pub version: String,
     /// Target platform.
     pub target: String,
     /// Compiler.
     pub compiler: String,
-    /// Checksum of the sources.
+    /// Checksum of this crate's sources.
     pub source: String,
     /// Whether it was optimised.
     pub optimised: bool,
 }
 
 impl Build {
-    /// Of this very library or program.
-    pub fn own() -> Self {
+    /// Of this very library, with the models of a package.
+    fn own(package: &str) -> Self {
         Build {
+            package: package.to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             target: env!("ADAPTIVE_FMU_TARGET").to_owned(),
             compiler: env!("ADAPTIVE_FMU_COMPILER").to_owned(),
@@ -71,8 +74,8 @@ enum Reply {
     Failure(String),
 }
 
-/// The reply, as JSON, to a description's text; without one, what the library is.
-pub fn reply(description: Option<&str>, registry: Registry) -> String {
+/// The reply, as JSON, to a description's text; without one, what the library is: that of a package.
+pub fn reply(description: Option<&str>, registry: Registry, package: &str) -> String {
     let describe = |text| -> Result<Unit, Invalid> {
         let model = Model::from_description(Description::read(text)?, registry)?;
         let xml = model_description::xml(&model);
@@ -85,7 +88,7 @@ pub fn reply(description: Option<&str>, registry: Registry) -> String {
     match description.map(describe).transpose() {
         Ok(unit) => {
             let models = registry.iter().map(|kind| kind.name.to_owned()).collect();
-            write(&Reply::Described(Box::new(Described { build: Build::own(), models, unit })))
+            write(&Reply::Described(Box::new(Described { build: Build::own(package), models, unit })))
         }
         Err(invalid) => failure(&invalid.to_string()),
     }
@@ -100,14 +103,14 @@ fn write(reply: &Reply) -> String {
     serde_json::to_string(reply).unwrap_or_default()
 }
 
-/// Reads a reply.
+/// Reads a reply: a description, or why there is none.
 ///
 /// # Errors
-/// The failure that it tells of, or that it is no reply.
-pub fn read(reply: &str) -> Result<Described, String> {
+/// That it is no reply of this version.
+pub fn read(reply: &str) -> Result<Result<Described, String>, String> {
     match serde_json::from_str(reply) {
-        Ok(Reply::Described(described)) => Ok(*described),
-        Ok(Reply::Failure(reason)) => Err(reason),
-        Err(error) => Err(format!("the library's reply can't be read: {error}")),
+        Ok(Reply::Described(described)) => Ok(Ok(*described)),
+        Ok(Reply::Failure(reason)) => Ok(Err(reason)),
+        Err(error) => Err(error.to_string()),
     }
 }

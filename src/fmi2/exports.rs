@@ -7,7 +7,8 @@
 /// ```
 ///
 /// The crate has `crate-type = ["cdylib"]` and depends on this one with `default-features = false`: else this
-/// crate's own functions of the same names would be linked too, and the macro refuses to compile.
+/// crate's own functions of the same names would be linked too, and the macro refuses to compile; as it does where two
+/// models have the same name.
 #[macro_export]
 macro_rules! export_fmi2 {
     ($($system:ty),+ $(,)?) => {
@@ -38,6 +39,12 @@ macro_rules! define_fmi2_functions {
             use $crate::fmi2::types::*;
 
             static REGISTRY: $crate::system::Registry = $registry;
+            const _: () = assert!(
+                $crate::system::Kind::have_different_names($registry),
+                "two models have the same NAME (`composite` is taken): a description could not tell them apart"
+            );
+            /// The package that this library is built from.
+            const PACKAGE: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
 
             $crate::define_fmi2_functions! { @function
                 // SAFETY of every call below: the master keeps to the standard's rules about pointers, which are
@@ -119,7 +126,7 @@ macro_rules! define_fmi2_functions {
                 fn fmi2GetNominalsOfContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
                 { fmi2::get_nominals_of_continuous_states(c, x, n) }
                 fn adaptive_fmu_describe(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(REGISTRY, description, reply, context) }
+                { fmi2::describe(REGISTRY, PACKAGE, description, reply, context) }
             }
         }
     };

@@ -6,6 +6,7 @@ use crate::error::StepError;
 use crate::execution::{Execution, OnStepFailure};
 use crate::model::{Description, Model};
 use crate::system::{Data, Registry};
+use crate::text_file;
 
 use super::access::{Access, NoValue, References, Type, element};
 use super::calls::{Function, Interface, Phase};
@@ -60,7 +61,7 @@ pub struct Instance {
 /// What is wrong with its description.
 pub fn load_model(resources: &Path, registry: Registry) -> Answer<Model> {
     let file = resources.join(DESCRIPTION);
-    let text = std::fs::read_to_string(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+    let text = text_file::read(&file).map_err(|error| format!("{}: {error}", file.display()))?;
     let refuse = |reason| Refused(format!("{}: {reason}", file.display()));
     let description = Description::read(&text).map_err(refuse)?;
     Model::from_description(description, registry).map_err(refuse)

@@ -467,6 +467,7 @@ pub type Reply = unsafe extern "C" fn(context: *mut std::ffi::c_void, text: Stri
 /// `description` is NULL or a C string; `reply` may be called with `context`.
 pub unsafe fn describe(
     registry: Registry,
+    package: &str,
     description: StringPointer,
     reply: Option<Reply>,
     context: *mut std::ffi::c_void,
@@ -474,7 +475,7 @@ pub unsafe fn describe(
     let Some(reply) = reply else { return super::types::FALSE };
     // SAFETY: as this function asks of its caller.
     let description = unsafe { string(description) };
-    let text = panics::contain(|| super::describe::reply(description, registry))
+    let text = panics::contain(|| super::describe::reply(description, registry, package))
         .unwrap_or_else(|fault| super::describe::failure(&format!("internal fault, please report it: {fault}")));
     let Ok(text) = CString::new(text) else { return super::types::FALSE };
     // SAFETY: the caller's own function, with its own context; the text lives until it returns.

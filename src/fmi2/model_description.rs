@@ -1,5 +1,6 @@
 //! modelDescription.xml, written from the declared variables (FMI 2.0.4, section 2.2).
 
+use std::collections::HashMap;
 use std::io;
 
 use quick_xml::Writer;
@@ -279,10 +280,8 @@ fn type_of(element: Element<'_>, states: &[usize]) -> (&'static str, Attributes<
 
 fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
     let visible: Vec<_> = variables.visible().collect();
-    let position = |section: Section, place: usize| {
-        let same = |e: &Element<'_>| e.variable.section == section && e.variable.is_real() && e.place() == place;
-        visible.iter().position(same).map(|position| position + 1)
-    };
+    let real = visible.iter().enumerate().filter(|(_, element)| element.variable.is_real());
+    let positions: HashMap<_, _> = real.map(|(k, e)| ((e.variable.section, e.place()), k + 1)).collect();
     let unknown = |xml: &mut Xml, (k, element): (usize, &Element<'_>)| {
         let mut attributes = vec![("index", (k + 1).to_string())];
         let section = element.variable.section;
@@ -295,7 +294,7 @@ fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
             _ => None,
         };
         if let Some(on) = on {
-            let mut indices: Vec<_> = on.iter().filter_map(|&(section, place)| position(section, place)).collect();
+            let mut indices: Vec<_> = on.iter().filter_map(|place| positions.get(place).copied()).collect();
             indices.sort_unstable();
             let text: Vec<_> = indices.iter().map(ToString::to_string).collect();
             attributes.push(("dependencies", text.join(" ")));

@@ -1,8 +1,12 @@
 //! modelDescription.xml, read.
 
+use std::collections::HashMap;
+use std::path::{Component, Path};
+
 use roxmltree::{Document, Node};
 
 use super::units::UnitDefinition;
+use super::xml;
 
 /// What a master needs of a modelDescription.xml.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,7 +15,11 @@ pub struct Description {
     pub name: String,
     /// What it is.
     pub description: String,
-    /// Identifier of the binaries for co-simulation.
+    /// Whether it is for co-simulation.
+    pub co_simulation: bool,
+    /// Whether it is for model exchange.
+    pub model_exchange: bool,
+    /// Identifier of the binaries: those for co-simulation, where it is for that.
     pub model_identifier: String,
     /// GUID.
     pub guid: String,
@@ -21,7 +29,7 @@ pub struct Description {
     pub step: Option<f64>,
     /// Default stop time, s.
     pub stop_time: Option<f64>,
-    /// Capability flags of co-simulation that are true, and numbers.
+    /// Capability flags that are true, and numbers: those of co-simulation, where it is for that.
     pub capabilities: Vec<(String, String)>,
     /// Log categories.
     pub categories: Vec<String>,
@@ -61,19 +69,26 @@ pub struct Variable {
 }
 
 impl Description {
-    /// Reads a modelDescription.xml of FMI 2.0 for co-simulation.
+    /// Reads a modelDescription.xml of FMI 2.0.
     ///
     /// # Errors
     /// What is missing or wrong, with its line.
     pub fn read(xml: &str) -> Result<Self, String> {
-        let document = Document::parse(xml).map_err(|error| format!("modelDescription.xml: {error}"))?;
+        let document = xml::parse(xml).map_err(|error| in_file(&error))?;
         let root = document.root_element();
         let required = |node: Node, name: &str| attribute(node, name).ok_or_else(|| missing(&document, node, name));
         if root.attribute("fmiVersion") != Some("2.0") {
             let version = root.attribute("fmiVersion").unwrap_or("unknown");
             return Err(format!("modelDescription.xml: FMI version {version}; only 2.0 can be read"));
         }
-        let co_simulation = child(root, "CoSimulation").ok_or("modelDescription.xml: it is not for co-simulation")?;
+        let (co_simulation, model_exchange) = (child(root, "CoSimulation"), child(root, "ModelExchange"));
+        let interface = co_simulation.or(model_exchange);
+        let interface = interface.ok_or_else(|| in_file("it has neither CoSimulation nor ModelExchange"))?;
+        let model_identifier = required(interface, "modelIdentifier")?;
+        if Path::new(&model_identifier).components().ne([Component::Normal(model_identifier.as_ref())]) {
+            return Err(in_file(&format!("modelIdentifier = {model_identifier}: must be a C identifier")));
+        }
+        let types = types(root);
         let experiment = child(root, "DefaultExperiment");
         let number = |name| experiment.and_then(|node| node.attribute(name)).and_then(|text| text.parse().ok());
         let variables = child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable"));
@@ -84,21 +99,31 @@ impl Description {
         Ok(Description {
             name: required(root, "modelName")?,
             description: attribute(root, "description").unwrap_or_default(),
-            model_identifier: required(co_simulation, "modelIdentifier")?,
+            co_simulation: co_simulation.is_some(),
+            model_exchange: model_exchange.is_some(),
+            model_identifier,
             guid: required(root, "guid")?,
             generation_tool: attribute(root, "generationTool").unwrap_or_default(),
             step: number("stepSize"),
             stop_time: number("stopTime"),
-            capabilities: co_simulation
+            capabilities: interface
                 .attributes()
                 .filter(|attribute| attribute.name() != "modelIdentifier" && attribute.value() != "false")
                 .map(|attribute| (attribute.name().to_owned(), attribute.value().to_owned()))
                 .collect(),
             categories: categories.filter_map(|node| attribute(node, "name")).collect(),
-            variables: variables.map(|node| variable(&document, node)).collect::<Result<_, _>>()?,
+            variables: variables.map(|node| variable(&document, node, &types)).collect::<Result<_, _>>()?,
             units: units.map(UnitDefinition::read).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?,
             dependencies: outputs.map(dependencies).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?,
         })
+    }
+
+    /// Itself, where it is for co-simulation.
+    ///
+    /// # Errors
+    /// That it is not.
+    pub fn for_co_simulation(self) -> Result<Self, String> {
+        if self.co_simulation { Ok(self) } else { Err(in_file("it is not for co-simulation")) }
     }
 
     /// The place of a variable.
@@ -138,15 +163,17 @@ fn dependencies(node: Node) -> Result<(usize, Option<Vec<usize>>), String> {
     Ok((output, on.transpose()?))
 }
 
-fn variable(document: &Document, node: Node) -> Result<Variable, String> {
+/// The content of each simple type, by its name.
+fn types<'a, 'input>(root: Node<'a, 'input>) -> HashMap<&'a str, Node<'a, 'input>> {
+    let types = child(root, "TypeDefinitions").into_iter().flat_map(|node| elements(node, "SimpleType"));
+    types.filter_map(|node| Some((node.attribute("name")?, node.children().find(Node::is_element)?))).collect()
+}
+
+fn variable(document: &Document, node: Node, types: &HashMap<&str, Node>) -> Result<Variable, String> {
     let required = |name: &str| attribute(node, name).ok_or_else(|| missing(document, node, name));
     let value = node.children().find(Node::is_element).ok_or_else(|| missing(document, node, "type"))?;
     let reference = required("valueReference")?;
-    let declared_type = attribute(value, "declaredType");
-    let types =
-        child(document.root_element(), "TypeDefinitions").into_iter().flat_map(|node| elements(node, "SimpleType"));
-    let mut types = types.filter(|node| declared_type.is_some() && attribute(*node, "name") == declared_type);
-    let declared = types.next().and_then(|node| node.children().find(Node::is_element));
+    let declared = value.attribute("declaredType").and_then(|name| types.get(name)).copied();
     let items = declared.into_iter().flat_map(|node| node.descendants()).filter(|node| node.has_tag_name("Item"));
     Ok(Variable {
         name: required("name")?,

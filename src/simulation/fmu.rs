@@ -85,7 +85,8 @@ impl Fmu {
     /// When it is no FMU 2.0 for co-simulation on this platform.
     pub fn open(file: &Path) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
-        let description = Description::read(&read_entry(file, "modelDescription.xml")?).map_err(refuse)?;
+        let description = Description::read(&read_entry(file, "modelDescription.xml")?);
+        let description = description.and_then(Description::for_co_simulation).map_err(refuse)?;
         let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
         unpack(file, folder.path())?;
         let identifier = &description.model_identifier;

@@ -19,6 +19,7 @@ mod ssp;
 mod steady_state;
 mod thinned;
 mod units;
+mod xml;
 
 pub use chart::{svg, svg_over, terminal};
 pub use check::{Link, Wiring, check, start_values};

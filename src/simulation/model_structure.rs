@@ -1,8 +1,9 @@
 //! The states of an FMU, as its modelDescription.xml declares them.
 
-use roxmltree::{Document, Node};
+use roxmltree::Node;
 
 use super::description::{attribute, child, elements};
+use super::xml;
 
 /// Which variables are states, derivatives and outputs: by their places among the variables.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +33,7 @@ impl ModelStructure {
     /// # Errors
     /// What is missing or wrong.
     pub fn read(xml: &str) -> Result<Self, String> {
-        let document = Document::parse(xml).map_err(|error| format!("modelDescription.xml: {error}"))?;
+        let document = xml::parse(xml).map_err(|error| format!("modelDescription.xml: {error}"))?;
         let root = document.root_element();
         let variables: Vec<_> =
             child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable")).collect();

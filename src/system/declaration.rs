@@ -1,5 +1,6 @@
 //! How a system declares its variables: each once, with everything that anybody needs to know about it.
 
+use std::collections::HashSet;
 use std::marker::PhantomData;
 
 use super::spec::{DiscreteSpec, Shape, Spec, boolean, vector};
@@ -101,12 +102,22 @@ pub(super) struct TrackingError {
     pub(super) nominal: f64,
 }
 
+/// The most numbers that one instance may hold, and of them the most that are shown outside.
+pub(super) const MOST_VALUES: usize = 4_000_000;
+const MOST_SHOWN: usize = 100_000;
+
 /// Collects the variables of a system.
 #[derive(Debug, Default)]
 pub struct Declaration {
     pub(super) variables: Variables,
     pub(super) problems: Invalid,
     pub(super) errors: Vec<TrackingError>,
+    /// Names of variables, and whether they are derivatives: these have the names of their states.
+    names: HashSet<(String, bool)>,
+    /// Numbers that are shown outside.
+    shown: usize,
+    /// Whether there were more than one instance may hold.
+    full: bool,
     /// What the systems are, each once.
     documentation: Vec<&'static str>,
     /// In a composite: the part that is being declared.
@@ -310,18 +321,47 @@ impl Declaration {
             Section::Connected if !real => Variability::Discrete,
             Section::State | Section::Connected | Section::Signal | Section::Derivative => Variability::Continuous,
         };
-        let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
-        let start = sizes[section as usize];
         let causality = match causality {
             Some(Causality::Input) if section == Section::Connected => Causality::Local,
             other => other.unwrap_or(Causality::Local),
         };
         let name = self.part.as_ref().map_or(name.clone(), |part| format!("{}.{name}", part.name));
+        let sizes = if real { &self.variables.real_sizes } else { &self.variables.integer_sizes };
+        let start = sizes[section as usize];
         let variable = Variable { name, description, section, start, naming, causality, variability, data };
-        sizes[section as usize] += variable.len();
-        self.check(&variable);
-        self.variables.list.push(variable);
+        if self.has_room(&variable) {
+            let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
+            sizes[section as usize] += variable.len();
+            self.check(&variable);
+            self.variables.list.push(variable);
+        }
         start - self.base(section, real)
+    }
+
+    /// Whether a variable may be added; sizes come from descriptions, so what is too large is refused before anything
+    /// is made of it.
+    fn has_room(&mut self, variable: &Variable) -> bool {
+        let all = self.variables.real_sizes.iter().chain(&self.variables.integer_sizes).sum::<usize>();
+        let shown = if variable.causality == Causality::Hidden { 0 } else { variable.len() };
+        let most = if self.shown.saturating_add(shown) > MOST_SHOWN { MOST_SHOWN } else { MOST_VALUES };
+        if !self.full && most == MOST_VALUES && all.saturating_add(variable.len()) <= MOST_VALUES {
+            self.shown += shown;
+            return true;
+        }
+        // Told once: nothing else is added, so no later one is the reason.
+        if !std::mem::replace(&mut self.full, true) {
+            let (name, len) = (&variable.name, variable.len());
+            let reason =
+                format!("with `{name}`, of {len} numbers, there would be more than {most}: sizes must be smaller");
+            self.problems.and(Invalid::because(reason));
+        }
+        false
+    }
+
+    /// # Errors
+    /// What is wrong with the variables that were declared so far.
+    pub(super) fn check_so_far(&self) -> Result<(), Invalid> {
+        self.problems.clone().into_result()
     }
 
     /// Mistakes of a model's author, or sizes of zero from a description.
@@ -330,9 +370,7 @@ impl Declaration {
         if variable.is_empty() {
             self.problems.and(Invalid::because(format!("`{name}` would have no element: a size is 0")));
         }
-        // A derivative has the name of its state, and shows it as `der(…)`.
-        let rate = |v: &Variable| v.section == Section::Derivative;
-        if self.variables.list.iter().any(|other| other.name == *name && rate(other) == rate(variable)) {
+        if !self.names.insert((name.clone(), variable.section == Section::Derivative)) {
             self.problems.and(Invalid::because(format!("two variables are named `{name}`")));
         }
         if variable.section == Section::State && variable.causality == Causality::Hidden {

@@ -161,6 +161,23 @@ impl Kind {
         declare: super::composite::declare,
     };
 
+    /// Whether no two kinds have the same name.
+    #[doc(hidden)]
+    pub const fn have_different_names(kinds: &[Kind]) -> bool {
+        let mut k = 0;
+        while k < kinds.len() {
+            let mut other = 0;
+            while other < k {
+                if same(kinds[k].name.as_bytes(), kinds[other].name.as_bytes()) {
+                    return false;
+                }
+                other += 1;
+            }
+            k += 1;
+        }
+        true
+    }
+
     /// The kind of this name.
     ///
     /// # Errors
@@ -185,6 +202,15 @@ impl Kind {
         d.document(self.documentation);
         (self.declare)(structure, registry, d)
     }
+}
+
+/// Whether two texts are equal, when compiling.
+const fn same(one: &[u8], other: &[u8]) -> bool {
+    let mut equal = 0;
+    while equal < one.len() && equal < other.len() && one[equal] == other[equal] {
+        equal += 1;
+    }
+    equal == one.len() && equal == other.len()
 }
 
 impl std::fmt::Debug for Kind {

@@ -41,6 +41,9 @@
 //! # assert_eq!(model.variables().find("x[2]").unwrap().name(), "x[2]");
 //! ```
 //!
+//! `examples/my_plant` is a whole crate with this model and a larger one, which has a structure, units, an input, events
+//! and a counter.
+//!
 //! ## Which method is called when
 //!
 //! | method | when | may |

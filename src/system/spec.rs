@@ -2,6 +2,7 @@
 
 use std::marker::PhantomData;
 
+use super::declaration::MOST_VALUES;
 use super::values::{Choice, Class, MatrixOf, ScalarOf, VectorOf};
 use super::variable::{Causality, Data, Naming};
 
@@ -127,6 +128,10 @@ impl<D: Shape> Spec<D> {
     /// The start values of an identity matrix.
     pub fn identity(mut self) -> Self {
         if let Naming::Matrix(rows, columns) = self.shape.naming() {
+            // What is too large is refused by the declaration.
+            if rows.saturating_mul(columns) > MOST_VALUES {
+                return self;
+            }
             self.start = (0..rows * columns).map(|k| f64::from(u8::from(k % rows == k / rows))).collect();
         } else {
             self.start = vec![1.0];

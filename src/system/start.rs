@@ -36,6 +36,7 @@ impl Variables {
 
 /// The variable with the place of an element, if it has one of this name beside its own.
 fn element<'a>(variable: &'a mut Variable, name: &str) -> Option<(&'a mut Variable, usize)> {
+    name.strip_prefix(variable.name.as_str()).filter(|indices| indices.starts_with('['))?;
     let found = variable.elements().find(|element| variable.name != name && element.name() == name)?.offset;
     Some((variable, found))
 }

@@ -142,7 +142,7 @@ impl Variable {
         match self.naming {
             Naming::Scalar => 1,
             Naming::Vector(n) | Naming::Diagonal(n) => n,
-            Naming::Matrix(rows, columns) => rows * columns,
+            Naming::Matrix(rows, columns) => rows.saturating_mul(columns),
         }
     }
 

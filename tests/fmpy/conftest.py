@@ -9,6 +9,7 @@ With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of 
 import csv
 import json
 import os
+import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -78,6 +79,46 @@ def unit(fmu: Callable[[str], Fmu]) -> Iterator[Callable[..., Unit]]:
     yield make
     for instance in made:
         instance.free()
+
+
+# Bounds within which the program reads files that may be anything.
+MEMORY, SECONDS = 1 << 30, 10
+
+
+@pytest.fixture(scope="session")
+def bounded() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Runs the program itself, without cargo, within bounds; its answer, where it did nothing that it may never do."""
+    assert adaptive_fmu("list").returncode == 0, "it is built"
+    program = ROOT / "target" / "release" / "adaptive-fmu"
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    def run(*arguments: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
+        answer = subprocess.run(
+            [program, *map(str, arguments)],
+            cwd=folder,
+            env={**os.environ, "TMPDIR": str(folder)},
+            capture_output=True,
+            text=True,
+            timeout=SECONDS,
+            preexec_fn=limit,
+            check=False,
+        )
+        # A signal is a negative number: an abort, a stack that overflowed. 3 is a run beyond a limit of its loop.
+        assert answer.returncode in (0, 1, 3), answer
+        assert "panicked" not in answer.stderr and "internal fault" not in answer.stderr, answer
+        if answer.returncode == 1:
+            assert answer.stderr.splitlines()[-1].startswith("error: ") and answer.stderr.count("error: ") == 1, answer
+        return answer
+
+    return run
+
+
+def files_in(folder: Path) -> set[str]:
+    """All files below a folder."""
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if not path.is_dir()}
 
 
 def read_csv(file: Path) -> dict[str, np.ndarray]:

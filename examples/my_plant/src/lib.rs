@@ -1,6 +1,9 @@
-//! A model of one's own as an FMU.
+//! Models of one's own as FMUs. This file holds the smallest one; `rooms` shows what a larger one takes.
+
+mod rooms;
 
 use adaptive_fmu::system::*;
+use rooms::Rooms;
 
 /// Van der Pol oscillator x1' = x2, x2' = μ (1 − x1²) x2 − x1.
 pub struct VanDerPol {
@@ -36,4 +39,4 @@ impl System for VanDerPol {
     }
 }
 
-adaptive_fmu::export_fmi2![VanDerPol];
+adaptive_fmu::export_fmi2![VanDerPol, Rooms];

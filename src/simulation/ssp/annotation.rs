@@ -10,6 +10,9 @@ use crate::simulation::description::attribute;
 /// Type of our annotation.
 pub(super) const ANNOTATION: &str = "adaptive-fmu.closed-loop";
 
+/// How large coefficients may be against the leading one: the exponential of larger ones overflows.
+const LARGEST_RATIO: f64 = 1e100;
+
 /// A linear model (numerator · input + initial)/denominator of an input signal; those of one name are added.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IdealModel {
@@ -109,6 +112,11 @@ impl Reader<'_> {
             return Err(
                 self.refuse(node, "an IdealModel must be strictly proper, with a first denominator coefficient not 0")
             );
+        }
+        if denominator.iter().chain(&numerator).any(|number| (number / denominator[0]).abs() > LARGEST_RATIO) {
+            let reason =
+                format!("an IdealModel's coefficients must be within {LARGEST_RATIO:e} times the denominator's first");
+            return Err(self.refuse(node, &reason));
         }
         let initial = node.attribute("initial").map_or(Ok(vec![]), |_| self.numbers(node, "initial"))?;
         if initial.len() >= denominator.len() {

@@ -1,14 +1,11 @@
 //! Where the files of a loop are: in this program, in a folder, or in an archive.
 
-use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use super::{STRUCTURE, Structure};
 use crate::error::Error;
 use crate::exporter::{self, Embedded};
-
-/// What one text file may hold: a limit for files that aren't ours.
-const LARGEST: u64 = 1 << 26;
+use crate::text_file;
 
 /// The files of a loop.
 #[derive(Debug)]
@@ -97,14 +94,7 @@ impl LoopFiles {
             let found = files.iter().find(|(known, _)| *known == name).map(|(_, text)| (*text).to_owned());
             return found.ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()));
         };
-        let mut text = String::new();
-        let file = std::fs::File::open(folder.join(name)).map_err(failed)?;
-        file.take(LARGEST + 1).read_to_string(&mut text).map_err(failed)?;
-        if text.len() as u64 > LARGEST {
-            let reason = format!("is longer than {LARGEST} bytes");
-            return Err(Error::Loop { file: self.path(name), reason });
-        }
-        Ok(text)
+        text_file::read(&folder.join(name)).map_err(failed)
     }
 
     fn folder(&self) -> Option<&Path> {

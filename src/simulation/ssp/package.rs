@@ -61,7 +61,8 @@ fn descriptions(structure: &Structure, fmus: &Path) -> Result<Vec<Description>, 
     let read = |component: &Component| {
         let file = fmus.join(format!("{}.fmu", component.fmu));
         let xml = read_entry(&file, "modelDescription.xml")?;
-        Description::read(&xml).map_err(|reason| Error::Archive { file, reason })
+        let description = Description::read(&xml).and_then(Description::for_co_simulation);
+        description.map_err(|reason| Error::Archive { file, reason })
     };
     structure.components.iter().map(read).collect()
 }

@@ -1,5 +1,6 @@
 //! Parameter sets (.ssv), their bindings, and start values given by name.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use roxmltree::Node;
@@ -10,6 +11,7 @@ use super::{Component, Origin, StartValue, Structure};
 use crate::error::Error;
 use crate::simulation::description::{attribute, child, elements};
 use crate::simulation::units::UnitDefinition;
+use crate::text_file;
 
 const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
 
@@ -19,7 +21,7 @@ const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
 /// What is wrong, with its line.
 fn read_set(text: &str, file: &Path) -> Result<Vec<StartValue>, Error> {
     let document = parse(text, file)?;
-    Reader { document: &document, file }.parameter_set(document.root_element(), &[])
+    Reader::new(&document, file).parameter_set(document.root_element(), &[])
 }
 
 impl Component {
@@ -28,7 +30,7 @@ impl Component {
     /// # Errors
     /// When the set can't be read.
     pub fn alone(fmu: &str, parameters: &Path) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(parameters).map_err(Error::file(parameters))?;
+        let text = text_file::read(parameters).map_err(Error::file(parameters))?;
         let (name, values) = (fmu.to_owned(), read_set(&text, parameters)?);
         Ok(Component { fmu: name.clone(), name, connectors: Vec::new(), values })
     }
@@ -83,10 +85,10 @@ impl Reader<'_> {
         }
         let mut known = self.units(set)?;
         known.extend_from_slice(units);
-        let mut values: Vec<StartValue> = Vec::new();
+        let (mut values, mut names) = (Vec::new(), HashSet::new());
         for node in elements(self.inside(set, "Parameters")?, "Parameter") {
             let value = self.parameter(node, &known)?;
-            if values.iter().any(|other| other.name == value.name) {
+            if !names.insert(value.name.clone()) {
                 return Err(self.refuse(node, &format!("`{}` is given twice", value.name)));
             }
             values.push(value);
@@ -107,6 +109,14 @@ impl Reader<'_> {
     }
 }
 
+/// Each value that prevails, the last of its name, in the order in which they were given.
+pub(super) fn latest(values: Vec<StartValue>) -> Vec<StartValue> {
+    let mut names = HashSet::new();
+    let mut latest: Vec<_> = values.into_iter().rev().filter(|value| names.insert(value.name.clone())).collect();
+    latest.reverse();
+    latest
+}
+
 /// Puts a value in the place of an earlier one of its name.
 fn put(values: &mut Vec<StartValue>, value: StartValue) {
     values.retain(|earlier| earlier.name != value.name);
@@ -122,7 +132,10 @@ impl Structure {
         for mut value in values {
             let (place, name) = self.split(&value.name, |_| None).map_err(|reason| value.origin.refuse(&reason))?;
             value.name = name;
-            self.put(place, value);
+            self.components[place].values.push(value);
+        }
+        for component in &mut self.components {
+            component.values = latest(std::mem::take(&mut component.values));
         }
         Ok(())
     }
@@ -136,7 +149,7 @@ impl Structure {
             case.to_str().filter(|name| !case.is_file() && files.parameter_files().contains(&(*name).to_owned()));
         let (text, file) = match beside {
             Some(name) => (files.read(name)?, files.path(name)),
-            None => (std::fs::read_to_string(case).map_err(Error::file(case))?, case.to_owned()),
+            None => (text_file::read(case).map_err(Error::file(case))?, case.to_owned()),
         };
         self.apply(read_set(&text, &file)?)
     }
@@ -161,7 +174,7 @@ impl Structure {
             return Ok(());
         }
         let (place, name) = self.split(target, by_fmu).map_err(|reason| origin.refuse(&reason))?;
-        self.put(place, StartValue { name, data_type: None, text, unit: None, origin });
+        put(&mut self.components[place].values, StartValue { name, data_type: None, text, unit: None, origin });
         Ok(())
     }
 
@@ -171,10 +184,6 @@ impl Structure {
         let Some(value) = self.whole.first() else { return Ok(()) };
         let reason = self.split(&value.name, |_| None).err().unwrap_or_default();
         Err(value.origin.refuse(&format!("{reason}; what has no unit is of the loop as one unit (--composite)")))
-    }
-
-    fn put(&mut self, place: usize, value: StartValue) {
-        put(&mut self.components[place].values, value);
     }
 
     /// The component that a name begins with, and the variable; names of both may hold dots.

@@ -8,21 +8,32 @@ use super::Origin;
 use crate::error::Error;
 use crate::simulation::description::{attribute, child, elements};
 use crate::simulation::units::UnitDefinition;
+use crate::simulation::xml;
 
 /// A document, with its file for messages.
 pub(super) struct Reader<'a> {
     pub document: &'a Document<'a>,
     pub file: &'a Path,
+    /// Where its lines end.
+    line_ends: Vec<usize>,
 }
 
 /// The document of a text.
 pub(super) fn parse<'a>(text: &'a str, file: &Path) -> Result<Document<'a>, Error> {
-    Document::parse(text).map_err(|error| Error::Loop { file: file.to_owned(), reason: error.to_string() })
+    xml::parse(text).map_err(|reason| Error::Loop { file: file.to_owned(), reason })
+}
+
+impl<'a> Reader<'a> {
+    pub fn new(document: &'a Document<'a>, file: &'a Path) -> Self {
+        let line_ends = document.input_text().match_indices('\n').map(|(place, _)| place).collect();
+        Reader { document, file, line_ends }
+    }
 }
 
 impl Reader<'_> {
     pub fn line(&self, node: Node) -> u32 {
-        self.document.text_pos_at(node.range().start).row
+        let before = self.line_ends.partition_point(|&end| end < node.range().start);
+        u32::try_from(before + 1).unwrap_or(u32::MAX)
     }
 
     pub fn origin(&self, node: Node) -> Origin {
@@ -34,7 +45,12 @@ impl Reader<'_> {
     }
 
     pub fn required(&self, node: Node, name: &str) -> Result<String, Error> {
-        attribute(node, name).ok_or_else(|| self.refuse(node, &format!("{} has no {name}", node.tag_name().name())))
+        let element = node.tag_name().name();
+        let text = attribute(node, name).ok_or_else(|| self.refuse(node, &format!("{element} has no {name}")))?;
+        if text.contains(char::is_control) {
+            return Err(self.refuse(node, &format!("{name} = {text}: must hold no control character")));
+        }
+        Ok(text)
     }
 
     pub fn number(&self, node: Node, name: &str) -> Result<f64, Error> {
@@ -50,7 +66,8 @@ impl Reader<'_> {
     pub fn numbers(&self, node: Node, name: &str) -> Result<Vec<f64>, Error> {
         let text = self.required(node, name)?;
         let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
-        numbers.map_err(|_| self.refuse(node, &format!("{name} = {text}: must be numbers")))
+        let numbers = numbers.ok().filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+        numbers.ok_or_else(|| self.refuse(node, &format!("{name} = {text}: must be finite numbers")))
     }
 
     pub fn inside<'a, 'b>(&self, node: Node<'a, 'b>, name: &'static str) -> Result<Node<'a, 'b>, Error> {

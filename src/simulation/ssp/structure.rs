@@ -1,18 +1,21 @@
 //! Reading a SystemStructure.ssd.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 use roxmltree::Node;
 
 use super::annotation::ANNOTATION;
 use super::files::{LoopFiles, is_inside};
+use super::parameters::latest;
 use super::reader::{Reader, parse};
-use super::{Component, Connection, Connector, StartValue, Structure};
+use super::{Component, Connection, Connector, Structure};
 use crate::error::Error;
 use crate::simulation::description::{attribute, child, elements};
 use crate::simulation::units::{Affine, UnitDefinition};
 
 const FMU: &str = "application/x-fmu-sharedlibrary";
+/// The most components of a loop: each is an FMU that is loaded.
+const MOST_COMPONENTS: usize = 1000;
 const KINDS: [&str; 5] = ["input", "output", "parameter", "calculatedParameter", "inout"];
 
 impl Structure {
@@ -23,7 +26,7 @@ impl Structure {
     pub fn read(files: &LoopFiles) -> Result<Self, Error> {
         let (text, file) = (files.structure_text()?, files.structure_file());
         let document = parse(&text, &file)?;
-        Reader { document: &document, file: &file }.structure(files)
+        Reader::new(&document, &file).structure(files)
     }
 }
 
@@ -95,6 +98,9 @@ impl Reader<'_> {
                 return Err(self.refuse(node, &format!("two components are named `{}`", component.name)));
             }
             components.push(component);
+            if components.len() > MOST_COMPONENTS {
+                return Err(self.refuse(node, &format!("there are more than {MOST_COMPONENTS} components")));
+            }
         }
         Ok(components)
     }
@@ -112,23 +118,19 @@ impl Reader<'_> {
         let fmu = fmu
             .filter(|name| is_inside(name))
             .ok_or_else(|| self.refuse(node, &format!("source = {source}: must be resources/NAME.fmu")))?;
-        let mut values: Vec<StartValue> = Vec::new();
-        for value in self.bindings(node, units, files)? {
-            values.retain(|earlier| earlier.name != value.name);
-            values.push(value);
-        }
+        let values = latest(self.bindings(node, units, files)?);
         let connectors = self.connectors(node, units)?;
         Ok(Component { name: self.required(node, "name")?, fmu: fmu.to_owned(), connectors, values })
     }
 
     fn connectors(&self, component: Node, units: &[UnitDefinition]) -> Result<Vec<Connector>, Error> {
-        let mut connectors: Vec<Connector> = Vec::new();
+        let (mut connectors, mut names) = (Vec::new(), HashSet::new());
         for node in child(component, "Connectors").into_iter().flat_map(|node| elements(node, "Connector")) {
             let (name, kind) = (self.required(node, "name")?, self.required(node, "kind")?);
             if !KINDS.contains(&kind.as_str()) {
                 return Err(self.refuse(node, &format!("kind = {kind}: must be one of {}", KINDS.join(", "))));
             }
-            if connectors.iter().any(|other| other.name == name) {
+            if !names.insert(name.clone()) {
                 return Err(self.refuse(node, &format!("two connectors are named `{name}`")));
             }
             let types = ["Real", "Integer", "Boolean", "String", "Enumeration", "Binary"];

@@ -23,6 +23,9 @@ use crate::report::DesignReport;
 use errors::ErrorCoordinates;
 use schedule::Step;
 
+/// The most parts of a composite.
+const MOST_PARTS: usize = 1000;
+
 /// What a composite is made of.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -95,9 +98,14 @@ pub(super) fn declare(
     d: &mut Declaration,
 ) -> Result<Box<dyn DynSystem>, Invalid> {
     let structure: Structure = read(structure)?;
+    if !(1..=MOST_PARTS).contains(&structure.parts.len()) {
+        let allowed = format!("must be within 1 … {MOST_PARTS}");
+        return Err(Invalid::new("[structure] number of parts", structure.parts.len(), allowed));
+    }
     let mut parts = Vec::new();
     for part in &structure.parts {
         parts.push(declare_part(part, registry, d, &parts)?);
+        d.check_so_far()?;
     }
     let links = connection::resolve(&structure.connections, &d.variables)?;
     let open = connection::open_inputs(&links, d);

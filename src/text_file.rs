@@ -1,0 +1,40 @@
+//! Text files as users give them: regular files of UTF-8, of a size that fits into memory many times over.
+
+use std::fs::File;
+use std::io::{self, ErrorKind, Read};
+use std::path::Path;
+
+/// What a text file may hold, in bytes: many times what the largest loop takes.
+const LARGEST: u64 = 1 << 22;
+
+/// The text of a file.
+///
+/// # Errors
+/// When it isn't there, is a folder or a pipe, is too long, or isn't UTF-8.
+pub fn read(file: &Path) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    open(file)?.take(LARGEST + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(refuse(format!("is longer than {LARGEST} bytes")));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = valid.iter().filter(|&&byte| byte == b'\n').count() + 1;
+        refuse(format!("line {line}: is not UTF-8"))
+    })
+}
+
+/// A file to read. What isn't a regular one is refused: a pipe would be waited for without end.
+///
+/// # Errors
+/// When it isn't there, or is no regular file.
+pub fn open(file: &Path) -> io::Result<File> {
+    if !std::fs::metadata(file)?.is_file() {
+        return Err(refuse("is not a regular file".to_owned()));
+    }
+    File::open(file)
+}
+
+fn refuse(reason: String) -> io::Error {
+    io::Error::new(ErrorKind::InvalidData, reason)
+}
