@@ -21,8 +21,12 @@ pub mod parallel;
 #[path = "../plants/mod.rs"]
 pub mod plants;
 #[cfg(feature = "cli")]
+pub mod schema;
+#[cfg(feature = "cli")]
 pub mod simulation;
 pub mod system;
+#[cfg(feature = "cli")]
+pub mod template;
 #[cfg(feature = "cli")]
 pub mod tuning;
 

@@ -235,6 +235,11 @@ impl Declaration {
         (declared, base)
     }
 
+    /// How many variables were declared so far, and the name of the part that is being declared.
+    pub(super) fn declared(&self) -> (usize, Option<String>) {
+        (self.variables.list.len(), self.part.as_ref().map(|part| part.name.clone()))
+    }
+
     /// Where a handle's span lies in the whole section.
     fn absolute(&self, span: Span) -> Span {
         let section = self.section_of(span.section, true);
@@ -317,7 +322,8 @@ impl Declaration {
             other => other.unwrap_or(Causality::Local),
         };
         let name = self.part.as_ref().map_or(name.clone(), |part| format!("{}.{name}", part.name));
-        let variable = Variable { name, description, section, start, naming, causality, variability, data };
+        let given = Vec::new();
+        let variable = Variable { name, given, description, section, start, naming, causality, variability, data };
         sizes[section as usize] += variable.len();
         self.check(&variable);
         self.variables.list.push(variable);
@@ -332,7 +338,8 @@ impl Declaration {
         }
         // A derivative has the name of its state, and shows it as `der(…)`.
         let rate = |v: &Variable| v.section == Section::Derivative;
-        if self.variables.list.iter().any(|other| other.name == *name && rate(other) == rate(variable)) {
+        let named = |v: &Variable| v.name == *name || v.given.iter().flatten().any(|given| given == name);
+        if self.variables.list.iter().any(|other| named(other) && rate(other) == rate(variable)) {
             self.problems.and(Invalid::because(format!("two variables are named `{name}`")));
         }
         if variable.section == Section::State && variable.causality == Causality::Hidden {
