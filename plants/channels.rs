@@ -12,11 +12,15 @@ const LARGEST_LINES: usize = 1_000_000;
 
 /// Number of channels, their units (1 where none are given), and how many samples the longest delay may have.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Channels {
+    /// Number of channels.
     channels: usize,
+    /// Units of the channels, one each; 1 where none are given.
     #[serde(default)]
     units: Vec<String>,
+    /// How many samples the longest delay may have.
     #[serde(default = "usual_delay_samples")]
     delay_samples: usize,
 }

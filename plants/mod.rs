@@ -12,6 +12,7 @@ pub mod nonlinear_siso;
 pub mod quadrotor;
 pub mod reference;
 pub mod sensor;
+pub mod state_space;
 pub mod twin_rotor;
 pub mod two_link_robot;
 pub mod unmatched_mimo;

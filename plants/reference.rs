@@ -12,6 +12,7 @@ const STEPS: usize = 4;
 
 /// The parts of a reference that can be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 enum Part {
     Cosine,
@@ -22,21 +23,29 @@ enum Part {
 
 /// A named choice of parts.
 #[derive(Debug, Clone, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 struct NamedSignal {
+    /// Item of the parameter `signal`.
     name: String,
+    /// What it is, in a line.
     description: String,
+    /// The parts that it consists of, beside offset and ramp.
     parts: Vec<Part>,
 }
 
 /// Number of channels, their units (1 where none are given), and names for choices of parts (a parameter `signal`), where
 /// there are several.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceStructure {
+    /// Number of channels.
     channels: usize,
+    /// Units of the reference, one a channel; 1 where none are given.
     #[serde(default)]
     units: Vec<String>,
+    /// Named choices of parts, the items of a parameter `signal`.
     #[serde(default)]
     signals: Vec<NamedSignal>,
 }

@@ -36,6 +36,11 @@ impl Invalid {
         Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{part}: {reason}")).collect() }
     }
 
+    /// In other words.
+    pub(crate) fn told(self, tell: impl Fn(&str) -> String) -> Self {
+        Invalid { reasons: self.reasons.iter().map(|reason| tell(reason)).collect() }
+    }
+
     /// With the time at which they were found, s.
     pub(crate) fn at(self, time: f64) -> Self {
         Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{reason} (at t = {time} s)")).collect() }

@@ -22,8 +22,12 @@ pub mod parallel;
 pub mod plants;
 pub mod report;
 #[cfg(feature = "cli")]
+pub mod schema;
+#[cfg(feature = "cli")]
 pub mod simulation;
 pub mod system;
+#[cfg(feature = "cli")]
+pub mod template;
 pub mod text_file;
 #[cfg(feature = "cli")]
 pub mod tuning;

@@ -17,6 +17,7 @@ use crate::plants::nonlinear_siso::NonlinearSiso;
 use crate::plants::quadrotor::Quadrotor;
 use crate::plants::reference::Reference;
 use crate::plants::sensor::Sensor;
+use crate::plants::state_space::StateSpace;
 use crate::plants::twin_rotor::TwinRotor;
 use crate::plants::two_link_robot::TwoLinkRobot;
 use crate::plants::unmatched_mimo::UnmatchedMimo;
@@ -39,6 +40,7 @@ pub static REGISTRY: Registry = &[
     Kind::of::<Quadrotor>(),
     Kind::of::<Reference>(),
     Kind::of::<Sensor>(),
+    Kind::of::<StateSpace>(),
     Kind::of::<TwinRotor>(),
     Kind::of::<TwoLinkRobot>(),
     Kind::of::<UnmatchedMimo>(),

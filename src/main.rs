@@ -22,6 +22,10 @@ struct Arguments {
 enum Command {
     /// Lists the FMUs and the closed loops
     List(command::list::Arguments),
+    /// Writes the description of a unit of your own, to be filled in
+    New(command::new::Arguments),
+    /// Prints the JSON schema of descriptions
+    Schema,
     /// Reports on the design of an FMU's description: poles, margins, and whether its conditions hold
     Check(command::check::Arguments),
     /// Writes FMUs
@@ -57,6 +61,8 @@ fn main() -> ExitCode {
 fn execute(command: Command) -> Result<ExitCode, Error> {
     match command {
         Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::New(arguments) => command::new::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Schema => Ok(command::schema::execute()),
         Command::Check(arguments) => command::check::execute(&arguments),
         Command::Export(arguments) => command::export::execute(&arguments),
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),

@@ -5,10 +5,13 @@ use serde::Deserialize;
 use crate::error::Invalid;
 use crate::execution::Controls;
 use crate::report::DesignReport;
-use crate::system::{Data, Declaration, DynSystem, Kind, NoStructure, Registry, Section, System, Variables};
+use crate::system::{
+    Data, Declaration, DynSystem, Kind, Names, NoStructure, Registry, Section, System, Variables, Word, Words,
+};
 
 /// What a person writes about an FMU (`modelDescription/NAME.toml`).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Description {
     /// Name of the FMU: a C identifier.
@@ -22,14 +25,20 @@ pub struct Description {
     pub experiment: Experiment,
     /// What the system's variables depend on.
     #[serde(default)]
+    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     pub structure: toml::Table,
+    /// Names of one's own for variables, by the system's names of them.
+    #[serde(default)]
+    pub names: Names,
     /// Start values that differ from the system's own.
     #[serde(default)]
+    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, crate::schema::StartValue>"))]
     pub start: toml::Table,
 }
 
 /// The default experiment.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Experiment {
     /// Stop time, s.
@@ -60,6 +69,8 @@ impl Description {
             table.values().for_each(|value| check_texts(value, &mut invalid));
         }
         check_text(&description.description, &mut invalid);
+        let words = description.names.values().flat_map(Words::each);
+        words.filter_map(Word::description).for_each(|text| check_text(text, &mut invalid));
         let name = &description.name;
         let starts_well = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
         if !starts_well || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') || name.len() > 100 {
@@ -148,6 +159,7 @@ impl Model {
             description: String::new(),
             experiment: Experiment::default(),
             structure: toml::Table::new(),
+            names: Names::new(),
             start: start.clone(),
         };
         Model::build(description, &Kind::of::<M>(), &[])
@@ -155,7 +167,7 @@ impl Model {
 
     fn build(description: Description, kind: &Kind, registry: Registry) -> Result<Model, Invalid> {
         let mut declaration = Declaration::default();
-        let system = kind.declare(description.structure.clone(), registry, &mut declaration)?;
+        let system = kind.declare(description.structure.clone(), &description.names, registry, &mut declaration)?;
         let documentation = declaration.documentation();
         let controls = Controls::declare(&mut declaration, system.as_ref());
         let mut variables = declaration.finish()?;

@@ -107,8 +107,9 @@ pub fn export_whole(structure: &Structure, library: &Library, out: &Path) -> Res
 
 /// Writes the FMUs of a loop into a folder.
 pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
-    let needed: BTreeSet<String> = structure.components.iter().map(|component| component.fmu.clone()).collect();
-    export(&Vec::from_iter(needed), library, out)
+    warn_if_slow(library)?;
+    let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
+    needed.into_iter().map(|fmu| exporter::export(&structure.description_of(fmu)?, library, out)).collect()
 }
 
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
@@ -132,7 +133,7 @@ fn export_with_choices(structure: &Structure, library: &Library, out: &Path) -> 
     warn_if_slow(library)?;
     let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
     for fmu in needed {
-        let source = exporter::find_description(fmu)?.with_start(choices(structure, fmu))?;
+        let source = structure.description_of(fmu)?.with_start(choices(structure, fmu))?;
         exporter::export(&source, library, out)?;
     }
     Ok(())

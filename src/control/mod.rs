@@ -12,6 +12,7 @@ pub mod l1_norm;
 pub mod limits;
 pub mod lyapunov;
 pub mod matched_equivalent;
+pub mod matrices;
 pub mod performance;
 pub mod pole_placement;
 pub mod prediction_error;

@@ -13,6 +13,7 @@ use crate::system::{
 
 /// How the gain k_l is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ObserverDynamics {
     /// By the poles of A − k_l C.
@@ -24,6 +25,7 @@ pub enum ObserverDynamics {
 
 /// The description of an observer's structure.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ObserverStructure {
     /// Nominal dynamics, n rows of n numbers.
@@ -32,18 +34,24 @@ pub struct ObserverStructure {
     B: Vec<Vec<f64>>,
     /// What is measured, m rows of n numbers.
     C: Vec<Vec<f64>>,
+    /// How the gain is given.
     #[serde(default)]
     observer_dynamics: ObserverDynamics,
+    /// Units of the signals.
     #[serde(default)]
     units: Units,
 }
 
 /// Units of the signals, an element each; 1 where none are given.
 #[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 struct Units {
+    /// Of the plant's state.
     x: Vec<String>,
+    /// Of the measured output.
     y: Vec<String>,
+    /// Of the plant's input.
     u: Vec<String>,
 }
 

@@ -37,6 +37,23 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for WatchedStructure<T> {
     }
 }
 
+#[cfg(feature = "cli")]
+impl<T: schemars::JsonSchema> schemars::JsonSchema for WatchedStructure<T> {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        format!("Watched{}", T::schema_name()).into()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let mut schema = T::json_schema(generator);
+        if let Some(properties) = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut) {
+            let text = "Whether the tracking error is watched against a funnel, the law unchanged.";
+            let funnel = serde_json::json!({ "description": text, "type": "boolean", "default": false });
+            properties.insert("funnel".to_owned(), funnel);
+        }
+        schema
+    }
+}
+
 /// A controller, with its funnel where the description asks for one.
 #[derive(Debug)]
 pub struct Watched<C> {

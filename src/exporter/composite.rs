@@ -5,8 +5,8 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
-use super::{Library, Source, describe, find_description};
-use crate::error::Error;
+use super::{Library, Source, describe};
+use crate::error::{Error, Invalid};
 use crate::model;
 use crate::simulation::{self, Affine, Component, Description, StartValue, Structure, Variable, check, start_values};
 use crate::system::Kind;
@@ -26,7 +26,8 @@ pub fn composite_name(structure: &Structure) -> String {
 /// # Errors
 /// When one of its units isn't of this package, or a connection or value doesn't fit.
 pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Vec<String>), Error> {
-    let sources = structure.components.iter().map(|unit| find_description(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
+    let sources =
+        structure.components.iter().map(|unit| structure.description_of(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
     let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;
     let mut wiring = check(structure, &described.iter().collect::<Vec<_>>())?;
     let mut links = structure.connections.iter().zip(&wiring.links);
@@ -116,8 +117,7 @@ fn source(structure: &Structure, parts: Vec<Value>, start: Table) -> Source {
 
 /// A unit as a part: its description, with the loop's start values.
 fn part(name: &str, source: &Source, values: &[(&Variable, &simulation::Value)]) -> Result<Table, Error> {
-    let refuse =
-        |reason: crate::error::Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
+    let refuse = |reason: Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
     let description = model::Description::read(&source.text).map_err(refuse)?;
     let mut start = description.start;
     start.retain(|name, _| !ABOUT_STEPS.contains(&name));
@@ -126,6 +126,8 @@ fn part(name: &str, source: &Source, values: &[(&Variable, &simulation::Value)])
     part.insert("name".to_owned(), Value::String(name.to_owned()));
     part.insert("model".to_owned(), Value::String(description.model));
     part.insert("structure".to_owned(), Value::Table(description.structure));
+    let names = Value::try_from(&description.names).map_err(|error| refuse(Invalid::because(error)))?;
+    part.insert("names".to_owned(), names);
     part.insert("start".to_owned(), Value::Table(start));
     Ok(part)
 }

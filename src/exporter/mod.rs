@@ -25,7 +25,7 @@ include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 pub type Embedded = &'static [(&'static str, &'static str)];
 
 /// A description, and where it came from.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Source {
     /// The file, for messages.
     pub file: PathBuf,

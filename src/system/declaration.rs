@@ -246,6 +246,11 @@ impl Declaration {
         (declared, base)
     }
 
+    /// How many variables were declared so far, and the name of the part that is being declared.
+    pub(super) fn declared(&self) -> (usize, Option<String>) {
+        (self.variables.list.len(), self.part.as_ref().map(|part| part.name.clone()))
+    }
+
     /// Where a handle's span lies in the whole section.
     fn absolute(&self, span: Span) -> Span {
         let section = self.section_of(span.section, true);
@@ -328,7 +333,8 @@ impl Declaration {
         let name = self.part.as_ref().map_or(name.clone(), |part| format!("{}.{name}", part.name));
         let sizes = if real { &self.variables.real_sizes } else { &self.variables.integer_sizes };
         let start = sizes[section as usize];
-        let variable = Variable { name, description, section, start, naming, causality, variability, data };
+        let given = Vec::new();
+        let variable = Variable { name, given, description, section, start, naming, causality, variability, data };
         if self.has_room(&variable) {
             let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
             sizes[section as usize] += variable.len();
@@ -370,7 +376,12 @@ impl Declaration {
         if variable.is_empty() {
             self.problems.and(Invalid::because(format!("`{name}` would have no element: a size is 0")));
         }
-        if !self.names.insert((name.clone(), variable.section == Section::Derivative)) {
+        // A derivative has the name of its state, and shows it as `der(…)`.
+        let rate = variable.section == Section::Derivative;
+        let given = |v: &Variable| {
+            (v.section == Section::Derivative) == rate && v.given.iter().flatten().any(|own| own == name)
+        };
+        if !self.names.insert((name.clone(), rate)) || self.variables.list.iter().any(given) {
             self.problems.and(Invalid::because(format!("two variables are named `{name}`")));
         }
         if variable.section == Section::State && variable.causality == Causality::Hidden {

@@ -5,6 +5,8 @@ use std::marker::PhantomData;
 use num_dual::Dual64;
 use serde::de::DeserializeOwned;
 
+use super::names::{self, Names};
+use super::renamed::Renamed;
 use super::values::{Offsets, Values, Written};
 use super::{Declaration, ErrorEstimate, Point, Scalar, Section, Stride, System};
 use crate::error::Invalid;
@@ -189,18 +191,25 @@ impl Kind {
         })
     }
 
-    /// Declares its variables for a structure; the registry is where a composite finds its parts.
+    /// Declares its variables for a structure, under the user's names; the registry is where a composite finds its parts.
     ///
     /// # Errors
     /// [`Invalid`] for keys that don't exist, are missing, of a wrong type, or contradict each other.
     pub fn declare(
         &self,
         structure: toml::Table,
+        names: &Names,
         registry: Registry,
         d: &mut Declaration,
     ) -> Result<Box<dyn DynSystem>, Invalid> {
         d.document(self.documentation);
-        (self.declare)(structure, registry, d)
+        let (first, part) = d.declared();
+        let system = (self.declare)(structure, registry, d)?;
+        if names.is_empty() {
+            return Ok(system);
+        }
+        let translation = names::apply(names, first, part.as_deref(), d)?;
+        Ok(Box::new(Renamed { system, translation }))
     }
 }
 

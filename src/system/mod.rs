@@ -70,15 +70,20 @@
 mod composite;
 mod declaration;
 mod erased;
+mod names;
 mod point;
+mod renamed;
 mod spec;
 mod start;
 mod unit;
 mod values;
 mod variable;
 
+#[cfg(feature = "cli")]
+pub(crate) use composite::Structure as CompositeStructure;
 pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
 pub use erased::{DynSystem, Kind, Registry};
+pub use names::{Described, Names, Word, Words};
 pub use point::{Message, MessageLog, Point};
 pub use spec::{
     DiscreteSpec, Grid, Many, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector,
@@ -105,6 +110,7 @@ impl<T: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync> Scalar
 
 /// The structure of a system that has none to choose: its description's `[structure]` is empty.
 #[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct NoStructure {}
 

@@ -14,9 +14,15 @@ impl Variables {
         if let Some((variable, offset)) = self.list.iter_mut().filter(settable).find_map(|v| element(v, name)) {
             return set_element(variable, offset, number(value)?);
         }
-        let Some(variable) = self.list.iter_mut().filter(settable).find(|variable| variable.name == name) else {
-            let known: Vec<_> =
-                self.list.iter().filter(|v| v.causality == Causality::Parameter).map(|v| &*v.name).collect();
+        // A scalar goes by its own name and by the user's.
+        let is_it = |v: &&mut Variable| v.name == name || v.naming == Naming::Scalar && v.element(0).name() == name;
+        let Some(variable) = self.list.iter_mut().filter(settable).find(is_it) else {
+            let parameters = self.list.iter().filter(|v| v.causality == Causality::Parameter);
+            let known: Vec<_> = parameters
+                .flat_map(|v| [Some(&v.name)].into_iter().chain(v.given.iter().map(Option::as_ref)))
+                .flatten()
+                .map(String::as_str)
+                .collect();
             return Err(format!("there is no such parameter; there are {}", known.join(", ")));
         };
         let naming = variable.naming;
@@ -38,6 +44,9 @@ impl Variables {
 fn element<'a>(variable: &'a mut Variable, name: &str) -> Option<(&'a mut Variable, usize)> {
     name.strip_prefix(variable.name.as_str()).filter(|indices| indices.starts_with('['))?;
     let found = variable.elements().find(|element| variable.name != name && element.name() == name)?.offset;
+    if variable.naming == Naming::Scalar {
+        return None;
+    }
     Some((variable, found))
 }
 

@@ -120,6 +120,8 @@ pub enum Naming {
 pub struct Variable {
     /// Name without indices.
     pub name: String,
+    /// A user's own names of its elements, as they are stored; empty where none has one.
+    pub given: Vec<Option<String>>,
     /// What it is; one text for all, or one an element.
     pub description: Vec<String>,
     /// Its class.
@@ -189,6 +191,9 @@ impl<'a> Element<'a> {
 
     fn indexed_name(&self) -> String {
         let (name, k) = (&self.variable.name, self.offset);
+        if let Some(Some(given)) = self.variable.given.get(k) {
+            return given.clone();
+        }
         match self.variable.naming {
             Naming::Scalar => name.clone(),
             Naming::Vector(_) => format!("{name}[{}]", k + 1),

@@ -1,4 +1,4 @@
-"""Every command of the README works as it stands there."""
+"""Every command of the README, and of the page about controllers of one's own, works as it stands there."""
 
 import re
 import shlex
@@ -13,7 +13,14 @@ from conftest import ROOT
 RUN_BY_CI = ["tests/run", "cargo bench --bench step", "cargo doc --no-deps"]
 
 README = (ROOT / "README.md").read_text()
-COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()]
+OWN_CONTROLLER = (ROOT / "docs" / "own_controller.md").read_text()
+
+
+def commands(page: str) -> list[str]:
+    return [line for block in re.findall(r"```sh\n(.*?)```", page, re.S) for line in block.splitlines()]
+
+
+COMMANDS = commands(README)
 
 
 def test_the_readme_starts_with_the_two_commands_that_do_all_the_set_up() -> None:
@@ -24,6 +31,20 @@ def test_the_readme_starts_with_the_two_commands_that_do_all_the_set_up() -> Non
 def test_a_command_of_the_readme_works(command: str) -> None:
     # The tests may run in another environment than the one that tests/run prepares.
     words = shlex.split(command.replace("target/venv/bin/", f"{Path(sys.executable).parent}/"))
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def mine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that a reader of the page calls `mine`: what a user has there under this name is left alone."""
+    return tmp_path_factory.mktemp("reader") / "mine"
+
+
+# In the order of the page: each finds what those before it have left.
+@pytest.mark.parametrize("command", commands(OWN_CONTROLLER))
+def test_a_command_of_the_page_about_controllers_of_ones_own_works(command: str, mine: Path) -> None:
+    words = [re.sub(r"^mine(?=/|$)", str(mine), word) for word in shlex.split(command)]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 

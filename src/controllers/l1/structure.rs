@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::Deserialize;
 
 use crate::control::filter::{Filter, FilterDescription};
+use crate::control::matrices::rows;
 use crate::system::{Invalid, Unit};
 
 /// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.
@@ -11,6 +12,7 @@ const MOST_STATES: usize = 200;
 
 /// What multiplies the estimates θ̂.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Regressor {
     /// φ(x) = x: θ̂ is m × n.
@@ -21,6 +23,7 @@ pub enum Regressor {
 
 /// Which entries of the input gain ω are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum InputGain {
     /// All.
@@ -31,6 +34,7 @@ pub enum InputGain {
 
 /// Where the static state feedback −K_m x stands that gives the nominal plant its desired dynamics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Baseline {
     /// There is none: the plant is written in the desired dynamics already.
@@ -44,6 +48,7 @@ pub enum Baseline {
 
 /// How the desired dynamics are given, where a baseline brings them about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum DesiredDynamics {
     /// By their poles.
@@ -55,6 +60,7 @@ pub enum DesiredDynamics {
 
 /// What the law commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Commands {
     /// The control itself.
@@ -66,6 +72,7 @@ pub enum Commands {
 
 /// The description of an L1 controller's structure.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 #[allow(non_snake_case)] // matrices have the names of the thesis
 pub struct L1Structure {
@@ -76,30 +83,41 @@ pub struct L1Structure {
     B: Vec<Vec<f64>>,
     /// Output matrix C, m rows of n numbers.
     C: Vec<Vec<f64>>,
+    /// What multiplies the estimates of theta.
     pub(super) regressor: Regressor,
+    /// Which entries of the input gain omega are estimated.
     pub(super) input_gain: InputGain,
+    /// Where the static state feedback stands that gives the plant its desired dynamics.
     #[serde(default)]
     pub(super) baseline: Baseline,
+    /// How the desired dynamics are given, where a baseline brings them about.
     #[serde(default)]
     pub(super) desired_dynamics: DesiredDynamics,
+    /// What the law commands.
     #[serde(default)]
     pub(super) commands: Commands,
+    /// The filter D(s); 1/s where none is given.
     #[serde(default)]
     filter: FilterDescription,
     /// Whether unmatched uncertainty is estimated too, along B_um.
     unmatched: Option<bool>,
     /// Where unmatched uncertainty enters, n rows of k numbers, orthogonal to B; all that B leaves, where it isn't given.
     B_um: Option<Vec<Vec<f64>>>,
+    /// Units of the signals.
     #[serde(default)]
     units: Units,
 }
 
 /// Units of the signals, an element each; 1 where none are given.
 #[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 struct Units {
+    /// Of the reference.
     r: Vec<String>,
+    /// Of the plant's state.
     x: Vec<String>,
+    /// Of the control.
     u: Vec<String>,
 }
 
@@ -269,24 +287,6 @@ pub(in crate::controllers) fn of_motion(control: &'static str) -> (&'static str,
         "N.m" => ("rad/s2", "kg.m2"),
         other => (other, "1"),
     }
-}
-
-fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
-    let columns = rows.first().map_or(0, Vec::len);
-    if columns == 0 {
-        return Err(Invalid::new(name, "empty", "must be rows of equally many numbers"));
-    }
-    for (i, row) in rows.iter().enumerate() {
-        let of_row = |value: String, allowed| Invalid::new(format!("row {} of {name}", i + 1), value, allowed);
-        if row.len() != columns {
-            let value = format!("{} numbers", row.len());
-            return Err(of_row(value, format!("all rows must have equally many; the first has {columns}")));
-        }
-        if let Some(value) = row.iter().find(|value| !value.is_finite()) {
-            return Err(of_row(value.to_string(), "must be finite numbers".to_owned()));
-        }
-    }
-    Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
 }
 
 /// An orthonormal basis of what is orthogonal to the columns of B: the unit vectors as far as they lie there, in their

@@ -35,19 +35,26 @@ impl Choice for Evaluation {
 
 /// Nominal matrices: n states, of which each is controlled by its channel.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MracStructure {
+    /// Nominal dynamics, n rows of n numbers.
     A: Vec<Vec<f64>>,
+    /// Input matrix of rank n: n rows of n numbers or more.
     B: Vec<Vec<f64>>,
+    /// Units of the signals.
     #[serde(default)]
     units: Symbols,
 }
 
 /// Units of the state and the control; 1 where none are given.
 #[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 struct Symbols {
+    /// Of the plant's state.
     x: Vec<String>,
+    /// Of the control.
     u: Vec<String>,
 }
 

@@ -24,15 +24,19 @@ const FUNNEL: [f64; 3] = [1.1, 0.005, 2.0];
 
 /// The description of the law's structure.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct NeuroPpfStructure {
     /// After how many derivatives of a tracked variable the control shows: 1 or 2.
     relative_degree: usize,
+    /// How many tracked variables, each with a control of its own.
     channels: usize,
     /// Whether the input gain is estimated, too.
     #[serde(default = "yes")]
     input_gain_network: bool,
+    /// The neurons.
     network: NetworkStructure,
+    /// Units of the signals.
     #[serde(default)]
     units: Units,
 }
@@ -43,9 +47,12 @@ fn yes() -> bool {
 
 /// Units of the signals, an element each; 1 where none are given.
 #[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 struct Units {
+    /// Of the reference.
     r: Vec<String>,
+    /// Of the control.
     u: Vec<String>,
 }
 

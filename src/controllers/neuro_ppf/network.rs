@@ -12,6 +12,7 @@ const PRIMES: [f64; 7] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
 
 /// How the weights of the neurons are given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum WeightRule {
     /// Within ±1, neuron j's from the fractions of j √2, j √3, j √5, …
@@ -25,13 +26,18 @@ pub enum WeightRule {
 
 /// The description of the layer.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct NetworkStructure {
+    /// How the weights are given.
     rule: WeightRule,
+    /// How many neurons; with weights that are given, as many as these.
     #[serde(default)]
     neurons: Option<usize>,
+    /// A row of weights a neuron, one an input, with rule = "given".
     #[serde(default)]
     weights: Vec<Vec<f64>>,
+    /// A number a neuron, with rule = "given".
     #[serde(default)]
     biases: Vec<f64>,
 }

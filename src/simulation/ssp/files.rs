@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use super::{STRUCTURE, Structure};
 use crate::error::Error;
-use crate::exporter::{self, Embedded};
+use crate::exporter::{self, Embedded, Source};
 use crate::text_file;
 
 /// The files of a loop.
@@ -109,6 +109,15 @@ impl LoopFiles {
     pub fn fmus(&self) -> Option<PathBuf> {
         let folder = self.folder()?.join("resources");
         folder.is_dir().then_some(folder)
+    }
+
+    /// The description of an FMU, where one lies beside the structure.
+    pub(super) fn description(&self, fmu: &str) -> Result<Option<Source>, Error> {
+        let name = format!("{fmu}.toml");
+        if !self.folder().is_some_and(|folder| folder.join(&name).is_file()) {
+            return Ok(None);
+        }
+        Ok(Some(Source { file: self.path(&name), text: self.read(&name)? }))
     }
 
     /// Names of the parameter files that lie beside the structure, in order.

@@ -19,6 +19,7 @@ pub use tuning::{SquareTerm, TunedParameter, Tuning};
 use super::closed_loop::Order;
 use super::units::{Affine, UnitDefinition};
 use crate::error::Error;
+use crate::exporter::{Source, find_description};
 
 /// Name of the file that every loop has.
 pub const STRUCTURE: &str = "SystemStructure.ssd";
@@ -34,6 +35,8 @@ pub struct Structure {
     pub description: String,
     /// Units, in the order in which they are stepped.
     pub components: Vec<Component>,
+    /// Descriptions of units that lie beside it, by the names of their FMUs.
+    pub descriptions: BTreeMap<String, Source>,
     /// Connections.
     pub connections: Vec<Connection>,
     /// Start values of what the loop has of its own where it is one unit, each name once.
@@ -128,6 +131,14 @@ pub struct Connection {
 }
 
 impl Structure {
+    /// The description of a unit: the one that lies beside the loop, or this package's.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn description_of(&self, fmu: &str) -> Result<Source, Error> {
+        self.descriptions.get(fmu).map_or_else(|| find_description(fmu), |source| Ok(source.clone()))
+    }
+
     /// All start values that differ from the FMUs' own, by their names in the loop.
     pub fn all_values(&self) -> BTreeMap<String, String> {
         let units = self.components.iter().flat_map(|unit| unit.values.iter().map(move |value| (Some(unit), value)));

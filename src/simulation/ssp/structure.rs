@@ -1,6 +1,6 @@
 //! Reading a SystemStructure.ssd.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use roxmltree::Node;
 
@@ -10,6 +10,8 @@ use super::parameters::latest;
 use super::reader::{Reader, parse};
 use super::{Component, Connection, Connector, Structure};
 use crate::error::Error;
+use crate::exporter::Source;
+use crate::model;
 use crate::simulation::description::{attribute, child, elements};
 use crate::simulation::units::{Affine, UnitDefinition};
 
@@ -44,11 +46,13 @@ impl Reader<'_> {
         let ours = self.closed_loop(root, experiment)?;
         let (step, order) = self.master(self.inside(ours, "Master")?)?;
         let units = self.units(root)?;
+        let components = self.components(system, &units, files)?;
         let mut structure = Structure {
             file: self.file.to_owned(),
             name: self.plain_name(if ours.has_attribute("name") { ours } else { root })?,
             description: attribute(system, "description").unwrap_or_default(),
-            components: self.components(system, &units, files)?,
+            descriptions: descriptions(&components, files)?,
+            components,
             connections: self.connections(system)?,
             whole: Vec::new(),
             parameter_files: parameter_files(root),
@@ -168,6 +172,22 @@ impl Reader<'_> {
             line: self.line(node),
         })
     }
+}
+
+/// The descriptions that lie beside a loop, of units that are made of them.
+fn descriptions(components: &[Component], files: &LoopFiles) -> Result<BTreeMap<String, Source>, Error> {
+    let mut found = BTreeMap::new();
+    for fmu in components.iter().map(|component| &component.fmu) {
+        if let Some(source) = files.description(fmu)? {
+            let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+            let name = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?.name;
+            if name != *fmu {
+                return Err(refuse(format!("name = `{name}`: must be `{fmu}`, as the file and the loop have it")));
+            }
+            found.insert(fmu.clone(), source);
+        }
+    }
+    Ok(found)
 }
 
 /// The parameter files that a document names, each once.

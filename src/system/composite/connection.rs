@@ -73,6 +73,7 @@ pub(super) fn open_inputs(links: &[Link], d: &mut Declaration) -> Vec<Link> {
         }
         d.variables.list[index].causality = Causality::Hidden;
         d.variables.list[index].name = format!("#{}", variable.name);
+        d.variables.list[index].given = Vec::new();
         // A vector that is connected in part only falls apart into its elements.
         let whole = open == variable.len();
         let pieces =
@@ -104,7 +105,7 @@ fn single(variable: &Variable, offset: usize) -> Variable {
     let mut single = variable.clone();
     (single.name, single.start) = (element.name(), element.place());
     single.description = vec![element.description().to_owned()];
-    single.naming = Naming::Scalar;
+    (single.naming, single.given) = (Naming::Scalar, Vec::new());
     if let Data::Real { start, unit, nominal, .. } = &mut single.data {
         *start = vec![element.start()];
         *unit = vec![element.unit()];

@@ -72,6 +72,8 @@ fn rename(states: Span, own: usize, magnitude: f64, variables: &mut Variables) {
     let name = format!("{}_error", plant.name);
     error.description = vec![format!("{} as it differs from its reference model", plant.name)];
     error.name.clone_from(&name);
+    error.given.iter_mut().flatten().for_each(|given| given.push_str("_error"));
+    let given = error.given.clone();
     error.causality = Causality::Local;
     if let Data::Real { nominal, .. } = &mut error.data {
         *nominal = vec![magnitude];
@@ -79,7 +81,7 @@ fn rename(states: Span, own: usize, magnitude: f64, variables: &mut Variables) {
     variables.list.insert(index + 1, error);
     let rate = variables.list.iter_mut().find(|v| v.section == Section::Derivative && v.start == states.start);
     if let Some(rate) = rate {
-        rate.name = name;
+        (rate.name, rate.given) = (name, given);
     }
 }
 

@@ -16,6 +16,7 @@ use serde::Deserialize;
 
 use super::declaration::Declaration;
 use super::erased::{DynSystem, Kind, Registry, read};
+use super::names::Names;
 use super::values::{Offsets, Values};
 use super::{ErrorEstimate, Point, Scalar, Section, Stride};
 use crate::error::Invalid;
@@ -28,8 +29,10 @@ const MOST_PARTS: usize = 1000;
 
 /// What a composite is made of.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-struct Structure {
+pub(crate) struct Structure {
+    /// The systems that it consists of.
     parts: Vec<PartDescription>,
     /// From an output to an input, as `part.variable[i]`.
     #[serde(default)]
@@ -38,13 +41,23 @@ struct Structure {
 
 /// A part, in the words of a description.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-struct PartDescription {
+pub(crate) struct PartDescription {
+    /// Its name, which stands before those of its variables.
     name: String,
+    /// Which system it is.
     model: String,
+    /// What its variables depend on.
     #[serde(default)]
+    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     structure: toml::Table,
+    /// Names of one's own for its variables.
     #[serde(default)]
+    names: Names,
+    /// Start values that differ from its own.
+    #[serde(default)]
+    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     start: toml::Table,
 }
 
@@ -146,7 +159,7 @@ fn declare_part(
         return Err(Invalid::new(format!("model of `{name}`"), "`composite`", "a part can't be a composite itself"));
     }
     let kind = Kind::find(registry, &part.model).map_err(|invalid| invalid.within(name))?;
-    let (system, base) = d.part(name, |d| kind.declare(part.structure.clone(), registry, d));
+    let (system, base) = d.part(name, |d| kind.declare(part.structure.clone(), &part.names, registry, d));
     let system = system.map_err(|invalid| invalid.within(name))?;
     let first = before.last().map_or(0, |other| other.indicators.end);
     let indicators = first..first + system.indicators();

@@ -1,0 +1,27 @@
+//! Matrices as descriptions give them.
+
+use nalgebra::DMatrix;
+
+use crate::error::Invalid;
+
+/// The matrix of some rows.
+///
+/// # Errors
+/// Rows of different lengths, none at all, and numbers that aren't finite.
+pub fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
+    let columns = rows.first().map_or(0, Vec::len);
+    if columns == 0 {
+        return Err(Invalid::new(name, "empty", "must be rows of equally many numbers"));
+    }
+    for (i, row) in rows.iter().enumerate() {
+        let of_row = |value: String, allowed| Invalid::new(format!("row {} of {name}", i + 1), value, allowed);
+        if row.len() != columns {
+            let value = format!("{} numbers", row.len());
+            return Err(of_row(value, format!("all rows must have equally many; the first has {columns}")));
+        }
+        if let Some(value) = row.iter().find(|value| !value.is_finite()) {
+            return Err(of_row(value.to_string(), "must be finite numbers".to_owned()));
+        }
+    }
+    Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
+}

@@ -1,0 +1,254 @@
+//! A user's own names and descriptions of variables, in place of a model's: given in a description, decided here alone.
+//!
+//! Handles, places and value references know no names, so nothing else changes. What a model says of its variables in
+//! messages is told with the user's names.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::declaration::Declaration;
+use super::variable::{Causality, Naming, Section, Variable};
+use crate::error::Invalid;
+
+/// Longest name.
+const LONGEST: usize = 100;
+
+/// The user's words for variables, by the model's names of them: of a whole variable, or of one element (`x[2]`).
+pub type Names = BTreeMap<String, Words>;
+
+/// The words for one variable: for itself where it is a scalar or an element, or for each of its elements.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(untagged, expecting = "must be a name, { name, description }, or a list of these, one an element")]
+pub enum Words {
+    /// Of each element, rows first.
+    Each(Vec<Word>),
+    /// Of a scalar or an element.
+    One(Word),
+}
+
+/// A name, or a name with a description.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(untagged, expecting = "must be a name or { name, description }")]
+pub enum Word {
+    /// The name.
+    Name(String),
+    /// Name and description; what is left out stays the model's.
+    #[serde(deserialize_with = "of_table")]
+    Described(Described),
+}
+
+/// A derived reader would take a list for a table, too.
+fn of_table<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Described, D::Error> {
+    toml::Value::Table(toml::Table::deserialize(deserializer)?).try_into().map_err(D::Error::custom)
+}
+
+/// A name with a description.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Described {
+    /// Name: letters, digits and _, with dots and indices as in `motor.speed` and `joint[1]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    /// What the signal is, in a line.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    description: Option<String>,
+}
+
+impl Word {
+    fn name(&self) -> Option<&str> {
+        match self {
+            Word::Name(name) => Some(name),
+            Word::Described(described) => described.name.as_deref(),
+        }
+    }
+
+    /// What it is, where that is said.
+    pub(crate) fn description(&self) -> Option<&str> {
+        match self {
+            Word::Name(_) => None,
+            Word::Described(described) => described.description.as_deref(),
+        }
+    }
+}
+
+impl Words {
+    /// One by one.
+    pub(crate) fn each(&self) -> &[Word] {
+        match self {
+            Words::One(word) => std::slice::from_ref(word),
+            Words::Each(words) => words,
+        }
+    }
+}
+
+/// Names in messages: the model's, and the user's in place of it.
+pub(super) type Translation = HashMap<String, String>;
+
+/// Gives names to the variables that were declared from the `first` on, whose own names have a part's in front.
+///
+/// # Errors
+/// Every name that has no variable, is none, or is taken.
+pub(super) fn apply(
+    names: &Names,
+    first: usize,
+    part: Option<&str>,
+    d: &mut Declaration,
+) -> Result<Translation, Invalid> {
+    let prefix = part.map_or(String::new(), |part| format!("{part}."));
+    let (mut translation, mut invalid) = (Translation::new(), Invalid::none());
+    for (key, words) in names {
+        match give(key, words, &prefix, &mut d.variables.list[first..]) {
+            Ok(given) => translation.extend(given),
+            Err(reason) => invalid.and(Invalid::because(format!("[names] {key}: {reason}"))),
+        }
+    }
+    for name in taken(&d.variables.list).into_iter().map(|name| name.strip_prefix(&prefix).unwrap_or(&name).to_owned())
+    {
+        let allowed = "is the name of another variable already; each needs one of its own";
+        invalid.and(Invalid::because(format!("[names] `{name}` {allowed}")));
+    }
+    invalid.into_result()?;
+    Ok(translation)
+}
+
+/// Gives the words for one key; names of elements before and after.
+fn give(key: &str, words: &Words, prefix: &str, list: &mut [Variable]) -> Result<Vec<(String, String)>, String> {
+    let full = format!("{prefix}{key}");
+    let (index, offsets) = find(&full, list).ok_or_else(|| {
+        let shown = list.iter().filter(|v| is_nameable(v)).map(|v| v.name.strip_prefix(prefix).unwrap_or(&v.name));
+        format!("there is no such variable; there are {}", shown.collect::<Vec<_>>().join(", "))
+    })?;
+    let given = words.each();
+    if given.len() != offsets.len() || matches!(words, Words::Each(_)) && list[index].naming == Naming::Scalar {
+        let of = if offsets.len() == 1 { "one name".to_owned() } else { format!("a list of {} names", offsets.len()) };
+        return Err(format!("{} given: it must be {of}", given.len()));
+    }
+    let (name, section) = (list[index].name.clone(), list[index].section);
+    let mut changes = Vec::new();
+    for (&offset, word) in offsets.iter().zip(given) {
+        if let Some(own) = word.name() {
+            check(own)?;
+            let before = list[index].element(offset).name();
+            changes.push((before.strip_prefix(prefix).unwrap_or(&before).to_owned(), own.to_owned()));
+        }
+        // A derivative has the name of its state.
+        let goes_with = |v: &&mut Variable| v.section == Section::Derivative && section == Section::State;
+        for variable in list.iter_mut().filter(|v| v.name == name && (v.section == section || goes_with(v))) {
+            say(variable, offset, prefix, word);
+        }
+    }
+    Ok(changes)
+}
+
+/// Puts words in place of a variable's own.
+fn say(variable: &mut Variable, offset: usize, prefix: &str, word: &Word) {
+    let len = variable.len();
+    if let Some(own) = word.name() {
+        variable.given.resize(len, None);
+        variable.given[offset] = Some(format!("{prefix}{own}"));
+    }
+    if let Some(text) = word.description() {
+        if variable.description.len() == 1 {
+            variable.description = vec![variable.description[0].clone(); len];
+        }
+        let rate = variable.section == Section::Derivative;
+        variable.description[offset] = if rate { format!("time derivative of: {text}") } else { text.to_owned() };
+    }
+}
+
+fn is_nameable(variable: &Variable) -> bool {
+    variable.causality != Causality::Hidden && variable.section != Section::Derivative
+}
+
+/// The variable of a name with all its elements, rows first, or the one element of the name.
+fn find(name: &str, list: &[Variable]) -> Option<(usize, Vec<usize>)> {
+    let nameable = || list.iter().enumerate().filter(|(_, v)| is_nameable(v));
+    let whole = nameable().find(|(_, v)| v.name == name);
+    if let Some((index, variable)) = whole {
+        return Some((index, variable.elements().map(|element| element.offset).collect()));
+    }
+    nameable().find_map(|(index, v)| Some((index, vec![v.elements().find(|e| e.name() == name)?.offset])))
+}
+
+/// A name of FMI's structured convention: identifiers with indices, joined by dots.
+fn check(name: &str) -> Result<(), String> {
+    let identifier = |text: &str| {
+        text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+            && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+    };
+    let index = |text: &str| !text.is_empty() && text.len() < 10 && text.chars().all(|c| c.is_ascii_digit());
+    let piece = |text: &str| match text.split_once('[') {
+        None => identifier(text),
+        Some((name, rest)) => identifier(name) && rest.strip_suffix(']').is_some_and(|i| i.split(',').all(index)),
+    };
+    if name.len() <= LONGEST && name.split('.').all(piece) {
+        return Ok(());
+    }
+    let shown: String = name.escape_debug().take(LONGEST).collect();
+    Err(format!(
+        "`{shown}` must be at most {LONGEST} letters, digits and _, not begin with a digit, and may have dots and \
+         indices, as in motor.speed or joint[1]"
+    ))
+}
+
+/// Names that several elements have, or that are a whole variable's and a user's for something else.
+fn taken(list: &[Variable]) -> Vec<String> {
+    let visible = || list.iter().filter(|v| v.causality != Causality::Hidden);
+    let whole: HashSet<&str> = visible().map(|v| v.name.as_str()).collect();
+    let (mut seen, mut taken) = (HashSet::new(), Vec::new());
+    for variable in visible() {
+        for element in variable.elements() {
+            let own = variable.given.get(element.offset).is_some_and(Option::is_some);
+            let name = element.name();
+            let of_another = own && variable.name != name && whole.contains(name.as_str());
+            if of_another || !seen.insert(name.clone()) {
+                taken.push(name);
+            }
+        }
+    }
+    taken
+}
+
+/// A text of a model in the user's words: elements by their full names, and a scalar where its value is told.
+pub(super) fn translated(text: &str, translation: &Translation) -> String {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let (mut result, mut rest) = (String::new(), text);
+    while let Some(start) = rest.find(is_part) {
+        let (before, tail) = rest.split_at(start);
+        let word = tail.find(|c| !is_part(c)).unwrap_or(tail.len());
+        let indices = tail[word..].strip_prefix('[').and_then(|inner| inner.find(']')).map_or(0, |end| end + 2);
+        let own = [word + indices, word].into_iter().find_map(|len| {
+            let told = indices > 0 && len > word || tail[len..].starts_with(" = ");
+            Some((translation.get(&tail[..len]).filter(|_| told)?, len))
+        });
+        let (said, len) = own.map_or((&tail[..word], word), |(own, len)| (own.as_str(), len));
+        result.push_str(before);
+        result.push_str(said);
+        rest = &tail[len..];
+    }
+    result + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_told_in_the_users_words() {
+        let pairs = [("x[1]", "speed"), ("x[12]", "twist"), ("A[1,2]", "stiffness"), ("k", "gain")];
+        let names = pairs.into_iter().map(|(own, user)| (own.to_owned(), user.to_owned())).collect();
+        for (text, told) in [
+            ("x[1] = 3: must be below x[12] = 2", "speed = 3: must be below twist = 2"),
+            ("der(x[1]) and max[1], x[2]; A[1,2]", "der(speed) and max[1], x[2]; stiffness"),
+            ("k = 3: k must be small, ok = 1", "gain = 3: k must be small, ok = 1"),
+            ("ä x[", "ä x["),
+        ] {
+            assert_eq!(translated(text, &names), told);
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! New descriptions: what a user starts a unit of their own with, ready to be exported as it stands.
+
+mod controllers;
+mod design;
+mod plant;
+mod signals;
+mod text;
+
+pub use plant::{Plant, Signals};
+use text::{Text, number, quoted};
+
+use crate::error::Invalid;
+use crate::execution::Execution;
+use crate::library::REGISTRY;
+use crate::model::{Description, Model};
+
+/// Largest number of states, inputs or outputs.
+pub const MOST: i64 = 50;
+
+/// What can be begun.
+pub const KINDS: [&str; 9] =
+    ["l1", "fuzzy-l1", "mrac-ppf", "neuro-ppf", "observer", "reference", "sensor", "actuator", "state-space"];
+
+/// Sizes that a user asks for.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sizes {
+    /// Of the plant's state.
+    pub states: Option<usize>,
+    /// Of the plant's inputs.
+    pub inputs: Option<usize>,
+    /// Of the plant's outputs, or of channels.
+    pub outputs: Option<usize>,
+}
+
+/// What is to be begun.
+#[derive(Debug, Clone)]
+pub struct Request<'a> {
+    /// One of [`KINDS`].
+    pub kind: &'a str,
+    /// Its name.
+    pub name: &'a str,
+    /// Its sizes, where no plant gives them.
+    pub sizes: Sizes,
+    /// The nominal plant.
+    pub plant: Option<Plant>,
+    /// How fast the controlled system is to be at least, rad/s.
+    pub bandwidth: Option<f64>,
+    /// Usual magnitude of the reference.
+    pub reference: f64,
+}
+
+/// The text of a description.
+///
+/// # Errors
+/// Sizes that the kind doesn't have, or why there is no such unit for this plant.
+pub fn description(request: &Request) -> Result<String, Invalid> {
+    let write = match request.kind {
+        "l1" | "fuzzy-l1" => controllers::l1,
+        "mrac-ppf" => controllers::mrac_ppf,
+        "neuro-ppf" => controllers::neuro_ppf,
+        "observer" => controllers::observer,
+        "reference" => signals::reference,
+        "sensor" => signals::sensor,
+        "actuator" => signals::actuator,
+        "state-space" => signals::state_space,
+        other => return Err(Invalid::new("kind", other, format!("must be one of {}", KINDS.join(", ")))),
+    };
+    let text = write(request)?;
+    // Only what can be exported is worth beginning with.
+    let model = Model::from_description(Description::read(&text)?, REGISTRY)?;
+    Execution::new(model).initialise().map_err(Invalid::because)?;
+    Ok(text)
+}
+
+impl Request<'_> {
+    /// The plant that was given, or integrators of the sizes asked for.
+    fn plant(&self, outputs_are_inputs: bool) -> Result<Plant, Invalid> {
+        let Sizes { states, inputs, outputs } = self.sizes;
+        let plant = match &self.plant {
+            Some(plant) => plant.clone(),
+            None => {
+                let m = inputs.or(outputs.filter(|_| outputs_are_inputs)).unwrap_or(1);
+                let p = outputs.unwrap_or(if outputs_are_inputs { m } else { 1 });
+                Plant::integrators(states.unwrap_or(2.max(m)), m, p)?
+            }
+        };
+        let (_, m, p) = plant.sizes();
+        if outputs_are_inputs && p != m {
+            let allowed = format!("must be {m}, as many as inputs: give those that matter, and no others");
+            return Err(Invalid::new("outputs", p, allowed));
+        }
+        if outputs_are_inputs && plant.D.is_some() {
+            return Err(Invalid::because("D: must be zero: the control may not show in the output at once"));
+        }
+        Ok(plant)
+    }
+
+    /// Refuses sizes that a kind doesn't have.
+    fn only(&self, allowed: &[&str]) -> Result<(), Invalid> {
+        let Sizes { states, inputs, outputs } = self.sizes;
+        let given = [("states", states), ("inputs", inputs), ("outputs", outputs)];
+        let wrong = given.into_iter().find(|(name, size)| size.is_some() && !allowed.contains(name));
+        wrong.map_or(Ok(()), |(name, size)| {
+            let known = allowed.iter().map(|name| format!("--{name}")).collect::<Vec<_>>().join(", ");
+            let text = format!("a {} has no such size; it has {known}", self.kind);
+            Err(Invalid::new(format!("--{name}"), size.unwrap_or_default(), text))
+        })
+    }
+
+    /// A text with what every description begins with: what it is, how long it runs and its step, s.
+    fn begin(&self, what: &str, page: &str, stop_time: f64, step: f64) -> Text {
+        let mut text = Text::default();
+        text.comment(&format!("What each key means: docs/description.md; the equations: docs/{page}.md."));
+        text.set("name", quoted(self.name), "name of the FMU");
+        text.set("model", quoted(self.kind), "");
+        text.set("description", quoted(what), "what it is, in a line");
+        text.table("experiment");
+        text.set("stop_time", number(stop_time), "s, what a master simulates by default");
+        text.set("step", number(step), "s, communication step");
+        text
+    }
+}
+
+/// Names of signals with something behind each; none where they have none.
+fn named(signals: &Signals, behind: &str) -> Vec<String> {
+    signals.names.iter().map(|name| format!("{name}{behind}")).collect()
+}
+
+/// The table of names: those that are known, and how to give others.
+fn write_names(text: &mut Text, signals: &[(&str, Vec<String>)]) {
+    text.table("names");
+    let mut any = false;
+    for (variable, names) in signals.iter().filter(|(_, names)| !names.is_empty()) {
+        text.set(variable, text::texts(names), if any { "" } else { "names in the FMU, one an element" });
+        any = true;
+    }
+    if let Some((variable, _)) = signals.first().filter(|_| !any) {
+        text.suggest(&format!("\"{variable}[1]\""), quoted("name_of_your_own"), "in place of the name in the FMU");
+    }
+}
+
+/// Units of signals in one line.
+fn write_units(text: &mut Text, signals: &[(&str, &Signals, usize)]) {
+    let units = |s: &Signals, len: usize| if s.units.is_empty() { vec!["1".to_owned(); len] } else { s.units.clone() };
+    let entries = signals.iter().map(|(name, signals, len)| format!("{name} = {}", text::texts(&units(signals, *len))));
+    let entries = entries.collect::<Vec<_>>().join(", ");
+    text.set("units", format!("{{ {entries} }}"), "of the signals, as rad/s, V, N.m; 1 is none");
+}

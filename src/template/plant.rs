@@ -1,0 +1,240 @@
+//! A nominal plant: integrators of some sizes, or what a user's own tool wrote as JSON.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use std::io::Read;
+use std::path::Path;
+
+use nalgebra::DMatrix;
+use serde_json::{Map, Value};
+
+use super::MOST;
+use crate::error::{Error, Invalid};
+
+/// What a file may hold, bytes.
+const LARGEST: u64 = 1 << 22;
+
+/// What may stand in a file; the second line is what `linearise --json` writes beside it.
+const KEYS: [&str; 10] = ["A", "B", "C", "D", "states", "inputs", "outputs", "units", "u_min", "u_max"];
+const IGNORED: [&str; 5] = ["fmu", "time", "steady_state", "unique", "eigenvalues"];
+
+/// x' = A x + B u, y = C x + D u, with names and units where they are known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plant {
+    /// n × n.
+    pub A: DMatrix<f64>,
+    /// n × m.
+    pub B: DMatrix<f64>,
+    /// p × n.
+    pub C: DMatrix<f64>,
+    /// p × m, where the input shows in the output at once.
+    pub D: Option<DMatrix<f64>>,
+    /// The states.
+    pub x: Signals,
+    /// The inputs.
+    pub u: Signals,
+    /// The outputs.
+    pub y: Signals,
+    /// Limits of the inputs, where they are known.
+    pub limits: Option<[Vec<f64>; 2]>,
+}
+
+/// Names and units of signals; both are empty where they aren't known.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Signals {
+    /// A name each.
+    pub names: Vec<String>,
+    /// A unit each.
+    pub units: Vec<String>,
+}
+
+impl Plant {
+    /// Chains of integrators, one an input, as equal in length as n allows; the outputs are their first states.
+    ///
+    /// # Errors
+    /// More inputs or outputs than states.
+    pub fn integrators(n: usize, m: usize, p: usize) -> Result<Self, Invalid> {
+        for (name, size) in [("inputs", m), ("outputs", p)] {
+            if size > n {
+                return Err(Invalid::new(name, size, format!("must not be above the number of states, {n}")));
+            }
+        }
+        let first = |chain: usize, chains: usize| chain * n / chains;
+        let (mut A, mut B, mut C) = (DMatrix::zeros(n, n), DMatrix::zeros(n, m), DMatrix::zeros(p, n));
+        for chain in 0..m {
+            let (start, end) = (first(chain, m), first(chain + 1, m));
+            (start + 1..end).for_each(|i| A[(i - 1, i)] = 1.0);
+            B[(end - 1, chain)] = 1.0;
+        }
+        (0..p).for_each(|i| C[(i, first(i, p))] = 1.0);
+        let (x, u, y) = (Signals::default(), Signals::default(), Signals::default());
+        Ok(Plant { A, B, C, D: None, x, u, y, limits: None })
+    }
+
+    /// Reads a plant.
+    ///
+    /// # Errors
+    /// A file that can't be read, or what is wrong in it.
+    pub fn read(file: &Path) -> Result<Self, Error> {
+        let mut text = String::new();
+        let opened = std::fs::File::open(file).map_err(Error::file(file))?;
+        opened.take(LARGEST + 1).read_to_string(&mut text).map_err(Error::file(file))?;
+        let refuse = |reason: String| Error::Description { file: file.to_owned(), reason };
+        if text.len() as u64 > LARGEST {
+            return Err(refuse(format!("is longer than {LARGEST} bytes")));
+        }
+        Plant::parse(&text).map_err(|invalid| refuse(invalid.to_string()))
+    }
+
+    /// The plant of a JSON text. A matrix is a list of rows; where A leaves no doubt of what it is, a column or a row may
+    /// be a plain list, and a single number a plain one.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn parse(text: &str) -> Result<Self, Invalid> {
+        let value: Value = serde_json::from_str(text).map_err(|error| Invalid::because(format!("no JSON: {error}")))?;
+        let table = value.as_object().ok_or_else(|| Invalid::because("must be an object with the matrices A, B, C"))?;
+        let known = |key: &&String| KEYS.iter().chain(&IGNORED).all(|known| known != key);
+        if let Some(key) = table.keys().find(known) {
+            let shown: String = key.escape_debug().take(40).collect();
+            return Err(Invalid::because(format!("unknown key `{shown}`; there are {}", KEYS.join(", "))));
+        }
+        let list =
+            |key: &str| table.get(key).filter(|value| !value.is_null()).map(|value| shape(key, value)).transpose();
+        let needed = |key: &str| list(key)?.ok_or_else(|| Invalid::because(format!("{key} is missing")));
+        let A = needed("A")?;
+        let n = match &A {
+            Given::Rows(rows) => rows.len(),
+            Given::List(list) => list.len(),
+        };
+        if n == 0 || n > MOST as usize {
+            return Err(Invalid::new("rows of A", n, format!("must be within 1 … {MOST}")));
+        }
+        let A = A.matrix("A", Some(n), Some(n))?;
+        let B = needed("B")?.matrix("B", Some(n), None)?;
+        let C = needed("C")?.matrix("C", None, Some(n))?;
+        let (m, p) = (B.ncols(), C.nrows());
+        if m > MOST as usize || p > MOST as usize {
+            return Err(Invalid::new(
+                "inputs and outputs",
+                format!("{m} and {p}"),
+                format!("must be within 1 … {MOST}"),
+            ));
+        }
+        let D = list("D")?.map(|D| D.matrix("D", Some(p), Some(m))).transpose()?;
+        let D = D.filter(|D| D.iter().any(|&entry| entry != 0.0));
+        let signals = |key: &str, unit: &str, len: usize| Signals::read(table, key, unit, len);
+        let (x, u, y) = (signals("states", "x", n)?, signals("inputs", "u", m)?, signals("outputs", "y", p)?);
+        Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)? })
+    }
+
+    /// Numbers of states, inputs and outputs.
+    pub fn sizes(&self) -> (usize, usize, usize) {
+        (self.A.nrows(), self.B.ncols(), self.C.nrows())
+    }
+}
+
+/// A matrix as it was written.
+enum Given {
+    Rows(Vec<Vec<f64>>),
+    /// A row, a column, or one number.
+    List(Vec<f64>),
+}
+
+fn shape(key: &str, value: &Value) -> Result<Given, Invalid> {
+    let refuse = || Invalid::because(format!("{key}: must be rows of numbers, as in [[0, 1], [-2, -3]]"));
+    let numbers = |list: &Vec<Value>| list.iter().map(Value::as_f64).collect::<Option<Vec<_>>>();
+    match value {
+        Value::Number(_) => Ok(Given::List(vec![value.as_f64().ok_or_else(refuse)?])),
+        Value::Array(list) if list.iter().all(Value::is_number) => Ok(Given::List(numbers(list).ok_or_else(refuse)?)),
+        Value::Array(rows) => {
+            let rows = rows.iter().map(|row| row.as_array().and_then(numbers)).collect::<Option<Vec<_>>>();
+            Ok(Given::Rows(rows.ok_or_else(refuse)?))
+        }
+        _ => Err(refuse()),
+    }
+}
+
+impl Given {
+    /// The matrix, of as many rows and columns as are known. A plain list lies along what isn't known, or isn't one.
+    fn matrix(self, key: &str, rows: Option<usize>, columns: Option<usize>) -> Result<DMatrix<f64>, Invalid> {
+        let size = |given: Option<usize>| given.map_or("some".to_owned(), |size| size.to_string());
+        let refuse = |given: String| {
+            let allowed = format!("must be {} x {}, as A and the others have it", size(rows), size(columns));
+            Invalid::new(key, given, allowed)
+        };
+        let matrix = match self {
+            Given::Rows(given) => {
+                let width = given.first().map_or(0, Vec::len);
+                if given.is_empty() || width == 0 || given.iter().any(|row| row.len() != width) {
+                    return Err(Invalid::because(format!(
+                        "{key}: must be rows of equally many numbers, and have some"
+                    )));
+                }
+                DMatrix::from_fn(given.len(), width, |i, j| given[i][j])
+            }
+            Given::List(list) if list.is_empty() => return Err(refuse("empty".to_owned())),
+            Given::List(list) => match (rows, columns) {
+                // Of one row there is no telling from one column, and none is needed: the other size is known.
+                (Some(1), _) => DMatrix::from_row_slice(1, list.len(), &list),
+                (_, Some(1)) => DMatrix::from_column_slice(list.len(), 1, &list),
+                (Some(rows), None) if list.len() == rows => DMatrix::from_column_slice(rows, 1, &list),
+                (None, Some(columns)) if list.len() == columns => DMatrix::from_row_slice(1, columns, &list),
+                _ => return Err(refuse(format!("a list of {} numbers", list.len()))),
+            },
+        };
+        let fits = |given: usize, known: Option<usize>| known.is_none_or(|known| known == given);
+        if !fits(matrix.nrows(), rows) || !fits(matrix.ncols(), columns) {
+            return Err(refuse(format!("{} x {}", matrix.nrows(), matrix.ncols())));
+        }
+        Ok(matrix)
+    }
+}
+
+impl Signals {
+    fn read(table: &Map<String, Value>, key: &str, unit: &str, len: usize) -> Result<Self, Invalid> {
+        let list = table.get(key).filter(|value| !value.is_null()).map(|value| texts(key, "name", value, len));
+        let mut names = list.transpose()?.unwrap_or_default();
+        // What tools call signals that nobody has named is no name.
+        if names.iter().any(|name| name.is_empty() || name.contains('[')) {
+            names.clear();
+        }
+        let units = match table.get("units") {
+            None => None,
+            Some(Value::Object(units)) => units.get(unit).map(|units| texts(&format!("units.{unit}"), "", units, len)),
+            Some(_) => return Err(Invalid::because("units: must be an object with lists x, u, y")),
+        };
+        // Where signals are objects, they tell their units themselves.
+        let told =
+            || table.get(key).and_then(|value| texts(key, "unit", value, len).ok().filter(|_| !value[0].is_string()));
+        let units = units.transpose()?.or_else(told).unwrap_or_default();
+        Ok(Signals { names, units })
+    }
+}
+
+/// A text each; one alone may stand without a list, and a text as an entry of an object.
+fn texts(key: &str, entry: &str, value: &Value, len: usize) -> Result<Vec<String>, Invalid> {
+    let text = |value: &Value| value.as_str().or_else(|| value.get(entry)?.as_str()).map(str::to_owned);
+    let given: Option<Vec<_>> = match value {
+        Value::Array(list) => list.iter().map(text).collect(),
+        one => text(one).map(|text| vec![text]),
+    };
+    let fits = given.filter(|texts| texts.len() == len);
+    fits.ok_or_else(|| Invalid::because(format!("{key}: must be a list of {len} texts")))
+}
+
+fn limits(table: &Map<String, Value>, m: usize) -> Result<Option<[Vec<f64>; 2]>, Invalid> {
+    let read = |key: &str| -> Result<Option<Vec<f64>>, Invalid> {
+        let Some(value) = table.get(key).filter(|value| !value.is_null()) else { return Ok(None) };
+        let given: Option<Vec<_>> = match value {
+            Value::Array(list) => list.iter().map(Value::as_f64).collect(),
+            one => one.as_f64().map(|one| vec![one]),
+        };
+        let fits = given.filter(|numbers| numbers.len() == m);
+        fits.map(Some).ok_or_else(|| Invalid::because(format!("{key}: must be a list of {m} numbers")))
+    };
+    match (read("u_min")?, read("u_max")?) {
+        (Some(min), Some(max)) => Ok(Some([min, max])),
+        (None, None) => Ok(None),
+        _ => Err(Invalid::because("u_min, u_max: must be given together")),
+    }
+}

@@ -1,0 +1,106 @@
+//! The text of a description: settings with a comment each.
+
+use std::fmt::Display;
+
+use nalgebra::DMatrix;
+
+/// Widest line.
+const WIDTH: usize = 110;
+
+/// A description that is being written.
+#[derive(Debug, Default)]
+pub struct Text(String);
+
+impl Text {
+    /// A comment of its own.
+    pub fn comment(&mut self, text: &str) {
+        self.0.push_str(&format!("# {text}\n"));
+    }
+
+    /// A table, with a line before it.
+    pub fn table(&mut self, name: &str) {
+        self.0.push_str(&format!("\n[{name}]\n"));
+    }
+
+    /// A setting with what it is, beside it or before it.
+    pub fn set(&mut self, key: &str, value: impl Display, comment: &str) {
+        let setting = format!("{key} = {value}");
+        let narrow = !setting.contains('\n') && setting.chars().count() + comment.chars().count() + 4 <= WIDTH;
+        match (comment.is_empty(), narrow) {
+            (true, _) => self.0.push_str(&format!("{setting}\n")),
+            (false, true) => self.0.push_str(&format!("{setting}  # {comment}\n")),
+            (false, false) => self.0.push_str(&format!("# {comment}\n{setting}\n")),
+        }
+    }
+
+    /// A setting that is left to the user, with what it is.
+    pub fn suggest(&mut self, key: &str, value: impl Display, comment: &str) {
+        self.set(&format!("# {key}"), value, comment);
+    }
+
+    /// The whole.
+    pub fn finish(self) -> String {
+        self.0
+    }
+}
+
+/// A number that stays a real one, as short as it can be.
+pub fn number(value: f64) -> String {
+    let [plain, powers] = [format!("{:?}", if value == 0.0 { 0.0 } else { value }), format!("{value:e}")];
+    if powers.len() + 2 < plain.len() { powers } else { plain }
+}
+
+/// A list of numbers.
+pub fn list(values: &[f64]) -> String {
+    format!("[{}]", values.iter().map(|&value| number(value)).collect::<Vec<_>>().join(", "))
+}
+
+/// The same number in each place.
+pub fn all(value: f64, len: usize) -> String {
+    list(&vec![value; len])
+}
+
+/// A text in quotation marks.
+pub fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+/// A list of texts.
+pub fn texts(texts: &[String]) -> String {
+    format!("[{}]", texts.iter().map(|text| quoted(text)).collect::<Vec<_>>().join(", "))
+}
+
+/// Rows of a matrix, in one line where they fit.
+pub fn rows(matrix: &DMatrix<f64>) -> String {
+    let rows: Vec<_> = matrix.row_iter().map(|row| list(&row.iter().copied().collect::<Vec<_>>())).collect();
+    let line = format!("[{}]", rows.join(", "));
+    if line.len() <= 80 { line } else { format!("[\n    {},\n]", rows.join(",\n    ")) }
+}
+
+/// A diagonal matrix.
+pub fn diagonal(value: f64, n: usize) -> String {
+    rows(&DMatrix::from_diagonal_element(n, n, value))
+}
+
+/// The nearest number above that is 1, 2 or 5 times a power of ten.
+pub fn round_up(value: f64) -> f64 {
+    round(value, |step, target| step >= target * (1.0 - 1e-9))
+}
+
+/// The nearest such number below.
+pub fn round_down(value: f64) -> f64 {
+    1.0 / round_up(1.0 / value)
+}
+
+fn round(value: f64, fits: impl Fn(f64, f64) -> bool) -> f64 {
+    let decade = value.log10().floor() as i32;
+    // By its text, so that it is the number that a person would write.
+    let steps = [(1, 0), (2, 0), (5, 0), (1, 1), (2, 1)].map(|(step, more)| format!("{step}e{}", decade + more));
+    let mut steps = steps.iter().filter_map(|text| text.parse().ok());
+    steps.find(|&step| fits(step, value)).unwrap_or(value)
+}
+
+/// Rounded to three digits.
+pub fn three_digits(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}
