@@ -225,6 +225,7 @@ impl L1Design {
     /// # Errors
     /// [`Invalid`] when A_m isn't Hurwitz, or the system too badly scaled.
     pub fn norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        require_hurwitz("A_m", &self.A_m)?;
         self.norms_by(&mut L1Norms::within(TOLERANCE), omega)
     }
 
@@ -233,11 +234,11 @@ impl L1Design {
     /// # Errors
     /// As there.
     pub fn rough_norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        require_hurwitz("A_m", &self.A_m)?;
         self.norms_by(&mut L1Norms::within(ROUGH), omega)
     }
 
     fn norms_by(&self, norms: &mut L1Norms, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
-        require_hurwitz("A_m", &self.A_m)?;
         if !self.is_stable(omega) {
             return Ok(Norms::INFINITE);
         }
@@ -255,6 +256,7 @@ impl L1Design {
     /// # Errors
     /// [`Invalid`] as of [`L1Design::norms`].
     pub fn worst(&self, lipschitz: Lipschitz) -> Result<Worst, Invalid> {
+        require_hurwitz("A_m", &self.A_m)?;
         let gains = self.gains();
         let found = |norms: Norms, omega: &DMatrix<f64>| {
             let every_corner = self.free().len() <= self.most_entries();
