@@ -118,9 +118,9 @@ fn spread<'a>(A: &DMatrix<f64>, own: impl Iterator<Item = &'a f64>, acts: impl F
     let mut marked: Vec<bool> = own.map(|&entry| entry != 0.0).collect();
     let mut ahead: Vec<usize> = (0..A.nrows()).filter(|&i| marked[i]).collect();
     while let Some(j) = ahead.pop() {
-        for i in 0..A.nrows() {
-            if !marked[i] && acts(i, j) {
-                marked[i] = true;
+        for (i, marked) in marked.iter_mut().enumerate() {
+            if !*marked && acts(i, j) {
+                *marked = true;
                 ahead.push(i);
             }
         }
