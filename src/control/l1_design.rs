@@ -225,6 +225,7 @@ impl L1Design {
     /// # Errors
     /// [`Invalid`] when A_m isn't Hurwitz, or the system too badly scaled.
     pub fn norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        require_hurwitz("A_m", &self.A_m)?;
         self.norms_by(&mut L1Norms::within(TOLERANCE), omega)
     }
 
@@ -233,11 +234,11 @@ impl L1Design {
     /// # Errors
     /// As there.
     pub fn rough_norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
+        require_hurwitz("A_m", &self.A_m)?;
         self.norms_by(&mut L1Norms::within(ROUGH), omega)
     }
 
     fn norms_by(&self, norms: &mut L1Norms, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
-        require_hurwitz("A_m", &self.A_m)?;
         if !self.is_stable(omega) {
             return Ok(Norms::INFINITE);
         }
@@ -247,7 +248,7 @@ impl L1Design {
         Ok(Norms { matched: norm(0, m)?, unmatched: norm(m, B.ncols() - m)? })
     }
 
-    /// The largest λ over ω: on a grid of its bounds for up to four entries with distinct bounds, at the corners and
+    /// The largest λ over ω: on a grid of its bounds for up to three entries with distinct bounds, at the corners and
     /// the centre for up to ten, at 1024 corners spread over all and the centre for more; at fewer in large systems.
     ///
     /// Between the points it may be larger; corners and centre are where it is usually largest.
@@ -255,6 +256,7 @@ impl L1Design {
     /// # Errors
     /// [`Invalid`] as of [`L1Design::norms`].
     pub fn worst(&self, lipschitz: Lipschitz) -> Result<Worst, Invalid> {
+        require_hurwitz("A_m", &self.A_m)?;
         let gains = self.gains();
         let found = |norms: Norms, omega: &DMatrix<f64>| {
             let every_corner = self.free().len() <= self.most_entries();
@@ -300,7 +302,7 @@ impl L1Design {
         let power = |levels: usize| u32::try_from(free.len()).ok().and_then(|k| levels.checked_pow(k));
         let (most, entries) = (self.most_points().min(GRID), self.most_entries());
         // An odd number of levels has the centre among them.
-        if let Some(levels) = [9, 5, 3].into_iter().find(|&levels| power(levels).is_some_and(|count| count <= most)) {
+        if let Some(levels) = [9, 5].into_iter().find(|&levels| power(levels).is_some_and(|count| count <= most)) {
             let count = power(levels).unwrap_or(1);
             let digit = |point: usize, k: usize| point / levels.pow(k as u32) % levels;
             return (0..count).map(|point| at(&|k| digit(point, k) as f64 / (levels - 1) as f64)).collect();

@@ -69,26 +69,38 @@ impl L1Norms {
     /// # Errors
     /// [`Invalid`] when A isn't Hurwitz, or too badly scaled for this precision.
     pub fn of(&mut self, A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -> Result<Bounds, Invalid> {
-        require_hurwitz("A", A)?;
         let mut norm = Bounds { lower: 0.0, upper: 0.0 };
+        if B.is_empty() {
+            return Ok(norm);
+        }
+        require_hurwitz("A", A)?;
+        let reached: Vec<_> = B.column_iter().map(|b| spread(A, b.iter(), |i, j| A[(i, j)] != 0.0)).collect();
         for c in C.row_iter() {
+            let seen = spread(A, c.iter(), |i, j| A[(j, i)] != 0.0);
             let mut row = Bounds { lower: 0.0, upper: 0.0 };
-            for b in B.column_iter() {
-                row = row.plus(self.entry(A, &b.into_owned(), &c.into_owned())?);
+            for (b, reached) in B.column_iter().zip(&reached) {
+                // Channels that don't act on each other are taken alone.
+                let between: Vec<_> = (0..A.nrows()).filter(|&i| reached[i] && seen[i]).collect();
+                row = row.plus(self.entry(A, &b.into_owned(), &c.into_owned(), &between)?);
             }
             norm = norm.max(row);
         }
         Ok(norm)
     }
 
-    /// Integral of |g(t)|, g(t) = c e^(At) b, over all t ≥ 0.
-    fn entry(&mut self, A: &DMatrix<f64>, b: &DVector<f64>, c: &RowDVector<f64>) -> Result<Bounds, Invalid> {
-        let between = states_between(A, b, c);
+    /// Integral of |g(t)|, g(t) = c e^(At) b, over all t ≥ 0, which only these states take part in.
+    fn entry(
+        &mut self,
+        A: &DMatrix<f64>,
+        b: &DVector<f64>,
+        c: &RowDVector<f64>,
+        between: &[usize],
+    ) -> Result<Bounds, Invalid> {
         if between.is_empty() {
             return Ok(Bounds { lower: 0.0, upper: 0.0 });
         }
-        let A = A.select_rows(&between).select_columns(&between);
-        let (b, c) = (b.select_rows(&between), c.select_columns(&between));
+        let A = A.select_rows(between).select_columns(between);
+        let (b, c) = (b.select_rows(between), c.select_columns(between));
         let key = A.iter().chain(b.iter()).chain(c.iter()).map(|entry| entry.to_bits()).collect();
         if let Some(&known) = self.integrated.get(&key) {
             return Ok(known);
@@ -101,18 +113,19 @@ impl L1Norms {
     }
 }
 
-/// The states that the input reaches and the output sees: channels that don't act on each other are taken alone.
-fn states_between(A: &DMatrix<f64>, b: &DVector<f64>, c: &RowDVector<f64>) -> Vec<usize> {
-    let n = A.nrows();
-    let spread = |mut marked: Vec<bool>, acts: &dyn Fn(usize, usize) -> bool| {
-        for _ in 0..n {
-            marked = (0..n).map(|i| marked[i] || (0..n).any(|j| marked[j] && acts(i, j))).collect();
+/// Which states an input reaches, or an output sees: those with an entry of its own, and all that these act on.
+fn spread<'a>(A: &DMatrix<f64>, own: impl Iterator<Item = &'a f64>, acts: impl Fn(usize, usize) -> bool) -> Vec<bool> {
+    let mut marked: Vec<bool> = own.map(|&entry| entry != 0.0).collect();
+    let mut ahead: Vec<usize> = (0..A.nrows()).filter(|&i| marked[i]).collect();
+    while let Some(j) = ahead.pop() {
+        for (i, marked) in marked.iter_mut().enumerate() {
+            if !*marked && acts(i, j) {
+                *marked = true;
+                ahead.push(i);
+            }
         }
-        marked
-    };
-    let reached = spread(b.iter().map(|&entry| entry != 0.0).collect(), &|i, j| A[(i, j)] != 0.0);
-    let seen = spread(c.iter().map(|&entry| entry != 0.0).collect(), &|i, j| A[(j, i)] != 0.0);
-    (0..n).filter(|&i| reached[i] && seen[i]).collect()
+    }
+    marked
 }
 
 /// Bound on what follows a state x: ∫|g| ≤ √(∫e^(−2αt) ∫e^(2αt) g²) = √(xᵀ W x / 2α), for α within the stability
