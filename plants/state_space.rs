@@ -85,7 +85,7 @@ impl System for StateSpace {
         let u = Unit::symbols("u", &structure.units.u, m)?;
         let y = Unit::symbols("y", &structure.units.y, p)?;
         let given = |name: &str, given: &DMatrix<f64>, text: &str| {
-            matrix(name, given.nrows(), given.ncols(), text).unit("").starts(given.as_slice())
+            matrix(name, given.nrows(), given.ncols(), text).starts(given.as_slice())
         };
         let limit = "input that acts; 1e15 is no limit";
         let plant = StateSpace {
@@ -176,10 +176,9 @@ impl StateSpaceStructure {
                 return Err(Invalid::new(name, size, format!("must be within 1 … {MOST}")));
             }
         }
-        let fits = |name: &str, matrix: &DMatrix<f64>, size: (usize, usize)| fit(name, matrix, size);
-        fits("A", &A, (n, n))?;
-        fits("B", &B, (n, B.ncols()))?;
-        fits("C", &C, (C.nrows(), n))?;
+        fit("A", &A, (n, n))?;
+        fit("B", &B, (n, B.ncols()))?;
+        fit("C", &C, (C.nrows(), n))?;
         Ok([A, B, C])
     }
 }

@@ -160,6 +160,9 @@ fn what_no_controller_can_be_made_for_is_refused_before_anything_is_written() {
     }
     for (kind, states, inputs, named) in [
         ("l1", Some(1), Some(2), "inputs = 2"),
+        ("l1", Some(0), Some(0), "size = 0"),
+        ("neuro-ppf", Some(2), Some(0), "size = 0"),
+        ("state-space", Some(1_000_000_000), None, "within 1 … 50"),
         ("neuro-ppf", Some(3), Some(1), "states = 3"),
         ("mrac-ppf", Some(2), Some(1), "each state needs a control"),
         ("sensor", Some(2), None, "--outputs"),

@@ -115,7 +115,12 @@ pub fn design(plant: &Plant, bandwidth: f64, reference: f64) -> Result<Design, I
     let K_m = pole_placement::place(A, B, &poles)?;
     let A_m = A - B * &K_m;
     let K_g = feedforward::gain(&A_m, B, C)?;
-    let (x, u) = magnitudes(&A_m, B, &K_m, &(K_g * DVector::from_element(m, reference)), bandwidth);
+    let command = K_g * DVector::from_element(m, reference);
+    let (x, u) = magnitudes(&A_m, B, &K_m, &command, bandwidth);
+    let extreme = || Invalid::because("the plant, the bandwidth and the reference differ by too many powers of ten");
+    if !(x.norm_squared().is_finite() && u.norm_squared().is_finite()) {
+        return Err(extreme());
+    }
     let matched = B.clone().pseudo_inverse(0.0).map_err(Invalid::because)? * A;
     // As much again as the nominal plant and its baseline have.
     let theta = K_m.abs() + matched.abs();
@@ -127,7 +132,11 @@ pub fn design(plant: &Plant, bandwidth: f64, reference: f64) -> Result<Design, I
     let fastest = poles.iter().map(|pole| pole.norm()).fold(feedback_gain, f64::max);
     let step = round_down((0.1 / fastest).min(1e-3));
     let P = lyapunov::solve(&A_m, &DMatrix::identity(A.nrows(), A.nrows()))?;
-    let lambda = (B.transpose() * P * B).symmetric_eigenvalues().max();
+    let BPB = B.transpose() * P * B;
+    if !BPB.norm_squared().is_finite() {
+        return Err(extreme());
+    }
+    let lambda = BPB.symmetric_eigenvalues().max();
     let signals = 1.0 + x.norm_squared() + u.norm_squared();
     let adaptation_gain = round_down((PHASE / step).powi(2) / (lambda * signals));
     Ok(Design { poles, feedback_gain, adaptation_gain, theta_bound, sigma_bound, step })
@@ -147,6 +156,10 @@ fn magnitudes(
     let h = 10.0 / bandwidth / POINTS as f64;
     whole.view_mut((0, 0), (n, n)).copy_from(&(A_m * h));
     whole.view_mut((0, n), (n, 1)).copy_from(&(B * command * h));
+    if whole.iter().any(|entry| !entry.is_finite()) {
+        let unknown = DVector::from_element(n, f64::NAN);
+        return (unknown, command * f64::NAN);
+    }
     let over_h = whole.exp();
     let mut state = DVector::zeros(n + 1);
     state[n] = 1.0;

@@ -54,6 +54,11 @@ pub struct Request<'a> {
 /// # Errors
 /// Sizes that the kind doesn't have, or why there is no such unit for this plant.
 pub fn description(request: &Request) -> Result<String, Invalid> {
+    let Sizes { states, inputs, outputs } = request.sizes;
+    let mut sizes = [states, inputs, outputs].into_iter().flatten();
+    if let Some(size) = sizes.find(|size| !(1..=MOST as usize).contains(size)) {
+        return Err(Invalid::new("size", size, format!("must be within 1 … {MOST}")));
+    }
     let write = match request.kind {
         "l1" | "fuzzy-l1" => controllers::l1,
         "mrac-ppf" => controllers::mrac_ppf,
