@@ -71,7 +71,7 @@ fn a_whole_of_more_parts_than_a_loop_can_have_is_refused_as_is_one_without_any()
         format!("name = \"X\"\nmodel = \"composite\"\ndescription = \"\"\n{}", (0..count).map(part).collect::<String>())
     };
     soon("too many parts", || refused(&parts(1001), &["parts", "1001", "1000"]));
-    soon("parts that are too large together", || refused(&parts(100), &["p3.", "100000"]));
+    soon("parts that are too large together", || refused(&parts(100), &["p6.", "200000"]));
     refused(&structure("composite", "parts = []"), &["parts", "0"]);
 }
 

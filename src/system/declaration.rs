@@ -104,7 +104,7 @@ pub(super) struct TrackingError {
 
 /// The most numbers that one instance may hold, and of them the most that are shown outside.
 pub(super) const MOST_VALUES: usize = 4_000_000;
-const MOST_SHOWN: usize = 100_000;
+const MOST_SHOWN: usize = 200_000;
 
 /// Collects the variables of a system.
 #[derive(Debug, Default)]

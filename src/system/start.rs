@@ -42,11 +42,13 @@ impl Variables {
 
 /// The variable with the place of an element, if it has one of this name beside its own.
 fn element<'a>(variable: &'a mut Variable, name: &str) -> Option<(&'a mut Variable, usize)> {
-    name.strip_prefix(variable.name.as_str()).filter(|indices| indices.starts_with('['))?;
-    let found = variable.elements().find(|element| variable.name != name && element.name() == name)?.offset;
-    if variable.naming == Naming::Scalar {
+    let is_users = variable.given.iter().any(|given| given.as_deref() == Some(name));
+    let has_indices = name.strip_prefix(variable.name.as_str()).is_some_and(|indices| indices.starts_with('['));
+    // Before names are made of all elements, of which there may be many.
+    if variable.naming == Naming::Scalar || !(is_users || has_indices) {
         return None;
     }
+    let found = variable.elements().find(|element| element.name() == name)?.offset;
     Some((variable, found))
 }
 
