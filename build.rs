@@ -8,6 +8,8 @@ use std::{env, fs};
 fn main() {
     println!("cargo::rustc-env=ADAPTIVE_FMU_TARGET={}", env::var("TARGET").unwrap_or_default());
     println!("cargo::rustc-env=ADAPTIVE_FMU_COMPILER={}", compiler());
+    let optimised = env::var("OPT_LEVEL").is_ok_and(|level| level != "0" && level != "1");
+    println!("cargo::rustc-env=ADAPTIVE_FMU_OPTIMISED={optimised}");
     let mut hasher = DefaultHasher::new();
     embed();
     for folder in ["src", "plants", "docs", "Cargo.toml"] {

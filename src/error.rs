@@ -204,6 +204,14 @@ pub enum Error {
         /// The names that exist.
         known: String,
     },
+    /// The source folder, where something is to be taken from it.
+    #[error("{}: {reason}", file.display())]
+    Source {
+        /// The file in it.
+        file: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
     /// The shared library that goes into the FMUs is missing or doesn't answer.
     #[error("{0}")]
     Library(String),

@@ -7,6 +7,8 @@
 
 pub mod control;
 pub mod controllers;
+#[cfg(feature = "cli")]
+pub mod distribution;
 pub mod error;
 pub mod execution;
 #[cfg(feature = "cli")]

@@ -30,6 +30,8 @@ enum Command {
     Check(command::check::Arguments),
     /// Writes FMUs
     Export(command::export::Arguments),
+    /// Writes an archive for users without Rust: program, libraries, descriptions, documentation, licences
+    Dist(command::dist::Arguments),
     /// Tells what an FMU is
     Info(command::info::Arguments),
     /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
@@ -65,6 +67,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Schema => Ok(command::schema::execute()),
         Command::Check(arguments) => command::check::execute(&arguments),
         Command::Export(arguments) => command::export::execute(&arguments),
+        Command::Dist(arguments) => command::dist::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Run(arguments) => command::run::execute(&arguments),

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Library};
+use adaptive_fmu::exporter::{self, Binary, Library, Platform};
 use adaptive_fmu::simulation::{LoopFiles, Structure, pack};
 use serde_json::json;
 
@@ -26,9 +26,10 @@ pub struct Arguments {
     /// Folder for the FMUs and archives
     #[arg(long, default_value = "fmus")]
     out: PathBuf,
-    /// Shared library to pack instead of the one built with this program (one that holds models of your own)
-    #[arg(long)]
-    library: Option<PathBuf>,
+    /// Shared library to pack instead of those built with this program (repeatable, one a platform; one of them must be
+    /// for this platform, if it holds models of your own)
+    #[arg(long, value_name = "[PLATFORM=]FILE")]
+    library: Vec<String>,
     /// Parameter set (.ssv) with values that the one FMU named is to start with
     #[arg(long, value_name = "FILE.ssv", requires = "names", conflicts_with_all = ["all", "composite", "ssp"])]
     values: Option<PathBuf>,
@@ -43,7 +44,7 @@ pub struct Arguments {
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Arguments { names, all: every, composite, ssp, out, library, values, run, json } = arguments;
-    let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
+    let library = chosen(library)?;
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
     let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
@@ -68,6 +69,18 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     run.as_ref().map_or(Ok(ExitCode::SUCCESS), close)
 }
 
+/// The libraries named, or those built with this program; that of this platform is its own where none is named.
+fn chosen(named: &[String]) -> Result<Library, Error> {
+    if named.is_empty() {
+        return Library::beside_program()?.with_other_platforms();
+    }
+    let mut others = named.iter().map(|name| Binary::named(name)).collect::<Result<Vec<_>, _>>()?;
+    let own = others.iter().position(|binary| binary.platform == Platform::own()).map(|place| others.remove(place));
+    let mut library = own.map_or_else(Library::beside_program, |binary| Library::open(&binary.file))?;
+    others.into_iter().try_for_each(|binary| library.add(binary))?;
+    Ok(library)
+}
+
 /// The names of all FMUs of this package.
 fn all() -> Vec<String> {
     exporter::descriptions().iter().map(|(name, _)| (*name).to_owned()).collect()
@@ -75,7 +88,7 @@ fn all() -> Vec<String> {
 
 /// Writes FMUs into a folder; their paths.
 pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
-    warn_if_slow(library)?;
+    warn_of(library)?;
     names.iter().map(|name| exporter::export(&exporter::find_description(name)?, library, out)).collect()
 }
 
@@ -85,29 +98,30 @@ fn export_with_values(names: &[String], values: &Path, library: &Library, out: &
         let reason = format!("its values can't be those of {} FMUs: name one", names.len());
         return Err(Error::Loop { file: values.to_owned(), reason });
     };
-    warn_if_slow(library)?;
+    warn_of(library)?;
     exporter::export(&exporter::with_values(exporter::find_description(name)?, values, library)?, library, out)
 }
 
-fn warn_if_slow(library: &Library) -> Result<(), Error> {
+/// What is to be known of the libraries that are packed.
+fn warn_of(library: &Library) -> Result<(), Error> {
     static TOLD: Once = Once::new();
-    if !library.describe(None)?.build.optimised {
-        let warning = "the library was built without optimisation and is slow; build it with --release";
-        TOLD.call_once(|| eprintln!("warning: {warning}"));
-    }
+    let slow = !library.describe(None)?.build.optimised;
+    let slow =
+        slow.then(|| "the library was built without optimisation and is slow; build it with --release".to_owned());
+    TOLD.call_once(|| slow.iter().chain(library.left_out()).for_each(|warning| eprintln!("warning: {warning}")));
     Ok(())
 }
 
 /// Writes a loop as one FMU into a folder; its path, and what is to be told of it.
 pub fn export_whole(structure: &Structure, library: &Library, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
-    warn_if_slow(library)?;
+    warn_of(library)?;
     let (source, notes) = exporter::composite(structure, library)?;
     Ok((exporter::export(&source, library, out)?, notes))
 }
 
 /// Writes the FMUs of a loop into a folder.
 pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
-    warn_if_slow(library)?;
+    warn_of(library)?;
     let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
     needed.into_iter().map(|fmu| exporter::export(&structure.description_of(fmu)?, library, out)).collect()
 }
@@ -130,7 +144,7 @@ fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error
 
 /// Writes the FMUs of a loop into a folder, started as the loop chooses from enumerations: other masters can't set them.
 fn export_with_choices(structure: &Structure, library: &Library, out: &Path) -> Result<(), Error> {
-    warn_if_slow(library)?;
+    warn_of(library)?;
     let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
     for fmu in needed {
         let source = structure.description_of(fmu)?.with_start(choices(structure, fmu))?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::{Error, one_line};
 use adaptive_fmu::exporter;
-use adaptive_fmu::fmi2::describe::Build;
+use adaptive_fmu::fmi2::build::Build;
 use adaptive_fmu::simulation::{Description, Variable};
 use serde_json::{Value, json};
 

@@ -90,7 +90,7 @@ impl LoopOptions {
         }
         // A loop must not show the numbers of units that were exported before an equation was changed.
         let fmus = PathBuf::from("fmus");
-        export_units(structure, &Library::beside_program()?, &fmus)?;
+        export_units(structure, &Library::beside_program()?.with_other_platforms()?, &fmus)?;
         Ok(Units::Separate(fmus))
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod compare;
+pub mod dist;
 pub mod export;
 pub mod info;
 pub mod linearise;

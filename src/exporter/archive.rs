@@ -1,26 +1,19 @@
 //! The .fmu archive.
 
 use std::fs::File;
-use std::io::{ErrorKind, Read, Write};
+use std::io::{Cursor, ErrorKind, Read, Write};
 use std::path::Path;
 
+use zip::result::{ZipError, ZipResult};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
 use super::library::Library;
 use crate::error::Error;
-use crate::fmi2::describe::{Build, Unit};
+use crate::fmi2::build::Build;
+use crate::fmi2::describe::Unit;
 use crate::fmi2::resources::DESCRIPTION;
 use crate::text_file;
-
-/// Folder of this platform's binaries.
-pub const PLATFORM: &str = if cfg!(target_os = "windows") {
-    "win64"
-} else if cfg!(target_os = "macos") {
-    "darwin64"
-} else {
-    "linux64"
-};
 
 /// What an archive may unpack to, and one text in it: limits for archives that aren't ours.
 const LARGEST: u64 = 1 << 30;
@@ -52,13 +45,10 @@ pub fn write(
     library: &Library,
 ) -> Result<(), Error> {
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
-    let binary = std::fs::read(library.path()).map_err(Error::file(library.path()))?;
-    let binary_name = format!("binaries/{PLATFORM}/{}{}", unit.name, std::env::consts::DLL_SUFFIX);
     let resource = format!("resources/{DESCRIPTION}");
-    let entries: [(&str, &[u8]); 9] = [
+    let entries: [(&str, &[u8]); 8] = [
         ("modelDescription.xml", unit.model_description.as_bytes()),
         ("model.png", include_bytes!("../../modelDescription/model.png")),
-        (&binary_name, &binary),
         ("documentation/index.html", page.as_bytes()),
         ("documentation/licenses/license.txt", include_bytes!("../../docs/license.txt")),
         ("documentation/licenses/LICENSE-APACHE", include_bytes!("../../LICENSE-APACHE")),
@@ -66,7 +56,9 @@ pub fn write(
         (&resource, description.as_bytes()),
         (BUILD, build.as_bytes()),
     ];
-    write_entries(file, &entries)
+    let mut zip = zipped(&entries).map_err(refused(file))?;
+    library.packed().write(&unit.name, &mut zip)?;
+    replace(file, zip)
 }
 
 /// Writes an archive of some entries; a file of that name is replaced at the end, or not at all.
@@ -74,7 +66,24 @@ pub fn write(
 /// # Errors
 /// When it can't be written.
 pub fn write_entries(file: &Path, entries: &[(&str, &[u8])]) -> Result<(), Error> {
-    let bytes = zipped(entries).map_err(|error| Error::Archive { file: file.to_owned(), reason: error.to_string() })?;
+    replace(file, zipped(entries).map_err(refused(file))?)
+}
+
+/// Writes an archive of some entries, and of others that can be run, likewise.
+///
+/// # Errors
+/// When it can't be written.
+pub fn write_program(file: &Path, entries: &[(&str, &[u8])], programs: &[(&str, &[u8])]) -> Result<(), Error> {
+    let mut zip = zipped(entries).map_err(refused(file))?;
+    add(&mut zip, programs, 0o755).map_err(refused(file))?;
+    replace(file, zip)
+}
+
+type Zip = ZipWriter<Cursor<Vec<u8>>>;
+
+/// Finishes an archive, and puts it in the place of a file.
+fn replace(file: &Path, zip: Zip) -> Result<(), Error> {
+    let bytes = zip.finish().map_err(refused(file))?.into_inner();
     let folder = file.parent().unwrap_or(Path::new("."));
     let mut temporary =
         tempfile::Builder::new().prefix(".").suffix(".part").tempfile_in(folder).map_err(Error::file(file))?;
@@ -96,25 +105,35 @@ fn readable_by_all(_: &File) -> std::io::Result<()> {
 }
 
 /// The same entries always give the same bytes: no times, no owners.
-fn zipped(entries: &[(&str, &[u8])]) -> zip::result::ZipResult<Vec<u8>> {
-    let mut zip = ZipWriter::new(std::io::Cursor::new(Vec::new()));
+fn zipped(entries: &[(&str, &[u8])]) -> ZipResult<Zip> {
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    add(&mut zip, entries, 0o644)?;
+    Ok(zip)
+}
+
+fn add(zip: &mut Zip, entries: &[(&str, &[u8])], permissions: u32) -> ZipResult<()> {
     for (name, bytes) in entries {
-        let options = SimpleFileOptions::default()
-            .compression_method(CompressionMethod::Deflated)
-            .last_modified_time(DateTime::default())
-            .unix_permissions(if name.starts_with("binaries/") { 0o755 } else { 0o644 });
-        zip.start_file(*name, options)?;
+        zip.start_file(*name, options(permissions))?;
         zip.write_all(bytes)?;
     }
-    Ok(zip.finish()?.into_inner())
+    Ok(())
+}
+
+/// How an entry with these permissions is written.
+pub(super) fn options(permissions: u32) -> SimpleFileOptions {
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
+    options.last_modified_time(DateTime::default()).unix_permissions(permissions)
+}
+
+/// What an archive is refused for.
+pub(super) fn refused(file: &Path) -> impl Fn(ZipError) -> Error {
+    move |error| Error::Archive { file: file.to_owned(), reason: error.to_string() }
 }
 
 fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
     let opened = text_file::open(file).map_err(Error::file(file))?;
-    let refuse = |error: zip::result::ZipError| Error::Archive {
-        file: file.to_owned(),
-        reason: format!("not a readable archive: {error}"),
-    };
+    let refuse =
+        |error: ZipError| Error::Archive { file: file.to_owned(), reason: format!("not a readable archive: {error}") };
     let mut archive = ZipArchive::new(opened).map_err(refuse)?;
     if archive.has_duplicate_names() {
         let reason = "holds several entries of one name".to_owned();

@@ -4,15 +4,23 @@ use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
 
 use super::Source;
+use super::binaries::{self, Binaries, Binary};
+use super::platform::Platform;
 use crate::error::Error;
+use crate::fmi2::build::Build;
 use crate::fmi2::describe::{self, Described};
 use crate::text_file;
 
-/// A shared library for this platform.
+/// Folder of the libraries in an archive for users without Rust, one folder a platform in it.
+pub const LIBRARIES: &str = "libraries";
+
+/// A shared library for this platform, with the same for others.
 #[derive(Debug)]
 pub struct Library {
     path: PathBuf,
     loaded: libloading::Library,
+    binaries: Binaries,
+    left_out: Vec<String>,
 }
 
 type DescribeFunction =
@@ -25,19 +33,31 @@ impl Library {
     /// # Errors
     /// When there is none.
     pub fn beside_program() -> Result<Self, Error> {
-        let program = std::env::current_exe().map_err(Error::file("this program"))?;
-        let folder = program.parent().unwrap_or(Path::new("."));
-        let name = format!("{}adaptive_fmu{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
-        let places = [folder.join("deps").join(&name), folder.join(&name)];
+        let folder = program_folder()?;
+        let name = Platform::own().library_name();
+        let of_archive = folder.join(LIBRARIES).join(Platform::own().folder);
+        let places = [folder.join("deps"), of_archive, folder.to_owned()].map(|place| place.join(&name));
         let found = places.iter().find(|place| place.is_file()).ok_or_else(|| {
             Error::Library(format!(
                 "{name} is neither in {} nor in {}; `cargo install` installs the program alone: run it with `cargo run \
                  --release --` in the source folder, or give --library FILE",
                 places[0].display(),
-                places[1].display()
+                places[2].display()
             ))
         })?;
         Library::open(found)
+    }
+
+    /// With what lies beside this program of the same sources for other platforms, and for older systems of this one.
+    ///
+    /// # Errors
+    /// When files can't be read.
+    pub fn with_other_platforms(mut self) -> Result<Self, Error> {
+        for binary in binaries::beside(&program_folder()?)? {
+            let taken = self.binaries.take(binary);
+            self.left_out.extend(taken.err().map(|error| format!("left out: {error}")));
+        }
+        Ok(self)
     }
 
     /// A library by its path.
@@ -51,12 +71,32 @@ impl Library {
         let whole = path.canonicalize().map_err(|error| refuse(error.to_string()))?;
         // SAFETY: loading runs the initialisers of a library that the user named or built; one of ours has none.
         let loaded = unsafe { libloading::Library::new(whole) }.map_err(|error| refuse(with_causes(&error)))?;
-        Ok(Library { path: path.to_owned(), loaded })
+        let bytes = std::fs::read(path).map_err(Error::file(path))?;
+        let own = Binary::own(path, Build::within(&bytes).unwrap_or_default());
+        Ok(Library { path: path.to_owned(), loaded, binaries: Binaries::of(own), left_out: Vec::new() })
     }
 
-    /// Its file.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// Adds the same library for another platform, which goes into every FMU, too.
+    ///
+    /// # Errors
+    /// When it is of other sources, or for a platform that there is a library for already.
+    pub fn add(&mut self, other: Binary) -> Result<(), Error> {
+        self.binaries.add(other)
+    }
+
+    /// What lay beside the program, but doesn't go into FMUs, and why.
+    pub fn left_out(&self) -> &[String] {
+        &self.left_out
+    }
+
+    /// Its file for each platform.
+    pub fn binaries(&self) -> &[Binary] {
+        self.binaries.all()
+    }
+
+    /// What goes into every FMU.
+    pub(super) fn packed(&self) -> &Binaries {
+        &self.binaries
     }
 
     /// What it says of itself, and of the FMU of a description.
@@ -87,6 +127,11 @@ impl Library {
         };
         describe::read(&reply).map_err(unknown)?.map_err(refuse)
     }
+}
+
+fn program_folder() -> Result<PathBuf, Error> {
+    let program = std::env::current_exe().map_err(Error::file("this program"))?;
+    Ok(program.parent().unwrap_or(Path::new(".")).to_owned())
 }
 
 /// An error with what caused it: libloading says only `dlopen failed` itself.

@@ -1,22 +1,27 @@
 //! From descriptions to FMU archives.
 
 mod archive;
+mod binaries;
 mod composite;
 #[allow(unsafe_code)]
 mod library;
 mod page;
+mod platform;
 mod report;
 
 use std::path::{Path, PathBuf};
 
-pub use archive::{BUILD, Entry, PLATFORM, entries, read_entry, unpack, write_entries};
+pub use archive::{BUILD, Entry, entries, read_entry, unpack, write_entries, write_program};
+pub use binaries::{Binary, programs};
 pub use composite::{composite, composite_name, with_values};
-pub use library::Library;
 pub(crate) use library::with_causes;
+pub use library::{LIBRARIES, Library};
 pub(crate) use page::escaped;
+pub use platform::Platform;
 
 use crate::error::Error;
-use crate::fmi2::describe::{Build, Unit};
+use crate::fmi2::build::Build;
+use crate::fmi2::describe::Unit;
 use crate::text_file;
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));

@@ -6,7 +6,8 @@ use pulldown_cmark::{CowStr, Event, Options, Parser};
 use pulldown_latex::{RenderConfig, Storage, config::DisplayMode, push_mathml};
 
 use super::report;
-use crate::fmi2::describe::{Build, Unit};
+use crate::fmi2::build::Build;
+use crate::fmi2::describe::Unit;
 use crate::simulation::Description;
 
 const STYLE: &str = "

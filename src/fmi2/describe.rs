@@ -9,38 +9,8 @@ use crate::model::{Description, Model};
 use crate::report::DesignReport;
 use crate::system::Registry;
 
+use super::build::Build;
 use super::model_description;
-
-/// How a library was built.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Build {
-    /// Name and version of the package that holds the models.
-    pub package: String,
-    /// Version of this crate.
-    pub version: String,
-    /// Target platform.
-    pub target: String,
-    /// Compiler.
-    pub compiler: String,
-    /// Checksum of this crate's sources.
-    pub source: String,
-    /// Whether it was optimised.
-    pub optimised: bool,
-}
-
-impl Build {
-    /// Of this very library, with the models of a package.
-    fn own(package: &str) -> Self {
-        Build {
-            package: package.to_owned(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            target: env!("ADAPTIVE_FMU_TARGET").to_owned(),
-            compiler: env!("ADAPTIVE_FMU_COMPILER").to_owned(),
-            source: env!("ADAPTIVE_FMU_SOURCE").to_owned(),
-            optimised: !cfg!(debug_assertions),
-        }
-    }
-}
 
 /// The reply to a description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -88,7 +58,7 @@ pub fn reply(description: Option<&str>, registry: Registry, package: &str) -> St
     match description.map(describe).transpose() {
         Ok(unit) => {
             let models = registry.iter().map(|kind| kind.name.to_owned()).collect();
-            write(&Reply::Described(Box::new(Described { build: Build::own(package), models, unit })))
+            write(&Reply::Described(Box::new(Described { build: Build::of(package), models, unit })))
         }
         Err(invalid) => failure(&invalid.to_string()),
     }

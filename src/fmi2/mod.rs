@@ -4,6 +4,7 @@
 //! [`interface`] is the C side of it, and [`model_description`] writes the XML. None of them knows a model.
 
 pub mod access;
+pub mod build;
 pub mod calls;
 mod derivatives;
 pub mod describe;

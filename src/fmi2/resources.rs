@@ -1,6 +1,6 @@
 //! Where the resources of an FMU lie.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Name of the description within the resources.
 pub const DESCRIPTION: &str = "description.toml";
@@ -76,10 +76,36 @@ fn own_path() -> Option<PathBuf> {
         }
         CStr::from_ptr(info.dli_fname)
     };
-    std::fs::canonicalize(Path::new(std::ffi::OsStr::from_bytes(name.to_bytes()))).ok()
+    std::fs::canonicalize(std::ffi::OsStr::from_bytes(name.to_bytes())).ok()
 }
 
-#[cfg(not(unix))]
+#[cfg(windows)]
+fn own_path() -> Option<PathBuf> {
+    use std::ffi::{OsString, c_void};
+    use std::os::windows::ffi::OsStringExt;
+    /// By an address within the module, which keeps its count of references.
+    const FROM_ADDRESS_UNCHANGED: u32 = 4 | 2;
+    /// More than Windows' longest path.
+    const LONGEST: usize = 1 << 15;
+    unsafe extern "system" {
+        fn GetModuleHandleExW(flags: u32, address: *const c_void, module: *mut *mut c_void) -> i32;
+        fn GetModuleFileNameW(module: *mut c_void, name: *mut u16, size: u32) -> u32;
+    }
+    let here: fn(Option<&str>) -> Result<PathBuf, String> = folder;
+    let mut module = std::ptr::null_mut();
+    let mut name = vec![0_u16; LONGEST];
+    // SAFETY: the first function only looks up the address, one of this library, and writes the module's handle; the
+    // second writes at most as many characters as it is told, which the buffer has.
+    let length = unsafe {
+        if GetModuleHandleExW(FROM_ADDRESS_UNCHANGED, here as *const c_void, &raw mut module) == 0 {
+            return None;
+        }
+        GetModuleFileNameW(module, name.as_mut_ptr(), LONGEST as u32) as usize
+    };
+    (1..LONGEST).contains(&length).then(|| PathBuf::from(OsString::from_wide(&name[..length])))
+}
+
+#[cfg(not(any(unix, windows)))]
 fn own_path() -> Option<PathBuf> {
     None
 }

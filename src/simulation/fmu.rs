@@ -11,7 +11,7 @@ use libloading::Library;
 
 use super::description::Description;
 use crate::error::Error;
-use crate::exporter::{read_entry, unpack, with_causes};
+use crate::exporter::{Platform, read_entry, unpack, with_causes};
 use crate::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, LoggerFunction, MODEL_EXCHANGE, Status};
 
 /// A value of a variable.
@@ -90,8 +90,7 @@ impl Fmu {
         let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
         unpack(file, folder.path())?;
         let identifier = &description.model_identifier;
-        let platform = crate::exporter::PLATFORM;
-        let name = format!("binaries/{platform}/{identifier}{}", std::env::consts::DLL_SUFFIX);
+        let name = Platform::own().binary(identifier);
         let path = folder.path().join(&name);
         if !path.is_file() {
             return Err(refuse(format!("holds no {name}: it can't run on this platform")));

@@ -1,0 +1,33 @@
+//! `dist`: an archive for users without Rust.
+
+use std::path::{Path, PathBuf};
+
+use adaptive_fmu::distribution;
+use adaptive_fmu::error::Error;
+use adaptive_fmu::exporter::{self, Binary, Library};
+use serde_json::json;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Folder for the archives
+    #[arg(long, default_value = "dist")]
+    out: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Writes an archive for every platform that this program was built for.
+pub fn execute(arguments: &Arguments) -> Result<(), Error> {
+    let library = Library::beside_program()?.with_other_platforms()?;
+    library.left_out().iter().for_each(|warning| eprintln!("warning: {warning}"));
+    let programs = exporter::programs()?;
+    let write = |program: &Binary| distribution::write(program, &library, Path::new("."), &arguments.out);
+    let files = programs.iter().map(write).collect::<Result<Vec<_>, _>>()?;
+    if arguments.json {
+        println!("{}", json!({ "archives": files }));
+    } else {
+        files.iter().for_each(|file| println!("{}", file.display()));
+    }
+    Ok(())
+}

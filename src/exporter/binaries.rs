@@ -1,0 +1,184 @@
+//! One library for several platforms, as FMUs hold it.
+
+use std::collections::BTreeSet;
+use std::io::{Cursor, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use zip::{ZipArchive, ZipWriter};
+
+use super::archive::{options, refused};
+use super::library::LIBRARIES;
+use super::platform::Platform;
+use crate::error::Error;
+use crate::fmi2::build::Build;
+use crate::text_file;
+
+/// A library for a platform.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Binary {
+    /// The platform.
+    pub platform: Platform,
+    /// Its file.
+    pub file: PathBuf,
+    /// How it was built.
+    pub build: Build,
+}
+
+impl Binary {
+    /// A library by its file, or by platform and file, `win64=adaptive_fmu.dll`. The file says what it is for; one that
+    /// doesn't counts as one for this platform: loading it tells what it is.
+    ///
+    /// # Errors
+    /// When the file can't be read, or is for another platform.
+    pub fn named(text: &str) -> Result<Self, Error> {
+        let named = text.split_once('=').and_then(|(folder, file)| Some((Platform::named(folder)?, file)));
+        let file = Path::new(named.map_or(text, |(_, file)| file));
+        let refuse = |reason: String| Err(Error::Library(format!("{}: {reason}", file.display())));
+        match (Binary::of_file(file)?, named) {
+            (Some(binary), Some((wanted, _))) if wanted != binary.platform => {
+                refuse(format!("is for {}, not for {}", binary.platform.folder, wanted.folder))
+            }
+            (Some(binary), _) => Ok(binary),
+            (None, Some(_)) => refuse("is no library of this package, or one of another version".to_owned()),
+            (None, None) => Ok(Binary::own(file, Build::default())),
+        }
+    }
+
+    /// A library of this package; none where it is something else.
+    fn of_file(file: &Path) -> Result<Option<Self>, Error> {
+        let mut bytes = Vec::new();
+        let read = text_file::open(file).and_then(|mut opened| opened.read_to_end(&mut bytes));
+        read.map_err(Error::file(file))?;
+        let Some(build) = Build::within(&bytes) else { return Ok(None) };
+        let platform = Platform::of_target(&build.target).ok_or_else(|| {
+            Error::Library(format!("{}: is for {}, for which an FMU has no place", file.display(), build.target))
+        })?;
+        Ok(Some(Binary { platform, file: file.to_owned(), build }))
+    }
+
+    /// What runs here.
+    pub(super) fn own(file: &Path, build: Build) -> Self {
+        Binary { platform: Platform::own(), file: file.to_owned(), build }
+    }
+}
+
+/// Libraries for other platforms, or for older systems of this one, that lie beside a program: in the folder of an
+/// archive for users without Rust, or where cargo leaves what it builds for a target that it is told.
+pub(super) fn beside(folder: &Path) -> Result<Vec<Binary>, Error> {
+    let places = folders(&folder.join(LIBRARIES)).into_iter().chain(of_targets(folder));
+    of_names(places, |platform| platform.library_name())
+}
+
+/// This program, and what cargo left of the same sources for other platforms, or for older systems of this one.
+///
+/// # Errors
+/// When files can't be read.
+pub fn programs() -> Result<Vec<Binary>, Error> {
+    let file = std::env::current_exe().map_err(Error::file("this program"))?;
+    let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
+    let mut programs = Binaries::of(Binary::own(&file, Build::own()));
+    for program in of_names(places, |platform| platform.program_name().to_owned())? {
+        // What is of other sources is told of where the libraries are taken.
+        let _ = programs.take(program);
+    }
+    Ok(programs.of)
+}
+
+/// Where cargo leaves what it builds for targets that it is told, from where it leaves a program.
+fn of_targets(folder: &Path) -> Vec<PathBuf> {
+    let profile = folder.file_name().unwrap_or_default();
+    folder.parent().map(folders).unwrap_or_default().iter().map(|target| target.join(profile)).collect()
+}
+
+/// The files in some folders that are called as on any platform.
+fn of_names(places: impl Iterator<Item = PathBuf>, name: fn(&Platform) -> String) -> Result<Vec<Binary>, Error> {
+    let names: BTreeSet<String> = Platform::all().map(|platform| name(&platform)).collect();
+    let files = places.flat_map(|place| names.iter().map(move |name| place.join(name)).collect::<Vec<_>>());
+    files.filter(|file| file.is_file()).filter_map(|file| Binary::of_file(&file).transpose()).collect()
+}
+
+/// The folders in a folder, in the order of their names.
+fn folders(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let found: BTreeSet<PathBuf> = entries.filter(|path| path.is_dir()).collect();
+    found.into_iter().collect()
+}
+
+/// The libraries that go into every FMU, a platform each.
+#[derive(Debug)]
+pub(super) struct Binaries {
+    of: Vec<Binary>,
+    /// Each as an archive of one entry: it is compressed once, not once an FMU.
+    packed: OnceLock<Vec<Vec<u8>>>,
+}
+
+impl Binaries {
+    /// Of one platform alone.
+    pub fn of(binary: Binary) -> Self {
+        Binaries { of: vec![binary], packed: OnceLock::new() }
+    }
+
+    /// Adds one for another platform.
+    pub fn add(&mut self, binary: Binary) -> Result<(), Error> {
+        self.require_same(&binary)?;
+        if let Some(there) = self.of.iter().find(|there| there.platform == binary.platform) {
+            let (there, platform) = (there.file.display(), binary.platform.folder);
+            return Err(Error::Library(format!("{}: {there} is for {platform} already", binary.file.display())));
+        }
+        self.of.push(binary);
+        self.packed.take();
+        Ok(())
+    }
+
+    /// Adds one that was found: one for the first's platform, which is for older systems, takes its place.
+    pub fn take(&mut self, binary: Binary) -> Result<(), Error> {
+        if binary.platform != self.of[0].platform {
+            return self.add(binary);
+        }
+        self.require_same(&binary)?;
+        self.of[0] = binary;
+        self.packed.take();
+        Ok(())
+    }
+
+    /// All of them.
+    pub fn all(&self) -> &[Binary] {
+        &self.of
+    }
+
+    fn require_same(&self, binary: &Binary) -> Result<(), Error> {
+        if binary.build.source == self.of[0].build.source {
+            return Ok(());
+        }
+        let (own, other) = (self.of[0].file.display(), binary.file.display());
+        Err(Error::Library(format!("{other}: was built from other sources than {own}: build both from the same")))
+    }
+
+    /// Puts all of them into the archive of an FMU.
+    pub fn write<W: Write + Seek>(&self, name: &str, zip: &mut ZipWriter<W>) -> Result<(), Error> {
+        for (binary, packed) in self.of.iter().zip(self.packed()?) {
+            let refuse = refused(&binary.file);
+            let mut archive = ZipArchive::new(Cursor::new(packed)).map_err(&refuse)?;
+            let entry = archive.by_index_raw(0).map_err(&refuse)?;
+            zip.raw_copy_file_rename(entry, binary.platform.binary(name)).map_err(&refuse)?;
+        }
+        Ok(())
+    }
+
+    fn packed(&self) -> Result<&Vec<Vec<u8>>, Error> {
+        if let Some(packed) = self.packed.get() {
+            return Ok(packed);
+        }
+        let packed = self.of.iter().map(|binary| packed(&binary.file)).collect::<Result<_, _>>()?;
+        Ok(self.packed.get_or_init(|| packed))
+    }
+}
+
+fn packed(file: &Path) -> Result<Vec<u8>, Error> {
+    let bytes = std::fs::read(file).map_err(Error::file(file))?;
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    zip.start_file("library", options(0o755)).map_err(refused(file))?;
+    zip.write_all(&bytes).map_err(Error::file(file))?;
+    Ok(zip.finish().map_err(refused(file))?.into_inner())
+}

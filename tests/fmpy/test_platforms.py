@@ -1,0 +1,169 @@
+"""What the shared library asks of a machine, libraries for several platforms, and the archive for users without Rust."""
+
+import os
+import platform
+import re
+import subprocess
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from conftest import ROOT, adaptive_fmu
+from master import PLANT
+
+# What fmi2Functions.h of FMI 2.0 declares, but for the types: the common functions, and those of either interface.
+STANDARD = """
+    GetTypesPlatform GetVersion SetDebugLogging Instantiate FreeInstance SetupExperiment EnterInitializationMode
+    ExitInitializationMode Terminate Reset GetReal GetInteger GetBoolean GetString SetReal SetInteger SetBoolean SetString
+    GetFMUstate SetFMUstate FreeFMUstate SerializedFMUstateSize SerializeFMUstate DeSerializeFMUstate
+    GetDirectionalDerivative
+    EnterEventMode NewDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep SetTime SetContinuousStates
+    GetDerivatives GetEventIndicators GetContinuousStates GetNominalsOfContinuousStates
+    SetRealInputDerivatives GetRealOutputDerivatives DoStep CancelStep GetStatus GetRealStatus GetIntegerStatus
+    GetBooleanStatus GetStringStatus
+""".split()
+OLDEST_GLIBC = (2, 17)
+SYSTEM = {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "libpthread.so.0", "libdl.so.2", "ld-linux-x86-64.so.2"}
+
+
+def told(*command: str | Path) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture(scope="module")
+def library(fmu) -> Path:
+    """The shared library as an FMU holds it."""
+    return fmu(PLANT).folder / "binaries" / "linux64" / f"{PLANT}.so"
+
+
+def glibc(library: Path) -> tuple[int, ...]:
+    """The newest version of glibc that a library asks for."""
+    versions = re.findall(r"GLIBC_([0-9.]+)", told("readelf", "--version-info", library))
+    return max(tuple(map(int, version.split("."))) for version in versions)
+
+
+def test_the_library_exports_the_functions_of_the_standard_and_one_that_describes_it(library: Path) -> None:
+    symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
+    assert symbols == {f"fmi2{name}" for name in STANDARD} | {"adaptive_fmu_describe"}
+
+
+def test_the_library_needs_the_system_alone_and_lacks_nothing(library: Path) -> None:
+    needed = set(re.findall(r"NEEDED.*\[(.*)\]", told("readelf", "-d", library)))
+    assert needed <= SYSTEM
+    checked = subprocess.run(["ldd", "-r", library], capture_output=True, text=True, check=True)
+    assert "undefined" not in checked.stdout + checked.stderr and "not found" not in checked.stdout
+
+
+def test_the_library_asks_for_no_newer_glibc_than_the_one_here(library: Path) -> None:
+    assert glibc(library) <= tuple(map(int, platform.libc_ver()[1].split(".")))
+
+
+def test_a_library_built_for_old_systems_asks_for_an_old_glibc() -> None:
+    old = ROOT / "target" / "x86_64-unknown-linux-gnu" / "release" / "libadaptive_fmu.so"
+    if not old.is_file():
+        pytest.skip("no library for old systems was built (docs/platforms.md tells how)")
+    assert glibc(old) <= OLDEST_GLIBC
+
+
+@pytest.fixture
+def foreign(library: Path, tmp_path: Path):
+    """Makes what looks like this library for another target: what says how it was built, and nothing that runs."""
+
+    def make(name: str, target: str, source: str | None = None) -> Path:
+        (mark,) = re.findall(rb'\{"adaptive-fmu library":\{"version.*?\}\}', library.read_bytes())
+        mark = re.sub(rb'"target":".*?"', f'"target":"{target}"'.encode(), mark)
+        if source:
+            mark = re.sub(rb'"source":".*?"', f'"source":"{source}"'.encode(), mark)
+        file = tmp_path / name
+        file.write_bytes(b"MZ\0" + mark + b"\0" * 1000)
+        return file
+
+    return make
+
+
+def refusal(*libraries: str | Path, out: Path) -> str:
+    options = [part for library in libraries for part in ("--library", str(library))]
+    answer = adaptive_fmu("export", PLANT, *options, "--out", out)
+    assert answer.returncode == 1 and answer.stderr.startswith("error: ") and len(answer.stderr.splitlines()) == 1
+    assert not list(out.glob("*"))
+    return answer.stderr
+
+
+@pytest.mark.parametrize("named", ["win64=", ""])
+def test_an_fmu_holds_the_libraries_of_all_platforms_that_are_given(named: str, foreign, tmp_path) -> None:
+    windows, arm = foreign("a.dll", "x86_64-pc-windows-gnu"), foreign("a.so", "aarch64-unknown-linux-gnu")
+    out = tmp_path / "out"
+    answer = adaptive_fmu("export", PLANT, "--library", f"{named}{windows}", "--library", arm, "--out", out)
+    assert (answer.returncode, answer.stderr) == (0, "")
+    with zipfile.ZipFile(out / f"{PLANT}.fmu") as archive:
+        binaries = {name for name in archive.namelist() if name.startswith("binaries/")}
+        assert archive.read(f"binaries/win64/{PLANT}.dll") == windows.read_bytes()
+        assert archive.read(f"binaries/aarch64-linux/{PLANT}.so") == arm.read_bytes()
+    assert binaries == {
+        f"binaries/{place}" for place in (f"linux64/{PLANT}.so", f"win64/{PLANT}.dll", f"aarch64-linux/{PLANT}.so")
+    }
+    assert fmpy.simulate_fmu(str(out / f"{PLANT}.fmu"), stop_time=0.1)["time"][-1] == pytest.approx(0.1)
+
+
+def test_a_library_that_does_not_fit_is_refused_and_nothing_is_written(foreign, library, tmp_path) -> None:
+    out, text = tmp_path / "out", tmp_path / "notes.txt"
+    text.write_text("no library")
+    windows = foreign("a.dll", "x86_64-pc-windows-gnu")
+    assert "notes.txt" in refusal(text, out=out)
+    assert "no library of this package" in refusal(f"win64={text}", out=out)
+    assert "is for linux64, not for win64" in refusal(f"win64={library}", out=out)
+    assert "other sources" in refusal(foreign("b.dll", "x86_64-pc-windows-gnu", "0" * 16), out=out)
+    assert "win64 already" in refusal(windows, foreign("c.dll", "x86_64-pc-windows-msvc"), out=out)
+    assert "no place" in refusal(foreign("d.wasm", "wasm32-unknown-unknown"), out=out)
+
+
+@pytest.fixture(scope="module")
+def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the archive for users without Rust."""
+    out = tmp_path_factory.mktemp("dist")
+    answer = adaptive_fmu("dist", "--out", out)
+    assert (answer.returncode, answer.stderr) == (0, "")
+    archive = next(out.glob("adaptive-fmu-*-linux64.zip"))
+    # As `unzip` does, with the permissions.
+    with zipfile.ZipFile(archive) as files:
+        for entry in files.infolist():
+            Path(files.extract(entry, out)).chmod(entry.external_attr >> 16)
+    return out / archive.stem
+
+
+def without_rust(folder: Path, *arguments: str) -> str:
+    environment = {"PATH": "/nowhere", "HOME": str(folder)}
+    command = [str(folder / "adaptive-fmu"), *arguments]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), done
+    return done.stdout
+
+
+def test_an_archive_exports_an_fmu_from_a_text_without_rust(unpacked: Path) -> None:
+    description = (unpacked / "modelDescription" / f"{PLANT}.toml").read_text().replace(PLANT, "MyPlant")
+    (unpacked / "mine.toml").write_text(description)
+    without_rust(unpacked, "export", "mine.toml", "--out", "mine")
+    result = fmpy.simulate_fmu(str(unpacked / "mine" / "MyPlant.fmu"), stop_time=1.0)
+    assert np.isfinite(result["x[1]"]).all()
+
+
+def test_an_archive_closes_a_loop_without_rust(unpacked: Path) -> None:
+    assert "max |u|" in without_rust(unpacked, "run", "3.2.1-cosine", "--until", "8")
+
+
+def test_an_archive_holds_what_its_checksums_and_licences_say(unpacked: Path) -> None:
+    assert "FAILED" not in subprocess.run(
+        ["sha256sum", "--check", "SHA256SUMS"], cwd=unpacked, capture_output=True, text=True, check=True
+    ).stdout
+    table = (unpacked / "licences" / "PACKAGES.txt").read_text()
+    locked = (ROOT / "Cargo.lock").read_text()
+    for package in ("nalgebra", "num-dual", "toml", "zip", "clap"):
+        version = re.search(rf'name = "{package}"\nversion = "(.*?)"', locked)[1]
+        assert f"{package} {version}: " in table
+        assert any((unpacked / "licences" / f"{package}-{version}").iterdir())
+    # What tests and benchmarks alone need isn't in the program.
+    assert "criterion" not in table
+    assert (unpacked / "docs" / "loops.md").is_file() and (unpacked / "README.md").is_file()
+    assert os.access(unpacked / "adaptive-fmu", os.X_OK)
