@@ -129,7 +129,7 @@ class Endless:
 
     def __init__(self, fmus: Path, out: Path, *options: str) -> None:
         self.terminal, stderr = pty.openpty()
-        command = ["cargo", "run", "--release", "-q", "--", "run", LOOP, "--until", "100000", *options]
+        command = ["cargo", "run", "--release", "-q", "--", "run", LOOP, "--until", "9000", *options]
         command += ["--fmus", str(fmus), "--out", str(out)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=stderr, text=True)
         os.close(stderr)
