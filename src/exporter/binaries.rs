@@ -65,7 +65,7 @@ impl Binary {
 
 /// Libraries for other platforms, or for older systems of this one, that lie beside a program: in the folder of an
 /// archive for users without Rust, or where cargo leaves what it builds for a target that it is told.
-pub(super) fn beside(folder: &Path) -> Result<Vec<Binary>, Error> {
+pub(super) fn beside(folder: &Path) -> Vec<Binary> {
     let places = folders(&folder.join(LIBRARIES)).into_iter().chain(of_targets(folder));
     of_names(places, |platform| platform.library_name())
 }
@@ -73,12 +73,12 @@ pub(super) fn beside(folder: &Path) -> Result<Vec<Binary>, Error> {
 /// This program, and what cargo left of the same sources for other platforms, or for older systems of this one.
 ///
 /// # Errors
-/// When files can't be read.
+/// When this program's own place can't be told.
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
     let mut programs = Binaries::of(Binary::own(&file, Build::own()));
-    for program in of_names(places, |platform| platform.program_name().to_owned())? {
+    for program in of_names(places, |platform| platform.program_name().to_owned()) {
         // What is of other sources is told of where the libraries are taken.
         let _ = programs.take(program);
     }
@@ -91,11 +91,11 @@ fn of_targets(folder: &Path) -> Vec<PathBuf> {
     folder.parent().map(folders).unwrap_or_default().iter().map(|target| target.join(profile)).collect()
 }
 
-/// The files in some folders that are called as on any platform.
-fn of_names(places: impl Iterator<Item = PathBuf>, name: fn(&Platform) -> String) -> Result<Vec<Binary>, Error> {
+/// The files in some folders that are called as on any platform, but for what can't go into an FMU.
+fn of_names(places: impl Iterator<Item = PathBuf>, name: fn(&Platform) -> String) -> Vec<Binary> {
     let names: BTreeSet<String> = Platform::all().map(|platform| name(&platform)).collect();
     let files = places.flat_map(|place| names.iter().map(move |name| place.join(name)).collect::<Vec<_>>());
-    files.filter(|file| file.is_file()).filter_map(|file| Binary::of_file(&file).transpose()).collect()
+    files.filter(|file| file.is_file()).filter_map(|file| Binary::of_file(&file).ok().flatten()).collect()
 }
 
 /// The folders in a folder, in the order of their names.

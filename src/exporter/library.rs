@@ -51,9 +51,9 @@ impl Library {
     /// With what lies beside this program of the same sources for other platforms, and for older systems of this one.
     ///
     /// # Errors
-    /// When files can't be read.
+    /// When the program's place can't be told.
     pub fn with_other_platforms(mut self) -> Result<Self, Error> {
-        for binary in binaries::beside(&program_folder()?)? {
+        for binary in binaries::beside(&program_folder()?) {
             let taken = self.binaries.take(binary);
             self.left_out.extend(taken.err().map(|error| format!("left out: {error}")));
         }

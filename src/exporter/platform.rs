@@ -31,7 +31,9 @@ impl Platform {
         let mut parts = target.split('-');
         let processor = parts.next()?;
         let has = |system: &str| parts.clone().any(|part| part == system);
-        KNOWN.iter().find(|(known, system, _)| *known == processor && has(system)).map(|(.., platform)| *platform)
+        // Masters are linked with glibc; what is linked with another C library can't be loaded by them.
+        let fits = |(known, system, _): &&(&str, &str, Platform)| *known == processor && has(system) && !has("musl");
+        KNOWN.iter().find(fits).map(|(.., platform)| *platform)
     }
 
     /// By its folder.
@@ -77,6 +79,7 @@ mod tests {
             assert_eq!(Platform::of_target(target).unwrap().binary("U"), path);
         }
         assert_eq!(Platform::of_target("wasm32-unknown-unknown"), None);
+        assert_eq!(Platform::of_target("x86_64-unknown-linux-musl"), None);
         assert_eq!(Platform::named("win64"), Platform::of_target("x86_64-pc-windows-gnu"));
     }
 }
