@@ -52,11 +52,39 @@ fn references(unit: &Unit, wanted: impl Fn(Causality) -> bool) -> Vec<u32> {
     reals.map(|element| unit.reference(&element.name())).collect()
 }
 
+/// What isn't Real: Integers, with choices, and Booleans.
+struct Others {
+    integers: Vec<u32>,
+    booleans: Vec<u32>,
+}
+
+impl Others {
+    fn of(unit: &Unit) -> Self {
+        let others = unit.model.variables().visible().filter(|element| !element.variable.is_real());
+        let references: Vec<u32> = others.map(|element| unit.reference(&element.name())).collect();
+        // Value references are unique over all types, and reading one as another type is refused.
+        let is_integer = |r: &u32| unsafe { fmi2GetInteger(unit.component, std::ptr::from_ref(r), 1, &mut 0) } == OK;
+        let (integers, booleans): (Vec<_>, Vec<_>) = references.into_iter().partition(is_integer);
+        unit.messages();
+        Others { integers, booleans }
+    }
+
+    fn get(&self, unit: &Unit, values: &mut [i32]) {
+        let (c, values) = (unit.component, values.as_mut_ptr());
+        unsafe {
+            assert_eq!(fmi2GetInteger(c, self.integers.as_ptr(), self.integers.len(), values), OK);
+            assert_eq!(fmi2GetBoolean(c, self.booleans.as_ptr(), self.booleans.len(), values), OK);
+        }
+    }
+}
+
 /// Allocations of each step but the first and those that warn, of setting its inputs and of reading everything.
 fn allocations(unit: &Unit, step: f64, steps: usize) -> [usize; 3] {
     let inputs = references(unit, |causality| causality == Causality::Input);
     let all = references(unit, |_| true);
     let (mut set, mut got) = (vec![0.0; inputs.len()], vec![0.0; all.len()]);
+    let others = Others::of(unit);
+    let mut got_others = vec![0; others.integers.len().max(others.booleans.len())];
     let mut sums = [0; 3];
     for k in 0..steps {
         // Inputs that change, as in a loop, and stay small, so that no unit diverges.
@@ -71,6 +99,7 @@ fn allocations(unit: &Unit, step: f64, steps: usize) -> [usize; 3] {
         let warned = !unit.messages().is_empty();
         since();
         assert_eq!(unit.get_reals(&all, &mut got), OK);
+        others.get(unit, &mut got_others);
         let getting = since();
         if k > 0 && !warned {
             sums = [sums[0] + setting, sums[1] + stepping, sums[2] + getting];

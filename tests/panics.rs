@@ -150,6 +150,26 @@ fn a_fault_in_one_thread_does_not_reach_another() {
     threads.into_iter().for_each(|thread| thread.join().unwrap());
 }
 
+/// What the next test runs in a process of its own.
+#[test]
+#[ignore = "run by the next test"]
+fn faults_of_all_sorts() {
+    a_fault_in_a_step_is_an_error_with_a_message();
+    a_fault_in_initialization_mode_is_an_error_with_a_message();
+    a_fault_in_one_thread_does_not_reach_another();
+    a_fault_in_a_declaration_gives_no_instance_and_a_message();
+}
+
+#[test]
+fn a_fault_prints_nothing_into_the_streams_of_the_host() {
+    let host = std::env::current_exe().unwrap();
+    let options = ["--exact", "faults_of_all_sorts", "--ignored", "--nocapture", "--quiet"];
+    let done = std::process::Command::new(host).args(options).env("RUST_BACKTRACE", "full").output().unwrap();
+    let [out, errors] = [done.stdout, done.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    assert!(done.status.success() && out.contains("1 passed"), "{out}{errors}");
+    assert!(errors.is_empty() && !out.contains("fault in"), "{out}{errors}");
+}
+
 #[test]
 fn a_fault_in_a_declaration_gives_no_instance_and_a_message() {
     let folder = tempfile::tempdir().unwrap();

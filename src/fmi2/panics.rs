@@ -2,8 +2,8 @@
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
-use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
-use std::sync::Once;
+use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook, take_hook};
+use std::sync::OnceLock;
 
 thread_local! {
     static INSIDE: Cell<bool> = const { Cell::new(false) };
@@ -22,19 +22,23 @@ pub fn contain<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     result.map_err(|payload| format!("{} ({})", text(&*payload), PLACE.take()))
 }
 
+type Hook = Box<dyn Fn(&PanicHookInfo<'_>) + Send + Sync>;
+
 /// The hook of this library's own copy of the standard library notes where a contained panic happened, and leaves
-/// all others to the hook before it.
+/// all others to the hook before it. That one is kept beside it, not within it: so nothing is allocated that would be
+/// lost when a master unloads the library.
 fn silence() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
+    static BEFORE: OnceLock<Hook> = OnceLock::new();
+    BEFORE.get_or_init(|| {
         let before = take_hook();
-        set_hook(Box::new(move |info| {
+        set_hook(Box::new(|info| {
             if INSIDE.get() {
                 PLACE.set(info.location().map(ToString::to_string).unwrap_or_default());
-            } else {
+            } else if let Some(before) = BEFORE.get() {
                 before(info);
             }
         }));
+        before
     });
 }
 

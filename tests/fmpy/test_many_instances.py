@@ -4,8 +4,10 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
+import numpy as np
 import pytest
-from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, Loop, Unit, closed_loop, example
+from fmpy.fmi1 import FMICallException
+from master import CONTROLLER, PLANT, REFERENCE, ClosedLoop, Fmu, Loop, Unit, closed_loop, example
 
 STEP, STOP, COUNT = 1e-3, 0.6, 8
 
@@ -99,3 +101,36 @@ def test_names_of_instances_may_hold_anything(fmu) -> None:
             with pytest.raises(Exception, match="fmi2DoStep"):
                 plant.step(5.0, 1e-3)
             assert "communication" in plant.messages[-1].text.lower()
+
+
+def test_two_copies_of_a_library_share_nothing_and_one_outlives_the_other(fmu, tmp_path) -> None:
+    """As two tools' units in one process, or one that is loaded anew: each copy's instances go on as if alone."""
+    original = fmu(CONTROLLER)
+    copies = [Fmu(original.path, tmp_path / name) for name in ("one", "other")]
+    units = [Unit(copy) for copy in copies]
+    libraries = [unit.slave.dll._handle for unit in units]
+    assert libraries[0] != libraries[1]
+
+    def run(unit: Unit, first: int, last: int) -> list[float]:
+        rows = []
+        for k in range(first, last):
+            unit["x[1]"] = 0.1 * np.sin(0.01 * k)
+            unit.slave.doStep(k * STEP, STEP)
+            rows.append(unit["u[1]"])
+        return rows
+
+    with Unit(original) as alone:
+        expected = run(alone.start(**{"r[1]": 1.0}), 0, 200)
+    found: list[list[float]] = [[], []]
+    for unit in units:
+        unit.start(**{"r[1]": 1.0})
+    for first in range(0, 100, 10):
+        for unit, rows in zip(units, found, strict=True):
+            rows += run(unit, first, first + 10)
+    # A refused call of one, whose library then goes, is none of the other's.
+    with pytest.raises(FMICallException):
+        units[1].slave.doStep(0.0, -1.0)
+    units[1].free()
+    found[0] += run(units[0], 100, 200)
+    assert found[0] == expected and found[1] == expected[:100]
+    units[0].free()

@@ -3,6 +3,7 @@
 import os
 import platform
 import re
+import shutil
 import subprocess
 import zipfile
 from pathlib import Path
@@ -54,6 +55,20 @@ def test_the_library_needs_the_system_alone_and_lacks_nothing(library: Path) -> 
     assert needed <= SYSTEM
     checked = subprocess.run(["ldd", "-r", library], capture_output=True, text=True, check=True)
     assert "undefined" not in checked.stdout + checked.stderr and "not found" not in checked.stdout
+
+
+# Functions by which a library reaches the network, other programs, threads, signals, files to change, or the tool's settings.
+REACHING = """
+    socket connect bind send sendto recv getaddrinfo fork vfork execve execvp posix_spawn posix_spawnp system popen
+    pthread_create signal sigaction sigaltstack kill raise exit _exit atexit unlink unlinkat rename renameat mkdir rmdir
+    truncate ftruncate64 chmod chown link symlink creat creat64 fopen fopen64 setenv unsetenv putenv setlocale chdir
+    fesetround fesetenv feenableexcept srand dlopen
+""".split()
+
+
+def test_the_library_has_no_way_to_the_network_other_programs_threads_or_files_to_change(library: Path) -> None:
+    imported = {line.split()[-1].split("@")[0] for line in told("nm", "-D", "--undefined-only", library).splitlines()}
+    assert "open64" in imported and imported.isdisjoint(REACHING)
 
 
 def test_the_library_asks_for_no_newer_glibc_than_the_one_here(library: Path) -> None:
@@ -117,6 +132,34 @@ def test_a_library_that_does_not_fit_is_refused_and_nothing_is_written(foreign, 
     assert "other sources" in refusal(foreign("b.dll", "x86_64-pc-windows-gnu", "0" * 16), out=out)
     assert "win64 already" in refusal(windows, foreign("c.dll", "x86_64-pc-windows-msvc"), out=out)
     assert "no place" in refusal(foreign("d.wasm", "wasm32-unknown-unknown"), out=out)
+
+
+def test_what_was_built_beside_the_program_of_the_same_sources_goes_into_every_fmu(foreign, library, tmp_path) -> None:
+    """Libraries for other targets lie where cargo leaves them; one for older systems takes the place of this one's."""
+    target = tmp_path / "target"
+    built = {
+        target / "release" / "libadaptive_fmu.so": library,
+        target / "x86_64-pc-windows-gnu" / "release" / "adaptive_fmu.dll": foreign("a.dll", "x86_64-pc-windows-gnu"),
+        target / "aarch64-unknown-linux-gnu" / "release" / "libadaptive_fmu.so": foreign(
+            "a.so", "aarch64-unknown-linux-gnu", "0" * 16
+        ),
+    }
+    older = target / "x86_64-unknown-linux-gnu" / "release" / "libadaptive_fmu.so"
+    for place, file in built.items():
+        place.parent.mkdir(parents=True)
+        shutil.copy(file, place)
+    older.parent.mkdir(parents=True)
+    # Bytes behind its end, which no loader reads, tell it from the other one.
+    older.write_bytes(library.read_bytes() + b"older")
+    assert adaptive_fmu("list").returncode == 0, "it is built"
+    program = shutil.copy(ROOT / "target" / "release" / "adaptive-fmu", target / "release")
+    command = [program, "export", PLANT, "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    with zipfile.ZipFile(tmp_path / "out" / f"{PLANT}.fmu") as archive:
+        binaries = {name for name in archive.namelist() if name.startswith("binaries/")}
+        assert binaries == {f"binaries/linux64/{PLANT}.so", f"binaries/win64/{PLANT}.dll"}
+        assert archive.read(f"binaries/linux64/{PLANT}.so") == older.read_bytes()
+    assert "aarch64" in done.stderr and "other sources" in done.stderr
 
 
 @pytest.fixture(scope="module")
