@@ -49,10 +49,8 @@ pub fn bandwidth(plant: &Plant, wanted: Option<f64>) -> Result<f64, Invalid> {
     Ok(wanted.unwrap_or_else(|| moving.reduce(f64::min).map_or(USUAL_BANDWIDTH, three_digits)))
 }
 
-/// The search for eigenvalues may circle at those of several times over; for the transpose it goes other ways.
 fn eigenvalues(A: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, Invalid> {
-    let found = lyapunov::eigenvalues(A).or_else(|| lyapunov::eigenvalues(&A.transpose()));
-    found.ok_or_else(|| Invalid::because("A is too badly scaled: its eigenvalues can't be found"))
+    lyapunov::eigenvalues(A).ok_or_else(|| Invalid::because("A is too badly scaled: its eigenvalues can't be found"))
 }
 
 /// Poles of a closed loop: the plant's own, none slower than the bandwidth, all of them damped.
