@@ -130,7 +130,7 @@ impl OneStepMethod for DormandPrince {
         let (mut scaled, mut state) = tolerance.scaled(errors, &start.states, states);
         if (CLOSE..=1.0).contains(&scaled) {
             let seen = self.against_simpson(problem, start, h, tolerance);
-            if !(seen.0 <= scaled) {
+            if seen.0 > scaled || seen.0.is_nan() {
                 (scaled, state) = seen;
             }
         }
