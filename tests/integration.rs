@@ -52,6 +52,45 @@ fn the_error_of_an_oscillator_follows_the_tolerance() {
     }
 }
 
+/// x' = |t − kink|
+struct Kinked {
+    kink: ScalarOf<Parameter>,
+    x: ScalarOf<State>,
+}
+
+impl System for Kinked {
+    type Structure = NoStructure;
+    const NAME: &'static str = "kinked";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Kinked { kink: d.parameter(scalar("kink", "where it is")), x: d.state(scalar("x", "integral")) })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.x] = (t - v[self.kink]).abs();
+    }
+}
+
+#[test]
+fn a_kink_hides_an_error_at_few_places_of_a_step_only() {
+    const PLACES: usize = 500;
+    for h in [0.01, 0.03, 0.1, 1.0] {
+        let error = |k: usize| {
+            let kink = h * (k as f64 + 0.5) / PLACES as f64;
+            let mut run = Run::of::<Kinked>(&format!("kink = {kink}\nintegration_method = 'explicit'"), 0.0);
+            run.step(h);
+            (run.get("x") - 0.5 * (kink.powi(2) + (h - kink).powi(2))).abs() / run.get("relative_tolerance")
+        };
+        let errors: Vec<_> = (0..PLACES).map(error).collect();
+        let (large, worst) =
+            (errors.iter().filter(|error| **error > 10.0).count(), errors.iter().copied().fold(0.0, f64::max));
+        println!("step {h}: {large} of {PLACES} above 10, worst {worst:.1}");
+        assert!(50 * large <= PLACES, "step {h}: {large} errors of {PLACES} are above ten times the tolerance");
+        assert!(worst < 50.0, "step {h}: an error of {worst} tolerances");
+    }
+}
+
 #[test]
 fn short_communication_steps_give_the_error_of_a_method_of_order_five() {
     // Loose tolerance: every communication step is one substep, so the error is that of the method, h⁵.

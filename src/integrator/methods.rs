@@ -109,7 +109,7 @@ impl Methods {
         let stiff = IntegrationMethod::offered(states).then(|| Box::new(Rosenbrock::new(variables)));
         let own = system.steps_itself().then(|| OwnStep::new(system, variables));
         let work = relative_work(states as f64);
-        let (explicit, trial) = (DormandPrince::new(states), (work * f64::from(EVIDENCE)) as i32);
+        let (explicit, trial) = (DormandPrince::new(variables), (work * f64::from(EVIDENCE)) as i32);
         Methods { explicit, stiff, own, by_itself: false, given_up: false, work, trial }
     }
 

@@ -2,6 +2,8 @@
 #![allow(dead_code)] // each test file uses its part
 
 pub mod described;
+pub mod drawn;
+pub mod exact;
 pub mod exchange;
 pub mod loops;
 pub mod models;
