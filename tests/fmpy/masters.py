@@ -25,8 +25,8 @@ TOLERANCE = 1e-9
 COUNT = 1000
 # Types of outputs that each can record: libcosim keeps no history of truth values.
 RECORDED = {"ecos": ["Real", "Integer", "Boolean"], "libcosim": ["Real", "Integer"]}
-# Outputs by their names, unit.variable, each with its type.
-Outputs = dict[str, str]
+# Variables by their names (in a loop, unit.variable), each with its type.
+Variables = dict[str, str]
 # Start values by their names, and numbers as values of a type.
 Values = dict[str, float | int | bool]
 PYTHON = {"Real": float, "Integer": int, "Boolean": bool}
@@ -94,7 +94,7 @@ def in_process(master: str, what: str, task: list, folder: Path) -> Loop:
         return Loop(recorded["time"], dict(zip(task[-1], recorded["columns"], strict=True)))
 
 
-def ecos_loop(path: str, step: float, count: int, outputs: Outputs) -> Rows:
+def ecos_loop(path: str, step: float, count: int, outputs: Variables) -> Rows:
     """Times and columns of outputs at every communication point in ecos."""
     from ecospy import EcosSimulation
 
@@ -105,7 +105,9 @@ def ecos_loop(path: str, step: float, count: int, outputs: Outputs) -> Rows:
         return _ecos_rows(simulation, named, [lambda: None] * count)
 
 
-def ecos_unit(path: str, step: float, start: Values, inputs: Outputs, rows: list[list[float]], outputs: Outputs) -> Rows:
+def ecos_unit(
+    path: str, step: float, start: Values, inputs: Variables, rows: list[list[float]], outputs: Variables
+) -> Rows:
     """The same of a unit that is handed its inputs before each step."""
     from ecospy import EcosSimulation, EcosSimulationStructure
 
@@ -125,7 +127,7 @@ def ecos_unit(path: str, step: float, start: Values, inputs: Outputs, rows: list
         return _ecos_rows(simulation, named, [partial(hand, row) for row in rows])
 
 
-def _ecos_rows(simulation, outputs: Outputs, before: list[Callable[[], None]]) -> Rows:
+def _ecos_rows(simulation, outputs: Variables, before: list[Callable[[], None]]) -> Rows:
     """Steps it, each time after the call that belongs before that step."""
     get = {"Real": simulation.get_real, "Integer": simulation.get_integer, "Boolean": simulation.get_bool}
     read = lambda: [float(get[kind](name)) for name, kind in outputs.items()]  # noqa: E731
@@ -138,7 +140,7 @@ def _ecos_rows(simulation, outputs: Outputs, before: list[Callable[[], None]]) -
     return times, list(zip(*rows, strict=True))
 
 
-def libcosim_loop(path: str, step: float, count: int, outputs: Outputs) -> Rows:
+def libcosim_loop(path: str, step: float, count: int, outputs: Variables) -> Rows:
     """Times and columns of outputs at every communication point in libcosim."""
     from libcosimpy.CosimExecution import CosimExecution
 
@@ -152,7 +154,7 @@ def libcosim_loop(path: str, step: float, count: int, outputs: Outputs) -> Rows:
 
 
 def libcosim_unit(
-    path: str, step: float, start: Values, inputs: Outputs, rows: list[list[float]], outputs: Outputs
+    path: str, step: float, start: Values, inputs: Variables, rows: list[list[float]], outputs: Variables
 ) -> Rows:
     """The same of a unit that is handed its inputs before each step."""
     from libcosimpy.CosimExecution import CosimExecution
@@ -182,7 +184,7 @@ def libcosim_unit(
     return series(len(rows))
 
 
-def _libcosim_series(execution, places: list[tuple[int, str]], outputs: Outputs) -> Callable[[int], Rows]:
+def _libcosim_series(execution, places: list[tuple[int, str]], outputs: Variables) -> Callable[[int], Rows]:
     """Records outputs, each of a slave; gives their values after 0 to `count` steps."""
     from libcosimpy.CosimEnums import CosimVariableType
     from libcosimpy.CosimObserver import CosimObserver

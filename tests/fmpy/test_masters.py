@@ -2,7 +2,6 @@
 
 import json
 import os
-import stat
 import sys
 import zipfile
 from collections.abc import Callable
@@ -84,32 +83,38 @@ def test_what_is_no_number_or_beyond_its_limit_has_failed() -> None:
     assert matrix.Cell.compared(1e-8, 1e-9).failed and matrix.Cell.compared(float("nan"), 1e-9).failed
 
 
-# A checker that exits 0 whatever it found; it writes the outputs that FMPy gives, and something more.
-CHECKER = """#!{python}
+# A master that exits 0 whatever it did, told what to do as fmuCheck or as OMSimulator is; its values are FMPy's, and
+# something more.
+PROGRAM = """#!{python}
 import sys
 import fmpy
-given = dict(zip(sys.argv[1:-1:2], sys.argv[2:-1:2]))
-step, stop = float(given["-h"]), float(given["-s"])
-table = fmpy.simulate_fmu(sys.argv[-1], fmi_type="CoSimulation", stop_time=stop, output_interval=step)
-with open(given["-o"], "w") as result:
-    print(*('"%s"' % name for name in table.dtype.names), sep=",", file=result)
+*options, fmu = sys.argv[1:]
+given = dict(zip(options[::2], options[1::2])) | dict(word.split("=", 1) for word in options if "=" in word)
+step, stop, result = ((given.get(short) or given[long]) for short, long in
+                      [("-h", "--stepSize"), ("-s", "--stopTime"), ("-o", "--resultFile")])
+table = fmpy.simulate_fmu(fmu, fmi_type="CoSimulation", stop_time=float(stop), output_interval=float(step))
+with open(result, "w") as file:
+    print(*('"%s"' % (name if name == "time" else "{prefix}" + name) for name in table.dtype.names), sep=",", file=file)
     for row in table:
         time, *values = map(float, row)
-        print(time, *(value + {error} for value in values), sep=",", file=result)
+        print(time, *(value + {error} for value in values), sep=",", file=file)
 """
 
 
 @pytest.mark.parametrize(("error", "code"), [(0.0, 0), (1e-8, 1)])
-def test_a_master_is_judged_by_its_values(error: float, code: int, tmp_path: Path, monkeypatch, capsys) -> None:
-    checker = tmp_path / "fmuCheck.linux64"
-    checker.write_text(CHECKER.format(python=sys.executable, error=error))
-    checker.chmod(checker.stat().st_mode | stat.S_IXUSR)
+@pytest.mark.parametrize(
+    ("master", "program", "prefix"),
+    [("fmuCheck", programs.FMUCHECK, ""), ("OMSimulator", programs.OMSIMULATOR, "model.root.NonlinearSiso.")],
+)
+def test_a_master_is_judged_by_its_values(master, program, prefix, error, code, tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / program).write_text(PROGRAM.format(python=sys.executable, prefix=prefix, error=error))
+    (tmp_path / program).chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setattr(sys, "argv", ["run", "--quick", "--json", "--master", "fmuCheck", "NonlinearSiso"])
+    monkeypatch.setattr(sys, "argv", ["run", "--quick", "--json", "--master", master, "NonlinearSiso"])
     assert matrix.main() == code
     (row,) = json.loads(capsys.readouterr().out)["rows"]
-    cell = row["masters"]["fmuCheck"]
-    assert row["name"] == "NonlinearSiso" and cell["failed"] == bool(code)
+    cell = row["masters"][master]
+    assert row["name"] == "NonlinearSiso" and cell["failed"] == bool(code), cell
     assert cell["difference"] == pytest.approx(error, abs=1e-15)
 
 

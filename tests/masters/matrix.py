@@ -66,11 +66,12 @@ class Cell:
     difference: float | None = None
 
     @classmethod
-    def of(cls, call: Callable | None, program: str | None, subject: Fmu | Package, count: int, folder: Path) -> "Cell":
-        """Runs it."""
+    def of(cls, master: Master, subject: Fmu | Package, count: int, folder: Path) -> "Cell":
+        """Runs it there."""
+        call = master.loop if isinstance(subject, Package) else master.unit
         if call is None:
             return cls("–")
-        if program and not programs.found(program):
+        if master.program and not programs.found(master.program):
             return cls("not found")
         folder.mkdir(parents=True)
         try:
@@ -101,10 +102,8 @@ def rows(
     packed = {file.stem: file for file in loops.pack(folder / "packed", *chosen[1])} if chosen[1] else {}
     for name in chosen[0] + chosen[1]:
         begun, here = time.monotonic(), folder / name
-        is_loop = name in packed
-        subject = Package(packed[name], here) if is_loop else Fmu(folder / "fmus" / f"{name}.fmu", here)
-        call = lambda master: master.loop if is_loop else master.unit  # noqa: E731, B023
-        cells = {m.name: Cell.of(call(m), m.program, subject, count, here / m.name) for m in masters}
+        subject = Package(packed[name], here) if name in packed else Fmu(folder / "fmus" / f"{name}.fmu", here)
+        cells = {master.name: Cell.of(master, subject, count, here / master.name) for master in masters}
         yield name, cells, time.monotonic() - begun
 
 
