@@ -2,16 +2,16 @@
 
     tests/masters/run [--quick] [--json] [--master NAME]... [NAME]...
 
-Rows are FMUs, then loops; all of them unless some are named. A cell is the largest difference of any output at any
-communication point from what plain calls of the same functions give at the very same times: relative to the output's
-largest magnitude, where that is above 1. `FMPy ME` is compared with co-simulation, within the tolerances of two
-solvers. The exit code is 1 if any cell failed.
+Rows are FMUs, then loops; all of them unless some are named. A cell is the largest difference at any communication
+point (see LEGEND), "failed" with a reason, or "not found". The exit code is 1 if any cell failed.
 """
 
 import argparse
 import contextlib
 import io
 import json
+import math
+import shutil
 import sys
 import tempfile
 import time
@@ -26,10 +26,15 @@ import programs  # noqa: E402
 import units  # noqa: E402
 from conftest import FMU_NAMES, LOOP_NAMES, adaptive_fmu  # noqa: E402
 from master import Fmu  # noqa: E402
-from masters import COUNT  # noqa: E402
+from masters import COUNT, TOLERANCE  # noqa: E402
 from package import Package  # noqa: E402
+from units import SOLVERS  # noqa: E402
 
 QUICK = 100
+LEGEND = f"""
+The largest difference of any output, relative to its largest magnitude where that is above 1; 0: none at all. FMUs:
+from plain calls at the same times, within {TOLERANCE:.0e}; FMPy ME: from co-simulation, within {SOLVERS:.0e}.
+Loops: from the same loop in FMPy, and FMPy from the program's own run, within {TOLERANCE:.0e}. –: not for this."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +93,16 @@ class Cell:
         """Of a difference; one that is no number is a failure, too."""
         if difference <= limit:
             return cls("0" if difference == 0.0 else f"{difference:.0e}", False, difference)
-        return cls(f"failed: {difference:.1e} > {limit:.0e}", True, difference)
+        # What is no number is null for scripts.
+        return cls(f"failed: {difference:.1e} > {limit:.0e}", True, difference if math.isfinite(difference) else None)
 
 
-def rows(
-    names: list[str], masters: list[Master], count: int, folder: Path
-) -> Iterator[tuple[str, dict[str, Cell], float]]:
-    """Names of FMUs and loops, each with its cells and with how many seconds they took."""
+# Name of an FMU or a loop, its cells, and how many seconds they took.
+Row = tuple[str, dict[str, Cell], float]
+
+
+def rows(names: list[str], masters: list[Master], count: int, folder: Path) -> Iterator[Row]:
+    """Each FMU, then each loop, in all these masters."""
     chosen = [[name for name in known if name in names] for known in (FMU_NAMES, LOOP_NAMES)]
     if chosen[0]:
         exported = adaptive_fmu("export", *chosen[0], "--out", folder / "fmus")
@@ -104,6 +112,7 @@ def rows(
         begun, here = time.monotonic(), folder / name
         subject = Package(packed[name], here) if name in packed else Fmu(folder / "fmus" / f"{name}.fmu", here)
         cells = {master.name: Cell.of(master, subject, count, here / master.name) for master in masters}
+        shutil.rmtree(here)
         yield name, cells, time.monotonic() - begun
 
 
@@ -131,7 +140,7 @@ def main() -> int:
     return int(any(cell.failed for _, cells, _ in table for cell in cells.values()))
 
 
-def printed(table: Iterator[tuple[str, dict[str, Cell], float]], masters: list[Master]) -> Iterator[tuple]:
+def printed(table: Iterator[Row], masters: list[Master]) -> Iterator[Row]:
     """The same, each row printed as soon as it is known."""
     widths = [max(len(name) for name in [*FMU_NAMES, *LOOP_NAMES])] + [max(len(m.name), 9) for m in masters]
 
@@ -143,6 +152,7 @@ def printed(table: Iterator[tuple[str, dict[str, Cell], float]], masters: list[M
     for row in table:
         line([row[0], *(cell.text for cell in row[1].values())])
         yield row
+    print(LEGEND)
 
 
 if __name__ == "__main__":
