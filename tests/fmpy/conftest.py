@@ -1,7 +1,7 @@
 """Exports all FMUs once and hands them to the tests.
 
-    pip install -r tests/fmpy/requirements.txt
-    pytest tests/fmpy
+    tests/prepare
+    target/venv/bin/python -m pytest tests/fmpy
 
 With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones.
 """
