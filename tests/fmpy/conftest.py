@@ -1,7 +1,7 @@
 """Exports all FMUs once and hands them to the tests.
 
-    pip install -r tests/fmpy/requirements.txt
-    pytest tests/fmpy
+    tests/prepare
+    target/venv/bin/python -m pytest tests/fmpy
 
 With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).resolve().parents[1] / "masters")]
 
 from master import Fmu, Unit  # noqa: E402
 

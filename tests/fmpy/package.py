@@ -14,7 +14,7 @@ class Package:
     """A loop whose units FMPy runs; `folder` takes what is unpacked."""
 
     def __init__(self, path: Path, folder: Path) -> None:
-        self.path = path
+        self.path, self.folder = path, folder
         with zipfile.ZipFile(path) as archive:
             archive.extractall(folder)
             root = etree.fromstring(archive.read("SystemStructure.ssd"))

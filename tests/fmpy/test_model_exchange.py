@@ -4,23 +4,8 @@ import fmpy
 import numpy as np
 import pytest
 from independent import HALF_PERIOD, Experiment, continuous_loop
-from master import CONTROLLER, PLANT, REFERENCE, Exchange, Fmu, Unit, at_ease
+from master import CONTROLLER, PLANT, REFERENCE, Exchange, Fmu, Unit, at_ease, duration
 from scipy.integrate import solve_ivp
-
-
-def duration(fmu: Fmu, inputs: dict[str, float]) -> float:
-    """While the fastest oscillation turns through 200 rad, where a unit has one; else 1 s or its experiment, if shorter."""
-    if "adaptation_frequency" not in fmu.variables:
-        return min(1.0, float(fmu.description.defaultExperiment.stopTime))
-    time, phase = 0.0, 0.0
-    with Unit(fmu) as unit:
-        unit.start(**inputs)
-        while phase < 200.0:
-            frequency = unit["adaptation_frequency"]
-            unit.step(time, 1 / frequency)
-            # It grows, for no plant answers.
-            time, phase = time + 1 / frequency, phase + max(1.0, unit["adaptation_frequency"] / frequency)
-    return time
 
 
 def nominal(fmu: Fmu, name: str) -> float:
