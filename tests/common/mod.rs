@@ -6,6 +6,8 @@ pub mod exchange;
 pub mod loops;
 pub mod models;
 pub mod random;
+pub mod sequences;
+pub mod standard;
 pub mod states;
 pub mod stiff;
 pub mod systems;
