@@ -44,8 +44,8 @@ impl Logger {
     #[allow(unsafe_code)]
     pub fn log(&self, status: Status, category: &str, text: &str) {
         let Some(function) = self.function else { return };
-        // The message is a format to some masters, so it holds no percent sign; and a line, whatever a master's own text
-        // holds that it repeats.
+        // The message is a format to some masters, so it holds no percent sign; and it is one line, whatever a text of
+        // the master's holds that it repeats.
         let (category, text) = (c_string(category), c_string(&one_line(&text.replace('%', " percent"))));
         // SAFETY: the function pointer came from the master in fmi2CallbackFunctions and has the standard's
         // signature; all strings live until it returns; the text holds no conversion, so no variadic argument is read.

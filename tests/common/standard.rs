@@ -1,11 +1,11 @@
-//! Which function may be called when: the tables of FMI 2.0.4, sections 3.2.3 and 4.2.4, with what this project narrows:
-//! after a failed step only reading, rolling back, resetting and freeing is left.
+//! Which function may be called when: the tables of FMI 2.0.4, sections 3.2.3 and 4.2.4, with what this project
+//! narrows: after a failed step only reading, rolling back, resetting and freeing is left.
 
 use adaptive_fmu::fmi2::types::CO_SIMULATION;
 
 /// Function, and the phases in which it is allowed in model exchange (Instantiated, initialization Mode, eVent mode,
-/// Continuous-time mode, Terminated, Error) and in co-simulation (Instantiated, initialization Mode, Step complete, step
-/// Failed, Terminated, Error).
+/// Continuous-time mode, Terminated, Error) and in co-simulation (Instantiated, initialization Mode, Step complete,
+/// step Failed, Terminated, Error).
 pub const FUNCTIONS: [(&str, &str, &str); 40] = [
     ("fmi2SetDebugLogging", "IMVCTE", "IMSFTE"),
     ("fmi2SetupExperiment", "I", "I"),

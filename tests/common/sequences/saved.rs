@@ -28,8 +28,8 @@ impl Sequence<'_> {
         }
     }
 
-    /// What a master may hold for a state: one of its own, mostly, with its place; else freed, of another instance, never
-    /// given, or NULL.
+    /// What a master may hold for a state: one of its own, mostly, with its place; else freed, of another instance,
+    /// never given, or NULL.
     fn handle(&self, dice: &mut Dice) -> (FmuState, Option<usize>) {
         let own = dice.below(self.saved.len().max(1));
         match dice.below(12) {
