@@ -247,6 +247,15 @@ fn an_unknown_log_category_is_refused_with_the_known_ones() {
 }
 
 #[test]
+fn a_text_of_the_masters_with_line_ends_is_told_of_in_one_line() {
+    let unit = controller();
+    let category = c"log\n100%\r\x1b".as_ptr();
+    unit.refuses(&["fmi2SetDebugLogging", r"`log\n100 percent\r"], |unit| unsafe {
+        fmi2SetDebugLogging(unit.component, TRUE, 1, &category)
+    });
+}
+
+#[test]
 fn a_buffer_that_is_too_small_for_a_state_is_refused() {
     let unit = controller();
     let state = unit.save();

@@ -1,5 +1,4 @@
-//! Which function may be called when: FMI 2.0.4, sections 3.2.3 and 4.2.4, as the standard's tables have it, with what
-//! this project narrows (see Phase): after a failed step only reading, rolling back, resetting and freeing is left.
+//! Which function may be called when: every function in every phase (see common::standard).
 
 mod common;
 
@@ -58,98 +57,83 @@ fn exchange_in(phase: char) -> Unit {
     unit
 }
 
-/// Function, the phases in which it is allowed in model exchange and in co-simulation, and a call with right arguments.
-type Row = (&'static str, &'static str, &'static str, fn(&Unit) -> Status);
+/// Function, and a call of it with right arguments.
+type Row = (&'static str, fn(&Unit) -> Status);
 
 const VALUES: &[Row] = &[
-    ("fmi2GetReal", "MVCTE", "MSFTE", |u| u.try_get("y[1]", &mut 0.0)),
-    ("fmi2GetInteger", "MVCTE", "MSFTE", |u| unsafe {
-        fmi2GetInteger(u.component, &u.reference("on_step_failure"), 1, &mut 0)
-    }),
-    ("fmi2GetBoolean", "MVCTE", "MSFTE", |u| unsafe { fmi2GetBoolean(u.component, null(), 0, null_mut()) }),
-    ("fmi2GetString", "MVCTE", "MSFTE", |u| unsafe { fmi2GetString(u.component, null(), 0, null_mut()) }),
-    ("fmi2SetReal", "IMVC", "IMS", |u| u.set("u[1]", 0.5)),
-    ("fmi2SetInteger", "IMV", "IMS", |u| unsafe { fmi2SetInteger(u.component, null(), 0, null()) }),
-    ("fmi2SetBoolean", "IMV", "IMS", |u| unsafe { fmi2SetBoolean(u.component, null(), 0, null()) }),
-    ("fmi2SetString", "IMV", "IMS", |u| unsafe { fmi2SetString(u.component, null(), 0, null()) }),
-    ("fmi2SetRealInputDerivatives", "", "IMS", |u| u.set_slope("u[1]", 0.5)),
-    ("fmi2GetRealOutputDerivatives", "", "SFTE", |u| unsafe {
+    ("fmi2GetReal", |u| u.try_get("y[1]", &mut 0.0)),
+    ("fmi2GetInteger", |u| unsafe { fmi2GetInteger(u.component, &u.reference("on_step_failure"), 1, &mut 0) }),
+    ("fmi2GetBoolean", |u| unsafe { fmi2GetBoolean(u.component, null(), 0, null_mut()) }),
+    ("fmi2GetString", |u| unsafe { fmi2GetString(u.component, null(), 0, null_mut()) }),
+    ("fmi2SetReal", |u| u.set("u[1]", 0.5)),
+    ("fmi2SetInteger", |u| unsafe { fmi2SetInteger(u.component, null(), 0, null()) }),
+    ("fmi2SetBoolean", |u| unsafe { fmi2SetBoolean(u.component, null(), 0, null()) }),
+    ("fmi2SetString", |u| unsafe { fmi2SetString(u.component, null(), 0, null()) }),
+    ("fmi2SetRealInputDerivatives", |u| u.set_slope("u[1]", 0.5)),
+    ("fmi2GetRealOutputDerivatives", |u| unsafe {
         fmi2GetRealOutputDerivatives(u.component, &u.reference("y[1]"), 1, &1, &mut 0.0)
     }),
 ];
 
-const DERIVATIVES: &[Row] = &[("fmi2GetDirectionalDerivative", "VCTE", "SFTE", |u| unsafe {
+const DERIVATIVES: &[Row] = &[("fmi2GetDirectionalDerivative", |u| unsafe {
     let (y, x) = (u.reference("y[1]"), u.reference("x[1]"));
     fmi2GetDirectionalDerivative(u.component, &y, 1, &x, 1, &1.0, &mut 0.0)
 })];
 
 const PROGRESS: &[Row] = &[
-    ("fmi2SetDebugLogging", "IMVCTE", "IMSFTE", |u| unsafe { fmi2SetDebugLogging(u.component, TRUE, 0, null()) }),
-    ("fmi2SetupExperiment", "I", "I", |u| u.setup(0.0, Some(1.0))),
-    ("fmi2EnterInitializationMode", "I", "I", |u| unsafe { fmi2EnterInitializationMode(u.component) }),
-    ("fmi2ExitInitializationMode", "M", "M", |u| u.exit()),
-    ("fmi2DoStep", "", "S", |u| u.step(0.0, 1e-6)),
-    ("fmi2Terminate", "VC", "SF", |u| u.terminate()),
-    ("fmi2Reset", "IMVCTE", "IMSFTE", |u| u.reset()),
-    ("fmi2CancelStep", "", "", |u| unsafe { fmi2CancelStep(u.component) }),
+    ("fmi2SetDebugLogging", |u| unsafe { fmi2SetDebugLogging(u.component, TRUE, 0, null()) }),
+    ("fmi2SetupExperiment", |u| u.setup(0.0, Some(1.0))),
+    ("fmi2EnterInitializationMode", |u| unsafe { fmi2EnterInitializationMode(u.component) }),
+    ("fmi2ExitInitializationMode", |u| u.exit()),
+    ("fmi2DoStep", |u| u.step(0.0, 1e-6)),
+    ("fmi2Terminate", |u| u.terminate()),
+    ("fmi2Reset", |u| u.reset()),
+    ("fmi2CancelStep", |u| unsafe { fmi2CancelStep(u.component) }),
 ];
 
 const STATES: &[Row] = &[
-    ("fmi2GetFMUstate", "IMVCTE", "IMSFTE", |u| unsafe { fmi2GetFMUstate(u.component, &mut null_mut()) }),
-    ("fmi2SetFMUstate", "IMVCTE", "IMSFTE", |u| u.restore(u.save())),
-    ("fmi2FreeFMUstate", "IMVCTE", "IMSFTE", |u| u.free(u.save())),
-    ("fmi2SerializedFMUstateSize", "IMVCTE", "IMSFTE", |u| unsafe {
-        fmi2SerializedFMUstateSize(u.component, u.save(), &mut 0)
-    }),
-    ("fmi2SerializeFMUstate", "IMVCTE", "IMSFTE", |u| {
+    ("fmi2GetFMUstate", |u| unsafe { fmi2GetFMUstate(u.component, &mut null_mut()) }),
+    ("fmi2SetFMUstate", |u| u.restore(u.save())),
+    ("fmi2FreeFMUstate", |u| u.free(u.save())),
+    ("fmi2SerializedFMUstateSize", |u| unsafe { fmi2SerializedFMUstateSize(u.component, u.save(), &mut 0) }),
+    ("fmi2SerializeFMUstate", |u| {
         u.bytes(u.save());
         OK
     }),
-    ("fmi2DeSerializeFMUstate", "IMVCTE", "IMSFTE", |u| u.deserialise(&u.fingerprint()).0),
+    ("fmi2DeSerializeFMUstate", |u| u.deserialise(&u.fingerprint()).0),
 ];
 
 const STATUS: &[Row] = &[
-    ("fmi2GetStatus", "", "SFTE", |u| unsafe { fmi2GetStatus(u.component, status_kind::DO_STEP, &mut 0) }),
-    ("fmi2GetRealStatus", "", "SFTE", |u| unsafe {
-        fmi2GetRealStatus(u.component, status_kind::LAST_SUCCESSFUL_TIME, &mut 0.0)
-    }),
-    ("fmi2GetIntegerStatus", "", "SFTE", |u| unsafe {
-        fmi2GetIntegerStatus(u.component, status_kind::DO_STEP, &mut 0)
-    }),
-    ("fmi2GetBooleanStatus", "", "SFTE", |u| unsafe {
-        fmi2GetBooleanStatus(u.component, status_kind::TERMINATED, &mut 0)
-    }),
-    ("fmi2GetStringStatus", "", "SFTE", |u| unsafe {
-        fmi2GetStringStatus(u.component, status_kind::PENDING, &mut null())
-    }),
+    ("fmi2GetStatus", |u| unsafe { fmi2GetStatus(u.component, status_kind::DO_STEP, &mut 0) }),
+    ("fmi2GetRealStatus", |u| unsafe { fmi2GetRealStatus(u.component, status_kind::LAST_SUCCESSFUL_TIME, &mut 0.0) }),
+    ("fmi2GetIntegerStatus", |u| unsafe { fmi2GetIntegerStatus(u.component, status_kind::DO_STEP, &mut 0) }),
+    ("fmi2GetBooleanStatus", |u| unsafe { fmi2GetBooleanStatus(u.component, status_kind::TERMINATED, &mut 0) }),
+    ("fmi2GetStringStatus", |u| unsafe { fmi2GetStringStatus(u.component, status_kind::PENDING, &mut null()) }),
 ];
 
 const MODEL_EXCHANGE_ONLY: &[Row] = &[
-    ("fmi2EnterEventMode", "VC", "", |u| unsafe { fmi2EnterEventMode(u.component) }),
-    ("fmi2NewDiscreteStates", "V", "", |u| u.try_new_discrete_states().map_or_else(|status| status, |_| OK)),
-    ("fmi2EnterContinuousTimeMode", "V", "", |u| unsafe { fmi2EnterContinuousTimeMode(u.component) }),
-    ("fmi2CompletedIntegratorStep", "C", "", |u| unsafe {
-        fmi2CompletedIntegratorStep(u.component, TRUE, &mut 0, &mut 0)
-    }),
-    ("fmi2SetTime", "VC", "", |u| unsafe { fmi2SetTime(u.component, 0.0) }),
-    ("fmi2SetContinuousStates", "C", "", |u| unsafe { fmi2SetContinuousStates(u.component, [0.0; 2].as_ptr(), 2) }),
-    ("fmi2GetDerivatives", "VCTE", "", |u| unsafe { fmi2GetDerivatives(u.component, [0.0; 2].as_mut_ptr(), 2) }),
-    ("fmi2GetEventIndicators", "MVCTE", "", |u| unsafe { fmi2GetEventIndicators(u.component, null_mut(), 0) }),
-    ("fmi2GetContinuousStates", "MVCTE", "", |u| unsafe {
-        fmi2GetContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2)
-    }),
-    ("fmi2GetNominalsOfContinuousStates", "IVCTE", "", |u| unsafe {
+    ("fmi2EnterEventMode", |u| unsafe { fmi2EnterEventMode(u.component) }),
+    ("fmi2NewDiscreteStates", |u| u.try_new_discrete_states().map_or_else(|status| status, |_| OK)),
+    ("fmi2EnterContinuousTimeMode", |u| unsafe { fmi2EnterContinuousTimeMode(u.component) }),
+    ("fmi2CompletedIntegratorStep", |u| unsafe { fmi2CompletedIntegratorStep(u.component, TRUE, &mut 0, &mut 0) }),
+    ("fmi2SetTime", |u| unsafe { fmi2SetTime(u.component, 0.0) }),
+    ("fmi2SetContinuousStates", |u| unsafe { fmi2SetContinuousStates(u.component, [0.0; 2].as_ptr(), 2) }),
+    ("fmi2GetDerivatives", |u| unsafe { fmi2GetDerivatives(u.component, [0.0; 2].as_mut_ptr(), 2) }),
+    ("fmi2GetEventIndicators", |u| unsafe { fmi2GetEventIndicators(u.component, null_mut(), 0) }),
+    ("fmi2GetContinuousStates", |u| unsafe { fmi2GetContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2) }),
+    ("fmi2GetNominalsOfContinuousStates", |u| unsafe {
         fmi2GetNominalsOfContinuousStates(u.component, [0.0; 2].as_mut_ptr(), 2)
     }),
 ];
 
 /// Every function of these rows in every phase: taken where it is allowed, refused without any effect elsewhere.
 fn check(rows: &[Row]) {
-    for (function, in_model_exchange, in_co_simulation, call) in rows {
-        "IMVCTE"
-            .chars()
-            .for_each(|phase| check_one(function, exchange_in(phase), in_model_exchange.contains(phase), call));
-        "IMSFTE".chars().for_each(|phase| check_one(function, unit_in(phase), in_co_simulation.contains(phase), call));
+    for (function, call) in rows {
+        let allowed = |kind, phase| standard::phases(function, kind).contains(phase);
+        let exchange = |phase| check_one(function, exchange_in(phase), allowed(MODEL_EXCHANGE, phase), call);
+        "IMVCTE".chars().for_each(exchange);
+        let slave = |phase| check_one(function, unit_in(phase), allowed(CO_SIMULATION, phase), call);
+        "IMSFTE".chars().for_each(slave);
     }
 }
 
@@ -160,6 +144,16 @@ fn check_one(function: &str, unit: Unit, allowed: bool, call: &fn(&Unit) -> Stat
     } else {
         unit.refuses(&[function], call);
     }
+}
+
+#[test]
+fn no_function_is_left_out() {
+    let groups = [VALUES, DERIVATIVES, PROGRESS, STATES, STATUS, MODEL_EXCHANGE_ONLY];
+    let mut called: Vec<_> = groups.into_iter().flatten().map(|(function, _)| *function).collect();
+    let mut known = standard::FUNCTIONS.map(|(function, ..)| function);
+    called.sort_unstable();
+    known.sort_unstable();
+    assert_eq!(called, known);
 }
 
 #[test]

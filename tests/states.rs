@@ -237,6 +237,16 @@ fn a_pointer_that_is_no_saved_state_is_refused_and_never_followed() {
 }
 
 #[test]
+fn a_saved_state_of_another_instance_is_refused_also_where_both_are_the_first() {
+    let (unit, other) = (Unit::started("ReferenceNonlinearSiso"), Unit::started("ReferenceNonlinearSiso"));
+    unit.run(0.0, 1, 0.5);
+    let (own, foreign) = (unit.save(), other.save());
+    unit.refuses(&["fmi2SetFMUstate", "saved state"], |unit| unit.restore(foreign));
+    unit.refuses(&["fmi2FreeFMUstate", "saved state"], |unit| unit.free(foreign));
+    assert_eq!((unit.restore(own), other.restore(foreign)), (OK, OK));
+}
+
+#[test]
 fn a_freed_state_is_refused_also_when_a_new_one_took_its_place() {
     let unit = Unit::started("ReferenceNonlinearSiso");
     let freed = unit.save();

@@ -3,6 +3,7 @@
 use std::ffi::{CString, c_void};
 
 use super::types::{LoggerFunction, Status};
+use crate::error::one_line;
 
 /// Category of errors.
 pub const ERROR: &str = "logStatusError";
@@ -43,8 +44,9 @@ impl Logger {
     #[allow(unsafe_code)]
     pub fn log(&self, status: Status, category: &str, text: &str) {
         let Some(function) = self.function else { return };
-        // The message is a format to some masters, so it holds no percent sign.
-        let (category, text) = (c_string(category), c_string(&text.replace('%', " percent")));
+        // The message is a format to some masters, so it holds no percent sign; and it is one line, whatever a text of
+        // the master's holds that it repeats.
+        let (category, text) = (c_string(category), c_string(&one_line(&text.replace('%', " percent"))));
         // SAFETY: the function pointer came from the master in fmi2CallbackFunctions and has the standard's
         // signature; all strings live until it returns; the text holds no conversion, so no variadic argument is read.
         unsafe { function(self.environment, self.instance.as_ptr(), status, category.as_ptr(), text.as_ptr()) }

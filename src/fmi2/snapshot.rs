@@ -1,5 +1,7 @@
 //! Saved states of an instance: slots that a master names by a number, and bytes that it may keep.
 
+use std::hash::{BuildHasher, RandomState};
+
 use uuid::Uuid;
 
 use crate::model::Block;
@@ -105,9 +107,18 @@ fn f64_of(bytes: &[u8]) -> f64 {
 }
 
 /// The saved states of one instance. What the master holds is slot and generation, never an address.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Slots {
     slots: Vec<Slot>,
+    /// Mixed into the generations, so that a state of another instance, of whatever library, is not taken for one of
+    /// its own.
+    salt: usize,
+}
+
+impl Default for Slots {
+    fn default() -> Self {
+        Slots { slots: Vec::new(), salt: RandomState::new().hash_one(()) as usize >> SLOT_BITS }
+    }
 }
 
 #[derive(Debug, Default)]
@@ -137,13 +148,13 @@ impl Slots {
         let slot = &mut self.slots[index];
         slot.generation += 1;
         slot.saved = Some(snapshot);
-        Ok(slot.generation << SLOT_BITS | (index + 1))
+        Ok((slot.generation ^ self.salt) << SLOT_BITS | (index + 1))
     }
 
     fn slot(&mut self, name: usize) -> Option<&mut Slot> {
         let index = (name & ((1 << SLOT_BITS) - 1)).checked_sub(1)?;
         let slot = self.slots.get_mut(index)?;
-        (slot.generation == name >> SLOT_BITS && slot.saved.is_some()).then_some(slot)
+        (slot.generation ^ self.salt == name >> SLOT_BITS && slot.saved.is_some()).then_some(slot)
     }
 
     /// The state of this number.

@@ -5,9 +5,12 @@ pub mod described;
 pub mod drawn;
 pub mod exact;
 pub mod exchange;
+pub mod fuzz;
 pub mod loops;
 pub mod models;
 pub mod random;
+pub mod sequences;
+pub mod standard;
 pub mod states;
 pub mod stiff;
 pub mod systems;
@@ -92,7 +95,9 @@ pub struct Unit {
 
 /// The folder of this package's descriptions.
 pub fn description_folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("modelDescription")
+    // The fuzz targets are a package of their own within this one.
+    let folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(|folder| folder.join("modelDescription"));
+    folders.into_iter().find(|folder| folder.is_dir()).expect("a folder of descriptions")
 }
 
 /// The text of a description of this package.
