@@ -2,11 +2,12 @@
 
 mod common;
 
+use adaptive_fmu::library::fmi2_functions::fmi2GetRealOutputDerivatives;
 use adaptive_fmu::system::{
     Declaration, Input, Invalid, Kind, NoStructure, Registry, Scalar, ScalarOf, Signal, Signals, System, Values, scalar,
 };
 use common::loops::{Loop, STEP};
-use common::{OK, Unit};
+use common::{DISCARD, OK, Unit};
 
 fn assert_near(value: f64, expected: f64, what: &str) {
     assert!((value - expected).abs() <= 1e-9 * expected.abs().max(1.0), "{what}: {value} is not {expected}");
@@ -75,10 +76,11 @@ fn output_derivatives_agree_with_differences_of_the_outputs() {
     }
 }
 
-/// y = u².
+/// y = u², and its root.
 struct Square {
     u: ScalarOf<Input>,
     y: ScalarOf<Signal>,
+    root: ScalarOf<Signal>,
 }
 
 impl System for Square {
@@ -87,10 +89,15 @@ impl System for Square {
     const DOCUMENTATION: &'static str = "";
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        Ok(Square { u: d.input(scalar("u", "input")), y: d.output(scalar("y", "its square")) })
+        Ok(Square {
+            u: d.input(scalar("u", "input")),
+            y: d.output(scalar("y", "its square")),
+            root: d.output(scalar("root", "the square's root")),
+        })
     }
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         y[self.y] = v[self.u] * v[self.u];
+        y[self.root] = y[self.y].sqrt();
     }
 }
 
@@ -108,6 +115,19 @@ fn a_feedthrough_output_changes_with_the_inputs_slope_in_the_last_step() {
     assert_near(unit.output_derivative("y"), 4.0, "y' = 2 u u'");
     unit.run(2.0, 1, 2.0);
     assert_near(unit.output_derivative("y"), 0.0, "held again");
+}
+
+#[test]
+fn a_derivative_that_is_no_number_is_not_given_as_one() {
+    let unit = Unit::of(REGISTRY, "name = \"Square\"\nmodel = \"square\"\ndescription = \"\"\n");
+    unit.start(0.0);
+    unit.run(0.0, 1, 1.0);
+    // |u| has no derivative at 0.
+    let status = unsafe { fmi2GetRealOutputDerivatives(unit.component, &unit.reference("root"), 1, &1, &mut 0.0) };
+    assert_eq!(status, DISCARD);
+    let message = unit.last_message();
+    assert!(message.contains("the derivative of `root`") && message.contains("no finite number"), "{message}");
+    assert_near(unit.output_derivative("y"), 0.0, "the other output's");
 }
 
 #[test]

@@ -41,7 +41,7 @@ impl Instance {
     ///
     /// # Errors
     /// For what isn't a real output, or another order than 1.
-    pub fn get_output_derivatives(&mut self, references: &[u32], orders: &[i32], values: &mut [f64]) -> Answer {
+    pub fn get_output_derivatives(&mut self, references: &[u32], orders: &[i32], values: &mut [f64]) -> Answer<Status> {
         let function = Function::GetRealOutputDerivatives;
         for (&reference, &order) in references.iter().zip(orders) {
             let (_, access) = self.place(function, reference, Type::Real)?;
@@ -60,7 +60,7 @@ impl Instance {
         for (value, &reference) in values.iter_mut().zip(references) {
             *value = derivatives[reference as usize].eps;
         }
-        Ok(())
+        Ok(self.all_finite(function, references, values))
     }
 
     /// fmi2GetDirectionalDerivative, at the present inputs.
@@ -95,10 +95,15 @@ impl Instance {
             }
         }
         self.execution.directional_derivative(unknowns, knowns, seed, result);
-        let offender = result.iter().position(|value| !value.is_finite());
-        Ok(offender.map_or(Status::Ok, |k| {
-            let what = format!("the derivative of `{}`", self.name(unknowns[k]));
-            self.not_finite(function, &what, result[k])
-        }))
+        Ok(self.all_finite(function, unknowns, result))
+    }
+
+    /// Whether these derivatives are numbers.
+    fn all_finite(&mut self, function: Function, references: &[u32], derivatives: &[f64]) -> Status {
+        let offender = derivatives.iter().position(|value| !value.is_finite());
+        offender.map_or(Status::Ok, |k| {
+            let what = format!("the derivative of `{}`", self.name(references[k]));
+            self.not_finite(function, &what, derivatives[k])
+        })
     }
 }

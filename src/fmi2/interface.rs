@@ -444,7 +444,7 @@ pub unsafe fn get_real_output_derivatives(
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array(orders, count)).zip(array_mut(values, count)) };
         let ((references, orders), values) = arrays.ok_or_else(|| null(Function::GetRealOutputDerivatives))?;
-        ok(instance.get_output_derivatives(references, orders, values))
+        instance.get_output_derivatives(references, orders, values)
     })
 }
 
