@@ -6,8 +6,8 @@ use adaptive_fmu::execution::Execution;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
 use common::described::refused;
-use common::description;
 use common::models::Run;
+use common::{OK, Unit, description};
 
 const NAME: &str = "FuzzyL1ActuatedSiso";
 
@@ -123,6 +123,29 @@ fn the_switch_is_met_inside_a_step_when_inputs_move() {
     for method in ["", "integration_method = 'explicit'\nrelative_tolerance = 1e-10"] {
         let errors = [4e-3, 1e-3, 1e-4].map(|step| (ends(step, method) - exact).abs());
         assert!(errors[2] <= 1e-6 * exact.abs() && errors[1] <= 0.5 * errors[0], "{method}: {errors:?} of {exact}");
+    }
+}
+
+#[test]
+fn an_error_that_sweeps_over_both_thresholds_within_a_step_switches_twice() {
+    // e goes from -.25 to .72 within 10 µs; between the thresholds -.1 and .1 the gain is 20, and moves the control.
+    let swept = |parts: u32, method: i32| {
+        let unit = Unit::new(NAME);
+        assert_eq!(unit.set_integer("integration_method", method), OK);
+        unit.start(0.0);
+        unit.put("x[1]", 0.5);
+        let step = 1e-5 / f64::from(parts);
+        for k in 0..parts {
+            unit.put("r[1]", 0.25 + 0.97e5 * f64::from(k) * step);
+            assert_eq!(unit.set_slope("r[1]", 0.97e5), OK);
+            assert_eq!(unit.step(f64::from(k) * step, step), OK);
+        }
+        unit.get("u_ad[1]")
+    };
+    let fine = swept(100, 2);
+    for method in [1, 2, 3] {
+        let whole = swept(1, method);
+        assert!((whole - fine).abs() <= 1e-5 * fine.abs(), "method {method}: {whole}, in fine steps {fine}");
     }
 }
 

@@ -102,20 +102,23 @@ impl Taken<'_> {
         furthest
     }
 
-    /// The same in the worst case of all ways: each state is moved alone, and what becomes of it adds up. For many states
-    /// that takes long.
+    /// The same in the worst case of all ways: each state is moved alone, both ways, and what becomes of it adds up. For many
+    /// states that takes long.
     fn carried_at_worst(&self, exact: &mut Exact, end: &Block, tolerance: f64) -> Vec<f64> {
         let tolerated = self.tolerated(end, tolerance);
         let mut furthest = vec![0.0_f64; end.reals.len()];
         for part in [0.0, 0.25, 0.5, 0.75, 1.0] {
             let mut sums = vec![0.0; end.reals.len()];
             for (k, &size) in tolerated.iter().enumerate() {
-                let mut moved = vec![0.0; tolerated.len()];
-                moved[k] = size;
-                let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..self.task }) else { continue };
-                sums.iter_mut()
-                    .zip(other.block.reals.iter().zip(&end.reals))
-                    .for_each(|(s, (a, b))| *s += (a - b).abs());
+                let mut further = vec![0.0_f64; end.reals.len()];
+                for size in [size, -size] {
+                    let mut moved = vec![0.0; tolerated.len()];
+                    moved[k] = size;
+                    let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..self.task }) else { continue };
+                    let differences = other.block.reals.iter().zip(&end.reals).map(|(a, b)| (a - b).abs());
+                    further.iter_mut().zip(differences).for_each(|(further, apart)| *further = further.max(apart));
+                }
+                sums.iter_mut().zip(further).for_each(|(sum, further)| *sum += further);
             }
             furthest.iter_mut().zip(&sums).for_each(|(furthest, sum)| *furthest = furthest.max(*sum));
         }

@@ -196,11 +196,18 @@ impl FuzzyGain {
         }
     }
 
-    /// By how much |e| of each channel is above k_e; never zero, so that the sign alone tells which gain is in force.
+    /// Event indicators of a channel.
+    pub const INDICATORS: usize = 2;
+
+    /// By how much e of each channel is above k_e, and by how much below −k_e: an error that sweeps over both between two
+    /// points of the integration changes both signs, where |e| would have the same at either point. Never zero, so that
+    /// the signs alone tell which gain is in force.
     pub fn event_indicators(&self, e: impl Fn(usize) -> f64, v: &Values<f64>, z: &mut [f64]) {
-        for (i, z) in z.iter_mut().enumerate() {
-            let above = e(i).abs() - v[self.k_e];
-            *z = if above > 0.0 { above } else { above.min(-f64::MIN_POSITIVE) };
+        for (i, z) in z.chunks_exact_mut(Self::INDICATORS).enumerate() {
+            for (z, e) in z.iter_mut().zip([e(i), -e(i)]) {
+                let above = e - v[self.k_e];
+                *z = if above > 0.0 { above } else { above.min(-f64::MIN_POSITIVE) };
+            }
         }
     }
 

@@ -55,7 +55,7 @@ impl System for FuzzyL1 {
         concat!(include_str!("../../docs/controllers/fuzzy_l1.md"), include_str!("../../docs/controllers/l1.md"));
 
     fn indicators(&self) -> usize {
-        Law::INDICATORS + self.r.len()
+        Law::INDICATORS + FuzzyGain::INDICATORS * self.r.len()
     }
 
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
