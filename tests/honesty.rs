@@ -89,12 +89,12 @@ impl Taken<'_> {
     }
 
     /// How far each real of the exact solution moves when all states are moved by what is tolerated, one way or the other.
-    fn carried(&self, exact: &mut Exact, end: &Block, tolerance: f64, random: &mut Random) -> Vec<f64> {
+    fn carried(&self, exact: &mut Exact, task: &Task, end: &Block, tolerance: f64, random: &mut Random) -> Vec<f64> {
         let tolerated = self.tolerated(end, tolerance);
         let mut furthest = vec![0.0_f64; end.reals.len()];
         for part in [0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0] {
             let moved: Vec<_> = tolerated.iter().map(|size| size * random.next().signum()).collect();
-            let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..self.task }) else { continue };
+            let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..*task }) else { continue };
             for (furthest, (a, b)) in furthest.iter_mut().zip(other.block.reals.iter().zip(&end.reals)) {
                 *furthest = furthest.max((a - b).abs());
             }
@@ -104,7 +104,7 @@ impl Taken<'_> {
 
     /// The same in the worst case of all ways: each state is moved alone, both ways, and what becomes of it adds up. For many
     /// states that takes long.
-    fn carried_at_worst(&self, exact: &mut Exact, end: &Block, tolerance: f64) -> Vec<f64> {
+    fn carried_at_worst(&self, exact: &mut Exact, task: &Task, end: &Block, tolerance: f64) -> Vec<f64> {
         let tolerated = self.tolerated(end, tolerance);
         let mut furthest = vec![0.0_f64; end.reals.len()];
         for part in [0.0, 0.25, 0.5, 0.75, 1.0] {
@@ -114,7 +114,7 @@ impl Taken<'_> {
                 for size in [size, -size] {
                     let mut moved = vec![0.0; tolerated.len()];
                     moved[k] = size;
-                    let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..self.task }) else { continue };
+                    let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..*task }) else { continue };
                     let differences = other.block.reals.iter().zip(&end.reals).map(|(a, b)| (a - b).abs());
                     further.iter_mut().zip(differences).for_each(|(further, apart)| *further = further.max(apart));
                 }
@@ -127,7 +127,13 @@ impl Taken<'_> {
 
     /// The errors of what is judged, in parts of what is tolerated, and whether more was tolerated for what the equations
     /// carry on.
-    fn errors(&self, exact: &mut Exact, solution: &Solution, random: &mut Random) -> (Vec<(String, f64)>, bool) {
+    fn errors(
+        &self,
+        exact: &mut Exact,
+        task: &Task,
+        solution: &Solution,
+        random: &mut Random,
+    ) -> (Vec<(String, f64)>, bool) {
         let (end, closed_form) = (&solution.block, self.by_closed_form(&solution.largest));
         let tolerance = if closed_form { self.unit.get("adaptation_tolerance") } else { self.task.tolerance };
         let judged = self.judged(closed_form);
@@ -144,11 +150,11 @@ impl Taken<'_> {
         if passes(&found) {
             return (found, false);
         }
-        let found = errors(Some(&self.carried(exact, end, tolerance, random)));
+        let found = errors(Some(&self.carried(exact, task, end, tolerance, random)));
         if passes(&found) {
             return (found, true);
         }
-        (errors(Some(&self.carried_at_worst(exact, end, tolerance))), true)
+        (errors(Some(&self.carried_at_worst(exact, task, end, tolerance))), true)
     }
 
     /// Compares with the exact solution, and tells what doesn't pass. What doesn't is compared with a still more exact
@@ -158,7 +164,7 @@ impl Taken<'_> {
         for tighter in TIGHTER {
             let task = Task { tolerance: self.task.tolerance * tighter, ..self.task };
             let Ok(solution) = exact.solve(&task) else { continue };
-            let found = self.errors(exact, &solution, random);
+            let found = self.errors(exact, &task, &solution, random);
             let done = passes(&found.0);
             judged = Some(found);
             if done {
