@@ -2,12 +2,13 @@
 //!
 //! Dormand and Prince, A family of embedded Runge–Kutta formulae, J. Comput. Appl. Math. 6 (1980) 19–26, table 2.
 //!
-//! Where a rate has a kink (an absolute value, a limit, a projection), both solutions are wrong in almost the same way: in
-//! the median over its place in a step, their difference is 1/20 of the error, and at some places it is nothing. So a step
+//! Where a rate has a kink (an absolute value, a limit, a projection), both solutions are wrong in almost the same way:
+//! their difference is much less than the error, and at some places of the kink in a step it is nothing. So a step
 //! whose difference is not far below what is tolerated must agree with Simpson's rule as well, which takes one more
-//! evaluation, in the middle, where the state is known from the stages (Shampine, Some practical Runge–Kutta formulas, Math.
-//! Comp. 46 (1986) 135–150). With it, an error above ten times the tolerance remains at one place of a hundred. Smooth rates
-//! agree with it within about that difference, so that they take no shorter steps for it.
+//! evaluation, in the middle, where the state is known from the stages (Shampine, Some practical Runge–Kutta formulas,
+//! Math. Comp. 46 (1986) 135–150). With it, an error above ten times the tolerance remains at few places
+//! (`tests/integration.rs` counts them). Smooth rates agree with it within about that difference, so that they take no
+//! shorter steps for it.
 
 use std::ops::Range;
 
@@ -40,7 +41,7 @@ const MIDDLE: [f64; STAGES] = [
 ];
 /// Below this scaled error there is nothing to look for: what a kink hides is tolerated too.
 const CLOSE: f64 = 1e-3;
-/// So many times the error of a step with a kink is, in the mean, the disagreement with Simpson's rule.
+/// The disagreement with Simpson's rule is about so many times the error of a step with a kink.
 const DISAGREEMENT: f64 = 2.0;
 
 /// The method's workspace.
@@ -50,16 +51,12 @@ pub struct DormandPrince {
     k: Vec<[f64; STAGES]>,
     /// What an evaluation writes, as it is at a step's end.
     end: Vec<f64>,
-    /// Where the states begin in it.
-    states: usize,
 }
 
 impl DormandPrince {
     /// A workspace for a system.
     pub fn new(variables: &Variables) -> Self {
-        let evaluated = evaluated(variables);
-        let states = variables.reals(Section::State).start - evaluated.start;
-        DormandPrince { k: vec![[0.0; STAGES]; variables.states()], end: vec![0.0; evaluated.len()], states }
+        DormandPrince { k: vec![[0.0; STAGES]; variables.states()], end: vec![0.0; evaluated(variables).len()] }
     }
 
     /// Takes over the derivatives of stage N, which the problem holds, and evaluates stage N + 1 at node c. (N is known
@@ -83,7 +80,8 @@ impl DormandPrince {
             k[STAGES - 1] = rate;
         }
         problem.evaluate(start.time + 0.5 * h);
-        let end = &self.end[self.states..][..start.states.len()];
+        let first = problem.variables.reals(Section::State).start - evaluated.start;
+        let end = &self.end[first..][..start.states.len()];
         let parts = start.states.iter().zip(end).zip(&self.k).zip(problem.rates());
         let errors = parts.map(|(((x0, x1), k), middle)| {
             let simpson = h / 6.0 * (k[0] + 4.0 * middle + k[STAGES - 1]);

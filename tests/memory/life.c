@@ -31,7 +31,7 @@ typedef struct {
 } Callbacks;
 typedef struct { int needed, terminate, nominals, states, has_next; double next; } EventInfo;
 
-enum { MODEL_EXCHANGE = 0, CO_SIMULATION = 1, OK = 0, ERROR = 3, MOST = 5000, JITTER = 4096 };
+enum { CO_SIMULATION = 1, OK = 0, ERROR = 3, MOST = 5000, JITTER = 4096 };
 
 /* Steps between errors and saved states. */
 #ifndef ROUND
@@ -144,7 +144,7 @@ static void advance(long k) {
 }
 
 /* Calls that have to be refused; each with a message. */
-static void err(void) {
+static void call_wrongly(void) {
     const unsigned nowhere = 4000000000u;
     const double nan = NAN;
     int before = refusals;
@@ -178,7 +178,7 @@ static void save(void) {
 /* Some steps, and what else a master may do. */
 static void turn(long first) {
     for (long k = 0; k < ROUND; k++) advance(first + k);
-    err();
+    call_wrongly();
     save();
 }
 
@@ -207,7 +207,7 @@ static size_t references(FILE *plan, unsigned *reference, double *reals, int *in
         if (reals) read = fscanf(plan, "%lf", &reals[k]);
         if (integers) read = fscanf(plan, "%d", &integers[k]);
     }
-    if (read != 1) puts("the plan can't be read"), exit(2);
+    if (read != 1 || count > MOST) puts("the plan can't be read"), exit(2);
     return count;
 }
 
