@@ -67,6 +67,9 @@ const USUAL: [(char, &[&str]); 8] = [
     ('E', &["fmi2SetFMUstate", "fmi2SetFMUstate", "fmi2Reset", "fmi2GetReal"]),
 ];
 
+/// What bytes of a state come in by.
+const STATES: [&str; 3] = ["fmi2DeSerializeFMUstate", "fmi2SetFMUstate", "fmi2GetFMUstate"];
+
 /// Whether the arguments of a call are right, as far as the standard and the modelDescription.xml tell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arguments {
@@ -168,7 +171,8 @@ impl Sequence<'_> {
         let usual = USUAL.iter().find(|(phase, _)| *phase == self.now.phase).map_or(&[][..], |(_, names)| names);
         let name = match dice.below(20) {
             0..=13 => dice.pick(usual),
-            14..=18 => dice.pick(&standard::FUNCTIONS).0,
+            14..=17 => dice.pick(&standard::FUNCTIONS).0,
+            18 => dice.pick(&STATES),
             _ => return self.continue_twice(),
         };
         self.component = if dice.one_in(50) { std::ptr::null_mut() } else { self.unit.component };

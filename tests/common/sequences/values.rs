@@ -186,7 +186,7 @@ impl Sequence<'_> {
         let Picked { references, mut right, .. } = self.pick(name, dice, |entry| entry.causality == wanted);
         let count = references.len();
         let mut orders = vec![1; count];
-        let mut values: Vec<f64> = (0..count).map(|_| if sets { dice.number(1.0) } else { BLANK }).collect();
+        let mut values: Vec<f64> = (0..count).map(|_| if sets { dice.slope() } else { BLANK }).collect();
         if count > 0 && dice.one_in(12) {
             orders[0] = dice.pick(&[0, 2, -1, c_int::MAX]);
             right = false;
