@@ -44,12 +44,15 @@ fn hash(path: &Path, hasher: &mut DefaultHasher) {
 /// The descriptions of FMUs and the closed loops, within the program: it needs no files beside it.
 fn embed() {
     println!("cargo::rerun-if-changed=modelDescription");
-    println!("cargo::rerun-if-changed=examples");
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").unwrap_or_default());
     let descriptions = texts(&root.join("modelDescription"), &["toml"], stem);
     let loops =
         entries(&root.join("examples")).into_iter().filter(|folder| folder.join("SystemStructure.ssd").is_file());
-    let loops = loops.map(|folder| format!("({:?}, &[\n{}]),\n", name(&folder), texts(&folder, &["ssd", "ssv"], name)));
+    let loops: Vec<_> = loops.collect();
+    // Not the whole folder: what a notebook there leaves beside it must not build everything anew.
+    loops.iter().for_each(|folder| println!("cargo::rerun-if-changed={}", folder.display()));
+    let loops =
+        loops.iter().map(|folder| format!("({:?}, &[\n{}]),\n", name(folder), texts(folder, &["ssd", "ssv"], name)));
     let code = format!(
         "static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n",
         loops.collect::<String>()

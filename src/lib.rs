@@ -24,6 +24,8 @@ pub mod parallel;
 pub mod plants;
 pub mod report;
 #[cfg(feature = "cli")]
+pub mod reproduction;
+#[cfg(feature = "cli")]
 pub mod schema;
 #[cfg(feature = "cli")]
 pub mod simulation;

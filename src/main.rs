@@ -38,6 +38,8 @@ enum Command {
     Run(command::run::Arguments),
     /// Runs several closed loops, and shows on one page what all of them measure
     Compare(command::compare::Arguments),
+    /// Reproduces the thesis: runs every example, judges what it claims, and writes one page of it
+    Report(command::report::Arguments),
     /// Tunes parameters of a closed loop by a particle swarm
     Tune(command::tune::Arguments),
     /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
@@ -72,6 +74,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Run(arguments) => command::run::execute(&arguments),
         Command::Compare(arguments) => command::compare::execute(&arguments),
+        Command::Report(arguments) => command::report::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
     }
 }

@@ -96,11 +96,12 @@ impl LoopOptions {
 }
 
 impl Units {
-    /// Loads a loop of these units.
+    /// Loads a loop of these units; the signals that it names are recorded beside the outputs.
     pub fn load(&self, structure: &Structure) -> Result<LoadedLoop, Error> {
-        match self {
-            Units::Separate(fmus) => LoadedLoop::new(structure, fmus),
-            Units::Whole { fmu, notes, .. } => LoadedLoop::whole(&structure.name, fmu, notes.clone()),
-        }
+        let loaded = match self {
+            Units::Separate(fmus) => LoadedLoop::new(structure, fmus)?,
+            Units::Whole { fmu, notes, .. } => LoadedLoop::whole(&structure.name, fmu, notes.clone())?,
+        };
+        Ok(loaded.recording(structure.signals()))
     }
 }

@@ -11,6 +11,7 @@ mod loop_options;
 pub mod new;
 pub mod parameters;
 mod progress;
+pub mod report;
 pub mod run;
 mod run_all;
 pub mod schema;

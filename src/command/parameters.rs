@@ -16,6 +16,11 @@ pub struct Parameters {
 }
 
 impl Parameters {
+    /// A parameter set, and single values.
+    pub fn new(case: Option<&str>, set: Vec<String>) -> Self {
+        Parameters { case: case.map(PathBuf::from).into_iter().collect(), set }
+    }
+
     /// Hands them to a loop: cases first, then single values.
     pub fn apply(&self, structure: &mut Structure, files: &LoopFiles) -> Result<(), Error> {
         self.case.iter().try_for_each(|case| structure.apply_case(case, files))?;

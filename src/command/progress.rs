@@ -1,6 +1,7 @@
 //! The progress of a run, and its interruption.
 
 use std::process;
+use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -15,14 +16,17 @@ static ASKED_TO_STOP: AtomicBool = AtomicBool::new(false);
 
 /// From now on, Ctrl-C asks the run to stop at the next communication point, and a second one ends at once.
 fn listen_to_interrupts() {
-    let heard = ctrlc::set_handler(|| {
-        if ASKED_TO_STOP.swap(true, Ordering::SeqCst) {
-            process::exit(INTERRUPTED.into());
+    static LISTENING: Once = Once::new();
+    LISTENING.call_once(|| {
+        let heard = ctrlc::set_handler(|| {
+            if ASKED_TO_STOP.swap(true, Ordering::SeqCst) {
+                process::exit(INTERRUPTED.into());
+            }
+        });
+        if let Err(error) = heard {
+            eprintln!("warning: Ctrl-C will end the run without results: {error}");
         }
     });
-    if let Err(error) = heard {
-        eprintln!("warning: Ctrl-C will end the run without results: {error}");
-    }
 }
 
 /// Whether the user asked the run to stop.

@@ -103,11 +103,18 @@ impl Run {
 
 /// Runs a closed loop and writes its results, also those of a run that a unit's failure ended.
 pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
+    let done = simulated(&arguments.options, name, &arguments.out, &[], bars)?;
+    write_results(&done.report(), &done.folder)?;
+    Ok(done)
+}
+
+/// Runs a closed loop; further signals are recorded beside those that it names. Nothing is written.
+pub fn simulated(options: &LoopOptions, name: &str, out: &Path, further: &[&str], bars: &Bars) -> Result<Run, Error> {
     let files = LoopFiles::find(name)?;
-    let options = &arguments.options;
     let mut structure = options.structure(&files)?;
     let settings = options.settings(&structure)?;
-    let mut closed = options.units(&files, &structure)?.load(&structure)?.instantiate(&[])?;
+    let loaded = options.units(&files, &structure)?.load(&structure)?.recording(further.iter().copied());
+    let mut closed = loaded.instantiate(&[])?;
     let begun = Instant::now();
     let (mut recording, ending, failure) = simulate(&mut closed, settings, &mut Progress::new(bars, name, settings));
     let took = begun.elapsed();
@@ -117,10 +124,8 @@ pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error>
     if whole {
         structure.name.push_str("-composite");
     }
-    let folder = arguments.out.join(&structure.name);
-    let done = Run { structure, settings, whole, recording, measured, ending, folder, failure, took };
-    write_results(&done.report(), &done.folder)?;
-    Ok(done)
+    let folder = out.join(&structure.name);
+    Ok(Run { structure, settings, whole, recording, measured, ending, folder, failure, took })
 }
 
 /// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.

@@ -10,7 +10,7 @@ use super::thinned::thinned;
 const WIDTH: u32 = 900;
 const HEIGHT_OF_ONE: u32 = 300;
 /// Colours that people with any colour vision tell apart (M. Okabe and K. Ito), in the order of use.
-pub(super) const COLOURS: [RGBColor; 5] = [
+pub const COLOURS: [RGBColor; 5] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -21,7 +21,7 @@ pub(super) const COLOURS: [RGBColor; 5] = [
 const GROUPS: usize = 600;
 
 /// Smallest and largest of some values, a little apart.
-fn range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
+pub fn padded_range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let finite = values.filter(|value| value.is_finite());
     let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
     if low > high {
@@ -73,7 +73,7 @@ where
                 recording.column(name).map(|column| (name.as_str(), column)).ok_or(format!("no signal `{name}`"))
             })
             .collect::<Result<_, _>>()?;
-        let (low, high) = range(columns.iter().flat_map(|(_, column)| column.iter()));
+        let (low, high) = padded_range(columns.iter().flat_map(|(_, column)| column.iter()));
         let (start, end) =
             (recording.times.first().copied().unwrap_or(0.0), recording.times.last().copied().unwrap_or(1.0));
         let mut chart = ChartBuilder::on(area)

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use super::description::Variable;
 use super::fmu::Instance;
-use super::port::{Ports, signals};
+use super::port::Ports;
 use super::units::Affine;
 use crate::error::Error;
 
@@ -70,7 +70,7 @@ pub struct ClosedLoop {
     notes: Vec<String>,
 }
 
-/// What was recorded: all outputs at all communication points.
+/// What was recorded at all communication points: all outputs, and what else was asked for.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Recording {
     /// Names, `unit.variable`.
@@ -110,10 +110,11 @@ impl ClosedLoop {
         ClosedLoop { units: Vec::new(), names: Vec::new(), measures: Vec::new(), row: Vec::new(), notes }
     }
 
-    /// Adds a unit; its signals are named by its variables, with a prefix.
-    pub(super) fn add(&mut self, instance: Instance, prefix: &str) {
+    /// Adds a unit; what is recorded of it are the variables at some places, named by them with a prefix.
+    pub(super) fn add(&mut self, instance: Instance, prefix: &str, recorded: &[usize]) {
         let mut outputs = Ports::default();
-        for (_, variable) in signals(instance.description()) {
+        for place in recorded {
+            let variable = &instance.description().variables[*place];
             outputs.add(variable, self.row.len(), Affine::IDENTITY);
             self.row.push(0.0);
             self.names.push(format!("{prefix}{}", variable.name));

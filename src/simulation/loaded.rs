@@ -28,6 +28,15 @@ struct LoadedUnit {
     prefix: String,
     /// Start values: places of variables.
     values: Vec<(usize, Value)>,
+    /// What is recorded of it: places of its outputs, and of what else is asked for.
+    recorded: Vec<usize>,
+}
+
+impl LoadedUnit {
+    fn new(fmu: Arc<Fmu>, name: &str, prefix: String, values: Vec<(usize, Value)>) -> Self {
+        let recorded = signals(&fmu.description).map(|(place, _)| place).collect();
+        LoadedUnit { fmu, name: name.to_owned(), prefix, values, recorded }
+    }
 }
 
 /// A variable of a unit, by places.
@@ -50,8 +59,7 @@ impl LoadedLoop {
         let wiring = check(structure, &descriptions)?;
         let parts = structure.components.iter().zip(opened).zip(wiring.values);
         let units = parts.map(|((component, fmu), values)| {
-            let (name, prefix) = (component.name.clone(), format!("{}.", component.name));
-            LoadedUnit { fmu, name, prefix, values }
+            LoadedUnit::new(fmu, &component.name, format!("{}.", component.name), values)
         });
         Ok(LoadedLoop { units: units.collect(), links: wiring.links, notes: wiring.notes })
     }
@@ -61,8 +69,7 @@ impl LoadedLoop {
     /// # Errors
     /// When the FMU can't be loaded.
     pub fn whole(name: &str, fmu: &Path, notes: Vec<String>) -> Result<Self, Error> {
-        let (fmu, name) = (Arc::new(Fmu::open(fmu)?), name.to_owned());
-        let unit = LoadedUnit { fmu, name, prefix: String::new(), values: Vec::new() };
+        let unit = LoadedUnit::new(Arc::new(Fmu::open(fmu)?), name, String::new(), Vec::new());
         Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes })
     }
 
@@ -72,6 +79,20 @@ impl LoadedLoop {
             let variable = fmu.description.place(name.strip_prefix(prefix)?)?;
             Some((Place { unit, variable }, &fmu.description.variables[variable]))
         })
+    }
+
+    /// Records these signals too, where units have variables of these names: they need not be outputs.
+    #[must_use]
+    pub fn recording<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {
+        for name in names {
+            let found = self.variable(name).filter(|(_, variable)| variable.kind != "String");
+            if let Some(Place { unit, variable }) = found.map(|(place, _)| place)
+                && !self.units[unit].recorded.contains(&variable)
+            {
+                self.units[unit].recorded.push(variable);
+            }
+        }
+        self
     }
 
     /// The value that a Real variable starts with in this loop.
@@ -98,7 +119,7 @@ impl LoadedLoop {
         let mut closed = ClosedLoop::empty(self.notes.clone());
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
-        for (k, LoadedUnit { fmu, name, prefix, values }) in self.units.iter().enumerate() {
+        for (k, LoadedUnit { fmu, name, prefix, values, recorded }) in self.units.iter().enumerate() {
             let instance = fmu.instantiate(name)?;
             let set = |variable: usize, value: &Value| {
                 instance.set_start(fmu.description.variables[variable].reference, value)
@@ -106,8 +127,8 @@ impl LoadedLoop {
             values.iter().try_for_each(|(variable, value)| set(*variable, value))?;
             let own = further.iter().filter(|(place, _)| place.unit == k);
             own.clone().try_for_each(|(place, value)| set(place.variable, &Value::Real(*value)))?;
-            places.extend(signals(&fmu.description).map(|(place, _)| (k, place)).zip(closed.width()..));
-            closed.add(instance, prefix);
+            places.extend(recorded.iter().map(|&place| (k, place)).zip(closed.width()..));
+            closed.add(instance, prefix, recorded);
         }
         for Link { from, to: (unit, input), conversion } in &self.links {
             let variable = &self.units[*unit].fmu.description.variables[*input];

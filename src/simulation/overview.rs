@@ -102,7 +102,8 @@ fn piece(metric: &Measured) -> String {
     format!("{label} {}{limit}", metric.value.map_or("–".to_owned(), four_digits))
 }
 
-fn four_digits(value: f64) -> String {
+/// A number with four digits.
+pub fn four_digits(value: f64) -> String {
     if !(1e-4..1e6).contains(&value.abs()) {
         return if value == 0.0 { "0".to_owned() } else { format!("{value:.3e}") };
     }

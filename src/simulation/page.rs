@@ -18,7 +18,8 @@ use crate::exporter::escaped;
 const GROUPS: usize = 1500;
 /// A browser that obeys this loads nothing from anywhere.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:";
-const STYLE: &str = "
+/// How pages look.
+pub const STYLE: &str = "
   body { font: 16px/1.5 system-ui, sans-serif; max-width: 75em; margin: 1.5em auto; padding: 0 1em; color: #1b1b1b; }
   h1 { font-size: 1.5em; margin-bottom: 0; }
   h2 { font-size: 1.1em; margin: 1.5em 0 .3em; }

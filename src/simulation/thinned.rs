@@ -2,7 +2,7 @@
 
 /// A curve of at most about twice as many points as groups. Of each group of neighbours its smallest and its largest
 /// value are kept: no peak is lost. So are the first and the last point, and a value that isn't finite.
-pub(super) fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> {
+pub fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> {
     let last = times.len().min(values.len()).saturating_sub(1);
     let size = times.len().div_ceil(groups).max(1);
     let mut kept = Vec::new();

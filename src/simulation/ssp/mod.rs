@@ -63,6 +63,16 @@ pub struct Structure {
     pub tuning: Option<Tuning>,
 }
 
+impl Structure {
+    /// The signals that it names: those of metrics, plots and ideal models.
+    pub fn signals(&self) -> impl Iterator<Item = &str> {
+        let measured = self.metrics.iter().flat_map(|metric| [Some(&metric.of), metric.minus.as_ref()]).flatten();
+        let plotted = self.plots.iter().flat_map(|plot| &plot.signals);
+        let inputs = self.models.iter().map(|model| &model.input);
+        measured.chain(plotted).chain(inputs).map(String::as_str)
+    }
+}
+
 /// A unit of the loop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Component {

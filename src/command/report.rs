@@ -1,0 +1,159 @@
+//! `report`: the examples of the thesis on one page.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::parallel;
+use adaptive_fmu::reproduction::{Curve, Done, Example, Figure, Outcome, Page, Run, Study};
+use adaptive_fmu::simulation::{Ending, LoopFiles};
+use adaptive_fmu::text_file;
+use serde_json::{Value, json};
+
+use super::loop_options::LoopOptions;
+use super::parameters::Parameters;
+use super::progress::{self, Bars, Counter};
+use super::run::simulated;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Only examples whose numbers begin so, as 3.3 or 6.5.1; repeatable
+    #[arg(long, value_name = "EXAMPLE")]
+    only: Vec<String>,
+    /// Another study than that of the thesis: a file like examples/thesis.toml
+    #[arg(long, value_name = "FILE.toml")]
+    study: Option<PathBuf>,
+    /// Folder for the page, its figures (SVG) and their curves (CSV)
+    #[arg(long, default_value = "results/report")]
+    out: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// An example with its figures.
+struct Planned<'a> {
+    example: &'a Example,
+    figures: Vec<Figure>,
+}
+
+/// Runs every example, each run twice: as it is, and with adaptation frozen.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let file = arguments.study.clone().unwrap_or_else(|| PathBuf::from("examples/thesis.toml"));
+    let wrong = |reason| Error::Loop { file: file.clone(), reason };
+    let study = match &arguments.study {
+        Some(file) => Study::read(&text_file::read(file).map_err(Error::file(file))?).map_err(wrong)?,
+        None => Study::thesis().map_err(wrong)?,
+    };
+    let study = study.only(&arguments.only).map_err(wrong)?;
+    let planned = study.example.iter().map(|example| planned(example, &file)).collect::<Result<Vec<_>, Error>>()?;
+    let outcomes = run_all(&planned, arguments)?;
+    if outcomes.iter().any(|outcome| outcome.ending == Ending::Interrupted) {
+        eprintln!("interrupted: no page was written");
+        return Ok(ExitCode::from(progress::INTERRUPTED));
+    }
+    let done = judged(&planned, outcomes).map_err(wrong)?;
+    write(&Page { study: &study, done: &done }, &arguments.out)?;
+    tell(&study, &done, arguments);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn options(run: &Run, frozen: bool) -> LoopOptions {
+    let set = run.frozen.iter().filter(|_| frozen).map(|(name, value)| format!("{name}={value}"));
+    let parameters = Parameters::new(run.case.as_deref(), set.collect());
+    LoopOptions { composite: run.composite, step: run.step, parameters, ..LoopOptions::default() }
+}
+
+/// Plans an example; claims about what no run measures are refused before anything is run.
+fn planned<'a>(example: &'a Example, file: &Path) -> Result<Planned<'a>, Error> {
+    let structure = |run: &Run| options(run, false).structure(&LoopFiles::find(&run.name)?);
+    let structures = example.run.iter().map(structure).collect::<Result<Vec<_>, Error>>()?;
+    let before = example.run.iter().zip(&structures).map(|(run, structure)| Outcome::before(&run.key(), structure));
+    let before: Vec<_> = before.collect();
+    let wrong = |reason| Error::Loop { file: file.to_owned(), reason };
+    example.claim.iter().try_for_each(|claim| claim.judge(&before).map(drop)).map_err(wrong)?;
+    Ok(Planned { example, figures: Figure::all(example, &structures) })
+}
+
+/// The outcomes of all runs in their order, each followed by that with adaptation frozen.
+fn run_all(planned: &[Planned], arguments: &Arguments) -> Result<Vec<Outcome>, Error> {
+    let all: Vec<(&Planned, &Run)> =
+        planned.iter().flat_map(|planned| planned.example.run.iter().map(move |run| (planned, run))).collect();
+    let (bars, silent) = (Bars::new(arguments.json), Bars::new(true));
+    let counter = Counter::new(&bars, "report", 2 * all.len(), 0);
+    let outcomes = parallel::each(&vec![(); parallel::cores()], 2 * all.len(), |(), place| {
+        let (planned, run) = all[place / 2];
+        let outcome = attempt(planned, run, place % 2 == 1, &silent);
+        counter.count(&run.key());
+        outcome
+    });
+    counter.clear();
+    outcomes.into_iter().collect()
+}
+
+fn attempt(planned: &Planned, run: &Run, frozen: bool, bars: &Bars) -> Result<Outcome, Error> {
+    let key = run.key();
+    let shown = planned.figures.iter().flat_map(Figure::needs).filter(|curve| !frozen && curve.run == key);
+    let shown: Vec<&Curve> = shown.collect();
+    let signals: Vec<&str> =
+        shown.iter().flat_map(|curve| [Some(&curve.of), curve.minus.as_ref()]).flatten().map(String::as_str).collect();
+    let done = simulated(&options(run, frozen), &run.name, Path::new(""), &signals, bars)?;
+    let wrong = |reason| Error::Loop { file: PathBuf::from(&run.name), reason };
+    Outcome::new(&key, &done.report(), done.took, &shown).map_err(wrong)
+}
+
+/// What came out of each example.
+fn judged(planned: &[Planned], outcomes: Vec<Outcome>) -> Result<Vec<Done>, String> {
+    let mut outcomes = outcomes.into_iter();
+    let mut done = Vec::new();
+    for Planned { example, figures } in planned {
+        let mut halves = (Vec::new(), Vec::new());
+        for _ in &example.run {
+            halves.0.extend(outcomes.next());
+            halves.1.extend(outcomes.next());
+        }
+        let claims = example.claim.iter().map(|claim| claim.judge(&halves.0)).collect::<Result<_, _>>()?;
+        let named = |(k, figure): (usize, &Figure)| figure.draw(format!("{}-{}", example.name, k + 1), &halves.0);
+        let drawings = figures.iter().enumerate().map(named).collect::<Result<_, _>>()?;
+        done.push(Done { outcomes: halves.0, frozen: halves.1, claims, drawings });
+    }
+    Ok(done)
+}
+
+fn write(page: &Page, folder: &Path) -> Result<(), Error> {
+    let put = |file: PathBuf, text: &str| {
+        let parent = file.parent().unwrap_or(folder);
+        std::fs::create_dir_all(parent).map_err(Error::file(parent))?;
+        std::fs::write(&file, text).map_err(Error::file(&file))
+    };
+    for drawing in page.done.iter().flat_map(|done| &done.drawings) {
+        put(folder.join(format!("figures/{}.svg", drawing.name)), &drawing.svg)?;
+        put(folder.join(format!("data/{}.csv", drawing.name)), &drawing.csv)?;
+    }
+    put(folder.join("index.html"), &page.html())
+}
+
+fn tell(study: &Study, done: &[Done], arguments: &Arguments) {
+    let page = arguments.out.join("index.html");
+    if arguments.json {
+        let told = study.example.iter().zip(done).map(|(example, done)| {
+            let runs = |outcomes: &[Outcome]| -> Vec<Value> { outcomes.iter().map(told).collect() };
+            json!({ "example": example.name, "claims": done.claims, "runs": runs(&done.outcomes),
+                    "frozen": runs(&done.frozen), "figures": done.drawings.len() })
+        });
+        println!("{}", json!({ "examples": told.collect::<Vec<_>>(), "page": page }));
+        return;
+    }
+    for (example, done) in study.example.iter().zip(done) {
+        println!("{} {}", example.name, example.title);
+        for claim in &done.claims {
+            println!("  {:3}  {}: {}", if claim.holds { "yes" } else { "NO" }, claim.claim, claim.measured);
+        }
+    }
+    println!("the page is {}; its figures and their curves lie beside it", page.display());
+}
+
+fn told(outcome: &Outcome) -> Value {
+    json!({ "run": outcome.run, "ended": outcome.ending.word(), "at": outcome.end, "metrics": outcome.measured,
+            "seconds": outcome.took.as_secs_f64() })
+}

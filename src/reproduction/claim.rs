@@ -1,0 +1,147 @@
+//! What an example claims, and whether that holds.
+
+use serde::{Deserialize, Serialize};
+
+use super::outcome::Outcome;
+use crate::simulation::{Ending, Measured, Verdict, four_digits};
+
+/// A claim, in words and by metrics: `RUN: LABEL`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claim {
+    /// In words.
+    pub text: String,
+    /// Metrics that are within their limits.
+    #[serde(default)]
+    pub measured: Vec<String>,
+    /// The limit of all of them, in place of their own.
+    pub limit: Option<f64>,
+    /// Metrics that are smaller, each,
+    #[serde(default)]
+    pub smaller: Vec<String>,
+    /// than these.
+    #[serde(default)]
+    pub than: Vec<String>,
+    /// A run that ends as it is to: with a failure.
+    pub fails: Option<String>,
+    /// What is to be said of it, where it doesn't hold, or not for the reason that is given.
+    #[serde(default)]
+    pub remark: String,
+}
+
+/// A claim, and what was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Judged {
+    /// The claim in words.
+    pub claim: String,
+    /// What was measured.
+    pub measured: String,
+    /// Whether it holds.
+    pub holds: bool,
+    /// What is to be said of it.
+    pub remark: String,
+}
+
+impl Claim {
+    /// Judges it by the runs.
+    ///
+    /// # Errors
+    /// When it names a run or a metric that isn't there, or nothing to judge by.
+    pub fn judge(&self, outcomes: &[Outcome]) -> Result<Judged, String> {
+        let mut told = Vec::new();
+        let mut holds = true;
+        for name in &self.measured {
+            let metric = metric(name, outcomes)?;
+            let limit = self.limit.or(metric.limit).ok_or_else(|| format!("`{name}` has no limit"))?;
+            holds &= metric.value.is_some_and(|value| value <= limit);
+            told.push(format!("{} {} ({limit} allowed)", short(name, outcomes), shown(metric)));
+        }
+        if self.smaller.len() != self.than.len() {
+            return Err(format!("`{}`: as many metrics are smaller as there are than which", self.text));
+        }
+        for (small, large) in self.smaller.iter().zip(&self.than) {
+            let (less, more) = (metric(small, outcomes)?, metric(large, outcomes)?);
+            holds &= less.value.zip(more.value).is_some_and(|(less, more)| less < more);
+            told.push(format!("{small} {} against {} in {}", shown(less), shown(more), run_of(large)));
+        }
+        if let Some(run) = &self.fails {
+            let outcome = outcome(run, outcomes)?;
+            holds &= outcome.verdict == Verdict::Holds && matches!(outcome.ending, Ending::Failed(_));
+            told.push(outcome.told());
+        }
+        if told.is_empty() {
+            return Err(format!("`{}`: there is nothing to judge it by", self.text));
+        }
+        Ok(Judged { claim: self.text.clone(), measured: told.join("; "), holds, remark: self.remark.clone() })
+    }
+}
+
+fn run_of(name: &str) -> &str {
+    name.split_once(": ").map_or(name, |(run, _)| run)
+}
+
+/// The name of a metric; without its run where there is no other.
+fn short<'a>(name: &'a str, outcomes: &[Outcome]) -> &'a str {
+    let alone = outcomes.len() == 1;
+    name.split_once(": ").filter(|_| alone).map_or(name, |(_, label)| label)
+}
+
+fn shown(metric: &Measured) -> String {
+    metric.value.map_or("–".to_owned(), four_digits)
+}
+
+fn outcome<'a>(run: &str, outcomes: &'a [Outcome]) -> Result<&'a Outcome, String> {
+    outcomes.iter().find(|outcome| outcome.run == run).ok_or_else(|| format!("there is no run `{run}`"))
+}
+
+fn metric<'a>(name: &str, outcomes: &'a [Outcome]) -> Result<&'a Measured, String> {
+    let (run, label) = name.split_once(": ").ok_or_else(|| format!("`{name}`: must be RUN: METRIC"))?;
+    let found = outcome(run, outcomes)?.measured.iter().find(|metric| metric.label == label);
+    found.ok_or_else(|| format!("`{run}` has no metric `{label}`"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outcomes() -> Vec<Outcome> {
+        let metric = |value, limit| vec![Measured { label: "rms e".into(), value: Some(value), limit }];
+        let complete = |run: &str, measured| Outcome::without_curves(run, Ending::Complete, Verdict::Holds, measured);
+        let lost = Outcome::without_curves("lost", Ending::Failed("lost".into()), Verdict::Holds, vec![]);
+        vec![complete("fast", metric(0.1, Some(0.2))), complete("slow", metric(0.3, None)), lost]
+    }
+
+    fn judged(toml: &str) -> Result<Judged, String> {
+        toml::from_str::<Claim>(&format!("text = 'c'\n{toml}")).unwrap().judge(&outcomes())
+    }
+
+    #[test]
+    fn a_claim_holds_where_its_numbers_do() {
+        for (toml, holds) in [
+            ("measured = ['fast: rms e']", true),
+            ("measured = ['fast: rms e']\nlimit = 0.05", false),
+            ("measured = ['fast: rms e', 'slow: rms e']\nlimit = 0.25", false),
+            ("smaller = ['fast: rms e']\nthan = ['slow: rms e']", true),
+            ("smaller = ['slow: rms e']\nthan = ['fast: rms e']", false),
+            ("fails = 'lost'", true),
+            ("fails = 'fast'", false),
+        ] {
+            assert_eq!(judged(toml).unwrap().holds, holds, "{toml}");
+        }
+        assert!(judged("measured = ['fast: rms e']").unwrap().measured.contains("0.1000 (0.2 allowed)"));
+    }
+
+    #[test]
+    fn a_claim_about_what_is_not_there_is_refused_by_name() {
+        for (toml, named) in [
+            ("", "nothing"),
+            ("measured = ['fast: max e']", "max e"),
+            ("measured = ['other: rms e']", "other"),
+            ("measured = ['slow: rms e']", "no limit"),
+            ("smaller = ['fast: rms e']", "as many"),
+            ("fails = 'other'", "other"),
+        ] {
+            assert!(judged(toml).unwrap_err().contains(named), "{toml}");
+        }
+    }
+}

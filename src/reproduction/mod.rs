@@ -1,0 +1,145 @@
+//! The thesis' examples on one page: what is run for each, what it claims, and what was corrected (`report`).
+//!
+//! A [`Study`] is data: examples, each with its runs, figures and claims. [`Outcome`] is what is kept of a run;
+//! [`Page`] shows them all.
+
+mod claim;
+mod figure;
+mod outcome;
+mod page;
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+pub use claim::{Claim, Judged};
+pub use figure::{Drawing, Figure};
+pub use outcome::Outcome;
+pub use page::{Done, Page};
+
+/// What `report` is about.
+const THESIS: &str = include_str!("../../examples/thesis.toml");
+
+/// Examples in the order of the page.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Study {
+    /// Title of the page.
+    pub title: String,
+    /// What it is about.
+    pub about: String,
+    /// The examples.
+    pub example: Vec<Example>,
+}
+
+/// An example of the thesis.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Example {
+    /// Number of the example or chapter.
+    pub name: String,
+    /// Title.
+    pub title: String,
+    /// What it is about.
+    pub about: String,
+    /// What had to be corrected in it.
+    #[serde(default)]
+    pub corrections: Vec<String>,
+    /// What is run for it.
+    pub run: Vec<Run>,
+    /// Figures beside those of the loops themselves.
+    #[serde(default)]
+    pub figure: Vec<Figure>,
+    /// What it claims.
+    pub claim: Vec<Claim>,
+}
+
+/// A run of a loop.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Run {
+    /// The loop.
+    #[serde(rename = "loop")]
+    pub name: String,
+    /// Whether it is run as one unit.
+    #[serde(default)]
+    pub composite: bool,
+    /// A parameter set that lies beside the loop.
+    pub case: Option<String>,
+    /// Communication step in s, in place of the loop's own.
+    pub step: Option<f64>,
+    /// Start values with which nothing is adapted.
+    pub frozen: BTreeMap<String, String>,
+}
+
+impl Run {
+    /// What it is called in figures and claims.
+    pub fn key(&self) -> String {
+        let case = self.case.iter().map(|case| format!(", {case}"));
+        let whole = self.composite.then(|| ", as one unit".to_owned());
+        std::iter::once(self.name.clone()).chain(case).chain(whole).collect()
+    }
+}
+
+/// A signal of a run, or the difference of two: `RUN: of - minus`.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Curve {
+    /// The run.
+    pub run: String,
+    /// The signal.
+    pub of: String,
+    /// What is subtracted from it.
+    pub minus: Option<String>,
+}
+
+impl TryFrom<String> for Curve {
+    type Error = String;
+    fn try_from(text: String) -> Result<Self, String> {
+        let (run, signal) = text.split_once(": ").ok_or_else(|| format!("`{text}`: must be RUN: SIGNAL"))?;
+        let (of, minus) = match signal.split_once(" - ") {
+            Some((of, minus)) => (of, Some(minus.to_owned())),
+            None => (signal, None),
+        };
+        Ok(Curve { run: run.to_owned(), of: of.to_owned(), minus })
+    }
+}
+
+impl Curve {
+    /// The signal without the run.
+    pub fn signal(&self) -> String {
+        let minus = self.minus.iter().map(|minus| format!(" − {minus}"));
+        std::iter::once(self.of.clone()).chain(minus).collect()
+    }
+}
+
+impl Study {
+    /// The examples of the thesis.
+    ///
+    /// # Errors
+    /// When they are described wrongly.
+    pub fn thesis() -> Result<Self, String> {
+        Study::read(THESIS)
+    }
+
+    /// A study by its text.
+    ///
+    /// # Errors
+    /// When it is described wrongly.
+    pub fn read(text: &str) -> Result<Self, String> {
+        toml::from_str(text).map_err(|error| error.to_string())
+    }
+
+    /// The examples whose names begin with one of these.
+    ///
+    /// # Errors
+    /// When none begins with one of them.
+    pub fn only(mut self, names: &[String]) -> Result<Self, String> {
+        let known: Vec<String> = self.example.iter().map(|example| example.name.clone()).collect();
+        if let Some(unknown) = names.iter().find(|name| known.iter().all(|known| !known.starts_with(*name))) {
+            return Err(format!("there is no example `{unknown}`; there are {}", known.join(", ")));
+        }
+        self.example.retain(|example| names.is_empty() || names.iter().any(|name| example.name.starts_with(name)));
+        Ok(self)
+    }
+}

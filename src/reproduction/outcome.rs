@@ -1,0 +1,109 @@
+//! What is kept of a run: its metrics, and the curves that figures show of it.
+
+use std::collections::HashMap;
+use std::time::Duration;
+
+use super::Curve;
+use crate::simulation::{Ending, Measured, Metric, Report, Structure, Verdict, four_digits, thinned};
+
+/// Groups of points in a drawn curve.
+const GROUPS: usize = 400;
+/// The most rows of a curve in its file, and the most points of a path.
+const MOST_ROWS: usize = 2000;
+
+/// A run that is over.
+#[derive(Debug)]
+pub struct Outcome {
+    /// What it is called in figures and claims.
+    pub run: String,
+    /// What the loop is.
+    pub description: String,
+    /// How it is judged.
+    pub verdict: Verdict,
+    /// How it ended.
+    pub ending: Ending,
+    /// Time of the last point, s.
+    pub end: f64,
+    /// How long it took.
+    pub took: Duration,
+    /// Its metrics.
+    pub measured: Vec<Measured>,
+    curves: HashMap<Curve, Samples>,
+}
+
+/// A curve of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Samples {
+    /// Few points, all peaks kept.
+    pub drawn: Vec<(f64, f64)>,
+    /// Every so many communication points.
+    pub rows: Vec<(f64, f64)>,
+    /// Unit of measurement, if one is told.
+    pub unit: Option<String>,
+}
+
+impl Outcome {
+    /// Keeps of a run what figures show: those curves that are of it.
+    ///
+    /// # Errors
+    /// When it has no such signal.
+    pub fn new(run: &str, report: &Report, took: Duration, wanted: &[&Curve]) -> Result<Self, String> {
+        let mut curves = HashMap::new();
+        for curve in wanted.iter().filter(|curve| curve.run == run) {
+            curves.insert((*curve).clone(), samples(report, curve)?);
+        }
+        Ok(Outcome {
+            run: run.to_owned(),
+            description: report.structure.description.clone(),
+            verdict: report.verdict(),
+            ending: report.ending.clone(),
+            end: report.end(),
+            took,
+            measured: report.measured.to_vec(),
+            curves,
+        })
+    }
+
+    /// What a run of a loop will be judged by, before it is run: its metrics have no values yet.
+    pub fn before(run: &str, structure: &Structure) -> Self {
+        let metrics = structure.metrics.iter();
+        let measured =
+            metrics.map(|Metric { label, limit, .. }| Measured { label: label.clone(), value: None, limit: *limit });
+        Outcome::without_curves(run, Ending::Complete, Verdict::Holds, measured.collect())
+    }
+
+    pub(super) fn without_curves(run: &str, ending: Ending, verdict: Verdict, measured: Vec<Measured>) -> Self {
+        let (description, curves) = (String::new(), HashMap::new());
+        Outcome { run: run.to_owned(), description, verdict, ending, end: 0.0, took: Duration::ZERO, measured, curves }
+    }
+
+    /// A curve of it.
+    pub fn curve(&self, curve: &Curve) -> Option<&Samples> {
+        self.curves.get(curve)
+    }
+
+    /// How it ended, in a few words.
+    pub fn told(&self) -> String {
+        match self.ending {
+            Ending::Complete => format!("ran to {} s", self.end),
+            Ending::Interrupted => format!("was interrupted at {} s", self.end),
+            Ending::Failed(_) => format!("lost at t = {} s", four_digits(self.end)),
+        }
+    }
+}
+
+fn samples(report: &Report, curve: &Curve) -> Result<Samples, String> {
+    let recording = report.recording;
+    let column = |name: &str| recording.column(name).ok_or_else(|| format!("{}: no signal `{name}`", curve.run));
+    let of = column(&curve.of)?;
+    let values = match &curve.minus {
+        Some(minus) => of.iter().zip(column(minus)?).map(|(of, minus)| of - minus).collect(),
+        None => of.to_vec(),
+    };
+    let every = recording.times.len().div_ceil(MOST_ROWS).max(1);
+    Ok(Samples {
+        drawn: thinned(&recording.times, &values, GROUPS),
+        rows: recording.times.iter().copied().zip(values.iter().copied()).step_by(every).collect(),
+        unit: recording.measure(&curve.of).map(str::to_owned),
+    })
+}

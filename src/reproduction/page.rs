@@ -1,0 +1,162 @@
+//! The page: examples with their claims, what adaptation adds, what was corrected, and figures. It loads nothing and
+//! needs no script.
+
+use std::fmt::Write;
+
+use super::claim::Judged;
+use super::figure::Drawing;
+use super::outcome::Outcome;
+use super::{Example, Study};
+use crate::exporter::escaped;
+use crate::simulation::{Ending, Measured, STYLE, Verdict, four_digits};
+
+/// A browser that obeys this loads nothing, and runs nothing.
+const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
+const OWN_STYLE: &str = "
+  h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
+  h3 { font-size: 1em; margin: 1.2em 0 .3em; }
+  .figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 30em), 1fr)); gap: 1em; }
+  figure { margin: 0; break-inside: avoid; }
+  figcaption { font-size: .9em; }
+  svg { display: block; height: auto; }
+  .good { color: #006b3c; font-weight: bold; }
+  nav li { margin: .1em 0; }
+  @media print { h2 { break-before: page; } .figures { grid-template-columns: 1fr 1fr; } }
+";
+
+/// An example as it came out.
+#[derive(Debug)]
+pub struct Done {
+    /// Its runs.
+    pub outcomes: Vec<Outcome>,
+    /// The same with adaptation frozen.
+    pub frozen: Vec<Outcome>,
+    /// Its claims.
+    pub claims: Vec<Judged>,
+    /// Its figures.
+    pub drawings: Vec<Drawing>,
+}
+
+/// All of it.
+#[derive(Debug)]
+pub struct Page<'a> {
+    /// What was asked for.
+    pub study: &'a Study,
+    /// What came out, in the order of the examples.
+    pub done: &'a [Done],
+}
+
+impl Page<'_> {
+    /// The page.
+    pub fn html(&self) -> String {
+        let Study { title, about, .. } = self.study;
+        let (title, about) = (escaped(title), escaped(about));
+        let mut page = format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>{STYLE}{OWN_STYLE}</style>\n</head>\n\
+             <body>\n<h1>{title}</h1>\n<p>{about}</p>\n"
+        );
+        self.push_contents(&mut page);
+        self.push_glance(&mut page);
+        for (example, done) in self.study.example.iter().zip(self.done) {
+            push_example(&mut page, example, done);
+        }
+        let version = env!("CARGO_PKG_VERSION");
+        let _ = writeln!(page, "<p>Made by adaptive-fmu {version}, from runs of its own FMUs.</p>\n</body>\n</html>");
+        page
+    }
+
+    fn push_contents(&self, page: &mut String) {
+        page.push_str("<nav><ul>\n");
+        for (Example { name, title, .. }, Done { claims, .. }) in self.study.example.iter().zip(self.done) {
+            let hold = claims.iter().filter(|claim| claim.holds).count();
+            let (name, title, of) = (escaped(name), escaped(title), claims.len());
+            let _ = writeln!(page, "<li><a href=\"#{name}\">{name} {title}</a>: {hold} of {of} claims hold");
+        }
+        page.push_str("</ul></nav>\n");
+    }
+
+    /// The first metric of every run, with and without adaptation.
+    fn push_glance(&self, page: &mut String) {
+        page.push_str(
+            "<h3>What adaptation adds, at a glance</h3>\n<div class=\"scroll\"><table id=\"glance\">\n\
+             <tr><th>run<th>metric<th class=\"number\">as it is<th class=\"number\">adaptation frozen\n",
+        );
+        for (own, frozen) in self.done.iter().flat_map(|done| done.outcomes.iter().zip(&done.frozen)) {
+            let Some(label) = own.measured.first().map(|metric| metric.label.as_str()) else { continue };
+            let cell = |outcome| cells(outcome, std::iter::once(label));
+            let (run, label) = (escaped(&own.run), escaped(label));
+            let _ = writeln!(page, "<tr><td>{run}<td>{label}{}{}", cell(own), cell(frozen));
+        }
+        page.push_str("</table></div>\n");
+    }
+}
+
+fn push_example(page: &mut String, example: &Example, done: &Done) {
+    let (name, title, about) = (escaped(&example.name), escaped(&example.title), escaped(&example.about));
+    let _ = writeln!(page, "<section>\n<h2 id=\"{name}\">{name} {title}</h2>\n<p>{about}</p>");
+    for outcome in &done.outcomes {
+        push_shortfall(page, outcome);
+    }
+    push_claims(page, &done.claims);
+    if !example.corrections.is_empty() {
+        let items: String = example.corrections.iter().map(|text| format!("<li>{}\n", escaped(text))).collect();
+        let _ = writeln!(page, "<h3>Corrected</h3>\n<ul>\n{items}</ul>");
+    }
+    push_adaptation(page, example, done);
+    page.push_str("<div class=\"figures\">\n");
+    for Drawing { name, title, svg, .. } in &done.drawings {
+        let title = escaped(title);
+        let _ = writeln!(page, "<figure id=\"{name}\"><figcaption>{title}</figcaption>{svg}</figure>");
+    }
+    page.push_str("</div>\n</section>\n");
+}
+
+/// A failure that the loop is not there to show.
+fn push_shortfall(page: &mut String, outcome: &Outcome) {
+    if let (Ending::Failed(reason), Verdict::Failed | Verdict::Beyond) = (&outcome.ending, outcome.verdict) {
+        let text = format!("{} {}: {reason}", outcome.run, outcome.told());
+        let _ = writeln!(page, "<p class=\"bad\">{}</p>", escaped(&text));
+    }
+}
+
+fn push_claims(page: &mut String, claims: &[Judged]) {
+    page.push_str("<div class=\"scroll\"><table class=\"claims\">\n<tr><th>claim<th>measured<th>holds?\n");
+    for Judged { claim, measured, holds, remark } in claims {
+        let word = if *holds { "<td class=\"good\">yes" } else { "<td class=\"bad\">no" };
+        let remark = if remark.is_empty() { String::new() } else { format!("<br><i>{}</i>", escaped(remark)) };
+        let (claim, measured) = (escaped(claim), escaped(measured));
+        let _ = writeln!(page, "<tr><td>{claim}{remark}<td>{measured}{word}");
+    }
+    page.push_str("</table></div>\n");
+}
+
+/// Each run beside the same with adaptation frozen.
+fn push_adaptation(page: &mut String, example: &Example, done: &Done) {
+    page.push_str("<h3>What adaptation adds</h3>\n");
+    for ((run, outcome), frozen) in example.run.iter().zip(&done.outcomes).zip(&done.frozen) {
+        let labels = || outcome.measured.iter().map(|metric| metric.label.as_str());
+        let heads: String = labels().map(|label| format!("<th class=\"number\">{}", escaped(label))).collect();
+        let set: Vec<_> = run.frozen.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        let (key, set) = (escaped(&run.key()), escaped(&set.join(", ")));
+        let _ = writeln!(
+            page,
+            "<div class=\"scroll\"><table class=\"adaptation\">\n<tr><th>{key}{heads}\n\
+             <tr><td>as it is{}\n<tr><td>adaptation frozen ({set}){}\n</table></div>",
+            cells(outcome, labels()),
+            cells(frozen, labels())
+        );
+    }
+}
+
+fn cells<'a>(outcome: &Outcome, labels: impl Iterator<Item = &'a str>) -> String {
+    if outcome.ending != Ending::Complete {
+        let (width, told) = (labels.count().max(1), escaped(&outcome.told()));
+        return format!("<td class=\"number\" colspan=\"{width}\">{told}");
+    }
+    let value = |label: &str| -> Option<&Measured> { outcome.measured.iter().find(|metric| metric.label == label) };
+    let number = |label| value(label).and_then(|metric| metric.value).map_or("–".to_owned(), four_digits);
+    labels.map(|label| format!("<td class=\"number\">{}", number(label))).collect()
+}

@@ -1,0 +1,147 @@
+"""The page on which the thesis is reproduced: every example is there, its numbers are those of its runs, and its figures
+show something."""
+
+import csv
+import json
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import LOOP_NAMES, ROOT, adaptive_fmu
+from lxml import html
+from PIL import Image
+from test_run_results import BROWSER
+
+STUDY = tomllib.loads((ROOT / "examples" / "thesis.toml").read_text())
+# One that is lost without adaptation, one with paths in space, one that is worse without.
+SHOWN = ["3.2.1", "3.3.2", "3.4.1"]
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> tuple[Path, list[dict]]:
+    """The folder of a report on three examples, and what it told."""
+    out = tmp_path_factory.mktemp("report")
+    only = [word for name in SHOWN for word in ("--only", name)]
+    answer = adaptive_fmu("report", *only, "--json", "--out", out)
+    assert answer.returncode == 0, answer
+    return out, json.loads(answer.stdout)["examples"]
+
+
+@pytest.fixture(scope="module")
+def page(report) -> html.HtmlElement:
+    return html.document_fromstring((report[0] / "index.html").read_text())
+
+
+def test_every_loop_of_the_package_is_in_the_study_but_for_the_bench() -> None:
+    shown = {run["loop"] for example in STUDY["example"] for run in example["run"]}
+    # It is not one of the thesis.
+    assert shown == set(LOOP_NAMES) - {"3.3.1-case2-bench"}
+
+
+def test_every_run_has_one_with_adaptation_frozen(report, page) -> None:
+    for example in report[1]:
+        assert [run["run"] for run in example["runs"]] == [run["run"] for run in example["frozen"]]
+        assert len(example["runs"]) == len(next(e for e in STUDY["example"] if e["name"] == example["example"])["run"])
+    tables = page.find_class("adaptation")
+    rows = [[row[0].text_content() for row in table] for table in tables]
+    assert len(rows) == 5 and all("as it is" == own and "frozen" in frozen for _, own, frozen in rows)
+
+
+def test_without_adaptation_loops_that_need_it_are_lost_or_worse(report, page) -> None:
+    unknown, _, unmatched = report[1]
+    assert [run["ended"] for run in unknown["frozen"]] == ["failed", "failed"]
+    for own, frozen in zip(unmatched["runs"][0]["metrics"][:4], unmatched["frozen"][0]["metrics"], strict=False):
+        assert frozen["value"] > 5.0 * own["value"] > 0.0, own["label"]
+    rows = {row[0].text_content(): row[3].text_content().strip() for row in page.get_element_by_id("glance")[1:]}
+    assert rows["3.2.1-cosine"].startswith("lost at t = ") and float(rows["3.4.1"]) > 1.0
+
+
+def test_a_claim_is_shown_with_what_was_measured(report, page) -> None:
+    shown = [[cell.text_content() for cell in row] for table in page.find_class("claims") for row in table[1:]]
+    told = [claim for example in report[1] for claim in example["claims"]]
+    assert len(shown) == len(told) >= 6
+    for (claim, measured, holds), expected in zip(shown, told, strict=True):
+        assert claim.startswith(expected["claim"]) and measured.strip() == expected["measured"]
+        assert holds.strip() == ("yes" if expected["holds"] else "no")
+    (run,) = [run for run in report[1][0]["runs"] if run["run"] == "3.2.1-cosine"]
+    largest = run["metrics"][0]["value"]
+    assert f"{largest:.4g}"[:5] in shown[0][1]
+
+
+def test_the_page_loads_nothing_and_runs_nothing(report, page) -> None:
+    assert (report[0] / "index.html").stat().st_size < 4e6
+    outside = [address for _, _, address, _ in page.iterlinks() if address != "data:,"]
+    assert all(address.startswith("#") for address in outside)
+    assert page.xpath("//script | //iframe | //img | //object | //link[@rel='stylesheet']") == []
+    (policy,) = page.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
+    assert policy.startswith("default-src 'none'") and "http" not in policy
+
+
+def test_every_figure_has_its_picture_and_its_curves_as_files(report, page) -> None:
+    out, examples = report
+    names = [figure.get("id") for figure in page.iter("figure")]
+    assert len(names) == sum(example["figures"] for example in examples) >= 15
+    assert sorted(f"{name}.svg" for name in names) == sorted(file.name for file in (out / "figures").iterdir())
+    for name in names:
+        with (out / "data" / f"{name}.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        curves = {row["curve"] for row in rows}
+        for curve in curves:
+            t, value = np.array([(float(r["t"]), float(r["value"])) for r in rows if r["curve"] == curve]).T
+            assert len(t) > 500 and np.all(np.diff(t) > 0) and np.all(np.isfinite(value)), (name, curve)
+
+
+def test_an_example_that_is_not_there_is_refused_by_name(tmp_path: Path) -> None:
+    answer = adaptive_fmu("report", "--only", "9.9", "--out", tmp_path)
+    assert (answer.returncode, answer.stdout) == (1, "")
+    assert "no example `9.9`" in answer.stderr and "3.2.1" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("measured = ['3.2.1-cosine: max |e|']", "max |e|"),
+        ("measured = ['3.2.1: max |u|']", "no run `3.2.1`"),
+        ("measured = ['3.2.1-cosine: max |u|']\nlimits = 3", "limits"),
+        ("smaller = ['3.2.1-cosine: max |u|']", "as many"),
+    ],
+)
+def test_a_study_with_a_mistake_is_refused_before_anything_is_run(line: str, named: str, tmp_path: Path) -> None:
+    run = "run = [{ loop = '3.2.1-cosine', frozen = {} }]"
+    study = f"title = 'T'\nabout = ''\n[[example]]\nname = '1'\ntitle = ''\nabout = ''\n{run}\n[[example.claim]]\n"
+    (tmp_path / "study.toml").write_text(f"{study}text = 'it holds'\n{line}\n")
+    answer = adaptive_fmu("report", "--study", tmp_path / "study.toml", "--out", tmp_path / "out")
+    assert answer.returncode == 1 and named in answer.stderr and "study.toml" in answer.stderr, answer
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the page was not opened in a browser")
+def test_a_browser_shows_every_figure_with_its_curves(report, page, tmp_path: Path) -> None:
+    out, _ = report
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr"]
+
+    def picture(address: Path, size: str) -> np.ndarray:
+        """What is seen of a page, without an error in its console."""
+        file = tmp_path / "seen.png"
+        command = [BROWSER, *options, f"--user-data-dir={tmp_path / 'user'}", f"--window-size={size}"]
+        command += [f"--screenshot={file}", address.as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+        assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+        return np.asarray(Image.open(file).convert("RGB"))
+
+    def coloured(seen: np.ndarray, colour: tuple[int, int, int]) -> int:
+        return int((np.abs(seen.astype(int) - colour).max(axis=2) < 30).sum())
+
+    # Curves are blue, vermilion, green; of axes and text nothing is.
+    for name in ["3.2.1-1", "3.2.1-5", "3.3.2-1", "3.3.2-9"]:
+        figure = out / "figures" / f"{name}.svg"
+        curves = len(set(re.findall(r"<polyline[^>]*stroke=\"(#[0-9A-F]{6})\"", figure.read_text())) - {"#000000"})
+        seen = picture(figure, "1280,800")
+        found = [coloured(seen, colour) > 300 for colour in [(0, 114, 178), (213, 94, 0)][: min(curves, 2)]]
+        assert found and all(found), name
+    # On a phone, the page isn't wider than the screen: what a reader sees has a margin at its right.
+    phone = picture(out / "index.html", "500,3000")
+    assert (phone[:, -3:] == 255).all() and coloured(phone, (27, 27, 27)) > 300
