@@ -60,7 +60,7 @@ def picture(known: list[dict[str, str]], file: Path) -> None:
     """The failure rate against each quantity, with its interval, as PNG and SVG."""
     plt.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "robustness", "font.size": 8})
     shown, axes = plt.subplots(3, 4, figsize=(9, 6), sharey=True, layout="constrained")
-    total = sum(row["outcome"] != loop.HELD for row in known) / max(1, len(known))
+    total = sum(row["outcome"] != loop.HELD for row in known) / len(known)
     for quantity, panel in zip(loop.QUANTITIES, axes.flat, strict=False):
         values, failed, counts = zip(*parts(quantity, known), strict=True)
         rates = [bad / count if count else math.nan for bad, count in zip(failed, counts, strict=True)]
@@ -82,9 +82,10 @@ def picture(known: list[dict[str, str]], file: Path) -> None:
 
 
 def show(rows: Rows, folder: Path) -> str:
-    """Writes `summary.txt` and the pictures, and gives the table back."""
+    """Writes `summary.txt` and `failure_rate`, as .svg and .png, and gives the table back."""
     known = [row for row in rows.values() if row["outcome"] != loop.EXCEPTION]
     text = table(rows, known)
     (folder / "summary.txt").write_text(text + "\n")
-    picture(known, folder / "failure_rate")
+    if known:
+        picture(known, folder / "failure_rate")
     return text

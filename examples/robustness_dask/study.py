@@ -14,17 +14,17 @@ import cloudpickle
 import figure
 import loop
 import worker
-from dask.distributed import Client, Future, LocalCluster, as_completed
+from dask.distributed import Client, Future, LocalCluster, as_completed, get_worker
 from results import Refused, Results
 
-# Workers get these with their work: they needn't have the files.
+# Workers get these, and what stands in this file, with their work: they needn't have the files.
 cloudpickle.register_pickle_by_value(loop)
 cloudpickle.register_pickle_by_value(worker)
 
-CONNECT = 10.0  # s
+CONNECT = 5.0  # s
 
 
-def arguments() -> argparse.Namespace:
+def arguments(words: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--loops", type=int, default=1000, help="loops that the results shall hold (1000)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask's scheduler, say tcp://host:8786 (one of its own)")
@@ -33,7 +33,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("results/robustness"), help="folder of results")
     parser.add_argument("--seed", type=int, default=1, help="which random numbers (1)")
     parser.add_argument("--again", action="store_true", help="run loops again that ended with a Python exception")
-    return parser.parse_args()
+    return parser.parse_args(words)
 
 
 def read(folder: Path) -> dict[str, bytes]:
@@ -54,6 +54,11 @@ def connect(scheduler: str | None, workers: int | None) -> Client:
         raise Refused(f"no scheduler at {scheduler}: {failure}") from None
 
 
+def run_loop(study: str, sample: loop.Sample) -> dict[str, float | str]:
+    """Runs a loop with these values, on the worker that this is called on."""
+    return get_worker().plugins[study].run(sample)
+
+
 def outcome(future: Future) -> dict[str, float | str]:
     """What became of a loop. What went wrong in Python is told, not lost; a lost scheduler is no result."""
     try:
@@ -70,7 +75,7 @@ def outcomes(client: Client, fmus: dict[str, bytes], seed: int, missing: list[in
     client.register_plugin(worker.Fmus(study, fmus))
     try:
         samples, keys = [loop.sample(seed, k) for k in missing], [f"{study}-{k}" for k in missing]
-        for future in as_completed(client.map(partial(worker.run_loop, study), samples, key=keys)):
+        for future in as_completed(client.map(partial(run_loop, study), samples, key=keys)):
             yield int(future.key.split("-")[1]), outcome(future)
     finally:
         client.unregister_worker_plugin(study)
@@ -113,8 +118,8 @@ def study(given: argparse.Namespace) -> int:
     return 1 if any(row["outcome"] == loop.EXCEPTION for row in results.rows.values()) else 0
 
 
-def main() -> int:
-    given = arguments()
+def main(words: list[str] | None = None) -> int:
+    given = arguments(words)
     try:
         return study(given)
     except Refused as refused:

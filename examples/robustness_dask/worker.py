@@ -6,11 +6,11 @@ from pathlib import Path
 
 import fmpy
 import loop
-from dask.distributed import Worker, WorkerPlugin, get_worker
+from dask.distributed import Worker, WorkerPlugin
 
 
 class Fmus(WorkerPlugin):
-    """The FMUs of a study as bytes, so that worker and client share no disk. A worker that comes later gets them too."""
+    """The FMUs of a study as bytes: worker and client share no disk. A worker that comes later gets them too."""
 
     def __init__(self, study: str, files: dict[str, bytes]) -> None:
         self.name, self.files, self.unpacked = study, files, {}
@@ -29,7 +29,6 @@ class Fmus(WorkerPlugin):
         """Removes them after the study."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
-
-def run_loop(study: str, sample: loop.Sample) -> dict[str, float | str]:
-    """Runs a loop with these values, on the worker that this is called on."""
-    return loop.run(get_worker().plugins[study].unpacked, sample)
+    def run(self, sample: loop.Sample) -> dict[str, float | str]:
+        """Runs the loop with these values."""
+        return loop.run(self.unpacked, sample)
