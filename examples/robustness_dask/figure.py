@@ -42,6 +42,10 @@ def percent(failed: int, count: int) -> str:
     return f"{100 * failed / count:.1f} % ({100 * low:.1f} … {100 * high:.1f})" if count else "-"
 
 
+def short(value: float) -> str:
+    return f"{value:.0f}" if 10 <= value < 1000 else f"{value:.2g}".replace("e+0", "e")
+
+
 def table(rows: Rows, known: list[dict[str, str]]) -> str:
     """All of it as text; loops that ended with an exception tell nothing about the control."""
     counts = Counter(row["outcome"] for row in rows.values())
@@ -69,12 +73,15 @@ def picture(known: list[dict[str, str]], file: Path) -> None:
         above = [end - rate for rate, end in zip(rates, high, strict=True)]
         panel.axhline(total, color="0.7", linewidth=0.8)
         panel.errorbar(values, rates, (below, above), fmt="o-", markersize=3, linewidth=1, capsize=2)
-        panel.set(xlabel=f"{quantity.name} ({quantity.unit})", ylim=(0, 1))
+        panel.set_xlabel(f"{quantity.name} ({quantity.unit})")
         if quantity.logarithmic:
             panel.set_xscale("log")
-            panel.xaxis.set_minor_locator(NullLocator())
+        panel.set_xticks(values, map(short, values))
+        panel.xaxis.set_minor_locator(NullLocator())
     for panel in list(axes.flat)[len(loop.QUANTITIES) :]:
         panel.axis("off")
+    # One axis for all panels.
+    axes.flat[0].set_ylim(bottom=0)
     shown.supylabel(f"failure rate of {len(known)} loops, with 95 % intervals")
     shown.savefig(file.with_suffix(".svg"), metadata={"Date": None})
     shown.savefig(file.with_suffix(".png"), dpi=150)

@@ -7,6 +7,7 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import cloudpickle
 import figure
 import loop
 import worker
-from dask.distributed import Client, Future, LocalCluster, as_completed, get_worker
+from dask.distributed import Client, Future, as_completed, get_worker
 from results import Refused, Results
 
 # Workers get these, and what stands in this file, with their work: they needn't have the files.
@@ -47,7 +48,7 @@ def read(folder: Path) -> dict[str, bytes]:
 def connect(scheduler: str | None, workers: int | None) -> Client:
     """A client of this scheduler, or of a cluster on this machine."""
     if scheduler is None:
-        return Client(LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None))
+        return Client(n_workers=workers, threads_per_worker=1, dashboard_address=":0")
     try:
         return Client(scheduler, timeout=CONNECT)
     except (OSError, ValueError) as failure:
@@ -78,7 +79,9 @@ def outcomes(client: Client, fmus: dict[str, bytes], seed: int, missing: list[in
         for future in as_completed(client.map(partial(run_loop, study), samples, key=keys)):
             yield int(future.key.split("-")[1]), outcome(future)
     finally:
-        client.unregister_worker_plugin(study)
+        # A scheduler that is lost has none of it.
+        with suppress(OSError):
+            client.unregister_worker_plugin(study)
 
 
 class Progress:
