@@ -11,12 +11,15 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-import cloudpickle
-import figure
-import loop
-import worker
-from dask.distributed import Client, Future, as_completed, get_worker
-from results import Refused, Results
+# Cargo watches this folder: compiled Python in it would have it build the program again.
+sys.dont_write_bytecode = True
+
+import cloudpickle  # noqa: E402
+import figure  # noqa: E402
+import loop  # noqa: E402
+import worker  # noqa: E402
+from dask.distributed import Client, Future, as_completed, get_worker  # noqa: E402
+from results import Refused, Results  # noqa: E402
 
 # Workers get these, and what stands in this file, with their work: they needn't have the files.
 cloudpickle.register_pickle_by_value(loop)

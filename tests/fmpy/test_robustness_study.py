@@ -22,6 +22,8 @@ from scipy.stats import binomtest
 
 STUDY = ROOT / "examples" / "robustness_dask"
 sys.path.insert(0, str(STUDY))
+# Cargo watches that folder: compiled Python in it would have it build the program again.
+sys.dont_write_bytecode = True
 
 import figure  # noqa: E402
 import loop  # noqa: E402
