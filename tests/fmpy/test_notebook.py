@@ -1,0 +1,47 @@
+"""The notebook that closes a loop: it runs as it stands, and gives what the program gives."""
+
+import json
+
+import nbformat
+import numpy as np
+import pytest
+from conftest import ROOT
+from nbclient import NotebookClient
+
+FILE = ROOT / "examples" / "close_the_loop.ipynb"
+NOTEBOOK = nbformat.read(FILE, as_version=4)
+CODE = [cell for cell in NOTEBOOK.cells if cell.cell_type == "code"]
+
+
+@pytest.fixture(scope="module")
+def executed() -> nbformat.NotebookNode:
+    """The notebook after all its cells, and one that tells the points of the loop."""
+    notebook = nbformat.read(FILE, as_version=4)
+    notebook.cells.append(nbformat.v4.new_code_cell("import json\nprint(json.dumps(points))"))
+    return NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(FILE.parent)}}).execute()
+
+
+def test_the_notebook_gives_the_loop_that_the_program_gives(executed: nbformat.NotebookNode, ran) -> None:
+    _, recorded = ran("3.2.1-cosine", "--until", 15)
+    time, r, y, u = np.array(json.loads(executed.cells[-1].outputs[0].text)).T
+    # From 15 s on the phase of the fast adaptation grows out of rounding errors.
+    until = round(15 / 1e-3)
+    assert time[-1] == pytest.approx(20)
+    for told, name in ((r, "reference.r[1]"), (y, "plant.y[1]"), (u, "controller.u[1]")):
+        np.testing.assert_allclose(told[:until], recorded[name][1 : until + 1], atol=1e-5)
+
+
+def test_the_notebook_shows_the_loop(executed: nbformat.NotebookNode) -> None:
+    outputs = [output for cell in executed.cells for output in cell.get("outputs", [])]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+
+
+def test_the_loop_takes_ten_lines() -> None:
+    loop = next(cell.source for cell in CODE if "doStep" in cell.source)
+    assert len(loop.splitlines()) <= 10
+
+
+def test_the_notebook_is_kept_without_outputs_and_without_traces_of_a_machine() -> None:
+    assert all(cell.outputs == [] and cell.execution_count is None for cell in CODE)
+    assert set(NOTEBOOK.metadata) == {"kernelspec", "language_info"}
+    assert NOTEBOOK.metadata.kernelspec.name == "python3"
