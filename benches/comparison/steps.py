@@ -198,7 +198,7 @@ def grown(workshop: Workshop, what: str, name: str, text: Callable[[int], str], 
         reference = lambda name, fmu=fmu: fmu.variables[name].valueReference  # noqa: E731
         outputs = [reference(name) for name in fmu.named(causality="output", type="Real")]
         given = {reference(name): value for name, value in inputs.items()}
-        steps.append(partial(driver.drive, unit, 1e-3, 100, workshop.long(20_000), outputs, given))
+        steps.append(partial(driver.drive, unit, 1e-3, 100, workshop.long(200_000 // n), outputs, given))
     for _ in range(workshop.repeats):
         times = [step().step for step in steps]
         exponents.append(float(np.polyfit(np.log(sizes), np.log(times), 1)[0]))
