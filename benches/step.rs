@@ -106,19 +106,28 @@ struct Peer {
 }
 
 impl Peer {
-    /// Compiles it; `None` where there is no C compiler.
-    fn compile() -> Option<PathBuf> {
+    /// Compiles it, with an Euler step of this size; `None` where there is no C compiler.
+    fn compile(h: f64) -> Option<PathBuf> {
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/van_der_pol.c");
-        let library = Path::new(env!("CARGO_TARGET_TMPDIR")).join("van_der_pol.so");
+        let library = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("van_der_pol_{h}.so"));
         let mut compiler = Command::new("cc");
-        let compiler = compiler.args(["-O2", "-shared", "-fPIC", "-o"]).arg(&library).arg(source).arg("-lm");
+        let compiler = compiler.args(["-O2", "-shared", "-fPIC", "-o"]).arg(&library).arg(source);
+        let compiler = compiler.arg(format!("-DSTEP={h}")).arg("-lm");
         compiler.status().is_ok_and(|status| status.success()).then_some(library)
     }
 
-    fn new(path: &Path, h: f64) -> Self {
+    fn new(path: &Path) -> Self {
+        type Text = *const std::ffi::c_char;
+        type Instantiate = unsafe extern "C" fn(Text, c_int, Text, Text, *const c_void, c_int, c_int) -> *mut c_void;
         let library = unsafe { libloading::Library::new(path) }.unwrap();
-        let component =
-            unsafe { library.get::<unsafe extern "C" fn(f64) -> *mut c_void>(b"fmi2Instantiate").unwrap()(h) };
+        let null = std::ptr::null();
+        let component = unsafe {
+            let instantiate = library.get::<Instantiate>(b"fmi2Instantiate").unwrap();
+            let exit = library.get::<unsafe extern "C" fn(*mut c_void) -> c_int>(b"fmi2ExitInitializationMode");
+            let component = instantiate(c"unit".as_ptr(), CO_SIMULATION, null, null, null.cast(), 0, 0);
+            assert_eq!(exit.unwrap()(component), 0);
+            component
+        };
         Peer { library, component, time: 0.0 }
     }
 
@@ -162,20 +171,18 @@ fn error_at_10s(h: f64, mut step: impl FnMut(f64) -> [f64; 2]) -> f64 {
 }
 
 fn van_der_pol(criterion: &mut Criterion) {
-    let peer = Peer::compile();
-    if peer.is_none() {
-        println!("the C peer is skipped: there is no C compiler `cc`");
-    }
     for h in [1e-2, 1e-3] {
         let mut group = criterion.benchmark_group(format!("Van der Pol, step {} ms", h * 1e3));
         let mut unit = Unit::new();
         println!("error at 10 s: ours {:.1e}", error_at_10s(h, |h| unit.step(h)));
         group.bench_function("adaptive-fmu", |bencher| bencher.iter(|| black_box(unit.step(black_box(h)))));
-        if let Some(library) = &peer {
-            let mut peer = Peer::new(library, h);
+        if let Some(library) = Peer::compile(h) {
+            let mut peer = Peer::new(&library);
             println!("error at 10 s: C with one Euler step {:.1e}", error_at_10s(h, peer.stepper()));
             let mut step = peer.stepper();
             group.bench_function("C, one Euler step", |bencher| bencher.iter(|| black_box(step(black_box(h)))));
+        } else {
+            println!("the C peer is skipped: there is no C compiler `cc`");
         }
         group.finish();
     }

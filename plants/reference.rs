@@ -226,8 +226,8 @@ impl Reference {
         let mut g = [v[self.offset][i] + slope * t, slope, S::from(0.0)];
         let waves = [(Part::Cosine, self.cosine, std::f64::consts::FRAC_PI_2), (Part::Sine, self.sine, 0.0)];
         for (part, wave, lead) in waves {
-            if self.has(part, v) {
-                let [amplitude, omega, phase] = wave.map(|parameter| v[parameter][i]);
+            let [amplitude, omega, phase] = wave.map(|parameter| v[parameter][i]);
+            if amplitude.re() != 0.0 && self.has(part, v) {
                 let (sin, cos) = (omega * t + phase + lead).sin_cos();
                 g[0] += amplitude * sin;
                 g[1] += amplitude * omega * cos;

@@ -97,7 +97,7 @@ impl Run {
     /// What a script wants of it.
     pub fn told(&self) -> Value {
         json!({ "loop": self.structure.name, "ended": self.ending.word(), "metrics": self.measured,
-                "warnings": self.recording.warnings, "results": self.folder })
+                "warnings": self.recording.warnings, "results": self.folder, "seconds": self.took.as_secs_f64() })
     }
 }
 

@@ -51,7 +51,6 @@ fn attempt(options: &Arguments, name: &str, bars: &Bars) -> Tried {
     let row = Row::new(name, &done.report(), done.took);
     let mut told = done.told();
     told["verdict"] = json!(row.verdict.word());
-    told["seconds"] = json!(done.took.as_secs_f64());
     if let Some(error) = &done.failure {
         told["error"] = json!(error.to_string());
         if row.verdict == Verdict::Failed {

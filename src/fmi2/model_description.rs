@@ -1,6 +1,5 @@
 //! modelDescription.xml, written from the declared variables (FMI 2.0.4, section 2.2).
 
-use std::collections::HashMap;
 use std::io;
 
 use quick_xml::Writer;
@@ -278,10 +277,25 @@ fn type_of(element: Element<'_>, states: &[usize]) -> (&'static str, Attributes<
     (kind, attributes)
 }
 
+/// Numbers with spaces between.
+fn listed(numbers: &[usize]) -> String {
+    let mut text = String::new();
+    for number in numbers {
+        if !text.is_empty() {
+            text.push(' ');
+        }
+        text.push_str(&number.to_string());
+    }
+    text
+}
+
 fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
     let visible: Vec<_> = variables.visible().collect();
-    let real = visible.iter().enumerate().filter(|(_, element)| element.variable.is_real());
-    let positions: HashMap<_, _> = real.map(|(k, e)| ((e.variable.section, e.place()), k + 1)).collect();
+    // Of each value in the block of reals; by a table, since large units have tens of thousands of dependencies.
+    let mut positions = vec![None; variables.reals(Section::Memory).end];
+    for (k, element) in visible.iter().enumerate().filter(|(_, element)| element.variable.is_real()) {
+        positions[variables.index(*element)] = Some(k + 1);
+    }
     let unknown = |xml: &mut Xml, (k, element): (usize, &Element<'_>)| {
         let mut attributes = vec![("index", (k + 1).to_string())];
         let section = element.variable.section;
@@ -294,10 +308,10 @@ fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
             _ => None,
         };
         if let Some(on) = on {
-            let mut indices: Vec<_> = on.iter().filter_map(|place| positions.get(place).copied()).collect();
+            let position = |&(section, place)| positions[variables.reals(section).start + place];
+            let mut indices: Vec<_> = on.iter().filter_map(position).collect();
             indices.sort_unstable();
-            let text: Vec<_> = indices.iter().map(ToString::to_string).collect();
-            attributes.push(("dependencies", text.join(" ")));
+            attributes.push(("dependencies", listed(&indices)));
         }
         empty(xml, "Unknown", attributes)
     };

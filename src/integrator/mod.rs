@@ -151,12 +151,19 @@ impl Problem<'_> {
 
     /// Brings inputs, signals and derivatives to time t.
     pub fn evaluate(&mut self, t: f64) {
-        self.evaluate_signals(t);
-        self.system.derivatives(t, self.reals, self.integers, self.variables.offsets());
+        self.follow_ramp(t);
+        self.system.evaluate(t, self.reals, self.integers, self.variables.offsets());
     }
 
     /// Brings inputs and signals to time t.
     fn evaluate_signals(&mut self, t: f64) {
+        self.follow_ramp(t);
+        self.system.outputs(t, self.reals, self.integers, self.variables.offsets());
+    }
+
+    /// Brings inputs to time t.
+    #[inline]
+    fn follow_ramp(&mut self, t: f64) {
         if !self.held {
             let ramp = self.ramp;
             let inputs = &mut self.reals[self.variables.reals(Section::Input)];
@@ -164,7 +171,6 @@ impl Problem<'_> {
                 *input = value + slope * (t - ramp.time);
             }
         }
-        self.system.outputs(t, self.reals, self.integers, self.variables.offsets());
     }
 
     /// The continuous states.

@@ -32,6 +32,11 @@ pub trait DynSystem: Send + Sync {
     fn outputs(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets);
     /// Writes the derivatives of a block of numbers, whose signals stand.
     fn derivatives(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets);
+    /// Writes both: one call through a table instead of two, which small systems feel.
+    fn evaluate(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
+        self.outputs(t, reals, integers, offsets);
+        self.derivatives(t, reals, integers, offsets);
+    }
     /// `outputs` of a block of dual numbers.
     fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets);
     /// `derivatives` of a block of dual numbers.

@@ -1,0 +1,47 @@
+"""Prints one table of what units and loops cost, against peers; see `benches/peers`."""
+
+import argparse
+import json
+import sys
+import tempfile
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import loops
+import steps
+from machine import Workshop
+from table import Row, table
+
+
+def measure(workshop: Workshop) -> list[Row]:
+    """All rows."""
+    parts = [
+        steps.van_der_pol,
+        loops.against_fmpy,
+        lambda workshop: [loops.against_python(workshop)],
+        loops.against_c,
+        loops.closed_form,
+        lambda workshop: [steps.all_loops(workshop)],
+        steps.lives,
+        steps.exports,
+        steps.growth,
+    ]
+    rows = []
+    for k, part in enumerate(parts):
+        print(f"{k + 1} of {len(parts)}", file=sys.stderr)
+        rows += part(workshop)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="What units and loops cost, against peers.")
+    parser.add_argument("--quick", action="store_true", help="every row once, loops cut short: to see that it runs")
+    parser.add_argument("--json", action="store_true", help="for a script")
+    options = parser.parse_args()
+    # FMPy prints what units log.
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(sys.stderr):
+        rows = measure(Workshop(Path(folder), options.quick))
+    print(json.dumps([row.told() for row in rows]) if options.json else table(rows))
+
+
+main()

@@ -1,0 +1,165 @@
+"""Closed loops: against other masters, a controller in Python, and a whole loop in C."""
+
+import csv
+import math
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import robot_controller
+from machine import ROOT, Workshop, program, told
+from master import Fmu
+from package import Package
+from pythonfmu.builder import FmuBuilder
+from table import Row, alternately
+
+ALLOWED = 1e-3  # of the largest magnitude of each of the plant's states
+TIGHT = 1e-10
+ROBOT, QUADROTOR = "3.3.1-case2", "3.3.2-case1"
+SAMPLE = 1e-2  # s, at which whole loops are compared
+FMPY, PYTHONFMU = (f"{name} {version(name)}" for name in ("FMPy", "PythonFMU"))
+
+
+def states(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """The plant's states, a column each."""
+    return np.column_stack([values for name, values in columns.items() if name.startswith("plant.x[")])
+
+
+def difference(found: np.ndarray, expected: np.ndarray) -> float:
+    """The largest, relative to the largest magnitude of each column; no number where the rows differ in number."""
+    if found.shape != expected.shape:
+        return float("nan")
+    return float(np.max(np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)))
+
+
+class Native:
+    """A loop in the program, with options; what it recorded."""
+
+    def __init__(self, workshop: Workshop, loop: str, *options: str | float, longest: float = math.inf) -> None:
+        whole, out = "--composite" in options, Path(tempfile.mkdtemp(dir=workshop.folder))
+        units = [] if whole else ["--fmus", workshop.fmus]
+        self.words = ["run", loop, *options, "--until", min(workshop.stop, longest), *units, "--out", out]
+        self.file = out / (loop + "-composite" * whole) / "result.csv"
+
+    def seconds(self) -> float:
+        """How long the simulation takes."""
+        return told(*self.words)["seconds"]
+
+    def states(self) -> np.ndarray:
+        """Of the plant."""
+        if not self.file.exists():
+            self.seconds()
+        rows = list(csv.reader(self.file.open()))
+        return states(dict(zip(rows[0], np.array(rows[1:], float).T, strict=True)))
+
+
+def tightly(unit: str) -> list[str]:
+    """Options by which a unit integrates tightly, by a general method."""
+    return ["--set", f"{unit}relative_tolerance={TIGHT}", "--set", f"{unit}integration_method=explicit"]
+
+
+class InFmpy:
+    """A packed loop in FMPy."""
+
+    def __init__(self, workshop: Workshop, loop: str) -> None:
+        program("export", "--ssp", loop, "--out", workshop.folder)
+        self.path, self.stop = workshop.folder / f"{loop}.ssp", workshop.stop
+        self.package = Package(self.path, workshop.folder / loop)
+        self.columns: dict[str, np.ndarray] = {}
+
+    def seconds(self) -> float:
+        """How long a loop in Python around the functions of FMI takes, all values of a unit in one call."""
+        times = self.package.step * np.arange(round(self.stop / self.package.step) + 1)
+        begun = time.perf_counter()
+        self.columns = self.package.run(times, np.diff(times), "gauss-seidel").signals
+        return time.perf_counter() - begun
+
+
+def by_separate_units(workshop: Workshop, loop: str, peer: InFmpy, how: str, goal: float) -> Row:
+    """A loop in the program and in FMPy."""
+    own, tight = Native(workshop, loop), Native(workshop, loop, *tightly("plant."), *tightly("controller."))
+    times, expected = alternately(workshop.repeats, own.seconds, peer.seconds), tight.states()
+    errors = difference(own.states(), expected), difference(states(peer.columns), expected)
+    what = f"{loop}, {workshop.stop:g} s by separate units"
+    return Row(what, times[0], goal, how, times[1], errors, (ALLOWED, ALLOWED))
+
+
+def against_fmpy(workshop: Workshop) -> list[Row]:
+    """The loops of separate units."""
+    how = f"{FMPY}, a loop in Python around its calls"
+    return [by_separate_units(workshop, loop, InFmpy(workshop, loop), how, 30) for loop in (ROBOT, QUADROTOR)]
+
+
+def against_python(workshop: Workshop) -> Row:
+    """The robot's loop with its controller in Python."""
+    peer = InFmpy(workshop, ROBOT)
+    built = FmuBuilder.build_FMU(ROOT / "benches" / "comparison" / "robot_controller.py", workshop.folder)
+    peer.package.fmus["controller"] = Fmu(Path(built), workshop.folder / "in_python")
+    peer.package.values.clear()
+    how = f"controller in {PYTHONFMU}, {robot_controller.SUBSTEPS} RK4 steps a ms, in {FMPY}"
+    return by_separate_units(workshop, ROBOT, peer, how, 100)
+
+
+class InC:
+    """A whole loop in C."""
+
+    def __init__(self, workshop: Workshop, loop: str) -> None:
+        self.command = [workshop.compile("loops.c", "-lm"), loop, str(round(workshop.stop / SAMPLE)), str(SAMPLE)]
+
+    def run(self, substeps: int) -> tuple[float, np.ndarray]:
+        """How long it takes, and the plant's states at the samples."""
+        done = subprocess.run([*self.command, str(substeps)], capture_output=True, text=True, check=True)
+        seconds, *rows = done.stdout.split()
+        return float(seconds), np.array([row.split(",") for row in rows], float)
+
+
+def against_c(workshop: Workshop) -> list[Row]:
+    """Loops as one unit, against one integrated by a Runge-Kutta method with the longest steps as accurate as ours."""
+    rows = []
+    for loop in ("3.3.1-case1", ROBOT, QUADROTOR):
+        whole = ["--composite", "--step", SAMPLE]
+        own, peer = Native(workshop, loop, *whole), InC(workshop, loop)
+        expected = Native(workshop, loop, *whole, *tightly("")).states()[1:]
+        error = difference(own.states()[1:], expected)
+        grid = [round(10 * 2 ** (k / 4)) for k in range(28)]
+        accurate: Callable[[int], bool] = lambda n: difference(peer.run(n)[1], expected) <= error  # noqa: B023, E731
+        substeps = next(filter(accurate, grid), grid[-1])
+        times = alternately(workshop.repeats, own.seconds, lambda: peer.run(substeps)[0])  # noqa: B023
+        errors = error, difference(peer.run(substeps)[1], expected)
+        how = f"all of it in C, {substeps} RK4 steps every {SAMPLE * 1e3:g} ms"
+        what = f"{loop}, {workshop.stop:g} s as one unit"
+        rows.append(Row(what, times[0], 2, how, times[1], errors, (ALLOWED, ALLOWED)))
+    return rows
+
+
+def closed_form(workshop: Workshop) -> list[Row]:
+    """The closed form of an L1 controller against the general method as accurate, in the loop of chapter 4."""
+    wide = ["--set", "controller.omega_min[1,1]=-10", "--set", "controller.theta_bound[1]=100"]
+    return [
+        by_closed_form(workshop, "4-case1, as it is: estimates at their bounds", []),
+        by_closed_form(workshop, "4-case1, bounds that leave room", wide),
+    ]
+
+
+def by_closed_form(workshop: Workshop, what: str, options: list[str]) -> Row:
+    plant = ["--step", 1e-3, "--set", f"plant.relative_tolerance={TIGHT}", *options]
+    native = partial(Native, workshop, "4-case1", *plant, longest=4.0)
+    own, expected = native(), native(*tightly("controller.")).states()
+    error = difference(own.states(), expected)
+
+    def general(tolerance: float) -> Native:
+        explicit = ["--set", "controller.integration_method=explicit"]
+        return native(*explicit, "--set", f"controller.relative_tolerance={tolerance}")
+
+    grid = [10.0**-k for k in range(4, 9)]
+    tolerance = next((t for t in grid if difference(general(t).states(), expected) <= error), grid[-1])
+    peer = general(tolerance)
+    times = alternately(workshop.repeats, own.seconds, peer.seconds)
+    errors = error, difference(peer.states(), expected)
+    how = f"general explicit method, tolerance {tolerance:.0e}"
+    return Row(f"{what}: closed form", times[0], 20, how, times[1], errors, (ALLOWED, ALLOWED))

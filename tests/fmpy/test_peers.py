@@ -1,0 +1,51 @@
+"""The comparison with peers runs, has all its rows, and compares only what is accurate. What it takes is not judged:
+a machine that runs tests is no place to measure."""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+PARTS = [
+    "Van der Pol, a step of 10 ms",
+    "Van der Pol, a step of 1 ms",
+    "3.3.1-case2, 0.5 s by separate units",
+    "3.3.2-case1, 0.5 s by separate units",
+    "3.3.1-case1, 0.5 s as one unit",
+    "3.3.1-case2, 0.5 s as one unit",
+    "3.3.2-case1, 0.5 s as one unit",
+    "4-case1",
+    "`run --all`",
+    "instance made",
+    "library loaded",
+    "`export L1MaresAuv`",
+    "`export --all`",
+    "number of states",
+]
+PEERS = ["C (gcc", "a loop in Python around its calls", "PythonFMU", "RK4 steps every", "general explicit method"]
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[dict]:
+    done = subprocess.run(
+        [ROOT / "benches" / "peers", "--quick", "--json"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_every_figure_is_there(rows) -> None:
+    for part in PARTS:
+        assert any(part in row["what"] for row in rows), part
+    for peer in PEERS:
+        assert any(peer in row["peer"] for row in rows), peer
+    for row in rows:
+        measured = row["ours"] + row["theirs"]
+        assert row["ours"] and np.isfinite(measured).all() and (row["theirs"] or row["peer"] == "–"), row
+
+
+def test_what_is_compared_is_accurate(rows) -> None:
+    compared = [row for row in rows if row["theirs"]]
+    assert compared and all(row["errors"] and row["accurate"] for row in compared), compared
