@@ -1,5 +1,6 @@
 //! Text files as users give them: regular files of UTF-8, of a size that fits into memory many times over.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
@@ -22,6 +23,15 @@ pub fn read(file: &Path) -> io::Result<String> {
         let line = valid.iter().filter(|&&byte| byte == b'\n').count() + 1;
         refuse(format!("line {line}: is not UTF-8"))
     })
+}
+
+/// A field of a file of comma-separated values (RFC 4180): names like `theta_hat[1,2]` hold commas.
+pub fn csv_field(text: &str) -> Cow<'_, str> {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\"")).into()
+    } else {
+        text.into()
+    }
 }
 
 /// A file to read. What isn't a regular one is refused: a pipe would be waited for without end.

@@ -1,6 +1,7 @@
 """The programs that are compared, and a folder for what they leave behind."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -9,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "target" / "release" / "adaptive-fmu"
-MY_PLANT = ROOT / "target" / "my_plant_lto" / "release" / "libmy_plant.so"
+MY_PLANT = Path(os.environ["MY_PLANT"])
 # The master on FMPy, and loops as it takes them.
 sys.path.append(str(ROOT / "tests" / "fmpy"))
 

@@ -9,6 +9,7 @@ use adaptive_fmu::simulation::{
     ClosedLoop, Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict,
 };
 use adaptive_fmu::simulation::{measure, svg, terminal};
+use adaptive_fmu::text_file::csv_field;
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
@@ -156,7 +157,8 @@ fn write_results(report: &Report, folder: &Path) -> Result<(), Error> {
         let file = folder.join(name);
         std::fs::write(&file, text).map_err(Error::file(&file))
     };
-    let mut csv = format!("time,{}\n", recording.names.join(","));
+    let names: Vec<_> = recording.names.iter().map(|name| csv_field(name)).collect();
+    let mut csv = format!("time,{}\n", names.join(","));
     for (k, time) in recording.times.iter().enumerate() {
         let values: Vec<_> = recording.columns.iter().map(|column| column[k].to_string()).collect();
         csv.push_str(&format!("{time},{}\n", values.join(",")));

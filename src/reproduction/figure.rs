@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::outcome::{Outcome, Samples};
 use super::{Curve, Example};
 use crate::simulation::{COLOURS, Funnel, Structure, padded_range};
+use crate::text_file::csv_field;
 
 /// Twice as large as it is shown on a wide screen: coordinates are whole numbers.
 const SIZE: (u32, u32) = (1280, 800);
@@ -149,10 +150,8 @@ impl Figure {
         let mut csv = "curve,t,value\n".to_owned();
         for curve in self.needs() {
             let line = Line::of(curve, outcomes, self.several_runs())?;
-            line.samples
-                .rows
-                .iter()
-                .for_each(|(time, value)| csv.push_str(&format!("{},{time},{value}\n", line.label)));
+            let name = csv_field(&line.label);
+            line.samples.rows.iter().for_each(|(time, value)| csv.push_str(&format!("{name},{time},{value}\n")));
         }
         Ok(csv)
     }

@@ -111,6 +111,17 @@ def test_markup_in_a_loop_stays_text(fmu_folder: Path, tmp_path: Path) -> None:
     assert page.xpath("//img | //*[@onerror]") == [] and len(page.xpath("//script")) == 2 + len(PLOTTED)
 
 
+def test_a_plot_may_show_any_variable_and_names_with_commas_stay_one_column(fmu_folder: Path, tmp_path: Path) -> None:
+    estimate = "controller.theta_hat[1,1]"
+    file = shutil.copytree(ROOT / "examples" / LOOP, tmp_path / "loop") / "SystemStructure.ssd"
+    file.write_text(SSD.replace('signals="controller.u[1]"', f'signals="controller.u[1] {estimate}"'))
+    answer = adaptive_fmu("run", file, "--json", "--until", "0.1", "--fmus", fmu_folder, "--out", tmp_path)
+    assert answer.returncode == 0, answer
+    table = read_csv(tmp_path / LOOP / "result.csv")
+    assert len(table[estimate]) == 101 and table[estimate][0] == 0.0 != table[estimate][-1]
+    assert estimate in {curve["name"] for plot in plots(tmp_path / LOOP / "index.html") for curve in plot["data"]}
+
+
 def test_a_failing_unit_leaves_what_was_computed(fmu_folder: Path, tmp_path: Path) -> None:
     # The plant's input gain has the wrong sign: no control can hold that loop.
     unstable = ["--set", "plant.omega=-2", "--json"]
