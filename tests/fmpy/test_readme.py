@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-# Run by .ci/run itself: this very suite, the benchmark (one pass of it) and the crate's documentation.
-RUN_BY_CI = {
-    "tests/run": "tests/run",
-    "cargo bench --bench step": "cargo test --benches",
-    "cargo doc --no-deps": "cargo doc --no-deps",
+# Commands that are run elsewhere: this very suite and the crate's documentation by .ci/run, the comparison with peers by
+# a test of its own, with `--quick`. Where, and what stands there.
+RUN_ELSEWHERE = {
+    "tests/run": (".ci/run", "tests/run"),
+    "cargo doc --no-deps": (".ci/run", "cargo doc --no-deps"),
+    "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }
 
 README = (ROOT / "README.md").read_text()
@@ -31,7 +32,7 @@ def test_the_readme_starts_with_the_two_commands_that_do_all_the_set_up() -> Non
     assert COMMANDS[:2] == ["cargo run --release -- export --run 3.2.1-cosine", "tests/run"]
 
 
-@pytest.mark.parametrize("command", [command for command in COMMANDS if command not in RUN_BY_CI])
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command not in RUN_ELSEWHERE])
 def test_a_command_of_the_readme_works(command: str) -> None:
     # The tests may run in another environment than the one that tests/run prepares.
     words = shlex.split(command.replace("target/venv/bin/", f"{Path(sys.executable).parent}/"))
@@ -53,10 +54,10 @@ def test_a_command_of_the_page_about_controllers_of_ones_own_works(command: str,
     assert done.returncode == 0, done.stderr
 
 
-def test_what_ci_runs_in_place_of_this_test_is_in_its_script() -> None:
-    script = (ROOT / ".ci" / "run").read_text()
-    assert set(RUN_BY_CI) <= set(COMMANDS)
-    assert all(command in script for command in RUN_BY_CI.values())
+def test_what_is_run_in_place_of_this_test_stands_there() -> None:
+    assert set(RUN_ELSEWHERE) <= set(COMMANDS)
+    for file, words in RUN_ELSEWHERE.values():
+        assert words in (ROOT / file).read_text(), file
 
 
 def test_every_file_that_the_readme_links_to_is_there() -> None:
