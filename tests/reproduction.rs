@@ -34,6 +34,17 @@ fn every_figure_is_of_runs_of_its_example() {
 }
 
 #[test]
+fn an_example_whose_name_would_lead_elsewhere_is_refused_by_it() {
+    for name in ["../3.2.1", "a/b", "", "<b>"] {
+        let text = format!(
+            "title = 't'\nabout = ''\n[[example]]\nname = '{name}'\ntitle = ''\nabout = ''\nrun = []\nclaim = []"
+        );
+        let refused = Study::read(&text).unwrap_err();
+        assert!(refused.contains(&format!("name = `{name}`")), "{refused}");
+    }
+}
+
+#[test]
 fn examples_are_chosen_by_the_beginning_of_their_names() {
     let chosen = |names: &[&str]| -> Vec<String> {
         let names: Vec<_> = names.iter().map(|name| (*name).to_owned()).collect();

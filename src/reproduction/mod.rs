@@ -125,9 +125,14 @@ impl Study {
     /// A study by its text.
     ///
     /// # Errors
-    /// When it is described wrongly.
+    /// When it is described wrongly, or an example's name can't name files.
     pub fn read(text: &str) -> Result<Self, String> {
-        toml::from_str(text).map_err(|error| error.to_string())
+        let study: Study = toml::from_str(text).map_err(|error| error.to_string())?;
+        let plain = |name: &str| !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c));
+        match study.example.iter().find(|example| !plain(&example.name)) {
+            Some(Example { name, .. }) => Err(format!("name = `{name}`: must be letters, digits, _, - and dots")),
+            None => Ok(study),
+        }
     }
 
     /// The examples whose names begin with one of these.

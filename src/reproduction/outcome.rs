@@ -16,8 +16,6 @@ const MOST_ROWS: usize = 2000;
 pub struct Outcome {
     /// What it is called in figures and claims.
     pub run: String,
-    /// What the loop is.
-    pub description: String,
     /// How it is judged.
     pub verdict: Verdict,
     /// How it ended.
@@ -54,7 +52,6 @@ impl Outcome {
         }
         Ok(Outcome {
             run: run.to_owned(),
-            description: report.structure.description.clone(),
             verdict: report.verdict(),
             ending: report.ending.clone(),
             end: report.end(),
@@ -73,8 +70,8 @@ impl Outcome {
     }
 
     pub(super) fn without_curves(run: &str, ending: Ending, verdict: Verdict, measured: Vec<Measured>) -> Self {
-        let (description, curves) = (String::new(), HashMap::new());
-        Outcome { run: run.to_owned(), description, verdict, ending, end: 0.0, took: Duration::ZERO, measured, curves }
+        let curves = HashMap::new();
+        Outcome { run: run.to_owned(), verdict, ending, end: 0.0, took: Duration::ZERO, measured, curves }
     }
 
     /// A curve of it.
