@@ -110,6 +110,25 @@ fn endless_switching_ends_in_an_error_and_not_in_a_hang() {
 }
 
 #[test]
+fn a_step_with_more_events_than_can_be_located_in_seconds_is_refused() {
+    // Six hundred thousand substeps, each with an event that takes several attempts to locate.
+    let mut run = Run::of::<Relay>("", 0.0);
+    let message = run.failure(1.2e6).to_string();
+    assert!(message.contains("substeps reached only t = ") && message.contains("take a smaller one"), "{message}");
+    assert_eq!(run.0.time(), 0.0, "time as before the step");
+    run.step(1e4);
+    assert_eq!(run.get("switches"), 5000.0);
+}
+
+#[test]
+fn an_event_within_the_shortest_step_that_there_is_is_found() {
+    let mut run = Run::of::<Switch>("threshold = 5e-323", 0.0);
+    run.0.set_input_slope(0, 1.0);
+    run.step(1e-322);
+    assert_eq!(run.get("side"), 1.0);
+}
+
+#[test]
 fn a_time_event_that_stays_due_ends_in_an_error_and_not_in_a_hang() {
     let mut run = Run::of::<Stuck>("", 0.0);
     run.step(1.0);

@@ -6,6 +6,7 @@
 mod common;
 
 use std::cell::RefCell;
+use std::time::Instant;
 
 use adaptive_fmu::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use common::sequences::{Subject, Tally};
@@ -29,7 +30,7 @@ fn no_sequence_of_calls_breaks_a_unit_or_makes_it_lie() {
     for (index, name) in names.iter().enumerate() {
         for kind in [MODEL_EXCHANGE, CO_SIMULATION] {
             let subject = Subject::new(&description(name), kind);
-            let end = tally.borrow().calls() + each;
+            let (begun, end) = (Instant::now(), tally.borrow().calls() + each);
             let seed = [index as u8, kind as u8].repeat(16);
             let config = Config { failure_persistence: None, max_shrink_iters: 4000, ..Config::default() };
             let mut runner = TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &seed));
@@ -40,6 +41,9 @@ fn no_sequence_of_calls_breaks_a_unit_or_makes_it_lie() {
                     Ok(())
                 });
                 answer.unwrap_or_else(|error| panic!("{error}"));
+            }
+            if asked.is_some() {
+                println!("{name}, interface {kind}: {each} calls took {:?}", begun.elapsed());
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::methods::Methods;
 use super::{IntegrationMethod, Pace, Problem, Settings, Start, Tolerance};
 use crate::error::{Invalid, StepError};
-use crate::system::{DynSystem, Section, Variables};
+use crate::system::{DynSystem, ErrorEstimate, Section, Variables};
 
 /// A new substep is this much smaller than the one that would just meet the tolerance.
 const SAFETY: f64 = 0.9;
@@ -16,6 +16,8 @@ const STRETCH: f64 = 1.001;
 const LOOK_AHEAD: i32 = 12;
 /// Relative width of the bracket in which an event is located, and of the rounding of its time.
 const EVENT_PRECISION: f64 = 1e-11;
+/// Shorter substeps can't be halved: their lengths are subnormal numbers.
+const SHORTEST: f64 = f64::MIN_POSITIVE;
 
 /// Integrates one instance; holds its workspace, and nothing that a continuation depends on.
 pub struct Driver {
@@ -26,6 +28,8 @@ pub struct Driver {
     indicators: [Vec<f64>; 3],
     /// Which indicators changed sides at the event that is being handled.
     crossed: Vec<bool>,
+    /// Work of the communication step so far, in substeps of the explicit method.
+    work: f64,
 }
 
 impl std::fmt::Debug for Driver {
@@ -45,6 +49,7 @@ impl Driver {
             nominals: (0..states).map(nominal).collect(),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
             crossed: vec![false; system.indicators()],
+            work: 0.0,
             indicators: [indicators.clone(), indicators.clone(), indicators],
         }
     }
@@ -108,6 +113,7 @@ impl Driver {
             EventCount { slack: settings.event_slack * (t1 - t0), limit: settings.max_events, count: 0, last: t0 };
         let (mut t, mut substeps) = (t0, 0);
         self.methods.restart();
+        self.work = 0.0;
         if self.jumped(problem, t) {
             self.handle_events(problem, t, t1, &mut events)?;
         }
@@ -119,7 +125,7 @@ impl Driver {
             };
             let state_event = target > t && self.substep(problem, &mut t, target, settings, pace)?;
             substeps += 1;
-            if substeps > settings.max_substeps {
+            if self.work > settings.most_work {
                 return Err(StepError::TooManySubsteps { substeps, time: t, step: t1 - t0 });
             }
             check_divergence(problem, t, settings.divergence_limit)?;
@@ -253,12 +259,11 @@ impl Driver {
         pace: &mut Pace,
     ) -> Result<bool, StepError> {
         self.start.set(problem, *t);
-        let (way, smallest) = (target - *t, 16.0 * f64::EPSILON * t.abs().max(target.abs()));
+        let (way, smallest) = (target - *t, (16.0 * f64::EPSILON * t.abs().max(target.abs())).max(SHORTEST));
         self.begin(problem, *t, way, settings, pace)?;
         let mut h = first_substep(*pace.substep_of(self.methods.by_itself()), way);
         loop {
-            let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
-            let (estimate, state) = self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance);
+            let (estimate, state) = self.attempt(problem, h, settings, pace);
             let suggested = pace.substep_of(self.methods.by_itself());
             if estimate.scaled <= 1.0 {
                 let whole = h == way;
@@ -285,6 +290,14 @@ impl Driver {
                 return Err(StepError::StepTooSmall { time: *t, step: h, tolerance, variable });
             }
         }
+    }
+
+    /// Tries a substep of length h by the method in force, from where the last one ended: its error, and the state that
+    /// has it.
+    fn attempt(&mut self, problem: &mut Problem, h: f64, settings: &Settings, pace: &Pace) -> (ErrorEstimate, usize) {
+        let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
+        self.work += self.methods.work(pace);
+        self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance)
     }
 
     /// Chooses the method of a substep that begins where the problem stands.
@@ -322,23 +335,22 @@ impl Driver {
         settings: &Settings,
         pace: &Pace,
     ) -> Result<bool, StepError> {
-        let [before, after, between] = &mut self.indicators;
+        let [before, after, _] = &mut self.indicators;
         problem.event_indicators(end, after);
         if !any_crossed(before, after) {
             std::mem::swap(before, after);
             *t = end;
             return Ok(false);
         }
-        let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
-        let method = self.methods.in_force(pace);
         let (mut low, mut high) = (0.0, end - *t);
-        let width = (EVENT_PRECISION * high).max(4.0 * f64::EPSILON * end.abs());
+        let width = (EVENT_PRECISION * high).max(4.0 * f64::EPSILON * end.abs()).max(SHORTEST);
         let mut bisect = false;
         while high - low > width {
             let gap = high - low;
-            let part = if bisect { 0.5 } else { first_crossing(before, after) };
+            let part = if bisect { 0.5 } else { first_crossing(&self.indicators[0], &self.indicators[1]) };
             let h = (low + gap * part).clamp(low + 0.25 * width, high - 0.25 * width);
-            method.attempt(problem, &self.start, h, tolerance);
+            self.attempt(problem, h, settings, pace);
+            let [before, after, between] = &mut self.indicators;
             problem.event_indicators(self.start.time + h, between);
             if any_crossed(before, between) {
                 high = h;
@@ -349,7 +361,7 @@ impl Driver {
             }
             bisect = high - low > 0.5 * gap;
         }
-        method.attempt(problem, &self.start, high, tolerance);
+        self.attempt(problem, high, settings, pace);
         // The indicators at the bracket's end are those that stand in `after`.
         self.note_crossed();
         *t = self.start.time + high;

@@ -142,6 +142,11 @@ impl Methods {
         }
     }
 
+    /// Work of a substep by the method in force, in explicit ones; that of a system's own counts as a stiff one's.
+    pub fn work(&self, pace: &Pace) -> f64 {
+        if self.by_itself || pace.stiff { self.work } else { 1.0 }
+    }
+
     /// Decides by which method the substep goes that begins where the problem stands, with so long a way to go, and
     /// prepares it.
     ///

@@ -85,8 +85,8 @@ pub struct Settings {
     pub method: IntegrationMethod,
     /// Error tolerated in each substep, relative to the larger of a state's magnitude and its nominal value.
     pub relative_tolerance: f64,
-    /// Substeps that one communication step may take.
-    pub max_substeps: usize,
+    /// Work that one communication step may take, in substeps of the explicit method that are tried.
+    pub most_work: f64,
     /// Events that may follow each other without time between them.
     pub max_events: usize,
     /// A value beyond this, in magnitude, is divergence.
@@ -101,7 +101,7 @@ impl Default for Settings {
         Settings {
             method: IntegrationMethod::Automatic,
             relative_tolerance: 1e-6,
-            max_substeps: 1_000_000,
+            most_work: 1e6,
             max_events: 10_000,
             divergence_limit: 1e12,
             event_slack: 1e-6,
