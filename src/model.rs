@@ -1,6 +1,6 @@
 //! A model: a system made from its description, with all its variables, ready to be run.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::Invalid;
 use crate::execution::Controls;
@@ -37,7 +37,7 @@ pub struct Description {
 }
 
 /// The default experiment.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Experiment {

@@ -6,7 +6,7 @@ use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, Event};
 use uuid::Uuid;
 
-use crate::model::Model;
+use crate::model::{Description, Model};
 use crate::system::{Causality, Data, Element, Section, Unit, Variability, Variables};
 
 use super::access::References;
@@ -15,13 +15,16 @@ use super::instance::{DISCARDED, EVENTS};
 type Xml = Writer<Vec<u8>>;
 type Attributes<'a> = Vec<(&'a str, String)>;
 
-/// The GUID of a model's interface: a name-based UUID of its description and its structure, so that the same unit
-/// always has the same GUID, and another one another.
+/// The GUID of a model: a name-based UUID of its description and of all that its system declares, which is what the XML
+/// tells of it. So the same unit always has the same GUID, and another one another.
 pub fn guid(model: &Model) -> [u8; 16] {
-    let description = model.description();
-    let structure = toml::to_string(&description.structure).unwrap_or_default();
-    let identity = [document(model, "", "").as_str(), &description.model, &structure].join("\n");
-    Uuid::new_v5(&Uuid::NAMESPACE_OID, identity.as_bytes()).into_bytes()
+    let Description { name, model: system, description, experiment, structure, .. } = model.description();
+    let own = (name, system, description, experiment, structure);
+    // Not the XML itself: an instance checks its GUID when it is made, and the XML of a large unit takes milliseconds.
+    let identity = serde_json::to_vec(&(own, model.system().indicators(), model.variables().declared()));
+    // Numbers and texts in lists and tables can be written to memory.
+    debug_assert!(identity.is_ok());
+    Uuid::new_v5(&Uuid::NAMESPACE_OID, &identity.unwrap_or_default()).into_bytes()
 }
 
 /// A GUID as the XML shows it.
@@ -31,7 +34,13 @@ pub fn guid_text(guid: [u8; 16]) -> String {
 
 /// The whole modelDescription.xml.
 pub fn xml(model: &Model) -> String {
-    document(model, &guid_text(guid(model)), concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")))
+    let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
+    let written = write(&mut xml, model);
+    // Writing to memory can't fail.
+    debug_assert!(written.is_ok());
+    let mut text = String::from_utf8(xml.into_inner()).unwrap_or_default();
+    text.push('\n');
+    text
 }
 
 /// The log categories of a model, with their descriptions.
@@ -49,16 +58,6 @@ pub fn log_categories(model: &Model) -> impl Iterator<Item = (&'static str, &'st
         }
     }
     categories.into_iter()
-}
-
-fn document(model: &Model, guid: &str, tool: &str) -> String {
-    let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
-    let written = write(&mut xml, model, guid, tool);
-    // Writing to memory can't fail.
-    debug_assert!(written.is_ok());
-    let mut text = String::from_utf8(xml.into_inner()).unwrap_or_default();
-    text.push('\n');
-    text
 }
 
 fn element(
@@ -82,15 +81,15 @@ fn number(value: f64) -> String {
     format!("{value:?}")
 }
 
-fn write(xml: &mut Xml, model: &Model, guid: &str, tool: &str) -> io::Result<()> {
+fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
     xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
     let description = model.description();
     let root = vec![
         ("fmiVersion", "2.0".to_owned()),
         ("modelName", description.name.clone()),
-        ("guid", guid.to_owned()),
+        ("guid", guid_text(guid(model))),
         ("description", description.description.clone()),
-        ("generationTool", tool.to_owned()),
+        ("generationTool", concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")).to_owned()),
         ("variableNamingConvention", "structured".to_owned()),
         ("numberOfEventIndicators", model.system().indicators().to_string()),
     ];

@@ -4,6 +4,7 @@ use std::marker::PhantomData;
 use std::ops::{Index, IndexMut, Range};
 
 use nalgebra::DMatrixView;
+use serde::Serialize;
 
 use super::{Scalar, Section};
 
@@ -50,7 +51,7 @@ pub mod class {
 }
 
 /// Where in its section a handle's values lie.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Span {
     /// The section of the block.
     pub section: Section,

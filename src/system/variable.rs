@@ -3,10 +3,12 @@
 
 use std::collections::HashMap;
 
+use serde::Serialize;
+
 use super::values::{Offsets, Span};
 
 /// The sections of the flat block, in their order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 pub enum Section {
     /// Parameters.
     Parameter,
@@ -34,7 +36,7 @@ impl Section {
 }
 
 /// The role of a variable towards the outside.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Causality {
     /// Set by the user.
     Parameter,
@@ -49,7 +51,7 @@ pub enum Causality {
 }
 
 /// When a variable may change.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Variability {
     /// Before the simulation only.
     Fixed,
@@ -62,7 +64,7 @@ pub enum Variability {
 }
 
 /// Type and limits of a variable's values.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub enum Data {
     /// Real numbers with unit and limits, a value an element where there are several.
     Real {
@@ -103,7 +105,7 @@ pub enum Data {
 }
 
 /// How elements of a variable are named.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Naming {
     /// `name`
     Scalar,
@@ -116,7 +118,7 @@ pub enum Naming {
 }
 
 /// A declared variable: a scalar, a vector or a matrix.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Variable {
     /// Name without indices.
     pub name: String,
@@ -243,7 +245,7 @@ fn pick<T>(entries: &[T], index: usize) -> Option<&T> {
 }
 
 /// What a derivative or an output depends on.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Dependence {
     /// Signals or derivatives.
     pub of: Span,
@@ -339,6 +341,11 @@ impl Variables {
             .filter(|v| v.section == section && v.is_real())
             .find(|v| (v.start..v.start + v.len()).contains(&place))
             .map(|v| v.element(place - v.start))
+    }
+
+    /// Everything that was declared: variables, what depends on what, warnings.
+    pub fn declared(&self) -> impl Serialize {
+        (&self.list, &self.dependence, &self.warnings)
     }
 
     /// Warnings: category and description.
