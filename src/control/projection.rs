@@ -11,13 +11,13 @@ use crate::system::Scalar;
 /// rate is y (1 − f), so that it fades to zero at the bound; else it is y. Where the bounds coincide, the estimate is
 /// frozen.
 pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
-    let h = (hi - lo) * 0.5;
+    let (h, away) = ((hi - lo) * 0.5, v - (lo + hi) * 0.5);
     if h.re() <= 0.0 {
         return S::from(0.0);
     }
-    let d = (v - (lo + hi) * 0.5) / h;
-    let f = ((epsilon + 1.0) * d * d - 1.0) / epsilon;
-    if f.re() > 0.0 && (d * y).re() > 0.0 { y * (-f + 1.0) } else { y }
+    // ε h² f: inside, where it is negative, nothing needs to be divided.
+    let beyond = (epsilon + 1.0) * away * away - h * h;
+    if beyond.re() > 0.0 && (away * y).re() > 0.0 { y * (-beyond / (epsilon * h * h) + 1.0) } else { y }
 }
 
 /// Whether v is in the layer at a bound where [`projection`] holds back what points outwards.

@@ -7,7 +7,7 @@ use super::design::Design;
 use super::ports::Ports;
 use super::structure::{Baseline, L1Structure, Plant, Regressor};
 use super::unmatched::Unmatched;
-use super::{AdaptiveStart, dot, infinity_norm, squared};
+use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
 use crate::control::filter::Filter;
 use crate::control::limits::within;
 use crate::control::projection::projection;
@@ -250,42 +250,47 @@ impl Law {
     /// s = −(B B_um)ᵀ P x̃.
     pub fn outputs<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
         let (x, x_hat) = (&v[self.ports.x], &v[self.x_hat]);
-        match self.regressor {
-            Regressor::State => y.set(self.phi, x),
-            Regressor::InfinityNorm => y.set(self.phi, [infinity_norm(x)]),
-        }
+        let norm = [infinity_norm(x)];
+        let phi = if self.regressor == Regressor::State { x } else { &norm };
+        y.set(self.phi, phi);
         if let Some(unmatched) = &self.unmatched {
-            unmatched.outputs(infinity_norm(x), v, y);
+            unmatched.outputs(norm[0], v, y);
         }
         self.control(v, y);
-        let (theta_hat, PB) = (v.matrix(self.theta_hat), v.matrix(self.design.PB));
-        for i in 0..self.eta_hat.len() {
-            let known = if self.baseline == Baseline::Inside { y[self.feedback][i] } else { S::from(0.0) };
-            y[self.eta_hat][i] = v[self.sigma_hat][i] + known + dot(theta_hat.row(i).iter(), &y[self.phi]);
+        y.set(self.eta_hat, &v[self.sigma_hat]);
+        if self.baseline == Baseline::Inside {
+            for i in 0..self.eta_hat.len() {
+                let known = y[self.feedback][i];
+                y[self.eta_hat][i] += known;
+            }
         }
+        add_product(&mut y[self.eta_hat], v.matrix(self.theta_hat), phi);
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
             let term = v[self.omega_hat][k] * y[self.v][j];
             y[self.eta_hat][i] += term;
         }
-        for i in 0..self.s.len() {
+        for (i, column) in v.matrix(self.design.PB).column_iter().enumerate() {
             let x_tilde = x_hat.iter().zip(x).map(|(&x_hat, &x)| x_hat - x);
-            y[self.s][i] = -x_tilde.zip(PB.column(i).iter()).fold(S::from(0.0), |sum, (x, &p)| sum + x * p);
+            y[self.s][i] = -x_tilde.zip(column.as_slice()).fold(S::from(0.0), |sum, (x, &p)| sum + x * p);
         }
         self.frequency(v, y);
     }
 
     /// The control, and what the estimates see of it.
     fn control<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
-        let (active, K_m) = (v.get(self.active), self.design.K_m(v));
+        let active = v.get(self.active);
+        y[self.feedback].fill(S::from(0.0));
+        if let Some(K_m) = self.design.K_m(v) {
+            add_product(&mut y[self.feedback], K_m, &v[self.ports.x]);
+        }
         for i in 0..self.u_ad.len() {
             let states = v[self.f].chunks_exact(self.filter.order()).nth(i).unwrap_or(&[]);
             let filtered = states.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
             let u_ad = filtered + self.at_once(i, v, |unmatched, k| y[unmatched.eta_hat][k]);
-            let feedback = K_m.as_ref().map_or(S::from(0.0), |K_m| dot(K_m.row(i).iter(), &v[self.ports.x]));
-            let inertia = self.design.inertia(i, v);
+            let (feedback, inertia) = (y[self.feedback][i], self.design.inertia(i, v));
             let wanted = if active { (u_ad - feedback) * inertia } else { v[self.ports.u_manual][i] };
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
-            (y[self.u_ad][i], y[self.feedback][i], y[self.ports.u][i]) = (u_ad, feedback, u);
+            (y[self.u_ad][i], y[self.ports.u][i]) = (u_ad, u);
             y[self.v][i] = match self.baseline {
                 Baseline::None | Baseline::Inside => u / inertia,
                 Baseline::Outside if active => u_ad + (u - wanted) / inertia,
@@ -318,10 +323,10 @@ impl Law {
     /// K may be another than the parameter where [`Law::allows_scheduling`]. While not enabled, estimates are frozen; the predictor follows the state, and the adaptive control the manual one.
     pub fn derivatives<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
         let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], v.get(self.active));
-        let A_m = self.design.A_m(v);
-        for i in 0..x_hat.len() {
-            let own = dot(A_m.row(i).iter(), x_hat);
-            dx[self.x_hat][i] = if active { own } else { own - dot(A_m.row(i).iter(), x) };
+        dx[self.x_hat].fill(S::from(0.0));
+        for ((column, &x_hat), &x) in self.design.A_m(v).column_iter().zip(x_hat).zip(x) {
+            let x = if active { x_hat } else { x_hat - x };
+            dx[self.x_hat].iter_mut().zip(column.as_slice()).for_each(|(rate, &a)| *rate += a * x);
         }
         if let Some(unmatched) = &self.unmatched {
             unmatched.derivatives(v, dx);
@@ -352,11 +357,13 @@ impl Law {
             dx[self.omega_hat][k] = gamma * projection(v[self.omega_hat][k], s[i] * v[self.v][j], lo, hi, epsilon);
         }
         let within = |estimate: S, rate: S, bound: S| gamma * projection(estimate, rate, -bound, bound, epsilon);
+        let (theta_hat, theta_bound) = (&v[self.theta_hat.elements()], &v[self.design.theta_bound]);
+        let columns = dx.slice(self.theta_hat).chunks_exact_mut(m).zip(theta_hat.chunks_exact(m));
+        for ((rates, theta_hat), &phi) in columns.zip(phi) {
+            let entries = rates.iter_mut().zip(theta_hat).zip(s.iter().zip(theta_bound));
+            entries.for_each(|((rate, &theta), (&s, &bound))| *rate = within(theta, s * phi, bound));
+        }
         for i in 0..m {
-            for (j, &phi) in phi.iter().enumerate() {
-                let entry = self.theta_hat.at(i, j);
-                dx[entry] = within(v[entry], s[i] * phi, v[self.design.theta_bound][i]);
-            }
             dx[self.sigma_hat][i] = within(v[self.sigma_hat][i], s[i], v[self.design.sigma_bound][i]);
         }
         let Some(unmatched) = &self.unmatched else { return };

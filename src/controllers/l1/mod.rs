@@ -11,6 +11,8 @@ mod structure;
 mod supervision;
 mod unmatched;
 
+use nalgebra::DMatrixView;
+
 use super::watched::Tracking;
 use crate::control::limits;
 use crate::system::{
@@ -141,6 +143,13 @@ impl System for L1 {
 
 pub(super) fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S]) -> S {
     row.zip(column).fold(S::from(0.0), |sum, (&a, &b)| sum + a * b)
+}
+
+/// Adds A x to `sums`, column by column, as A is stored.
+fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: &[S]) {
+    for (column, &x) in A.column_iter().zip(x) {
+        sums.iter_mut().zip(column.as_slice()).for_each(|(sum, &a)| *sum += a * x);
+    }
 }
 
 pub(super) fn squared<S: Scalar>(x: &[S]) -> S {
