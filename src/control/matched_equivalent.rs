@@ -55,8 +55,6 @@ impl MatchedEquivalent {
     /// # Errors
     /// [`Invalid`] when H_m(s) has no inverse or none that is stable, or rounding would spoil it.
     pub fn new(A_m: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>, B_um: &DMatrix<f64>) -> Result<Self, Invalid> {
-        let too_bad =
-            || Invalid::because("A_m, B, C: too badly scaled to invert C (sI - A_m)^-1 B in double precision");
         if [A_m, B, C, B_um].iter().any(|matrix| !matrix.norm_squared().is_finite()) {
             return Err(too_bad());
         }
@@ -220,7 +218,11 @@ impl Plant {
                     equation.subtract(equation.terms.columns(0, n).dot(&known.terms.columns(0, n)), known);
                 }
                 let left = equation.terms.columns(0, n).norm();
-                if left <= ROUNDING * equation.variances.columns(0, n).sum().sqrt() {
+                if !left.is_finite() {
+                    return Err(too_bad());
+                }
+                // There are no more independent equations than states.
+                if constraints.len() == n || left <= ROUNDING * equation.variances.columns(0, n).sum().sqrt() {
                     return Err(Invalid::because(
                         "C (sI - A_m)^-1 B is singular, or nearly so, at every s: the inputs don't move the outputs \
                          independently of each other; choose other outputs C",
@@ -371,6 +373,10 @@ impl Inverse {
         polynomial.reverse();
         (polynomial, remainder)
     }
+}
+
+fn too_bad() -> Invalid {
+    Invalid::because("A_m, B, C: too badly scaled to invert C (sI - A_m)^-1 B in double precision")
 }
 
 /// The square of each entry.

@@ -386,6 +386,24 @@ fn unstable_and_missing_inverses_are_refused() {
 }
 
 #[test]
+fn numbers_of_any_size_end_in_an_answer() {
+    let mut random = random_numbers(5);
+    let (mut inverted, mut refused) = (0, 0);
+    for _ in 0..3000 {
+        let mut example = if random() > 0.0 { third_order() } else { with_zeros() };
+        let largest = 160.0 * random().abs();
+        for entry in example.A_m.iter_mut() {
+            *entry = (*entry + random().powi(5)) * 10.0_f64.powf(largest * random());
+        }
+        match MatchedEquivalent::new(&example.A_m, &example.B, &example.C, &example.B_um) {
+            Ok(_) => inverted += 1,
+            Err(_) => refused += 1,
+        }
+    }
+    assert!(inverted > 100 && refused > 100, "{inverted} inverted, {refused} refused");
+}
+
+#[test]
 fn a_filter_with_too_few_poles_is_refused() {
     let message = uneven().equivalent().behind(&filter(&[&[1.0, 0.0]])).unwrap_err().to_string();
     let expected = "D(s): relative degree = 1: must be at least 2, the highest power of s in H_m(s)^-1 H_um(s)";
