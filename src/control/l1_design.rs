@@ -321,14 +321,15 @@ impl L1Design {
         gains
     }
 
-    /// C(s) = ωK D(s) (I + ωK D(s))⁻¹. `None` at a pole.
+    /// C(s) = ωK D(s) (I + ωK D(s))⁻¹. `None` at a pole, and where its numbers are too large.
     pub fn low_pass(&self, omega: &DMatrix<f64>, s: Complex<f64>) -> Option<DMatrix<Complex<f64>>> {
         let d = self.filter.at(s);
         let gain = (omega * &self.K).map(Complex::from);
         let m = gain.nrows();
         // With D = 1/q: C = ωK (q I + ωK)⁻¹, which holds at the integrator's pole too.
         let q = if d.is_finite() { d.inv() } else { Complex::from(0.0) };
-        (DMatrix::identity(m, m) * q + &gain).try_inverse().map(|inverse| gain * inverse)
+        let low_pass = (DMatrix::identity(m, m) * q + &gain).try_inverse().map(|inverse| gain * inverse);
+        low_pass.filter(|low_pass| low_pass.iter().all(|entry| entry.is_finite()))
     }
 
     /// C(0), the identity as D(s) has an integrator; `None` when ωK is singular and the control can't cancel all

@@ -339,7 +339,8 @@ pub(in crate::controllers) fn controllability(
 
 /// The direction that a bounded control moves least, by the controllability Gramian of the desired dynamics.
 fn weakest_direction(A_m: &DMatrix<f64>, B: &DMatrix<f64>, report: &mut DesignReport) {
-    let Some(reached) = lyapunov::gramian(&A_m.transpose(), &(B * B.transpose())) else { return };
+    let reached = lyapunov::gramian(&A_m.transpose(), &(B * B.transpose()));
+    let Some(reached) = reached.filter(|reached| reached.norm_squared().is_finite()) else { return };
     let eigen = reached.symmetric_eigen();
     let (weakest, least) = eigen.eigenvalues.argmin();
     let ratio = (least.max(0.0) / eigen.eigenvalues.max()).sqrt();
