@@ -6,18 +6,16 @@ use super::Execution;
 use crate::system::{Section, Values};
 
 impl Execution {
-    /// Derivatives of `unknowns` in the direction that gives each of the `knowns` (inputs and states) the change in
-    /// `seed`: exact, by one pass with dual numbers at the present inputs and the valid parameters. Both are places
-    /// of the block.
-    pub fn directional_derivative(&mut self, unknowns: &[u32], knowns: &[u32], seed: &[f64], result: &mut [f64]) {
+    /// Derivatives in the direction that gives each of the `knowns` (inputs and states, by their places in the block) the
+    /// change in `seed`: exact, by one pass with dual numbers at the present inputs and the valid parameters. Values at
+    /// the places of the block.
+    pub fn directional_derivative(&mut self, knowns: &[u32], seed: &[f64]) -> &[Dual64] {
         self.lift();
         for (&known, &change) in knowns.iter().zip(seed) {
             self.dual[known as usize].eps += change;
         }
         self.evaluate_dual(Dual64::from_re(self.time()));
-        for (value, &unknown) in result.iter_mut().zip(unknowns) {
-            *value = self.dual[unknown as usize].eps;
-        }
+        &self.dual
     }
 
     /// Takes the block over into dual numbers that don't change, with the valid parameters: those that wait to be

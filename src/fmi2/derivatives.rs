@@ -1,5 +1,7 @@
 //! Derivatives of inputs and outputs.
 
+use num_dual::Dual64;
+
 use super::access::{Access, Type};
 use super::calls::Function;
 use super::instance::{Answer, Instance, Refused};
@@ -56,11 +58,8 @@ impl Instance {
                 )));
             }
         }
-        let derivatives = self.execution.time_derivatives();
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = derivatives[reference as usize].eps;
-        }
-        Ok(self.all_finite(function, references, values))
+        let broken = hand_out(self.execution.time_derivatives(), references, values);
+        Ok(self.answer_for(function, broken))
     }
 
     /// fmi2GetDirectionalDerivative, at the present inputs.
@@ -94,16 +93,25 @@ impl Instance {
                 return refuse(self, known, &format!("has the seed {change}, which must be finite"));
             }
         }
-        self.execution.directional_derivative(unknowns, knowns, seed, result);
-        Ok(self.all_finite(function, unknowns, result))
+        let broken = hand_out(self.execution.directional_derivative(knowns, seed), unknowns, result);
+        Ok(self.answer_for(function, broken))
     }
 
-    /// Whether these derivatives are numbers.
-    fn all_finite(&mut self, function: Function, references: &[u32], derivatives: &[f64]) -> Status {
-        let offender = derivatives.iter().position(|value| !value.is_finite());
-        offender.map_or(Status::Ok, |k| {
-            let what = format!("the derivative of `{}`", self.name(references[k]));
-            self.not_finite(function, &what, derivatives[k])
+    /// OK, unless a derivative is broken.
+    fn answer_for(&mut self, function: Function, broken: Option<(u32, f64)>) -> Status {
+        broken.map_or(Status::Ok, |(reference, value)| {
+            let what = format!("the derivative of `{}`", self.name(reference));
+            self.not_finite(function, &what, value)
         })
     }
+}
+
+/// Hands out the derivatives of these values, all of them or, where one is no number, none and which that is.
+fn hand_out(derivatives: &[Dual64], references: &[u32], values: &mut [f64]) -> Option<(u32, f64)> {
+    let wanted = || references.iter().map(|&reference| (reference, derivatives[reference as usize].eps));
+    let broken = wanted().find(|(_, value)| !value.is_finite());
+    if broken.is_none() {
+        values.iter_mut().zip(wanted()).for_each(|(value, (_, derivative))| *value = derivative);
+    }
+    broken
 }

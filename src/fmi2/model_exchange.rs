@@ -129,12 +129,13 @@ impl Instance {
     pub fn get_derivatives(&mut self, derivatives: &mut [f64]) -> Answer<Status> {
         let function = Function::GetDerivatives;
         self.check_count(function, derivatives.len(), self.execution.states().len(), "continuous states")?;
-        derivatives.copy_from_slice(self.execution.derivatives());
-        let offender = derivatives.iter().position(|value| !value.is_finite());
-        Ok(offender.map_or(Status::Ok, |place| {
-            let what = format!("`{}`", self.real_name(Section::Derivative, place));
-            self.not_finite(function, &what, derivatives[place])
-        }))
+        let found = self.execution.derivatives();
+        let Some(place) = found.iter().position(|value| !value.is_finite()) else {
+            derivatives.copy_from_slice(found);
+            return Ok(Status::Ok);
+        };
+        let (value, what) = (found[place], format!("`{}`", self.real_name(Section::Derivative, place)));
+        Ok(self.not_finite(function, &what, value))
     }
 
     /// fmi2GetEventIndicators; fmi2Discard where one is no number.
