@@ -15,6 +15,8 @@ pub struct Entry {
     pub causality: Causality,
     pub fixed: bool,
     pub state: bool,
+    /// A state's time derivative.
+    pub rate: bool,
 }
 
 impl Entry {
@@ -61,6 +63,7 @@ impl Catalog {
                 causality: element.variable.causality,
                 fixed: element.variable.variability == Variability::Fixed,
                 state: element.variable.section == Section::State,
+                rate: element.variable.section == Section::Derivative,
             });
         }
         let known: Vec<u32> = [&reals, &integers, &booleans].into_iter().flatten().map(|e| e.reference).collect();
