@@ -333,8 +333,8 @@ impl Law {
         }
         if active {
             self.uncertainty(v, dx);
-            self.adaptive_laws(v, dx);
             self.control_law(r, K, v, dx);
+            self.adaptive_laws(v, dx);
         } else {
             self.follow(v, dx);
         }
@@ -377,15 +377,17 @@ impl Law {
     /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it makes the
     /// control jump at most by what u_ad has of η̂_2 at once.
     fn control_law<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
-        let (eta_hat, K_g) = (&v[self.eta_hat], v.matrix(self.design.K_g));
-        let Filter { A_f, B_f, .. } = &self.filter;
-        for i in 0..r.len() {
-            let error = |j: usize| eta_hat[j] - dot(K_g.row(j).iter(), r);
-            let driven = -(0..r.len()).fold(S::from(0.0), |sum, j| sum + K[(i, j)] * error(j));
-            for k in 0..self.filter.order() {
-                let states = &v[self.f][i * self.filter.order()..];
+        let (Filter { A_f, B_f, .. }, order) = (&self.filter, self.filter.order());
+        // η̂ − K_g r is needed in every channel: it stands in the place of σ̂' until the adaptive laws write that.
+        let error = &mut dx[self.sigma_hat];
+        error.fill(S::from(0.0));
+        add_product(error, v.matrix(self.design.K_g), r);
+        error.iter_mut().zip(&v[self.eta_hat]).for_each(|(error, &eta_hat)| *error = eta_hat - *error);
+        for (i, states) in v[self.f].chunks_exact(order).enumerate() {
+            let driven = -dot(K.row(i).iter(), &dx[self.sigma_hat]);
+            for k in 0..order {
                 let own = A_f.row(k).iter().zip(states).fold(driven * B_f[k], |sum, (&a, &f)| sum + f * a);
-                dx[self.f][i * self.filter.order() + k] = own;
+                dx[self.f][i * order + k] = own;
             }
         }
         if let Some(unmatched) = &self.unmatched {

@@ -56,21 +56,24 @@ impl Network {
     /// # Errors
     /// Numbers of neurons and weights that contradict each other.
     pub fn new(structure: &NetworkStructure, inputs: usize) -> Result<Self, Invalid> {
-        let rule: fn(usize, usize, usize) -> f64 = match structure.rule {
-            WeightRule::Given => return Network::given(structure, inputs),
-            WeightRule::SquareRoots => |j, k, _| 2.0 * (j as f64 * PRIMES[k].sqrt()).fract() - 1.0,
-            WeightRule::QuasiRandom => |j, k, inputs| {
-                let g = ratio(inputs + 1);
+        if structure.rule == WeightRule::Given {
+            return Network::given(structure, inputs);
+        }
+        let g = ratio(inputs + 1);
+        let rule = |j: usize, k: usize| {
+            if structure.rule == WeightRule::SquareRoots {
+                2.0 * (j as f64 * PRIMES[k].sqrt()).fract() - 1.0
+            } else {
                 4.0 * (j as f64 * g.powi(-(k as i32 + 1))).fract() - 2.0
-            },
+            }
         };
         if !structure.weights.is_empty() || !structure.biases.is_empty() {
             return Err(Invalid::because("weights, biases: go with rule = \"given\" alone"));
         }
         let neurons = size(structure.neurons.unwrap_or(0))?;
         Ok(Network {
-            weights: DMatrix::from_fn(inputs, neurons, |k, j| rule(j + 1, k, inputs)),
-            biases: (1..=neurons).map(|j| rule(j, inputs, inputs)).collect(),
+            weights: DMatrix::from_fn(inputs, neurons, |k, j| rule(j + 1, k)),
+            biases: (1..=neurons).map(|j| rule(j, inputs)).collect(),
         })
     }
 
