@@ -15,15 +15,19 @@ pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
     if h.re() <= 0.0 {
         return S::from(0.0);
     }
-    // ε h² f: inside, where it is negative, nothing needs to be divided.
-    let beyond = (epsilon + 1.0) * away * away - h * h;
-    if beyond.re() > 0.0 && (away * y).re() > 0.0 { y * (-beyond / (epsilon * h * h) + 1.0) } else { y }
+    // Not in the layer for certain, as √(1 + ε) ≤ 1 + ε: nothing needs to be divided.
+    if away.re().abs() * (1.0 + epsilon.re()) <= h.re() {
+        return y;
+    }
+    let d = away / h;
+    let f = ((epsilon + 1.0) * d * d - 1.0) / epsilon;
+    if f.re() > 0.0 && (d * y).re() > 0.0 { y * (-f + 1.0) } else { y }
 }
 
 /// Whether v is in the layer at a bound where [`projection`] holds back what points outwards.
 pub fn is_in_layer(v: f64, lo: f64, hi: f64, epsilon: f64) -> bool {
-    let h = (hi - lo) * 0.5;
-    (1.0 + epsilon) * (v - (lo + hi) * 0.5).powi(2) > h * h
+    let d = (v - (lo + hi) * 0.5) / ((hi - lo) * 0.5);
+    (1.0 + epsilon) * d.powi(2) > 1.0
 }
 
 #[cfg(test)]
@@ -38,6 +42,14 @@ mod tests {
         assert!(projection(-2.0_f64, -7.0, -2.0, 4.0, 0.1).abs() < 1e-12, "at the lower bound");
         let between = projection(3.95, 7.0, -2.0, 4.0, 0.1);
         assert!(between > 0.0 && between < 7.0, "fading between: {between}");
+    }
+
+    #[test]
+    fn bounds_of_any_size_are_kept() {
+        for largest in [1e-200, 1.0, 1e200] {
+            assert!(projection(0.0_f64, -1.0, 0.0, largest, 0.1).abs() < 1e-12, "0 … {largest}");
+            assert!(is_in_layer(0.0, 0.0, largest, 0.1) && !is_in_layer(0.4 * largest, 0.0, largest, 0.1));
+        }
     }
 
     #[test]

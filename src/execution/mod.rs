@@ -33,6 +33,7 @@ pub struct Execution {
     ramp_slopes: Vec<f64>,
     dual: Vec<Dual64>,
     dual_integers: Vec<i32>,
+    event_indicators: Vec<f64>,
     /// Messages that wait to be logged.
     pub log: MessageLog,
 }
@@ -52,6 +53,7 @@ impl Execution {
             saved: block.clone(),
             dual: vec![Dual64::from_re(0.0); block.reals.len()],
             dual_integers: block.integers.clone(),
+            event_indicators: vec![0.0; model.system().indicators()],
             ramp_values: vec![0.0; inputs],
             ramp_slopes: vec![0.0; inputs],
             block,

@@ -80,11 +80,15 @@ impl Execution {
         &self.block.reals[self.model.variables().reals(Section::Derivative)]
     }
 
-    /// Evaluates the event indicators.
-    pub fn event_indicators(&mut self, z: &mut [f64]) {
+    /// The event indicators, evaluated.
+    pub fn event_indicators(&mut self) -> &[f64] {
         self.evaluate();
-        let t = self.time();
-        self.with_valid_parameters(|execution| execution.model.system().event_indicators(t, &execution.values(), z));
+        let (t, mut z) = (self.time(), std::mem::take(&mut self.event_indicators));
+        self.with_valid_parameters(|execution| {
+            execution.model.system().event_indicators(t, &execution.values(), &mut z)
+        });
+        self.event_indicators = z;
+        &self.event_indicators
     }
 
     /// Whether parameters were set that aren't in force yet.

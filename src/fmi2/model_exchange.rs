@@ -147,11 +147,13 @@ impl Instance {
         let expected = self.execution.model().system().indicators();
         self.check_count(function, indicators.len(), expected, "event indicators")?;
         self.evaluate(function)?;
-        self.execution.event_indicators(indicators);
-        let offender = indicators.iter().position(|value| !value.is_finite());
-        Ok(offender.map_or(Status::Ok, |place| {
-            self.not_finite(function, &format!("event indicator {}", place + 1), indicators[place])
-        }))
+        let found = self.execution.event_indicators();
+        let Some(place) = found.iter().position(|value| !value.is_finite()) else {
+            indicators.copy_from_slice(found);
+            return Ok(Status::Ok);
+        };
+        let value = found[place];
+        Ok(self.not_finite(function, &format!("event indicator {}", place + 1), value))
     }
 
     fn check_count(&self, function: Function, given: usize, expected: usize, what: &str) -> Answer {

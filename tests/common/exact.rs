@@ -107,9 +107,7 @@ impl Exact {
     }
 
     fn indicators(&mut self) -> Vec<f64> {
-        let mut z = vec![0.0; self.model.system().indicators()];
-        self.execution.event_indicators(&mut z);
-        z
+        self.execution.event_indicators().to_vec()
     }
 
     /// Notes how large values are.
