@@ -1,10 +1,8 @@
 //! Derivatives of inputs and outputs.
 
-use num_dual::Dual64;
-
 use super::access::{Access, Type};
 use super::calls::Function;
-use super::instance::{Answer, Instance, Refused};
+use super::instance::{Answer, Instance, Refused, hand_out};
 use super::types::Status;
 use crate::system::Section;
 
@@ -58,8 +56,9 @@ impl Instance {
                 )));
             }
         }
-        let broken = hand_out(self.execution.time_derivatives(), references, values);
-        Ok(self.answer_for(function, broken))
+        let found = self.execution.time_derivatives();
+        let broken = hand_out(references.iter().map(|&reference| found[reference as usize].eps), values);
+        Ok(self.answer_for(function, references, broken))
     }
 
     /// fmi2GetDirectionalDerivative, at the present inputs.
@@ -93,25 +92,16 @@ impl Instance {
                 return refuse(self, known, &format!("has the seed {change}, which must be finite"));
             }
         }
-        let broken = hand_out(self.execution.directional_derivative(knowns, seed), unknowns, result);
-        Ok(self.answer_for(function, broken))
+        let found = self.execution.directional_derivative(knowns, seed);
+        let broken = hand_out(unknowns.iter().map(|&unknown| found[unknown as usize].eps), result);
+        Ok(self.answer_for(function, unknowns, broken))
     }
 
-    /// OK, unless a derivative is broken.
-    fn answer_for(&mut self, function: Function, broken: Option<(u32, f64)>) -> Status {
-        broken.map_or(Status::Ok, |(reference, value)| {
-            let what = format!("the derivative of `{}`", self.name(reference));
+    /// The answer where derivatives were handed out, unless one of them is broken.
+    fn answer_for(&mut self, function: Function, references: &[u32], broken: Option<(usize, f64)>) -> Status {
+        broken.map_or(Status::Ok, |(k, value)| {
+            let what = format!("the derivative of `{}`", self.name(references[k]));
             self.not_finite(function, &what, value)
         })
     }
-}
-
-/// Hands out the derivatives of these values, all of them or, where one is no number, none and which that is.
-fn hand_out(derivatives: &[Dual64], references: &[u32], values: &mut [f64]) -> Option<(u32, f64)> {
-    let wanted = || references.iter().map(|&reference| (reference, derivatives[reference as usize].eps));
-    let broken = wanted().find(|(_, value)| !value.is_finite());
-    if broken.is_none() {
-        values.iter_mut().zip(wanted()).for_each(|(value, (_, derivative))| *value = derivative);
-    }
-    broken
 }

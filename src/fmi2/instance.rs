@@ -305,14 +305,11 @@ impl Instance {
     pub fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Answer<Status> {
         self.evaluate_for(Function::GetReal, Type::Real, references)?;
         let reals = &self.execution.block.reals;
-        if let Some(&reference) = references.iter().find(|&&reference| !reals[reference as usize].is_finite()) {
-            let (what, value) = (format!("`{}`", self.name(reference)), reals[reference as usize]);
-            return Ok(self.not_finite(Function::GetReal, &what, value));
-        }
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = reals[reference as usize];
-        }
-        Ok(Status::Ok)
+        let broken = hand_out(references.iter().map(|&reference| reals[reference as usize]), values);
+        Ok(broken.map_or(Status::Ok, |(k, value)| {
+            let what = format!("`{}`", self.name(references[k]));
+            self.not_finite(Function::GetReal, &what, value)
+        }))
     }
 
     /// fmi2SetReal
@@ -442,4 +439,13 @@ impl Instance {
     pub fn last_successful_time(&self) -> f64 {
         self.execution.time()
     }
+}
+
+/// Hands out numbers, all of them or, where one isn't finite, none: then its place, and what it is.
+pub(super) fn hand_out(found: impl Iterator<Item = f64> + Clone, values: &mut [f64]) -> Option<(usize, f64)> {
+    let broken = found.clone().enumerate().find(|(_, number)| !number.is_finite());
+    if broken.is_none() {
+        values.iter_mut().zip(found).for_each(|(value, number)| *value = number);
+    }
+    broken
 }

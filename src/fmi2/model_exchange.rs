@@ -1,7 +1,7 @@
 //! What the functions of model exchange do with an instance (FMI 2.0.4, section 3.2).
 
 use super::calls::{Function, Phase};
-use super::instance::{Answer, COMMUNICATION_POINT_SLACK, Instance, Refused};
+use super::instance::{Answer, COMMUNICATION_POINT_SLACK, Instance, Refused, hand_out};
 use super::types::{Boolean, EventInfo, FALSE, Status};
 use crate::error::StepError;
 use crate::system::Section;
@@ -129,13 +129,11 @@ impl Instance {
     pub fn get_derivatives(&mut self, derivatives: &mut [f64]) -> Answer<Status> {
         let function = Function::GetDerivatives;
         self.check_count(function, derivatives.len(), self.execution.states().len(), "continuous states")?;
-        let found = self.execution.derivatives();
-        let Some(place) = found.iter().position(|value| !value.is_finite()) else {
-            derivatives.copy_from_slice(found);
-            return Ok(Status::Ok);
-        };
-        let (value, what) = (found[place], format!("`{}`", self.real_name(Section::Derivative, place)));
-        Ok(self.not_finite(function, &what, value))
+        let broken = hand_out(self.execution.derivatives().iter().copied(), derivatives);
+        Ok(broken.map_or(Status::Ok, |(place, value)| {
+            let what = format!("`{}`", self.real_name(Section::Derivative, place));
+            self.not_finite(function, &what, value)
+        }))
     }
 
     /// fmi2GetEventIndicators; fmi2Discard where one is no number.
@@ -147,13 +145,10 @@ impl Instance {
         let expected = self.execution.model().system().indicators();
         self.check_count(function, indicators.len(), expected, "event indicators")?;
         self.evaluate(function)?;
-        let found = self.execution.event_indicators();
-        let Some(place) = found.iter().position(|value| !value.is_finite()) else {
-            indicators.copy_from_slice(found);
-            return Ok(Status::Ok);
-        };
-        let value = found[place];
-        Ok(self.not_finite(function, &format!("event indicator {}", place + 1), value))
+        let broken = hand_out(self.execution.event_indicators().iter().copied(), indicators);
+        Ok(broken.map_or(Status::Ok, |(place, value)| {
+            self.not_finite(function, &format!("event indicator {}", place + 1), value)
+        }))
     }
 
     fn check_count(&self, function: Function, given: usize, expected: usize, what: &str) -> Answer {

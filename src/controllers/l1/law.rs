@@ -264,7 +264,7 @@ impl Law {
                 y[self.eta_hat][i] += known;
             }
         }
-        add_product(&mut y[self.eta_hat], v.matrix(self.theta_hat), phi);
+        add_product(&mut y[self.eta_hat], v.matrix(self.theta_hat), phi.iter().copied());
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
             let term = v[self.omega_hat][k] * y[self.v][j];
             y[self.eta_hat][i] += term;
@@ -281,7 +281,7 @@ impl Law {
         let active = v.get(self.active);
         y[self.feedback].fill(S::from(0.0));
         if let Some(K_m) = self.design.K_m(v) {
-            add_product(&mut y[self.feedback], K_m, &v[self.ports.x]);
+            add_product(&mut y[self.feedback], K_m, v[self.ports.x].iter().copied());
         }
         for i in 0..self.u_ad.len() {
             let states = v[self.f].chunks_exact(self.filter.order()).nth(i).unwrap_or(&[]);
@@ -320,14 +320,13 @@ impl Law {
     }
 
     /// State predictor, adaptive laws with projection, and the control law u_ad = −K D(s) (η̂ + H_m⁻¹ H_um η̂_2 − K_g r).
-    /// K may be another than the parameter where [`Law::allows_scheduling`]. While not enabled, estimates are frozen; the predictor follows the state, and the adaptive control the manual one.
+    /// K may be another than the parameter where [`Law::allows_scheduling`]. While not enabled, estimates are frozen; the
+    /// predictor follows the state, x̂' = A_m (x̂ − x), and the adaptive control the manual one.
     pub fn derivatives<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
         let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], v.get(self.active));
         dx[self.x_hat].fill(S::from(0.0));
-        for ((column, &x_hat), &x) in self.design.A_m(v).column_iter().zip(x_hat).zip(x) {
-            let x = if active { x_hat } else { x_hat - x };
-            dx[self.x_hat].iter_mut().zip(column.as_slice()).for_each(|(rate, &a)| *rate += a * x);
-        }
+        let followed = x_hat.iter().zip(x).map(|(&x_hat, &x)| if active { x_hat } else { x_hat - x });
+        add_product(&mut dx[self.x_hat], self.design.A_m(v), followed);
         if let Some(unmatched) = &self.unmatched {
             unmatched.derivatives(v, dx);
         }
@@ -375,13 +374,13 @@ impl Law {
     }
 
     /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it makes the
-    /// control jump at most by what u_ad has of η̂_2 at once.
+    /// control jump at most by what u_ad has of η̂_2 at once. To be computed before the adaptive laws.
     fn control_law<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
         let (Filter { A_f, B_f, .. }, order) = (&self.filter, self.filter.order());
         // η̂ − K_g r is needed in every channel: it stands in the place of σ̂' until the adaptive laws write that.
         let error = &mut dx[self.sigma_hat];
         error.fill(S::from(0.0));
-        add_product(error, v.matrix(self.design.K_g), r);
+        add_product(error, v.matrix(self.design.K_g), r.iter().copied());
         error.iter_mut().zip(&v[self.eta_hat]).for_each(|(error, &eta_hat)| *error = eta_hat - *error);
         for (i, states) in v[self.f].chunks_exact(order).enumerate() {
             let driven = -dot(K.row(i).iter(), &dx[self.sigma_hat]);

@@ -146,8 +146,8 @@ pub(super) fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S])
 }
 
 /// Adds A x to `sums`, column by column, as A is stored.
-fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: &[S]) {
-    for (column, &x) in A.column_iter().zip(x) {
+fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: impl Iterator<Item = S>) {
+    for (column, x) in A.column_iter().zip(x) {
         sums.iter_mut().zip(column.as_slice()).for_each(|(sum, &a)| *sum += a * x);
     }
 }
