@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use crate::integrator::Mode;
+
 /// A text of a file or another tool as one line that can be shown: control characters escaped.
 pub fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { c.escape_debug().to_string() } else { c.to_string() }).collect()
@@ -117,16 +119,20 @@ pub enum StepError {
     },
     /// The step needs more work than allowed.
     #[error(
-        "{substeps} substeps reached only t = {time} s of a communication step of {step} s. The system changes too fast \
-         for so long a step: take a smaller one, or, if it is stiff and integration_method is explicit, another method"
+        "{substeps} substeps reached only t = {time} s of a communication step of {step} s, with all the work that \
+         work_limit allows. The system changes too fast for so long a step: take a smaller one, or a larger \
+         work_limit, or, if it is stiff and integration_method is explicit, another method{}",
+        followed.map_or(String::new(), |mode| mode.followed())
     )]
-    TooManySubsteps {
+    TooMuchWork {
         /// How many were made.
         substeps: usize,
         /// How far they came, s.
         time: f64,
         /// The communication step, s.
         step: f64,
+        /// What had to be followed, where that limited the substeps.
+        followed: Option<Mode>,
     },
     /// Events follow each other without time going on.
     #[error("more than {events} events at t = {time} s: the system switches without end (Zeno behaviour)")]

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Invalid;
 use crate::execution::Controls;
+use crate::integrator::Work;
 use crate::report::DesignReport;
 use crate::system::{
     Data, Declaration, DynSystem, Kind, Names, NoStructure, Registry, Section, System, Variables, Word, Words,
@@ -168,10 +169,13 @@ impl Model {
     fn build(description: Description, kind: &Kind, registry: Registry) -> Result<Model, Invalid> {
         let mut declaration = Declaration::default();
         let system = kind.declare(description.structure.clone(), &description.names, registry, &mut declaration)?;
-        let documentation = declaration.documentation();
+        let mut documentation = declaration.documentation();
         let controls = Controls::declare(&mut declaration, system.as_ref());
         let mut variables = declaration.finish()?;
         set_start_values(&mut variables, &description.start)?;
+        if variables.states() > 0 {
+            documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
+        }
         let model = Model { description, documentation, system, variables, controls };
         // Start values that the system refuses make no model.
         model.prepare(&mut model.block(), &mut Vec::new())?;

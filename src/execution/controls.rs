@@ -1,6 +1,6 @@
 //! The variables that every model has beside its own, and the memory of its simulation.
 
-use crate::integrator::{IntegrationMethod, Pace};
+use crate::integrator::{IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DynSystem, IntegerOf, Memory, Parameter, Point, ScalarOf, Section,
     Values, VectorOf, boolean, choice, integer, scalar, vector,
@@ -59,6 +59,7 @@ impl Choice for OnStepFailure {
 pub struct Controls {
     pub(super) relative_tolerance: Option<ScalarOf<Parameter>>,
     pub(super) integration_method: Option<ChoiceOf<Parameter, IntegrationMethod>>,
+    pub(super) work_limit: Option<ScalarOf<Parameter>>,
     pub(super) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
     pub(super) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
     pub(super) time: ScalarOf<Memory>,
@@ -105,6 +106,11 @@ impl Controls {
             let text = "method that integrates the equations within a communication step of co-simulation";
             d.parameter(choice::<IntegrationMethod>("integration_method", text).fixed())
         });
+        let work_limit = relative_tolerance.is_some().then(|| {
+            let text = "work that a communication step of co-simulation may take before it ends with an error, in elementary \
+                        operations (about 1 ns each)";
+            d.parameter(scalar("work_limit", text).start(WORK_LIMIT).min(1e3).max(1e15).nominal(WORK_LIMIT).fixed())
+        });
         let input_handling = (inputs > 0).then(|| {
             d.parameter(
                 choice::<InputHandling>(
@@ -123,6 +129,7 @@ impl Controls {
         Controls {
             relative_tolerance,
             integration_method,
+            work_limit,
             input_handling,
             on_step_failure,
             given_slopes: memory("#given slopes", inputs),
@@ -153,6 +160,10 @@ pub(super) struct PaceMemory {
     own_substep: ScalarOf<Memory>,
     stiff: BooleanOf<Memory>,
     evidence: IntegerOf<Memory>,
+    /// Limits of the explicit method for stability and growth, of the stiff one; the mode that grows: rate, frequency.
+    limits: [ScalarOf<Memory>; 5],
+    jacobian_size: ScalarOf<Memory>,
+    until_look: ScalarOf<Memory>,
 }
 
 impl PaceMemory {
@@ -162,15 +173,23 @@ impl PaceMemory {
             own_substep: d.memory(scalar("#own substep", "")),
             stiff: d.memory(boolean("#stiff", "")),
             evidence: d.memory(integer("#evidence", "")),
+            limits: ["#stable", "#explicit", "#stiff limit", "#growth", "#frequency"]
+                .map(|name| d.memory(scalar(name, ""))),
+            jacobian_size: d.memory(scalar("#Jacobian", "")),
+            until_look: d.memory(scalar("#until look", "")),
         }
     }
 
     pub(super) fn read(self, v: &Values<f64>) -> Pace {
+        let [stable, explicit, stiff, growth, frequency] = self.limits.map(|limit| v[limit]);
         Pace {
             substep: v[self.substep],
             own_substep: v[self.own_substep],
             stiff: v.get(self.stiff),
             evidence: v.get(self.evidence),
+            limits: Limits { stable, explicit, stiff, mode: Mode { growth, frequency } },
+            jacobian_size: v[self.jacobian_size],
+            until_look: v[self.until_look],
         }
     }
 
@@ -179,5 +198,10 @@ impl PaceMemory {
         v[self.own_substep] = pace.own_substep;
         v.put(self.stiff, pace.stiff);
         v.put(self.evidence, pace.evidence);
+        let Limits { stable, explicit, stiff, mode } = pace.limits;
+        let limits = [stable, explicit, stiff, mode.growth, mode.frequency];
+        self.limits.iter().zip(limits).for_each(|(&handle, limit)| v[handle] = limit);
+        v[self.jacobian_size] = pace.jacobian_size;
+        v[self.until_look] = pace.until_look;
     }
 }

@@ -10,7 +10,7 @@ pub use controls::{Controls, InputHandling, OnStepFailure};
 pub use model_exchange::Update;
 
 use crate::error::{Invalid, StepError};
-use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings};
+use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings, WORK_LIMIT};
 use crate::model::{Block, Model};
 use crate::system::{Causality, MessageLog, Point, Section, Values};
 use controls::TIGHTEST_TOLERANCE;
@@ -246,7 +246,8 @@ impl Execution {
         let relative_tolerance = if asked > 0.0 { own.min(asked.max(TIGHTEST_TOLERANCE)) } else { own };
         let method =
             controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle));
-        Settings { method, relative_tolerance, ..Settings::default() }
+        let most_work = controls.work_limit.map_or(WORK_LIMIT, |handle| self.values()[handle]);
+        Settings { method, relative_tolerance, most_work, ..Settings::default() }
     }
 
     /// Takes over the parameters that were set since the last step, then advances from t by one communication step;

@@ -12,6 +12,8 @@
 
 use std::ops::Range;
 
+use nalgebra::Complex;
+
 use super::{OneStepMethod, Problem, Start, Tolerance};
 use crate::system::{ErrorEstimate, Section, Variables};
 
@@ -44,6 +46,12 @@ const CLOSE: f64 = 1e-3;
 /// The disagreement with Simpson's rule is about so many times the error of a step with a kink.
 const DISAGREEMENT: f64 = 2.0;
 
+/// What one substep multiplies the solution of x' = λ x by, for z = λh.
+pub fn stability(z: Complex<f64>) -> Complex<f64> {
+    let coefficients = [1.0 / 600.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
+    coefficients.iter().fold(Complex::new(0.0, 0.0), |sum, &coefficient| sum * z + coefficient)
+}
+
 /// The method's workspace.
 #[derive(Debug)]
 pub struct DormandPrince {
@@ -51,12 +59,15 @@ pub struct DormandPrince {
     k: Vec<[f64; STAGES]>,
     /// What an evaluation writes, as it is at a step's end.
     end: Vec<f64>,
+    errors: Vec<f64>,
 }
 
 impl DormandPrince {
     /// A workspace for a system.
     pub fn new(variables: &Variables) -> Self {
-        DormandPrince { k: vec![[0.0; STAGES]; variables.states()], end: vec![0.0; evaluated(variables).len()] }
+        let n = variables.states();
+        let end = vec![0.0; evaluated(variables).len()];
+        DormandPrince { k: vec![[0.0; STAGES]; n], end, errors: vec![0.0; n] }
     }
 
     /// Takes over the derivatives of stage N, which the problem holds, and evaluates stage N + 1 at node c. (N is known
@@ -124,8 +135,10 @@ impl OneStepMethod for DormandPrince {
         self.stage(problem, start, h, 1.0, &A6);
         self.stage(problem, start, h, 1.0, &A7);
         let (states, rates) = problem.states_and_rates();
-        let errors = self.k.iter().zip(rates).map(|(k, &rate)| h * sum(&E, k, rate));
-        let (mut scaled, mut state) = tolerance.scaled(errors, &start.states, states);
+        for ((error, k), &rate) in self.errors.iter_mut().zip(&self.k).zip(rates) {
+            *error = h * sum(&E, k, rate);
+        }
+        let (mut scaled, mut state) = tolerance.scaled(self.errors.iter().copied(), &start.states, states);
         if (CLOSE..=1.0).contains(&scaled) {
             let seen = self.against_simpson(problem, start, h, tolerance);
             if seen.0 > scaled || seen.0.is_nan() {
@@ -135,14 +148,7 @@ impl OneStepMethod for DormandPrince {
         (ErrorEstimate { scaled, order: 5 }, state)
     }
 
-    /// From the last two stages, which lie at the same time: how far the rates differ for how far the states do.
-    fn fastest_rate(&mut self, problem: &Problem, _: &Start, h: f64, nominals: &[f64]) -> f64 {
-        let (mut states, mut rates) = (0.0, 0.0);
-        for ((k, &rate), nominal) in self.k.iter().zip(problem.rates()).zip(nominals) {
-            let differs = h * (sum(&A7, k, k[5]) - sum(&A6, k, k[4]));
-            states += (differs / nominal).powi(2);
-            rates += ((rate - k[5]) / nominal).powi(2);
-        }
-        f64::sqrt(rates / states)
+    fn errors(&self) -> &[f64] {
+        &self.errors
     }
 }

@@ -1,6 +1,7 @@
 //! Step-size control and events: from one communication point to the next.
 
 use super::methods::Methods;
+use super::outputs::Outputs;
 use super::{IntegrationMethod, Pace, Problem, Settings, Start, Tolerance};
 use crate::error::{Invalid, StepError};
 use crate::system::{DynSystem, ErrorEstimate, Section, Variables};
@@ -24,11 +25,12 @@ pub struct Driver {
     methods: Methods,
     nominals: Vec<f64>,
     start: Start,
+    outputs: Outputs,
     /// Event indicators where a substep begins, where it ends, and between.
     indicators: [Vec<f64>; 3],
     /// Which indicators changed sides at the event that is being handled.
     crossed: Vec<bool>,
-    /// Work of the communication step so far, in substeps of the explicit method.
+    /// Work of the communication step so far, in elementary operations.
     work: f64,
 }
 
@@ -44,9 +46,11 @@ impl Driver {
         let states = variables.states();
         let nominal = |k| variables.real_at(Section::State, k).map_or(1.0, |element| element.nominal());
         let indicators = vec![0.0; system.indicators()];
+        let nominals: Vec<_> = (0..states).map(nominal).collect();
         Driver {
-            methods: Methods::new(system, variables),
-            nominals: (0..states).map(nominal).collect(),
+            methods: Methods::new(system, variables, nominals.clone()),
+            nominals,
+            outputs: Outputs::new(variables),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
             crossed: vec![false; system.indicators()],
             work: 0.0,
@@ -76,7 +80,7 @@ impl Driver {
                 StepError::StepTooSmall { step, .. } => self.check_ahead(problem, step),
                 StepError::Diverged { time, .. }
                 | StepError::NoJacobian { time, .. }
-                | StepError::TooManySubsteps { time, .. } => problem.check(time),
+                | StepError::TooMuchWork { time, .. } => problem.check(time),
                 _ => Ok(()),
             };
             reason.err().map_or(error, StepError::Unsound)
@@ -126,7 +130,8 @@ impl Driver {
             let state_event = target > t && self.substep(problem, &mut t, target, settings, pace)?;
             substeps += 1;
             if self.work > settings.most_work {
-                return Err(StepError::TooManySubsteps { substeps, time: t, step: t1 - t0 });
+                let followed = self.methods.followed(pace);
+                return Err(StepError::TooMuchWork { substeps, time: t, step: t1 - t0, followed });
             }
             check_divergence(problem, t, settings.divergence_limit)?;
             if state_event || events.time_event_due(problem, t, t1) {
@@ -259,11 +264,12 @@ impl Driver {
         pace: &mut Pace,
     ) -> Result<bool, StepError> {
         self.start.set(problem, *t);
+        self.outputs.begin(problem);
         let (way, smallest) = (target - *t, (16.0 * f64::EPSILON * t.abs().max(target.abs())).max(SHORTEST));
         self.begin(problem, *t, way, settings, pace)?;
-        let mut h = first_substep(*pace.substep_of(self.methods.by_itself()), way);
+        let mut h = self.first_substep(pace, way, smallest);
         loop {
-            let (estimate, state) = self.attempt(problem, h, settings, pace);
+            let (estimate, state) = self.controlled(problem, h, settings, pace);
             let suggested = pace.substep_of(self.methods.by_itself());
             if estimate.scaled <= 1.0 {
                 let whole = h == way;
@@ -272,7 +278,7 @@ impl Driver {
                     *suggested = h * growth(estimate.scaled, estimate.order);
                 }
                 if settings.method == IntegrationMethod::Automatic {
-                    self.methods.judge(problem, &self.start, (h, whole), &self.nominals, pace);
+                    self.methods.judge((h, whole), pace);
                 }
                 let end = if whole { target } else { *t + h };
                 return self.locate_event(problem, t, end, settings, pace);
@@ -281,7 +287,7 @@ impl Driver {
             if self.own_step_ends(problem, *t, h, estimate.scaled) {
                 self.methods.give_up_own_step();
                 self.begin(problem, *t, way, settings, pace)?;
-                h = first_substep(pace.substep, way);
+                h = self.first_substep(pace, way, smallest);
                 continue;
             }
             *suggested = h;
@@ -292,11 +298,45 @@ impl Driver {
         }
     }
 
+    /// The substep to try first: the one that is suggested, where there is so long a way to go, and what eigenvalues
+    /// allow.
+    fn first_substep(&self, pace: &mut Pace, way: f64, smallest: f64) -> f64 {
+        let suggested = *pace.substep_of(self.methods.by_itself());
+        let longest = self.methods.longest(pace).max(smallest);
+        let h = if suggested > 0.0 { suggested.min(longest) } else { longest };
+        if h * STRETCH < way { h } else { way }
+    }
+
+    /// As [`Driver::attempt`], with the error of what a user reads in it.
+    fn controlled(
+        &mut self,
+        problem: &mut Problem,
+        h: f64,
+        settings: &Settings,
+        pace: &mut Pace,
+    ) -> (ErrorEstimate, usize) {
+        let (mut estimate, state) = self.attempt(problem, h, settings, pace);
+        if estimate.scaled <= 1.0 && !self.methods.by_itself() {
+            let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
+            let (errors, end) = (self.methods.in_force(pace).errors(), self.start.time + h);
+            estimate.scaled = self.outputs.error(problem, end, errors, estimate.scaled, tolerance);
+        }
+        (estimate, state)
+    }
+
     /// Tries a substep of length h by the method in force, from where the last one ended: its error, and the state that
     /// has it.
-    fn attempt(&mut self, problem: &mut Problem, h: f64, settings: &Settings, pace: &Pace) -> (ErrorEstimate, usize) {
+    fn attempt(
+        &mut self,
+        problem: &mut Problem,
+        h: f64,
+        settings: &Settings,
+        pace: &mut Pace,
+    ) -> (ErrorEstimate, usize) {
+        let work = self.methods.work(pace);
+        self.work += work;
+        pace.until_look -= work;
         let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
-        self.work += self.methods.work(pace);
         self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance)
     }
 
@@ -309,8 +349,9 @@ impl Driver {
         settings: &Settings,
         pace: &mut Pace,
     ) -> Result<(), StepError> {
-        let broken = self.methods.begin(problem, &self.start, (settings.method, way), pace);
-        broken.map_err(|state| StepError::NoJacobian { variable: state_name(problem, state), time: t })
+        let begun = self.methods.begin(problem, &self.start, (settings.method, way), pace);
+        self.work += begun.map_err(|state| StepError::NoJacobian { variable: state_name(problem, state), time: t })?;
+        Ok(())
     }
 
     /// Whether the system's own step is impossible after an attempt, or no longer pays for the length h that is left. The
@@ -333,7 +374,7 @@ impl Driver {
         t: &mut f64,
         end: f64,
         settings: &Settings,
-        pace: &Pace,
+        pace: &mut Pace,
     ) -> Result<bool, StepError> {
         let [before, after, _] = &mut self.indicators;
         problem.event_indicators(end, after);
@@ -389,11 +430,6 @@ impl EventCount {
         let event = problem.next_time_event();
         event <= t || (t == t1 && event <= t1 + self.slack)
     }
-}
-
-/// The substep to try first, where one is suggested (0: none is) and there is so long a way to go.
-fn first_substep(suggested: f64, way: f64) -> f64 {
-    if suggested > 0.0 && suggested * STRETCH < way { suggested } else { way }
 }
 
 /// Factor to the next substep from a scaled error.

@@ -14,8 +14,6 @@ pub struct Jacobian {
     by_states: Vec<f64>,
     /// ∂f/∂t, with the change of the inputs in it.
     by_time: Vec<f64>,
-    /// A vector and its image, for [`Jacobian::spectral_radius`].
-    vectors: [Vec<f64>; 2],
 }
 
 impl Jacobian {
@@ -26,7 +24,6 @@ impl Jacobian {
             dual: vec![Dual64::from_re(0.0); variables.reals(Section::Derivative).end],
             by_states: vec![0.0; n * n],
             by_time: vec![0.0; n],
-            vectors: [vec![0.0; n], vec![0.0; n]],
         }
     }
 
@@ -62,30 +59,16 @@ impl Jacobian {
         broken.map_or(Ok(()), |place| Err(place % n))
     }
 
-    /// Estimate of the largest magnitude of the eigenvalues of ∂f/∂x, by a few steps of power iteration.
-    pub fn spectral_radius(&mut self, nominals: &[f64]) -> f64 {
-        let [v, image] = &mut self.vectors;
-        // No direction that a system's symmetry could make orthogonal to the one that is looked for.
-        v.iter_mut().zip(nominals).enumerate().for_each(|(i, (v, x))| *v = x * ((0.618 * i as f64).fract() - 0.45));
-        let mut radius = 0.0;
-        for _ in 0..ITERATIONS {
-            image.fill(0.0);
-            for (column, &x) in self.by_states.chunks_exact(v.len()).zip(&*v) {
-                image.iter_mut().zip(column).for_each(|(sum, a)| *sum += a * x);
-            }
-            let length = norm(image, nominals);
-            radius = length / norm(v, nominals);
-            if length == 0.0 {
-                break;
-            }
-            v.iter_mut().zip(&*image).for_each(|(v, &image)| *v = image / length);
-        }
-        radius
+    /// How large ∂f/∂x is, with states in units of their nominal values: its largest sum of a row, 1/s.
+    pub fn size(&self, nominals: &[f64]) -> f64 {
+        let n = nominals.len();
+        let row = |i: usize| {
+            let entries = self.by_states[i..].iter().step_by(n).zip(nominals);
+            entries.map(|(a, nominal)| a.abs() * nominal).sum::<f64>() / nominals[i]
+        };
+        (0..n).map(row).fold(0.0, f64::max)
     }
 }
-
-/// Steps of the power iteration: enough to tell orders of magnitude apart.
-const ITERATIONS: usize = 6;
 
 /// One pass over dual numbers; the derivatives of the rates go into `column`.
 fn pass(dual: &mut [Dual64], problem: &Problem, t: Dual64, column: &mut [f64]) {
@@ -94,9 +77,4 @@ fn pass(dual: &mut [Dual64], problem: &Problem, t: Dual64, column: &mut [f64]) {
     system.derivatives_dual(t, dual, problem.integers, offsets);
     let rates = &dual[problem.variables.reals(Section::Derivative)];
     column.iter_mut().zip(rates).for_each(|(derivative, rate)| *derivative = rate.eps);
-}
-
-/// Root of the sum of squares in units of the nominal values.
-pub fn norm(values: &[f64], nominals: &[f64]) -> f64 {
-    values.iter().zip(nominals).map(|(value, nominal)| (value / nominal).powi(2)).sum::<f64>().sqrt()
 }

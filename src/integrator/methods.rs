@@ -3,15 +3,16 @@
 use super::dormand_prince::DormandPrince;
 use super::own_step::OwnStep;
 use super::rosenbrock::Rosenbrock;
+use super::stability::{Limits, Mode};
+use super::watch::Watch;
+use super::work::Work;
 use super::{OneStepMethod, Problem, Start};
 use crate::system::{Choice, DynSystem, Variables};
 
 /// The stiff method is dense: beyond this number of states its matrices have no place in an instance.
 const MOST_STATES: usize = 2000;
-/// Where stability limits the explicit method, step-size control keeps h |λ| at about this. (The limit itself is 3.3.)
-const LIMIT: f64 = 2.8;
-/// A substep above this part of [`LIMIT`] counts as limited by stability.
-const LIMITED: f64 = 0.9;
+/// A substep above this part of what stability allows counts as limited by it.
+const LIMITED: f64 = 0.5;
 /// How many more substeps must speak for the explicit method than against it before it is taken.
 const EVIDENCE: i32 = 15;
 /// After a change back to the explicit method, the next trial takes so many times the evidence more.
@@ -68,6 +69,12 @@ pub struct Pace {
     pub stiff: bool,
     /// Substeps that spoke for the other method, less those that didn't.
     pub evidence: i32,
+    /// What the eigenvalues allow.
+    pub limits: Limits,
+    /// How large the Jacobian was when the stiff method looked at its eigenvalues, 1/s.
+    pub jacobian_size: f64,
+    /// Work until the next look.
+    pub until_look: f64,
 }
 
 impl Pace {
@@ -80,37 +87,50 @@ impl Pace {
 /// The methods for a system.
 ///
 /// A system's own step is taken where it pays, and given up for the rest of a communication step where it finds itself
-/// impossible, or would have to be so short that it doesn't pay. Between general methods the choice follows Hairer and Wanner (Solving Ordinary Differential Equations II, IV.2), with the work in it.
-/// A substep h of the explicit method speaks for the stiff one where its stability limits it, as h |λ| tells, λ being
-/// the eigenvalue of the largest magnitude. One that goes the whole way can't be beaten. A substep of the stiff method
-/// speaks for the explicit one where that would take less work within its stability. The stiff method is tried
-/// when the explicit one has worked as long as a trial takes, so that a trial never costs more than what it may save.
-/// Fast oscillations that are hardly damped limit the explicit method before h |λ| tells: for those a user may ask
-/// for the stiff method.
+/// impossible, or would have to be so short that it doesn't pay.
+///
+/// Between general methods the eigenvalues of the exact Jacobian choose, and work. A substep of the explicit method
+/// speaks for the stiff one where its stability limits it, for one mode or another that is damped, and the stiff method
+/// need not follow a mode that isn't. One that goes the whole way can't be beaten. A substep of the stiff method speaks
+/// for the explicit one where that would take less work within its own limits. The stiff method is tried when the
+/// explicit one has worked as long as a trial takes, so that a trial never costs more than what it may save.
 pub struct Methods {
     explicit: DormandPrince,
     stiff: Option<Box<Rosenbrock>>,
     own: Option<OwnStep>,
+    watch: Option<Watch>,
+    nominals: Vec<f64>,
     /// Whether the system's own step is in force, and whether it was given up for the rest of a communication step.
     /// Both are decided anew in each.
     by_itself: bool,
     given_up: bool,
+    work: Work,
     /// Work of a stiff substep in explicit ones.
-    work: f64,
+    relative_work: f64,
     /// How many more substeps must speak for the stiff method than against it before it is tried: they take as long
     /// as a trial that ends with the evidence for the explicit method.
     trial: i32,
 }
 
 impl Methods {
-    /// The methods for a system.
-    pub fn new(system: &dyn DynSystem, variables: &Variables) -> Self {
-        let states = variables.states();
+    /// The methods for a system whose states have these magnitudes.
+    pub fn new(system: &dyn DynSystem, variables: &Variables, nominals: Vec<f64>) -> Self {
+        let (states, work) = (variables.states(), Work::of(variables));
         let stiff = IntegrationMethod::offered(states).then(|| Box::new(Rosenbrock::new(variables)));
         let own = system.steps_itself().then(|| OwnStep::new(system, variables));
-        let work = relative_work(states as f64);
-        let (explicit, trial) = (DormandPrince::new(variables), (work * f64::from(EVIDENCE)) as i32);
-        Methods { explicit, stiff, own, by_itself: false, given_up: false, work, trial }
+        let relative_work = (work.stiff + work.jacobian) / work.explicit;
+        Methods {
+            explicit: DormandPrince::new(variables),
+            stiff,
+            own,
+            watch: Watch::new(states, &work),
+            nominals,
+            by_itself: false,
+            given_up: false,
+            work,
+            relative_work,
+            trial: (relative_work * f64::from(EVIDENCE)) as i32,
+        }
     }
 
     /// The explicit method.
@@ -142,13 +162,25 @@ impl Methods {
         }
     }
 
-    /// Work of a substep by the method in force, in explicit ones; that of a system's own counts as a stiff one's.
+    /// The longest substep that the eigenvalues allow the method in force, s.
+    pub fn longest(&self, pace: &Pace) -> f64 {
+        if self.by_itself { f64::INFINITY } else { pace.limits.of_method(pace.stiff).recip() }
+    }
+
+    /// The mode whose growth limits the method in force, if one does.
+    pub fn followed(&self, pace: &Pace) -> Option<Mode> {
+        let Limits { stable, explicit, stiff, mode } = pace.limits;
+        let limited = if pace.stiff { stiff > 0.0 } else { explicit > stable };
+        (limited && !self.by_itself).then_some(mode)
+    }
+
+    /// Work of an attempt by the method in force; that of a system's own counts as a stiff one's.
     pub fn work(&self, pace: &Pace) -> f64 {
-        if self.by_itself || pace.stiff { self.work } else { 1.0 }
+        if self.by_itself || pace.stiff { self.work.stiff } else { self.work.explicit }
     }
 
     /// Decides by which method the substep goes that begins where the problem stands, with so long a way to go, and
-    /// prepares it.
+    /// prepares it; the work that this was.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number, if the stiff method was asked for.
@@ -158,51 +190,67 @@ impl Methods {
         start: &Start,
         (asked, way): (IntegrationMethod, f64),
         pace: &mut Pace,
-    ) -> Result<(), usize> {
+    ) -> Result<f64, usize> {
         self.by_itself = asked == IntegrationMethod::Automatic
             && self.own.is_some()
             && !self.given_up
             && problem.system.own_step_pays(way, &problem.values());
         match asked {
-            IntegrationMethod::Automatic if self.by_itself => return Ok(()),
+            IntegrationMethod::Automatic if self.by_itself => return Ok(0.0),
             IntegrationMethod::Explicit => pace.stiff = false,
             IntegrationMethod::Stiff => pace.stiff = self.stiff.is_some(),
             IntegrationMethod::Automatic if pace.evidence < if pace.stiff { EVIDENCE } else { self.trial } => {}
             IntegrationMethod::Automatic => self.change(pace),
         }
-        match self.in_force(pace).begin(problem, start) {
-            Err(_) if asked == IntegrationMethod::Automatic => {
-                self.change(pace);
-                Ok(())
+        if pace.stiff {
+            match self.begin_stiff(problem, start, pace) {
+                Err(_) if asked == IntegrationMethod::Automatic => self.change(pace),
+                result => return result,
             }
-            result => result,
         }
+        Ok(self.begin_explicit(problem, start, way, pace))
+    }
+
+    /// Prepares a substep of the stiff method.
+    fn begin_stiff(&mut self, problem: &Problem, start: &Start, pace: &mut Pace) -> Result<f64, usize> {
+        let Some(stiff) = &mut self.stiff else { return Ok(0.0) };
+        stiff.begin(problem, start)?;
+        let looked = |watch: &mut Watch| watch.look_for_stiff(stiff.jacobian(), &self.nominals, pace);
+        Ok(self.work.jacobian + self.watch.as_mut().map_or(0.0, looked))
+    }
+
+    /// Prepares a substep of the explicit method, which needs the Jacobian for its eigenvalues alone.
+    fn begin_explicit(&mut self, problem: &Problem, start: &Start, way: f64, pace: &mut Pace) -> f64 {
+        let (Some(watch), Some(stiff)) = (&mut self.watch, &mut self.stiff) else { return 0.0 };
+        if !watch.is_due(pace) {
+            return 0.0;
+        }
+        if stiff.begin(problem, start).is_err() {
+            watch.nothing_seen(pace);
+            return self.work.jacobian;
+        }
+        watch.look_for_explicit(stiff.jacobian(), way, pace)
     }
 
     fn change(&self, pace: &mut Pace) {
         pace.evidence = if pace.stiff { -PATIENCE * self.trial } else { 0 };
         pace.stiff = !pace.stiff;
+        // The other method's limits are looked at before it goes anywhere.
+        pace.until_look = 0.0;
     }
 
     /// Counts the accepted substep h, after its attempt, for or against the method in force. `whole`: it went all the
     /// way to where it had to end.
-    pub fn judge(
-        &mut self,
-        problem: &Problem,
-        start: &Start,
-        (h, whole): (f64, bool),
-        nominals: &[f64],
-        pace: &mut Pace,
-    ) {
-        if self.stiff.is_none() || self.by_itself {
+    pub fn judge(&mut self, (h, whole): (f64, bool), pace: &mut Pace) {
+        if self.watch.is_none() || self.by_itself {
             return;
         }
-        let mut limits = || h * self.in_force(pace).fastest_rate(problem, start, h, nominals) / LIMIT;
+        let (explicit, stiff) = (pace.limits.of_method(false), pace.limits.of_method(true));
         let against = if pace.stiff {
             // Half the work: a system at the border stays with what it has.
-            limits() < 0.5 * self.work
+            h * explicit < 0.5 * self.relative_work
         } else {
-            !whole && limits() > LIMITED
+            !whole && h * pace.limits.stable > LIMITED && stiff * self.relative_work < explicit
         };
         if against {
             pace.evidence += 1;
@@ -210,12 +258,4 @@ impl Methods {
             pace.evidence -= 1;
         }
     }
-}
-
-/// Work of a stiff substep of n states in explicit ones, counted in evaluations of the equations. A pass with dual
-/// numbers counts as two. Of linear algebra, an evaluation is worth twenty operations a state.
-fn relative_work(n: f64) -> f64 {
-    let (explicit, stages, derivatives) = (6.0, 8.0, 2.0 * (n + 1.0));
-    let algebra = (n.powi(3) / 3.0 + 9.0 * n.powi(2)) / (20.0 * n);
-    (stages + derivatives + algebra) / explicit
 }

@@ -68,15 +68,25 @@ mod driver;
 mod jacobian;
 mod lu;
 mod methods;
+mod outputs;
 mod own_step;
 mod rosenbrock;
+mod spectrum;
+mod stability;
+mod watch;
+mod work;
 
 pub use driver::Driver;
 pub(crate) use driver::check_divergence;
 pub use methods::{IntegrationMethod, Pace};
+pub use stability::{Limits, Mode};
+pub use work::Work;
 
 use crate::error::Invalid;
 use crate::system::{DynSystem, ErrorEstimate, MessageLog, Offsets, Point, Section, Values, Variables};
+
+/// Work that one communication step may take by default, in elementary operations of about 1 ns.
+pub const WORK_LIMIT: f64 = 1e9;
 
 /// How a communication step is integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,7 +95,7 @@ pub struct Settings {
     pub method: IntegrationMethod,
     /// Error tolerated in each substep, relative to the larger of a state's magnitude and its nominal value.
     pub relative_tolerance: f64,
-    /// Work that one communication step may take, in substeps of the explicit method that are tried.
+    /// Work that one communication step may take, in elementary operations.
     pub most_work: f64,
     /// Events that may follow each other without time between them.
     pub max_events: usize,
@@ -101,7 +111,7 @@ impl Default for Settings {
         Settings {
             method: IntegrationMethod::Automatic,
             relative_tolerance: 1e-6,
-            most_work: 1e6,
+            most_work: WORK_LIMIT,
             max_events: 10_000,
             divergence_limit: 1e12,
             event_slack: 1e-6,
@@ -285,10 +295,8 @@ pub trait OneStepMethod: Send {
     fn attempt(&mut self, problem: &mut Problem, start: &Start, h: f64, tolerance: Tolerance)
     -> (ErrorEstimate, usize);
 
-    /// Right after an attempt: about the largest magnitude of the eigenvalues of the equations, 1/s. Not a number
-    /// where the method doesn't know.
-    fn fastest_rate(&mut self, problem: &Problem, start: &Start, h: f64, nominals: &[f64]) -> f64 {
-        let _ = (problem, start, h, nominals);
-        f64::NAN
+    /// Right after an attempt: the error of each state, where the method knows them.
+    fn errors(&self) -> &[f64] {
+        &[]
     }
 }

@@ -8,6 +8,8 @@
 //!
 //! The states of the last stages add up: the result is that of stage 8 plus u₈, and u₈ itself is the error.
 
+use nalgebra::Complex;
+
 use super::jacobian::Jacobian;
 use super::lu::Lu;
 use super::{OneStepMethod, Problem, Start, Tolerance};
@@ -54,6 +56,23 @@ const C8: [f64; 7] = [
     -9.48861652309627,
 ];
 
+/// What one substep multiplies the solution of x' = λ x by, for z = λh: the stages on that equation.
+pub fn stability(z: Complex<f64>) -> Complex<f64> {
+    let a: [&[f64]; STAGES - 2] = [&[], &A2, &A3, &A4, &A5, &A6];
+    let c: [&[f64]; STAGES] = [&[], &C2, &C3, &C4, &C5, &C6, &C7, &C8];
+    let mut u = [Complex::new(0.0, 0.0); STAGES];
+    let weighted = |weights: &[f64], u: &[Complex<f64>]| -> Complex<f64> {
+        weights.iter().zip(u).map(|(&weight, u)| u * weight).sum()
+    };
+    let mut x = Complex::new(1.0, 0.0);
+    for i in 0..STAGES {
+        // The last stages add up.
+        x = if i < STAGES - 2 { weighted(a[i], &u) + 1.0 } else { x + u[i - 1] };
+        u[i] = (z * x + weighted(c[i], &u)) / (-z + 1.0 / GAMMA);
+    }
+    x + u[STAGES - 1]
+}
+
 /// The method's workspace.
 #[derive(Debug)]
 pub struct Rosenbrock {
@@ -63,6 +82,7 @@ pub struct Rosenbrock {
     u: Vec<[f64; STAGES]>,
     /// Right-hand side and solution of a stage's equations.
     rhs: Vec<f64>,
+    errors: Vec<f64>,
 }
 
 impl Rosenbrock {
@@ -74,7 +94,13 @@ impl Rosenbrock {
             lu: Lu::new(states),
             u: vec![[0.0; STAGES]; states],
             rhs: vec![0.0; states],
+            errors: vec![0.0; states],
         }
+    }
+
+    /// The Jacobian of the last [`OneStepMethod::begin`].
+    pub fn jacobian(&self) -> &Jacobian {
+        &self.jacobian
     }
 
     /// Decomposes I/(γh) − J; whether it is regular.
@@ -153,12 +179,14 @@ impl OneStepMethod for Rosenbrock {
         problem.evaluate(start.time + h);
         let (states, rates) = problem.states_and_rates();
         // Where the equations give no number, no other step could start.
-        let errors = self.u.iter().zip(rates).map(|(u, rate)| if rate.is_finite() { u[7] } else { f64::NAN });
-        let (scaled, state) = tolerance.scaled(errors, &start.states, states);
+        for ((error, u), rate) in self.errors.iter_mut().zip(&self.u).zip(rates) {
+            *error = if rate.is_finite() { u[7] } else { f64::NAN };
+        }
+        let (scaled, state) = tolerance.scaled(self.errors.iter().copied(), &start.states, states);
         (ErrorEstimate { scaled, order: 5 }, state)
     }
 
-    fn fastest_rate(&mut self, _: &Problem, _: &Start, _: f64, nominals: &[f64]) -> f64 {
-        self.jacobian.spectral_radius(nominals)
+    fn errors(&self) -> &[f64] {
+        &self.errors
     }
 }

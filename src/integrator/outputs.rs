@@ -1,0 +1,76 @@
+//! The error of what a user reads: outputs multiply the errors of states, by gains of thousands in a controller.
+
+use std::ops::Range;
+
+use super::{Problem, Tolerance};
+use crate::system::{Causality, Section, Variability, Variable, Variables};
+
+/// Beyond this, an output multiplies what can't be told from rounding: the error of states is controlled there, that of
+/// the output isn't worth what it would take.
+const MOST_AMPLIFIED: f64 = 1e4;
+/// Relative accuracy of states below which nothing is asked for the sake of outputs.
+const ROUNDING: f64 = 1e-13;
+
+/// Continuous outputs that aren't states, and storage for them.
+#[derive(Debug)]
+pub struct Outputs {
+    /// Everything that an evaluation of signals writes.
+    written: Range<usize>,
+    saved: Vec<f64>,
+    states: Vec<f64>,
+    /// The outputs among that, with their magnitudes.
+    places: Vec<(usize, f64)>,
+    /// Their values where the substep begins.
+    before: Vec<f64>,
+}
+
+impl Outputs {
+    /// The outputs of a system.
+    pub fn new(variables: &Variables) -> Self {
+        let written = variables.reals(Section::Connected).start..variables.reals(Section::Signal).end;
+        let is_output = |v: &&Variable| {
+            v.section == Section::Signal
+                && v.is_real()
+                && v.causality == Causality::Output
+                && v.variability == Variability::Continuous
+        };
+        let outputs = variables.iter().filter(is_output).flat_map(Variable::elements);
+        let places: Vec<_> = outputs.map(|y| (variables.index(y) - written.start, y.nominal())).collect();
+        Outputs {
+            saved: vec![0.0; written.len()],
+            states: vec![0.0; variables.states()],
+            before: vec![0.0; places.len()],
+            places,
+            written,
+        }
+    }
+
+    /// Takes over the values where a substep begins, where the problem stands evaluated.
+    pub fn begin(&mut self, problem: &Problem) {
+        let values = &problem.reals[self.written.clone()];
+        self.before.iter_mut().zip(&self.places).for_each(|(before, &(place, _))| *before = values[place]);
+    }
+
+    /// The largest error of an output in units of what is tolerated, right after an attempt to t, from `errors`
+    /// of the states, whose own largest is `scaled`. The problem stands as before.
+    pub fn error(&mut self, problem: &mut Problem, t: f64, errors: &[f64], scaled: f64, tolerance: Tolerance) -> f64 {
+        let amplified = (tolerance.relative / ROUNDING).clamp(1.0, MOST_AMPLIFIED);
+        if self.places.is_empty() || !(scaled * amplified > 1.0) {
+            return scaled;
+        }
+        self.saved.copy_from_slice(&problem.reals[self.written.clone()]);
+        self.states.copy_from_slice(problem.states());
+        problem.states().iter_mut().zip(errors).for_each(|(x, error)| *x -= error);
+        problem.evaluate_signals(t);
+        let mut worst = 0.0_f64;
+        let values = &problem.reals[self.written.clone()];
+        for (&(place, nominal), before) in self.places.iter().zip(&self.before) {
+            let magnitude = nominal.max(before.abs()).max(self.saved[place].abs());
+            // Where the other solution gives no number, its distance tells nothing.
+            worst = worst.max((values[place] - self.saved[place]).abs() / (tolerance.relative * magnitude));
+        }
+        problem.states().copy_from_slice(&self.states);
+        problem.reals[self.written.clone()].copy_from_slice(&self.saved);
+        scaled.max(worst.min(scaled * amplified))
+    }
+}

@@ -1,0 +1,77 @@
+//! Looks at the eigenvalues of the exact Jacobian now and then, and keeps what they allow.
+//!
+//! How often depends on work alone, so that a restored instance looks at the same substeps: the explicit method pays a
+//! small part of its work for it. The stiff method has the Jacobian anyway, takes long substeps, and is the one that
+//! could pass over growth or a pole, so it looks more often: whenever the Jacobian has changed its size, and after a few
+//! substeps.
+
+use super::Pace;
+use super::jacobian::Jacobian;
+use super::spectrum::Spectrum;
+use super::stability::Limits;
+use super::work::Work;
+
+/// Eigenvalues of larger systems take too long; these stay with the explicit method, unless a user asks otherwise.
+pub const MOST_STATES: usize = 250;
+/// Work of the explicit method between looks, in what a look takes. Far from any limit it may wait longer.
+const EXPLICIT_WORK: f64 = 20.0;
+const FAR: f64 = 10.0;
+const PATIENCE: f64 = 4.0;
+/// The same of the stiff method, whose substeps are long.
+const STIFF_WORK: f64 = 3.0;
+/// A Jacobian that became so many times larger or smaller is looked at, whatever it takes.
+const CHANGE: f64 = 1.25;
+
+/// Looks at eigenvalues.
+#[derive(Debug)]
+pub struct Watch {
+    spectrum: Spectrum,
+    /// Work of finding eigenvalues, and of a Jacobian.
+    work: [f64; 2],
+}
+
+impl Watch {
+    /// For a system of so many states, where it isn't too large.
+    pub fn new(states: usize, work: &Work) -> Option<Self> {
+        let watch = || Watch { spectrum: Spectrum::new(states), work: [work.eigenvalues, work.jacobian] };
+        (1..=MOST_STATES).contains(&states).then(watch)
+    }
+
+    /// Whether the explicit method has to look.
+    pub fn is_due(&self, pace: &Pace) -> bool {
+        pace.until_look <= 0.0
+    }
+
+    /// The explicit method looks, at a Jacobian that was made for that; the work it was.
+    pub fn look_for_explicit(&mut self, jacobian: &Jacobian, way: f64, pace: &mut Pace) -> f64 {
+        self.look(jacobian, pace);
+        let work = self.work[0] + self.work[1];
+        let far = way * pace.limits.of_method(false) * FAR < 1.0;
+        pace.until_look = EXPLICIT_WORK * work * if far { PATIENCE } else { 1.0 };
+        work
+    }
+
+    /// The stiff method looks at the Jacobian of its substep, if that is due or it has changed; the work it was.
+    pub fn look_for_stiff(&mut self, jacobian: &Jacobian, nominals: &[f64], pace: &mut Pace) -> f64 {
+        let size = jacobian.size(nominals);
+        let change = size / pace.jacobian_size;
+        if pace.until_look > 0.0 && change < CHANGE && change > 1.0 / CHANGE {
+            return 0.0;
+        }
+        self.look(jacobian, pace);
+        pace.jacobian_size = size;
+        pace.until_look = STIFF_WORK * self.work[0];
+        self.work[0]
+    }
+
+    /// There are no eigenvalues now; the explicit method will look again.
+    pub fn nothing_seen(&self, pace: &mut Pace) {
+        pace.limits = Limits::default();
+        pace.until_look = EXPLICIT_WORK * (self.work[0] + self.work[1]);
+    }
+
+    fn look(&mut self, jacobian: &Jacobian, pace: &mut Pace) {
+        pace.limits =
+            if self.spectrum.find(jacobian.by_states()) { Limits::of(&self.spectrum) } else { Limits::default() };
+    }
+}

@@ -1,0 +1,58 @@
+//! What things take, counted in elementary operations: the same on every machine, so that a step that is refused for its
+//! work is refused everywhere, and a restored instance does as the one that was saved.
+
+use super::WORK_LIMIT;
+use crate::system::{Section, Variables};
+
+/// Operations of an evaluation beside those for each number that it may read.
+const CALL: f64 = 30.0;
+/// Operations for a number that an evaluation may read.
+const NUMBER: f64 = 1.0;
+/// An evaluation over dual numbers in plain ones.
+const DUAL: f64 = 2.5;
+
+/// Operations of the parts of an integration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Work {
+    /// The equations once.
+    pub evaluation: f64,
+    /// A substep of the explicit method that is tried.
+    pub explicit: f64,
+    /// A substep of the stiff method that is tried, its Jacobian apart.
+    pub stiff: f64,
+    /// The exact Jacobian.
+    pub jacobian: f64,
+    /// The eigenvalues of a Jacobian.
+    pub eigenvalues: f64,
+}
+
+impl Work {
+    /// For a system with these variables.
+    pub fn of(variables: &Variables) -> Self {
+        let n = variables.states() as f64;
+        let evaluation = CALL + NUMBER * variables.reals(Section::Derivative).end as f64;
+        Work {
+            evaluation,
+            explicit: 7.0 * evaluation + 50.0 * n,
+            stiff: 9.0 * evaluation + 2.0 / 3.0 * n.powi(3) + 16.0 * n.powi(2) + 80.0 * n,
+            jacobian: (n + 1.0) * DUAL * evaluation,
+            eigenvalues: 20.0 * n.powi(3) + 100.0 * n,
+        }
+    }
+
+    /// What a step's work comes to for a user, in Markdown.
+    pub fn documentation(&self) -> String {
+        let most = |work: f64| {
+            let digits = format!("{:.1e}", WORK_LIMIT / work).parse::<f64>().unwrap_or(0.0);
+            format!("{digits}")
+        };
+        format!(
+            "## Work of a communication step\n\nA communication step of co-simulation takes as many integration steps as \
+             accuracy needs, but no more than `work_limit` allows: at its start value of {WORK_LIMIT:e}, {} of the \
+             explicit method or {} of the stiff one, with a Jacobian each. A step that would take more ends with an \
+             error, and leaves the unit as it was.\n",
+            most(self.explicit),
+            most(self.stiff + self.jacobian)
+        )
+    }
+}
