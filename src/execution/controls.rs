@@ -164,6 +164,7 @@ pub(super) struct PaceMemory {
     limits: [ScalarOf<Memory>; 5],
     jacobian_size: ScalarOf<Memory>,
     until_look: ScalarOf<Memory>,
+    interval: ScalarOf<Memory>,
 }
 
 impl PaceMemory {
@@ -177,6 +178,7 @@ impl PaceMemory {
                 .map(|name| d.memory(scalar(name, ""))),
             jacobian_size: d.memory(scalar("#Jacobian", "")),
             until_look: d.memory(scalar("#until look", "")),
+            interval: d.memory(scalar("#interval", "")),
         }
     }
 
@@ -190,6 +192,7 @@ impl PaceMemory {
             limits: Limits { stable, explicit, stiff, mode: Mode { growth, frequency } },
             jacobian_size: v[self.jacobian_size],
             until_look: v[self.until_look],
+            interval: v[self.interval],
         }
     }
 
@@ -203,5 +206,6 @@ impl PaceMemory {
         self.limits.iter().zip(limits).for_each(|(&handle, limit)| v[handle] = limit);
         v[self.jacobian_size] = pace.jacobian_size;
         v[self.until_look] = pace.until_look;
+        v[self.interval] = pace.interval;
     }
 }

@@ -75,6 +75,8 @@ pub struct Pace {
     pub jacobian_size: f64,
     /// Work until the next look.
     pub until_look: f64,
+    /// Work between the last looks of the stiff method.
+    pub interval: f64,
 }
 
 impl Pace {
@@ -203,7 +205,7 @@ impl Methods {
             IntegrationMethod::Automatic => self.change(pace),
         }
         if pace.stiff {
-            match self.begin_stiff(problem, start, pace) {
+            match self.begin_stiff(problem, start, way, pace) {
                 Err(_) if asked == IntegrationMethod::Automatic => self.change(pace),
                 result => return result,
             }
@@ -212,10 +214,10 @@ impl Methods {
     }
 
     /// Prepares a substep of the stiff method.
-    fn begin_stiff(&mut self, problem: &Problem, start: &Start, pace: &mut Pace) -> Result<f64, usize> {
+    fn begin_stiff(&mut self, problem: &Problem, start: &Start, way: f64, pace: &mut Pace) -> Result<f64, usize> {
         let Some(stiff) = &mut self.stiff else { return Ok(0.0) };
         stiff.begin(problem, start)?;
-        let looked = |watch: &mut Watch| watch.look_for_stiff(stiff.jacobian(), &self.nominals, pace);
+        let looked = |watch: &mut Watch| watch.look_for_stiff(stiff.jacobian(), &self.nominals, way, pace);
         Ok(self.work.jacobian + self.watch.as_mut().map_or(0.0, looked))
     }
 

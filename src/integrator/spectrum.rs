@@ -21,7 +21,8 @@ pub struct Spectrum {
     /// By rows; what is left of the matrix while it is split.
     a: Vec<f64>,
     values: Vec<Complex<f64>>,
-    /// Rounding errors of the last matrix: eigenvalues can't be told apart below this.
+    /// Which of them took more than a permutation to find, and the rounding errors of that.
+    found: Range<usize>,
     noise: f64,
 }
 
@@ -55,7 +56,13 @@ impl<const N: usize> Reflection<N> {
 impl Spectrum {
     /// Storage for matrices of so many rows.
     pub fn new(size: usize) -> Self {
-        Spectrum { size, a: vec![0.0; size * size], values: vec![Complex::new(0.0, 0.0); size], noise: 0.0 }
+        Spectrum {
+            size,
+            a: vec![0.0; size * size],
+            values: vec![Complex::new(0.0, 0.0); size],
+            found: 0..0,
+            noise: 0.0,
+        }
     }
 
     /// Finds the eigenvalues of a matrix, by columns or by rows; whether it could.
@@ -70,18 +77,15 @@ impl Spectrum {
         let norm = active.clone().flat_map(|i| active.clone().map(move |j| (i, j)));
         let norm = norm.map(|(i, j)| self.a[i * self.size + j].powi(2)).sum::<f64>().sqrt();
         self.noise = 10.0 * self.size as f64 * f64::EPSILON * norm;
+        self.found = active.clone();
         self.hessenberg(active.clone());
         self.split(active, norm)
     }
 
-    /// The eigenvalues that were found, in no order.
-    pub fn values(&self) -> &[Complex<f64>] {
-        &self.values
-    }
-
-    /// How large the rounding errors are in which the eigenvalues were found.
-    pub fn noise(&self) -> f64 {
-        self.noise
+    /// The eigenvalues that were found, in no order, each with how large its rounding error may be.
+    pub fn values(&self) -> impl Iterator<Item = (Complex<f64>, f64)> {
+        let noise = |k| if self.found.contains(&k) { self.noise } else { 0.0 };
+        self.values.iter().enumerate().map(move |(k, &value)| (value, noise(k)))
     }
 
     fn at(&self, row: usize, column: usize) -> f64 {
@@ -273,7 +277,7 @@ mod tests {
     fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
         let mut spectrum = Spectrum::new(a.nrows());
         assert!(spectrum.find(a.as_slice()), "{a}");
-        spectrum.values().to_vec()
+        spectrum.values().map(|(value, _)| value).collect()
     }
 
     /// The largest distance between eigenvalues and those that are expected, each taken once, relative to its magnitude.

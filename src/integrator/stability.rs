@@ -20,6 +20,8 @@ const LEAST_GROWTH: f64 = 1e-8;
 /// In a substep nothing may grow by more than e to this: where growth is that of the way to a pole, the next substep sees
 /// how much faster it has become.
 const GROWTH_IN_A_SUBSTEP: f64 = 0.5;
+/// What was followed is forgotten by this factor from one look to the next.
+const FORGOTTEN: f64 = 0.5;
 /// A mode that decays more slowly than this part of its frequency may soon grow: the stiff method follows it, with an
 /// error of its growth of this part of its frequency too.
 const HARDLY_DAMPED: f64 = 1e-6;
@@ -71,29 +73,44 @@ impl Limits {
     /// The limits for the eigenvalues that were found.
     pub fn of(spectrum: &Spectrum) -> Self {
         let mut limits = Limits::default();
-        for &value in spectrum.values().iter().filter(|value| value.im >= 0.0 && value.norm() > spectrum.noise()) {
-            limits.add(value, spectrum.noise());
+        for (value, noise) in spectrum.values().filter(|(value, _)| value.im >= 0.0) {
+            limits.add(value, noise);
         }
         limits
     }
 
+    /// Adds what an eigenvalue asks for whose rounding error may be as large as `noise`.
     fn add(&mut self, value: Complex<f64>, noise: f64) {
         let (size, growth) = (value.norm(), value.re);
+        if size <= noise {
+            // Whatever it is, it may grow as fast as that.
+            return self.follow(noise / GROWTH_IN_A_SUBSTEP, value);
+        }
         if growth <= 0.0 && self.stable * RAY.0 < size {
             self.stable = self.stable.max(size / (STABLE_PART * stable_way(value / size)));
         }
+        let stiff = |allowed| size / resolved_way(rosenbrock::stability, value / size, allowed);
         if growth > (LEAST_GROWTH * size).max(noise) {
             let allowed = GROWTH_ACCURACY * growth / size;
             self.explicit = self.explicit.max(size / resolved_way(dormand_prince::stability, value / size, allowed));
-            let stiff = size / resolved_way(rosenbrock::stability, value / size, allowed);
-            if stiff > self.stiff {
-                (self.stiff, self.mode) = (stiff, Mode { growth, frequency: value.im });
-            }
-        } else if growth > -HARDLY_DAMPED * size {
-            let stiff = size / resolved_way(rosenbrock::stability, value / size, HARDLY_DAMPED);
-            if stiff > self.stiff {
-                (self.stiff, self.mode) = (stiff, Mode { growth, frequency: value.im });
-            }
+            self.follow(stiff(allowed), value);
+        } else if growth > -(HARDLY_DAMPED * size).max(noise) {
+            self.follow(stiff(HARDLY_DAMPED), value);
+        }
+    }
+
+    /// The stiff method follows a mode by substeps of the reciprocal of `limit`, 1/s.
+    fn follow(&mut self, limit: f64, value: Complex<f64>) {
+        if limit > self.stiff {
+            (self.stiff, self.mode) = (limit, Mode { growth: value.re, frequency: value.im });
+        }
+    }
+
+    /// Keeps what was followed before, for substeps twice as long: where equations change faster than a substep sees,
+    /// modes that grow come and go.
+    pub fn remember(&mut self, before: &Limits) {
+        if self.stiff < FORGOTTEN * before.stiff {
+            (self.stiff, self.mode) = (FORGOTTEN * before.stiff, before.mode);
         }
     }
 

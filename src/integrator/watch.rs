@@ -19,6 +19,8 @@ const FAR: f64 = 10.0;
 const PATIENCE: f64 = 4.0;
 /// The same of the stiff method, whose substeps are long.
 const STIFF_WORK: f64 = 3.0;
+/// The shortest wait, as a part of that.
+const LEAST_INTERVAL: f64 = 1e-3;
 /// A Jacobian that became so many times larger or smaller is looked at, whatever it takes.
 const CHANGE: f64 = 1.25;
 
@@ -52,15 +54,21 @@ impl Watch {
     }
 
     /// The stiff method looks at the Jacobian of its substep, if that is due or it has changed; the work it was.
-    pub fn look_for_stiff(&mut self, jacobian: &Jacobian, nominals: &[f64], pace: &mut Pace) -> f64 {
+    pub fn look_for_stiff(&mut self, jacobian: &Jacobian, nominals: &[f64], way: f64, pace: &mut Pace) -> f64 {
         let size = jacobian.size(nominals);
         let change = size / pace.jacobian_size;
         if pace.until_look > 0.0 && change < CHANGE && change > 1.0 / CHANGE {
             return 0.0;
         }
+        let before = pace.limits;
         self.look(jacobian, pace);
+        pace.limits.remember(&before);
         pace.jacobian_size = size;
-        pace.until_look = STIFF_WORK * self.work[0];
+        // Growth that has to be followed may come and go: it is looked for in each substep, then ever more rarely.
+        let most = STIFF_WORK * self.work[0];
+        let follows = pace.limits.of_method(true) * way > 1.0;
+        pace.interval = if follows { 0.0 } else { (2.0 * pace.interval).clamp(LEAST_INTERVAL * most, most) };
+        pace.until_look = pace.interval;
         self.work[0]
     }
 
