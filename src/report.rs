@@ -72,7 +72,9 @@ impl From<&DVector<f64>> for Value {
 
 impl From<Bounds> for Value {
     fn from(Bounds { lower, upper }: Bounds) -> Self {
-        if upper.is_finite() { Value::Between { lower, upper } } else { Value::Text(infinite(upper).to_owned()) }
+        // A sum of both is a number only where both are.
+        let both = lower + upper;
+        if both.is_finite() { Value::Between { lower, upper } } else { Value::Text(infinite(both).to_owned()) }
     }
 }
 
@@ -88,11 +90,25 @@ impl From<&str> for Value {
     }
 }
 
+const INFINITE: &str = "infinite";
+const NOT_A_NUMBER: &str = "not a number";
+
 fn infinite(number: f64) -> &'static str {
-    if number.is_nan() { "not a number" } else { "infinite" }
+    if number.is_nan() { NOT_A_NUMBER } else { INFINITE }
 }
 
 impl Value {
+    /// Whether every number in it is finite.
+    fn is_finite(&self) -> bool {
+        match self {
+            Value::Number(number) => number.is_finite(),
+            Value::Matrix(rows) => rows.iter().flatten().all(|number| number.is_finite()),
+            Value::Eigenvalues(all) => all.iter().all(|value| value.real.is_finite() && value.imaginary.is_finite()),
+            Value::Between { lower, upper } => lower.is_finite() && upper.is_finite(),
+            Value::Text(text) => text != INFINITE && text != NOT_A_NUMBER,
+        }
+    }
+
     /// For people: a line, or a line a row or an eigenvalue.
     pub fn lines(&self) -> Vec<String> {
         match self {
@@ -194,7 +210,12 @@ impl DesignReport {
         self.judge(name, value, unit, Verdict::Ok, note);
     }
 
-    /// A finding, its verdict, and what would mend it.
+    /// A limit that nothing is beyond, which is as good as can be.
+    pub fn tell_unlimited(&mut self, name: &str, unit: &str, note: &str) {
+        self.tell(name, "unlimited", unit, note);
+    }
+
+    /// A finding, its verdict, and what would mend it. No number that isn't finite is ok: nothing is shown by it.
     pub fn judge(
         &mut self,
         name: &str,
@@ -204,7 +225,12 @@ impl DesignReport {
         note: impl Into<String>,
     ) {
         let (name, unit) = (name.to_owned(), unit.to_owned());
-        let (section, value, note) = (self.section.clone(), value.into(), note.into());
+        let (section, value, mut note) = (self.section.clone(), value.into(), note.into());
+        let mut verdict = verdict;
+        if verdict == Verdict::Ok && !value.is_finite() {
+            verdict = Verdict::NotSound;
+            note = format!("no finite number, so that nothing is shown by it: {note}");
+        }
         self.findings.push(Finding { section, name, value, unit, verdict, note });
     }
 
@@ -240,7 +266,8 @@ mod tests {
     fn a_report_survives_its_way_to_a_script_and_back() {
         let mut report = DesignReport::new(1e-3);
         report.section("numbers");
-        report.tell("infinite", f64::INFINITY, "", "");
+        report.judge("infinite", f64::INFINITY, "", Verdict::NotSound, "");
+        report.tell_unlimited("delay margin", "s", "");
         report.tell("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, 1e300]), "1/s", "");
         report.tell("between", Bounds { lower: 1.0, upper: 2.0 }, "", "");
         report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, -2.0]), false);
@@ -248,6 +275,31 @@ mod tests {
         let back: DesignReport = serde_json::from_str(&serde_json::to_string(&report).unwrap()).unwrap();
         assert_eq!(back.findings, report.findings);
         assert!(!report.is_sound());
+    }
+
+    #[test]
+    fn nothing_that_is_no_finite_number_is_ok() {
+        let matrix = DMatrix::from_row_slice(1, 2, &[1.0, f64::NEG_INFINITY]);
+        let broken = Eigenvalue { real: f64::NAN, imaginary: 0.0, damping: None, frequency: f64::NAN };
+        let bounds = Bounds { lower: f64::NAN, upper: 1.0 };
+        let all: [Value; 6] = [
+            f64::INFINITY.into(),
+            f64::NAN.into(),
+            (&matrix).into(),
+            Bounds::INFINITE.into(),
+            bounds.into(),
+            Value::Eigenvalues(vec![broken]),
+        ];
+        for value in all {
+            let mut report = DesignReport::new(1e-3);
+            report.tell("norm", value.clone(), "", "from here to there");
+            let [Finding { verdict, note, .. }] = &report.findings[..] else { panic!("one finding") };
+            assert!(*verdict == Verdict::NotSound && note.ends_with("from here to there"), "{value:?}: {note}");
+        }
+        let mut report = DesignReport::new(1e-3);
+        report.tell_unlimited("delay margin", "s", "");
+        report.tell("words", "symmetric", "", "");
+        assert_eq!(report.verdict(), Verdict::Ok);
     }
 
     #[test]

@@ -272,3 +272,34 @@ fn a_body_that_cannot_be_is_refused() {
         assert!(message.contains(&format!("{name} = {value}")) && message.contains(named), "{message}");
     }
 }
+
+#[test]
+fn what_its_page_says_of_size_weight_and_inertia_is_so() {
+    let page = include_str!("../docs/plants/mares_auv.md").split_whitespace().collect::<Vec<_>>().join(" ");
+    for said in
+        ["$b$ = `diameter`/2", "\\tfrac43 \\pi \\rho\\, a b^2$", "no term $m z_g^2$", "a larger hull is not lifted"]
+    {
+        assert!(page.contains(said), "{said}");
+    }
+    // Without drag and at rest, a hull of another size and density of the water is turned by the same couple, and not lifted.
+    let pose = State::from_fn(|i, _| if i == 3 { 0.4 } else { 0.0 });
+    let moment = |vehicle: &Vehicle| {
+        let rate = vehicle.rate(&pose, &Vector6::zeros());
+        vehicle.inertia() * rate.fixed_rows::<6>(6)
+    };
+    let (own, other) = (
+        moment(&Vehicle::new(WITHOUT_DRAG)),
+        moment(&Vehicle::new(&[WITHOUT_DRAG, &[("diameter", 0.5), ("length", 3.0), ("rho", 500.0)]].concat())),
+    );
+    assert!((own - other).norm() < 1e-12 && (own[3] + RIGHTING * 0.4_f64.sin()).abs() < 1e-12, "{own}{other}");
+    assert!(own.fixed_rows::<3>(0).norm() < 1e-12, "{own}");
+    // The moments of inertia don't grow with z_g, and a sphere's added mass is half of the water that it displaces.
+    let low = Vehicle::new(&[("z_g", 0.02)]).inertia();
+    let (m, a, b) = (32.0, 0.75_f64, 0.1_f64);
+    let added = Vehicle::new(&[]).vector("added_mass");
+    assert!((low[(3, 3)] - added[3] - 0.4 * m * b * b).abs() < 1e-12, "{low}");
+    assert!((low[(4, 4)] - added[4] - 0.2 * m * (a * a + b * b)).abs() < 1e-12, "{low}");
+    let round = Vehicle::new(&[("length", 0.2 * 1.0011)]).vector("added_mass");
+    let water = 4.0 / 3.0 * std::f64::consts::PI * 1025.0 * 0.1_f64.powi(3);
+    assert!((round[0] / (0.5 * water) - 1.0).abs() < 2e-3, "{round}");
+}

@@ -9,6 +9,7 @@ use super::{Baseline, Regressor};
 use crate::control::delay_margin::{Crossing, NominalLoop};
 use crate::control::l1_advice::{Advice, Stabilising};
 use crate::control::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
+use crate::control::l1_norm::Bounds;
 use crate::control::prediction_error::Uncertainty;
 use crate::control::{lyapunov, pole_placement};
 use crate::report::number;
@@ -130,7 +131,7 @@ impl Law {
         let weights = if lipschitz.matched + lipschitz.unmatched > 0.0 { lipschitz } else { free };
         let found = design.worst(weights).and_then(|worst| {
             let lambda = worst.norms.lambda(lipschitz);
-            let advice = (lambda.upper >= 1.0).then(|| Advice::of(design, lipschitz, lambda, &worst.omega));
+            let advice = (!condition_holds(lambda)).then(|| Advice::of(design, lipschitz, lambda, &worst.omega));
             Ok((worst, lambda, advice.transpose()?))
         });
         let (worst, lambda, advice) = match found {
@@ -223,7 +224,7 @@ impl Law {
             return;
         };
         let Some(&Crossing { frequency, phase, delay }) = crossings.first() else {
-            report.tell("delay margin", f64::INFINITY, "s", "the loop's gain is nowhere 1");
+            report.tell_unlimited("delay margin", "s", "the loop's gain is nowhere 1");
             return;
         };
         let of = "delay at the plant's input, in all channels, up to which the loop of the nominal plant is stable";
@@ -298,6 +299,10 @@ impl Law {
         report.section("Communication step");
         let grows = "adaptation_frequency with control and state at zero; grows as √(1 + |v|² + |phi|²)";
         report.tell("omega_a at rest", frequency, "rad/s", grows);
+        if longest == f64::INFINITY {
+            report.tell_unlimited("longest step at rest", "s", "no estimate moves");
+            return;
+        }
         if report.step <= longest {
             report.tell("longest step at rest", longest, "s", "beyond it, step_too_long would be true at once");
             return;
@@ -310,6 +315,11 @@ impl Law {
         );
         report.judge("longest step at rest", longest, "s", Verdict::Warning, note);
     }
+}
+
+/// λ < 1, which no λ shows that isn't a number.
+fn condition_holds(lambda: Bounds) -> bool {
+    lambda.upper < 1.0
 }
 
 /// Says of a design that is too large what isn't computed.

@@ -28,7 +28,9 @@ impl MracPpf {
         let note = "rate of the error under the continuous law, where the plant's input gain is 1";
         report.tell("s", self.decay(v), "1/s", note);
         let name = "longest step of the continuous law";
-        if sampled {
+        if longest == f64::INFINITY {
+            report.tell_unlimited(name, "s", "nothing of the law acts on the error");
+        } else if sampled {
             report.tell(name, longest, "s", "1/s; in co-simulation the law is sampled, which longer steps suit");
         } else if report.step <= longest {
             report.tell(name, longest, "s", "1/s; where the plant is stepped first, 2/s");
