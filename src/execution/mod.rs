@@ -374,9 +374,12 @@ impl Execution {
         self.model.system().check(t, &self.values()).map_err(|invalid| invalid.at(t))
     }
 
-    /// Every state and signal must be a number, and every output within the limit.
+    /// Every state and signal must be a number, and so the time of the next event; every output within the limit.
     fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
         let variables = self.model.variables();
+        if let Some(value) = self.model.system().next_time_event(&self.values()).filter(|next| next.is_nan()) {
+            return Err(StepError::Diverged { variable: "the time of the next event".to_owned(), value, time });
+        }
         for section in [Section::State, Section::Signal] {
             let values = self.block.reals[variables.reals(section)].iter().enumerate();
             for (place, &value) in values.filter(|(_, value)| !value.is_finite() || value.abs() > limit) {

@@ -435,9 +435,12 @@ impl Instance {
         }
     }
 
-    /// Time up to which values are valid, s.
-    pub fn last_successful_time(&self) -> f64 {
-        self.execution.time()
+    /// Time up to which values are valid, s; fmi2Discard where it is no number.
+    pub fn last_successful_time(&mut self, time: &mut f64) -> Status {
+        let broken = hand_out(std::iter::once(self.execution.time()), std::slice::from_mut(time));
+        broken.map_or(Status::Ok, |(_, value)| {
+            self.not_finite(Function::GetRealStatus, "the last successful time", value)
+        })
     }
 }
 

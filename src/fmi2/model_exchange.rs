@@ -99,27 +99,33 @@ impl Instance {
         Ok(())
     }
 
-    /// fmi2GetContinuousStates
+    /// fmi2GetContinuousStates; fmi2Discard where one is no number.
     ///
     /// # Errors
     /// When their number is wrong, or nothing can start from what is set.
-    pub fn get_continuous_states(&mut self, states: &mut [f64]) -> Answer {
+    pub fn get_continuous_states(&mut self, states: &mut [f64]) -> Answer<Status> {
         let function = Function::GetContinuousStates;
         self.check_count(function, states.len(), self.execution.states().len(), "continuous states")?;
         self.evaluate(function)?;
-        states.copy_from_slice(self.execution.states());
-        Ok(())
+        let broken = hand_out(self.execution.states().iter().copied(), states);
+        Ok(broken.map_or(Status::Ok, |(place, value)| {
+            let what = format!("`{}`", self.real_name(Section::State, place));
+            self.not_finite(function, &what, value)
+        }))
     }
 
     /// fmi2GetNominalsOfContinuousStates
     ///
     /// # Errors
     /// When their number is wrong.
-    pub fn get_nominals(&self, nominals: &mut [f64]) -> Answer {
+    pub fn get_nominals(&mut self, nominals: &mut [f64]) -> Answer<Status> {
         let function = Function::GetNominalsOfContinuousStates;
         self.check_count(function, nominals.len(), self.execution.nominals().len(), "continuous states")?;
-        nominals.copy_from_slice(self.execution.nominals());
-        Ok(())
+        let broken = hand_out(self.execution.nominals().iter().copied(), nominals);
+        Ok(broken.map_or(Status::Ok, |(place, value)| {
+            let what = format!("the nominal value of `{}`", self.real_name(Section::State, place));
+            self.not_finite(function, &what, value)
+        }))
     }
 
     /// fmi2GetDerivatives; fmi2Discard where one is no number.

@@ -107,9 +107,8 @@ pub unsafe fn get_event_indicators(c: Component, indicators: *mut f64, count: us
 /// # Safety
 /// `states` is that of `count` numbers.
 pub unsafe fn get_continuous_states(c: Component, states: *mut f64, count: usize) -> Status {
-    let body = |instance: &mut Instance, states: &mut [f64]| ok(instance.get_continuous_states(states));
     // SAFETY: as this function asks of its caller.
-    unsafe { get(c, Function::GetContinuousStates, states, count, body) }
+    unsafe { get(c, Function::GetContinuousStates, states, count, Instance::get_continuous_states) }
 }
 
 /// fmi2GetNominalsOfContinuousStates
@@ -117,7 +116,6 @@ pub unsafe fn get_continuous_states(c: Component, states: *mut f64, count: usize
 /// # Safety
 /// `nominals` is that of `count` numbers.
 pub unsafe fn get_nominals_of_continuous_states(c: Component, nominals: *mut f64, count: usize) -> Status {
-    let body = |instance: &mut Instance, nominals: &mut [f64]| ok(instance.get_nominals(nominals));
     // SAFETY: as this function asks of its caller.
-    unsafe { get(c, Function::GetNominalsOfContinuousStates, nominals, count, body) }
+    unsafe { get(c, Function::GetNominalsOfContinuousStates, nominals, count, Instance::get_nominals) }
 }

@@ -22,8 +22,7 @@ pub unsafe fn get_real_status(c: Component, kind: c_int, value: *mut f64) -> Sta
         if kind != status_kind::LAST_SUCCESSFUL_TIME {
             return Ok(Status::Discard);
         }
-        *value = instance.last_successful_time();
-        Ok(Status::Ok)
+        Ok(instance.last_successful_time(value))
     })
 }
 

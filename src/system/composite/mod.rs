@@ -262,7 +262,8 @@ impl DynSystem for Composite {
 
     fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
         let next = |part: &Part| part.system.next_time_event(&Values { offsets: &part.offsets(v.offsets), ..*v });
-        self.parts.iter().filter_map(next).min_by(f64::total_cmp)
+        // One that isn't a number shows, whatever the others are.
+        self.parts.iter().filter_map(next).reduce(|a, b| if a.is_nan() || a <= b { a } else { b })
     }
 
     fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
