@@ -2,6 +2,8 @@
 
 use serde::Deserialize;
 
+use crate::error::exact;
+use crate::report::number;
 use crate::system::{
     Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit, Values,
     VectorOf, matrix, scalar, vector,
@@ -131,9 +133,11 @@ impl DelayLine {
             if samples > most || (delay / sample_time - samples).abs() > 1e-6 {
                 let longest = most * sample_time;
                 let allowed = format!(
-                    "must be a multiple of sample_time = {sample_time} within 0 … {longest:.6} (delay_samples = {most})"
+                    "must be a multiple of sample_time = {} within 0 … {} (delay_samples = {most})",
+                    exact(sample_time),
+                    number(longest)
                 );
-                invalid.and(Invalid::new(format!("delay[{}]", i + 1), delay, allowed));
+                invalid.and(Invalid::new(format!("delay[{}]", i + 1), exact(delay), allowed));
             }
             v[self.samples][i] = samples;
         }

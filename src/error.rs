@@ -7,7 +7,18 @@ use crate::integrator::Mode;
 
 /// A text of a file or another tool as one line that can be shown: control characters escaped.
 pub fn one_line(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { c.escape_debug().to_string() } else { c.to_string() }).collect()
+    let mut line = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() { line.extend(c.escape_debug()) } else { line.push(c) }
+    }
+    line
+}
+
+/// A number with all its digits, and with an exponent where it would hold a row of zeros: a limit of 1e-300 reads as such.
+pub fn exact(value: f64) -> String {
+    let plain = value == 0.0 || !value.is_finite() || (1e-4..1e16).contains(&value.abs());
+    // No sign at zero.
+    if plain { format!("{}", value + 0.0) } else { format!("{value:e}") }
 }
 
 /// Why a set of parameters, a structure or a start is refused: one line a reason.

@@ -1,6 +1,6 @@
 //! Limits of a control.
 
-use crate::error::Invalid;
+use crate::error::{Invalid, exact};
 use crate::system::Scalar;
 
 /// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
@@ -20,10 +20,10 @@ pub fn within<S: Scalar>(value: S, min: S, max: S) -> S {
 /// What is wrong with limits named `u_min` and `u_max`: each of the first must be below that of the second.
 pub fn check(u_min: &[f64], u_max: &[f64]) -> Invalid {
     let mut invalid = Invalid::none();
-    for (i, (lo, hi)) in u_min.iter().zip(u_max).enumerate() {
+    for (i, (&lo, &hi)) in u_min.iter().zip(u_max).enumerate() {
         if lo >= hi {
-            let allowed = format!("must be below u_max[{}] = {hi}", i + 1);
-            invalid.and(Invalid::new(format!("u_min[{}]", i + 1), lo, allowed));
+            let allowed = format!("must be below u_max[{}] = {}", i + 1, exact(hi));
+            invalid.and(Invalid::new(format!("u_min[{}]", i + 1), exact(lo), allowed));
         }
     }
     invalid

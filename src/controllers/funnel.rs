@@ -4,6 +4,8 @@
 #![allow(non_snake_case)] // R is the thesis' name
 
 use crate::control::performance::{self, Bounds, Performance};
+use crate::error::exact;
+use crate::report::number;
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar,
     Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, vector,
@@ -145,8 +147,8 @@ impl Funnel {
         let mut invalid = Invalid::none();
         for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
             if rho_inf >= rho_0 {
-                let allowed = format!("must be below rho_0[{}] = {rho_0}", i + 1);
-                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), rho_inf, allowed));
+                let allowed = format!("must be below rho_0[{}] = {}", i + 1, exact(*rho_0));
+                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), exact(*rho_inf), allowed));
             }
         }
         invalid
@@ -230,23 +232,26 @@ impl Funnel {
             if bounds.hold(e / rho) {
                 continue;
             }
-            let (low, high, number) = (0.0 - bounds.lower * rho, bounds.upper * rho, i + 1);
+            let (low, high, channel) = (0.0 - bounds.lower * rho, bounds.upper * rho, i + 1);
             let by = if e > 0.0 { e - high } else { low - e };
             let helps = if v[self.opened_at][i] == t && !v.get(self.began_inside) {
                 if bounds.margin(e.signum()) < 0.0 || e == 0.0 {
-                    format!("overshoot[{number}] above {:.6} would do", e.abs() / rho)
+                    format!("overshoot[{channel}] above {} would do", number(e.abs() / rho))
                 } else {
-                    format!("rho_0[{number}] above {:.6} would do", e.abs())
+                    format!("rho_0[{channel}] above {} would do", number(e.abs()))
                 }
             } else {
                 format!(
-                    "it has left its funnel (rho = {rho:.6}). A smaller communication step helps where it is sampled too \
-                     rarely, a larger rho_0[{number}] or rho_inf[{number}] where it is too narrow; on_funnel_exit = reopen \
-                     goes on"
+                    "it has left its funnel (rho = {}). A smaller communication step helps where it is sampled too \
+                     rarely, a larger rho_0[{channel}] or rho_inf[{channel}] where it is too narrow; on_funnel_exit = \
+                     reopen goes on",
+                    number(rho)
                 )
             };
-            let allowed = format!("must lie within {low:.6} … {high:.6}, and is beyond by {by:.6}: {helps}");
-            invalid.and(Invalid::new(format!("e[{number}]"), e, allowed));
+            let where_it_is =
+                if by == 0.0 { "is at a bound".to_owned() } else { format!("is beyond by {}", number(by)) };
+            let allowed = format!("must lie between {} and {}, and {where_it_is}: {helps}", number(low), number(high));
+            invalid.and(Invalid::new(format!("e[{channel}]"), exact(e), allowed));
         }
         invalid.into_result()
     }
@@ -286,9 +291,12 @@ impl Funnel {
             let opened_to = v[self.opened_to][i];
             v.warn(self.left, || {
                 format!(
-                    "e[{}] = {error:.6} has left its funnel of rho = {rho:.6} at t = {t} s; it was re-opened to {opened_to:.6}. \
-                     funnel_reopened counts how often that happens",
-                    i + 1
+                    "e[{}] = {} has left its funnel of rho = {} at t = {t} s; it was re-opened to {}. funnel_reopened counts \
+                     how often that happens",
+                    i + 1,
+                    number(error),
+                    number(rho),
+                    number(opened_to)
                 )
             });
         }

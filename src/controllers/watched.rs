@@ -5,6 +5,8 @@ use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
 use crate::control::performance::{self, Performance};
+use crate::error::exact;
+use crate::report::number;
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, ErrorEstimate, Handle, IntegerOf, Invalid, Parameter, Point, Rates,
     Scalar, ScalarOf, Signal, Signals, Stride, System, Values, VectorOf, Warning, boolean, integer, scalar, vector,
@@ -110,8 +112,8 @@ impl Funnel {
         let mut invalid = Invalid::none();
         for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
             if rho_inf > rho_0 {
-                let allowed = format!("must not be above rho_0[{}] = {rho_0}", i + 1);
-                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), rho_inf, allowed));
+                let allowed = format!("must not be above rho_0[{}] = {}", i + 1, exact(*rho_0));
+                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), exact(*rho_inf), allowed));
             }
         }
         invalid
@@ -139,9 +141,10 @@ impl Funnel {
                 v.put(self.exits, count);
                 let rho = self.rho(i, t, &v.values());
                 v.warn(self.warning, || {
-                    let allowed = format!("is outside of its funnel of rho = {rho:.6}");
+                    let [error, rho] = [error, rho].map(number);
                     format!(
-                        "e[{}] = {error:.6} {allowed} at t = {t} s. funnel_exits counts how often that happens",
+                        "e[{}] = {error} is outside of its funnel of rho = {rho} at t = {t} s. funnel_exits counts how often \
+                         that happens",
                         i + 1
                     )
                 });

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import fmpy
 import matrix
 import numpy as np
 import programs
@@ -43,6 +44,24 @@ def test_what_a_unit_is_given_shows_in_its_outputs(each_fmu: Fmu) -> None:
 def test_every_unit_works_in_the_rust_importer(each_fmu: Fmu, master: Callable, tmp_path: Path) -> None:
     difference, limit = master(each_fmu, COUNT, tmp_path)
     assert difference <= limit
+
+
+@pytest.mark.parametrize("interface", ["CoSimulation", "ModelExchange"])
+def test_every_unit_runs_from_its_own_defaults_in_fmpy(each_fmu: Fmu, interface: str) -> None:
+    """Nothing is set and nothing connected, as at a tool's first try."""
+    # A plant that needs its controller has a shorter experiment.
+    stop = min(1.0, float(each_fmu.description.defaultExperiment.stopTime))
+    ran = fmpy.simulate_fmu(str(each_fmu.path), fmi_type=interface, stop_time=stop)
+    assert ran["time"][-1] == pytest.approx(stop)
+    assert all(np.isfinite(ran[name]).all() for name in ran.dtype.names)
+
+
+@pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
+def test_every_unit_runs_from_its_own_defaults_in_the_rust_importer(
+    each_fmu: Fmu, interface: str, tmp_path: Path
+) -> None:
+    ran = units.rust_untouched(each_fmu, interface, tmp_path)
+    assert all(np.isfinite(values).all() for values in ran.signals.values())
 
 
 def test_every_unit_follows_inputs_that_change_in_fmpys_own_master(each_fmu: Fmu, tmp_path: Path) -> None:

@@ -78,6 +78,12 @@ def resting(fmu: Fmu, count: int) -> Drive:
     return Drive(fmu, count, float(fmu.description.defaultExperiment.stepSize), {}, inputs, rows)
 
 
+def untouched(fmu: Fmu, step: float) -> Drive:
+    """Nothing is set and nothing connected, as at a tool's first try: for 1 s, or its experiment where that is shorter."""
+    count = round(min(1.0, float(fmu.description.defaultExperiment.stopTime)) / step)
+    return Drive(fmu, count, step, {}, [], np.zeros((count, 0)))
+
+
 def grid(of: Drive) -> tuple[np.ndarray, np.ndarray]:
     """Communication points and steps as FMPy tells them to units."""
     return points("FMPy", of.step, of.count)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import fmpy
 import numpy as np
-from drive import Drive, by_plain_calls, by_plain_exchange, drive, grid
+from drive import Drive, by_plain_calls, by_plain_exchange, drive, grid, untouched
 from master import Fmu, Loop, duration
 from masters import RECORDED, TOLERANCE, in_process, largest, points
 
@@ -98,6 +98,11 @@ def rust_model_exchange(fmu: Fmu, count: int, folder: Path) -> tuple[float, floa
     # Euler's steps have to be shorter than the fastest adaptation.
     of = drive(fmu, count, 1e-7 if "adaptation_frequency" in fmu.variables else 1e-5)
     return largest(_in_rust(of, "model-exchange", folder), by_plain_exchange(of)), TOLERANCE
+
+
+def rust_untouched(fmu: Fmu, interface: str, folder: Path) -> Loop:
+    """The crate fmi with nothing set and nothing connected; what its outputs do."""
+    return _in_rust(untouched(fmu, 1e-4), interface, folder)
 
 
 def _in_rust(of: Drive, interface: str, folder: Path) -> Loop:
