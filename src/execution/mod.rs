@@ -12,7 +12,7 @@ pub use model_exchange::Update;
 use crate::error::{Invalid, StepError};
 use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings, WORK_LIMIT};
 use crate::model::{Block, Model};
-use crate::system::{Causality, MessageLog, Point, Section, Values};
+use crate::system::{Causality, Handle, MessageLog, Point, Section, Values};
 use controls::TIGHTEST_TOLERANCE;
 
 /// An instance of a model.
@@ -219,21 +219,24 @@ impl Execution {
         self.kept(self.model.controls().valid_integers, Section::Parameter)
     }
 
+    /// Where in the block the real parameters of the last valid set are kept.
+    fn valid_reals(&self) -> Option<std::ops::Range<usize>> {
+        let memory = self.model.variables().reals(Section::Memory).start;
+        let kept = self.model.controls().valid_reals?.span().range();
+        Some(memory + kept.start..memory + kept.end)
+    }
+
     fn keep_valid_parameters(&mut self) {
-        let (parameters, valid) = (self.model.variables().reals(Section::Parameter), self.model.controls().valid_reals);
-        if let Some(valid) = valid {
-            let set = self.block.reals[parameters].to_vec();
-            self.point().set(valid, set);
+        if let Some(valid) = self.valid_reals() {
+            self.block.reals.copy_within(self.model.variables().reals(Section::Parameter), valid.start);
         }
         let (from, to) = (self.model.variables().integers(Section::Parameter), self.valid_integers());
         self.block.integers.copy_within(from, to.start);
     }
 
     fn restore_valid_parameters(&mut self) {
-        let (parameters, valid) = (self.model.variables().reals(Section::Parameter), self.model.controls().valid_reals);
-        if let Some(valid) = valid {
-            let kept = self.point()[valid].to_vec();
-            self.block.reals[parameters].copy_from_slice(&kept);
+        if let Some(valid) = self.valid_reals() {
+            self.block.reals.copy_within(valid, self.model.variables().reals(Section::Parameter).start);
         }
         let (from, to) = (self.valid_integers(), self.model.variables().integers(Section::Parameter));
         self.block.integers.copy_within(from, to.start);
