@@ -50,7 +50,7 @@ const ACCURACIES: [f64; 2] = [1e-3, 1e-4];
 
 /// A method, and what stands before its tolerance among the start values.
 type Method = (&'static str, &'static str);
-const CLOSED_FORM: Method = ("automatic", "adaptation_tolerance");
+const CLOSED_FORM: Method = ("automatic", "relative_tolerance");
 const GENERAL: Method = ("general", "integration_method = 'explicit'\nrelative_tolerance");
 
 /// A unit with further lines in its `[start]`, in place of those of the same names.

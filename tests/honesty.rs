@@ -7,9 +7,6 @@
 //! variable moves when all states are moved by theirs, at the beginning, in the middle or at the end of the step, where
 //! that is further. An error of 10 passes.
 //!
-//! While an L1 controller may solve its adaptation in closed form, it promises `adaptation_tolerance` of its prediction,
-//! its estimated uncertainty and its control, and nothing of single estimates.
-//!
 //! An error estimate knows the equations at a few points of a step. A kink in a rate (an absolute value, a projection, a limit)
 //! may lie where all that is known of it cancels. So one step in two hundred may have an error above 10.
 
@@ -18,7 +15,7 @@ mod common;
 use adaptive_fmu::model::Block;
 use adaptive_fmu::system::{Element, Section};
 use common::described::open_description;
-use common::exact::{Exact, Solution, Task};
+use common::exact::{Exact, Task};
 use common::random::Random;
 use common::*;
 
@@ -30,13 +27,10 @@ const TIGHTER: [f64; 2] = [1e-4, 1e-6];
 /// An error that passes, and how rare one is that doesn't.
 const PASSES: f64 = 10.0;
 const ONE_IN: usize = 200;
-/// What an L1 controller's closed form is judged by.
-const OF_CLOSED_FORM: [&str; 4] = ["x_hat", "eta_hat", "u_ad", "u"];
 
 /// One communication step that was taken.
 struct Taken<'a> {
     unit: &'a Unit,
-    method: i32,
     task: Task<'a>,
     after: Block,
 }
@@ -61,20 +55,11 @@ impl Taken<'_> {
         (0..variables.states()).map(|k| variables.real_at(Section::State, k).unwrap()).collect()
     }
 
-    /// Whether the adaptation may have been solved in closed form, from the largest values on the way.
-    fn by_closed_form(&self, largest: &[f64]) -> bool {
-        let variables = self.unit.model.variables();
-        let Some(frequency) = variables.find("adaptation_frequency") else { return false };
-        let phase = 1.01 * largest[variables.index(frequency)] * self.task.step;
-        self.method == AUTOMATIC && phase >= self.unit.get("closed_form_phase")
-    }
-
-    /// What is judged: all reals that the unit calculates, or those that the closed form promises.
-    fn judged(&self, closed_form: bool) -> Vec<Element<'_>> {
+    /// What is judged: all reals that the unit calculates.
+    fn judged(&self) -> Vec<Element<'_>> {
         let visible = self.unit.model.variables().visible();
         let given = [Section::Parameter, Section::Prepared, Section::Input];
-        let reals = visible.filter(|e| e.variable.is_real() && !given.contains(&e.variable.section));
-        reals.filter(|e| !closed_form || OF_CLOSED_FORM.contains(&e.variable.name.as_str())).collect()
+        visible.filter(|e| e.variable.is_real() && !given.contains(&e.variable.section)).collect()
     }
 
     /// What of an element is the whole to which a tolerance is relative.
@@ -95,7 +80,7 @@ impl Taken<'_> {
         for part in [0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0] {
             let moved: Vec<_> = tolerated.iter().map(|size| size * random.next().signum()).collect();
             let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..*task }) else { continue };
-            for (furthest, (a, b)) in furthest.iter_mut().zip(other.block.reals.iter().zip(&end.reals)) {
+            for (furthest, (a, b)) in furthest.iter_mut().zip(other.reals.iter().zip(&end.reals)) {
                 *furthest = furthest.max((a - b).abs());
             }
         }
@@ -115,7 +100,7 @@ impl Taken<'_> {
                     let mut moved = vec![0.0; tolerated.len()];
                     moved[k] = size;
                     let Ok(other) = exact.solve(&Task { moved: Some((part, &moved)), ..*task }) else { continue };
-                    let differences = other.block.reals.iter().zip(&end.reals).map(|(a, b)| (a - b).abs());
+                    let differences = other.reals.iter().zip(&end.reals).map(|(a, b)| (a - b).abs());
                     further.iter_mut().zip(differences).for_each(|(further, apart)| *further = further.max(apart));
                 }
                 sums.iter_mut().zip(further).for_each(|(sum, further)| *sum += further);
@@ -127,16 +112,8 @@ impl Taken<'_> {
 
     /// The errors of what is judged, in parts of what is tolerated, and whether more was tolerated for what the equations
     /// carry on.
-    fn errors(
-        &self,
-        exact: &mut Exact,
-        task: &Task,
-        solution: &Solution,
-        random: &mut Random,
-    ) -> (Vec<(String, f64)>, bool) {
-        let (end, closed_form) = (&solution.block, self.by_closed_form(&solution.largest));
-        let tolerance = if closed_form { self.unit.get("adaptation_tolerance") } else { self.task.tolerance };
-        let judged = self.judged(closed_form);
+    fn errors(&self, exact: &mut Exact, task: &Task, end: &Block, random: &mut Random) -> (Vec<(String, f64)>, bool) {
+        let (tolerance, judged) = (self.task.tolerance, self.judged());
         let errors = |carried: Option<&[f64]>| -> Vec<(String, f64)> {
             let error = |&element: &Element| {
                 let place = self.unit.model.variables().index(element);
@@ -208,7 +185,7 @@ fn survey(name: &str, method: i32, count: usize) -> Tally {
         }
         tally.steps += 1;
         let task = Task { block: &before, time, step, slopes: &slopes, tolerance, moved: None };
-        Taken { unit: &unit, method, task, after: unit.block() }.judge(&mut exact, &mut random, &mut tally);
+        Taken { unit: &unit, task, after: unit.block() }.judge(&mut exact, &mut random, &mut tally);
     }
     tally
 }

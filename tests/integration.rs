@@ -306,10 +306,10 @@ impl System for OwnStep {
         stride.whole.copy_from_slice(&[at(2.0 * h), v[self.strides] + 1.0, 2.0 * h]);
         v[self.limit] > 0.0
     }
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
+    fn own_step_pays(&self, h: f64, _relative_tolerance: f64, v: &Values<f64>) -> bool {
         h >= v[self.shortest]
     }
-    fn conclude(&self, whole: &Values<f64>, _nominals: &[f64], v: &mut Point) -> ErrorEstimate {
+    fn conclude(&self, whole: &Values<f64>, _tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
         assert!((whole[self.x] - v[self.x]).abs() < 1e-12);
         ErrorEstimate { scaled: (whole[self.longest] / v[self.limit]).powi(2), order: 2 }
     }

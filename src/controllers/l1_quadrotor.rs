@@ -144,16 +144,16 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         self.attitude.closed_form_workspace()
     }
 
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
-        self.attitude.closed_form_pays(h, v)
+    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+        self.attitude.closed_form_pays(h, relative_tolerance, v)
     }
 
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
         self.attitude.closed_form(self.position.angles, self.attitude.feedback_gain(), stride, v)
     }
 
-    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
-        self.attitude.conclude(whole, nominals, v)
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
+        self.attitude.conclude(whole, tolerance, v)
     }
 }
 

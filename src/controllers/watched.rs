@@ -245,15 +245,15 @@ impl<C: Tracking> System for Watched<C> {
         self.controller.workspace()
     }
 
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
-        self.controller.own_step_pays(h, v)
+    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+        self.controller.own_step_pays(h, relative_tolerance, v)
     }
 
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
         self.controller.advance(stride, v)
     }
 
-    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
-        self.controller.conclude(whole, nominals, v)
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
+        self.controller.conclude(whole, tolerance, v)
     }
 }

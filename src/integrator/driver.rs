@@ -284,7 +284,11 @@ impl Driver {
                 return self.locate_event(problem, t, end, settings, pace);
             }
             h *= if estimate.scaled.is_finite() { growth(estimate.scaled, estimate.order).min(SAFETY) } else { SHRINK };
-            if self.own_step_ends(problem, *t, h, estimate.scaled) {
+            if self.own_step_ends(problem, *t, (h, settings.relative_tolerance), estimate.scaled) {
+                // One that is impossible says nothing about how long the next may be.
+                if estimate.scaled.is_finite() {
+                    pace.own_substep = h;
+                }
                 self.methods.give_up_own_step();
                 self.begin(problem, *t, way, settings, pace)?;
                 h = self.first_substep(pace, way, smallest);
@@ -349,20 +353,21 @@ impl Driver {
         settings: &Settings,
         pace: &mut Pace,
     ) -> Result<(), StepError> {
-        let begun = self.methods.begin(problem, &self.start, (settings.method, way), pace);
+        let asked = (settings.method, way, settings.relative_tolerance);
+        let begun = self.methods.begin(problem, &self.start, asked, pace);
         self.work += begun.map_err(|state| StepError::NoJacobian { variable: state_name(problem, state), time: t })?;
         Ok(())
     }
 
     /// Whether the system's own step is impossible after an attempt, or no longer pays for the length h that is left. The
     /// problem then stands at the substep's start.
-    fn own_step_ends(&self, problem: &mut Problem, t: f64, h: f64, error: f64) -> bool {
+    fn own_step_ends(&self, problem: &mut Problem, t: f64, (h, relative_tolerance): (f64, f64), error: f64) -> bool {
         if !self.methods.by_itself() {
             return false;
         }
         problem.states().copy_from_slice(&self.start.states);
         problem.evaluate(t);
-        !error.is_finite() || !problem.system.own_step_pays(h, &problem.values())
+        !error.is_finite() || !problem.system.own_step_pays(h, relative_tolerance, &problem.values())
     }
 
     /// Moves to the end of an accepted substep, or to the first event indicator that changes its sign before. The

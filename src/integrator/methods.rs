@@ -86,6 +86,9 @@ impl Pace {
     }
 }
 
+/// How much longer the system's own step is expected to be in each communication step in which it isn't tried.
+const HOPE: f64 = 1.2;
+
 /// The methods for a system.
 ///
 /// A system's own step is taken where it pays, and given up for the rest of a communication step where it finds itself
@@ -181,8 +184,8 @@ impl Methods {
         if self.by_itself || pace.stiff { self.work.stiff } else { self.work.explicit }
     }
 
-    /// Decides by which method the substep goes that begins where the problem stands, with so long a way to go, and
-    /// prepares it; the work that this was.
+    /// Decides by which method the substep goes that begins where the problem stands, with so long a way to go and this
+    /// relative tolerance, and prepares it; the work that this was.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number, if the stiff method was asked for.
@@ -190,13 +193,13 @@ impl Methods {
         &mut self,
         problem: &Problem,
         start: &Start,
-        (asked, way): (IntegrationMethod, f64),
+        (asked, way, tolerance): (IntegrationMethod, f64, f64),
         pace: &mut Pace,
     ) -> Result<f64, usize> {
         self.by_itself = asked == IntegrationMethod::Automatic
             && self.own.is_some()
             && !self.given_up
-            && problem.system.own_step_pays(way, &problem.values());
+            && self.own_step_pays(problem, way, tolerance, pace);
         match asked {
             IntegrationMethod::Automatic if self.by_itself => return Ok(0.0),
             IntegrationMethod::Explicit => pace.stiff = false,
@@ -232,6 +235,23 @@ impl Methods {
             return self.work.jacobian;
         }
         watch.look_for_explicit(stiff.jacobian(), way, pace)
+    }
+
+    /// Whether the system's own step pays with the length that it is expected to have. Where that is too short it isn't
+    /// tried in this communication step, and expected to be longer in the next, so that it is tried now and then.
+    fn own_step_pays(&mut self, problem: &Problem, way: f64, tolerance: f64, pace: &mut Pace) -> bool {
+        let pays = |h: f64| problem.system.own_step_pays(h, tolerance, &problem.values());
+        if pace.own_substep == 0.0 || pace.own_substep >= way {
+            return pays(way);
+        }
+        if pays(pace.own_substep) {
+            return true;
+        }
+        if pays(way) {
+            pace.own_substep *= HOPE;
+            self.given_up = true;
+        }
+        false
     }
 
     fn change(&self, pace: &mut Pace) {

@@ -59,7 +59,7 @@ impl OneStepMethod for OwnStep {
         }
         problem.evaluate_signals(end);
         let whole = Values::new(&self.whole, &self.integers, problem.variables.offsets());
-        let estimate = problem.system.conclude(&whole, tolerance.nominals, &mut problem.point());
+        let estimate = problem.system.conclude(&whole, (tolerance.nominals, tolerance.relative), &mut problem.point());
         problem.evaluate(end);
         (estimate, 0)
     }

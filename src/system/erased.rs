@@ -63,9 +63,9 @@ pub trait DynSystem: Send + Sync {
     /// See [`System::advance`].
     fn advance(&self, stride: Stride, v: &mut Point) -> bool;
     /// See [`System::own_step_pays`].
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool;
+    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool;
     /// See [`System::conclude`].
-    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate;
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate;
 }
 
 fn outputs<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers: &[i32], offsets: &Offsets) {
@@ -132,11 +132,11 @@ impl<M: System> DynSystem for M {
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
         System::advance(self, stride, v)
     }
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
-        System::own_step_pays(self, h, v)
+    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+        System::own_step_pays(self, h, relative_tolerance, v)
     }
-    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
-        System::conclude(self, whole, nominals, v)
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
+        System::conclude(self, whole, tolerance, v)
     }
 }
 

@@ -246,10 +246,10 @@ pub trait System: Sized + Send + Sync + 'static {
         0
     }
 
-    /// Whether [`System::advance`] is worth its while over a step h from where the values stand. General integration
-    /// goes on where it isn't.
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
-        let _ = (h, v);
+    /// Whether [`System::advance`] is worth its while over a step h from where the values stand, with this relative
+    /// tolerance in force. General integration goes on where it isn't.
+    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+        let _ = (h, relative_tolerance, v);
         true
     }
 
@@ -263,9 +263,10 @@ pub trait System: Sized + Send + Sync + 'static {
     }
 
     /// Concludes a step: how far apart one `whole` stride and two halves arrive, both with their signals; the point
-    /// stands where the halves do. Its states may be improved from both. `nominals` has one number a state.
-    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
-        let _ = (whole, nominals, v);
+    /// stands where the halves do. Its states may be improved from both. `tolerance` is what the user is promised: the
+    /// nominal value of each state, and the error that is tolerated relative to that or to the state's magnitude.
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
+        let _ = (whole, tolerance, v);
         ErrorEstimate { scaled: f64::INFINITY, order: 1 }
     }
 }

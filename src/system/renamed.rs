@@ -86,10 +86,10 @@ impl DynSystem for Renamed {
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
         self.system.advance(stride, v)
     }
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
-        self.system.own_step_pays(h, v)
+    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+        self.system.own_step_pays(h, relative_tolerance, v)
     }
-    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
-        self.system.conclude(whole, nominals, v)
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
+        self.system.conclude(whole, tolerance, v)
     }
 }

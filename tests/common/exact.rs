@@ -17,7 +17,7 @@ const LATE: usize = ROWS - 2;
 /// The least number of steps: none strides over what happens within.
 const LEAST_STEPS: f64 = 16.0;
 /// Beyond this number of steps a solution isn't worth its time.
-const MOST_STEPS: usize = 100_000;
+const MOST_STEPS: usize = 400_000;
 /// Width of the bracket in which an event is found, as a part of a step.
 const BRACKET: f64 = 1e-12;
 
@@ -36,33 +36,24 @@ pub struct Task<'a> {
     pub moved: Option<(f64, &'a [f64])>,
 }
 
-/// Where it leads.
-pub struct Solution {
-    pub block: Block,
-    /// Largest magnitude of each real on the way.
-    pub largest: Vec<f64>,
-}
-
 /// Solves the equations of one unit.
 pub struct Exact {
     model: Model,
     execution: Execution,
     nominals: Vec<f64>,
-    largest: Vec<f64>,
 }
 
 impl Exact {
     pub fn new(text: &str) -> Self {
         let execution = Execution::new(model(text).unwrap());
-        let (nominals, largest) = (execution.nominals().to_vec(), vec![0.0; execution.block.reals.len()]);
-        Exact { model: model(text).unwrap(), execution, nominals, largest }
+        let nominals = execution.nominals().to_vec();
+        Exact { model: model(text).unwrap(), execution, nominals }
     }
 
-    /// The solution, or why there is none.
-    pub fn solve(&mut self, task: &Task) -> Result<Solution, String> {
+    /// Where it leads, or why nowhere.
+    pub fn solve(&mut self, task: &Task) -> Result<Block, String> {
         let (t0, t1) = (task.time, task.time + task.step);
         self.execution.block.copy_from(task.block);
-        self.largest.fill(0.0);
         let mut next = self.settle(task, t0)?;
         if let Some((part, moved)) = task.moved {
             let middle = t0 + part * task.step;
@@ -80,7 +71,7 @@ impl Exact {
         self.execution.block.reals[inputs.clone()].copy_from_slice(&task.block.reals[inputs]);
         let mut point = self.execution.block.point(&self.model, &mut self.execution.log);
         self.model.system().step_completed(t1, task.step, &mut point);
-        Ok(Solution { block: self.execution.block.clone(), largest: self.largest.clone() })
+        Ok(self.execution.block.clone())
     }
 
     fn place(&mut self, task: &Task, t: f64, states: &[f64]) {
@@ -110,18 +101,10 @@ impl Exact {
         self.execution.event_indicators().to_vec()
     }
 
-    /// Notes how large values are.
-    fn note(&mut self) {
-        self.execution.evaluate();
-        let values = self.execution.block.reals.iter();
-        self.largest.iter_mut().zip(values).for_each(|(largest, value)| *largest = largest.max(value.abs()));
-    }
-
     fn integrate(&mut self, task: &Task, (mut t, end): (f64, f64), mut next: f64) -> Result<(), String> {
         let longest = (end - t) / LEAST_STEPS;
         let mut suggested = longest;
         for _ in 0..MOST_STEPS {
-            self.note();
             if t >= end {
                 return Ok(());
             }

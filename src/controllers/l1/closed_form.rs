@@ -16,6 +16,11 @@ use super::{Baseline, Regressor, largest};
 use crate::control::{exponential, projection};
 use crate::system::{Class, ErrorEstimate, Handle, MatrixOf, Point, Section, State, Stride, Values, VectorOf};
 
+/// The relative tolerance for which `closed_form_phase` is given, and the order of the general method: its steps grow
+/// with this root of the tolerance.
+const USUAL_TOLERANCE: f64 = 1e-6;
+const GENERAL_ORDER: f64 = 5.0;
+
 /// Where the parts of the linear system's state (x̃, a, f, z, t, 1) begin.
 #[derive(Debug, Clone, Copy)]
 struct Places {
@@ -227,30 +232,32 @@ impl Law {
     }
 
     /// Whether the closed form is worth its while: not while an estimate is at a bound, nor where a general method needs
-    /// few steps.
-    pub(in crate::controllers) fn closed_form_pays(&self, h: f64, v: &Values<f64>) -> bool {
+    /// few steps. That takes the more of them the tighter the tolerance is.
+    pub(in crate::controllers) fn closed_form_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         let phase = v[self.adaptation_frequency] * h;
-        v.get(self.active) && phase >= v[self.design.closed_form_phase] && self.projections(v) == 0
+        let least = v[self.design.closed_form_phase] * (relative_tolerance / USUAL_TOLERANCE).powf(1.0 / GENERAL_ORDER);
+        v.get(self.active) && phase >= least && self.projections(v) == 0
     }
 
-    /// Compares x̂, η̂ and u_ad: single estimates aren't determined where the regressor excites them little. The states are
-    /// extrapolated to strides of no length.
+    /// Compares all states, as a general method does, and η̂ and u_ad, within the tighter of the two tolerances. The states
+    /// are extrapolated to strides of no length.
     pub(in crate::controllers) fn conclude(
         &self,
         whole: &Values<f64>,
-        nominals: &[f64],
+        (nominals, relative_tolerance): (&[f64], f64),
         v: &mut Point,
     ) -> ErrorEstimate {
         let halves = &v.values();
-        let (x_hat, u_ad) = (&nominals[self.x_hat.span().range()], nominals[self.f.span().start]);
+        let u_ad = nominals[self.f.span().start];
         let mut worst = 0.0;
         let mut compare = |whole: f64, halves: f64, magnitude: f64| {
             let error = (whole - halves).abs() / magnitude.max(whole.abs()).max(halves.abs());
             // Not a number, once it is.
             worst = if error > worst || error.is_nan() { error } else { worst };
         };
-        for (k, &nominal) in x_hat.iter().enumerate() {
-            compare(whole[self.x_hat][k], halves[self.x_hat][k], nominal);
+        for handle in self.all_states() {
+            let pairs = whole[handle].iter().zip(&halves[handle]).zip(&nominals[handle.span().range()]);
+            pairs.for_each(|((&whole, &halves), &nominal)| compare(whole, halves, nominal));
         }
         for i in 0..self.u_ad.len() {
             compare(whole[self.u_ad][i], halves[self.u_ad][i], u_ad);
@@ -260,7 +267,7 @@ impl Law {
             let magnitude = u_ad.max(self.magnitude(i, halves));
             compare(self.uncertainty_of(i, whole), self.uncertainty_of(i, halves), magnitude);
         }
-        let scaled = worst / halves[self.design.adaptation_tolerance];
+        let scaled = worst / halves[self.design.adaptation_tolerance].min(relative_tolerance);
         self.extrapolate(whole, v);
         ErrorEstimate { scaled, order: 2 }
     }

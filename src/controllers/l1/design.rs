@@ -114,11 +114,11 @@ impl Design {
             omega_bound("omega_max", "upper bound of the input gain omega"),
         );
         let tolerance = "error tolerated in each closed-form step of the adaptation in co-simulation, relative to a \
-                         value's magnitude or nominal value";
+                         value's magnitude or nominal value, where that is less than relative_tolerance or a master's";
         let phase = "angle through which the adaptation may turn in a communication step before the step is called too \
                      long";
         let closed_form = "angle through which the adaptation turns in a step from which on the closed form is taken, in \
-                           co-simulation; below, a general method is less work";
+                           co-simulation, for a tolerance of 1e-6; below, a general method is less work";
         let inertia = "nominal inertia that turns a commanded acceleration into the control";
         Design {
             adaptation_gain: d

@@ -128,16 +128,16 @@ impl System for L1 {
     }
 
     /// Not while an estimate is at a bound, nor where a general method needs few steps.
-    fn own_step_pays(&self, h: f64, v: &Values<f64>) -> bool {
-        self.law.closed_form_pays(h, v)
+    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+        self.law.closed_form_pays(h, relative_tolerance, v)
     }
 
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
         self.law.closed_form(self.r, self.law.feedback_gain(), stride, v)
     }
 
-    fn conclude(&self, whole: &Values<f64>, nominals: &[f64], v: &mut Point) -> ErrorEstimate {
-        self.law.conclude(whole, nominals, v)
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
+        self.law.conclude(whole, tolerance, v)
     }
 }
 

@@ -313,11 +313,11 @@ impl DynSystem for Composite {
         false
     }
 
-    fn own_step_pays(&self, _h: f64, _v: &Values<f64>) -> bool {
+    fn own_step_pays(&self, _h: f64, _relative_tolerance: f64, _v: &Values<f64>) -> bool {
         false
     }
 
-    fn conclude(&self, _whole: &Values<f64>, _nominals: &[f64], _v: &mut Point) -> ErrorEstimate {
+    fn conclude(&self, _whole: &Values<f64>, _tolerance: (&[f64], f64), _v: &mut Point) -> ErrorEstimate {
         ErrorEstimate { scaled: f64::INFINITY, order: 1 }
     }
 }
