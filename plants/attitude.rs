@@ -1,7 +1,7 @@
 //! Attitude of a body by roll φ, pitch θ and yaw ψ: it is turned by ψ about z, then by θ about its y, then by φ about
 //! its x.
 
-use crate::system::{Invalid, Scalar};
+use crate::system::{Invalid, Number, Scalar};
 
 /// Up to this cosine of the pitch the three angles still tell roll from yaw.
 const SMALLEST_COSINE: f64 = 1e-8;
@@ -85,7 +85,7 @@ pub(super) fn require_regular(name: &str, theta: f64) -> Result<(), Invalid> {
     }
     Err(Invalid::new(
         name,
-        theta,
+        Number(theta),
         "must have a cosine above 0: from a pitch of 90 degrees on the Euler angles are singular",
     ))
 }

@@ -2,11 +2,10 @@
 
 use serde::Deserialize;
 
-use crate::error::exact;
 use crate::report::number;
 use crate::system::{
-    Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit, Values,
-    VectorOf, matrix, scalar, vector,
+    Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit,
+    Values, VectorOf, matrix, scalar, vector,
 };
 
 /// Numbers that all delay lines of a unit may hold together.
@@ -134,10 +133,10 @@ impl DelayLine {
                 let longest = most * sample_time;
                 let allowed = format!(
                     "must be a multiple of sample_time = {} within 0 … {} (delay_samples = {most})",
-                    exact(sample_time),
+                    Number(sample_time),
                     number(longest)
                 );
-                invalid.and(Invalid::new(format!("delay[{}]", i + 1), exact(delay), allowed));
+                invalid.and(Invalid::new(format!("delay[{}]", i + 1), Number(delay), allowed));
             }
             v[self.samples][i] = samples;
         }

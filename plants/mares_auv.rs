@@ -5,8 +5,8 @@ use nalgebra::{DMatrixView, Matrix6};
 
 use super::attitude::{Attitude, require_regular};
 use crate::system::{
-    Declaration, Handle, Input, Invalid, MatrixOf, Naming, NoStructure, Parameter, Point, Prepared, Rates, Scalar,
-    ScalarOf, Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
+    Declaration, Handle, Input, Invalid, MatrixOf, Naming, NoStructure, Number, Parameter, Point, Prepared, Rates,
+    Scalar, ScalarOf, Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
 };
 
 /// From this ratio of length to diameter on, Lamb's formulas are not a difference of nearly equal numbers.
@@ -196,8 +196,8 @@ impl Hull {
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let (length, diameter, m) = (v[self.length], v[self.diameter], v[self.m]);
         if length < SMALLEST_FINENESS * diameter {
-            let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {diameter} m");
-            return Err(Invalid::new("length", length, allowed));
+            let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {} m", Number(diameter));
+            return Err(Invalid::new("length", Number(length), allowed));
         }
         let (a, b) = (0.5 * length, 0.5 * diameter);
         let lateral = 0.2 * m * (a * a + b * b);
@@ -218,7 +218,7 @@ impl Hull {
         ((M[(0, 4)], M[(4, 0)]), (M[(1, 3)], M[(3, 1)])) = ((lever, lever), (-lever, -lever));
         let Some(factors) = M.cholesky() else {
             let reason = "with it the inertia matrix is not positive definite; must be smaller";
-            return Err(Invalid::new("z_g", v[self.z_g], reason));
+            return Err(Invalid::new("z_g", Number(v[self.z_g]), reason));
         };
         v.matrix_mut(self.M).copy_from(&M);
         v.matrix_mut(self.inverse).copy_from(&factors.inverse());

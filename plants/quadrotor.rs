@@ -2,8 +2,8 @@
 
 use super::attitude::{Attitude, require_regular};
 use crate::system::{
-    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
-    Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
+    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf,
+    Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
 };
 
 /// Where the pitch angle stands in the state.
@@ -96,7 +96,7 @@ impl System for Quadrotor {
         if min <= max {
             return Ok(());
         }
-        Err(Invalid::new("thrust_min", min, format!("must not be above thrust_max = {max}")))
+        Err(Invalid::new("thrust_min", Number(min), format!("must not be above thrust_max = {}", Number(max))))
     }
 
     fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {

@@ -1,8 +1,8 @@
 //! Two-link robot arm in a vertical plane: examples 3.3.1 and 7.5.2, and chapter 5.
 
 use crate::system::{
-    BooleanOf, Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
-    State, System, Values, VectorOf, boolean, scalar, vector,
+    BooleanOf, Declaration, Input, Invalid, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
+    Signals, State, System, Values, VectorOf, boolean, scalar, vector,
 };
 
 /// One link: its mass centre lies at half its length.
@@ -97,7 +97,7 @@ impl System for TwoLinkRobot {
             return Ok(());
         }
         let allowed = "must be above 0: from a singular or indefinite inertia matrix follows no motion";
-        Err(Invalid::new("det_M", det, allowed))
+        Err(Invalid::new("det_M", Number(det), allowed))
     }
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {

@@ -1,8 +1,8 @@
 //! System with two inputs and uncertainty that they don't reach directly: example 3.4.1.
 
 use crate::system::{
-    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
-    Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
+    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf,
+    Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
 };
 
 /// x' = (A_m + A_Δ) x + B_m ω u + f_Δ(x, z, t), y = (x1, x2), with unmodeled dynamics z.
@@ -111,7 +111,7 @@ impl System for UnmatchedMimo {
         let x2 = v[self.x.at(1)];
         if v.get(self.use_secant) && x2.cos() <= 0.0 {
             let allowed = "must have a positive cosine: where use_secant is true, the motion ends at +-pi/2";
-            return Err(Invalid::new("x0[2]", x2, allowed));
+            return Err(Invalid::new("x0[2]", Number(x2), allowed));
         }
         Ok(())
     }

@@ -14,11 +14,26 @@ pub fn one_line(text: &str) -> String {
     line
 }
 
-/// A number with all its digits, and with an exponent where it would hold a row of zeros: a limit of 1e-300 reads as such.
-pub fn exact(value: f64) -> String {
-    let plain = value == 0.0 || !value.is_finite() || (1e-4..1e16).contains(&value.abs());
-    // No sign at zero.
-    if plain { format!("{}", value + 0.0) } else { format!("{value:e}") }
+/// A number as messages show it: with the digits that tell it from every other one, and with an exponent where it would
+/// else be a row of zeros.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Number(pub f64);
+
+impl Number {
+    /// Magnitudes from the first up to the second are written out.
+    const WRITTEN_OUT: std::ops::Range<f64> = 1e-4..1e9;
+}
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Number(value) = *self;
+        // LowerExp would show these two as Display does, and a zero as 0e0.
+        if value == 0.0 || !value.is_finite() || Self::WRITTEN_OUT.contains(&value.abs()) {
+            // No sign at zero.
+            return fmt::Display::fmt(&(value + 0.0), f);
+        }
+        fmt::LowerExp::fmt(&value, f)
+    }
 }
 
 /// Why a set of parameters, a structure or a start is refused: one line a reason.
@@ -56,7 +71,9 @@ impl Invalid {
 
     /// With the time at which they were found, s.
     pub(crate) fn at(self, time: f64) -> Self {
-        Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{reason} (at t = {time} s)")).collect() }
+        Invalid {
+            reasons: self.reasons.into_iter().map(|reason| format!("{reason} (at t = {} s)", Number(time))).collect(),
+        }
     }
 
     /// Adds the reasons of another.
@@ -91,8 +108,9 @@ impl std::error::Error for Invalid {}
 pub enum StepError {
     /// A value grew beyond any use: the loop is unstable.
     #[error(
-        "{variable} = {value:e} at t = {time} s: the simulation diverges. \
-         Check the gains and the loop, or take a smaller communication step"
+        "{variable} = {value:e} at t = {} s: the simulation diverges. \
+         Check the gains and the loop, or take a smaller communication step",
+        Number(*.time)
     )]
     Diverged {
         /// The variable.
@@ -104,8 +122,9 @@ pub enum StepError {
     },
     /// No step size meets the tolerance: the equations jump without an event, or have a pole.
     #[error(
-        "no step size reaches the relative tolerance {tolerance:e} at t = {time} s (last tried {step:e} s; {variable} \
-         has the largest error). The equations may be singular there"
+        "no step size reaches the relative tolerance {tolerance:e} at t = {} s (last tried {step:e} s; {variable} \
+         has the largest error). The equations may be singular there",
+        Number(*.time)
     )]
     StepTooSmall {
         /// When, s.
@@ -119,8 +138,9 @@ pub enum StepError {
     },
     /// The stiff method was asked for where it can't go.
     #[error(
-        "a derivative of der({variable}) by states or time is no number at t = {time} s, and the stiff method needs \
-         it: set integration_method to automatic or explicit"
+        "a derivative of der({variable}) by states or time is no number at t = {} s, and the stiff method needs \
+         it: set integration_method to automatic or explicit",
+        Number(*.time)
     )]
     NoJacobian {
         /// The state whose rate it is.
@@ -130,10 +150,10 @@ pub enum StepError {
     },
     /// The step needs more work than allowed.
     #[error(
-        "{substeps} substeps reached only t = {time} s of a communication step of {step} s, with all the work that \
+        "{substeps} substeps reached only t = {} s of a communication step of {} s, with all the work that \
          work_limit allows. The system changes too fast for so long a step: take a smaller one, or a larger \
          work_limit, or, if it is stiff and integration_method is explicit, another method{}",
-        followed.map_or(String::new(), |mode| mode.followed())
+        Number(*.time), Number(*.step), followed.map_or(String::new(), |mode| mode.followed())
     )]
     TooMuchWork {
         /// How many were made.
@@ -146,7 +166,7 @@ pub enum StepError {
         followed: Option<Mode>,
     },
     /// Events follow each other without time going on.
-    #[error("more than {events} events at t = {time} s: the system switches without end (Zeno behaviour)")]
+    #[error("more than {events} events at t = {} s: the system switches without end (Zeno behaviour)", Number(*.time))]
     TooManyEvents {
         /// How many.
         events: usize,
@@ -200,7 +220,7 @@ pub enum Error {
         reason: String,
     },
     /// A unit that answered with an error while a loop ran.
-    #[error("{unit}: {function} failed at t = {time} s: {message}")]
+    #[error("{unit}: {function} failed at t = {} s: {message}", Number(*.time))]
     Unit {
         /// The unit in the loop.
         unit: String,
@@ -239,5 +259,34 @@ impl Error {
     pub fn file(file: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Error {
         let file = file.into();
         move |source| Error::File { file, source }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_in_messages_are_short_and_are_the_same_number_when_read_back() {
+        for (value, text) in [
+            (0.0, "0"),
+            (-0.0, "-0"),
+            (0.1, "0.1"),
+            (-1234.5, "-1234.5"),
+            (1e-4, "0.0001"),
+            (1e-300, "1e-300"),
+            (-2.5e-5, "-2.5e-5"),
+            (999_999_999.0, "999999999"),
+            (1e9, "1e9"),
+            (f64::MAX, "1.7976931348623157e308"),
+            (5e-324, "5e-324"),
+            (f64::NAN, "NaN"),
+            (f64::NEG_INFINITY, "-inf"),
+        ] {
+            assert_eq!(Number(value).to_string(), text);
+        }
+        for value in [1.0 / 3.0, 2e-5 / 3.0, 2e20 / 3.0, 123_456_789.123_456_79] {
+            assert_eq!(Number(value).to_string().parse(), Ok(value));
+        }
     }
 }

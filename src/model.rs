@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Invalid, exact};
+use crate::error::{Invalid, Number};
 use crate::execution::Controls;
 use crate::integrator::Work;
 use crate::report::DesignReport;
@@ -81,7 +81,7 @@ impl Description {
         let Experiment { stop_time, step } = description.experiment;
         for (key, value) in [("experiment.stop_time", stop_time), ("experiment.step", step)] {
             if !(value.is_finite() && value > 0.0) {
-                invalid.and(Invalid::new(key, value, "must be a finite number above 0"));
+                invalid.and(Invalid::new(key, Number(value), "must be a finite number above 0"));
             }
         }
         invalid.into_result()?;
@@ -247,7 +247,7 @@ impl Model {
         let element = broken.and_then(|index| self.variables.real_at(Section::Prepared, index - start));
         element.map_or(Ok(()), |element| {
             let allowed = "follows from the parameters and must be finite: they are too large or too small";
-            Err(Invalid::new(element.name(), exact(block.reals[self.variables.index(element)]), allowed))
+            Err(Invalid::new(element.name(), Number(block.reals[self.variables.index(element)]), allowed))
         })
     }
 
@@ -261,7 +261,7 @@ impl Model {
                     let value = block.reals[index];
                     let too_small = min.is_some_and(|min| value < min || (*above_min && value <= min));
                     if too_small || max.is_some_and(|max| value > max) || !value.is_finite() {
-                        invalid.and(Invalid::new(element.name(), exact(value), allowed(*min, *above_min, *max)));
+                        invalid.and(Invalid::new(element.name(), Number(value), allowed(*min, *above_min, *max)));
                     }
                 }
                 Data::Integer { limits: Some((min, max)), .. } => {
@@ -289,7 +289,7 @@ impl Block {
 }
 
 fn allowed(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
-    match (min.map(exact), max.map(exact)) {
+    match (min.map(Number), max.map(Number)) {
         (Some(min), Some(max)) => format!("must be within {min} … {max}"),
         (Some(min), None) if above_min => format!("must be above {min}"),
         (Some(min), None) => format!("must be at least {min}"),

@@ -4,7 +4,7 @@
 use nalgebra::{Complex, DMatrix, DVector, RowDVector};
 use serde::Deserialize;
 
-use crate::error::Invalid;
+use crate::error::{Invalid, Number};
 
 /// D(s) = gain · (product of numerator factors) / (product of denominator factors).
 ///
@@ -51,7 +51,7 @@ impl Filter {
     pub fn new(description: &FilterDescription) -> Result<Self, Invalid> {
         let FilterDescription { gain, numerator, denominator } = description;
         if !gain.is_finite() || *gain == 0.0 {
-            return Err(Invalid::new("D(s): gain", gain, "must be finite and not zero"));
+            return Err(Invalid::new("D(s): gain", Number(*gain), "must be finite and not zero"));
         }
         let numerator = factors("numerator", numerator)?;
         if let Some(zero) = numerator.iter().find(|factor| factor.last() == Some(&0.0)) {

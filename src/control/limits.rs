@@ -1,6 +1,6 @@
 //! Limits of a control.
 
-use crate::error::{Invalid, exact};
+use crate::error::{Invalid, Number};
 use crate::system::Scalar;
 
 /// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
@@ -22,8 +22,8 @@ pub fn check(u_min: &[f64], u_max: &[f64]) -> Invalid {
     let mut invalid = Invalid::none();
     for (i, (&lo, &hi)) in u_min.iter().zip(u_max).enumerate() {
         if lo >= hi {
-            let allowed = format!("must be below u_max[{}] = {}", i + 1, exact(hi));
-            invalid.and(Invalid::new(format!("u_min[{}]", i + 1), exact(lo), allowed));
+            let allowed = format!("must be below u_max[{}] = {}", i + 1, Number(hi));
+            invalid.and(Invalid::new(format!("u_min[{}]", i + 1), Number(lo), allowed));
         }
     }
     invalid

@@ -4,7 +4,7 @@
 #![allow(non_snake_case)] // R is the thesis' name
 
 use crate::control::performance::{self, Bounds, Performance};
-use crate::error::exact;
+use crate::error::Number;
 use crate::report::number;
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar,
@@ -147,8 +147,8 @@ impl Funnel {
         let mut invalid = Invalid::none();
         for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
             if rho_inf >= rho_0 {
-                let allowed = format!("must be below rho_0[{}] = {}", i + 1, exact(*rho_0));
-                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), exact(*rho_inf), allowed));
+                let allowed = format!("must be below rho_0[{}] = {}", i + 1, Number(*rho_0));
+                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), Number(*rho_inf), allowed));
             }
         }
         invalid
@@ -251,7 +251,7 @@ impl Funnel {
             let where_it_is =
                 if by == 0.0 { "is at a bound".to_owned() } else { format!("is beyond by {}", number(by)) };
             let allowed = format!("must lie between {} and {}, and {where_it_is}: {helps}", number(low), number(high));
-            invalid.and(Invalid::new(format!("e[{channel}]"), exact(e), allowed));
+            invalid.and(Invalid::new(format!("e[{channel}]"), Number(e), allowed));
         }
         invalid.into_result()
     }

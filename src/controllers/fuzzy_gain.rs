@@ -5,8 +5,8 @@ use nalgebra::DMatrix;
 
 use crate::control::fuzzy::{SETS, Triangle, infer};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, Signal,
-    Signals, Values, VectorOf, boolean, choice, matrix, scalar, vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Scalar, ScalarOf,
+    Signal, Signals, Values, VectorOf, boolean, choice, matrix, scalar, vector,
 };
 
 /// Intervals of the grid of errors and rates on which the range of the gain is looked for.
@@ -85,7 +85,11 @@ impl Sets {
         let mut invalid = Invalid::none();
         for (low, high, names) in [(self.VS_l, self.S_l, ["VS_l", "S_l"]), (self.VL_l, self.VL_c, ["VL_l", "VL_c"])] {
             if v[low] >= v[high] {
-                invalid.and(Invalid::new(names[0], v[low], format!("must be below {} = {}", names[1], v[high])));
+                invalid.and(Invalid::new(
+                    names[0],
+                    Number(v[low]),
+                    format!("must be below {} = {}", names[1], Number(v[high])),
+                ));
             }
         }
         invalid
@@ -139,14 +143,14 @@ impl FuzzyGain {
         let mut invalid = self.sets.prepare(v);
         for (k, pair) in v[self.input_centre].windows(2).enumerate() {
             if pair[0] >= pair[1] {
-                let allowed = format!("must be below input_centre[{}] = {}", k + 2, pair[1]);
-                invalid.and(Invalid::new(format!("input_centre[{}]", k + 1), pair[0], allowed));
+                let allowed = format!("must be below input_centre[{}] = {}", k + 2, Number(pair[1]));
+                invalid.and(Invalid::new(format!("input_centre[{}]", k + 1), Number(pair[0]), allowed));
             }
         }
         let (K, m) = (v.matrix(feedback_gain), self.k_f.len());
         for (i, j) in (0..m * m).map(|k| (k / m, k % m)).filter(|&(i, j)| i != j && K[(i, j)] != 0.0) {
             let allowed = "must be 0: each channel has a fuzzy gain of its own";
-            invalid.and(Invalid::new(format!("feedback_gain[{},{}]", i + 1, j + 1), K[(i, j)], allowed));
+            invalid.and(Invalid::new(format!("feedback_gain[{},{}]", i + 1, j + 1), Number(K[(i, j)]), allowed));
         }
         invalid.into_result()
     }

@@ -5,11 +5,11 @@ use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
 use crate::control::performance::{self, Performance};
-use crate::error::exact;
 use crate::report::number;
 use crate::system::{
-    BooleanOf, Declaration, DesignReport, Discrete, ErrorEstimate, Handle, IntegerOf, Invalid, Parameter, Point, Rates,
-    Scalar, ScalarOf, Signal, Signals, Stride, System, Values, VectorOf, Warning, boolean, integer, scalar, vector,
+    BooleanOf, Declaration, DesignReport, Discrete, ErrorEstimate, Handle, IntegerOf, Invalid, Number, Parameter,
+    Point, Rates, Scalar, ScalarOf, Signal, Signals, Stride, System, Values, VectorOf, Warning, boolean, integer,
+    scalar, vector,
 };
 
 /// A controller that knows the errors that it is to keep small.
@@ -112,8 +112,8 @@ impl Funnel {
         let mut invalid = Invalid::none();
         for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
             if rho_inf > rho_0 {
-                let allowed = format!("must not be above rho_0[{}] = {}", i + 1, exact(*rho_0));
-                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), exact(*rho_inf), allowed));
+                let allowed = format!("must not be above rho_0[{}] = {}", i + 1, Number(*rho_0));
+                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), Number(*rho_inf), allowed));
             }
         }
         invalid
@@ -143,9 +143,10 @@ impl Funnel {
                 v.warn(self.warning, || {
                     let [error, rho] = [error, rho].map(number);
                     format!(
-                        "e[{}] = {error} is outside of its funnel of rho = {rho} at t = {t} s. funnel_exits counts how often \
+                        "e[{}] = {error} is outside of its funnel of rho = {rho} at t = {} s. funnel_exits counts how often \
                          that happens",
-                        i + 1
+                        i + 1,
+                        Number(t)
                     )
                 });
             }

@@ -4,6 +4,7 @@ use super::access::{Access, Type};
 use super::calls::Function;
 use super::instance::{Answer, Instance, Refused, hand_out};
 use super::types::Status;
+use crate::error::Number;
 use crate::system::Section;
 
 impl Instance {
@@ -27,7 +28,12 @@ impl Instance {
                 )));
             }
             if !value.is_finite() {
-                return Err(Refused(format!("{}: `{}`: {value} must be a finite number", function.name(), name())));
+                return Err(Refused(format!(
+                    "{}: `{}`: {} must be a finite number",
+                    function.name(),
+                    name(),
+                    Number(*value)
+                )));
             }
         }
         let first = self.execution.model().variables().reals(Section::Input).start;

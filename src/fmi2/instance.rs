@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::error::StepError;
+use crate::error::{Number, StepError};
 use crate::execution::{Execution, OnStepFailure};
 use crate::model::{Description, Model};
 use crate::system::{Data, Registry};
@@ -155,14 +155,19 @@ impl Instance {
     /// For values that are no times or no tolerance.
     pub fn setup_experiment(&mut self, tolerance: Option<f64>, start: f64, stop: Option<f64>) -> Answer {
         if let Some(tolerance) = tolerance.filter(|tolerance| !(tolerance.is_finite() && *tolerance > 0.0)) {
-            return Err(Refused(format!("fmi2SetupExperiment: tolerance = {tolerance} must be finite and above 0")));
+            return Err(Refused(format!(
+                "fmi2SetupExperiment: tolerance = {} must be finite and above 0",
+                Number(tolerance)
+            )));
         }
         if !start.is_finite() {
-            return Err(Refused(format!("fmi2SetupExperiment: startTime = {start} must be finite")));
+            return Err(Refused(format!("fmi2SetupExperiment: startTime = {} must be finite", Number(start))));
         }
         if let Some(stop) = stop.filter(|stop| !(stop.is_finite() && *stop >= start)) {
             return Err(Refused(format!(
-                "fmi2SetupExperiment: stopTime = {stop} must be finite, and at least startTime = {start}"
+                "fmi2SetupExperiment: stopTime = {} must be finite, and at least startTime = {}",
+                Number(stop),
+                Number(start)
             )));
         }
         self.execution.set_tolerance(tolerance.unwrap_or(0.0));
@@ -288,7 +293,7 @@ impl Instance {
     /// Answers a question for a value that is no number at the present point. fmi2Discard, since a solver that only
     /// probed may come back with a smaller step; with fmi2Error it would have to give up.
     pub(super) fn not_finite(&mut self, function: Function, what: &str, value: f64) -> Status {
-        let (name, time) = (function.name(), self.execution.time());
+        let (name, value, time) = (function.name(), Number(value), Number(self.execution.time()));
         let cause = self.execution.unsound().map_or(String::new(), |reasons| format!(": {reasons}"));
         self.discard(&format!("{name}: {what} is {value} at t = {time} s, which is no finite number{cause}"))
     }
@@ -322,7 +327,7 @@ impl Instance {
             self.check_settable(Function::SetReal, reference, access)?;
             if !value.is_finite() {
                 let name = self.name(reference);
-                return Err(Refused(format!("fmi2SetReal: `{name}` = {value} must be a finite number")));
+                return Err(Refused(format!("fmi2SetReal: `{name}` = {} must be a finite number", Number(*value))));
             }
         }
         for (&reference, &value) in references.iter().zip(values) {
@@ -385,12 +390,12 @@ impl Instance {
 
     pub(super) fn log_taken_over(&self, taken_over: bool, time: f64) {
         if taken_over && self.logger.is_enabled(EVENTS) {
-            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {time} s"));
+            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {} s", Number(time)));
         }
     }
 
     fn failed_step(&mut self, error: StepError, point: f64, step: f64) -> Answer<Status> {
-        let reason = format!("fmi2DoStep from t = {point} s by {step} s: {error}");
+        let reason = format!("fmi2DoStep from t = {} s by {} s: {error}", Number(point), Number(step));
         match error {
             // As with any refused argument, the instance can go on.
             StepError::Parameters(_) => Err(Refused(reason)),
@@ -412,24 +417,34 @@ impl Instance {
 
     fn check_step(&self, point: f64, step: f64) -> Answer {
         if !(step.is_finite() && step > 0.0) {
-            return Err(Refused(format!("fmi2DoStep: communicationStepSize = {step} must be finite and above 0")));
+            return Err(Refused(format!(
+                "fmi2DoStep: communicationStepSize = {} must be finite and above 0",
+                Number(step)
+            )));
         }
         let time = self.execution.time();
         let slack = COMMUNICATION_POINT_SLACK * step + 4.0 * f64::EPSILON * time.abs();
         if !(point.is_finite() && (point - time).abs() <= slack) {
             return Err(Refused(format!(
-                "fmi2DoStep: currentCommunicationPoint = {point} s, but the instance stands at t = {time} s; to go back, \
-                 restore a saved state"
+                "fmi2DoStep: currentCommunicationPoint = {} s, but the instance stands at t = {} s; to go back, restore a \
+                 saved state",
+                Number(point),
+                Number(time)
             )));
         }
         if point + step <= point {
             return Err(Refused(format!(
-                "fmi2DoStep: communicationStepSize = {step} is too small to change t = {point} s"
+                "fmi2DoStep: communicationStepSize = {} is too small to change t = {} s",
+                Number(step),
+                Number(point)
             )));
         }
         match self.stop_time {
             Some(stop) if point + step > stop + slack => Err(Refused(format!(
-                "fmi2DoStep: {point} s + {step} s goes beyond stopTime = {stop} s, which fmi2SetupExperiment was given"
+                "fmi2DoStep: {} s + {} s goes beyond stopTime = {} s, which fmi2SetupExperiment was given",
+                Number(point),
+                Number(step),
+                Number(stop)
             ))),
             _ => Ok(()),
         }

@@ -3,7 +3,7 @@
 use super::calls::{Function, Phase};
 use super::instance::{Answer, COMMUNICATION_POINT_SLACK, Instance, Refused, hand_out};
 use super::types::{Boolean, EventInfo, FALSE, Status};
-use crate::error::StepError;
+use crate::error::{Number, StepError};
 use crate::system::Section;
 
 impl Instance {
@@ -25,7 +25,7 @@ impl Instance {
             if !matches!(error, StepError::Parameters(_)) {
                 self.phase = Phase::Error;
             }
-            Refused(format!("fmi2NewDiscreteStates at t = {time} s: {error}"))
+            Refused(format!("fmi2NewDiscreteStates at t = {} s: {error}", Number(time)))
         })?;
         self.log_taken_over(update.parameters_taken_over, time);
         Ok(EventInfo {
@@ -63,7 +63,9 @@ impl Instance {
         let slack = COMMUNICATION_POINT_SLACK * (time - self.execution.completed()).abs();
         if let Some(stop) = self.stop_time.filter(|stop| time > stop + slack) {
             return Err(Refused(format!(
-                "{name}: t = {time} s is beyond stopTime = {stop} s, which fmi2SetupExperiment was given"
+                "{name}: t = {} s is beyond stopTime = {} s, which fmi2SetupExperiment was given",
+                Number(time),
+                Number(stop)
             )));
         }
         self.execution.complete_step().map_err(|error| {
@@ -78,7 +80,7 @@ impl Instance {
     /// When it isn't finite.
     pub fn set_time(&mut self, time: f64) -> Answer {
         if !time.is_finite() {
-            return Err(Refused(format!("fmi2SetTime: time = {time} must be a finite number")));
+            return Err(Refused(format!("fmi2SetTime: time = {} must be a finite number", Number(time))));
         }
         self.execution.set_time(time);
         Ok(())
@@ -93,7 +95,7 @@ impl Instance {
         self.check_count(function, states.len(), self.execution.states().len(), "continuous states")?;
         if let Some(place) = states.iter().position(|state| !state.is_finite()) {
             let (name, value) = (self.real_name(Section::State, place), states[place]);
-            return Err(Refused(format!("{}: `{name}` = {value} must be a finite number", function.name())));
+            return Err(Refused(format!("{}: `{name}` = {} must be a finite number", function.name(), Number(value))));
         }
         self.execution.set_states(states);
         Ok(())

@@ -12,6 +12,7 @@ use nalgebra::Complex;
 
 use super::spectrum::Spectrum;
 use super::{dormand_prince, rosenbrock};
+use crate::error::Number;
 
 /// Growth of a mode is followed with an error of this part of its rate.
 const GROWTH_ACCURACY: f64 = 0.01;
@@ -50,8 +51,8 @@ impl Mode {
     /// For a message: that it had to be followed.
     pub(crate) fn followed(&self) -> String {
         let rounded = |x: f64| format!("{x:.3e}").parse::<f64>().unwrap_or(x);
-        let (growth, frequency) = (rounded(self.growth), rounded(self.frequency));
-        let does = if growth > 0.0 { format!("grows at {growth} 1/s") } else { String::from("is hardly damped") };
+        let (growth, frequency) = (Number(rounded(self.growth)), Number(rounded(self.frequency)));
+        let does = if self.growth > 0.0 { format!("grows at {growth} 1/s") } else { String::from("is hardly damped") };
         format!(". A mode of {frequency} rad/s that {does} had to be followed")
     }
 }

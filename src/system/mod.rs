@@ -101,7 +101,7 @@ use num_dual::DualNum;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-pub use crate::error::Invalid;
+pub use crate::error::{Invalid, Number};
 pub use crate::report::{DesignReport, Verdict};
 
 /// What equations are written over: `f64`, or a dual number that carries an exact derivative.

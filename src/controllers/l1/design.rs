@@ -5,10 +5,9 @@ use nalgebra::{Complex, DMatrix, DMatrixView};
 
 use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, Plant, Symbols};
 use crate::control::{feedforward, lyapunov, pole_placement};
-use crate::error::exact;
 use crate::system::{
-    Declaration, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal, matrix,
-    scalar, vector,
+    Declaration, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal,
+    matrix, scalar, vector,
 };
 
 /// The numbers of the law, and what follows from them.
@@ -218,8 +217,8 @@ impl Design {
         for (k, &(i, j)) in entries.iter().enumerate() {
             let (lo, hi) = (v[self.omega_min][k], v[self.omega_max][k]);
             if lo > hi {
-                let allowed = format!("must not be above omega_max[{0},{1}] = {2}", i + 1, j + 1, exact(hi));
-                invalid.and(Invalid::new(format!("omega_min[{},{}]", i + 1, j + 1), exact(lo), allowed));
+                let allowed = format!("must not be above omega_max[{0},{1}] = {2}", i + 1, j + 1, Number(hi));
+                invalid.and(Invalid::new(format!("omega_min[{},{}]", i + 1, j + 1), Number(lo), allowed));
             }
         }
         invalid

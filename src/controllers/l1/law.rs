@@ -11,11 +11,10 @@ use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
 use crate::control::filter::Filter;
 use crate::control::limits::within;
 use crate::control::projection::projection;
-use crate::error::exact;
 use crate::system::{
-    BooleanOf, ChoiceOf, Declaration, Discrete, Handle, IntegerOf, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
-    ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, matrix, scalar,
-    vector,
+    BooleanOf, ChoiceOf, Declaration, Discrete, Handle, IntegerOf, Invalid, MatrixOf, Number, Parameter, Point, Rates,
+    Scalar, ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, matrix,
+    scalar, vector,
 };
 
 /// The law for a plant x' = A_m x + B (ω v + θ φ(x) + σ) + B_um (θ_2 ‖x‖∞ + σ_2).
@@ -199,7 +198,7 @@ impl Law {
             if !(lo..=hi).contains(&start) {
                 let name = format!("omega_min[{0},{1}] … omega_max[{0},{1}]", i + 1, j + 1);
                 let allowed = format!("must hold the start value {start} of the estimate omega_hat");
-                invalid.and(Invalid::new(name, format!("{} … {}", exact(lo), exact(hi)), allowed));
+                invalid.and(Invalid::new(name, format!("{} … {}", Number(lo), Number(hi)), allowed));
             }
             v[self.omega_hat][k] = start;
         }
