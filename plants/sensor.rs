@@ -144,8 +144,11 @@ impl Sensor {
     }
 }
 
-/// The nearest multiple of the resolution.
+/// The nearest multiple of the resolution, where there is one.
 fn quantised(value: f64, resolution: f64) -> f64 {
+    if resolution == 0.0 {
+        return value;
+    }
     let steps = value / resolution;
     // Steps finer than the number itself change nothing.
     if steps.is_finite() { steps.round() * resolution } else { value }

@@ -49,7 +49,7 @@ fn try_with(change: impl FnOnce(&mut Request)) -> Result<(), String> {
     if component.is_null() {
         let (status, category, message) = log.take().pop().expect("a refusal says why");
         assert_eq!((status, category.as_str()), (ERROR as i32, "logStatusError"));
-        assert!(!message.contains('%') && !message.contains('\n'), "{message}");
+        assert!(is_plain_format(&message) && !message.contains('\n'), "{message}");
         return Err(message);
     }
     assert_eq!(unsafe { fmi2SetupExperiment(component, FALSE, 0.0, 0.0, FALSE, 0.0) }, OK);
@@ -146,9 +146,48 @@ fn resources_in_a_folder_with_spaces_and_signs_are_found() {
 }
 
 #[test]
-fn a_percent_sign_in_a_path_does_not_reach_the_log() {
+fn a_percent_sign_in_a_path_is_none_of_a_format() {
     let message = refused(|request| request.location = Some("/nowhere/100%s%n/resources".into()));
-    assert!(Path::new("/nowhere").exists() || message.contains("/nowhere/100"), "{message}");
+    assert!(Path::new("/nowhere").exists() || message.contains("/nowhere/100%%s%%n/resources"), "{message}");
+}
+
+#[test]
+fn a_scheme_and_a_host_may_be_written_in_capitals() {
+    let (_folder, path) = resources("resources", description(NAME).as_bytes());
+    for start in ["FILE://", "file://LOCALHOST", "File://LocalHost"] {
+        assert_eq!(try_with(|request| request.location = Some(format!("{start}{path}"))), Ok(()), "{start}");
+    }
+}
+
+#[test]
+fn a_broken_percent_code_is_named() {
+    let message = refused(|request| request.location = Some("file:///a/100%zz/b".into()));
+    assert_names(&message, &["`%%zz`", "file:///a/100%%zz/b"]);
+}
+
+/// Paths and names are bytes: on Unix they need not be UTF-8.
+#[cfg(unix)]
+#[test]
+fn a_path_and_a_name_that_are_no_text_are_taken() {
+    use std::os::unix::ffi::{OsStrExt, OsStringExt};
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join(std::ffi::OsString::from_vec(b"caf\xe9".to_vec()));
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::write(folder.join("description.toml"), description(NAME)).unwrap();
+    let c_string = |bytes: &[u8]| std::ffi::CString::new(bytes).unwrap();
+    let parent = parent.path().as_os_str().as_bytes();
+    let encoded = [b"file://", parent, b"/caf%E9"].concat();
+    let (guid, name, category) = (c_string(right_guid().as_bytes()), c_string(b"unit \xe9"), c"log \xe9");
+    let log = RefCell::new(Vec::new());
+    for location in [c_string(&encoded), c_string(&[b"file://", folder.as_os_str().as_bytes()].concat())] {
+        let (guid, name, location) = (guid.as_ptr(), name.as_ptr(), location.as_ptr());
+        let component = unsafe { fmi2Instantiate(name, CO_SIMULATION, guid, location, &callbacks(&log), FALSE, FALSE) };
+        assert!(!component.is_null(), "{:?}", log.take());
+        assert_eq!(unsafe { fmi2SetDebugLogging(component, TRUE, 1, &category.as_ptr()) }, ERROR);
+        let (_, _, message) = log.take().pop().expect("a message");
+        assert!(message.contains("fmi2SetDebugLogging: there is no category `log \u{fffd}`"), "{message}");
+        unsafe { fmi2FreeInstance(component) };
+    }
 }
 
 #[test]

@@ -110,7 +110,7 @@ fn wrong_arguments_are_refused_by_name_and_change_nothing() {
         let (number, mut values) = (count.to_string(), vec![1.0; count]);
         unit.refuses(&["fmi2SetContinuousStates", &number, "has 2"], |unit| unit.set_states(&values));
         unit.refuses(&["fmi2GetDerivatives", &number, "has 2"], |unit| unit.try_derivatives(&mut values));
-        let mut get = |name, function: unsafe extern "C" fn(Component, *mut f64, usize) -> Status| {
+        let mut get = |name, function: unsafe extern "C-unwind" fn(Component, *mut f64, usize) -> Status| {
             unit.refuses(&[name, &number], |_| unsafe { function(c, values.as_mut_ptr(), count) });
         };
         get("fmi2GetContinuousStates", fmi2GetContinuousStates);

@@ -50,8 +50,11 @@ fn balance(n: usize, matrix: &mut [f64], scales: &mut [f64]) {
         let mut balanced = true;
         for i in 0..n {
             let (row, column) = norms(n, matrix, i);
+            if !(row > 0.0 && column > 0.0) {
+                continue;
+            }
             let factor = (row / column).sqrt();
-            if row > 0.0 && column > 0.0 && !(1.0 / BALANCED..=BALANCED).contains(&factor) {
+            if !(1.0 / BALANCED..=BALANCED).contains(&factor) {
                 scale(n, matrix, scales, i, factor);
                 balanced = false;
             }

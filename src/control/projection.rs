@@ -24,10 +24,11 @@ pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
     if f.re() > 0.0 && (d * y).re() > 0.0 { y * (-f + 1.0) } else { y }
 }
 
-/// Whether v is in the layer at a bound where [`projection`] holds back what points outwards.
+/// Whether v is in the layer at a bound where [`projection`] holds back what points outwards; never where the bounds
+/// coincide.
 pub fn is_in_layer(v: f64, lo: f64, hi: f64, epsilon: f64) -> bool {
-    let d = (v - (lo + hi) * 0.5) / ((hi - lo) * 0.5);
-    (1.0 + epsilon) * d.powi(2) > 1.0
+    let (h, away) = ((hi - lo) * 0.5, v - (lo + hi) * 0.5);
+    h > 0.0 && (1.0 + epsilon) * (away / h).powi(2) > 1.0
 }
 
 #[cfg(test)]

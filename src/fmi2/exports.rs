@@ -133,8 +133,8 @@ macro_rules! define_fmi2_functions {
     (@function $(fn $name:ident($($argument:ident: $type:ty),* $(,)?) -> $answer:ty { $body:expr })*) => {$(
         #[unsafe(no_mangle)]
         #[allow(unused_unsafe)]
-        pub unsafe extern "C" fn $name($($argument: $type),*) -> $answer {
-            unsafe { $body }
+        pub unsafe extern "C-unwind" fn $name($($argument: $type),*) -> $answer {
+            $crate::fmi2::floating_point::in_default(|| unsafe { $body })
         }
     )*};
 }

@@ -298,7 +298,7 @@ impl Instance {
         self.discard(&format!("{name}: {what} is {value} at t = {time} s, which is no finite number{cause}"))
     }
 
-    fn discard(&self, reason: &str) -> Status {
+    fn discard(&mut self, reason: &str) -> Status {
         self.logger.log(Status::Discard, DISCARDED, reason);
         Status::Discard
     }
@@ -388,7 +388,7 @@ impl Instance {
         }
     }
 
-    pub(super) fn log_taken_over(&self, taken_over: bool, time: f64) {
+    pub(super) fn log_taken_over(&mut self, taken_over: bool, time: f64) {
         if taken_over && self.logger.is_enabled(EVENTS) {
             self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {} s", Number(time)));
         }

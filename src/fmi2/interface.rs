@@ -31,15 +31,26 @@ pub(super) fn call(
     if component.is_null() {
         return Status::Error;
     }
-    // SAFETY: the standard obliges the master to pass what fmi2Instantiate returned and fmi2FreeInstance has not
-    // freed, and not to call one instance from two threads at once.
-    let instance = unsafe { &mut *component.cast::<Instance>() };
+    let (status, outbox) = {
+        // SAFETY: the standard obliges the master to pass what fmi2Instantiate returned and fmi2FreeInstance has not
+        // freed, and not to call one instance from two threads at once. It may call from its logger: messages are
+        // sent when this reference has ended.
+        let instance = unsafe { &mut *component.cast::<Instance>() };
+        let status = answer(instance, function, body);
+        (status, instance.logger.outbox())
+    };
+    if let Some(outbox) = outbox {
+        outbox.send();
+    }
+    status
+}
+
+fn answer(instance: &mut Instance, function: Function, body: impl FnOnce(&mut Instance) -> Answer<Status>) -> Status {
     if let Err(Refused(reason)) = instance.check(function) {
         instance.logger.log(Status::Error, ERROR, &reason);
         return Status::Error;
     }
-    let answer = panics::contain(|| body(instance));
-    match answer {
+    match panics::contain(|| body(instance)) {
         Ok(Ok(status)) => {
             instance.flush_log();
             status
@@ -88,16 +99,13 @@ pub(super) unsafe fn array_mut<'a, T>(pointer: *mut T, len: usize) -> Option<&'a
     }
 }
 
-/// A C string; `None` for NULL or what isn't UTF-8.
+/// A C string; `None` for NULL.
 ///
 /// # Safety
 /// A pointer that isn't NULL must be that of a string with its end.
-unsafe fn string<'a>(pointer: StringPointer) -> Option<&'a str> {
-    if pointer.is_null() {
-        return None;
-    }
+unsafe fn string<'a>(pointer: StringPointer) -> Option<&'a CStr> {
     // SAFETY: as this function asks of its caller.
-    unsafe { CStr::from_ptr(pointer) }.to_str().ok()
+    (!pointer.is_null()).then(|| unsafe { CStr::from_ptr(pointer) })
 }
 
 pub(super) fn null(function: Function) -> Refused {
@@ -125,18 +133,10 @@ pub unsafe fn instantiate(
     // SAFETY: not NULL, and by the standard a valid structure; strings as this function asks of its caller.
     let (callbacks, name, guid, location) =
         unsafe { (*functions, string(instance_name), string(guid), string(resource_location)) };
-    let logger = Logger::new(callbacks.logger, callbacks.component_environment, name.unwrap_or(""));
-    let refuse = |reason: &str| {
-        Logger::new(callbacks.logger, callbacks.component_environment, name.unwrap_or("")).log(
-            Status::Error,
-            ERROR,
-            reason,
-        );
-        std::ptr::null_mut()
-    };
+    let logger = || Logger::new(callbacks.logger, callbacks.component_environment, name.unwrap_or_default());
     let made = panics::contain(|| -> Answer<Instance> {
-        if name.is_none_or(str::is_empty) {
-            return Err("fmi2Instantiate: instanceName is empty or not UTF-8".into());
+        if name.is_none_or(CStr::is_empty) {
+            return Err("fmi2Instantiate: instanceName is NULL or empty".into());
         }
         let interface = match fmu_type {
             MODEL_EXCHANGE => Interface::ModelExchange,
@@ -146,21 +146,25 @@ pub unsafe fn instantiate(
                 return Err(format!("fmi2Instantiate: fmuType = {fmu_type} must be {kinds}").into());
             }
         };
-        let guid = guid.ok_or("fmi2Instantiate: fmuGUID is NULL or not UTF-8")?;
-        if location.is_none() && !resource_location.is_null() {
-            return Err("fmi2Instantiate: fmuResourceLocation is not UTF-8".into());
-        }
+        let guid = guid.ok_or("fmi2Instantiate: fmuGUID is NULL")?.to_string_lossy();
+        let location = location.map(CStr::to_bytes);
         let folder = resources::folder(location).map_err(|reason| format!("fmi2Instantiate: {reason}"))?;
         let model = load_model(&folder, registry).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
-        let mut instance = Instance::new(model, interface, guid, logger)?;
+        let mut instance = Instance::new(model, interface, &guid, logger())?;
         instance.set_debug_logging(logging_on != 0, &[])?;
         Ok(instance)
     });
-    match made {
-        Ok(Ok(instance)) => Box::into_raw(Box::new(instance)).cast(),
-        Ok(Err(Refused(reason))) => refuse(&reason),
-        Err(fault) => refuse(&format!("fmi2Instantiate: internal fault, please report it: {fault}")),
+    let reason = match made {
+        Ok(Ok(instance)) => return Box::into_raw(Box::new(instance)).cast(),
+        Ok(Err(Refused(reason))) => reason,
+        Err(fault) => format!("fmi2Instantiate: internal fault, please report it: {fault}"),
+    };
+    let mut logger = logger();
+    logger.log(Status::Error, ERROR, &reason);
+    if let Some(outbox) = logger.outbox() {
+        outbox.send();
     }
+    std::ptr::null_mut()
 }
 
 /// fmi2FreeInstance
@@ -184,8 +188,11 @@ pub unsafe fn set_debug_logging(c: Component, on: Boolean, count: usize, categor
         // SAFETY: as this function asks of its caller.
         let categories = unsafe { array(categories, count) }.ok_or_else(|| null(Function::SetDebugLogging))?;
         // SAFETY: likewise.
-        let names: Option<Vec<&str>> = categories.iter().map(|&category| unsafe { string(category) }).collect();
-        ok(instance.set_debug_logging(on != 0, &names.ok_or_else(|| null(Function::SetDebugLogging))?))
+        let names: Option<Vec<&CStr>> = categories.iter().map(|&category| unsafe { string(category) }).collect();
+        let names = names.ok_or_else(|| null(Function::SetDebugLogging))?;
+        // A name that isn't UTF-8 is that of no category; the message shows what can be shown of it.
+        let names: Vec<_> = names.into_iter().map(CStr::to_string_lossy).collect();
+        ok(instance.set_debug_logging(on != 0, &names.iter().map(AsRef::as_ref).collect::<Vec<_>>()))
     })
 }
 
@@ -459,7 +466,7 @@ pub fn cancel_step(c: Component) -> Status {
 }
 
 /// What receives the reply of [`describe`].
-pub type Reply = unsafe extern "C" fn(context: *mut std::ffi::c_void, text: StringPointer);
+pub type Reply = unsafe extern "C-unwind" fn(context: *mut std::ffi::c_void, text: StringPointer);
 
 /// Describes the FMU that a description asks for; see [`super::describe`].
 ///
@@ -475,10 +482,14 @@ pub unsafe fn describe(
     let Some(reply) = reply else { return super::types::FALSE };
     // SAFETY: as this function asks of its caller.
     let description = unsafe { string(description) };
-    let text = panics::contain(|| super::describe::reply(description, registry, package))
-        .unwrap_or_else(|fault| super::describe::failure(&format!("internal fault, please report it: {fault}")));
+    let text = panics::contain(|| match description.map(CStr::to_str).transpose() {
+        Ok(description) => super::describe::reply(description, registry, package),
+        Err(error) => super::describe::failure(&format!("the description is not UTF-8: {error}")),
+    });
+    let text =
+        text.unwrap_or_else(|fault| super::describe::failure(&format!("internal fault, please report it: {fault}")));
     let Ok(text) = CString::new(text) else { return super::types::FALSE };
     // SAFETY: the caller's own function, with its own context; the text lives until it returns.
-    unsafe { reply(context, text.as_ptr()) };
+    super::floating_point::as_the_host(|| unsafe { reply(context, text.as_ptr()) });
     TRUE
 }

@@ -1,7 +1,9 @@
 //! Messages to the master.
 
-use std::ffi::{CString, c_void};
+use std::ffi::{CStr, CString, c_void};
+use std::sync::Arc;
 
+use super::floating_point;
 use super::types::{LoggerFunction, Status};
 use crate::error::one_line;
 
@@ -10,13 +12,24 @@ pub const ERROR: &str = "logStatusError";
 
 /// Where an instance's messages go. Errors and warnings are always logged; a master that asked for no logging
 /// would else see a bare status.
+///
+/// A call collects its messages, and sends them as the last thing that it does: so the master's function may call the
+/// instance again, and may throw an exception, which finds nothing half done.
 #[derive(Debug)]
 pub struct Logger {
     function: Option<LoggerFunction>,
     environment: *mut c_void,
-    instance: CString,
+    instance: Arc<CStr>,
     /// Categories in which debug messages are wanted.
     enabled: Vec<String>,
+    waiting: Vec<Message>,
+}
+
+#[derive(Debug)]
+struct Message {
+    status: Status,
+    category: CString,
+    text: CString,
 }
 
 // SAFETY: the environment pointer is only handed back to the master's own function, from the thread that called in;
@@ -26,8 +39,8 @@ unsafe impl Send for Logger {}
 
 impl Logger {
     /// The logger of an instance.
-    pub fn new(function: Option<LoggerFunction>, environment: *mut c_void, instance: &str) -> Self {
-        Logger { function, environment, instance: c_string(instance), enabled: Vec::new() }
+    pub fn new(function: Option<LoggerFunction>, environment: *mut c_void, instance: &CStr) -> Self {
+        Logger { function, environment, instance: instance.into(), enabled: Vec::new(), waiting: Vec::new() }
     }
 
     /// Chooses the categories in which debug messages are wanted.
@@ -40,16 +53,52 @@ impl Logger {
         self.enabled.iter().any(|enabled| enabled == category)
     }
 
-    /// Sends one message.
+    /// Leaves one message to be sent.
+    pub fn log(&mut self, status: Status, category: &str, text: &str) {
+        if self.function.is_none() {
+            return;
+        }
+        // By the standard the text is a format of printf, so a percent sign is written as two; and it is one line,
+        // whatever a text of the master's holds that it repeats.
+        let text = c_string(&one_line(text).replace('%', "%%"));
+        self.waiting.push(Message { status, category: c_string(category), text });
+    }
+
+    /// Takes out what waits to be sent, if anything.
+    pub fn outbox(&mut self) -> Option<Outbox> {
+        if self.waiting.is_empty() {
+            return None;
+        }
+        Some(Outbox {
+            function: self.function?,
+            environment: self.environment,
+            instance: Arc::clone(&self.instance),
+            messages: std::mem::take(&mut self.waiting),
+        })
+    }
+}
+
+/// The messages of one call, apart from the instance: its master may do with that what it likes while they are sent.
+#[derive(Debug)]
+pub struct Outbox {
+    function: LoggerFunction,
+    environment: *mut c_void,
+    instance: Arc<CStr>,
+    messages: Vec<Message>,
+}
+
+impl Outbox {
+    /// Sends the messages. An exception of the master's function goes through: never send where a panic is contained,
+    /// since Rust can't catch what isn't its own.
     #[allow(unsafe_code)]
-    pub fn log(&self, status: Status, category: &str, text: &str) {
-        let Some(function) = self.function else { return };
-        // The message is a format to some masters, so it holds no percent sign; and it is one line, whatever a text of
-        // the master's holds that it repeats.
-        let (category, text) = (c_string(category), c_string(&one_line(&text.replace('%', " percent"))));
-        // SAFETY: the function pointer came from the master in fmi2CallbackFunctions and has the standard's
-        // signature; all strings live until it returns; the text holds no conversion, so no variadic argument is read.
-        unsafe { function(self.environment, self.instance.as_ptr(), status, category.as_ptr(), text.as_ptr()) }
+    pub fn send(self) {
+        for Message { status, category, text } in &self.messages {
+            let (name, category, text) = (self.instance.as_ptr(), category.as_ptr(), text.as_ptr());
+            // SAFETY: the function pointer came from the master in fmi2CallbackFunctions and has the standard's
+            // signature; all strings live until it returns; the text holds no conversion but `%%`, so no variadic
+            // argument is read.
+            floating_point::as_the_host(|| unsafe { (self.function)(self.environment, name, *status, category, text) });
+        }
     }
 }
 

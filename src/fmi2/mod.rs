@@ -8,6 +8,7 @@ pub mod build;
 pub mod calls;
 mod derivatives;
 pub mod describe;
+pub mod floating_point;
 pub mod instance;
 #[allow(unsafe_code)]
 pub mod interface;

@@ -9,47 +9,79 @@ pub const DESCRIPTION: &str = "description.toml";
 ///
 /// # Errors
 /// What is wrong with the location.
-pub fn folder(location: Option<&str>) -> Result<PathBuf, String> {
+pub fn folder(location: Option<&[u8]>) -> Result<PathBuf, String> {
     match location.filter(|location| !location.is_empty()) {
-        Some(location) => from_uri(location),
+        Some(location) => from_uri(location)
+            .map_err(|reason| format!("fmuResourceLocation `{}`: {reason}", String::from_utf8_lossy(location))),
         None => beside_library().ok_or_else(|| {
             "fmuResourceLocation is NULL, and the library's own path is not known: give the location".to_owned()
         }),
     }
 }
 
-/// The path of a `file:` URI, in any of the forms that masters use, or of a plain path.
-fn from_uri(location: &str) -> Result<PathBuf, String> {
-    let Some(rest) = location.strip_prefix("file:") else {
-        if location.contains("://") {
-            return Err(format!("fmuResourceLocation `{location}`: only file URIs can be read"));
+/// The path of a `file:` URI, in any of the forms that masters use, or of a plain path. Bytes, since neither needs to
+/// be text.
+fn from_uri(location: &[u8]) -> Result<PathBuf, String> {
+    let Some(rest) = without_prefix(location, b"file:") else {
+        if location.windows(3).any(|bytes| bytes == b"://") {
+            return Err("only file URIs can be read".to_owned());
         }
-        return Ok(PathBuf::from(location));
+        return path(location.to_vec());
     };
-    let path = match rest.strip_prefix("//") {
+    let rest = match rest.strip_prefix(b"//") {
         // An authority, which is empty or this host; `file:////` has none and a path with two slashes.
-        Some(rest) => rest.strip_prefix("localhost").unwrap_or(rest),
+        Some(rest) => without_prefix(rest, b"localhost").filter(|path| path.starts_with(b"/")).unwrap_or(rest),
         None => rest,
     };
-    let path = percent_decoded(path).ok_or_else(|| format!("fmuResourceLocation `{location}`: broken percent code"))?;
-    let windows_drive = path.len() > 2 && path.starts_with('/') && path.as_bytes()[2] == b':';
-    let path = if windows_drive { path[1..].to_owned() } else { path };
-    let collapsed = if path.starts_with("//") { format!("/{}", path.trim_start_matches('/')) } else { path };
-    Ok(PathBuf::from(collapsed))
+    let mut decoded = percent_decoded(rest)?;
+    let windows_drive = decoded.len() > 2 && decoded[0] == b'/' && decoded[2] == b':';
+    let slashes = decoded.iter().take_while(|&&byte| byte == b'/').count();
+    decoded.drain(..if windows_drive { 1 } else { slashes.saturating_sub(1) });
+    path(decoded)
 }
 
-fn percent_decoded(text: &str) -> Option<String> {
-    let mut bytes = Vec::with_capacity(text.len());
-    let mut rest = text.bytes();
-    while let Some(byte) = rest.next() {
-        if byte == b'%' {
-            let digits = [rest.next()?, rest.next()?];
-            bytes.push(u8::from_str_radix(std::str::from_utf8(&digits).ok()?, 16).ok()?);
+/// What follows a prefix, whose letters may be large or small.
+fn without_prefix<'a>(bytes: &'a [u8], prefix: &[u8]) -> Option<&'a [u8]> {
+    let (start, rest) = bytes.split_at_checked(prefix.len())?;
+    start.eq_ignore_ascii_case(prefix).then_some(rest)
+}
+
+fn percent_decoded(bytes: &[u8]) -> Result<Vec<u8>, String> {
+    let mut decoded = Vec::with_capacity(bytes.len());
+    let mut rest = bytes;
+    while let Some((&byte, after)) = rest.split_first() {
+        (decoded, rest) = if byte == b'%' {
+            let digits = after.first_chunk::<2>().and_then(|digits| std::str::from_utf8(digits).ok());
+            // `from_str_radix` takes a sign, too.
+            let digits = digits.filter(|digits| digits.chars().all(|digit| digit.is_ascii_hexdigit()));
+            let code = digits.and_then(|digits| u8::from_str_radix(digits, 16).ok()).ok_or_else(|| {
+                let shown = String::from_utf8_lossy(&rest[..rest.len().min(3)]).into_owned();
+                format!("`{shown}` is no percent code; a percent sign itself is written %25")
+            })?;
+            decoded.push(code);
+            (decoded, &after[2..])
         } else {
-            bytes.push(byte);
-        }
+            decoded.push(byte);
+            (decoded, after)
+        };
     }
-    String::from_utf8(bytes).ok()
+    Ok(decoded)
+}
+
+#[cfg(unix)]
+fn path(bytes: Vec<u8>) -> Result<PathBuf, String> {
+    use std::os::unix::ffi::OsStringExt;
+    Ok(PathBuf::from(std::ffi::OsString::from_vec(bytes)))
+}
+
+/// Paths are text here.
+#[cfg(not(unix))]
+fn path(bytes: Vec<u8>) -> Result<PathBuf, String> {
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let place = error.utf8_error().valid_up_to();
+        format!("byte {} of the path, {:#04x}, is not UTF-8", place + 1, error.as_bytes()[place])
+    })?;
+    Ok(PathBuf::from(text))
 }
 
 /// `…/binaries/linux64/NAME.so` → `…/resources`.
@@ -63,7 +95,7 @@ fn own_path() -> Option<PathBuf> {
     use std::ffi::CStr;
     use std::os::unix::ffi::OsStrExt;
     let mut info = std::mem::MaybeUninit::<libc::Dl_info>::zeroed();
-    let here: fn(Option<&str>) -> Result<PathBuf, String> = folder;
+    let here: fn(Option<&[u8]>) -> Result<PathBuf, String> = folder;
     // SAFETY: dladdr only reads the address, a function of this library, and writes the structure, all zero before;
     // the name that it gives, if any, is a C string that lives as long as the library is loaded.
     let name = unsafe {
@@ -91,7 +123,7 @@ fn own_path() -> Option<PathBuf> {
         fn GetModuleHandleExW(flags: u32, address: *const c_void, module: *mut *mut c_void) -> i32;
         fn GetModuleFileNameW(module: *mut c_void, name: *mut u16, size: u32) -> u32;
     }
-    let here: fn(Option<&str>) -> Result<PathBuf, String> = folder;
+    let here: fn(Option<&[u8]>) -> Result<PathBuf, String> = folder;
     let mut module = std::ptr::null_mut();
     let mut name = vec![0_u16; LONGEST];
     // SAFETY: the first function only looks up the address, one of this library, and writes the module's handle; the
@@ -121,14 +153,30 @@ mod tests {
             ("file:////a/b/resources", "/a/b/resources"),
             ("file:/a/b/resources", "/a/b/resources"),
             ("file://localhost/a/b", "/a/b"),
+            ("FILE:///a/b", "/a/b"),
+            ("File://LOCALHOST/a/b", "/a/b"),
+            ("file:///localhost/b", "/localhost/b"),
             ("file:///a%20b/%C3%BC", "/a b/ü"),
             ("file:///a b/resources", "/a b/resources"),
             ("file:///C:/a/b", "C:/a/b"),
             ("/plain/path", "/plain/path"),
         ] {
-            assert_eq!(folder(Some(location)), Ok(PathBuf::from(path)), "{location}");
+            assert_eq!(folder(Some(location.as_bytes())), Ok(PathBuf::from(path)), "{location}");
         }
-        assert!(folder(Some("http://host/resources")).is_err());
-        assert!(folder(Some("file:///a%2")).is_err());
+        assert!(folder(Some(b"http://host/resources")).is_err());
+        for (broken, code) in [("file:///a%2", "`%2`"), ("file:///a%+1b", "`%+1`"), ("file:///100%/b", "`%/b`")] {
+            let reason = folder(Some(broken.as_bytes())).expect_err(broken);
+            assert!(reason.contains(code) && reason.contains(broken), "{reason}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_path_need_not_be_text() {
+        use std::os::unix::ffi::OsStrExt;
+        let path = PathBuf::from(std::ffi::OsStr::from_bytes(b"/a\xff/b"));
+        for location in [&b"file:///a%FF/b"[..], b"file:///a\xff/b", b"/a\xff/b"] {
+            assert_eq!(folder(Some(location)), Ok(path.clone()));
+        }
     }
 }

@@ -53,8 +53,9 @@ pub mod status_kind {
     pub const TERMINATED: c_int = 3;
 }
 
-/// `fmi2CallbackLogger`
-pub type LoggerFunction = unsafe extern "C" fn(*mut c_void, StringPointer, Status, StringPointer, StringPointer, ...);
+/// `fmi2CallbackLogger`, which may throw an exception.
+pub type LoggerFunction =
+    unsafe extern "C-unwind" fn(*mut c_void, StringPointer, Status, StringPointer, StringPointer, ...);
 
 /// `fmi2CallbackFunctions`. The memory callbacks are never called (`canNotUseMemoryManagementFunctions`).
 #[derive(Debug, Clone, Copy)]

@@ -193,7 +193,8 @@ unsafe extern "C" fn keep_message(
     if !message.is_null() {
         // SAFETY: the environment is the instance's list of messages, which outlives it; the message is a C string.
         let (messages, text) = unsafe { (&*environment.cast::<RefCell<Vec<String>>>(), CStr::from_ptr(message)) };
-        messages.borrow_mut().push(text.to_string_lossy().into_owned());
+        // By the standard it is a format of printf.
+        messages.borrow_mut().push(text.to_string_lossy().replace("%%", "%"));
     }
 }
 

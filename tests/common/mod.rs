@@ -65,6 +65,11 @@ pub fn callbacks(log: &RefCell<Logged>) -> CallbackFunctions {
     }
 }
 
+/// Whether a text is a format of printf that asks for no argument.
+pub fn is_plain_format(text: &str) -> bool {
+    !text.replace("%%", "").contains('%')
+}
+
 /// A call of fmi2Instantiate; `None` is a NULL pointer.
 pub struct Request {
     pub registry: Registry,
@@ -319,7 +324,7 @@ impl Unit {
         assert_eq!(call(self), ERROR, "a call that should name {named:?}");
         let message = self.last_message();
         named.iter().for_each(|name| assert!(message.contains(name), "`{message}` names {name}"));
-        assert!(!message.contains('%'), "some masters take the message for a format: {message}");
+        assert!(is_plain_format(&message), "by the standard the message is a format: {message}");
         assert!(!message.contains('\n'), "one line: {message}");
         assert_eq!(self.fingerprint(), before, "a refused call changes nothing: {message}");
     }

@@ -177,8 +177,9 @@ impl Law {
             let Estimate { place, bounds: (lo, hi), channel: i, factor } = estimate;
             let (gone, further) = (end[i] - start[i], whole[i] - start[i]);
             let [down, up] = [gone.min(further).min(0.0) - amplitudes[i], gone.max(further).max(0.0) + amplitudes[i]];
-            let share = factor / excitations[i];
-            let in_layer = |increment: f64| projection::is_in_layer(v[place] + share * increment, lo, hi, epsilon);
+            let in_layer = |increment: f64| {
+                projection::is_in_layer(v[place] + factor / excitations[i] * increment, lo, hi, epsilon)
+            };
             !estimate.is_frozen() && (in_layer(down) || in_layer(up))
         })
     }
@@ -251,7 +252,8 @@ impl Law {
         let u_ad = nominals[self.f.span().start];
         let mut worst = 0.0;
         let mut compare = |whole: f64, halves: f64, magnitude: f64| {
-            let error = (whole - halves).abs() / magnitude.max(whole.abs()).max(halves.abs());
+            let differs = (whole - halves).abs();
+            let error = if differs == 0.0 { 0.0 } else { differs / magnitude.max(whole.abs()).max(halves.abs()) };
             // Not a number, once it is.
             worst = if error > worst || error.is_nan() { error } else { worst };
         };

@@ -249,8 +249,8 @@ impl Sequence<'_> {
     fn check_messages(&mut self, name: &str, status: Status) {
         let messages = self.unit.messages();
         for (_, _, text) in &messages {
-            let one_line = !text.contains('%') && !text.contains('\n') && !text.is_empty();
-            self.expect(one_line, &format!("a message is a line without a percent sign: {text}"));
+            let one_line = crate::common::is_plain_format(text) && !text.contains('\n') && !text.is_empty();
+            self.expect(one_line, &format!("a message is a line, and a format without arguments: {text}"));
             self.expect(!text.contains("internal fault"), text);
         }
         let errors: Vec<_> = messages.iter().filter(|(status, ..)| *status == ERROR as i32).collect();
