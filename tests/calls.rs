@@ -246,3 +246,12 @@ fn a_terminated_unit_can_be_reset_and_run_again() {
     unit.run(0.0, 3, 0.5);
     assert!((unit.get("r[1]") - 2.0 * (0.2_f64 * 1.5).cos()).abs() < 1e-15);
 }
+
+#[test]
+fn a_unit_whose_step_has_failed_can_be_terminated_and_read() {
+    for unit in [unit_in('E'), exchange_in('E')] {
+        assert_eq!(unit.terminate(), OK, "{:?}", unit.messages());
+        assert!(unit.get("y[1]").is_finite());
+        unit.refuses(&["fmi2Terminate", "terminated"], |unit| unit.terminate());
+    }
+}

@@ -4,6 +4,7 @@ mod common;
 
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::library::fmi2_functions::fmi2GetDirectionalDerivative;
 use adaptive_fmu::model::{Description, Model};
 use common::models::Run;
 use common::{OK, Unit, description};
@@ -85,6 +86,50 @@ fn a_controller_that_is_switched_off_hands_over_to_the_manual_control() {
     assert!(unit.get("u[2]") != 7.0, "outputs change in a step only");
     assert_eq!(unit.step(1e-4, 1e-4), OK);
     assert_eq!(unit.get("u[2]"), 7.0);
+}
+
+/// In Continuous-Time Mode, a step of the master's integrator after the start.
+fn exchanged() -> Unit {
+    let unit = Unit::exchange("L1TwoLinkRobot");
+    unit.begin();
+    [("x[1]", 0.3), ("u_manual[1]", 4.0), ("u_manual[2]", 7.0)].into_iter().for_each(|(name, u)| unit.put(name, u));
+    assert_eq!(unit.set_time(1e-3), OK);
+    assert!(!unit.completed_step());
+    unit
+}
+
+#[test]
+fn in_model_exchange_a_switch_between_events_waits_for_the_next_one_and_asks_for_it() {
+    let unit = exchanged();
+    let seed = |unit: &Unit| {
+        let (u, x, mut du) = (unit.reference("u[1]"), unit.reference("x[1]"), f64::NAN);
+        assert_eq!(unsafe { fmi2GetDirectionalDerivative(unit.component, &u, 1, &x, 1, &1.0, &mut du) }, OK);
+        du
+    };
+    let in_force = |unit: &Unit| (unit.get("u[1]"), unit.get("u[2]"), unit.derivatives(), seed(unit));
+    let before = in_force(&unit);
+    assert!(before.0 != 4.0 && before.1 != 7.0);
+    assert_eq!(unit.set_boolean("enabled", true), OK);
+    assert!(!unit.completed_step(), "what stands already asks for nothing");
+    assert_eq!(unit.set_boolean("enabled", false), OK);
+    assert!(!unit.get_boolean("enabled"), "what was set reads back");
+    assert_eq!(in_force(&unit), before);
+    let waiting = unit.fingerprint();
+    assert_eq!(unit.set_boolean("enabled", true), OK);
+    assert!(!unit.completed_step(), "it was taken back");
+    for unit in [unit, exchanged()] {
+        let (status, state) = unit.deserialise(&waiting);
+        assert_eq!((status, unit.restore(state)), (OK, OK));
+        assert!(!unit.get_boolean("enabled"));
+        assert_eq!(in_force(&unit), before, "saved with everything else");
+        assert!(unit.completed_step(), "it waits for an event");
+        assert!(unit.completed_step(), "however often the master goes on");
+        assert_eq!(in_force(&unit), before);
+        assert_eq!(unit.enter_event_mode(), OK);
+        unit.settle();
+        assert_eq!((unit.get("u[1]"), unit.get("u[2]")), (4.0, 7.0));
+        assert!(!unit.get_boolean("enabled") && !unit.completed_step());
+    }
 }
 
 #[test]

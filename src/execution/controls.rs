@@ -79,8 +79,9 @@ pub struct Controls {
     pub(super) valid_integers: usize,
     /// Event indicators where the last step ended.
     pub(super) indicators: Option<VectorOf<Memory>>,
-    /// Integer and Boolean inputs in the last step.
+    /// Integer and Boolean inputs in the last step; in model exchange those in force while others wait.
     pub(super) last_integer_inputs: usize,
+    pub(super) integer_inputs_wait: BooleanOf<Memory>,
     pub(super) started: BooleanOf<Memory>,
     /// In model exchange: when the master's integrator completed its last step, and whether states have jumped at the
     /// present event.
@@ -149,6 +150,7 @@ impl Controls {
             states_jumped: d.memory(boolean("#states jumped", "")),
             parameters_set: d.memory(boolean("#parameters set", "")),
             slopes_given: d.memory(boolean("#slopes given", "")),
+            integer_inputs_wait: d.memory(boolean("#integer inputs wait", "")),
         }
     }
 }

@@ -34,6 +34,10 @@ impl Execution {
         let valid = self.valid_integers();
         self.dual_integers.copy_from_slice(&self.block.integers);
         self.dual_integers.copy_within(valid, self.model.variables().integers(Section::Parameter).start);
+        if self.values().get(self.model.controls().integer_inputs_wait) {
+            let in_force = self.kept(self.model.controls().last_integer_inputs, Section::Input);
+            self.dual_integers.copy_within(in_force, self.model.variables().integers(Section::Input).start);
+        }
     }
 
     fn evaluate_dual(&mut self, t: Dual64) {

@@ -35,10 +35,29 @@ impl Execution {
         Ok(())
     }
 
-    /// Begins an event: from here on it is noted whether states jump.
+    /// Begins an event: from here on it is noted whether states jump. Integer and Boolean inputs that waited for it are
+    /// in force.
     pub fn begin_event(&mut self) {
-        let jumped = self.model.controls().states_jumped;
+        let (jumped, waits) = (self.model.controls().states_jumped, self.model.controls().integer_inputs_wait);
         self.point().put(jumped, false);
+        if self.values().get(waits) {
+            self.point().put(waits, false);
+            self.changed();
+        }
+    }
+
+    /// Sets an Integer or Boolean input, by its place in the block, between events: it waits for the next one, since
+    /// within a step of the master's integrator nothing may jump.
+    pub fn set_integer_input_between_events(&mut self, place: usize, value: i32) {
+        let waits = self.model.controls().integer_inputs_wait;
+        if !self.values().get(waits) {
+            self.keep_integer_inputs();
+        }
+        self.block.integers[place] = value;
+        let inputs = self.model.variables().integers(Section::Input);
+        let in_force = self.kept(self.model.controls().last_integer_inputs, Section::Input);
+        let differ = self.block.integers[inputs] != self.block.integers[in_force];
+        self.point().put(waits, differ);
     }
 
     /// The continuous states.
@@ -97,16 +116,37 @@ impl Execution {
     }
 
     /// Computes with the last valid parameters: those that wait to be taken over may contradict each other, and what
-    /// is prepared from them isn't.
-    fn with_valid_parameters(&mut self, compute: impl FnOnce(&mut Self)) {
+    /// is prepared from them isn't. Integer inputs that wait for an event aren't in force either.
+    fn with_valid_parameters<T>(&mut self, compute: impl FnOnce(&mut Self) -> T) -> T {
         let wait = self.parameters_wait();
         if wait {
             self.swap_parameters();
         }
-        compute(self);
+        let computed = self.with_integer_inputs_in_force(compute);
         if wait {
             self.swap_parameters();
         }
+        computed
+    }
+
+    fn with_integer_inputs_in_force<T>(&mut self, compute: impl FnOnce(&mut Self) -> T) -> T {
+        let waits = self.model.controls().integer_inputs_wait;
+        if !self.values().get(waits) {
+            return compute(self);
+        }
+        self.swap_integer_inputs();
+        self.point().put(waits, false);
+        let computed = compute(self);
+        self.swap_integer_inputs();
+        self.point().put(waits, true);
+        computed
+    }
+
+    fn swap_integer_inputs(&mut self) {
+        let set = self.model.variables().integers(Section::Input);
+        let kept = self.kept(self.model.controls().last_integer_inputs, Section::Input);
+        let (before, after) = self.block.integers.split_at_mut(kept.start);
+        before[set].swap_with_slice(&mut after[..kept.len()]);
     }
 
     fn swap_parameters(&mut self) {
@@ -175,11 +215,18 @@ impl Execution {
         self.values()[self.model.controls().completed]
     }
 
-    /// Takes note of a completed step of the master's integrator; whether it ends at an event.
+    /// Takes note of a completed step of the master's integrator; whether it ends at an event, be it that inputs wait
+    /// for one.
     ///
     /// # Errors
     /// When the equations don't hold there, or a value has grown beyond any use or is no number.
     pub fn complete_step(&mut self) -> Result<bool, StepError> {
+        let inputs_wait = self.values().get(self.model.controls().integer_inputs_wait);
+        let ends_at_event = self.with_integer_inputs_in_force(Execution::note_step)?;
+        Ok(ends_at_event || inputs_wait)
+    }
+
+    fn note_step(&mut self) -> Result<bool, StepError> {
         self.evaluate();
         self.check().map_err(StepError::Unsound)?;
         self.check_point()?;

@@ -79,7 +79,7 @@ impl Phase {
             Phase::StepComplete => "initialised, its last step complete",
             Phase::StepFailed => "after a discarded step",
             Phase::Terminated => "terminated",
-            Phase::Error => "in error after a failed step or event; restore a state or reset it",
+            Phase::Error => "in error after a failed step or event; restore a state or reset it, or terminate it",
             Phase::Poisoned => "unusable after an internal fault; free it",
         }
     }
@@ -128,15 +128,17 @@ call_table! {
     SetupExperiment:               I,                  I;
     EnterInitializationMode:       I,                  I;
     ExitInitializationMode:        M,                  M;
-    Terminate:                     V | C,              S | F;
+    // In error too: masters that are refused there free an instance twice.
+    Terminate:                     V | C | E,          S | F | E;
     Reset:                         ANY,                ANY;
     GetReal:                       M | V | C | T | E,  M | S | F | T | E;
     GetInteger:                    M | V | C | T | E,  M | S | F | T | E;
     GetBoolean:                    M | V | C | T | E,  M | S | F | T | E;
     GetString:                     M | V | C | T | E,  M | S | F | T | E;
     SetReal:                       I | M | V | C,      I | M | S;
-    SetInteger:                    I | M | V,          I | M | S;
-    SetBoolean:                    I | M | V,          I | M | S;
+    // Inputs in Continuous-Time Mode too, where masters set all of them; a change waits for the next event.
+    SetInteger:                    I | M | V | C,      I | M | S;
+    SetBoolean:                    I | M | V | C,      I | M | S;
     SetString:                     I | M | V,          I | M | S;
     GetFMUstate:                   ANY,                ANY;
     SetFMUstate:                   ANY,                ANY;

@@ -367,8 +367,14 @@ impl Instance {
         }
         for (&reference, &value) in references.iter().zip(values) {
             let (place, access) = self.place(function, reference, is)?;
-            self.execution.block.integers[place] = if is == Type::Boolean { i32::from(value != 0) } else { value };
-            self.was_set(access);
+            let value = if is == Type::Boolean { i32::from(value != 0) } else { value };
+            if self.phase == Phase::ContinuousTime {
+                // Parameters were refused, so this is an input.
+                self.execution.set_integer_input_between_events(place, value);
+            } else {
+                self.execution.block.integers[place] = value;
+                self.was_set(access);
+            }
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! Which function may be called when: the tables of FMI 2.0.4, sections 3.2.3 and 4.2.4, with what this project
-//! narrows: after a failed step only reading, rolling back, resetting and freeing is left.
+//! widens: Booleans and integers are set in Continuous-Time Mode, since masters do, and an instance in error can be
+//! terminated; and what it narrows: after a failed step only reading, rolling back, resetting, terminating and freeing is left.
 
 use adaptive_fmu::fmi2::types::CO_SIMULATION;
 
@@ -11,15 +12,15 @@ pub const FUNCTIONS: [(&str, &str, &str); 40] = [
     ("fmi2SetupExperiment", "I", "I"),
     ("fmi2EnterInitializationMode", "I", "I"),
     ("fmi2ExitInitializationMode", "M", "M"),
-    ("fmi2Terminate", "VC", "SF"),
+    ("fmi2Terminate", "VCE", "SFE"),
     ("fmi2Reset", "IMVCTE", "IMSFTE"),
     ("fmi2GetReal", "MVCTE", "MSFTE"),
     ("fmi2GetInteger", "MVCTE", "MSFTE"),
     ("fmi2GetBoolean", "MVCTE", "MSFTE"),
     ("fmi2GetString", "MVCTE", "MSFTE"),
     ("fmi2SetReal", "IMVC", "IMS"),
-    ("fmi2SetInteger", "IMV", "IMS"),
-    ("fmi2SetBoolean", "IMV", "IMS"),
+    ("fmi2SetInteger", "IMVC", "IMS"),
+    ("fmi2SetBoolean", "IMVC", "IMS"),
     ("fmi2SetString", "IMV", "IMS"),
     ("fmi2GetFMUstate", "IMVCTE", "IMSFTE"),
     ("fmi2SetFMUstate", "IMVCTE", "IMSFTE"),
