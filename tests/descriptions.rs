@@ -36,6 +36,19 @@ fn the_checked_in_model_descriptions_are_those_of_the_descriptions() {
 }
 
 #[test]
+fn the_default_experiment_has_the_tolerance_of_the_unit() {
+    let tolerance = |text: &str| {
+        let xml = model_description::xml(&model(text).unwrap());
+        let (_, experiment) = xml.split_once("<DefaultExperiment ").expect("an experiment");
+        let (_, number) = experiment.split_once("tolerance=\"").expect("a tolerance");
+        number.split_once('"').unwrap().0.parse::<f64>().unwrap()
+    };
+    assert_eq!(tolerance(&description("L1NonlinearSiso")), 1e-6);
+    assert_eq!(tolerance(&controller("[start]", "[start]\nrelative_tolerance = 1e-4")), 1e-4);
+    assert_eq!(tolerance(&description("Reference")), 1e-6, "without states, too");
+}
+
+#[test]
 fn every_description_is_named_as_its_file() {
     for name in description_names() {
         assert_eq!(model(&description(&name)).unwrap().description().name, name);

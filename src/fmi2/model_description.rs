@@ -106,6 +106,7 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
         let experiment = vec![
             ("startTime", "0".to_owned()),
             ("stopTime", number(description.experiment.stop_time)),
+            ("tolerance", number(tolerance(model.variables()))),
             ("stepSize", number(description.experiment.step)),
         ];
         empty(xml, "DefaultExperiment", experiment)?;
@@ -116,6 +117,12 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
         })?;
         write_structure(xml, variables)
     })
+}
+
+/// The error that a unit tolerates by itself; a unit without states tolerates none, and masters ask for a number all the
+/// same.
+fn tolerance(variables: &Variables) -> f64 {
+    variables.find("relative_tolerance").map_or(1e-6, |element| element.start())
 }
 
 fn write_interfaces(xml: &mut Xml, model: &Model) -> io::Result<()> {

@@ -117,6 +117,8 @@ def test_the_experiment_is_given_with_a_step(each_fmu: Fmu) -> None:
     experiment = each_fmu.description.defaultExperiment
     assert float(experiment.startTime) == 0.0
     assert 0.0 < float(experiment.stepSize) < float(experiment.stopTime)
+    own = each_fmu.variables.get("relative_tolerance")
+    assert float(experiment.tolerance) == (float(own.start) if own else 1e-6)
 
 
 def test_initial_unknowns_are_outputs_states_and_derivatives_and_nothing_else(each_fmu: Fmu) -> None:
