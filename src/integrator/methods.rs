@@ -169,7 +169,8 @@ impl Methods {
 
     /// The longest substep that the eigenvalues allow the method in force, s.
     pub fn longest(&self, pace: &Pace) -> f64 {
-        if self.by_itself { f64::INFINITY } else { pace.limits.of_method(pace.stiff).recip() }
+        let limit = if self.by_itself { 0.0 } else { pace.limits.of_method(pace.stiff) };
+        if limit > 0.0 { limit.recip() } else { f64::INFINITY }
     }
 
     /// The mode whose growth limits the method in force, if one does.

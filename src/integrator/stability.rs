@@ -143,7 +143,7 @@ fn resolved_way(stability: fn(Complex<f64>) -> Complex<f64>, direction: Complex<
     let mut way = if direction.re > 0.0 { far.min(GROWTH_IN_A_SUBSTEP / direction.re) } else { far };
     let (mut found, mut in_a_row) = (least, 0);
     while way > least && in_a_row < IN_A_ROW {
-        let growth = stability(direction * way).norm().ln() / way;
+        let growth = stability(direction * way).norm().max(f64::MIN_POSITIVE).ln() / way;
         if (growth - direction.re).abs() <= allowed {
             if in_a_row == 0 {
                 found = way;

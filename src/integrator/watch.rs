@@ -56,8 +56,8 @@ impl Watch {
     /// The stiff method looks at the Jacobian of its substep, if that is due or it has changed; the work it was.
     pub fn look_for_stiff(&mut self, jacobian: &Jacobian, nominals: &[f64], way: f64, pace: &mut Pace) -> f64 {
         let size = jacobian.size(nominals);
-        let change = size / pace.jacobian_size;
-        if pace.until_look > 0.0 && change < CHANGE && change > 1.0 / CHANGE {
+        let changed = size > CHANGE * pace.jacobian_size || pace.jacobian_size > CHANGE * size;
+        if pace.until_look > 0.0 && !changed {
             return 0.0;
         }
         let before = pace.limits;
