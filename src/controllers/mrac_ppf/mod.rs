@@ -3,6 +3,7 @@
 
 mod report;
 mod sampled;
+mod samples;
 
 use nalgebra::DMatrix;
 use serde::Deserialize;
@@ -15,6 +16,7 @@ use crate::system::{
     Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
     boolean, choice, integer, matrix, scalar, vector,
 };
+use samples::Samples;
 
 /// When the law is evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +31,7 @@ impl Choice for Evaluation {
     const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
         (Self::Automatic, "automatic", "sampled in co-simulation; continuous in model exchange and in a whole loop"),
         (Self::Continuous, "continuous", "at all times; in co-simulation only where the step is short against 1/s"),
-        (Self::Sampled, "sampled", "once a communication step, so that the loop follows the law's own dynamics in it"),
+        (Self::Sampled, "sampled", "once a sample time, so that the loop follows the law's own dynamics in it"),
     ];
 }
 
@@ -92,9 +94,8 @@ pub struct MracPpf {
     e: ErrorOf,
     /// Whether the unit is stepped by a master of co-simulation.
     is_stepped: BooleanOf<Memory>,
-    /// The control of the sampled law until it is computed anew, and x_m when the step before began.
-    held: VectorOf<Discrete>,
-    x_m_before: VectorOf<Discrete>,
+    /// When the sampled law is evaluated, and what it holds between samples.
+    samples: Samples,
     step_too_long: BooleanOf<Discrete>,
     long_step: Warning,
 }
@@ -140,8 +141,8 @@ impl System for MracPpf {
             prediction_steps: d.parameter(
                 integer(
                     "prediction_steps",
-                    "communication steps over which the sampled law looks ahead: 1 is sharper, where the plant is stepped \
-                     before the controller; 2 serves any master",
+                    "samples over which the sampled law looks ahead: 1 is sharper, where the plant is stepped before the \
+                     controller; 2 serves any master",
                 )
                 .start(2)
                 .within(1, 100),
@@ -156,12 +157,15 @@ impl System for MracPpf {
             u: d.output(vector("u", m, "control").units(&unit_u)),
             e: d.tracking_error(x, x_m, ERROR_NOMINAL),
             is_stepped: d.is_stepped(),
-            held: d.discrete(vector("#held", m, "").hidden()),
-            x_m_before: d.discrete(vector("#x_m_before", n, "").hidden()),
+            samples: Samples::declare(d, n, m),
             step_too_long: d.discrete(
-                boolean("step_too_long", "whether the communication step is too long for the continuous law").output(),
+                boolean(
+                    "step_too_long",
+                    "whether the communication step is too long for the continuous law, or longer than the sample time",
+                )
+                .output(),
             ),
-            long_step: d.warning("logStepTooLong", "communication step too long for the continuous law"),
+            long_step: d.warning("logStepTooLong", "communication step too long for the law"),
             A,
             B_inverse,
             x,
@@ -174,6 +178,7 @@ impl System for MracPpf {
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
         invalid.and(self.funnel.prepare(v));
+        invalid.and(self.samples.prepare(v));
         let A_m = v.matrix(self.A_m).into_owned();
         lyapunov::require_hurwitz("A_m", &A_m).unwrap_or_else(|reasons| invalid.and(reasons));
         invalid.into_result()
@@ -185,12 +190,16 @@ impl System for MracPpf {
             return Err(Invalid::new("law", "sampled", allowed));
         }
         v.copy(self.x_m0, self.x_m);
-        v.copy(self.x_m0, self.x_m_before);
         v[self.theta_hat.elements()].fill(0.0);
         v[self.integral.elements()].fill(0.0);
         self.funnel.open(t, |i, v| v.error(self.e, i), v);
+        self.begin_sampling(t, v);
         self.hold_nominal_control(t, v);
         Ok(())
+    }
+
+    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+        self.samples.discretise(self.A_m, v);
     }
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -211,7 +220,11 @@ impl System for MracPpf {
         }
         for k in 0..self.u.len() {
             let u = self.u.at(k);
-            y[u] = if self.is_sampled(v) { v[self.held][k] } else { within(y[u], v[self.u_min][k], v[self.u_max][k]) };
+            y[u] = if self.is_sampled(v) {
+                v[self.samples.held][k]
+            } else {
+                within(y[u], v[self.u_min][k], v[self.u_max][k])
+            };
         }
     }
 
@@ -242,8 +255,17 @@ impl System for MracPpf {
         self.funnel.event_indicators(t, |i| v.error(self.e, i), v, z);
     }
 
+    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+        self.samples.next(v)
+    }
+
     fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
         self.funnel.event(t, |i, v| v.error(self.e, i), v);
+        if self.samples.next(&v.values()).is_some_and(|next| next <= t) {
+            self.sample(v);
+            // x_m is set at a sample: where that takes an error out of its funnel, this is the event of it.
+            self.funnel.event(t, |i, v| v.error(self.e, i), v);
+        }
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -252,7 +274,7 @@ impl System for MracPpf {
 
     fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
         if self.is_sampled(&v.values()) {
-            self.sample(t, step, v);
+            self.keep_to_communication_points(t, step, v);
         } else if v.get(self.is_stepped) {
             self.warn_of_long_step(step, v);
         }

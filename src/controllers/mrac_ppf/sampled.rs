@@ -1,4 +1,4 @@
-//! The law sampled once a communication step: by the implicit Euler method, so that the stiff dynamics that it gives the
+//! The law sampled once a sample time: by the implicit Euler method, so that the stiff dynamics that it gives the
 //! error are followed whatever the step is.
 //!
 //! With the nominal model e⁺ = e + h (A x + B u + θ̂ᵀx + Iᵀψ − D) over the time h that the law looks ahead, D being the mean
@@ -32,7 +32,7 @@ struct Ahead {
 }
 
 impl MracPpf {
-    /// At the start the step is not known yet: the control that leaves e/ρ as it is on the nominal plant.
+    /// Before the first sample: the control that leaves e/ρ as it is on the nominal plant.
     pub(super) fn hold_nominal_control(&self, t: f64, v: &mut Point) {
         self.hold(v, |i, v| {
             let inside = self.inside(i, t, v);
@@ -40,13 +40,14 @@ impl MracPpf {
         });
     }
 
-    /// Computes the control for the next step from the inputs of the step that ended at t, taken as measured where that
-    /// step began, and advances the estimates by one step.
-    pub(super) fn sample(&self, t: f64, step: f64, v: &mut Point) {
-        let h = step * f64::from(v.get(self.prediction_steps));
-        let (before, n) = (t - step, self.x.len());
-        // The model moves alike as long as the reference is held: its mean rate is taken from the step that ended.
-        let mean_rate = |i: usize, v: &Values<f64>| (v[self.x_m][i] - v[self.x_m_before][i]) / step;
+    /// Takes a sample: computes the control until the next one from the present inputs, taken as measured a sample time
+    /// before, and advances model and estimates by one.
+    pub(super) fn sample(&self, v: &mut Point) {
+        let (n, period, before) = (self.x.len(), v[self.samples.period], self.samples.latest(&v.values()));
+        let h = period * f64::from(v.get(self.prediction_steps));
+        self.samples.advance_model(self.r, self.x_m, v);
+        // The model moves alike as long as the reference is held: its mean rate is taken from the time that ended.
+        let mean_rate = |i: usize, v: &Values<f64>| (v[self.x_m][i] - v[self.samples.x_m_before][i]) / period;
         self.hold(v, |i, v| {
             let epsilon = self.epsilon_ahead(i, before, h, v);
             let ahead = self.ahead(i, before, h, v);
@@ -63,32 +64,33 @@ impl MracPpf {
                 let values = v.values();
                 let sigma_hat = self.sigma_ahead(i, j, &ahead, epsilon, &values);
                 let (theta, integral) = self.adaptation(i, j, (epsilon, R), sigma_hat, &values);
-                v[self.theta_hat.at(j, i)] += step * theta;
-                v[self.integral.at(j, i)] += step * integral;
+                v[self.theta_hat.at(j, i)] += period * theta;
+                v[self.integral.at(j, i)] += period * integral;
             }
         }
-        v.copy(self.x_m, self.x_m_before);
+        v.copy(self.x_m, self.samples.x_m_before);
+        self.samples.tick(v);
     }
 
     /// Holds the control of a wanted rate of each channel, and shows it.
     fn hold(&self, v: &mut Point, rate: impl Fn(usize, &Values<f64>) -> f64) {
-        v[self.held].fill(0.0);
+        v[self.samples.held].fill(0.0);
         for i in 0..self.x.len() {
             let rate = rate(i, &v.values());
             for k in 0..self.u.len() {
-                v[self.held][k] += self.B_inverse[(k, i)] * rate;
+                v[self.samples.held][k] += self.B_inverse[(k, i)] * rate;
             }
         }
         for k in 0..self.u.len() {
-            v[self.held][k] = within(v[self.held][k], v[self.u_min][k], v[self.u_max][k]);
+            v[self.samples.held][k] = within(v[self.samples.held][k], v[self.u_min][k], v[self.u_max][k]);
         }
         if self.is_sampled(&v.values()) {
-            v.copy(self.held, self.u);
+            v.copy(self.samples.held, self.u);
         }
     }
 
     fn ahead(&self, i: usize, t: f64, h: f64, v: &Values<f64>) -> Ahead {
-        let e = v[self.x][i] - v[self.x_m_before][i];
+        let e = v[self.x][i] - v[self.samples.x_m_before][i];
         Ahead { h, performance: self.funnel.performance(i, t + h, v), bounds: self.funnel.bounds(i, v), e }
     }
 

@@ -1,0 +1,153 @@
+//! When the sampled law is evaluated: at instants of its own, whatever steps a master makes.
+//!
+//! Sample k belongs to the time t_0 + k T. All that a sample computes follows from k, from what the last one left and from
+//! the inputs that stand, so that the points at which a master cuts the time between two samples change no bit of it.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use super::MracPpf;
+use crate::control::exponential::{exponential, workspace};
+use crate::system::{
+    Declaration, Discrete, Input, Invalid, MatrixOf, Parameter, Point, ScalarOf, State, Values, VectorOf, scalar,
+    vector,
+};
+
+/// The shortest sample time, s. A first communication step that is shorter is a remnant, no sample time.
+const SHORTEST: f64 = 1e-9;
+/// Communication points this near to a sample, in parts of the sample time, are the sample's own.
+const EARLY: f64 = 1e-9;
+/// A master's count of its points may run away from k T by this much of a step from one sample to the next, by rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// The clock of the sampled law, and what is held from sample to sample.
+#[derive(Debug)]
+pub(super) struct Samples {
+    sample_time: ScalarOf<Parameter>,
+    /// T; 0 where the law isn't sampled, and as long as it waits for the first step's length.
+    pub period: ScalarOf<Discrete>,
+    /// t_0, the number of samples that were taken, and how far the master's points are from t_0 + k T, by rounding.
+    start: ScalarOf<Discrete>,
+    count: ScalarOf<Discrete>,
+    shift: ScalarOf<Discrete>,
+    /// The control until the next sample.
+    pub held: VectorOf<Discrete>,
+    /// x_m at the latest sample.
+    pub x_m_before: VectorOf<Discrete>,
+    /// e^(A_m T) by columns, then the workspace for it.
+    transition: VectorOf<Discrete>,
+}
+
+impl Samples {
+    /// Of n states and m controls.
+    pub fn declare(d: &mut Declaration, n: usize, m: usize) -> Self {
+        let asked = "time from sample to sample of the sampled law; 0: the length of the first communication step";
+        let used = "time from sample to sample; 0 until it is known, and where the law is continuous";
+        let hidden = |name: &str, size: usize| vector(name, size, "").hidden();
+        Samples {
+            sample_time: d.parameter(scalar("sample_time", asked).unit("s").min(0.0).fixed()),
+            period: d.discrete(scalar("sample_period", used).unit("s")),
+            start: d.discrete(scalar("#sampling start", "").hidden()),
+            count: d.discrete(scalar("#samples", "").hidden()),
+            shift: d.discrete(scalar("#sample shift", "").hidden()),
+            held: d.discrete(hidden("#held", m)),
+            x_m_before: d.discrete(hidden("#x_m_before", n)),
+            transition: d.discrete(hidden("#transition", n * n + workspace(n))),
+        }
+    }
+
+    /// # Errors
+    /// [`Invalid`] for a sample time that is next to nothing.
+    pub fn prepare(&self, v: &Point) -> Invalid {
+        let asked = v[self.sample_time];
+        if asked == 0.0 || asked >= SHORTEST {
+            return Invalid::none();
+        }
+        let allowed = format!("must be {SHORTEST:e} or more, or 0 for the length of the first communication step");
+        Invalid::new("sample_time", asked, allowed)
+    }
+
+    /// The time that the latest sample belongs to.
+    pub fn latest(&self, v: &Values<f64>) -> f64 {
+        v[self.start] + v[self.count] * v[self.period]
+    }
+
+    /// When the next sample is due: a little early, so that a point that rounding has end before it is its own.
+    pub fn next(&self, v: &Values<f64>) -> Option<f64> {
+        let period = v[self.period];
+        let due = v[self.start] + (v[self.count] + 1.0) * period + v[self.shift];
+        (period > 0.0).then(|| due - (EARLY * period + 4.0 * f64::EPSILON * due.abs()))
+    }
+
+    /// A sample was taken.
+    pub fn tick(&self, v: &mut Point) {
+        v[self.count] += 1.0;
+    }
+
+    /// Where a sample was taken at the communication point t, the next ones keep to this master's points.
+    fn follow(&self, t: f64, step: f64, v: &mut Point) {
+        let away = t - self.latest(&v.values());
+        if (away - v[self.shift]).abs() <= ROUNDING * step.min(v[self.period]) {
+            v[self.shift] = away;
+        }
+    }
+
+    /// e^(A_m T), where T is known.
+    pub fn discretise(&self, A_m: MatrixOf<Parameter>, v: &mut Point) {
+        let (period, n) = (v[self.period], self.x_m_before.len());
+        if period > 0.0 {
+            v.copy(A_m.elements(), self.transition.part(0..n * n));
+            let (matrix, workspace) = v[self.transition].split_at_mut(n * n);
+            matrix.iter_mut().for_each(|a| *a *= period);
+            exponential(n, matrix, workspace);
+        }
+    }
+
+    /// x_m as it is a sample time after the latest sample, with the reference held: r + e^(A_m T) (x_m − r).
+    pub fn advance_model(&self, r: VectorOf<Input>, x_m: VectorOf<State>, v: &mut Point) {
+        let n = x_m.len();
+        for i in 0..n {
+            let away = |j: usize| v[self.x_m_before][j] - v[r][j];
+            v[x_m][i] = (0..n).fold(v[r][i], |sum, j| sum + v[self.transition][i + j * n] * away(j));
+        }
+    }
+}
+
+impl MracPpf {
+    /// Starts the clock at t, where its sample time is known.
+    pub(super) fn begin_sampling(&self, t: f64, v: &mut Point) {
+        let samples = &self.samples;
+        v[samples.start] = t;
+        v.copy(self.x_m0, samples.x_m_before);
+        if self.is_sampled(&v.values()) {
+            v[samples.period] = v[samples.sample_time];
+            samples.discretise(self.A_m, v);
+        }
+    }
+
+    /// At a communication point, after a step: takes the first step's length where it is to be the sample time, and tells
+    /// of steps that are longer than that.
+    pub(super) fn keep_to_communication_points(&self, t: f64, step: f64, v: &mut Point) {
+        let samples = &self.samples;
+        if v[samples.period] > 0.0 {
+            samples.follow(t, step, v);
+        } else if step >= SHORTEST {
+            v[samples.period] = step;
+            samples.discretise(self.A_m, v);
+            self.sample(v);
+        } else {
+            v[samples.start] = t;
+            v.copy(self.x_m, samples.x_m_before);
+        }
+        let period = v[samples.period];
+        let too_long = period > 0.0 && step > period * (1.0 + ROUNDING);
+        v.put(self.step_too_long, too_long);
+        if too_long {
+            v.warn(self.long_step, || {
+                format!(
+                    "the communication step {step:.3e} s is longer than the sample time {period:.3e} s: several samples \
+                     are taken of the same inputs, and only the last one's control is used. Step no further than \
+                     sample_time"
+                )
+            });
+        }
+    }
+}
