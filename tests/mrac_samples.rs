@@ -28,10 +28,11 @@ fn inputs(random: &mut Random) -> Inputs {
     std::array::from_fn(|i| if i < 3 { 1.0 + 0.1 * random.next() } else { 0.3 + 0.2 * random.next() })
 }
 
-/// With a wide funnel: here nothing follows anything.
+/// With a wide funnel and any moves of the control: here nothing follows anything.
 fn started(start: &str, t: f64) -> Unit {
     let unit = Unit::from_text(&text(start));
     (1..=3).for_each(|i| unit.put(&format!("rho_inf[{i}]"), 1.9));
+    unit.put("step_move_limit", 100.0);
     unit.enter(t);
     set(&unit, [1.0, 1.0, 1.0, 0.3, 0.3, 0.3]);
     assert_eq!(unit.exit(), OK, "{:?}", unit.messages());

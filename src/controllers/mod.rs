@@ -5,6 +5,7 @@ mod fuzzy_gain;
 pub mod fuzzy_l1;
 pub mod l1;
 pub mod l1_quadrotor;
+mod moves;
 pub mod mrac_ppf;
 pub mod neuro_ppf;
 pub mod observer;

@@ -11,6 +11,7 @@ use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
 use crate::control::filter::Filter;
 use crate::control::limits::within;
 use crate::control::projection::projection;
+use crate::controllers::moves::Moves;
 use crate::system::{
     BooleanOf, ChoiceOf, Declaration, Discrete, Handle, IntegerOf, Invalid, MatrixOf, Number, Parameter, Point, Rates,
     Scalar, ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, matrix,
@@ -52,6 +53,7 @@ pub(in crate::controllers) struct Law {
     /// What `enabled` was when it was last looked at: between events.
     pub(super) active: BooleanOf<Discrete>,
     pub(super) step_too_long: BooleanOf<Discrete>,
+    pub(super) moves: Moves,
     pub(super) projection_active: IntegerOf<Discrete>,
     /// Row and column of each estimated entry of ω̂.
     pub(super) omega_entries: Vec<(usize, usize)>,
@@ -116,14 +118,23 @@ impl Law {
             s: d.local(vector("#s", m + plant.B_um.ncols(), "").hidden()),
             active: d.discrete(boolean("#active", "").start(true).hidden()),
             step_too_long: d.discrete(
-                boolean("step_too_long", "whether the communication step is too long for the adaptation gain").output(),
+                boolean(
+                    "step_too_long",
+                    "whether the communication step is too long for the adaptation gain or the control",
+                )
+                .output(),
             ),
+            moves: {
+                let is_stepped = d.is_stepped();
+                Moves::declare(d, m, is_stepped)
+            },
             projection_active: d.discrete(
                 integer("projection_active", "number of estimates that are kept within their bounds").output(),
             ),
             omega_entries,
             at_bounds: d.warning("logProjection", "estimates at their bounds, or brought back to tightened ones"),
-            long_step: d.warning("logStepTooLong", "communication step too long for the adaptation gain"),
+            long_step: d
+                .warning("logStepTooLong", "communication step too long for the adaptation gain or the control"),
             directions: plant.all_directions(),
             unmatched,
             plant,

@@ -57,17 +57,24 @@ impl Law {
                 )
             });
         }
+        if !v.get(self.active) {
+            self.moves.begin(v);
+            v.put(self.step_too_long, false);
+            return;
+        }
         let frequency = v[self.adaptation_frequency];
         let longest = self.longest_step(frequency, &v.values());
-        let too_long = v.get(self.active) && step > longest;
-        v.put(self.step_too_long, too_long);
-        if too_long {
+        let (turns, moved) = (step > longest, self.moves.look(self.ports.u, step, v));
+        v.put(self.step_too_long, turns || moved.is_some());
+        if turns {
             v.warn(self.long_step, || {
                 format!(
                     "the communication step {step:.3e} s is too long for the adaptation, which turns at {frequency:.3e} \
                      rad/s now: while that lasts, peaks of the control grow. Use {longest:.1e} s or less"
                 )
             });
+        } else if let Some(moved) = moved {
+            v.warn(self.long_step, || moved.told(step, ""));
         }
     }
 }

@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 use serde::Deserialize;
 
 use super::funnel::{Funnel, Inside};
+use super::moves::Moves;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::control::lyapunov;
 use crate::system::{
@@ -96,6 +97,7 @@ pub struct MracPpf {
     is_stepped: BooleanOf<Memory>,
     /// When the sampled law is evaluated, and what it holds between samples.
     samples: Samples,
+    moves: Moves,
     step_too_long: BooleanOf<Discrete>,
     long_step: Warning,
 }
@@ -124,6 +126,7 @@ impl System for MracPpf {
             d.input(vector("x", n, "measured state of the plant").units(&unit_x)),
             d.state(vector("x_m", n, "state of the reference model").units(&unit_x)),
         );
+        let is_stepped = d.is_stepped();
         let law = MracPpf {
             A_m: d.parameter(matrix("A_m", n, n, "state matrix of the reference model").unit("1/s").identity()),
             gamma_1: d.parameter(gain("gamma_1", "adaptation gain of theta_hat", 5e4)),
@@ -156,16 +159,17 @@ impl System for MracPpf {
             sigma_hat: d.local(matrix("sigma_hat", n, n, "estimate of the disturbance's bound, a column for each channel")),
             u: d.output(vector("u", m, "control").units(&unit_u)),
             e: d.tracking_error(x, x_m, ERROR_NOMINAL),
-            is_stepped: d.is_stepped(),
+            is_stepped,
+            moves: Moves::declare(d, m, is_stepped),
             samples: Samples::declare(d, n, m),
             step_too_long: d.discrete(
                 boolean(
                     "step_too_long",
-                    "whether the communication step is too long for the continuous law, or longer than the sample time",
+                    "whether the communication step is too long for the law or for the control, or longer than the sample time",
                 )
                 .output(),
             ),
-            long_step: d.warning("logStepTooLong", "communication step too long for the law"),
+            long_step: d.warning("logStepTooLong", "communication step too long for the law or the control"),
             A,
             B_inverse,
             x,
@@ -378,8 +382,8 @@ impl MracPpf {
 
     fn warn_of_long_step(&self, step: f64, v: &mut Point) {
         let longest = self.longest_step(&v.values());
-        let too_long = step > longest;
-        v.put(self.step_too_long, too_long);
+        let (too_long, moved) = (step > longest, self.moves.look(self.u, step, v));
+        v.put(self.step_too_long, too_long || moved.is_some());
         if too_long {
             let rate = self.decay(&v.values());
             v.warn(self.long_step, || {
@@ -389,6 +393,8 @@ impl MracPpf {
                      or the loop as one unit"
                 )
             });
+        } else if let Some(moved) = moved {
+            v.warn(self.long_step, || moved.told(step, ", or the loop as one unit"));
         }
     }
 }

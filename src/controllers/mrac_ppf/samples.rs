@@ -139,7 +139,8 @@ impl MracPpf {
         }
         let period = v[samples.period];
         let too_long = period > 0.0 && step > period * (1.0 + ROUNDING);
-        v.put(self.step_too_long, too_long);
+        let moved = self.moves.look(self.u, step, v);
+        v.put(self.step_too_long, too_long || moved.is_some());
         if too_long {
             v.warn(self.long_step, || {
                 format!(
@@ -148,6 +149,9 @@ impl MracPpf {
                      sample_time"
                 )
             });
+        } else if let Some(moved) = moved {
+            // The control moves once a sample.
+            v.warn(self.long_step, || moved.told(step.max(period), ", or the loop as one unit"));
         }
     }
 }

@@ -9,10 +9,11 @@ mod report;
 use serde::Deserialize;
 
 use super::funnel::Funnel;
+use super::moves::Moves;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    Declaration, DesignReport, Handle, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
-    Signals, State, System, Unit, Values, VectorOf, matrix, scalar, vector,
+    BooleanOf, Declaration, DesignReport, Discrete, Handle, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
+    ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, boolean, matrix, scalar, vector,
 };
 use input_gain::{Channels, InputGainNetwork, MOST_CHANNELS};
 use network::{Network, sum};
@@ -81,6 +82,9 @@ pub struct NeuroPpf {
     Z: VectorOf<Signal>,
     /// R_i E_i
     RE: VectorOf<Signal>,
+    moves: Moves,
+    step_too_long: BooleanOf<Discrete>,
+    long_step: Warning,
 }
 
 impl System for NeuroPpf {
@@ -127,6 +131,14 @@ impl System for NeuroPpf {
             nu_b: d.local(vector("nu_b", m, "control for an input gain of 1")),
             Z: d.local(vector("#Z", neurons, "").hidden()),
             RE: d.local(vector("#RE", m, "").hidden()),
+            moves: {
+                let is_stepped = d.is_stepped();
+                Moves::declare(d, m, is_stepped)
+            },
+            step_too_long: d.discrete(
+                boolean("step_too_long", "whether the communication step is too long for the control").output(),
+            ),
+            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
             network,
         };
         law.declare_dependence(d);
@@ -195,6 +207,14 @@ impl System for NeuroPpf {
 
     fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
         self.funnel.event(t, |i, v| self.error(i, v), v);
+    }
+
+    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
+        let moved = self.moves.look(self.u, step, v);
+        v.put(self.step_too_long, moved.is_some());
+        if let Some(moved) = moved {
+            v.warn(self.long_step, || moved.told(step, ", or the loop as one unit"));
+        }
     }
 }
 
