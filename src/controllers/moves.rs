@@ -51,7 +51,7 @@ impl Moves {
             farthest: hidden("#farthest move"),
             since: hidden("#steps since the largest u"),
             count: d.discrete(scalar("#moves", "").hidden()),
-            limit: d.parameter(scalar("step_move_limit", limit).start(0.14).positive()),
+            limit: d.parameter(scalar("step_move_limit", limit).start(0.13).positive()),
             is_stepped,
         }
     }
@@ -104,8 +104,8 @@ impl Move {
         let shorter = step * limit / part;
         format!(
             "the control has moved by {part:.2} of its largest magnitude within a communication step of {step:.3e} s: held so \
-             long, it is off that of the loop as one unit by some {:.0} %. Use {shorter:.1e} s or less{helps}",
-            50.0 * part
+             long, it is off that of the loop as one unit by some {:.2} of it. Try {shorter:.1e} s or less{helps}",
+            0.5 * part
         )
     }
 }
