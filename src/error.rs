@@ -165,6 +165,35 @@ pub enum StepError {
         /// What had to be followed, where that limited the substeps.
         followed: Option<Mode>,
     },
+    /// Events of one indicator accumulate.
+    #[error(
+        "the events of {indicator} accumulate at t = {time} s: {events} so far, the last {close} of them with no time \
+         between (Zeno behaviour). Where it is a contact, let it come to rest: when the speed behind an event is small, \
+         set a discrete variable that makes the equations hold it. Where it is a switch, give it hysteresis"
+    )]
+    Accumulation {
+        /// The indicator.
+        indicator: String,
+        /// How many events it has had.
+        events: u64,
+        /// How many had no time between.
+        close: u64,
+        /// When, s.
+        time: f64,
+    },
+    /// An event has stopped the motion across its indicator's zero, and it goes on through.
+    #[error(
+        "event {events} of {indicator} at t = {time} s stops the motion there, and behind it the motion goes on \
+         through all the same. Set a discrete variable in the event that makes the equations hold what is to rest"
+    )]
+    GoesThrough {
+        /// The indicator.
+        indicator: String,
+        /// Which of its events it is.
+        events: u64,
+        /// When, s.
+        time: f64,
+    },
     /// Events follow each other without time going on.
     #[error("more than {events} events at t = {} s: the system switches without end (Zeno behaviour)", Number(*.time))]
     TooManyEvents {

@@ -1,6 +1,6 @@
 //! The variables that every model has beside its own, and the memory of its simulation.
 
-use crate::integrator::{IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
+use crate::integrator::{Driver, IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DynSystem, IntegerOf, Memory, Parameter, Point, ScalarOf, Section,
     Values, VectorOf, boolean, choice, integer, scalar, vector,
@@ -77,7 +77,7 @@ pub struct Controls {
     /// The parameters of the last valid set.
     pub(super) valid_reals: Option<VectorOf<Memory>>,
     pub(super) valid_integers: usize,
-    /// Event indicators where the last step ended.
+    /// What is known of the event indicators where the last step ended.
     pub(super) indicators: Option<VectorOf<Memory>>,
     /// Integer and Boolean inputs in the last step; in model exchange those in force while others wait.
     pub(super) last_integer_inputs: usize,
@@ -138,7 +138,7 @@ impl Controls {
             previous_inputs: memory("#previous inputs", inputs),
             last_inputs: memory("#last inputs", inputs),
             valid_reals: memory("#valid parameters", reals),
-            indicators: memory("#indicators", system.indicators()),
+            indicators: memory("#indicators", Driver::kept_of(system.indicators())),
             last_integer_inputs: d.integer_memory(integer_inputs),
             valid_integers: d.integer_memory(integers),
             time: d.memory(scalar("#time", "")),

@@ -1,5 +1,7 @@
 //! Step-size control and events: from one communication point to the next.
 
+use super::events::EventCount;
+use super::indicators::Indicators;
 use super::methods::Methods;
 use super::outputs::Outputs;
 use super::{IntegrationMethod, Pace, Problem, Settings, Start, Tolerance};
@@ -15,23 +17,18 @@ const GROW: f64 = 5.0;
 const STRETCH: f64 = 1.001;
 /// How often the shortest step is doubled in the search for where the equations cease to hold.
 const LOOK_AHEAD: i32 = 12;
-/// Relative width of the bracket in which an event is located, and of the rounding of its time.
-const EVENT_PRECISION: f64 = 1e-11;
 /// Shorter substeps can't be halved: their lengths are subnormal numbers.
-const SHORTEST: f64 = f64::MIN_POSITIVE;
+pub(super) const SHORTEST: f64 = f64::MIN_POSITIVE;
 
 /// Integrates one instance; holds its workspace, and nothing that a continuation depends on.
 pub struct Driver {
-    methods: Methods,
-    nominals: Vec<f64>,
-    start: Start,
+    pub(super) methods: Methods,
+    pub(super) nominals: Vec<f64>,
+    pub(super) start: Start,
     outputs: Outputs,
-    /// Event indicators where a substep begins, where it ends, and between.
-    indicators: [Vec<f64>; 3],
-    /// Which indicators changed sides at the event that is being handled.
-    crossed: Vec<bool>,
+    pub(super) indicators: Indicators,
     /// Work of the communication step so far, in elementary operations.
-    work: f64,
+    pub(super) work: f64,
 }
 
 impl std::fmt::Debug for Driver {
@@ -45,16 +42,14 @@ impl Driver {
     pub fn new(system: &dyn DynSystem, variables: &Variables) -> Self {
         let states = variables.states();
         let nominal = |k| variables.real_at(Section::State, k).map_or(1.0, |element| element.nominal());
-        let indicators = vec![0.0; system.indicators()];
         let nominals: Vec<_> = (0..states).map(nominal).collect();
         Driver {
             methods: Methods::new(system, variables, nominals.clone()),
             nominals,
             outputs: Outputs::new(variables),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
-            crossed: vec![false; system.indicators()],
+            indicators: Indicators::new(system.indicators(), variables),
             work: 0.0,
-            indicators: [indicators.clone(), indicators.clone(), indicators],
         }
     }
 
@@ -113,21 +108,26 @@ impl Driver {
         settings: &Settings,
         pace: &mut Pace,
     ) -> Result<(), StepError> {
-        let mut events =
-            EventCount { slack: settings.event_slack * (t1 - t0), limit: settings.max_events, count: 0, last: t0 };
+        let mut events = EventCount::new((t0, t1), settings);
         let (mut t, mut substeps) = (t0, 0);
         self.methods.restart();
         self.work = 0.0;
+        self.indicators.restart();
         if self.jumped(problem, t) {
-            self.handle_events(problem, t, t1, &mut events)?;
+            self.handle_events(problem, (t, t1), &mut events, false)?;
         }
         self.sides_of_zeros(problem, t, t1, settings);
         while t < t1 {
             let target = match problem.next_time_event() {
-                event if event < t1 - events.slack => event.max(t),
+                event if event < t1 - events.slack() => event.max(t),
                 _ => t1,
             };
-            let state_event = target > t && self.substep(problem, &mut t, target, settings, pace)?;
+            let state_event = target > t
+                && if self.is_at_rest() {
+                    self.wait(problem, &mut t, target)
+                } else {
+                    self.substep(problem, &mut t, target, settings, pace)?
+                };
             substeps += 1;
             if self.work > settings.most_work {
                 let followed = self.methods.followed(pace);
@@ -135,123 +135,13 @@ impl Driver {
             }
             check_divergence(problem, t, settings.divergence_limit)?;
             if state_event || events.time_event_due(problem, t, t1) {
-                self.handle_events(problem, t, t1, &mut events)?;
+                self.handle_events(problem, (t, t1), &mut events, state_event)?;
                 if t < t1 {
                     self.sides_of_zeros(problem, t, t1, settings);
                 }
             }
         }
         Ok(())
-    }
-
-    /// Evaluates the problem at t and notes which indicators changed sides since they were last known; whether any
-    /// did. Inputs, parameters and states that were set may have taken an indicator across.
-    fn jumped(&mut self, problem: &mut Problem, t: f64) -> bool {
-        problem.evaluate(t);
-        problem.event_indicators(t, &mut self.indicators[1]);
-        let jumped = self.note_crossed();
-        self.indicators.swap(0, 1);
-        jumped
-    }
-
-    /// Notes which indicators changed sides between `before` and `after`; whether any did.
-    fn note_crossed(&mut self) -> bool {
-        let [before, after, _] = &self.indicators;
-        let sides = before.iter().zip(after);
-        self.crossed.iter_mut().zip(sides).for_each(|(noted, (&before, &after))| *noted = crossed(before, after));
-        self.crossed.contains(&true)
-    }
-
-    /// Handles the state event that was noted, and time events until none is due.
-    fn handle_events(
-        &mut self,
-        problem: &mut Problem,
-        t: f64,
-        t1: f64,
-        events: &mut EventCount,
-    ) -> Result<(), StepError> {
-        loop {
-            events.another(t)?;
-            let due = events.time_event_due(problem, t, t1);
-            // Where rounding has the step end a little before a time event, the system is told the event's own time.
-            let time = if due { t.max(problem.next_time_event()) } else { t };
-            problem.event(time, &self.crossed);
-            self.crossed.fill(false);
-            problem.evaluate(t);
-            problem.event_indicators(t, &mut self.indicators[0]);
-            if !events.time_event_due(problem, t, t1) {
-                return Ok(());
-            }
-        }
-    }
-
-    /// Handles the events at t: of indicators that changed sides since they were last known, and time events that are
-    /// due. The problem then stands evaluated. Whether there were any.
-    ///
-    /// # Errors
-    /// When they don't end.
-    pub fn events_at(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<bool, StepError> {
-        let mut events = EventCount { slack: rounding(t), limit: settings.max_events, count: 0, last: t };
-        let any = self.jumped(problem, t) || events.time_event_due(problem, t, t);
-        if any {
-            self.handle_events(problem, t, t, &mut events)?;
-        }
-        Ok(any)
-    }
-
-    /// Takes over the sides on which the indicators of an evaluated problem are at t. One that changed sides keeps the
-    /// side where it was, for the event that this is; whether there is such a one, or a time event is due.
-    pub fn event_pending(&mut self, problem: &Problem, t: f64) -> bool {
-        let [before, after, _] = &mut self.indicators;
-        problem.event_indicators(t, after);
-        for (before, &after) in before.iter_mut().zip(after.iter()) {
-            if !crossed(*before, after) {
-                *before = after;
-            }
-        }
-        any_crossed(before, after) || problem.next_time_event() <= t + rounding(t)
-    }
-
-    /// The event indicators where they were last known. They lie in the instance's block between calls.
-    pub fn indicators(&self) -> &[f64] {
-        &self.indicators[0]
-    }
-
-    /// Takes over the event indicators from where they were last known.
-    pub fn set_indicators(&mut self, indicators: &[f64]) {
-        self.indicators[0].copy_from_slice(indicators);
-    }
-
-    /// An indicator that stands at exactly zero has the side to which it leaves: found by a step of rounding's length
-    /// towards t1. The problem is evaluated at t, before and after.
-    pub fn sides_of_zeros(&mut self, problem: &mut Problem, t: f64, t1: f64, settings: &Settings) {
-        if !self.indicators[0].contains(&0.0) {
-            return;
-        }
-        let h = (64.0 * f64::EPSILON * t.abs().max(t1.abs())).min(t1 - t);
-        let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
-        self.start.set(problem, t);
-        // So short a step is no harder for one method than for another.
-        self.methods.explicit().attempt(problem, &self.start, h, tolerance);
-        let [before, after, _] = &mut self.indicators;
-        problem.event_indicators(t + h, after);
-        for (before, after) in before.iter_mut().zip(after) {
-            if *before == 0.0 {
-                *before = *after;
-            }
-        }
-        problem.states().copy_from_slice(&self.start.states);
-        problem.evaluate(t);
-    }
-
-    /// Handles events that are due at t, before anything is integrated.
-    ///
-    /// # Errors
-    /// When they don't end.
-    pub fn settle(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<(), StepError> {
-        // Nothing was known before, so nothing has crossed.
-        self.indicators[0].fill(0.0);
-        self.events_at(problem, t, settings).map(|_| ())
     }
 
     /// One accepted substep towards `target`; whether it ended at a state event.
@@ -330,7 +220,7 @@ impl Driver {
 
     /// Tries a substep of length h by the method in force, from where the last one ended: its error, and the state that
     /// has it.
-    fn attempt(
+    pub(super) fn attempt(
         &mut self,
         problem: &mut Problem,
         h: f64,
@@ -369,98 +259,12 @@ impl Driver {
         problem.evaluate(t);
         !error.is_finite() || !problem.system.own_step_pays(h, relative_tolerance, &problem.values())
     }
-
-    /// Moves to the end of an accepted substep, or to the first event indicator that changes its sign before. The
-    /// substep is repeated with the lengths of a bracketing search: regula falsi, and a bisection whenever that
-    /// fails to halve the bracket. So an event is as accurate as the method itself, whichever it is.
-    fn locate_event(
-        &mut self,
-        problem: &mut Problem,
-        t: &mut f64,
-        end: f64,
-        settings: &Settings,
-        pace: &mut Pace,
-    ) -> Result<bool, StepError> {
-        let [before, after, _] = &mut self.indicators;
-        problem.event_indicators(end, after);
-        if !any_crossed(before, after) {
-            std::mem::swap(before, after);
-            *t = end;
-            return Ok(false);
-        }
-        let (mut low, mut high) = (0.0, end - *t);
-        let width = (EVENT_PRECISION * high).max(4.0 * f64::EPSILON * end.abs()).max(SHORTEST);
-        let mut bisect = false;
-        while high - low > width {
-            let gap = high - low;
-            let part = if bisect { 0.5 } else { first_crossing(&self.indicators[0], &self.indicators[1]) };
-            let h = (low + gap * part).clamp(low + 0.25 * width, high - 0.25 * width);
-            self.attempt(problem, h, settings, pace);
-            let [before, after, between] = &mut self.indicators;
-            problem.event_indicators(self.start.time + h, between);
-            if any_crossed(before, between) {
-                high = h;
-                std::mem::swap(after, between);
-            } else {
-                low = h;
-                std::mem::swap(before, between);
-            }
-            bisect = high - low > 0.5 * gap;
-        }
-        self.attempt(problem, high, settings, pace);
-        // The indicators at the bracket's end are those that stand in `after`.
-        self.note_crossed();
-        *t = self.start.time + high;
-        Ok(true)
-    }
-}
-
-/// Counts events that have no time between them.
-struct EventCount {
-    /// Time that counts as none, and how far behind a step's end a time event still belongs to it.
-    slack: f64,
-    limit: usize,
-    count: usize,
-    last: f64,
-}
-
-impl EventCount {
-    fn another(&mut self, t: f64) -> Result<(), StepError> {
-        self.count = if t - self.last > self.slack { 1 } else { self.count + 1 };
-        self.last = t;
-        if self.count > self.limit { Err(StepError::TooManyEvents { events: self.limit, time: t }) } else { Ok(()) }
-    }
-
-    fn time_event_due(&self, problem: &Problem, t: f64, t1: f64) -> bool {
-        let event = problem.next_time_event();
-        event <= t || (t == t1 && event <= t1 + self.slack)
-    }
 }
 
 /// Factor to the next substep from a scaled error.
 fn growth(scaled: f64, order: i32) -> f64 {
     // Below this error the factor is at its limit: no power to take.
     if scaled < 1e-6 { GROW } else { (SAFETY * scaled.powf(-1.0 / f64::from(order))).clamp(SHRINK, GROW) }
-}
-
-/// How far t may lie before a time event that it is meant to be: a master rounds.
-fn rounding(t: f64) -> f64 {
-    EVENT_PRECISION * t.abs()
-}
-
-/// Whether an indicator left the side on which it was; one that was exactly zero had none.
-fn crossed(before: f64, after: f64) -> bool {
-    before != 0.0 && (after == 0.0 || before.signum() != after.signum())
-}
-
-fn any_crossed(before: &[f64], after: &[f64]) -> bool {
-    before.iter().zip(after).any(|(&a, &b)| crossed(a, b))
-}
-
-/// Where, as a part of the way, the first of the indicators that changed sign would be zero if it were linear.
-fn first_crossing(before: &[f64], after: &[f64]) -> f64 {
-    let zero = |(a, b): (&f64, &f64)| crossed(*a, *b).then(|| a / (a - b));
-    before.iter().zip(after).filter_map(zero).fold(1.0, f64::min)
 }
 
 pub(crate) fn check_divergence(problem: &mut Problem, time: f64, limit: f64) -> Result<(), StepError> {

@@ -180,6 +180,11 @@ impl Methods {
         (limited && !self.by_itself).then_some(mode)
     }
 
+    /// Work of an evaluation.
+    pub fn evaluation(&self) -> f64 {
+        self.work.evaluation
+    }
+
     /// Work of an attempt by the method in force; that of a system's own counts as a stiff one's.
     pub fn work(&self, pace: &Pace) -> f64 {
         if self.by_itself || pace.stiff { self.work.stiff } else { self.work.explicit }

@@ -65,6 +65,8 @@
 
 mod dormand_prince;
 mod driver;
+mod events;
+mod indicators;
 mod jacobian;
 mod lu;
 mod methods;
@@ -97,7 +99,7 @@ pub struct Settings {
     pub relative_tolerance: f64,
     /// Work that one communication step may take, in elementary operations.
     pub most_work: f64,
-    /// Events that may follow each other without time between them.
+    /// Events that may follow each other without time between them, as far as numbers can tell times apart.
     pub max_events: usize,
     /// A value beyond this, in magnitude, is divergence.
     pub divergence_limit: f64,

@@ -16,6 +16,8 @@ use crate::report::DesignReport;
 pub trait DynSystem: Send + Sync {
     /// Number of event indicators.
     fn indicators(&self) -> usize;
+    /// See [`System::indicator_name`].
+    fn indicator_name(&self, indicator: usize) -> String;
     /// See [`System::prepare`].
     ///
     /// # Errors
@@ -83,6 +85,9 @@ fn derivatives<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers
 impl<M: System> DynSystem for M {
     fn indicators(&self) -> usize {
         System::indicators(self)
+    }
+    fn indicator_name(&self, indicator: usize) -> String {
+        System::indicator_name(self, indicator)
     }
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         System::prepare(self, v)

@@ -41,8 +41,8 @@
 //! # assert_eq!(model.variables().find("x[2]").unwrap().name(), "x[2]");
 //! ```
 //!
-//! `examples/my_plant` is a whole crate with this model and a larger one, which has a structure, units, an input, events
-//! and a counter.
+//! `examples/my_plant` is a whole crate with this model, a larger one, which has a structure, units, an input, events
+//! and a counter, and a ball that bounces and comes to rest.
 //!
 //! ## Which method is called when
 //!
@@ -63,6 +63,34 @@
 //! with dual numbers the same text gives exact derivatives, for masters and for the integration of stiff equations.
 //! So use `S`'s own functions (`x.sin()`), write `x * 2.0` rather than `2.0 * x`, and keep whatever jumps out of
 //! them: a jump is an *event*, its value a *discrete* variable that only [`System::event`] changes.
+//!
+//! ## Events of a contact
+//!
+//! An event indicator is a function whose change of sign is an event. Behind an event the motion may go on through (a
+//! level that is noted, a switch), or be turned back: by a discrete variable that the equations read (a relay), or by a
+//! jump of states (a bounce). After a bounce the indicator counts as on the side from which it came, so the way back over
+//! its zero is no second event. Such an event reverses the speed, and is best to put the state onto the boundary:
+//!
+//! ```ignore
+//! fn event(&self, _t: f64, crossed: &[bool], v: &mut Point) {
+//!     if !crossed[0] || v.get(self.rests) {
+//!         return;
+//!     }
+//!     let speed = -v[self.restitution] * v[self.speed];
+//!     let rests = speed <= v[self.rest_speed];
+//!     v[self.height] = 0.0;
+//!     v[self.speed] = if rests { 0.0 } else { speed };
+//!     v.put(self.rests, rests);
+//! }
+//! ```
+//!
+//! The last lines are what makes it a model: bounces that take a part of the speed follow each other ever faster, and
+//! infinitely many of them end at one time. So a contact needs a *mode*, a discrete variable (here `rests`) that an event
+//! sets where the speed is small, and that the equations read: while it rests, its rates are zero. Whatever may lift it
+//! again is an event too, which takes the mode back: a force that changes its sign, say, as one more indicator.
+//! `examples/my_plant/src/ball.rs` has it all. Without a mode a step ends in an error that names the indicator
+//! ([`System::indicator_name`]): where its events accumulate, and where an event sets the speed to zero and a force
+//! goes on through. Nothing can be said of an event that lets the motion through with speed left: that is as it should be.
 //!
 //! Equations are pure functions of their arguments. Nothing may be kept in `self`: an instance is saved by
 //! copying its block, and many instances share a thread.
@@ -153,6 +181,12 @@ pub trait System: Sized + Send + Sync + 'static {
         0
     }
 
+    /// What an event indicator watches ("height above the floor"), for messages; nothing where it has no name.
+    fn indicator_name(&self, indicator: usize) -> String {
+        let _ = indicator;
+        String::new()
+    }
+
     /// Declares every variable, once, and keeps the handles.
     ///
     /// # Errors
@@ -211,8 +245,8 @@ pub trait System: Sized + Send + Sync + 'static {
     }
 
     /// Functions whose change of sign is an event; [`System::indicators`] of them. An event that turns the motion
-    /// back puts the state onto the boundary, so that the function is exactly zero: then the side to which it leaves
-    /// counts as the one where it was.
+    /// back by a jump of states leaves the function as it is, or puts the state onto the boundary, so that it is exactly
+    /// zero: then the side to which it leaves counts as the one where it was. (See the [module](self) for contacts.)
     fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
         let _ = (t, v, z);
     }

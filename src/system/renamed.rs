@@ -33,6 +33,9 @@ impl DynSystem for Renamed {
     fn indicators(&self) -> usize {
         self.system.indicators()
     }
+    fn indicator_name(&self, indicator: usize) -> String {
+        translated(&self.system.indicator_name(indicator), &self.translation)
+    }
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         self.told(self.with(v, |system, v| system.prepare(v)))
     }

@@ -1,6 +1,7 @@
 //! A master that calls the C functions as any tool does.
 #![allow(dead_code)] // each test file uses its part
 
+pub mod contacts;
 pub mod described;
 pub mod drawn;
 pub mod exact;

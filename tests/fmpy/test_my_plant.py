@@ -30,7 +30,8 @@ def library() -> Path:
 def mine(library: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Fmu]:
     """The FMUs of the crate, by their names."""
     out = tmp_path_factory.mktemp("mine")
-    answer = adaptive_fmu("export", CRATE / "VanDerPol.toml", CRATE / "Rooms.toml", "--library", library, "--out", out)
+    descriptions = [CRATE / f"{name}.toml" for name in ("VanDerPol", "Rooms", "Ball")]
+    answer = adaptive_fmu("export", *descriptions, "--library", library, "--out", out)
     assert answer.returncode == 0, answer.stderr
     return {file.stem: Fmu(file, out / file.stem) for file in out.glob("*.fmu")}
 
@@ -119,8 +120,28 @@ def test_an_event_lies_where_scipy_finds_it(mine) -> None:
             assert sum(unit[f"heating[{k}]"] for k in (1, 2, 3)) == 3 - count
 
 
+@pytest.mark.parametrize("step", [0.001, 0.1, 4.0])
+def test_a_ball_of_ones_own_bounces_as_the_closed_form_says_and_comes_to_rest(mine, step: float) -> None:
+    """Its flights last v, .7 v, .49 v … (2/g): the bounce that leaves at most 1 mm/s is the last."""
+    g, restitution = 9.81, 0.7
+    speed, time = np.sqrt(2 * g), np.sqrt(2 / g)
+    bounces = [time]
+    while (speed := restitution * speed) > 1e-3:
+        time += 2 * speed / g
+        bounces.append(time)
+    end = np.sqrt(2 / g) * (1 + restitution) / (1 - restitution)
+    assert 0 < end - bounces[-1] < 1e-3
+    with Unit(mine["Ball"]) as unit:
+        unit.start()
+        for k in range(round(4.0 / step)):
+            unit.step(k * step, step)
+            passed = sum(bounce <= (k + 1) * step for bounce in bounces)
+            assert (unit["bounces"], bool(unit["rests"])) == (passed, passed == len(bounces))
+        assert (unit["height"], unit["speed"]) == (0.0, 0.0)
+
+
 def test_a_saved_state_goes_on_bit_for_bit(mine) -> None:
-    for name, step in [("VanDerPol", 0.1), ("Rooms", 600.0)]:
+    for name, step in [("VanDerPol", 0.1), ("Rooms", 600.0), ("Ball", 0.15)]:
         with Unit(mine[name]) as unit, Unit(mine[name]) as other:
             unit.start()
             for k in range(7):
@@ -134,8 +155,8 @@ def test_a_saved_state_goes_on_bit_for_bit(mine) -> None:
 
 
 def test_fmpy_finds_nothing_to_complain_about_in_them(mine) -> None:
-    assert sorted(mine) == ["Rooms", "VanDerPol"]
-    assert [validate_fmu(str(fmu.path)) for fmu in mine.values()] == [[], []]
+    assert sorted(mine) == ["Ball", "Rooms", "VanDerPol"]
+    assert [validate_fmu(str(fmu.path)) for fmu in mine.values()] == [[], [], []]
 
 
 def test_a_set_point_out_of_reach_of_its_hysteresis_is_refused(mine, library, tmp_path) -> None:
@@ -145,7 +166,7 @@ def test_a_set_point_out_of_reach_of_its_hysteresis_is_refused(mine, library, tm
         ("rooms = 3", "rooms = 0", ["rooms = 0", "1 … 100"]),
         ("rooms = 3", "rooms = 2", ["temperature_0", "list of 2"]),
         ("rooms = 3", "room = 3", ["room", "rooms"]),
-        ('model = "rooms"', 'model = "nonlinear-siso"', ["nonlinear-siso", "van-der-pol, rooms, composite"]),
+        ('model = "rooms"', 'model = "nonlinear-siso"', ["nonlinear-siso", "van-der-pol, rooms, ball, composite"]),
     ]:
         assert old in text
         (tmp_path / "mine.toml").write_text(text.replace(old, new))
@@ -166,7 +187,7 @@ def crate(folder: Path, features: str, models: str) -> subprocess.CompletedProce
     line = next(line for line in manifest.splitlines() if line.startswith("adaptive-fmu"))
     (folder / "Cargo.toml").write_text(manifest.replace(line, dependency))
     source = folder / "src" / "lib.rs"
-    source.write_text(source.read_text().replace("[VanDerPol, Rooms]", models))
+    source.write_text(source.read_text().replace("[VanDerPol, Rooms, Ball]", models))
     command = ["cargo", "check", "-q", "--offline", "--manifest-path", folder / "Cargo.toml", "--target-dir", TARGET]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
@@ -175,7 +196,7 @@ def crate(folder: Path, features: str, models: str) -> subprocess.CompletedProce
     ("features", "models", "told"),
     [
         # That feature is among the default ones, which a crate gets that says nothing of them.
-        ('"library"', "[VanDerPol, Rooms]", "add `default-features = false` to this dependency in Cargo.toml"),
+        ('"library"', "[VanDerPol, Rooms, Ball]", "add `default-features = false` to this dependency in Cargo.toml"),
         ("", "[VanDerPol, Rooms, VanDerPol]", "two models have the same NAME"),
         ("", "[]", "expected"),
     ],

@@ -1,8 +1,10 @@
-//! Models of one's own as FMUs. This file holds the smallest one; `rooms` shows what a larger one takes.
+//! Models of one's own as FMUs. This file holds the smallest one; `rooms` shows what a larger one takes, `ball` a contact.
 
+mod ball;
 mod rooms;
 
 use adaptive_fmu::system::*;
+use ball::Ball;
 use rooms::Rooms;
 
 /// Van der Pol oscillator x1' = x2, x2' = μ (1 − x1²) x2 − x1.
@@ -39,4 +41,4 @@ impl System for VanDerPol {
     }
 }
 
-adaptive_fmu::export_fmi2![VanDerPol, Rooms];
+adaptive_fmu::export_fmi2![VanDerPol, Rooms, Ball];

@@ -202,6 +202,17 @@ impl DynSystem for Composite {
         self.parts.last().map_or(0, |part| part.indicators.end)
     }
 
+    fn indicator_name(&self, indicator: usize) -> String {
+        let Some(part) = self.parts.iter().find(|part| part.indicators.contains(&indicator)) else {
+            return String::new();
+        };
+        let own = indicator - part.indicators.start;
+        match part.system.indicator_name(own) {
+            name if name.is_empty() => format!("number {} of {}", own + 1, part.name),
+            name => format!("{}: {name}", part.name),
+        }
+    }
+
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = Invalid::none();
         for part in &self.parts {
