@@ -299,7 +299,7 @@ mod tests {
     fn numbers_in_messages_are_short_and_are_the_same_number_when_read_back() {
         for (value, text) in [
             (0.0, "0"),
-            (-0.0, "-0"),
+            (-0.0, "0"),
             (0.1, "0.1"),
             (-1234.5, "-1234.5"),
             (1e-4, "0.0001"),

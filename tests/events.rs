@@ -111,9 +111,9 @@ fn endless_switching_ends_in_an_error_and_not_in_a_hang() {
 
 #[test]
 fn a_step_with_more_events_than_can_be_located_in_seconds_is_refused() {
-    // Six hundred thousand substeps, each with an event that takes several attempts to locate.
+    // Six million substeps, each with an event that takes several attempts to locate.
     let mut run = Run::of::<Relay>("", 0.0);
-    let message = run.failure(1.2e6).to_string();
+    let message = run.failure(1.2e7).to_string();
     assert!(message.contains("substeps reached only t = ") && message.contains("take a smaller one"), "{message}");
     assert_eq!(run.0.time(), 0.0, "time as before the step");
     run.step(1e4);

@@ -6,6 +6,7 @@ use adaptive_fmu::error::StepError;
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::system::Section;
 use common::described::model;
+use common::loops::whole;
 use common::random::Random;
 use nalgebra::{DMatrix, DVector};
 
@@ -178,4 +179,27 @@ fn growth_that_takes_too_much_work_to_follow_is_refused_with_its_mode() {
     assert!(matches!(error, StepError::TooMuchWork { .. }), "{error}");
     let text = error.to_string();
     ["100000 rad/s", "grows at 3 1/s", "work_limit"].iter().for_each(|part| assert!(text.contains(part), "{text}"));
+}
+
+/// The time at which a loop as one unit ends with an error, stepped by h.
+fn escape(method: &str, tolerance: f64, h: f64) -> f64 {
+    let start = format!("[start]\nintegration_method = '{method}'\nrelative_tolerance = {tolerance:e}\n");
+    let mut execution = Execution::new(model(&whole("4-case3").replace("\n[start]\n", &format!("\n{start}"))).unwrap());
+    execution.initialise().unwrap();
+    match run(&mut execution, h, 0.3) {
+        Err(StepError::TooMuchWork { time, .. } | StepError::Diverged { time, .. }) => time,
+        Err(StepError::StepTooSmall { time, .. }) => time,
+        other => panic!("{method}, {tolerance:e}, {h}: {other:?}"),
+    }
+}
+
+#[test]
+fn no_step_leads_across_a_finite_escape() {
+    // Chapter 4, case 3, with the constant gain: its solution ends at .119 s.
+    for (method, tolerance, h) in
+        [("automatic", 1e-3, 1e-3), ("stiff", 1e-3, 0.1), ("automatic", 1e-4, 1e-3), ("automatic", 1e-6, 1e-2)]
+    {
+        let time = escape(method, tolerance, h);
+        assert!((time - 0.119).abs() < 0.005, "{method}, {tolerance:e}, {h}: ended at {time}");
+    }
 }

@@ -59,7 +59,7 @@ impl Choice for OnStepFailure {
 pub struct Controls {
     pub(super) relative_tolerance: Option<ScalarOf<Parameter>>,
     pub(super) integration_method: Option<ChoiceOf<Parameter, IntegrationMethod>>,
-    pub(super) work_limit: Option<ScalarOf<Parameter>>,
+    pub(super) work_limit: ScalarOf<Parameter>,
     pub(super) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
     pub(super) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
     pub(super) time: ScalarOf<Memory>,
@@ -107,11 +107,11 @@ impl Controls {
             let text = "method that integrates the equations within a communication step of co-simulation";
             d.parameter(choice::<IntegrationMethod>("integration_method", text).fixed())
         });
-        let work_limit = relative_tolerance.is_some().then(|| {
+        let work_limit = {
             let text = "work that a communication step of co-simulation may take before it ends with an error, in elementary \
                         operations (about 1 ns each)";
             d.parameter(scalar("work_limit", text).start(WORK_LIMIT).min(1e3).max(1e15).nominal(WORK_LIMIT).fixed())
-        });
+        };
         let input_handling = (inputs > 0).then(|| {
             d.parameter(
                 choice::<InputHandling>(

@@ -10,7 +10,7 @@ pub use controls::{Controls, InputHandling, OnStepFailure};
 pub use model_exchange::Update;
 
 use crate::error::{Invalid, StepError};
-use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings, WORK_LIMIT};
+use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings};
 use crate::model::{Block, Model};
 use crate::system::{Causality, Handle, MessageLog, Point, Section, Values};
 use controls::TIGHTEST_TOLERANCE;
@@ -249,7 +249,7 @@ impl Execution {
         let relative_tolerance = if asked > 0.0 { own.min(asked.max(TIGHTEST_TOLERANCE)) } else { own };
         let method =
             controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle));
-        let most_work = controls.work_limit.map_or(WORK_LIMIT, |handle| self.values()[handle]);
+        let most_work = self.values()[controls.work_limit];
         Settings { method, relative_tolerance, most_work, ..Settings::default() }
     }
 

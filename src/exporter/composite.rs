@@ -44,7 +44,8 @@ pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Ve
             let name = format!("{}.{}", unit.name, variable.name);
             format!("`{name}` is left out: it is about a unit's own steps, and the whole takes its steps together")
         }));
-        parts.push(Value::Table(part(&unit.name, &sources[k], &start)?));
+        let connected = structure.connections.iter().filter(|c| c.to.0 == unit.name).map(|c| c.to.1.as_str()).collect();
+        parts.push(Value::Table(part(&unit.name, &sources[k], &start, &connected)?));
     }
     let mut whole = source(structure, parts, own_start(structure)?);
     whole.text.insert_str(0, &as_comments(&sources));
@@ -116,12 +117,18 @@ fn source(structure: &Structure, parts: Vec<Value>, start: Table) -> Source {
     Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string() }
 }
 
-/// A unit as a part: its description, with the loop's start values.
-fn part(name: &str, source: &Source, values: &[(&Variable, &simulation::Value)]) -> Result<Table, Error> {
+/// A unit as a part: its description, with the loop's start values. An input that is connected has none.
+fn part(
+    name: &str,
+    source: &Source,
+    values: &[(&Variable, &simulation::Value)],
+    connected: &BTreeSet<&str>,
+) -> Result<Table, Error> {
     let refuse = |reason: Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
     let description = model::Description::read(&source.text).map_err(refuse)?;
     let mut start = description.start;
     start.retain(|name, _| !ABOUT_STEPS.contains(&name));
+    start = start.into_iter().flat_map(|(name, value)| unconnected(name, value, connected)).collect();
     start.extend(values.iter().map(|(variable, value)| (variable.name.clone(), in_description(variable, value))));
     let mut part = Table::new();
     part.insert("name".to_owned(), Value::String(name.to_owned()));
@@ -131,6 +138,19 @@ fn part(name: &str, source: &Source, values: &[(&Variable, &simulation::Value)])
     part.insert("names".to_owned(), names);
     part.insert("start".to_owned(), Value::Table(start));
     Ok(part)
+}
+
+/// A start value without those elements of it that are inputs with a connection.
+fn unconnected(name: String, value: Value, connected: &BTreeSet<&str>) -> Vec<(String, Value)> {
+    let element = |k: usize| format!("{name}[{}]", k + 1);
+    match value {
+        _ if connected.contains(name.as_str()) => Vec::new(),
+        Value::Array(values) if (0..values.len()).any(|k| connected.contains(element(k).as_str())) => {
+            let elements = values.into_iter().enumerate().map(|(k, value)| (element(k), value));
+            elements.filter(|(name, _)| !connected.contains(name.as_str())).collect()
+        }
+        value => vec![(name, value)],
+    }
 }
 
 /// A value as a description has it: an enumeration's by the name of the item.

@@ -227,9 +227,8 @@ impl Driver {
         settings: &Settings,
         pace: &mut Pace,
     ) -> (ErrorEstimate, usize) {
-        let work = self.methods.work(pace);
-        self.work += work;
-        pace.until_look -= work;
+        self.work += self.methods.work(pace);
+        pace.until_look -= self.methods.typical_work(pace);
         let tolerance = Tolerance { relative: settings.relative_tolerance, nominals: &self.nominals };
         self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance)
     }

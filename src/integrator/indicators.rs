@@ -71,7 +71,7 @@ impl Indicators {
             leaving: values.clone(),
             span: 0.0,
             slopes: values,
-            substep: f64::NAN,
+            substep: 0.0,
             states: vec![0.0; variables.states()],
             discrete: vec![0.0; variables.reals(Section::Discrete).len()],
             discrete_integers: vec![0; variables.integers(Section::Discrete).len()],
@@ -184,8 +184,7 @@ impl Indicators {
 
     /// Forgets how fast they went: what comes may be another motion.
     pub fn restart(&mut self) {
-        self.slopes.fill(f64::NAN);
-        self.substep = f64::NAN;
+        self.substep = 0.0;
     }
 }
 
@@ -235,12 +234,14 @@ impl Indicators {
     /// Whether an indicator that is on its side at both ends of an accepted substep h may have left it between: where
     /// nothing is known of its bow, or where that is large for how far it is from zero.
     pub fn may_leave(&self, h: f64) -> bool {
-        (0..self.after.len()).any(|i| {
-            let (before, after) = (self.sides()[i], self.after[i]);
-            let bend = ((after - before) / h - self.slopes[i]).abs();
-            let bow = bend * h * h / (4.0 * (h + self.substep));
-            bow.is_nan() || CAUTION * bow > before.abs().min(after.abs())
-        })
+        let unknown = self.substep == 0.0;
+        unknown
+            || (0..self.after.len()).any(|i| {
+                let (before, after) = (self.sides()[i], self.after[i]);
+                let bend = ((after - before) / h - self.slopes[i]).abs();
+                let bow = bend * h * h / (4.0 * (h + self.substep));
+                CAUTION * bow > before.abs().min(after.abs())
+            })
     }
 
     pub fn note_slopes(&mut self, h: f64) {
@@ -262,6 +263,9 @@ impl Indicators {
             let side = if self.overshoots()[i] > 0.0 { 0.0 } else { self.sides()[i] };
             let (middle, end) = (self.between[i], self.after[i]);
             let (slope, curvature) = (4.0 * middle - 3.0 * side - end, 2.0 * (side - 2.0 * middle + end));
+            if curvature == 0.0 {
+                continue;
+            }
             let part = -slope / (2.0 * curvature);
             let value = side + part * (slope + part * curvature);
             // A parabola is not quite the curve: what comes near is looked at.

@@ -110,6 +110,8 @@ pub struct Methods {
     by_itself: bool,
     given_up: bool,
     work: Work,
+    /// What looks at eigenvalues are weighed against.
+    typical: Work,
     /// Work of a stiff substep in explicit ones.
     relative_work: f64,
     /// How many more substeps must speak for the stiff method than against it before it is tried: they take as long
@@ -123,12 +125,14 @@ impl Methods {
         let (states, work) = (variables.states(), Work::of(variables));
         let stiff = IntegrationMethod::offered(states).then(|| Box::new(Rosenbrock::new(variables)));
         let own = system.steps_itself().then(|| OwnStep::new(system, variables));
-        let relative_work = (work.stiff + work.jacobian) / work.explicit;
+        let typical = Work::of_states(states);
+        let relative_work = (typical.stiff + typical.jacobian) / typical.explicit;
         Methods {
             explicit: DormandPrince::new(variables),
             stiff,
             own,
-            watch: Watch::new(states, &work),
+            watch: Watch::new(states),
+            typical,
             nominals,
             by_itself: false,
             given_up: false,
@@ -185,6 +189,11 @@ impl Methods {
         self.work.evaluation
     }
 
+    /// The same as counted until the next look at eigenvalues.
+    pub fn typical_work(&self, pace: &Pace) -> f64 {
+        if self.by_itself || pace.stiff { self.typical.stiff + self.typical.jacobian } else { self.typical.explicit }
+    }
+
     /// Work of an attempt by the method in force; that of a system's own counts as a stiff one's.
     pub fn work(&self, pace: &Pace) -> f64 {
         if self.by_itself || pace.stiff { self.work.stiff } else { self.work.explicit }
@@ -227,7 +236,8 @@ impl Methods {
         let Some(stiff) = &mut self.stiff else { return Ok(0.0) };
         stiff.begin(problem, start)?;
         let looked = |watch: &mut Watch| watch.look_for_stiff(stiff.jacobian(), &self.nominals, way, pace);
-        Ok(self.work.jacobian + self.watch.as_mut().map_or(0.0, looked))
+        let looked = self.watch.as_mut().is_some_and(looked);
+        Ok(self.work.jacobian + if looked { self.work.eigenvalues } else { 0.0 })
     }
 
     /// Prepares a substep of the explicit method, which needs the Jacobian for its eigenvalues alone.
@@ -240,7 +250,8 @@ impl Methods {
             watch.nothing_seen(pace);
             return self.work.jacobian;
         }
-        watch.look_for_explicit(stiff.jacobian(), way, pace)
+        watch.look_for_explicit(stiff.jacobian(), way, pace);
+        self.work.jacobian + self.work.eigenvalues
     }
 
     /// Whether the system's own step pays with the length that it is expected to have. Where that is too short it isn't

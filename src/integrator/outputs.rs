@@ -8,6 +8,9 @@ use crate::system::{Causality, Section, Variability, Variable, Variables};
 /// Beyond this, an output multiplies what can't be told from rounding: the error of states is controlled there, that of
 /// the output isn't worth what it would take.
 const MOST_AMPLIFIED: f64 = 1e4;
+/// An output's error in a substep may be this part of what is tolerated: an error of the control stays until the loop has
+/// answered it, and those of many substeps add up.
+const PART: f64 = 0.1;
 /// Relative accuracy of states below which nothing is asked for the sake of outputs.
 const ROUNDING: f64 = 1e-13;
 
@@ -55,7 +58,7 @@ impl Outputs {
     /// of the states, whose own largest is `scaled`. The problem stands as before.
     pub fn error(&mut self, problem: &mut Problem, t: f64, errors: &[f64], scaled: f64, tolerance: Tolerance) -> f64 {
         let amplified = (tolerance.relative / ROUNDING).clamp(1.0, MOST_AMPLIFIED);
-        if self.places.is_empty() || !(scaled * amplified > 1.0) {
+        if self.places.is_empty() || scaled * amplified <= 1.0 {
             return scaled;
         }
         self.saved.copy_from_slice(&problem.reals[self.written.clone()]);
@@ -67,7 +70,7 @@ impl Outputs {
         for (&(place, nominal), before) in self.places.iter().zip(&self.before) {
             let magnitude = nominal.max(before.abs()).max(self.saved[place].abs());
             // Where the other solution gives no number, its distance tells nothing.
-            worst = worst.max((values[place] - self.saved[place]).abs() / (tolerance.relative * magnitude));
+            worst = worst.max((values[place] - self.saved[place]).abs() / (PART * tolerance.relative * magnitude));
         }
         problem.states().copy_from_slice(&self.states);
         problem.reals[self.written.clone()].copy_from_slice(&self.saved);

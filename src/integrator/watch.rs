@@ -34,7 +34,8 @@ pub struct Watch {
 
 impl Watch {
     /// For a system of so many states, where it isn't too large.
-    pub fn new(states: usize, work: &Work) -> Option<Self> {
+    pub fn new(states: usize) -> Option<Self> {
+        let work = Work::of_states(states);
         let watch = || Watch { spectrum: Spectrum::new(states), work: [work.eigenvalues, work.jacobian] };
         (1..=MOST_STATES).contains(&states).then(watch)
     }
@@ -44,21 +45,20 @@ impl Watch {
         pace.until_look <= 0.0
     }
 
-    /// The explicit method looks, at a Jacobian that was made for that; the work it was.
-    pub fn look_for_explicit(&mut self, jacobian: &Jacobian, way: f64, pace: &mut Pace) -> f64 {
+    /// The explicit method looks, at a Jacobian that was made for that.
+    pub fn look_for_explicit(&mut self, jacobian: &Jacobian, way: f64, pace: &mut Pace) {
         self.look(jacobian, pace);
         let work = self.work[0] + self.work[1];
         let far = way * pace.limits.of_method(false) * FAR < 1.0;
         pace.until_look = EXPLICIT_WORK * work * if far { PATIENCE } else { 1.0 };
-        work
     }
 
-    /// The stiff method looks at the Jacobian of its substep, if that is due or it has changed; the work it was.
-    pub fn look_for_stiff(&mut self, jacobian: &Jacobian, nominals: &[f64], way: f64, pace: &mut Pace) -> f64 {
+    /// The stiff method looks at the Jacobian of its substep, if that is due or it has changed; whether it did.
+    pub fn look_for_stiff(&mut self, jacobian: &Jacobian, nominals: &[f64], way: f64, pace: &mut Pace) -> bool {
         let size = jacobian.size(nominals);
         let changed = size > CHANGE * pace.jacobian_size || pace.jacobian_size > CHANGE * size;
         if pace.until_look > 0.0 && !changed {
-            return 0.0;
+            return false;
         }
         let before = pace.limits;
         self.look(jacobian, pace);
@@ -69,7 +69,7 @@ impl Watch {
         let follows = pace.limits.of_method(true) * way > 1.0;
         pace.interval = if follows { 0.0 } else { (2.0 * pace.interval).clamp(LEAST_INTERVAL * most, most) };
         pace.until_look = pace.interval;
-        self.work[0]
+        true
     }
 
     /// There are no eigenvalues now; the explicit method will look again.

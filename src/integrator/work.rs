@@ -8,6 +8,8 @@ use crate::system::{Section, Variables};
 const CALL: f64 = 30.0;
 /// Operations for a number that an evaluation may read.
 const NUMBER: f64 = 1.0;
+/// The same for a state, where only states are known.
+const STATE: f64 = 20.0;
 /// An evaluation over dual numbers in plain ones.
 const DUAL: f64 = 2.5;
 
@@ -29,8 +31,17 @@ pub struct Work {
 impl Work {
     /// For a system with these variables.
     pub fn of(variables: &Variables) -> Self {
-        let n = variables.states() as f64;
-        let evaluation = CALL + NUMBER * variables.reals(Section::Derivative).end as f64;
+        let numbers = variables.reals(Section::Derivative).end as f64;
+        Work::with(variables.states() as f64, CALL + NUMBER * numbers)
+    }
+
+    /// For any system of so many states: what is chosen by it depends on nothing else.
+    pub fn of_states(states: usize) -> Self {
+        let n = states as f64;
+        Work::with(n, CALL + STATE * n)
+    }
+
+    fn with(n: f64, evaluation: f64) -> Self {
         Work {
             evaluation,
             explicit: 7.0 * evaluation + 50.0 * n,
