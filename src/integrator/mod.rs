@@ -37,31 +37,15 @@
 //!
 //! So the methods are our own; each is one file behind [`OneStepMethod`], and `methods` chooses between them.
 //!
-//! A system's own step is worth what it saves. That of L1 controllers was measured (`benches/adaptation`: a step of
-//! length H from each of 100 recorded states of the loop at 1 ms, each method at the loosest tolerance with which x̂, η̂
-//! and u_ad are accurate to 1e-3 or 1e-4 in all of them; `automatic` takes the closed form where it holds and pays, and
-//! the explicit method at 1e-6 elsewhere; medians in µs a step on a shared machine, so read ratios; a dash where no
-//! tolerance is enough):
+//! The choice between both looks at the eigenvalues of that Jacobian (`stability`): what grows is followed at its rate,
+//! by either method, and what is damped decides whether the explicit one pays.
 //!
-//! | loop | H, ms | automatic | explicit |
-//! | --- | --- | --- | --- |
-//! | chapter 4, case 1, starting | 10 | 1800 / – | 1200 / 2000 |
-//! | | 1 | 300 / – | 230 / 350 |
-//! | | 0.1 | 35 / 44 | 33 / 43 |
-//! | the same, tracking | 10 | 720 / 710 | 380 / 950 |
-//! | | 1 | 110 / 110 | 40 / 67 |
-//! | | 0.1 | 7.6 / 7.5 | 3.3 / 4.2 |
-//! | example 3.3.1, case 2, starting | 10 | 410 / 420 | 290 / 350 |
-//! | | 1 | 30 / 28 | 16 / 31 |
-//! | the same, tracking | 10 | 49 / 37 | 14 / 15 |
-//! | | 1 | 5.0 / 4.2 | 2.6 / 2.6 |
-//!
-//! In these loops estimates stay at a bound much of the time, where what is linear in the closed form is not the law: it
-//! is left to the explicit method there, so that both cost the same at the same tolerance. Where bounds leave room (the
-//! loop 4-case1 with `omega_min` = -10 and `theta_bound` = 100), 20 s of the whole loop take 0.6 s with the closed form
-//! against 2.7 s with the explicit method at H = 10 ms, and 0.4 s against 1.9 s at 1 ms, with control peaks that agree to
-//! 2e-5: `run 4-case1 --until 20 --step 0.01 --set controller.omega_min[1,1]=-10 --set controller.theta_bound[1]=100`,
-//! and the same with `--set controller.integration_method=explicit`; user time of the process.
+//! A system's own step is worth what it saves. That of L1 controllers is held to the tolerance in force; whole loops of
+//! separate units at their default steps take, by `automatic` (the closed form where it holds and pays, else the explicit
+//! method) and by the explicit method alone, 1.2 and 1.3 s (chapter 4, case 1), 1.4 and 1.8 s (its fuzzy gain), .12 and
+//! .18 s (6.5.1), .28 and .14 s (3.3.1, case 2), the same for 3.2.1 (10 s each; docs/accuracy.md). In these loops
+//! estimates stay at a bound much of the time, where what is linear in the closed form is not the law, and it is left to
+//! the explicit method. `benches/adaptation` measures single steps.
 
 mod dormand_prince;
 mod driver;
