@@ -150,13 +150,15 @@ pub enum StepError {
     },
     /// The step needs more work than allowed.
     #[error(
-        "{substeps} substeps reached only t = {} s of a communication step of {} s, with all the work that \
-         work_limit allows. The system changes too fast for so long a step: take a smaller one, or a larger \
+        "{events} events and {substeps} substeps reached only t = {} s of a communication step of {} s, with all the \
+         work that work_limit allows. The system changes too fast for so long a step: take a smaller one, or a larger \
          work_limit, or, if it is stiff and integration_method is explicit, another method{}",
         Number(*.time), Number(*.step), followed.map_or(String::new(), |mode| mode.followed())
     )]
     TooMuchWork {
-        /// How many were made.
+        /// How many events there were on the way.
+        events: usize,
+        /// How many substeps were made.
         substeps: usize,
         /// How far they came, s.
         time: f64,

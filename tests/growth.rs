@@ -171,6 +171,28 @@ fn growth_rates_of_random_plants_are_right_or_the_step_says_why_not() {
 }
 
 #[test]
+fn a_mode_that_grows_from_a_tuned_parameter_on_is_followed_from_there_on() {
+    // An oscillation of 1e4 rad/s whose damping changes its sign, beside a stiff mode; its matrix is as large before.
+    let of = |damping: f64| [-damping, 1e4, 0.0, -1e4, -damping, 0.0, 0.0, 0.0, -1e7];
+    let a = DMatrix::from_row_slice(3, 3, &of(100.0));
+    for method in METHODS {
+        let mut execution = linear(&a, &DVector::from_column_slice(&[1e-3, 0.0, 1.0]), method, 1e-4);
+        run(&mut execution, 0.01, 0.1).unwrap();
+        let before = states(&execution).fixed_rows::<2>(0).norm();
+        for i in 0..2 {
+            let variables = execution.model().variables();
+            let index = variables.index(variables.find(&format!("A[{0},{0}]", i + 1)).unwrap());
+            execution.block.reals[index] = 50.0;
+        }
+        execution.parameters_set();
+        execution.changed();
+        run(&mut execution, 0.01, 0.2).unwrap();
+        let rate = (states(&execution).fixed_rows::<2>(0).norm() / before).ln() / 0.2;
+        assert!((rate / 50.0 - 1.0).abs() < 0.01, "{method}: {rate}");
+    }
+}
+
+#[test]
 fn growth_that_takes_too_much_work_to_follow_is_refused_with_its_mode() {
     // A mode of 1e5 rad/s beside a stiff one: to follow it for 1e3 s takes some 1e9 substeps.
     let a = DMatrix::from_row_slice(3, 3, &[3.0, 1e5, 0.0, -1e5, 3.0, 0.0, 0.0, 0.0, -1e8]);

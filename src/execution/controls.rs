@@ -198,6 +198,11 @@ impl PaceMemory {
         }
     }
 
+    /// Has eigenvalues looked at before the next substep: the equations are others.
+    pub(super) fn look_again(self, v: &mut Point) {
+        v[self.until_look] = 0.0;
+    }
+
     pub(super) fn write(self, pace: Pace, v: &mut Point) {
         v[self.substep] = pace.substep;
         v[self.own_substep] = pace.own_substep;

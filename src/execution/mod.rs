@@ -188,6 +188,10 @@ impl Execution {
             // These were prepared before, so they are accepted again.
             return self.model.prepare(&mut self.block, &mut self.log).and(Err(invalid));
         }
+        if self.differs_from_valid() {
+            let pace = self.model.controls().pace;
+            pace.look_again(&mut self.point());
+        }
         self.keep_valid_parameters();
         let t = self.time();
         self.model.system().parameters_changed(t, &mut self.block.point(&self.model, &mut self.log));
@@ -224,6 +228,14 @@ impl Execution {
         let memory = self.model.variables().reals(Section::Memory).start;
         let kept = self.model.controls().valid_reals?.span().range();
         Some(memory + kept.start..memory + kept.end)
+    }
+
+    /// Whether any parameter is another than in the last valid set.
+    fn differs_from_valid(&self) -> bool {
+        let Block { reals, integers } = &self.block;
+        let set = self.model.variables().integers(Section::Parameter);
+        self.valid_reals().is_some_and(|valid| reals[valid] != reals[self.model.variables().reals(Section::Parameter)])
+            || integers[self.valid_integers()] != integers[set]
     }
 
     fn keep_valid_parameters(&mut self) {

@@ -131,7 +131,8 @@ impl Driver {
             substeps += 1;
             if self.work > settings.most_work {
                 let followed = self.methods.followed(pace);
-                return Err(StepError::TooMuchWork { substeps, time: t, step: t1 - t0, followed });
+                let events = events.total();
+                return Err(StepError::TooMuchWork { events, substeps, time: t, step: t1 - t0, followed });
             }
             check_divergence(problem, t, settings.divergence_limit)?;
             if state_event || events.time_event_due(problem, t, t1) {

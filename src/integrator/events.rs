@@ -24,27 +24,34 @@ pub(super) struct EventCount {
     limit: usize,
     count: usize,
     last: f64,
-    /// How many time events the step has had.
+    /// How many time events the step has had, and how many events.
     clock: f64,
+    total: usize,
 }
 
 impl EventCount {
     /// For the step from t0 to t1.
     pub fn new((t0, t1): (f64, f64), settings: &Settings) -> Self {
         let slack = settings.event_slack * (t1 - t0);
-        EventCount { slack, limit: settings.max_events, count: 0, last: t0, clock: 0.0 }
+        EventCount { slack, limit: settings.max_events, count: 0, last: t0, clock: 0.0, total: 0 }
     }
 
     /// For the events at t, in model exchange.
     fn at(t: f64, settings: &Settings) -> Self {
-        EventCount { slack: rounding(t), limit: settings.max_events, count: 0, last: t, clock: 0.0 }
+        EventCount { slack: rounding(t), limit: settings.max_events, count: 0, last: t, clock: 0.0, total: 0 }
     }
 
     fn another(&mut self, t: f64, is_clock: bool) -> Result<(), StepError> {
         self.count = if t - self.last > 4.0 * f64::EPSILON * t.abs() { 1 } else { self.count + 1 };
         self.last = t;
+        self.total += 1;
         self.clock += f64::from(u8::from(is_clock));
         if self.count > self.limit { Err(StepError::TooManyEvents { events: self.limit, time: t }) } else { Ok(()) }
+    }
+
+    /// How many there were.
+    pub fn total(&self) -> usize {
+        self.total
     }
 
     /// How far behind the end of the step a time event is taken there: a part of the time between two of them.
