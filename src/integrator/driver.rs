@@ -15,6 +15,8 @@ const SHRINK: f64 = 0.2;
 const GROW: f64 = 5.0;
 /// A substep that would leave less than this part of the way is stretched to the end.
 const STRETCH: f64 = 1.001;
+/// What grows by e to this within a communication step, and keeps it from being finished, escapes.
+const ESCAPES: f64 = 1e6;
 /// How often the shortest step is doubled in the search for where the equations cease to hold.
 const LOOK_AHEAD: i32 = 12;
 /// Shorter substeps can't be halved: their lengths are subnormal numbers.
@@ -130,9 +132,7 @@ impl Driver {
                 };
             substeps += 1;
             if self.work > settings.most_work {
-                let followed = self.methods.followed(pace);
-                let events = events.total();
-                return Err(StepError::TooMuchWork { events, substeps, time: t, step: t1 - t0, followed });
+                return Err(self.overworked(problem, t, t1 - t0, (events.total(), substeps), pace));
             }
             check_divergence(problem, t, settings.divergence_limit)?;
             if state_event || events.time_event_due(problem, t, t1) {
@@ -143,6 +143,24 @@ impl Driver {
             }
         }
         Ok(())
+    }
+
+    /// Why a step of this length comes no further than t with so many events and substeps.
+    fn overworked(
+        &self,
+        problem: &mut Problem,
+        time: f64,
+        step: f64,
+        (events, substeps): (usize, usize),
+        pace: &Pace,
+    ) -> StepError {
+        let followed = self.methods.followed(pace);
+        if followed.is_none_or(|mode| mode.growth * step < ESCAPES) {
+            return StepError::TooMuchWork { events, substeps, time, step, followed };
+        }
+        let sizes = problem.states().iter().zip(&self.nominals).map(|(x, nominal)| x.abs() / nominal);
+        let largest = sizes.enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(place, _)| place);
+        StepError::Diverged { variable: state_name(problem, largest), value: problem.states()[largest], time }
     }
 
     /// One accepted substep towards `target`; whether it ended at a state event.

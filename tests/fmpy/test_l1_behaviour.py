@@ -25,7 +25,9 @@ def test_a_step_too_long_for_the_adaptation_is_shown_and_told_once_with_the_one_
     loop, seen = Separate(unit, "robot", {}, CASE_1), []
     loop.run(100, 1e-3, after=lambda: seen.append((loop.controller["step_too_long"], frequency(loop))))
     limit = loop.controller["step_phase_limit"]
-    assert [bool(shown) for shown, _ in seen] == [f * 1e-3 > limit for _, f in seen] and any(shown for shown, _ in seen)
+    too_fast = [f * 1e-3 > limit for _, f in seen]
+    # It may also be shown for how far the control moves.
+    assert any(too_fast) and all(shown for (shown, _), fast in zip(seen, too_fast, strict=True) if fast)
     (text,) = told(loop, "logStepTooLong")
     first = next(f for shown, f in seen if shown)
     step, turning, better = map(float, re.findall(r"\d+\.\d*e-?\d+", text))

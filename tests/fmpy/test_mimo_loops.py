@@ -65,6 +65,8 @@ CONTINUOUS = {
 # Where a reference steps, its ideal model is known to a part of the time between recorded points.
 RECORDED = {"3.4.1": 2.5e-4}
 SLACK = {"3.4.1": 2e-4}
+# A control is off that of the loop as one unit by more than 5 % at the loop's own step (docs/step_flags.md).
+FLAGGED = {"3.3.3", "6.5.2-l1"}
 TRACKING = {loop: [label for label in metrics if "u_" not in label] for loop, metrics in CONTINUOUS.items()}
 
 
@@ -116,11 +118,11 @@ def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_continuous_one
 
 
 @pytest.mark.parametrize("loop", CONTINUOUS)
-def test_a_loop_keeps_its_limits_and_takes_no_step_that_is_too_long(run, loop: str) -> None:
+def test_a_loop_keeps_its_limits_and_tells_of_a_step_that_is_too_long(run, loop: str) -> None:
     told = run(loop)
     limits = [metric for metric in told["metrics"] if metric["limit"] is not None]
     assert limits and all(metric["value"] <= metric["limit"] for metric in limits)
-    assert not table(told)["controller.step_too_long"].any()
+    assert table(told)["controller.step_too_long"].any() == (loop in FLAGGED)
 
 
 @pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
