@@ -53,7 +53,8 @@ impl Mode {
         let rounded = |x: f64| format!("{x:.3e}").parse::<f64>().unwrap_or(x);
         let (growth, frequency) = (Number(rounded(self.growth)), Number(rounded(self.frequency)));
         let does = if self.growth > 0.0 { format!("grows at {growth} 1/s") } else { String::from("is hardly damped") };
-        format!(". A mode of {frequency} rad/s that {does} had to be followed")
+        let of = if self.frequency > 0.0 { format!(" of {frequency} rad/s") } else { String::new() };
+        format!(". A mode{of} that {does} had to be followed")
     }
 }
 

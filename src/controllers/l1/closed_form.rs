@@ -177,9 +177,7 @@ impl Law {
             let Estimate { place, bounds: (lo, hi), channel: i, factor } = estimate;
             let (gone, further) = (end[i] - start[i], whole[i] - start[i]);
             let [down, up] = [gone.min(further).min(0.0) - amplitudes[i], gone.max(further).max(0.0) + amplitudes[i]];
-            let in_layer = |increment: f64| {
-                projection::is_in_layer(v[place] + factor / excitations[i] * increment, lo, hi, epsilon)
-            };
+            let in_layer = |by: f64| projection::is_in_layer(v[place] + factor / excitations[i] * by, lo, hi, epsilon);
             !estimate.is_frozen() && (in_layer(down) || in_layer(up))
         })
     }
