@@ -5,6 +5,7 @@ mod command;
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, one_line};
+use adaptive_fmu::simulation;
 use clap::{Parser, Subcommand};
 
 /// Adaptive controllers and their plants as FMI 2.0 units.
@@ -44,6 +45,9 @@ enum Command {
     Tune(command::tune::Arguments),
     /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
     Linearise(command::linearise::Arguments),
+    /// Runs a unit of another tool for another process of this program
+    #[command(name = simulation::UNIT_PROCESS, hide = true)]
+    UnitProcess,
 }
 
 /// The longest message, in characters.
@@ -76,5 +80,18 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
+        Command::UnitProcess => serve_unit(),
     }
+}
+
+#[cfg(unix)]
+fn serve_unit() -> Result<ExitCode, Error> {
+    simulation::serve_unit().map_err(Error::file("the connection to the other process"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(not(unix))]
+fn serve_unit() -> Result<ExitCode, Error> {
+    eprintln!("units of other tools run in the process of the loop on this platform");
+    Ok(ExitCode::FAILURE)
 }

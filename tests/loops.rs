@@ -337,7 +337,9 @@ fn a_single_value_names_a_unit_that_is_there_and_means_one() {
     assert_eq!(structure.components[1].values[0].text, "8");
     // Without a unit it is of the loop as one unit, which separate ones have not.
     structure.set("gain=1").unwrap();
-    let refusal = LoadedLoop::new(&structure, Path::new("")).unwrap_err().to_string();
+    let refusal = LoadedLoop::new(&structure, Path::new(""), &adaptive_fmu::simulation::Hosting::InProcess)
+        .unwrap_err()
+        .to_string();
     assert_tells(&refusal, &["--set gain=1", "UNIT.variable", "one, two", "--composite"]);
 }
 

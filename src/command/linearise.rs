@@ -11,6 +11,7 @@ use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
 use super::export::export_whole;
+use super::hosting::HostingOptions;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -26,6 +27,8 @@ pub struct Arguments {
     /// Start value of a parameter, or value of an input, which is held
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
+    #[command(flatten)]
+    hosting: HostingOptions,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -40,7 +43,7 @@ fn assignment(text: &str) -> Result<(String, String), String> {
 /// Prints the linear system.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-    let fmu = Arc::new(Fmu::open(&find_fmu(&arguments.name, folder.path())?)?);
+    let fmu = Arc::new(Fmu::open(&find_fmu(&arguments.name, folder.path())?, &arguments.hosting.hosting()?)?);
     let Arguments { at: time, steady_state, set, .. } = arguments;
     let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone() };
     let linear = linearise(&fmu, &point)?;

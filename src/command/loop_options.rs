@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::{LoadedLoop, LoopFiles, Order, Settings, Structure};
+use adaptive_fmu::simulation::{Hosting, LoadedLoop, LoopFiles, Order, Settings, Structure};
 use tempfile::TempDir;
 
 use super::export::{export_units, export_whole};
+use super::hosting::HostingOptions;
 use super::parameters::Parameters;
 
 /// The most communication points of a run.
@@ -33,6 +34,8 @@ pub struct LoopOptions {
     pub order: Option<Order>,
     #[command(flatten)]
     pub parameters: Parameters,
+    #[command(flatten)]
+    pub hosting: HostingOptions,
 }
 
 pub fn positive(text: &str) -> Result<f64, String> {
@@ -97,9 +100,9 @@ impl LoopOptions {
 
 impl Units {
     /// Loads a loop of these units; the signals that it names are recorded beside the outputs.
-    pub fn load(&self, structure: &Structure) -> Result<LoadedLoop, Error> {
+    pub fn load(&self, structure: &Structure, hosting: &Hosting) -> Result<LoadedLoop, Error> {
         let loaded = match self {
-            Units::Separate(fmus) => LoadedLoop::new(structure, fmus)?,
+            Units::Separate(fmus) => LoadedLoop::new(structure, fmus, hosting)?,
             Units::Whole { fmu, notes, .. } => LoadedLoop::whole(&structure.name, fmu, notes.clone())?,
         };
         Ok(loaded.recording(structure.signals()))

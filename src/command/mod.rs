@@ -4,6 +4,7 @@ pub mod check;
 pub mod compare;
 pub mod dist;
 pub mod export;
+mod hosting;
 pub mod info;
 pub mod linearise;
 pub mod list;

@@ -114,10 +114,11 @@ pub fn simulated(options: &LoopOptions, name: &str, out: &Path, further: &[&str]
     let files = LoopFiles::find(name)?;
     let mut structure = options.structure(&files)?;
     let settings = options.settings(&structure)?;
-    let loaded = options.units(&files, &structure)?.load(&structure)?.recording(further.iter().copied());
-    let mut closed = loaded.instantiate(&[])?;
+    let loaded = options.units(&files, &structure)?.load(&structure, &options.hosting.hosting()?)?;
+    let loaded = loaded.recording(further.iter().copied());
+    let closed = loaded.instantiate(&[])?;
     let begun = Instant::now();
-    let (mut recording, ending, failure) = simulate(&mut closed, settings, &mut Progress::new(bars, name, settings));
+    let (mut recording, ending, failure) = simulate(closed, settings, &mut Progress::new(bars, name, settings));
     let took = begun.elapsed();
     let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
@@ -130,11 +131,7 @@ pub fn simulated(options: &LoopOptions, name: &str, out: &Path, further: &[&str]
 }
 
 /// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.
-fn simulate(
-    closed: &mut ClosedLoop,
-    settings: Settings,
-    progress: &mut Progress,
-) -> (Recording, Ending, Option<Error>) {
+fn simulate(closed: ClosedLoop, settings: Settings, progress: &mut Progress) -> (Recording, Ending, Option<Error>) {
     let mut ending = Ending::Complete;
     let result = closed.run(settings, |time| {
         progress.show(time);

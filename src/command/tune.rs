@@ -170,12 +170,13 @@ impl Task {
             settings.step = sample;
         }
         let units = options.units(files, &structure)?;
-        let first = units.load(&structure)?;
+        let hosting = options.hosting.hosting()?;
+        let first = units.load(&structure, &hosting)?;
         let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
         let further = if first.can_be_multiplied() { threads - 1 } else { 0 };
         let mut loops = vec![first];
         for _ in 0..further {
-            loops.push(units.load(&structure)?);
+            loops.push(units.load(&structure, &hosting)?);
         }
         let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
         let search = Search::new(structure.clone(), settings, objective.clone(), &parameters, loops).map_err(wrong)?;
@@ -241,7 +242,8 @@ impl Task {
             return Ok(None);
         }
         let structure = Structure { whole: Vec::new(), ..self.structure.clone() };
-        let loaded = arguments.options.units(files, &structure)?.load(&structure)?;
+        let LoopOptions { hosting, .. } = &arguments.options;
+        let loaded = arguments.options.units(files, &structure)?.load(&structure, &hosting.hosting()?)?;
         let named = |range: &Range| {
             let (low, high) = (Some(range.low), Some(range.high));
             TunedParameter { name: range.name.clone(), low, high }

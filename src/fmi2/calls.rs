@@ -101,6 +101,7 @@ macro_rules! call_table {
         /// The functions that take an instance, but for fmi2FreeInstance, which is always allowed.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         #[allow(missing_docs)] // named as in the standard
+        #[cfg_attr(feature = "cli", derive(serde::Serialize, serde::Deserialize))]
         pub enum Function {
             $($function,)*
         }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::description::Variable;
-use super::fmu::Instance;
+use super::fmu::{Instance, Messages};
 use super::port::Ports;
 use super::units::Affine;
 use crate::error::Error;
@@ -51,12 +51,47 @@ pub struct Settings {
     pub order: Order,
 }
 
+/// The most messages of a unit that a recording keeps; of further ones, their number and the last.
+const MOST_MESSAGES: usize = 100;
+
 /// A unit with what it gives and takes.
 #[derive(Debug)]
 struct Unit {
     instance: Instance,
     outputs: Ports,
     inputs: Ports,
+    said: Said,
+}
+
+/// What came of a unit's messages.
+#[derive(Debug, Default)]
+struct Said {
+    count: usize,
+    last: String,
+}
+
+impl Said {
+    /// Adds messages to the warnings of a run: the first hundred of the unit.
+    fn keep(&mut self, unit: &str, messages: &Messages, warnings: &mut Vec<String>) {
+        for text in messages.iter() {
+            self.last = format!("{unit}: {text}");
+            if self.count < MOST_MESSAGES {
+                warnings.push(self.last.clone());
+            }
+            self.count += 1;
+        }
+        self.count += messages.count() - messages.iter().count();
+    }
+
+    /// Adds how many more there were, and the last.
+    fn end(self, unit: &str, warnings: &mut Vec<String>) {
+        if self.count > MOST_MESSAGES {
+            if self.count > MOST_MESSAGES + 1 {
+                warnings.push(format!("{unit}: {} more messages", self.count - MOST_MESSAGES - 1));
+            }
+            warnings.push(self.last);
+        }
+    }
 }
 
 /// A loop whose units are instantiated and connected.
@@ -120,7 +155,7 @@ impl ClosedLoop {
             self.names.push(format!("{prefix}{}", variable.name));
             self.measures.push(variable.unit.clone().unwrap_or_default());
         }
-        self.units.push(Unit { instance, outputs, inputs: Ports::default() });
+        self.units.push(Unit { instance, outputs, inputs: Ports::default(), said: Said::default() });
     }
 
     /// Number of its signals.
@@ -143,17 +178,34 @@ impl ClosedLoop {
     /// # Errors
     /// When a unit fails, together with what was recorded until then.
     pub fn run(
-        &mut self,
+        mut self,
         settings: Settings,
         progress: impl FnMut(f64) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
         let columns = vec![Vec::new(); self.names.len()];
         let (names, measures, warnings) = (self.names.clone(), self.measures.clone(), self.notes.clone());
         let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
-        match self.run_into(&mut recording, settings, progress) {
+        let result = self.run_into(&mut recording, settings, progress);
+        match self.free(&mut recording.warnings, result) {
             Ok(()) => Ok(recording),
             Err(error) => Err((error, Box::new(recording))),
         }
+    }
+
+    /// Frees all units, also after a failure. The first failure is told, further ones are warnings.
+    fn free(self, warnings: &mut Vec<String>, mut result: Result<(), Error>) -> Result<(), Error> {
+        for unit in self.units {
+            let Unit { instance, mut said, .. } = unit;
+            let name = instance.name().to_owned();
+            said.keep(&name, &instance.messages(), warnings);
+            match instance.free() {
+                Ok(messages) => said.keep(&name, &messages, warnings),
+                Err(error) if result.is_ok() => result = Err(error),
+                Err(error) => warnings.push(error.to_string()),
+            }
+            said.end(&name, warnings);
+        }
+        result
     }
 
     fn run_into(
@@ -181,8 +233,8 @@ impl ClosedLoop {
                 if order == Order::GaussSeidel {
                     unit.give(&mut self.row)?;
                 }
-                let name = unit.instance.name();
-                recording.warnings.extend(unit.instance.messages().iter().map(|text| format!("{name}: {text}")));
+                let Unit { instance, said, .. } = unit;
+                said.keep(instance.name(), &instance.messages(), &mut recording.warnings);
             }
             if order == Order::Jacobi {
                 self.units.iter_mut().try_for_each(|unit| unit.give(&mut self.row))?;

@@ -1,13 +1,13 @@
 //! Loops whose FMUs are loaded and fit each other: what instances are made of, as many as are wanted.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::check::{Link, check};
 use super::closed_loop::ClosedLoop;
 use super::description::{Description, Variable};
-use super::fmu::{Fmu, Value};
+use super::fmu::{Fmu, Hosting, Value};
 use super::port::signals;
 use super::ssp::{Component, Structure};
 use crate::error::Error;
@@ -51,9 +51,19 @@ impl LoadedLoop {
     ///
     /// # Errors
     /// When an FMU can't be loaded, or a connection or value doesn't fit.
-    pub fn new(structure: &Structure, fmus: &Path) -> Result<Self, Error> {
+    pub fn new(structure: &Structure, fmus: &Path, hosting: &Hosting) -> Result<Self, Error> {
         structure.check_separate()?;
-        let open = |component: &Component| Fmu::open(&fmus.join(format!("{}.fmu", component.fmu))).map(Arc::new);
+        // However many components are of an FMU, it is opened once.
+        let mut known: HashMap<PathBuf, Arc<Fmu>> = HashMap::new();
+        let open = |component: &Component| {
+            let file = fmus.join(format!("{}.fmu", component.fmu));
+            if let Some(fmu) = known.get(&file) {
+                return Ok(Arc::clone(fmu));
+            }
+            let fmu = Arc::new(Fmu::open(&file, hosting)?);
+            known.insert(file, Arc::clone(&fmu));
+            Ok(fmu)
+        };
         let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
         let wiring = check(structure, &descriptions)?;
@@ -69,7 +79,7 @@ impl LoadedLoop {
     /// # Errors
     /// When the FMU can't be loaded.
     pub fn whole(name: &str, fmu: &Path, notes: Vec<String>) -> Result<Self, Error> {
-        let unit = LoadedUnit::new(Arc::new(Fmu::open(fmu)?), name, String::new(), Vec::new());
+        let unit = LoadedUnit::new(Arc::new(Fmu::open(fmu, &Hosting::InProcess)?), name, String::new(), Vec::new());
         Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes })
     }
 
@@ -108,7 +118,8 @@ impl LoadedLoop {
     /// Whether several instances can be there at a time.
     pub fn can_be_multiplied(&self) -> bool {
         let only_once = |name: &str| name == "canBeInstantiatedOnlyOncePerProcess";
-        !self.units.iter().any(|unit| unit.fmu.description.capabilities.iter().any(|(name, _)| only_once(name)))
+        let is_single = |fmu: &Fmu| fmu.description.capabilities.iter().any(|(name, _)| only_once(name));
+        !self.units.iter().any(|unit| !unit.fmu.has_own_processes() && is_single(&unit.fmu))
     }
 
     /// Instantiates and connects the units, with further start values of Real variables.

@@ -26,7 +26,9 @@ pub use check::{Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use comparison::Comparison;
 pub use description::{Description, Variable};
-pub use fmu::{Fmu, Instance, Value};
+#[cfg(unix)]
+pub use fmu::serve_unit;
+pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value};
 pub use linearise::{Linearisation, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
 pub use metrics::{Measured, measure};

@@ -120,7 +120,7 @@ impl Search {
     fn run_one(&self, loaded: &LoadedLoop, position: &[f64], is_interrupted: &dyn Fn() -> bool) -> Outcome {
         let values: Vec<_> = self.places.iter().copied().zip(position.iter().copied()).collect();
         let mut interrupted = false;
-        let recording = loaded.instantiate(&values).and_then(|mut closed| {
+        let recording = loaded.instantiate(&values).and_then(|closed| {
             let go_on = |_| {
                 interrupted = is_interrupted();
                 !interrupted

@@ -1,0 +1,249 @@
+//! What units say: their log messages, expanded and cleaned.
+
+use std::ffi::{CStr, c_char, c_int, c_void};
+use std::sync::{Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::one_line;
+use crate::fmi2::types::LoggerFunction;
+
+/// The most messages that are kept; of further ones, their number and the last.
+const MOST: usize = 100;
+/// The longest message, in bytes.
+const LONGEST: usize = 4096;
+
+/// Messages, in their order.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Messages {
+    /// The first hundred.
+    kept: Vec<String>,
+    /// How many came after them, and the last one.
+    further: usize,
+    last: Option<String>,
+}
+
+impl Messages {
+    /// Adds a message, cleaned of control characters.
+    pub(super) fn push(&mut self, text: &str) {
+        let text = one_line(text.trim_end());
+        let end = (0..=LONGEST.min(text.len())).rev().find(|&end| text.is_char_boundary(end)).unwrap_or_default();
+        let text = if end < text.len() { format!("{}…", &text[..end]) } else { text };
+        if self.kept.len() < MOST {
+            self.kept.push(text);
+        } else {
+            self.further += 1;
+            self.last = Some(text);
+        }
+    }
+
+    /// Adds what was said later.
+    pub(super) fn append(&mut self, later: Messages) {
+        later.kept.iter().for_each(|text| self.push(text));
+        if let Some(last) = later.last {
+            self.further += later.further - 1;
+            self.push(&last);
+        }
+    }
+
+    /// Whether nothing was said.
+    pub fn is_empty(&self) -> bool {
+        self.kept.is_empty()
+    }
+
+    /// How many there are, those that were not kept included.
+    pub fn count(&self) -> usize {
+        self.kept.len() + self.further
+    }
+
+    /// One after the other; in place of those that were not kept, their number.
+    pub fn iter(&self) -> impl Iterator<Item = String> + '_ {
+        let uncounted = self.further.saturating_sub(1);
+        let more = (uncounted > 0).then(|| format!("({uncounted} more messages)"));
+        self.kept.iter().cloned().chain(more).chain(self.last.clone())
+    }
+
+    /// All in one line.
+    pub fn joined(&self) -> String {
+        self.iter().collect::<Vec<_>>().join("; ")
+    }
+}
+
+/// Messages of a unit that may log from any thread.
+#[derive(Debug, Default)]
+pub(super) struct Log(Mutex<Messages>);
+
+impl Log {
+    pub fn push(&self, text: &str) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+    }
+
+    pub fn take(&self) -> Messages {
+        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// The function that units log by; its environment is a [`Log`].
+pub(super) fn logger() -> LoggerFunction {
+    type Fixed = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char);
+    // SAFETY: the caller passes what the standard's type says; `keep_message` takes its arguments as they come in a
+    // call of a variadic function on its platform.
+    unsafe { std::mem::transmute::<Fixed, LoggerFunction>(keep_message) }
+}
+
+/// Keeps an expanded message.
+///
+/// # Safety
+/// The environment is a [`Log`] that lives.
+unsafe fn keep(environment: *mut c_void, message: &str) {
+    // SAFETY: as this function asks of its caller.
+    unsafe { &*environment.cast::<Log>() }.push(message);
+}
+
+#[cfg(all(target_arch = "x86_64", unix))]
+use expanding::keep_message;
+
+/// Rust can't define a variadic function. Where the platform's calls are known, a few instructions hand the arguments
+/// behind the dots to C's own expansion.
+#[cfg(all(target_arch = "x86_64", unix))]
+mod expanding {
+    use super::{CStr, LONGEST, c_char, c_int, c_void, keep};
+
+    unsafe extern "C" {
+        fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
+    }
+
+    /// Lays out the `va_list` that a C compiler makes of its arguments (System V ABI, AMD64, section 3.5.7): the
+    /// registers that arguments come in, and where on the stack the others lie; then hands it on as a sixth argument.
+    #[unsafe(naked)]
+    pub unsafe extern "C" fn keep_message(
+        _environment: *mut c_void,
+        _instance: *const c_char,
+        _status: c_int,
+        _category: *const c_char,
+        _format: *const c_char,
+    ) {
+        std::arch::naked_asm!(
+            // 176 bytes of registers, 24 of the va_list, 8 that keep the stack aligned.
+            "sub rsp, 216",
+            // The sixth argument's register; the five before hold the named ones.
+            "mov [rsp + 40], r9",
+            // Vector registers are used where al isn't 0.
+            "test al, al",
+            "je 2f",
+            "movaps [rsp + 48], xmm0",
+            "movaps [rsp + 64], xmm1",
+            "movaps [rsp + 80], xmm2",
+            "movaps [rsp + 96], xmm3",
+            "movaps [rsp + 112], xmm4",
+            "movaps [rsp + 128], xmm5",
+            "movaps [rsp + 144], xmm6",
+            "movaps [rsp + 160], xmm7",
+            "2:",
+            // Five of the general registers and none of the vector registers are used up.
+            "mov dword ptr [rsp + 176], 40",
+            "mov dword ptr [rsp + 180], 48",
+            // Further arguments lie behind the return address.
+            "lea rax, [rsp + 224]",
+            "mov [rsp + 184], rax",
+            "mov [rsp + 192], rsp",
+            "lea r9, [rsp + 176]",
+            "call {expand}",
+            "add rsp, 216",
+            "ret",
+            expand = sym expand,
+        )
+    }
+
+    unsafe extern "C" fn expand(
+        environment: *mut c_void,
+        _instance: *const c_char,
+        _status: c_int,
+        _category: *const c_char,
+        format: *const c_char,
+        arguments: *mut c_void,
+    ) {
+        if format.is_null() {
+            return;
+        }
+        // One byte more than is kept shows that a text is longer.
+        let mut text = [0; LONGEST + 2];
+        // SAFETY: the format and what it asks for are the unit's, as for any printf; the buffer has that size, and
+        // vsnprintf ends what it writes there with a NUL.
+        unsafe {
+            if vsnprintf(text.as_mut_ptr(), text.len(), format, arguments) < 0 {
+                keep(environment, &CStr::from_ptr(format).to_string_lossy());
+            } else {
+                keep(environment, &CStr::from_ptr(text.as_ptr()).to_string_lossy());
+            }
+        }
+    }
+}
+
+/// On other platforms the arguments before the dots come as in a function without dots; what follows isn't read, and
+/// the message stays the format that it is.
+#[cfg(not(all(target_arch = "x86_64", unix)))]
+unsafe extern "C" fn keep_message(
+    environment: *mut c_void,
+    _instance: *const c_char,
+    _status: c_int,
+    _category: *const c_char,
+    format: *const c_char,
+) {
+    if !format.is_null() {
+        // SAFETY: the environment is the instance's log, which outlives it; the message is a C string.
+        let format = unsafe { CStr::from_ptr(format) };
+        let text = format.to_string_lossy().replace("%%", "%");
+        // SAFETY: see above.
+        unsafe { keep(environment, &text) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fmi2::types::Status;
+
+    #[test]
+    #[cfg(all(target_arch = "x86_64", unix))]
+    fn a_message_is_expanded_as_printf_does() {
+        let log = Log::default();
+        let environment = std::ptr::from_ref(&log).cast_mut().cast();
+        let (name, logger) = (c"unit".as_ptr(), logger());
+        // SAFETY: what follows each format is what it asks for.
+        unsafe {
+            logger(environment, name, Status::Warning, name, c"100 %% of %s".as_ptr(), c"it".as_ptr());
+            logger(environment, name, Status::Error, name, c"%d %.3f %s %g %i".as_ptr(), 7, 1.5, name, 1e-9, -2);
+            let format = c"%d %d %d %d %.1f %.1f %.1f %.1f %.1f %.1f %.1f %.1f %.1f %d";
+            let (a, b, c, d, e) = (1.0, 2.0, 3.0, 4.0, 5.0);
+            logger(environment, name, Status::Ok, name, format.as_ptr(), 1, 2, 3, 4, a, b, c, d, e, a, b, c, d, 9);
+            logger(environment, name, Status::Ok, name, c"\x1b[31mred\r\nnext".as_ptr());
+        }
+        let texts: Vec<_> = log.take().iter().collect();
+        assert_eq!(texts[0], "100 % of it");
+        assert_eq!(texts[1], "7 1.500 unit 1e-09 -2");
+        assert_eq!(texts[2], "1 2 3 4 1.0 2.0 3.0 4.0 5.0 1.0 2.0 3.0 4.0 9");
+        assert_eq!(texts[3], "\\u{1b}[31mred\\r\\nnext");
+    }
+
+    #[test]
+    fn after_the_hundredth_messages_are_counted_and_the_last_is_kept() {
+        let mut messages = Messages::default();
+        (0..250).for_each(|k| messages.push(&k.to_string()));
+        let texts: Vec<_> = messages.iter().collect();
+        assert_eq!((texts.len(), messages.count()), (102, 250));
+        assert_eq!(texts[99..], ["99", "(149 more messages)", "249"]);
+        let mut all = Messages::default();
+        (0..60).for_each(|_| all.push("before"));
+        all.append(messages);
+        assert_eq!((all.count(), all.iter().count(), all.iter().last().unwrap().as_str()), (310, 102, "249"));
+    }
+
+    #[test]
+    fn a_long_message_is_cut() {
+        let mut messages = Messages::default();
+        messages.push(&"ä".repeat(LONGEST));
+        let text = messages.iter().next().unwrap();
+        assert!(text.len() <= LONGEST + '…'.len_utf8() && text.ends_with('…'));
+    }
+}
