@@ -131,6 +131,8 @@ pub struct Model {
     system: Box<dyn DynSystem>,
     variables: Variables,
     controls: Controls,
+    /// The start values, which every instance begins with.
+    start: Block,
 }
 
 impl std::fmt::Debug for Model {
@@ -176,9 +178,10 @@ impl Model {
         if variables.states() > 0 {
             documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
         }
-        let model = Model { description, documentation, system, variables, controls };
+        let start = start_block(&variables);
+        let model = Model { description, documentation, system, variables, controls, start };
         // Start values that the system refuses make no model.
-        model.prepare(&mut model.block(), &mut Vec::new())?;
+        model.prepare(&mut model.start.clone(), &mut Vec::new())?;
         Ok(model)
     }
 
@@ -210,7 +213,7 @@ impl Model {
     /// What a designer should know of the start values.
     pub fn report(&self) -> DesignReport {
         let mut report = DesignReport::new(self.description.experiment.step);
-        let mut block = self.block();
+        let mut block = self.start.clone();
         // They were prepared when the model was made, so nothing is refused here.
         if self.prepare(&mut block, &mut Vec::new()).is_ok() {
             self.system.report(&block.point(self, &mut Vec::new()).values(), &mut report);
@@ -218,20 +221,9 @@ impl Model {
         report
     }
 
-    /// A block of start values.
-    pub fn block(&self) -> Block {
-        let total = |range: std::ops::Range<usize>| range.end;
-        let mut reals = vec![0.0; total(self.variables.reals(Section::Memory))];
-        let mut integers = vec![0; total(self.variables.integers(Section::Memory))];
-        for element in self.variables.iter().flat_map(|variable| variable.elements()) {
-            let index = self.variables.index(element);
-            match &element.variable.data {
-                Data::Real { .. } => reals[index] = element.start(),
-                Data::Integer { start, .. } | Data::Choice { start, .. } => integers[index] = *start,
-                Data::Boolean { start } => integers[index] = i32::from(*start),
-            }
-        }
-        Block { reals, integers }
+    /// The start values.
+    pub fn start(&self) -> &Block {
+        &self.start
     }
 
     /// Checks every parameter against its limits, then prepares what depends on them.
@@ -296,6 +288,20 @@ fn allowed(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
         (None, Some(max)) => format!("must be at most {max}"),
         (None, None) => "must be finite".to_owned(),
     }
+}
+
+fn start_block(variables: &Variables) -> Block {
+    let mut reals = vec![0.0; variables.reals(Section::Memory).end];
+    let mut integers = vec![0; variables.integers(Section::Memory).end];
+    for element in variables.iter().flat_map(|variable| variable.elements()) {
+        let index = variables.index(element);
+        match &element.variable.data {
+            Data::Real { .. } => reals[index] = element.start(),
+            Data::Integer { start, .. } | Data::Choice { start, .. } => integers[index] = *start,
+            Data::Boolean { start } => integers[index] = i32::from(*start),
+        }
+    }
+    Block { reals, integers }
 }
 
 /// The most reasons that a person wants to read at a time.

@@ -4,6 +4,8 @@ mod controls;
 mod derivatives;
 mod model_exchange;
 
+use std::sync::Arc;
+
 use num_dual::Dual64;
 
 pub use controls::{Controls, InputHandling, OnStepFailure};
@@ -18,12 +20,12 @@ use controls::TIGHTEST_TOLERANCE;
 /// An instance of a model.
 #[derive(Debug)]
 pub struct Execution {
-    model: Model,
+    model: Arc<Model>,
     /// All values. Whoever changes any here calls [`Execution::changed`], and where these are parameters in a running
     /// simulation, [`Execution::parameters_set`].
     pub block: Block,
-    /// The start values.
-    start: Block,
+    /// Whether this integrates: not where a master does, in model exchange.
+    integrates: bool,
     /// As before the step that is being tried.
     saved: Block,
     /// Whether nothing was changed since everything was computed.
@@ -39,17 +41,15 @@ pub struct Execution {
 }
 
 impl Execution {
-    /// An instance at its start values.
-    pub fn new(model: Model) -> Self {
-        let mut block = model.block();
-        if let Some(stepped) = model.variables().stepped() {
-            block.integers[stepped] = 1;
-        }
+    /// An instance at its start values. Instances of one model may share it.
+    pub fn new(model: impl Into<Arc<Model>>) -> Self {
+        let model = model.into();
+        let block = model.start().clone();
         let inputs = model.variables().reals(Section::Input).len();
-        Execution {
+        let mut execution = Execution {
             fresh: false,
             driver: Driver::new(model.system(), model.variables()),
-            start: block.clone(),
+            integrates: true,
             saved: block.clone(),
             dual: vec![Dual64::from_re(0.0); block.reals.len()],
             dual_integers: block.integers.clone(),
@@ -59,6 +59,15 @@ impl Execution {
             block,
             model,
             log: MessageLog::new(),
+        };
+        execution.mark_stepped();
+        execution
+    }
+
+    /// Tells the system who integrates.
+    fn mark_stepped(&mut self) {
+        if let Some(stepped) = self.model.variables().stepped() {
+            self.block.integers[stepped] = i32::from(self.integrates);
         }
     }
 
@@ -69,16 +78,15 @@ impl Execution {
 
     /// From now on the master integrates, in model exchange.
     pub fn hand_over_integration(&mut self) {
-        if let Some(stepped) = self.model.variables().stepped() {
-            self.block.integers[stepped] = 0;
-            self.start.integers[stepped] = 0;
-            self.changed();
-        }
+        self.integrates = false;
+        self.mark_stepped();
+        self.changed();
     }
 
     /// Back to the start values.
     pub fn reset(&mut self) {
-        self.block.copy_from(&self.start);
+        self.block.copy_from(self.model.start());
+        self.mark_stepped();
         self.changed();
         self.log.clear();
     }
@@ -162,8 +170,8 @@ impl Execution {
         let t = self.time();
         for section in [Section::State, Section::Discrete] {
             let (reals, integers) = (self.model.variables().reals(section), self.model.variables().integers(section));
-            self.block.reals[reals.clone()].copy_from_slice(&self.start.reals[reals]);
-            self.block.integers[integers.clone()].copy_from_slice(&self.start.integers[integers]);
+            self.block.reals[reals.clone()].copy_from_slice(&self.model.start().reals[reals]);
+            self.block.integers[integers.clone()].copy_from_slice(&self.model.start().integers[integers]);
         }
         self.model.system().initialise(t, &mut self.block.point(&self.model, &mut self.log))?;
         let settings = self.settings();

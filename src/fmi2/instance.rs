@@ -1,18 +1,17 @@
 //! What the functions of the standard do with an instance, in safe Rust.
 
-use std::path::Path;
+use std::sync::Arc;
 
 use crate::error::{Number, StepError};
 use crate::execution::{Execution, OnStepFailure};
-use crate::model::{Description, Model};
-use crate::system::{Data, Registry};
-use crate::text_file;
+use crate::system::Data;
 
-use super::access::{Access, NoValue, References, Type, element};
+use super::access::{Access, NoValue, Type, element};
 use super::calls::{Function, Interface, Phase};
 use super::logger::Logger;
 use super::model_description;
 use super::resources::DESCRIPTION;
+use super::shared::Shared;
 use super::snapshot::{self, Slots};
 use super::types::Status;
 
@@ -44,7 +43,8 @@ pub type Answer<T = ()> = Result<T, Refused>;
 #[derive(Debug)]
 pub struct Instance {
     pub(super) execution: Execution,
-    references: References,
+    /// What it has in common with the other instances of its unit.
+    unit: Arc<Shared>,
     /// Which saved states are its own: those of the same unit and interface in the same build.
     pub(super) identity: [u8; 16],
     /// Where messages go.
@@ -55,25 +55,13 @@ pub struct Instance {
     pub(super) slots: Slots,
 }
 
-/// Makes the model of an FMU whose resources lie in a folder.
-///
-/// # Errors
-/// What is wrong with its description.
-pub fn load_model(resources: &Path, registry: Registry) -> Answer<Model> {
-    let file = resources.join(DESCRIPTION);
-    let text = text_file::read(&file).map_err(|error| format!("{}: {error}", file.display()))?;
-    let refuse = |reason| Refused(format!("{}: {reason}", file.display()));
-    let description = Description::read(&text).map_err(refuse)?;
-    Model::from_description(description, registry).map_err(refuse)
-}
-
 impl Instance {
-    /// An instance of a model, of which the master has read the description with this GUID.
+    /// An instance of a unit, of which the master has read the description with this GUID.
     ///
     /// # Errors
-    /// When the GUID isn't this model's.
-    pub fn new(model: Model, interface: Interface, guid: &str, logger: Logger) -> Answer<Self> {
-        let own = model_description::guid(&model);
+    /// When the GUID isn't this unit's.
+    pub fn new(unit: Arc<Shared>, interface: Interface, guid: &str, logger: Logger) -> Answer<Self> {
+        let own = unit.guid;
         if guid != model_description::guid_text(own) {
             return Err(Refused(format!(
                 "fmi2Instantiate: the GUID `{guid}` is not that of this unit, {}: modelDescription.xml and \
@@ -81,13 +69,12 @@ impl Instance {
                 model_description::guid_text(own)
             )));
         }
-        let references = References::new(model.variables());
-        let mut execution = Execution::new(model);
+        let mut execution = Execution::new(Arc::clone(&unit.model));
         if interface == Interface::ModelExchange {
             execution.hand_over_integration();
         }
         Ok(Instance {
-            references,
+            unit,
             execution,
             identity: snapshot::identity(own, interface),
             logger,
@@ -232,7 +219,7 @@ impl Instance {
 
     /// The place of a value, and what may be done with it.
     pub(super) fn place(&self, function: Function, reference: u32, wanted: Type) -> Answer<(usize, Access)> {
-        self.references.find(reference, wanted).map_err(|no_value| {
+        self.unit.references.find(reference, wanted).map_err(|no_value| {
             let name = function.name();
             match no_value {
                 NoValue::Unknown => Refused(format!("{name}: there is no variable with value reference {reference}")),
@@ -359,7 +346,7 @@ impl Instance {
         for (&reference, &value) in references.iter().zip(values) {
             let (place, access) = self.place(function, reference, is)?;
             self.check_settable(function, reference, access)?;
-            if !self.references.holds(place, value) {
+            if !self.unit.references.holds(place, value) {
                 let items = self.items(reference);
                 let name = self.name(reference);
                 return Err(Refused(format!("{}: `{name}` = {value} is no item; there are {items}", function.name())));

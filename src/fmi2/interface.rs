@@ -7,7 +7,7 @@ use std::slice;
 
 use super::access::Type;
 use super::calls::{Function, Interface};
-use super::instance::{Answer, Instance, Refused, load_model};
+use super::instance::{Answer, Instance, Refused};
 use super::logger::{ERROR, Logger};
 pub use super::model_exchange_interface::{
     completed_integrator_step, enter_continuous_time_mode, enter_event_mode, get_continuous_states, get_derivatives,
@@ -15,6 +15,7 @@ pub use super::model_exchange_interface::{
 };
 use super::panics;
 use super::resources;
+use super::shared::Shared;
 pub use super::status::{get_boolean_status, get_integer_status, get_real_status, get_status, get_string_status};
 use super::types::{
     Boolean, CO_SIMULATION, CallbackFunctions, Component, FmuState, MODEL_EXCHANGE, Status, StringPointer, TRUE,
@@ -149,8 +150,8 @@ pub unsafe fn instantiate(
         let guid = guid.ok_or("fmi2Instantiate: fmuGUID is NULL")?.to_string_lossy();
         let location = location.map(CStr::to_bytes);
         let folder = resources::folder(location).map_err(|reason| format!("fmi2Instantiate: {reason}"))?;
-        let model = load_model(&folder, registry).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
-        let mut instance = Instance::new(model, interface, &guid, logger())?;
+        let unit = Shared::of(&folder, registry).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
+        let mut instance = Instance::new(unit, interface, &guid, logger())?;
         instance.set_debug_logging(logging_on != 0, &[])?;
         Ok(instance)
     });

@@ -20,6 +20,7 @@ mod model_exchange_interface;
 pub mod panics;
 #[allow(unsafe_code)]
 pub mod resources;
+pub mod shared;
 pub mod snapshot;
 mod states;
 #[allow(unsafe_code)]

@@ -92,6 +92,6 @@ impl Unit {
     /// All values.
     pub fn block(&self) -> Block {
         let identity = snapshot::identity(model_description::guid(&self.model), Interface::CoSimulation);
-        snapshot::deserialise(&self.fingerprint(), identity, &self.model.block()).unwrap().block
+        snapshot::deserialise(&self.fingerprint(), identity, self.model.start()).unwrap().block
     }
 }
