@@ -262,6 +262,9 @@ pub enum Error {
         /// What it logged.
         message: String,
     },
+    /// An argument of a command that can't be used with its others.
+    #[error("{0}")]
+    Argument(Invalid),
     /// A name that isn't there.
     #[error("there is no {what} named `{name}`; there are: {known}")]
     Unknown {

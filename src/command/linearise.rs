@@ -6,12 +6,13 @@ use std::sync::Arc;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library};
 use adaptive_fmu::report::number;
-use adaptive_fmu::simulation::{Fmu, Linearisation, LoopFiles, OperatingPoint, Quantity, Structure, linearise};
+use adaptive_fmu::simulation::{Fmu, Linearisation, LoopFiles, Method, OperatingPoint, Quantity, Structure, linearise};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
 use super::export::export_whole;
 use super::hosting::HostingOptions;
+use super::names::Names;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -27,6 +28,9 @@ pub struct Arguments {
     /// Start value of a parameter, or value of an input, which is held
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
+    /// Names of its states, where its description tells none: Real outputs or local variables; all outputs unless given
+    #[arg(long, value_name = "NAME,…")]
+    states: Option<Names>,
     #[command(flatten)]
     hosting: HostingOptions,
     /// As JSON
@@ -34,7 +38,7 @@ pub struct Arguments {
     json: bool,
 }
 
-fn assignment(text: &str) -> Result<(String, String), String> {
+pub fn assignment(text: &str) -> Result<(String, String), String> {
     // A name may hold `=`; a value never does.
     let (name, value) = text.rsplit_once('=').ok_or("must be NAME=VALUE")?;
     Ok((name.trim().to_owned(), value.trim().to_owned()))
@@ -43,9 +47,10 @@ fn assignment(text: &str) -> Result<(String, String), String> {
 /// Prints the linear system.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-    let fmu = Arc::new(Fmu::open(&find_fmu(&arguments.name, folder.path())?, &arguments.hosting.hosting()?)?);
-    let Arguments { at: time, steady_state, set, .. } = arguments;
-    let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone() };
+    let fmu = Arc::new(Fmu::open_any(&find_fmu(&arguments.name, folder.path())?, &arguments.hosting.hosting()?)?);
+    let Arguments { at: time, steady_state, set, states, .. } = arguments;
+    let states = states.clone().map_or_else(Vec::new, |Names(names)| names);
+    let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone(), states };
     let linear = linearise(&fmu, &point)?;
     if arguments.json {
         println!("{}", as_json(&linear));
@@ -81,20 +86,21 @@ fn find_loop(name: &str, fmus: &str) -> Result<Structure, Error> {
     files.structure()
 }
 
-fn as_json(linear: &Linearisation) -> Value {
-    let Linearisation { name, time, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
+/// What a script wants of it, and `new` takes for a plant.
+pub fn as_json(linear: &Linearisation) -> Value {
+    let Linearisation { name, time, method, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
     let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
         matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
     };
-    json!({ "fmu": name, "time": time, "steady_state": unique.is_some(), "unique": unique,
+    json!({ "fmu": name, "time": time, "method": method, "steady_state": unique.is_some(), "unique": unique,
             "states": states, "inputs": inputs, "outputs": outputs,
             "A": rows(a), "B": rows(b), "C": rows(c), "D": rows(d), "eigenvalues": eigenvalues })
 }
 
 fn print(linear: &Linearisation) {
-    let Linearisation { name, time, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
+    let Linearisation { name, time, method, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
     let what = if unique.is_some() { "steady state" } else { "state" };
-    println!("{name}, {what} at t = {time} s");
+    println!("{name}, {what} at t = {time} s, {}", told(*method));
     if *unique == Some(false) {
         println!("A is singular: the steady state is one of many, near the start values");
     }
@@ -117,6 +123,20 @@ fn print(linear: &Linearisation) {
         let damping = value.damping.map_or("–".to_owned(), |damping| format!("{damping:.4}"));
         let [real, imaginary, frequency] = [value.real, value.imaginary, value.frequency].map(number);
         println!("{real:>14} {imaginary:>14} {damping:>10} {frequency:>16}");
+    }
+}
+
+/// How it was found, in words.
+pub fn told(method: Method) -> String {
+    match method {
+        Method::Derivatives => "by its exact derivatives".to_owned(),
+        Method::Differences { part } => {
+            format!("by central differences, each value moved by {part:e} of its magnitude")
+        }
+        Method::Responses { part, step, misfit } => format!(
+            "by its responses to inputs changed by {part} of their magnitude or half their range, sampled every {step} s; \
+             the linear system's own differ from them by {misfit:.1e} of the largest"
+        ),
     }
 }
 

@@ -9,6 +9,7 @@ pub mod info;
 pub mod linearise;
 pub mod list;
 mod loop_options;
+mod names;
 pub mod new;
 pub mod parameters;
 mod progress;

@@ -1,15 +1,20 @@
 //! `new`: the description of a unit of one's own, with a comment at each setting, ready to be exported as it stands.
 
+mod plant;
+
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::schema;
-use adaptive_fmu::template::{self, MOST, Plant, Request, Sizes};
+use adaptive_fmu::template::{self, Request, Sizes};
 use clap::builder::PossibleValuesParser;
 
+use super::hosting::HostingOptions;
+use super::linearise::assignment;
 use super::loop_options::positive;
+use super::names::Which;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -19,18 +24,26 @@ pub struct Arguments {
     /// Its name: a C identifier
     #[arg(long)]
     name: String,
-    /// Number of states of the plant
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=MOST))]
-    states: Option<u16>,
-    /// Number of inputs of the plant, which are a controller's controls
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=MOST))]
-    inputs: Option<u16>,
-    /// Number of outputs of the plant, or of channels
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=MOST))]
-    outputs: Option<u16>,
-    /// Nominal plant: A, B, C, D, and optionally names, units and limits, in JSON
-    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["states", "inputs", "outputs"])]
+    /// Number of states of the plant; with an FMU for the plant that tells none, their names
+    #[arg(long, value_name = "COUNT or NAME,…")]
+    states: Option<Which>,
+    /// Number of inputs of the plant, which are a controller's controls; with a plant, names of those that are used
+    #[arg(long, value_name = "COUNT or NAME,…")]
+    inputs: Option<Which>,
+    /// Number of outputs of the plant, or of channels; with a plant, names of those that are used
+    #[arg(long, value_name = "COUNT or NAME,…")]
+    outputs: Option<Which>,
+    /// Nominal plant: A, B, C, D, and optionally names, units and limits, in JSON; or any FMU, which is linearised
+    #[arg(long, value_name = "FILE.json or FILE.fmu")]
     plant: Option<PathBuf>,
+    /// With an FMU for the plant: time in s at which it is linearised, in place of the start time
+    #[arg(long, value_name = "TIME", requires = "plant")]
+    at: Option<f64>,
+    /// With an FMU for the plant: start value of a parameter, or value of an input, which is held until then
+    #[arg(long, value_name = "NAME=VALUE", value_parser = assignment, requires = "plant")]
+    set: Vec<(String, String)>,
+    #[command(flatten)]
+    hosting: HostingOptions,
     /// How fast the controlled system is to be at least, rad/s; the plant's own slowest pole where it isn't given
     #[arg(long, value_parser = positive)]
     bandwidth: Option<f64>,
@@ -50,10 +63,11 @@ pub struct Arguments {
 
 /// Writes the description, and beside it the schema by which editors complete it.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
-    let Arguments { kind, name, states, inputs, outputs, bandwidth, reference, force, .. } = arguments;
-    let size = |size: &Option<u16>| size.map(usize::from);
-    let sizes = Sizes { states: size(states), inputs: size(inputs), outputs: size(outputs) };
-    let plant = arguments.plant.as_deref().map(Plant::read).transpose()?;
+    let Arguments { kind, name, bandwidth, reference, force, .. } = arguments;
+    let (plant, sizes) = match &arguments.plant {
+        Some(file) => (Some(plant::find(arguments, file)?), Sizes::default()),
+        None => (None, plant::sizes(arguments)?),
+    };
     let request = Request { kind, name, sizes, plant, bandwidth: *bandwidth, reference: *reference };
     let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };

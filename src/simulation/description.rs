@@ -21,6 +21,8 @@ pub struct Description {
     pub model_exchange: bool,
     /// Identifier of the binaries: those for co-simulation, where it is for that.
     pub model_identifier: String,
+    /// Identifier of the binaries for model exchange, where it is for that.
+    pub exchange_identifier: Option<String>,
     /// GUID.
     pub guid: String,
     /// Tool that made it.
@@ -84,10 +86,8 @@ impl Description {
         let (co_simulation, model_exchange) = (child(root, "CoSimulation"), child(root, "ModelExchange"));
         let interface = co_simulation.or(model_exchange);
         let interface = interface.ok_or_else(|| in_file("it has neither CoSimulation nor ModelExchange"))?;
-        let model_identifier = required(interface, "modelIdentifier")?;
-        if Path::new(&model_identifier).components().ne([Component::Normal(model_identifier.as_ref())]) {
-            return Err(in_file(&format!("modelIdentifier = {model_identifier}: must be a C identifier")));
-        }
+        let model_identifier = identifier(&document, interface)?;
+        let exchange_identifier = model_exchange.map(|node| identifier(&document, node)).transpose()?;
         let types = types(root);
         let experiment = child(root, "DefaultExperiment");
         let number = |name| experiment.and_then(|node| node.attribute(name)).and_then(|text| text.parse().ok());
@@ -102,6 +102,7 @@ impl Description {
             co_simulation: co_simulation.is_some(),
             model_exchange: model_exchange.is_some(),
             model_identifier,
+            exchange_identifier,
             guid: required(root, "guid")?,
             generation_tool: attribute(root, "generationTool").unwrap_or_default(),
             step: number("stepSize"),
@@ -146,6 +147,16 @@ impl Description {
     pub fn variable(&self, name: &str) -> Option<&Variable> {
         self.variables.iter().find(|variable| variable.name == name)
     }
+}
+
+/// The name of an interface's binaries. It becomes part of a path, and may be no path itself.
+fn identifier(document: &Document, interface: Node) -> Result<String, String> {
+    let text =
+        attribute(interface, "modelIdentifier").ok_or_else(|| missing(document, interface, "modelIdentifier"))?;
+    if Path::new(&text).components().ne([Component::Normal(text.as_ref())]) {
+        return Err(in_file(&format!("modelIdentifier = {text}: must be a C identifier")));
+    }
+    Ok(text)
 }
 
 fn in_file(reason: &str) -> String {

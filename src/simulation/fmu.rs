@@ -8,6 +8,8 @@ mod instance;
 mod messages;
 #[cfg(unix)]
 mod own_process;
+#[cfg(unix)]
+mod python;
 mod unit;
 #[cfg(unix)]
 mod wire;
@@ -34,6 +36,9 @@ use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 
 /// The command by which this package's program runs a unit for another process of it.
 pub const UNIT_PROCESS: &str = "unit-process";
+
+const NOT_FOR_CO_SIMULATION: &str = "modelDescription.xml: it is not for co-simulation";
+const NOT_FOR_EXCHANGE: &str = "modelDescription.xml: it is not for model exchange";
 
 /// A value of a variable.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,11 +79,13 @@ pub struct Fmu {
     folder: tempfile::TempDir,
     /// What it says of itself.
     pub description: Description,
-    place: Place,
+    /// Where instances for co-simulation run, and those for model exchange, where it is for these.
+    co_simulation: Option<Place>,
+    exchange: Option<Place>,
 }
 
 /// Where its instances run.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Place {
     Here(Arc<Binary>),
     #[cfg(unix)]
@@ -90,23 +97,40 @@ enum Place {
 }
 
 impl Fmu {
-    /// Opens an archive, whose instances run where units of its kind do.
+    /// Opens an archive of a unit for co-simulation, whose instances run where units of its kind do.
     ///
     /// # Errors
     /// When it is no FMU 2.0 for co-simulation on this platform.
     pub fn open(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
+        let fmu = Self::open_any(file, hosting)?;
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
-        let description = Description::read(&read_entry(file, "modelDescription.xml")?);
-        let description = description.and_then(Description::for_co_simulation).map_err(refuse)?;
+        if fmu.description.co_simulation { Ok(fmu) } else { Err(refuse(NOT_FOR_CO_SIMULATION.to_owned())) }
+    }
+
+    /// Opens an archive of a unit for co-simulation, model exchange or both.
+    ///
+    /// # Errors
+    /// When it is no FMU 2.0 on this platform.
+    pub fn open_any(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
+        let description = Description::read(&read_entry(file, "modelDescription.xml")?).map_err(refuse)?;
         let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
         unpack(file, folder.path())?;
-        let name = Platform::own().binary(&description.model_identifier);
-        let library = folder.path().join(&name);
-        if !library.is_file() {
-            return Err(refuse(format!("holds no {name}: it can't run on this platform")));
-        }
-        let place = Place::of(library, hosting).map_err(refuse)?;
-        Ok(Fmu { file: file.to_owned(), folder, description, place })
+        let place = |identifier: &str| {
+            let name = Platform::own().binary(identifier);
+            let library = folder.path().join(&name);
+            if !library.is_file() {
+                return Err(refuse(format!("holds no {name}: it can't run on this platform")));
+            }
+            Place::of(library, hosting).map_err(refuse)
+        };
+        let first = place(&description.model_identifier)?;
+        let exchange = match &description.exchange_identifier {
+            Some(identifier) if *identifier == description.model_identifier => Some(first.clone()),
+            other => other.as_deref().map(place).transpose()?,
+        };
+        let co_simulation = description.co_simulation.then_some(first);
+        Ok(Fmu { file: file.to_owned(), folder, description, co_simulation, exchange })
     }
 
     /// Its archive.
@@ -116,29 +140,34 @@ impl Fmu {
 
     /// Whether each instance has a process of its own.
     pub fn has_own_processes(&self) -> bool {
-        !matches!(self.place, Place::Here(_))
+        self.co_simulation.iter().chain(&self.exchange).all(|place| !matches!(place, Place::Here(_)))
     }
 
     /// An instance for co-simulation.
     ///
     /// # Errors
-    /// When the library lacks a function, or refuses.
+    /// When it is not for that, its library lacks a function, or refuses.
     pub fn instantiate(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
-        self.instantiate_as(CO_SIMULATION, name)
+        self.instantiate_in(self.co_simulation.as_ref().ok_or(NOT_FOR_CO_SIMULATION), CO_SIMULATION, name)
     }
 
-    /// An instance for model exchange, of an FMU whose library is for both.
+    /// An instance for model exchange.
     ///
     /// # Errors
-    /// When the library lacks a function, or refuses.
+    /// When it is not for that, its library lacks a function, or refuses.
     pub fn instantiate_for_exchange(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
-        self.instantiate_as(MODEL_EXCHANGE, name)
+        self.instantiate_in(self.exchange.as_ref().ok_or(NOT_FOR_EXCHANGE), MODEL_EXCHANGE, name)
     }
 
-    fn instantiate_as(self: &Arc<Self>, kind: c_int, name: &str) -> Result<Instance, Error> {
+    fn instantiate_in(
+        self: &Arc<Self>,
+        place: Result<&Place, &str>,
+        kind: c_int,
+        name: &str,
+    ) -> Result<Instance, Error> {
         let resources = file_uri(&self.folder.path().join("resources"));
         let plan = Plan { kind, name: name.to_owned(), guid: self.description.guid.clone(), resources };
-        let unit = self.place.unit(&plan);
+        let unit = place.map_err(str::to_owned).and_then(|place| place.unit(&plan));
         let unit = unit.map_err(|reason| Error::Archive { file: self.file.clone(), reason })?;
         Ok(Instance::new(unit, name, self))
     }

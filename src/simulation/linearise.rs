@@ -1,5 +1,5 @@
-//! The linear system x' = A x + B u, y = C x + D u that an FMU is like about an operating point, from the exact
-//! derivatives that it gives.
+//! The linear system x' = A x + B u, y = C x + D u that an FMU is like about an operating point: from the exact
+//! derivatives that it gives, else from differences of its equations, else from its responses.
 
 use std::sync::Arc;
 
@@ -10,14 +10,13 @@ use super::check::typed;
 use super::description::Variable;
 use super::fmu::{Fmu, Instance};
 use super::model_structure::ModelStructure;
-use super::steady_state;
+use super::plan::{DIFFERENCE, Derivatives, Plan, references};
+use super::{responses, steady_state};
 use crate::control::eigenvalues::{Eigenvalue, eigenvalues};
 use crate::error::Error;
 use crate::exporter::read_entry;
 
 const DIRECTIONAL: &str = "providesDirectionalDerivative";
-/// Communication step of an FMU that proposes none, s.
-const STEP: f64 = 1e-3;
 
 /// Where an FMU is linearised.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -28,6 +27,30 @@ pub struct OperatingPoint {
     pub steady_state: bool,
     /// Start values of parameters and inputs; inputs keep them.
     pub start: Vec<(String, String)>,
+    /// The variables that are its states, where its description names none; all Real outputs where none are given.
+    pub states: Vec<String>,
+}
+
+/// How the matrices were found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "by")]
+pub enum Method {
+    /// By the unit's own derivatives.
+    Derivatives,
+    /// By central differences of its equations, in model exchange.
+    Differences {
+        /// By what part of its magnitude each value was moved.
+        part: f64,
+    },
+    /// By what small changes of its inputs do, in co-simulation.
+    Responses {
+        /// By what part of its magnitude or range each input was changed.
+        part: f64,
+        /// Communication step, s.
+        step: f64,
+        /// The largest difference from the linear system's own responses, relative to them.
+        misfit: f64,
+    },
 }
 
 /// A variable at the operating point.
@@ -48,6 +71,8 @@ pub struct Linearisation {
     pub name: String,
     /// Time, s.
     pub time: f64,
+    /// How it was found.
+    pub method: Method,
     /// Whether the steady state is the only one near; none where none was asked for.
     pub unique: Option<bool>,
     /// States.
@@ -68,19 +93,10 @@ pub struct Linearisation {
     pub eigenvalues: Vec<Eigenvalue>,
 }
 
-/// The variables of the matrices.
-#[derive(Debug)]
-pub(super) struct Plan<'a> {
-    pub states: Vec<&'a Variable>,
-    pub derivatives: Vec<&'a Variable>,
-    pub inputs: Vec<&'a Variable>,
-    pub outputs: Vec<&'a Variable>,
-}
-
 /// Linearises an FMU.
 ///
 /// # Errors
-/// When it gives no directional derivatives, a start value is refused, or there is no steady state.
+/// When a start value is refused, there is no steady state, or what the unit shows is no linear system.
 pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation, Error> {
     let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
     let structure = ModelStructure::read(&read_entry(fmu.file(), "modelDescription.xml")?).map_err(refuse)?;
@@ -88,48 +104,133 @@ pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation
     if !time.is_finite() || time < structure.start_time {
         return Err(refuse(format!("time {time}: must be from the start time, {} s, on", structure.start_time)));
     }
-    let plan = Plan::new(fmu, &structure);
-    let (instance, unique) = if point.steady_state {
-        check_exchange(fmu, &structure).map_err(refuse)?;
-        let instance = prepared(fmu.instantiate_for_exchange(&fmu.description.name)?, point, time, time)?;
-        let unique = steady_state::find(&instance, &plan, time)?;
-        (instance, Some(unique))
-    } else {
-        if !fmu.description.capabilities.iter().any(|(name, value)| name == DIRECTIONAL && value != "0") {
-            return Err(refuse(lacks_derivatives("co-simulation")));
-        }
-        let instance = fmu.instantiate(&fmu.description.name)?;
-        (simulated(prepared(instance, point, structure.start_time, time)?, structure.start_time, time)?, None)
-    };
-    let [a, b, c, d] = plan.matrices(&instance)?;
+    let Found { instance, plan, method, unique, matrices } = found(fmu, &structure, point, time)?;
+    let [a, b, c, d] = matrices;
     let eigenvalues = eigenvalues(&a).map_err(|message| refuse(format!("t = {time} s: A {message}")))?;
     let values = |variables: &[&Variable]| quantities(&instance, variables);
     let (states, inputs, outputs) = (values(&plan.states)?, values(&plan.inputs)?, values(&plan.outputs)?);
     let name = fmu.description.name.clone();
-    Ok(Linearisation { name, time, unique, states, inputs, outputs, a, b, c, d, eigenvalues })
+    Ok(Linearisation { name, time, method, unique, states, inputs, outputs, a, b, c, d, eigenvalues })
 }
 
-fn lacks_derivatives(interface: &str) -> String {
-    format!(
-        "gives no directional derivatives in {interface} ({DIRECTIONAL} isn't true): it can't be linearised exactly"
-    )
+/// The matrices, and an instance at the operating point.
+struct Found<'a> {
+    instance: Instance,
+    plan: Plan<'a>,
+    method: Method,
+    unique: Option<bool>,
+    matrices: [DMatrix<f64>; 4],
 }
 
-/// Whether an instance for model exchange can be had from the loaded library.
-fn check_exchange(fmu: &Fmu, structure: &ModelStructure) -> Result<(), String> {
-    match &structure.exchange {
-        None => Err("is not for model exchange, which the search for a steady state needs".to_owned()),
-        Some(exchange) if !exchange.directional => Err(lacks_derivatives("model exchange")),
-        Some(exchange) if exchange.model_identifier != fmu.description.model_identifier => {
-            let identifier = &exchange.model_identifier;
-            Err(format!("has its model exchange in a library of its own, {identifier}, which can't be loaded yet"))
-        }
-        Some(_) => Ok(()),
+fn found<'a>(
+    fmu: &'a Arc<Fmu>,
+    structure: &ModelStructure,
+    point: &OperatingPoint,
+    time: f64,
+) -> Result<Found<'a>, Error> {
+    let description = &fmu.description;
+    let exact = || description.capabilities.iter().any(|(name, value)| name == DIRECTIONAL && value != "0");
+    let exchange = structure.exchange.as_ref();
+    let by = match exchange {
+        Some(exchange) if !exchange.directional => Derivatives::Differences,
+        _ => Derivatives::Exact,
+    };
+    let mut plan = Plan::new(description, structure, by);
+    let method = match by {
+        Derivatives::Exact => Method::Derivatives,
+        Derivatives::Differences => Method::Differences { part: DIFFERENCE },
+    };
+    let refuse = |reason: &str| Error::Archive { file: fmu.file().to_owned(), reason: reason.to_owned() };
+    if !point.states.is_empty() && !plan.states.is_empty() {
+        return Err(refuse("names its states itself: --states is for units that don't"));
     }
+    if point.steady_state {
+        if exchange.is_none() {
+            return Err(refuse("is not for model exchange, which the search for a steady state needs"));
+        }
+        let instance = prepared(fmu.instantiate_for_exchange(&description.name)?, point, time, time)?;
+        let unique = Some(steady_state::find(&instance, &plan, time)?);
+        let matrices = matrices(&plan, &instance)?;
+        return Ok(Found { instance, plan, method, unique, matrices });
+    }
+    let start = structure.start_time;
+    if description.co_simulation && exact() && point.states.is_empty() {
+        plan.by = Derivatives::Exact;
+        let instance = simulated(prepared(fmu.instantiate(&description.name)?, point, start, time)?, start, time)?;
+        let matrices = matrices(&plan, &instance)?;
+        return Ok(Found { instance, plan, method: Method::Derivatives, unique: None, matrices });
+    }
+    if exchange.is_some() && !plan.states.is_empty() {
+        let instance = exchanged(fmu, &plan, structure, point, time)?;
+        let matrices = matrices(&plan, &instance)?;
+        return Ok(Found { instance, plan, method, unique: None, matrices });
+    }
+    if plan.states.is_empty() {
+        plan.states = named_states(fmu, &plan, point)?;
+    }
+    let found = responses::find(fmu, &plan, point, (start, time))?;
+    let method = Method::Responses { part: responses::CHANGE, step: found.step, misfit: found.misfit };
+    let instance = simulated(prepared(fmu.instantiate(&description.name)?, point, start, time)?, start, time)?;
+    Ok(Found { instance, plan, method, unique: None, matrices: found.matrices })
+}
+
+/// An instance for model exchange at the states of a simulation until a time.
+fn exchanged(
+    fmu: &Arc<Fmu>,
+    plan: &Plan,
+    structure: &ModelStructure,
+    point: &OperatingPoint,
+    time: f64,
+) -> Result<Instance, Error> {
+    let (name, start) = (&fmu.description.name, structure.start_time);
+    let mut instance = prepared(fmu.instantiate_for_exchange(name)?, point, time, time)?;
+    instance.finish_event()?;
+    if time > start {
+        if !fmu.description.co_simulation {
+            let reason =
+                "is for model exchange alone: it is linearised at its start, or at a --steady-state".to_owned();
+            return Err(Error::Archive { file: fmu.file().to_owned(), reason });
+        }
+        let simulated = simulated(prepared(fmu.instantiate(name)?, point, start, time)?, start, time)?;
+        let mut states = vec![0.0; plan.states.len()];
+        simulated.get_real(&references(&plan.states), &mut states)?;
+        instance.set_time(time)?;
+        instance.set_states(&states)?;
+        instance.begin_event()?;
+        instance.finish_event()?;
+    }
+    Ok(instance)
+}
+
+/// The states of a unit whose description names none: those that the user names, else its outputs.
+fn named_states<'a>(fmu: &'a Fmu, plan: &Plan<'a>, point: &OperatingPoint) -> Result<Vec<&'a Variable>, Error> {
+    if point.states.is_empty() {
+        return Ok(plan.outputs.clone());
+    }
+    let variables = &fmu.description.variables;
+    let is_known = |v: &&Variable| v.kind == "Real" && matches!(v.causality.as_str(), "output" | "local");
+    let find = |name: &String| {
+        let unknown = || {
+            let known: Vec<_> = variables.iter().filter(is_known).map(|variable| variable.name.as_str()).collect();
+            Error::Unknown { what: "Real output or local variable", name: name.clone(), known: known.join(", ") }
+        };
+        variables.iter().filter(is_known).find(|variable| variable.name == *name).ok_or_else(unknown)
+    };
+    point.states.iter().map(find).collect()
+}
+
+fn matrices(plan: &Plan, instance: &Instance) -> Result<[DMatrix<f64>; 4], Error> {
+    let (by_states, by_inputs) = (plan.by_states(instance)?, plan.by_inputs(instance)?);
+    Ok([by_states.derivatives, by_inputs.derivatives, by_states.outputs, by_inputs.outputs])
 }
 
 /// An instance with its start values, initialised.
-fn prepared(mut instance: Instance, point: &OperatingPoint, start: f64, time: f64) -> Result<Instance, Error> {
+pub(super) fn prepared(
+    mut instance: Instance,
+    point: &OperatingPoint,
+    start: f64,
+    time: f64,
+) -> Result<Instance, Error> {
     for (name, value) in &point.start {
         let variables = &instance.description().variables;
         let settable: Vec<_> =
@@ -151,8 +252,8 @@ fn prepared(mut instance: Instance, point: &OperatingPoint, start: f64, time: f6
 }
 
 /// The instance, stepped to a time.
-fn simulated(mut instance: Instance, start: f64, time: f64) -> Result<Instance, Error> {
-    let step = instance.description().step.filter(|step| *step > 0.0).unwrap_or(STEP);
+pub(super) fn simulated(mut instance: Instance, start: f64, time: f64) -> Result<Instance, Error> {
+    let step = instance.step();
     let steps = ((time - start) / step - 1e-6).ceil().max(0.0) as usize;
     let time_of = |k: usize| if k == steps { time } else { start + k as f64 * step };
     for k in 0..steps {
@@ -169,41 +270,4 @@ fn quantities(instance: &Instance, variables: &[&Variable]) -> Result<Vec<Quanti
         Quantity { name, unit, value }
     };
     Ok(variables.iter().zip(values).map(quantity).collect())
-}
-
-fn references(variables: &[&Variable]) -> Vec<u32> {
-    variables.iter().map(|variable| variable.reference).collect()
-}
-
-impl<'a> Plan<'a> {
-    fn new(fmu: &'a Fmu, structure: &ModelStructure) -> Self {
-        let variables = &fmu.description.variables;
-        let is_input = |v: &&Variable| v.causality == "input" && v.kind == "Real" && v.variability == "continuous";
-        Plan {
-            states: structure.states.iter().map(|(state, _)| &variables[*state]).collect(),
-            derivatives: structure.states.iter().map(|(_, derivative)| &variables[*derivative]).collect(),
-            inputs: variables.iter().filter(is_input).collect(),
-            outputs: structure.outputs.iter().map(|&k| &variables[k]).filter(|v| v.kind == "Real").collect(),
-        }
-    }
-
-    /// How unknowns change with knowns, a column a known.
-    pub fn jacobian(instance: &Instance, unknowns: &[&Variable], knowns: &[&Variable]) -> Result<DMatrix<f64>, Error> {
-        let unknowns = references(unknowns);
-        let mut jacobian = DMatrix::zeros(unknowns.len(), knowns.len());
-        for (mut column, known) in jacobian.column_iter_mut().zip(knowns) {
-            column.copy_from_slice(&instance.directional_derivative(&unknowns, &[known.reference], &[1.0])?);
-        }
-        Ok(jacobian)
-    }
-
-    fn matrices(&self, instance: &Instance) -> Result<[DMatrix<f64>; 4], Error> {
-        let Plan { states, derivatives, inputs, outputs } = self;
-        Ok([
-            Self::jacobian(instance, derivatives, states)?,
-            Self::jacobian(instance, derivatives, inputs)?,
-            Self::jacobian(instance, outputs, states)?,
-            Self::jacobian(instance, outputs, inputs)?,
-        ])
-    }
 }

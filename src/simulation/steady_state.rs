@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::fmu::Instance;
-use super::linearise::Plan;
+use super::plan::Plan;
 use crate::error::Error;
 
 const STEPS: usize = 100;
@@ -94,7 +94,7 @@ fn settled(instance: &Instance, states: &DVector<f64>) -> Result<DVector<f64>, E
 impl Balance {
     fn of(instance: &Instance, plan: &Plan, states: &DVector<f64>) -> Result<Self, Error> {
         let derivatives = settled(instance, states)?;
-        let jacobian = Plan::jacobian(instance, &plan.derivatives, &plan.states)?;
+        let jacobian = plan.by_states(instance)?.derivatives;
         let sizes = DVector::from_fn(states.len(), |row, _| {
             let size: f64 = jacobian.row(row).iter().zip(states).map(|(j, x)| j.abs() * x.abs().max(1.0)).sum();
             if size > 0.0 { size } else { 1.0 }

@@ -15,7 +15,7 @@ const LARGEST: u64 = 1 << 22;
 
 /// What may stand in a file; the second line is what `linearise --json` writes beside it.
 const KEYS: [&str; 10] = ["A", "B", "C", "D", "states", "inputs", "outputs", "units", "u_min", "u_max"];
-const IGNORED: [&str; 5] = ["fmu", "time", "steady_state", "unique", "eigenvalues"];
+const IGNORED: [&str; 6] = ["fmu", "time", "method", "steady_state", "unique", "eigenvalues"];
 
 /// x' = A x + B u, y = C x + D u, with names and units where they are known.
 #[derive(Debug, Clone, PartialEq)]
@@ -127,6 +127,29 @@ impl Plant {
         Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)? })
     }
 
+    /// The plant with some of its inputs and outputs only, by their names and in that order.
+    ///
+    /// # Errors
+    /// A name that it doesn't have.
+    pub fn of_signals(mut self, inputs: Option<&[String]>, outputs: Option<&[String]>) -> Result<Self, Invalid> {
+        if let Some(names) = inputs {
+            let places = self.u.places("--inputs", names)?;
+            self.B = self.B.select_columns(&places);
+            self.D = self.D.map(|D| D.select_columns(&places));
+            self.u = self.u.of(&places);
+            self.limits =
+                self.limits.map(|limits| limits.map(|limit| places.iter().map(|&place| limit[place]).collect()));
+        }
+        if let Some(names) = outputs {
+            let places = self.y.places("--outputs", names)?;
+            self.C = self.C.select_rows(&places);
+            self.D = self.D.map(|D| D.select_rows(&places));
+            self.y = self.y.of(&places);
+        }
+        self.D = self.D.filter(|D| D.iter().any(|&entry| entry != 0.0));
+        Ok(self)
+    }
+
     /// Numbers of states, inputs and outputs.
     pub fn sizes(&self) -> (usize, usize, usize) {
         (self.A.nrows(), self.B.ncols(), self.C.nrows())
@@ -191,6 +214,26 @@ impl Given {
 }
 
 impl Signals {
+    /// Where the signals of these names are.
+    fn places(&self, option: &str, names: &[String]) -> Result<Vec<usize>, Invalid> {
+        let place = |name: &String| {
+            let known = self.names.iter().position(|known| known == name);
+            let allowed = if self.names.is_empty() {
+                "the plant's signals have no names".to_owned()
+            } else {
+                format!("there are {}", self.names.join(", "))
+            };
+            known.ok_or_else(|| Invalid::new(option, name, allowed))
+        };
+        names.iter().map(place).collect()
+    }
+
+    /// Some of them.
+    fn of(&self, places: &[usize]) -> Self {
+        let some = |texts: &[String]| places.iter().filter_map(|&place| texts.get(place).cloned()).collect();
+        Signals { names: some(&self.names), units: some(&self.units) }
+    }
+
     fn read(table: &Map<String, Value>, key: &str, unit: &str, len: usize) -> Result<Self, Invalid> {
         let list = table.get(key).filter(|value| !value.is_null()).map(|value| texts(key, "name", value, len));
         let mut names = list.transpose()?.unwrap_or_default();

@@ -1,6 +1,7 @@
 """Linear systems about operating points, against differences and formulas that know nothing of the program."""
 
 import json
+import re
 import zipfile
 from ctypes import c_double
 from math import cos, sin
@@ -29,6 +30,20 @@ def fails(*arguments: str | Path) -> str:
     assert (answer.returncode, answer.stdout) == (1, "") and answer.stderr.startswith("error: "), answer
     assert len(answer.stderr.splitlines()) == 1
     return answer.stderr
+
+
+def edited(fmu: Fmu, folder: Path, *edits: tuple[str, str]) -> Path:
+    """The FMU with another description: as a tool would write it that gives less."""
+    file = folder / f"{fmu.path.stem}.fmu"
+    with zipfile.ZipFile(fmu.path) as archive, zipfile.ZipFile(file, "w") as less:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name == "modelDescription.xml":
+                for pattern, replacement in edits:
+                    content, count = re.subn(pattern.encode(), replacement.encode(), content, flags=re.DOTALL)
+                    assert count, pattern
+            less.writestr(name, content)
+    return file
 
 
 def names(quantities: list[dict]) -> list[str]:
@@ -309,3 +324,61 @@ def test_what_cant_be_linearised_is_told(tmp_path: Path) -> None:
     assert "start time" in fails(PLANT, "--at=-1") and "start time" in fails(PLANT, "--at=nan")
     for wrong in (["--set", "omega"], ["--at", "soon"]):
         assert adaptive_fmu("linearise", PLANT, *wrong).returncode == 2
+
+
+NO_DERIVATIVES = ('providesDirectionalDerivative="true"', "")
+CO_SIMULATION_ONLY = (r"<ModelExchange.*?(/>|</ModelExchange>)", "")
+NO_STATES = (r"<Derivatives>.*?</Derivatives>", "")
+
+
+@pytest.mark.parametrize("name", ["NonlinearSiso", "TwoLinkRobot", "TwinRotor", "MaresAuv", "Quadrotor", "L1NonlinearSiso"])
+def test_differences_come_close_to_exact_derivatives(name: str, fmu, tmp_path: Path) -> None:
+    exact = linearise(fmu(name).path, "--at", "0.05")
+    near = linearise(edited(fmu(name), tmp_path, NO_DERIVATIVES), "--at", "0.05")
+    assert (exact["method"], near["method"]["by"]) == ({"by": "derivatives"}, "differences")
+    assert [names(exact[kind]) for kind in KINDS] == [names(near[kind]) for kind in KINDS]
+    for matrix in "ABCD":
+        wanted, found = np.array(exact[matrix]), np.array(near[matrix])
+        # The states of both are those of one simulation.
+        np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6 * max(1.0, np.abs(wanted).max(initial=0)))
+
+
+KINDS = ["states", "inputs", "outputs"]
+
+
+def state_space(folder: Path, seed: int) -> tuple[Path, list[np.ndarray]]:
+    """A random stable plant whose states are its outputs, as an FMU for co-simulation that tells nothing of them."""
+    random = np.random.default_rng(seed)
+    n, m = int(random.integers(1, 5)), int(random.integers(1, 4))
+    a = random.normal(size=(n, n)) * 5
+    a -= (max(np.linalg.eigvals(a).real) + random.uniform(0.2, 5)) * np.eye(n)
+    b = random.normal(size=(n, m)) * 10.0 ** random.uniform(-2, 2)
+    model = {"A": a.tolist(), "B": b.tolist(), "C": np.eye(n).tolist()}
+    (folder / "model.json").write_text(json.dumps(model))
+    made = ["new", "state-space", "--name", "Plant", "--plant", folder / "model.json", "--out", folder / "Plant.toml"]
+    for command in (made, ["export", folder / "Plant.toml", "--out", folder]):
+        answer = adaptive_fmu(*command)
+        assert answer.returncode == 0, answer
+    plain = edited(Fmu(folder / "Plant.fmu", folder / "unpacked"), folder / "plain", NO_DERIVATIVES, CO_SIMULATION_ONLY, NO_STATES)
+    return plain, [a, b]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_responses_find_the_matrices_of_any_linear_plant(seed: int, tmp_path: Path) -> None:
+    (tmp_path / "plain").mkdir()
+    plant, (a, b) = state_space(tmp_path, seed)
+    states = ",".join(f"y[{k + 1}]" for k in range(len(a)))
+    found = linearise(plant, "--states", states)
+    assert found["method"]["by"] == "responses" and found["method"]["misfit"] < 1e-3
+    assert ",".join(names(found["states"])) == states
+    # What limits it is the plant's own tolerance.
+    np.testing.assert_allclose(found["A"], a, atol=1e-3 * np.abs(a).max())
+    np.testing.assert_allclose(found["B"], b, atol=1e-3 * np.abs(b).max())
+    np.testing.assert_allclose(found["C"], np.eye(len(a)), atol=1e-9)
+
+
+def test_a_unit_that_shows_too_few_states_is_refused(fmu, tmp_path: Path) -> None:
+    plain = edited(fmu("TwoLinkRobot"), tmp_path, NO_DERIVATIVES, CO_SIMULATION_ONLY, NO_STATES)
+    error = fails(plain, "--states", "q[1],q[2]")
+    assert "--states" in error and "q[1], q[2]" in error, error
+    assert "there is no Real output or local variable named `nothing`" in fails(plain, "--states", "nothing")

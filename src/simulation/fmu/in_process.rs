@@ -83,7 +83,7 @@ impl Binary {
         // SAFETY: the user asked for this FMU to be run; its initialisers run as in any master. Each symbol is only
         // called as the function that the standard gives its name.
         unsafe {
-            let library = Library::new(path).map_err(|error| with_causes(&error))?;
+            let library = open(path)?;
             let find = |name: &str| library.get::<Symbol>(name).map(|symbol| *symbol);
             let needed = |name: &str| find(name).map_err(|error| with_causes(&error));
             NEEDED.iter().try_for_each(|function| needed(function.name()).map(drop))?;
@@ -101,6 +101,24 @@ impl Binary {
         // SAFETY: both are pointers to functions; that it is one of this type, the caller states.
         Ok(unsafe { std::mem::transmute_copy(&symbol) })
     }
+}
+
+/// Loads a library, and Python before it where it is in Python.
+///
+/// # Safety
+/// The library's initialisers are run.
+unsafe fn open(path: &Path) -> Result<Library, String> {
+    // SAFETY: as this function asks of its caller.
+    let opened = unsafe { Library::new(path) }.map_err(|error| with_causes(&error));
+    #[cfg(unix)]
+    if let Err(reason) = &opened
+        && super::python::is_missing(reason)
+    {
+        super::python::load()?;
+        // SAFETY: likewise.
+        return unsafe { Library::new(path) }.map_err(|error| with_causes(&error));
+    }
+    opened
 }
 
 /// An instance in this process.

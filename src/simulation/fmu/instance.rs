@@ -10,6 +10,8 @@ use crate::error::{Error, Number};
 use crate::fmi2::calls::Function;
 use crate::simulation::description::Description;
 
+/// Communication step of an FMU that proposes none, s.
+const STEP: f64 = 1e-3;
 /// More event iterations than this at one time never end.
 const EVENT_ITERATIONS: usize = 1000;
 
@@ -49,6 +51,11 @@ impl Instance {
     /// The description of its FMU.
     pub fn description(&self) -> &Description {
         &self.fmu.description
+    }
+
+    /// The communication step that its FMU proposes, else a usual one, s.
+    pub fn step(&self) -> f64 {
+        self.description().step.filter(|step| *step > 0.0).unwrap_or(STEP)
     }
 
     /// Messages since the last call: warnings, when every call was OK.
