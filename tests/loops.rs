@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use adaptive_fmu::simulation::{Description, LoadedLoop, LoopFiles, Structure, Value, Wiring, check};
+use adaptive_fmu::simulation::{Circles, Description, LoadedLoop, LoopFiles, Structure, Value, Wiring, check};
 use tempfile::TempDir;
 
 /// A unit with inputs and outputs of all types: y follows u without delay, z and `length` do not.
@@ -106,7 +106,7 @@ impl Folder {
 
 fn wiring(structure: &Structure) -> Result<Wiring, String> {
     let description = Description::read(UNIT).unwrap();
-    check(structure, &[&description, &description]).map_err(|error| error.to_string())
+    check(structure, &[&description, &description], Circles::Exchanged).map_err(|error| error.to_string())
 }
 
 fn connection(from: &str, to: &str) -> String {
@@ -163,9 +163,31 @@ fn a_circle_through_a_delay_is_none() {
 }
 
 #[test]
-fn an_output_of_unknown_dependencies_may_depend_on_every_input() {
+fn a_declared_algebraic_loop_is_refused_with_the_option_that_accepts_it() {
+    let circle = connection("one.y", "two.u") + &connection("two.y", "one.u");
+    assert_tells(&Folder::new(&circle).refusal(), &["--accept-algebraic-loops"]);
+    let accepted = |text: &str| Folder::new(&circle).replaced("order=\"jacobi\"", &format!("order='jacobi' {text}"));
+    let wiring = accepted("algebraic-loops='accept'").wiring().unwrap();
+    let notes = wiring.notes.join("\n");
+    assert!(wiring.circular && notes.contains("accepted: one.y → two.u → two.y → one.u → one.y"), "{notes}");
+    assert_tells(&accepted("algebraic-loops='refuse'").refusal(), &["--accept-algebraic-loops"]);
+    assert_tells(&accepted("algebraic-loops='never'").refusal(), &["algebraic-loops = never", "line "]);
+}
+
+#[test]
+fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_told() {
     let folder = Folder::new(&connection("one.alarm", "one.enabled"));
-    assert_tells(&folder.refusal(), &["one.alarm → one.enabled → one.alarm"]);
+    let wiring = folder.wiring().unwrap();
+    let told: Vec<_> = wiring.notes.iter().filter(|note| note.contains("algebraic loop")).collect();
+    assert_eq!(told.len(), 1, "{:?}", wiring.notes);
+    assert_tells(told[0], &["`one` does not tell", "one.alarm → one.enabled → one.alarm", "last exchange"]);
+    assert!(wiring.circular);
+    // What is integrated as one unit exchanges nothing.
+    let (structure, unit) = (folder.structure().unwrap(), Description::read(UNIT).unwrap());
+    let refusal = check(&structure, &[&unit, &unit], Circles::Refused).unwrap_err().to_string();
+    assert_tells(&refusal, &["algebraic loop", "one.alarm → one.enabled → one.alarm"]);
+    assert!(!refusal.contains("--accept"), "{refusal}");
+    assert!(!Folder::new(&connection("one.alarm", "two.enabled")).wiring().unwrap().circular);
 }
 
 #[test]

@@ -17,7 +17,7 @@ const MOST_POINTS: f64 = 1e7;
 #[derive(clap::Args, Default, Clone)]
 pub struct LoopOptions {
     /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
-    #[arg(long, conflicts_with_all = ["order", "fmus"])]
+    #[arg(long, conflicts_with_all = ["order", "fmus", "accept_algebraic_loops"])]
     pub composite: bool,
     /// Folder with FMUs to use as they are; without it, those in resources/ beside the loop, or this package's, which
     /// are exported anew into fmus/
@@ -32,6 +32,9 @@ pub struct LoopOptions {
     /// gauss-seidel or jacobi, in place of the loop's own
     #[arg(long)]
     pub order: Option<Order>,
+    /// Runs circles of connections that no unit delays: each unit takes the outputs of the last exchange
+    #[arg(long)]
+    pub accept_algebraic_loops: bool,
     #[command(flatten)]
     pub parameters: Parameters,
     #[command(flatten)]
@@ -56,6 +59,7 @@ impl LoopOptions {
     pub fn structure(&self, files: &LoopFiles) -> Result<Structure, Error> {
         let mut structure = files.structure()?;
         self.parameters.apply(&mut structure, files)?;
+        structure.accepts_algebraic_loops |= self.accept_algebraic_loops;
         structure.expected_failure = structure.expected_failure.filter(|it| !(self.composite && it.separate_only));
         Ok(structure)
     }

@@ -8,7 +8,9 @@ use toml::{Table, Value};
 use super::{Library, Source, describe};
 use crate::error::{Error, Invalid};
 use crate::model;
-use crate::simulation::{self, Affine, Component, Description, StartValue, Structure, Variable, check, start_values};
+use crate::simulation::{
+    self, Affine, Circles, Component, Description, StartValue, Structure, Variable, check, start_values,
+};
 use crate::system::Kind;
 
 /// Parameters about communication steps, of which a whole has none inside.
@@ -30,7 +32,7 @@ pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Ve
     let sources =
         structure.components.iter().map(|unit| structure.description_of(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
     let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;
-    let mut wiring = check(structure, &described.iter().collect::<Vec<_>>())?;
+    let mut wiring = check(structure, &described.iter().collect::<Vec<_>>(), Circles::Refused)?;
     let mut links = structure.connections.iter().zip(&wiring.links);
     if let Some((connection, _)) = links.find(|(_, link)| link.conversion != Affine::IDENTITY) {
         return Err(structure.refuse(connection.line, "a connection inside one unit hands on values as they are"));

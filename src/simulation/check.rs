@@ -1,7 +1,9 @@
 //! Whether a loop and its FMUs fit each other: names, types, units, and circles without a delay.
 
+use std::collections::BTreeSet;
+
 use super::description::{Description, Variable};
-use super::feedthrough::algebraic_loop;
+use super::feedthrough::Feedthrough;
 use super::fmu::Value;
 use super::ssp::{Component, Connection, Connector, StartValue, Structure};
 use super::units::{Affine, UnitDefinition};
@@ -16,6 +18,18 @@ pub struct Wiring {
     pub links: Vec<Link>,
     /// What a user may have forgotten.
     pub notes: Vec<String>,
+    /// Whether some connections close a circle in which no unit is known to delay.
+    pub circular: bool,
+}
+
+/// What is done about connections that close a circle without a delay.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Circles {
+    /// As the loop has it: where every unit of a circle declares that it passes values through, only if the loop accepts
+    /// algebraic loops; where a unit doesn't tell, always. Each takes the outputs of the last exchange.
+    Exchanged,
+    /// Refused, also those that only may have no delay: units that are integrated together exchange nothing.
+    Refused,
 }
 
 /// A connection by the places of components and variables.
@@ -46,15 +60,17 @@ struct Check<'a> {
 ///
 /// # Errors
 /// What doesn't fit, by name and line.
-pub fn check(structure: &Structure, descriptions: &[&Description]) -> Result<Wiring, Error> {
+pub fn check(structure: &Structure, descriptions: &[&Description], circles: Circles) -> Result<Wiring, Error> {
     let check = Check { structure, descriptions };
     check.connectors()?;
     let links = check.links()?;
     let units = 0..structure.components.len();
     let values = units.map(|unit| check.values(unit, &links)).collect::<Result<_, _>>()?;
-    check.circles(&links)?;
-    let notes = check.notes(&links);
-    Ok(Wiring { values, links, notes })
+    let mut notes = check.notes(&links);
+    let circle = check.circle(&links, circles)?;
+    let circular = circle.is_some();
+    notes.extend(circle);
+    Ok(Wiring { values, links, notes, circular })
 }
 
 impl<'a> Check<'a> {
@@ -133,14 +149,48 @@ impl<'a> Check<'a> {
         start_values(&self.structure.components[unit], self.descriptions[unit], is_connected)
     }
 
-    fn circles(&self, links: &[Link]) -> Result<(), Error> {
-        let Some(circle) = algebraic_loop(links, self.descriptions) else { return Ok(()) };
-        let connections = || circle.iter().map(|&link| &self.structure.connections[link]);
+    /// What is to be told of a circle without a delay, where there is one that is accepted.
+    fn circle(&self, links: &[Link], circles: Circles) -> Result<Option<String>, Error> {
+        let feedthrough = Feedthrough::new(links, self.descriptions);
+        if circles == Circles::Refused {
+            let found = feedthrough.possible_circle();
+            return found.map_or(Ok(None), |circle| Err(self.algebraic_loop(&circle, "")));
+        }
+        if let Some(circle) = feedthrough.declared_circle() {
+            if !self.structure.accepts_algebraic_loops {
+                let advice =
+                    "; --accept-algebraic-loops runs it with the outputs of the last exchange, an exchange late";
+                return Err(self.algebraic_loop(&circle, advice));
+            }
+            let circle = self.signals(&circle);
+            return Ok(Some(format!("algebraic loop, accepted: {circle}; values go round an exchange late")));
+        }
+        Ok(feedthrough.possible_circle().map(|circle| {
+            let untold: BTreeSet<usize> = feedthrough.untold().into_iter().map(|link| links[link].to.0).collect();
+            let names: Vec<_> =
+                untold.iter().map(|&unit| format!("`{}`", self.structure.components[unit].name)).collect();
+            let (names, verb) = (names.join(", "), if names.len() == 1 { "does" } else { "do" });
+            let circle = self.signals(&circle);
+            format!(
+                "{names} {verb} not tell which outputs depend on which inputs at once: {circle} may be an algebraic \
+                     loop; each unit takes the outputs of the last exchange"
+            )
+        }))
+    }
+
+    fn algebraic_loop(&self, circle: &[usize], advice: &str) -> Error {
+        let line = circle.iter().map(|&link| self.structure.connections[link].line).min().unwrap_or_default();
+        let signals = self.signals(circle);
+        self.structure.refuse(line, &format!("algebraic loop, no unit delays it: {signals}{advice}"))
+    }
+
+    /// The signals of a circle, from one to the next.
+    fn signals(&self, circle: &[usize]) -> String {
+        let connections = circle.iter().map(|&link| &self.structure.connections[link]);
         let mut signals: Vec<_> =
-            connections().flat_map(|connection| [name(&connection.from), name(&connection.to)]).collect();
+            connections.flat_map(|connection| [name(&connection.from), name(&connection.to)]).collect();
         signals.extend(signals.first().cloned());
-        let line = connections().map(|connection| connection.line).min().unwrap_or_default();
-        Err(self.structure.refuse(line, &format!("algebraic loop, no unit delays it: {}", signals.join(" → "))))
+        signals.join(" → ")
     }
 
     fn notes(&self, links: &[Link]) -> Vec<String> {

@@ -6,8 +6,10 @@ use std::str::FromStr;
 use super::description::Variable;
 use super::fmu::{Instance, Messages};
 use super::port::Ports;
+use super::settling::Settling;
 use super::units::Affine;
 use crate::error::Error;
+use crate::report::number;
 
 /// When units see each other's new outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,6 +105,8 @@ pub struct ClosedLoop {
     measures: Vec<String>,
     row: Vec<f64>,
     notes: Vec<String>,
+    /// Whether values may go round without a delay.
+    circular: bool,
 }
 
 /// What was recorded at all communication points: all outputs, and what else was asked for.
@@ -141,8 +145,9 @@ impl Recording {
 
 impl ClosedLoop {
     /// A loop without units.
-    pub(super) fn empty(notes: Vec<String>) -> Self {
-        ClosedLoop { units: Vec::new(), names: Vec::new(), measures: Vec::new(), row: Vec::new(), notes }
+    pub(super) fn empty(notes: Vec<String>, circular: bool) -> Self {
+        let (units, names, measures, row) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        ClosedLoop { units, names, measures, row, notes, circular }
     }
 
     /// Adds a unit; what is recorded of it are the variables at some places, named by them with a prefix.
@@ -215,7 +220,7 @@ impl ClosedLoop {
         mut progress: impl FnMut(f64) -> bool,
     ) -> Result<(), Error> {
         let Settings { start_time, stop_time, step, order } = settings;
-        self.initialise(start_time, stop_time)?;
+        recording.warnings.extend(self.initialise(start_time, stop_time)?);
         recording.push(start_time, &self.row);
         // Whole steps, and a shorter one at the end where they don't fill the time.
         let steps = ((stop_time - start_time) / step - 1e-6).ceil().max(0.0) as usize;
@@ -247,16 +252,44 @@ impl ClosedLoop {
         self.units.iter().try_for_each(|unit| unit.instance.terminate())
     }
 
-    /// Hands outputs on in Initialization Mode, as often as there are units: then every value has gone round.
-    fn initialise(&mut self, start: f64, stop: f64) -> Result<(), Error> {
+    /// Hands outputs on in Initialization Mode, as often as there are units: then every value has gone round. Values that
+    /// may go round without a delay settle further, if they do; else there is something to be told.
+    fn initialise(&mut self, start: f64, stop: f64) -> Result<Option<String>, Error> {
         self.units.iter_mut().try_for_each(|unit| unit.instance.enter_initialization(start, stop))?;
-        for _ in 0..self.units.len() {
-            for unit in &mut self.units {
-                unit.take(&self.row)?;
-                unit.give(&mut self.row)?;
+        (0..self.units.len()).try_for_each(|_| self.go_round())?;
+        let unsettled = if self.circular { self.settle()? } else { None };
+        self.units.iter().try_for_each(|unit| unit.instance.exit_initialization())?;
+        Ok(unsettled)
+    }
+
+    fn go_round(&mut self) -> Result<(), Error> {
+        self.units.iter_mut().try_for_each(|unit| {
+            unit.take(&self.row)?;
+            unit.give(&mut self.row)
+        })
+    }
+
+    /// Lets values go round until they stay. Where they don't, those of the first rounds are taken, and the signal that
+    /// changes most is told.
+    fn settle(&mut self) -> Result<Option<String>, Error> {
+        let first = self.row.clone();
+        let mut settling = Settling::new(&first);
+        while settling.goes_on() {
+            self.go_round()?;
+            if settling.next(&self.row) {
+                return Ok(None);
             }
         }
-        self.units.iter().try_for_each(|unit| unit.instance.exit_initialization())
+        let (place, change) = settling.moves_most();
+        let (signal, change, rounds) = (&self.names[place], number(change), self.units.len());
+        let told = format!(
+            "initialisation: values that go round don't settle, `{signal}` still changed by {change} in round {}; the \
+             run begins with those of round {rounds}",
+            rounds + settling.rounds()
+        );
+        self.row = first;
+        self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
+        Ok(Some(told))
     }
 }
 

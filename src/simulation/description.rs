@@ -137,10 +137,10 @@ impl Description {
         self.units.iter().find(|unit| variable.unit.as_ref() == Some(&unit.name))
     }
 
-    /// Whether an output depends on an input without delay, or may do so; by their places.
-    pub fn is_fed_through(&self, input: usize, output: usize) -> bool {
+    /// Whether an output depends on an input without delay, by their places; none where the FMU doesn't tell.
+    pub fn is_fed_through(&self, input: usize, output: usize) -> Option<bool> {
         let known = self.dependencies.iter().find(|(place, _)| *place == output);
-        known.and_then(|(_, on)| on.as_ref()).is_none_or(|on| on.contains(&input))
+        known.and_then(|(_, on)| on.as_ref()).map(|on| on.contains(&input))
     }
 
     /// The variable of a name.

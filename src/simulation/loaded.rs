@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::check::{Link, check};
+use super::check::{Circles, Link, check};
 use super::closed_loop::ClosedLoop;
 use super::description::{Description, Variable};
 use super::fmu::{Fmu, Hosting, Value};
@@ -18,6 +18,7 @@ pub struct LoadedLoop {
     units: Vec<LoadedUnit>,
     links: Vec<Link>,
     notes: Vec<String>,
+    circular: bool,
 }
 
 #[derive(Debug)]
@@ -66,12 +67,13 @@ impl LoadedLoop {
         };
         let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
-        let wiring = check(structure, &descriptions)?;
+        let wiring = check(structure, &descriptions, Circles::Exchanged)?;
         let parts = structure.components.iter().zip(opened).zip(wiring.values);
         let units = parts.map(|((component, fmu), values)| {
             LoadedUnit::new(fmu, &component.name, format!("{}.", component.name), values)
         });
-        Ok(LoadedLoop { units: units.collect(), links: wiring.links, notes: wiring.notes })
+        let (links, notes, circular) = (wiring.links, wiring.notes, wiring.circular);
+        Ok(LoadedLoop { units: units.collect(), links, notes, circular })
     }
 
     /// Loads a loop that is one FMU, whose variables have the names that they have in the loop.
@@ -80,7 +82,7 @@ impl LoadedLoop {
     /// When the FMU can't be loaded.
     pub fn whole(name: &str, fmu: &Path, notes: Vec<String>) -> Result<Self, Error> {
         let unit = LoadedUnit::new(Arc::new(Fmu::open(fmu, &Hosting::InProcess)?), name, String::new(), Vec::new());
-        Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes })
+        Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false })
     }
 
     /// A variable by its name in the loop.
@@ -127,7 +129,7 @@ impl LoadedLoop {
     /// # Errors
     /// When a unit refuses.
     pub fn instantiate(&self, further: &[(Place, f64)]) -> Result<ClosedLoop, Error> {
-        let mut closed = ClosedLoop::empty(self.notes.clone());
+        let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular);
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
         for (k, LoadedUnit { fmu, name, prefix, values, recorded }) in self.units.iter().enumerate() {

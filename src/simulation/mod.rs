@@ -18,6 +18,7 @@ mod page;
 mod plan;
 mod port;
 mod responses;
+mod settling;
 mod ssp;
 mod steady_state;
 mod thinned;
@@ -25,7 +26,7 @@ mod units;
 mod xml;
 
 pub use chart::{COLOURS, padded_range, svg, svg_over, terminal};
-pub use check::{Link, Wiring, check, start_values};
+pub use check::{Circles, Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use comparison::Comparison;
 pub use description::{Description, Variable};

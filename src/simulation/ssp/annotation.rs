@@ -95,14 +95,22 @@ pub struct ExpectedFailure {
 }
 
 impl Reader<'_> {
-    /// Communication step in s, and order.
-    pub fn master(&self, node: Node) -> Result<(f64, Order), Error> {
+    /// Communication step in s, order, and whether algebraic loops are accepted.
+    pub fn master(&self, node: Node) -> Result<(f64, Order, bool), Error> {
         let step = self.number(node, "step")?;
         if step <= 0.0 {
             return Err(self.refuse(node, &format!("step = {step}: must be above 0")));
         }
         let order = self.required(node, "order")?;
-        Ok((step, order.parse().map_err(|reason: String| self.refuse(node, &reason))?))
+        let order = order.parse().map_err(|reason: String| self.refuse(node, &reason))?;
+        let accepted = match node.attribute("algebraic-loops") {
+            None | Some("refuse") => false,
+            Some("accept") => true,
+            Some(other) => {
+                return Err(self.refuse(node, &format!("algebraic-loops = {other}: must be refuse or accept")));
+            }
+        };
+        Ok((step, order, accepted))
     }
 
     pub fn model(&self, node: Node) -> Result<IdealModel, Error> {

@@ -51,6 +51,8 @@ pub struct Structure {
     pub step: f64,
     /// When units see each other's new outputs.
     pub order: Order,
+    /// Whether separate units may close a circle that all of them pass through without a delay.
+    pub accepts_algebraic_loops: bool,
     /// Ideal models, simulated beside the loop for comparison.
     pub models: Vec<IdealModel>,
     /// What is measured.

@@ -10,7 +10,7 @@ use super::reader::parse;
 use super::{Component, STRUCTURE, StartValue, Structure};
 use crate::error::Error;
 use crate::exporter::{read_entry, write_entries};
-use crate::simulation::check::{Wiring, check};
+use crate::simulation::check::{Circles, Wiring, check};
 use crate::simulation::description::{Description, Variable, attribute, child, elements};
 use crate::simulation::fmu::Value;
 
@@ -31,7 +31,7 @@ const NAMESPACES: [(&str, &str); 4] = [
 pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
     let structure = files.structure()?;
     let descriptions = descriptions(&structure, fmus)?;
-    let wiring = check(&structure, &descriptions.iter().collect::<Vec<_>>())?;
+    let wiring = check(&structure, &descriptions.iter().collect::<Vec<_>>(), Circles::Exchanged)?;
     let choices = choices(&structure, &descriptions, &wiring);
     let mut warnings = wiring.notes;
     warnings.extend(choices.iter().filter_map(Choice::left_out));

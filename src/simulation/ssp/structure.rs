@@ -44,7 +44,7 @@ impl Reader<'_> {
         }
         let (system, experiment) = (self.inside(root, "System")?, self.inside(root, "DefaultExperiment")?);
         let ours = self.closed_loop(root, experiment)?;
-        let (step, order) = self.master(self.inside(ours, "Master")?)?;
+        let (step, order, accepts_algebraic_loops) = self.master(self.inside(ours, "Master")?)?;
         let units = self.units(root)?;
         let components = self.components(system, &units, files)?;
         let mut structure = Structure {
@@ -60,6 +60,7 @@ impl Reader<'_> {
             stop_time: self.number(experiment, "stopTime")?,
             step,
             order,
+            accepts_algebraic_loops,
             models: elements(ours, "IdealModel").map(|node| self.model(node)).collect::<Result<_, _>>()?,
             metrics: elements(ours, "Metric").map(|node| self.metric(node)).collect::<Result<_, _>>()?,
             plots: elements(ours, "Plot").map(|node| self.plot(node)).collect::<Result<_, _>>()?,

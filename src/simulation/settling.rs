@@ -1,0 +1,104 @@
+//! Whether values that go round in a circle settle.
+
+/// The most rounds: what shrinks by a fifth a round has settled by then.
+const MOST_ROUNDS: usize = 100;
+/// The change in a round, for a value's largest magnitude, below which it has settled.
+const SETTLED: f64 = 1e-9;
+/// How far a value may grow, from its largest magnitude after the first round, before it counts as growing without end.
+const GROWTH: f64 = 1e3;
+
+/// How values change from round to round.
+#[derive(Debug)]
+pub(super) struct Settling {
+    last: Vec<f64>,
+    /// Largest magnitude of each so far.
+    largest: Vec<f64>,
+    /// Largest magnitude of each after the first round.
+    begun: Vec<f64>,
+    rounds: usize,
+    /// The value that changed most for its magnitude in the last round, and by how much.
+    moves_most: (usize, f64),
+    grows: bool,
+}
+
+impl Settling {
+    /// The values before the first round.
+    pub fn new(row: &[f64]) -> Self {
+        let largest = row.iter().map(|value| value.abs()).collect();
+        Settling { last: row.to_vec(), largest, begun: Vec::new(), rounds: 0, moves_most: (0, 0.0), grows: false }
+    }
+
+    /// Whether another round may help.
+    pub fn goes_on(&self) -> bool {
+        self.rounds < MOST_ROUNDS && !self.grows
+    }
+
+    /// Takes the values after a round; whether they have settled.
+    pub fn next(&mut self, row: &[f64]) -> bool {
+        let mut most = 0.0;
+        for (k, &value) in row.iter().enumerate() {
+            let change = value - self.last[k];
+            self.largest[k] = self.largest[k].max(value.abs());
+            let scaled = if change == 0.0 { 0.0 } else { change.abs() / self.largest[k] };
+            // A change that is no number is the largest of all.
+            if scaled > most || scaled.is_nan() {
+                (most, self.moves_most) = (if scaled.is_nan() { f64::INFINITY } else { scaled }, (k, change));
+            }
+        }
+        self.last.copy_from_slice(row);
+        self.rounds += 1;
+        if self.begun.is_empty() {
+            self.begun.clone_from(&self.largest);
+        }
+        let grown = |(largest, begun): (&f64, &f64)| *begun > 0.0 && largest / begun > GROWTH;
+        self.grows = most.is_infinite() || self.largest.iter().zip(&self.begun).any(grown);
+        most <= SETTLED
+    }
+
+    /// The place of the value that changed most for its magnitude in the last round, and by how much.
+    pub fn moves_most(&self) -> (usize, f64) {
+        self.moves_most
+    }
+
+    /// Number of rounds.
+    pub fn rounds(&self) -> usize {
+        self.rounds
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rounds of the map gain · value + 1 of the second of two values; none where it didn't settle.
+    fn rounds(gain: f64, start: f64) -> (Option<f64>, Settling) {
+        let mut row = [7.0, start];
+        let mut settling = Settling::new(&row);
+        while settling.goes_on() {
+            row[1] = gain * row[1] + 1.0;
+            if settling.next(&row) {
+                return (Some(row[1]), settling);
+            }
+        }
+        (None, settling)
+    }
+
+    #[test]
+    fn what_shrinks_settles_from_zero_and_from_far_off() {
+        for start in [0.0, 1e6, -3.0] {
+            for gain in [0.0, 0.5, -0.5, 0.8] {
+                let settled = rounds(gain, start).0.unwrap();
+                assert!((settled - 1.0 / (1.0 - gain)).abs() < 1e-8 * start.abs().max(5.0), "{gain} {start}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_grows_or_swings_is_told_by_its_place_and_change() {
+        let (settled, growing) = rounds(-10.0, 1.0);
+        assert!(settled.is_none() && growing.rounds() < 10 && growing.moves_most().0 == 1);
+        let (settled, swinging) = rounds(-1.0, 3.0);
+        assert_eq!((settled, swinging.rounds(), swinging.moves_most()), (None, 100, (1, 5.0)));
+        assert!(rounds(f64::NAN, 1.0).1.rounds() == 1);
+    }
+}
