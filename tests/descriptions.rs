@@ -264,3 +264,22 @@ fn what_is_calculated_or_hidden_has_no_start_value() {
         refused(&text, &[&format!("[start] {}", name.trim_matches('"')), "no such parameter"]);
     }
 }
+
+#[test]
+fn any_text_is_a_unit_and_those_that_are_known_tell_their_base_units() {
+    let structure = "channels = 6\nunits = [\"rpm\", \"degC\", \"furlong\", \"\", \"kg/mol\", \"m/s\"]";
+    let text = format!("name = \"S\"\nmodel = \"sensor\"\ndescription = \"\"\n[structure]\n{structure}\n");
+    let xml = model_description::xml(&model(&text).unwrap());
+    let unit = |name: &str| {
+        let begin = xml.find(&format!("<Unit name=\"{name}\"")).unwrap_or_else(|| panic!("{name} in {xml}"));
+        let end = xml[begin..].find("</Unit>").unwrap();
+        xml[begin..begin + end].split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let rpm = std::f64::consts::PI / 30.0;
+    assert_eq!(unit("rpm"), format!("<Unit name=\"rpm\"> <BaseUnit s=\"-1\" rad=\"1\" factor=\"{rpm:?}\"/>"));
+    assert_eq!(unit("degC"), "<Unit name=\"degC\"> <BaseUnit K=\"1\" offset=\"273.15\"/>");
+    assert_eq!(unit("kg/mol"), "<Unit name=\"kg/mol\"> <BaseUnit kg=\"1\" mol=\"-1\"/>");
+    assert_eq!(unit("m/s"), "<Unit name=\"m/s\"> <BaseUnit m=\"1\" s=\"-1\"/>");
+    assert_eq!(unit("furlong"), "<Unit name=\"furlong\">");
+    assert!(!xml.contains("unit=\"\"") && xml.contains("unit=\"furlong\""), "{xml}");
+}

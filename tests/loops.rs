@@ -229,8 +229,8 @@ fn a_connector_must_be_what_the_fmu_says() {
         ),
         (
             r#""heat" kind="input"/>"#,
-            r#""heat" kind="input"><ssc:Real unit="mile"/></ssd:Connector>"#,
-            ["mile", "Units"],
+            r#""heat" kind="input"><ssc:Real unit="bar"/></ssd:Connector>"#,
+            ["one.heat", "bar"],
         ),
     ];
     for (old, new, words) in cases {
@@ -259,6 +259,93 @@ fn values_of_one_dimension_are_converted_on_the_way() {
         .replaced(text, r#""width" kind="input"><ssc:Real/></ssd:Connector>"#)
         .replaced(text, r#""width" kind="input"><ssc:Real unit="ft"/></ssd:Connector>"#);
     assert!((folder.wiring().unwrap().links[0].conversion.of(1.0) - 1304.8).abs() < 1e-9);
+}
+
+/// A unit with an output `y` and an input `u`; both ends of a connection are of this kind.
+fn measured(output: &str, input: &str, definitions: &str) -> Description {
+    Description::read(&format!(
+        "<fmiModelDescription fmiVersion='2.0' modelName='A' guid='g'><CoSimulation modelIdentifier='A'/>\
+         <UnitDefinitions>{definitions}</UnitDefinitions><TypeDefinitions><SimpleType name='Difference'>\
+         <Real unit='degC' relativeQuantity='true'/></SimpleType></TypeDefinitions><ModelVariables>\
+         <ScalarVariable name='y' valueReference='0' causality='output'><Real {output}/></ScalarVariable>\
+         <ScalarVariable name='u' valueReference='1' causality='input'><Real {input} start='0'/></ScalarVariable>\
+         </ModelVariables><ModelStructure><Outputs><Unknown index='1' dependencies=''/></Outputs></ModelStructure>\
+         </fmiModelDescription>"
+    ))
+    .unwrap()
+}
+
+/// Wires `one.y` in a unit to `two.u` in another, as these attributes give them.
+fn wired(output: &str, input: &str, definitions: &str) -> Result<Wiring, String> {
+    let text = connection("one.y", "two.u");
+    let connectors = "<ssd:Connectors><ssd:Connector name='y' kind='output'/><ssd:Connector name='u' kind='input'/></ssd:Connectors>";
+    let folder = Folder::new(&text).replaced(CONNECTORS, connectors).replaced(CONNECTORS, connectors);
+    let unit = measured(output, input, definitions);
+    check(&folder.structure()?, &[&unit, &unit], Circles::Exchanged).map_err(|error| error.to_string())
+}
+
+#[test]
+fn texts_of_units_convert_where_the_fmu_defines_none_or_only_their_names() {
+    use std::f64::consts::PI;
+    let conversions = [
+        ("rpm", "rad/s", 30.0, PI),
+        ("deg", "rad", 180.0, PI),
+        ("degC", "K", 20.0, 293.15),
+        ("degF", "degC", 212.0, 100.0),
+        ("bar", "kPa", 2.0, 200.0),
+        ("%", "1", 50.0, 0.5),
+        ("km/h", "m/s", 36.0, 10.0),
+        ("mm", "m", 1.0, 1e-3),
+        ("mH", "H", 5.0, 5e-3),
+        ("kOhm", "V/A", 2.0, 2e3),
+        ("N.m", "J", 3.0, 3.0),
+    ];
+    for (from, to, value, expected) in conversions {
+        let names = format!("<Unit name='{from}'/><Unit name='{to}'/>");
+        for definitions in ["", &names] {
+            let wiring = wired(&format!("unit='{from}'"), &format!("unit='{to}'"), definitions).unwrap();
+            let found = wiring.links[0].conversion.of(value);
+            assert!((found - expected).abs() <= 4e-16 * expected.abs().max(300.0 * f64::from(u8::from(to == "degC"))), "{from}: {found}");
+        }
+    }
+    // What the file defines counts, whatever the name; a difference of temperatures has no offset.
+    let own = "<Unit name='rpm'><BaseUnit s='-1' rad='1' factor='2'/></Unit>";
+    assert_eq!(wired("unit='rpm'", "unit='rad/s'", own).unwrap().links[0].conversion.of(3.0), 6.0);
+    let difference = wired("unit='K'", "declaredType='Difference'", "").unwrap();
+    assert_eq!(difference.links[0].conversion.of(5.0), 5.0);
+    assert_eq!(wired("unit='K'", "unit='degC'", "").unwrap().links[0].conversion.of(273.15), 0.0);
+}
+
+#[test]
+fn units_that_are_not_known_connect_and_are_told_where_their_texts_differ() {
+    let notes = |from: &str, to: &str| {
+        let wiring = wired(from, to, "").unwrap();
+        assert_eq!(wiring.links[0].conversion.of(0.1), 0.1, "{from} {to}");
+        wiring.notes.into_iter().filter(|note| note.contains("units of connections")).collect::<Vec<_>>()
+    };
+    for (from, to) in [
+        ("unit='widget'", "unit='widget'"),
+        ("", "unit='m'"),
+        ("unit='rad'", ""),
+        ("", ""),
+        ("unit=''", "unit='widget'"),
+        ("unit='1'", "unit='rad'"),
+        ("unit='-'", "unit='1'"),
+    ] {
+        assert_eq!(notes(from, to), Vec::<String>::new(), "{from} {to}");
+    }
+    for (from, to) in [("unit='widget'", "unit='gadget'"), ("unit='widget'", "unit='m'"), ("unit='1'", "unit='m'")] {
+        let told = notes(from, to).concat();
+        assert_tells(&told, &["one.y", "two.u", "as it is"]);
+    }
+}
+
+#[test]
+fn other_dimensions_are_refused_by_name_in_whatever_text_they_come() {
+    for (from, to) in [("rpm", "Hz"), ("bar", "K"), ("%", "m"), ("rad", "m"), ("N.m", "N"), ("degC", "%")] {
+        let told = wired(&format!("unit='{from}'"), &format!("unit='{to}'"), "").unwrap_err();
+        assert_tells(&told, &["one.y", "two.u", from, to, "another dimension", "suppressUnitConversion"]);
+    }
 }
 
 #[test]
@@ -325,7 +412,7 @@ fn a_start_value_that_fits_nothing_is_refused_with_its_line() {
         (one("gain", "<ssv:Real value='one'/>"), vec!["one.gain", "finite number"]),
         (one("gain", "<ssv:Real value='INF'/>"), vec!["one.gain", "finite number"]),
         (one("gain", "<ssv:String value='1'/>"), vec!["one.gain", "String", "Real"]),
-        (one("gain", "<ssv:Real value='1' unit='mile'/>"), vec!["mile", "Units"]),
+        (one("gain", "<ssv:Real value='1' unit='kPa'/>"), vec!["one.gain", "kPa", " m,"]),
         (one("steps", "<ssv:Real value='1'/>"), vec!["one.steps", "Integer"]),
         (one("steps", "<ssv:Integer value='1.5'/>"), vec!["one.steps", "whole"]),
         (one("steps", "<ssv:Integer value='3000000000'/>"), vec!["one.steps"]),

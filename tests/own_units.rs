@@ -143,14 +143,14 @@ fn what_no_controller_can_be_made_for_is_refused_before_anything_is_written() {
     let no_static_gain = r#"{"A": [[0, 1], [-2, -3]], "B": [0, 1], "C": [0, 1]}"#;
     let two_outputs = r#"{"A": [[0, 1], [-2, -3]], "B": [0, 1], "C": [[1, 0], [0, 1]]}"#;
     let fed_through = r#"{"A": -1, "B": 1, "C": 1, "D": 1}"#;
-    let unknown_unit = r#"{"A": -1, "B": 1, "C": 1, "units": {"u": ["furlong"]}}"#;
+    let no_unit = r#"{"A": -1, "B": 1, "C": 1, "units": {"u": [" V"]}}"#;
     let no_name = r#"{"A": -1, "B": 1, "C": 1, "inputs": ["my voltage"]}"#;
     for (kind, json, named) in [
         ("l1", uncontrollable, "A, B"),
         ("l1", no_static_gain, "static gain"),
         ("l1", two_outputs, "outputs = 2"),
         ("l1", fed_through, "D: must be zero"),
-        ("l1", unknown_unit, "furlong"),
+        ("l1", no_unit, "` V`"),
         ("state-space", no_name, "my voltage"),
         ("observer", r#"{"A": [[-1, 0], [0, -2]], "B": [1, 0], "C": [1, 0]}"#, "observable"),
         ("mrac-ppf", no_static_gain, "rank of B"),

@@ -467,7 +467,7 @@ fn what_makes_no_sensor_is_refused_with_what_is_allowed() {
     described::refused(&structure("channels = 1001"), &["channels = 1001", "1 … 1000"]);
     described::refused(&structure("channels = 10\ndelay_samples = 100000"), &["delay_samples = 100000", "0 … 99999"]);
     described::refused(&structure("channels = 2\nunits = [\"rad\"]"), &["units of u", "must be 2"]);
-    described::refused(&structure("channels = 1\nunits = [\"furlong\"]"), &["unit of u", "furlong", "rad"]);
+    described::refused(&structure("channels = 1\nunits = [\"a\\tb\"]"), &["unit of u", "control character"]);
     described::refused(&structure("channels = 1\ndelay_sample = 3"), &["delay_sample", "delay_samples"]);
 }
 

@@ -7,7 +7,7 @@ use quick_xml::events::{BytesDecl, Event};
 use uuid::Uuid;
 
 use crate::model::{Description, Model};
-use crate::system::{Causality, Data, Element, Section, Unit, Variability, Variables};
+use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, Variability, Variables};
 
 use super::access::References;
 use super::instance::{DISCARDED, EVENTS};
@@ -154,11 +154,9 @@ fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
         return Ok(());
     }
     element(xml, "UnitDefinitions", vec![], |xml| {
-        for unit in symbols.iter().filter_map(|symbol| Unit::known(symbol)) {
+        for unit in symbols.iter().map(|symbol| Unit::of(symbol)) {
             element(xml, "Unit", vec![("name", unit.symbol.to_owned())], |xml| {
-                let exponents = ["kg", "m", "s", "A", "K", "rad"].into_iter().zip(unit.exponents);
-                let base = exponents.filter(|(_, n)| *n != 0).map(|(base, n)| (base, n.to_string())).collect();
-                empty(xml, "BaseUnit", base)?;
+                unit.base.iter().try_for_each(|base| empty(xml, "BaseUnit", base_unit(base)))?;
                 unit.display.iter().try_for_each(|display| {
                     let factor = number(display.factor);
                     empty(xml, "DisplayUnit", vec![("name", display.symbol.to_owned()), ("factor", factor)])
@@ -167,6 +165,15 @@ fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
         }
         Ok(())
     })
+}
+
+/// The attributes of a BaseUnit that aren't what they are by default.
+fn base_unit(base: &Base) -> Attributes<'static> {
+    let exponents = BASE_UNITS.into_iter().zip(base.exponents).filter(|(_, n)| *n != 0);
+    let mut attributes: Attributes = exponents.map(|(base, n)| (base, n.to_string())).collect();
+    attributes.extend((base.factor != 1.0).then(|| ("factor", number(base.factor))));
+    attributes.extend((base.offset != 0.0).then(|| ("offset", number(base.offset))));
+    attributes
 }
 
 fn write_types(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
@@ -253,7 +260,7 @@ fn type_of(element: Element<'_>, states: &[usize]) -> (&'static str, Attributes<
     let mut attributes = Vec::new();
     let kind = match &element.variable.data {
         Data::Real { min, max, .. } => {
-            let unit = Unit::known(element.unit());
+            let unit = Some(element.unit()).filter(|unit| !unit.is_empty()).map(Unit::of);
             attributes.extend(unit.map(|unit| ("unit", unit.symbol.to_owned())));
             attributes
                 .extend(unit.and_then(|unit| unit.display).map(|display| ("displayUnit", display.symbol.to_owned())));

@@ -9,6 +9,9 @@ use super::ssp::{Component, Connection, Connector, StartValue, Structure};
 use super::units::{Affine, UnitDefinition};
 use crate::error::Error;
 
+/// The most connections whose units are told of in a note.
+const MOST_DOUBTS: usize = 5;
+
 /// A loop in the terms of its FMUs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wiring {
@@ -51,6 +54,13 @@ struct End<'a> {
     units: (Option<&'a UnitDefinition>, Option<&'a UnitDefinition>),
 }
 
+impl<'a> End<'a> {
+    /// The unit in which its values are handed on, where it has one.
+    fn outside(&self) -> Option<&'a UnitDefinition> {
+        self.units.0.or(self.units.1)
+    }
+}
+
 struct Check<'a> {
     structure: &'a Structure,
     descriptions: &'a [&'a Description],
@@ -63,10 +73,11 @@ struct Check<'a> {
 pub fn check(structure: &Structure, descriptions: &[&Description], circles: Circles) -> Result<Wiring, Error> {
     let check = Check { structure, descriptions };
     check.connectors()?;
-    let links = check.links()?;
+    let (links, doubts) = check.links()?;
     let units = 0..structure.components.len();
     let values = units.map(|unit| check.values(unit, &links)).collect::<Result<_, _>>()?;
     let mut notes = check.notes(&links);
+    notes.extend(doubts);
     let circle = check.circle(&links, circles)?;
     let circular = circle.is_some();
     notes.extend(circle);
@@ -97,7 +108,7 @@ impl<'a> Check<'a> {
                 if let Some(kind) = kind {
                     return Err(refuse(&format!("connector `{name}` is {kind}; in the FMU it is {}", variable.kind)));
                 }
-                if let (Some(told), Some(own)) = (&connector.unit, description.unit(variable))
+                if let (Some(told), Some(own)) = (&connector.unit, &variable.measure)
                     && told.to(own).is_none()
                 {
                     let reason =
@@ -109,8 +120,9 @@ impl<'a> Check<'a> {
         Ok(())
     }
 
-    fn links(&self) -> Result<Vec<Link>, Error> {
-        let mut links: Vec<Link> = Vec::new();
+    /// The connections, and what is to be told of their units.
+    fn links(&self) -> Result<(Vec<Link>, Option<String>), Error> {
+        let (mut links, mut doubts): (Vec<Link>, _) = (Vec::new(), Vec::new());
         for connection in &self.structure.connections {
             let refuse = |reason: &str| self.structure.refuse(connection.line, reason);
             let from = self.end(&connection.from, "output").map_err(|reason| refuse(&reason))?;
@@ -122,8 +134,13 @@ impl<'a> Check<'a> {
             }
             let conversion = conversion(connection, &from, &to).map_err(|reason| refuse(&reason))?;
             links.push(Link { from: from.place, to: to.place, conversion });
+            doubts.extend(doubt(connection, &from, &to));
         }
-        Ok(links)
+        let more = doubts.len().saturating_sub(MOST_DOUBTS);
+        doubts.truncate(MOST_DOUBTS);
+        doubts.extend((more > 0).then(|| format!("and {more} more")));
+        let told = (!doubts.is_empty()).then(|| format!("units of connections: {}", doubts.join("; ")));
+        Ok((links, told))
     }
 
     fn end(&self, end: &'a (String, String), causality: &str) -> Result<End<'a>, String> {
@@ -140,7 +157,7 @@ impl<'a> Check<'a> {
             let (way, is) = (if causality == "output" { "starts" } else { "ends" }, &variable.causality);
             return Err(format!("a connection {way} at an {causality}; `{}` is of causality {is}", name(end)));
         }
-        let units = (connector.unit.as_ref(), description.unit(variable));
+        let units = (connector.unit.as_ref(), variable.measure.as_deref());
         Ok(End { place: (unit, place), variable, units })
     }
 
@@ -232,7 +249,7 @@ pub fn start_values(
             let (variability, causality) = (&variable.variability, &variable.causality);
             return Err(refuse(format!("`{name}` can't be set: it is a {variability} {causality}")));
         }
-        let value = value(start, variable, description.unit(variable));
+        let value = value(start, variable, variable.measure.as_deref());
         Ok((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?))
     };
     component.values.iter().map(value_of).collect()
@@ -263,7 +280,7 @@ fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, S
         from.zip(to).and_then(|(from, to)| from.to(to)).unwrap_or(Affine::IDENTITY)
     };
     let (first, last) = (inner(from.units.1, from.units.0), inner(to.units.0, to.units.1));
-    let between = match (from.units.0.or(from.units.1), to.units.0.or(to.units.1)) {
+    let between = match (from.outside(), to.outside()) {
         (Some(unit), Some(other)) => unit.to(other).ok_or_else(|| {
             format!(
                 "`{one}` is in {} and `{another}` in {}, of another dimension; suppressUnitConversion=\"true\" hands the \
@@ -274,6 +291,14 @@ fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, S
         _ => Affine::IDENTITY,
     };
     Ok(first.then(between).then(connection.transformation).then(last))
+}
+
+/// Why a person should look at the units of a connection, if there is a reason.
+fn doubt(connection: &Connection, from: &End, to: &End) -> Option<String> {
+    let (unit, other) = from.outside().zip(to.outside()).filter(|_| connection.convert_units)?;
+    let reason = unit.doubt(other)?;
+    let (one, another) = (name(&connection.from), name(&connection.to));
+    Some(format!("`{one}` is in {} and `{another}` in {}, {reason}", unit.name, other.name))
 }
 
 /// A start value in the type and the unit of its variable.

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::{Component, Path};
+use std::sync::Arc;
 
 use roxmltree::{Document, Node};
 
@@ -60,6 +61,8 @@ pub struct Variable {
     pub kind: String,
     /// Unit.
     pub unit: Option<String>,
+    /// What that is, as the file defines it or its text tells; without its offset, where values are differences.
+    pub measure: Option<Arc<UnitDefinition>>,
     /// Start value.
     pub start: Option<String>,
     /// Smallest value.
@@ -88,11 +91,13 @@ impl Description {
         let interface = interface.ok_or_else(|| in_file("it has neither CoSimulation nor ModelExchange"))?;
         let model_identifier = identifier(&document, interface)?;
         let exchange_identifier = model_exchange.map(|node| identifier(&document, node)).transpose()?;
-        let types = types(root);
+        let units = child(root, "UnitDefinitions").into_iter().flat_map(|node| elements(node, "Unit"));
+        let units: Vec<UnitDefinition> =
+            units.map(UnitDefinition::read).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?;
+        let (types, mut measures) = (types(root), Measures::new(&units));
         let experiment = child(root, "DefaultExperiment");
         let number = |name| experiment.and_then(|node| node.attribute(name)).and_then(|text| text.parse().ok());
         let variables = child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable"));
-        let units = child(root, "UnitDefinitions").into_iter().flat_map(|node| elements(node, "Unit"));
         let outputs = child(root, "ModelStructure").and_then(|node| child(node, "Outputs"));
         let outputs = outputs.into_iter().flat_map(|node| elements(node, "Unknown"));
         let categories = child(root, "LogCategories").into_iter().flat_map(|node| elements(node, "Category"));
@@ -113,8 +118,10 @@ impl Description {
                 .map(|attribute| (attribute.name().to_owned(), attribute.value().to_owned()))
                 .collect(),
             categories: categories.filter_map(|node| attribute(node, "name")).collect(),
-            variables: variables.map(|node| variable(&document, node, &types)).collect::<Result<_, _>>()?,
-            units: units.map(UnitDefinition::read).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?,
+            variables: variables
+                .map(|node| variable(&document, node, &types, &mut measures))
+                .collect::<Result<_, _>>()?,
+            units,
             dependencies: outputs.map(dependencies).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?,
         })
     }
@@ -130,11 +137,6 @@ impl Description {
     /// The place of a variable.
     pub fn place(&self, name: &str) -> Option<usize> {
         self.variables.iter().position(|variable| variable.name == name)
-    }
-
-    /// The unit of a variable, where the FMU defines it.
-    pub fn unit(&self, variable: &Variable) -> Option<&UnitDefinition> {
-        self.units.iter().find(|unit| variable.unit.as_ref() == Some(&unit.name))
     }
 
     /// Whether an output depends on an input without delay, by their places; none where the FMU doesn't tell.
@@ -180,11 +182,41 @@ fn types<'a, 'input>(root: Node<'a, 'input>) -> HashMap<&'a str, Node<'a, 'input
     types.filter_map(|node| Some((node.attribute("name")?, node.children().find(Node::is_element)?))).collect()
 }
 
-fn variable(document: &Document, node: Node, types: &HashMap<&str, Node>) -> Result<Variable, String> {
+/// The units of variables, each kept once; by its name, and whether values are differences.
+struct Measures(HashMap<(String, bool), Arc<UnitDefinition>>);
+
+impl Measures {
+    fn new(units: &[UnitDefinition]) -> Self {
+        let both = |unit: &UnitDefinition| {
+            let (name, relative) = (unit.name.clone(), unit.clone().relative());
+            [((name.clone(), false), Arc::new(unit.clone())), ((name, true), Arc::new(relative))]
+        };
+        // Of two that have one name, the first counts.
+        Measures(units.iter().rev().flat_map(both).collect())
+    }
+
+    fn of(&mut self, name: &str, relative: bool) -> Arc<UnitDefinition> {
+        let named = || {
+            let unit = UnitDefinition::named(name);
+            Arc::new(if relative { unit.relative() } else { unit })
+        };
+        Arc::clone(self.0.entry((name.to_owned(), relative)).or_insert_with(named))
+    }
+}
+
+fn variable(
+    document: &Document,
+    node: Node,
+    types: &HashMap<&str, Node>,
+    measures: &mut Measures,
+) -> Result<Variable, String> {
     let required = |name: &str| attribute(node, name).ok_or_else(|| missing(document, node, name));
     let value = node.children().find(Node::is_element).ok_or_else(|| missing(document, node, "type"))?;
     let reference = required("valueReference")?;
     let declared = value.attribute("declaredType").and_then(|name| types.get(name)).copied();
+    let of_type = |name| attribute(value, name).or_else(|| declared.and_then(|node| attribute(node, name)));
+    let unit = of_type("unit").filter(|unit| !unit.is_empty());
+    let relative = matches!(of_type("relativeQuantity").as_deref(), Some("true" | "1"));
     let items = declared.into_iter().flat_map(|node| node.descendants()).filter(|node| node.has_tag_name("Item"));
     Ok(Variable {
         name: required("name")?,
@@ -193,7 +225,8 @@ fn variable(document: &Document, node: Node, types: &HashMap<&str, Node>) -> Res
         causality: attribute(node, "causality").unwrap_or_else(|| "local".to_owned()),
         variability: attribute(node, "variability").unwrap_or_else(|| "continuous".to_owned()),
         kind: value.tag_name().name().to_owned(),
-        unit: attribute(value, "unit").or_else(|| declared.and_then(|node| attribute(node, "unit"))),
+        measure: unit.as_deref().map(|unit| measures.of(unit, relative)),
+        unit,
         start: attribute(value, "start"),
         min: attribute(value, "min"),
         max: attribute(value, "max"),

@@ -3,16 +3,14 @@
 use roxmltree::Node;
 
 use super::description::{attribute, child};
-
-/// Base units whose exponents make a dimension.
-const BASE: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
+use crate::system::{BASE_UNITS, Base};
 
 /// A unit: a value in base units is factor · value + offset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnitDefinition {
     /// Its name.
     pub name: String,
-    /// Exponents of kg, m, s, A, K, mol, cd and rad; none where the file doesn't tell.
+    /// Exponents of kg, m, s, A, K, mol, cd and rad; none where neither the file nor the text of its name tells.
     pub dimension: Option<[i32; 8]>,
     /// Factor.
     pub factor: f64,
@@ -45,11 +43,18 @@ impl Affine {
 }
 
 impl UnitDefinition {
-    /// Reads a Unit element of FMI or SSP; the reason when a number is none.
+    /// The unit that a text names.
+    pub fn named(name: &str) -> Self {
+        let base = Base::of(name);
+        let (factor, offset) = base.map_or((1.0, 0.0), |base| (base.factor, base.offset));
+        UnitDefinition { name: name.to_owned(), dimension: base.map(|base| base.exponents), factor, offset }
+    }
+
+    /// Reads a Unit element of FMI or SSP; the reason when a number is none. What it doesn't tell, its name does.
     pub(super) fn read(node: Node) -> Result<Self, String> {
         let name = attribute(node, "name").ok_or("a Unit has no name")?;
         let Some(base) = child(node, "BaseUnit") else {
-            return Ok(UnitDefinition { name, dimension: None, factor: 1.0, offset: 0.0 });
+            return Ok(UnitDefinition::named(&name));
         };
         let wrong = |key: &str| {
             format!("unit `{name}`: {key} = {}: must be a number", attribute(base, key).unwrap_or_default())
@@ -62,23 +67,50 @@ impl UnitDefinition {
         if factor == 0.0 {
             return Err(format!("unit `{name}`: factor = 0: no unit has that"));
         }
-        let mut dimension = [0; BASE.len()];
-        for (exponent, key) in dimension.iter_mut().zip(BASE) {
+        let mut dimension = [0; BASE_UNITS.len()];
+        for (exponent, key) in dimension.iter_mut().zip(BASE_UNITS) {
             *exponent = base.attribute(key).map_or(Ok(0), |text| text.trim().parse()).map_err(|_| wrong(key))?;
         }
         Ok(UnitDefinition { name, dimension: Some(dimension), factor, offset })
     }
 
-    /// How a value in this unit becomes one in another; none when their dimensions differ. A unit of unknown
-    /// dimension converts to no other: the value stays as it is.
+    /// The unit of differences of values in this one.
+    #[must_use]
+    pub(super) fn relative(self) -> Self {
+        UnitDefinition { offset: 0.0, ..self }
+    }
+
+    /// How a value in this unit becomes one in another; none when their dimensions differ. A plain number, and a unit of
+    /// unknown dimension, is taken for any other: the value stays as it is.
     pub fn to(&self, other: &UnitDefinition) -> Option<Affine> {
         match (self.dimension, other.dimension) {
-            (Some(one), Some(another)) if one != another => None,
+            (Some(one), Some(another)) if one != another => {
+                (self.is_number() || other.is_number()).then_some(Affine::IDENTITY)
+            }
             (Some(_), Some(_)) if (self.factor, self.offset) != (other.factor, other.offset) => {
                 Some(Affine { factor: self.factor / other.factor, offset: (self.offset - other.offset) / other.factor })
             }
             _ => Some(Affine::IDENTITY),
         }
+    }
+
+    /// Why a person should look at what [`to`](Self::to) does between two units, if there is a reason.
+    pub(super) fn doubt(&self, other: &UnitDefinition) -> Option<&'static str> {
+        let is_angle =
+            |unit: &UnitDefinition| *unit == UnitDefinition { name: unit.name.clone(), ..UnitDefinition::named("rad") };
+        let number = self.is_number() || other.is_number();
+        match (self.dimension, other.dimension) {
+            (Some(_), Some(_)) if number && (is_angle(self) || is_angle(other)) => None,
+            (Some(one), Some(another)) if number && one != another => Some("a plain number is taken as it is"),
+            (Some(_), Some(_)) if number && self.to(other) != Some(Affine::IDENTITY) => Some("the number is converted"),
+            (Some(_), Some(_)) => None,
+            _ => (self.name != other.name).then_some("a unit that isn't known is taken as it is"),
+        }
+    }
+
+    /// Whether it is 1, which general units have in place of none.
+    fn is_number(&self) -> bool {
+        self.dimension == Some([0; BASE_UNITS.len()]) && self.factor == 1.0 && self.offset == 0.0
     }
 }
 
@@ -104,5 +136,24 @@ mod tests {
         let kelvin = unit("K", 1.0, 0.0);
         let same = kelvin.to(&kelvin).unwrap();
         assert!(same.of(-0.0).is_sign_negative() && same.of(0.1) == 0.1);
+    }
+
+    #[test]
+    fn a_plain_number_fits_all_and_is_told_where_that_is_open_to_doubt() {
+        let [one, rad, deg, rate, metre, percent] = ["1", "rad", "deg", "rpm", "m", "%"].map(UnitDefinition::named);
+        for other in [&rad, &deg, &rate, &metre] {
+            assert_eq!((one.to(other), other.to(&one)), (Some(Affine::IDENTITY), Some(Affine::IDENTITY)));
+        }
+        assert_eq!((one.doubt(&rad), rad.doubt(&one), one.doubt(&one), rad.doubt(&deg)), (None, None, None, None));
+        assert!(one.doubt(&deg).is_some() && metre.doubt(&one).is_some() && one.doubt(&percent).is_some());
+        assert_eq!(one.to(&percent).unwrap().of(0.5), 50.0);
+        assert_eq!((rad.to(&metre), percent.to(&rad), metre.to(&rate)), (None, None, None));
+    }
+
+    #[test]
+    fn texts_that_are_not_known_are_compared() {
+        let [widget, gadget, metre] = ["widget", "gadget", "m"].map(UnitDefinition::named);
+        assert_eq!((widget.doubt(&widget), widget.to(&gadget)), (None, Some(Affine::IDENTITY)));
+        assert!(widget.doubt(&gadget).is_some() && widget.doubt(&metre).is_some() && metre.doubt(&gadget).is_some());
     }
 }

@@ -410,8 +410,8 @@ impl Declaration {
                 let reason = format!("`{name}` has {} elements, but another number of entries", variable.len());
                 self.problems.and(Invalid::because(reason));
             }
-            for unit in unit.iter().filter(|unit| !unit.is_empty() && super::Unit::known(unit).is_none()) {
-                self.problems.and(Invalid::new(format!("unit of `{name}`"), unit, "not a known unit"));
+            for unit in unit.iter().filter(|unit| !super::Unit::is_text(unit)) {
+                self.problems.and(Invalid::new(format!("unit of `{name}`"), unit, "can't be the text of a unit"));
             }
         }
     }

@@ -116,7 +116,7 @@ pub use point::{Message, MessageLog, Point};
 pub use spec::{
     DiscreteSpec, Grid, Many, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector,
 };
-pub use unit::{DisplayUnit, Unit};
+pub use unit::{BASE_UNITS, Base, DisplayUnit, Unit};
 pub use values::{
     BooleanOf, Choice, ChoiceOf, Class, DiscreteHandle, ErrorOf, Handle, IntegerOf, MatrixOf, Offsets, Rates, ScalarOf,
     Signals, Span, Values, VectorOf,

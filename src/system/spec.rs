@@ -139,7 +139,8 @@ impl<D: Shape> Spec<D> {
         self
     }
 
-    /// Unit of every element, from [`Unit::known`](super::Unit::known).
+    /// Unit of every element: any text; an empty one is none. Of those that [`Base::of`](super::Base::of) knows, other
+    /// tools know how to convert them.
     pub fn unit(mut self, unit: &'static str) -> Self {
         self.unit = vec![unit];
         self

@@ -104,7 +104,7 @@ impl Reader<'_> {
         if !["Real", "Integer", "Boolean", "String", "Enumeration"].contains(&kind) {
             return Err(self.refuse(value, &format!("Parameter `{name}`: values of type {kind} can't be read")));
         }
-        let (data_type, unit) = (Some(kind.to_owned()), self.unit(value, units)?);
+        let (data_type, unit) = (Some(kind.to_owned()), self.unit(value, units));
         Ok(StartValue { name, data_type, text, unit, origin: self.origin(node) })
     }
 }

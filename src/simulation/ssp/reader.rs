@@ -80,12 +80,10 @@ impl Reader<'_> {
         units.map(|node| UnitDefinition::read(node).map_err(|reason| self.refuse(node, &reason))).collect()
     }
 
-    /// The unit that an element names, which must be one of the file's.
-    pub fn unit(&self, node: Node, units: &[UnitDefinition]) -> Result<Option<UnitDefinition>, Error> {
-        let Some(name) = node.attribute("unit") else { return Ok(None) };
-        let found = units.iter().find(|unit| unit.name == name);
-        let found =
-            found.ok_or_else(|| self.refuse(node, &format!("unit = {name}: is not among the Units of this file")));
-        found.map(|unit| Some(unit.clone()))
+    /// The unit that an element names: one of the file's, else what its text tells.
+    pub fn unit(&self, node: Node, units: &[UnitDefinition]) -> Option<UnitDefinition> {
+        let name = attribute(node, "unit").filter(|name| !name.is_empty())?;
+        let found = units.iter().find(|unit| unit.name == name).cloned();
+        Some(found.unwrap_or_else(|| UnitDefinition::named(&name)))
     }
 }

@@ -140,7 +140,7 @@ impl Reader<'_> {
             }
             let types = ["Real", "Integer", "Boolean", "String", "Enumeration", "Binary"];
             let data_type = types.into_iter().find_map(|kind| child(node, kind));
-            let unit = data_type.map_or(Ok(None), |node| self.unit(node, units))?;
+            let unit = data_type.and_then(|node| self.unit(node, units));
             let data_type = data_type.map(|node| node.tag_name().name().to_owned());
             connectors.push(Connector { name, kind, data_type, unit, line: self.line(node) });
         }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use crate::error::Invalid;
 use crate::system::variable::{Causality, Data, Element, Naming, Section, Variable, Variables};
-use crate::system::{Declaration, Unit};
+use crate::system::{Base, Declaration};
 
 /// A connected input, and where its value comes from.
 #[derive(Debug, Clone)]
@@ -48,11 +48,10 @@ fn resolve_one(from: &str, to: &str, elements: &HashMap<String, Element>, links:
     if let Some(other) = links.iter().find(|link| link.to == target_place) {
         return refuse(format!("`{to}` is connected already, by {}", other.names));
     }
-    // A number without a dimension is taken for anything: general controllers don't know the plant's units.
-    let dimension = |element: &Element| {
-        Unit::known(element.unit()).map(|unit| unit.exponents).filter(|exponents| exponents.iter().any(|&n| n != 0))
-    };
-    if let (Some(given), Some(taken)) = (dimension(source), dimension(target))
+    // A number without a unit is taken for anything: general controllers don't know the plant's units. Values are handed
+    // on as they are, so what would have to be converted doesn't fit either.
+    let base = |element: &Element| Base::of(element.unit()).filter(|base| !base.is_number());
+    if let (Some(given), Some(taken)) = (base(source), base(target))
         && given != taken
     {
         return refuse(format!("units don't fit, {} against {}", source.unit(), target.unit()));
