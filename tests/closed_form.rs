@@ -126,6 +126,49 @@ fn it_knows_the_limits_of_the_control() {
 }
 
 #[test]
+fn it_follows_what_the_limits_leave_as_fast_as_it_is_told_to() {
+    let filter = "filter = { denominator = [[1.0, 0.0], [0.01, 1.0]], numerator = [[0.005, 1.0]], gain = 1.5 }";
+    for (name, lo, hi) in
+        [("L1ActuatedSiso", -1.0, 3.0), ("FuzzyL1ActuatedSiso", -2.0, 3.0), ("L1TwoLinkRobot", -20.0, 10.0)]
+    {
+        let m = if name == "L1TwoLinkRobot" { 2 } else { 1 };
+        let all = |value: f64| format!("{:?}", vec![value; m]);
+        for (structure, time) in [("", 0.0), ("", 0.02), (filter, -1.0), (filter, 0.02), (filter, 1e-4)] {
+            let limits = format!("u_min = {}\nu_max = {}\ninput_handling = 'extrapolate'", all(lo), all(hi));
+            let start = format!("{limits}\ntracking_time = {}", all(time));
+            assert_converges(name, structure, &start, 1e-3);
+            let [on, off] =
+                [&start, &format!("{limits}\ntracking_time = {}", all(if time == 0.0 { 0.02 } else { 0.0 }))]
+                    .map(|start| judged(&mut controller(name, structure, start), 200, 1e-3));
+            assert!(difference(&on, &off) > 1e-2, "{name}, {time}: it matters");
+        }
+    }
+}
+
+#[test]
+fn it_follows_what_the_limits_leave_where_the_control_shows_unmatched_uncertainty_at_once() {
+    // The twin rotor's D(s) H_m⁻¹ H_um isn't strictly proper; held at a state, its control goes to its limits.
+    let held = |run: &mut Run| {
+        for k in 0..100 {
+            let t = 1e-3 * f64::from(k);
+            (1..=6).for_each(|i| run.set(&format!("x[{i}]"), 0.05 * (3.0 * t + f64::from(i)).sin()));
+            (1..=2).for_each(|i| run.set(&format!("r[{i}]"), 0.3 * (9.0 * t + f64::from(i)).cos()));
+            run.step(1e-3);
+        }
+        outcome(run)
+    };
+    let at_once = controller("L1TwinRotor", "", "").0.model().variables().find("u_ad[1]").unwrap().variable.section;
+    assert_eq!(at_once, adaptive_fmu::system::Section::Signal, "u_ad is more than the filter's state");
+    for time in ["[-1.0, -1.0]", "[0.01, 0.02]"] {
+        let limits = "u_min = [-0.2, -0.1]\nu_max = [0.3, 0.1]\ninput_handling = 'extrapolate'";
+        assert_shrinks(held, "L1TwinRotor", "", &format!("{limits}\ntracking_time = {time}"));
+        let [on, off] = [time, "[0.0, 0.0]"]
+            .map(|time| held(&mut controller("L1TwinRotor", "", &format!("{limits}\ntracking_time = {time}"))));
+        assert!(difference(&on, &off) > 1e-2, "{time}: it matters");
+    }
+}
+
+#[test]
 fn it_is_that_of_any_filter_and_regressor() {
     let filter = "filter = { denominator = [[1.0, 0.0], [0.01, 1.0], [1e-4, 0.015, 1.0]], numerator = [[0.005, 1.0]] }";
     for name in CONTROLLERS {

@@ -20,9 +20,18 @@ const MOST_ITERATIONS: usize = 10_000;
 /// # Errors
 /// [`Invalid`] when A isn't Hurwitz (with its eigenvalues), or Q not symmetric positive definite.
 pub fn solve(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
-    require_hurwitz("A_m", a)?;
+    solve_with_decay(a, q).map(|(p, _)| p)
+}
+
+/// The same, and the rate of the slowest decay of A, 1/s, which is known then.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_with_decay(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<(DMatrix<f64>, f64), Invalid> {
+    let decay = slowest_decay("A_m", a)?;
     require_positive_definite("Q", q)?;
-    gramian(a, q).ok_or_else(|| Invalid::because("A_m is too badly scaled for a Lyapunov equation"))
+    let p = gramian(a, q).ok_or_else(|| Invalid::because("A_m is too badly scaled for a Lyapunov equation"))?;
+    Ok((p, decay))
 }
 
 /// The integral of e^(Aᵀt) Q e^(At) over all t ≥ 0, which solves the same equation, for a Hurwitz matrix A and a
@@ -51,11 +60,16 @@ pub fn gramian(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// # Errors
 /// [`Invalid`] with the eigenvalues.
 pub fn require_hurwitz(name: &str, a: &DMatrix<f64>) -> Result<(), Invalid> {
+    slowest_decay(name, a).map(drop)
+}
+
+/// The rate of the slowest decay of a Hurwitz matrix, 1/s.
+fn slowest_decay(name: &str, a: &DMatrix<f64>) -> Result<f64, Invalid> {
     let Some(eigenvalues) = eigenvalues(a) else {
         return Err(Invalid::because(format!("{name} is too badly scaled: its eigenvalues can't be found")));
     };
     if eigenvalues.iter().all(|lambda| lambda.re < 0.0) {
-        return Ok(());
+        return Ok(eigenvalues.iter().map(|lambda| -lambda.re).fold(f64::INFINITY, f64::min));
     }
     let list: Vec<_> = eigenvalues.iter().map(eigenvalue_text).collect();
     let allowed = "must be Hurwitz: every eigenvalue needs a negative real part";

@@ -110,8 +110,8 @@ impl System for FuzzyL1 {
         self.choose_gains(v);
     }
 
-    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
-        self.law.step_completed(step, v);
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        self.law.step_completed(t, step, v);
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {

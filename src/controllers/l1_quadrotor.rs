@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::at_limit::Limited;
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
 use super::watched::Tracking;
@@ -84,6 +85,7 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
             u: u.part(1..4),
             u_min: u_min.part(1..4),
             u_max: u_max.part(1..4),
+            limited: Limited { u, u_min, u_max },
         };
         let attitude = Law::declare(&structure, ports, d)?;
         let PositionLoop { r, dr, ddr, angles, thrust, .. } = position;
@@ -128,8 +130,8 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         self.attitude.event(v);
     }
 
-    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
-        self.attitude.step_completed(step, v);
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        self.attitude.step_completed(t, step, v);
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {

@@ -1,5 +1,6 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
+mod at_limit;
 mod funnel;
 mod fuzzy_gain;
 pub mod fuzzy_l1;

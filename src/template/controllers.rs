@@ -57,6 +57,7 @@ pub fn l1(request: &Request) -> Result<String, Invalid> {
     text.set("theta_bound", list(&design.theta_bound), "of each element of theta, which multiplies x");
     text.set("sigma_bound", list(&design.sigma_bound), "of the disturbance, in the unit of u");
     write_limits(&mut text, Some(&plant), m);
+    text.set("tracking_time", all(-1.0, m), "s, u_ad follows what the limits leave; -1: 1/K, 0: off, it winds up");
     if fuzzy {
         write_fuzzy(&mut text, request.reference, bandwidth);
     }

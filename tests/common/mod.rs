@@ -7,6 +7,7 @@ pub mod drawn;
 pub mod exact;
 pub mod exchange;
 pub mod fuzz;
+pub mod limited_loop;
 pub mod loops;
 pub mod models;
 pub mod random;

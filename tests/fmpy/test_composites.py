@@ -68,7 +68,7 @@ def test_a_whole_loop_has_the_outputs_of_its_units_and_the_inputs_that_nothing_i
     assert set(whole.named(causality="output")) == {
         *(f"reference.{name}[1]" for name in ("r", "dr", "ddr")),
         *("plant.y[1]", "plant.x[1]", "plant.x[2]"),
-        *("controller.u[1]", "controller.step_too_long", "controller.projection_active"),
+        *("controller.u[1]", "controller.step_too_long", "controller.projection_active", "controller.time_at_limit"),
     }
     assert whole.named(causality="input") == ["controller.enabled", "controller.u_manual[1]"]
     assert whole.variables["controller.adaptation_gain"].variability == "tunable"

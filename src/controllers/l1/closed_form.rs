@@ -7,6 +7,8 @@
 //! the increment of a is shared out to the estimates in proportion to what each of them multiplies. Projection isn't
 //! linear: where it may act, a general method takes the step.
 
+mod limits;
+
 use nalgebra::DMatrixView;
 
 use super::estimates::Estimate;
@@ -311,6 +313,7 @@ impl Linear<'_> {
         self.predictor();
         self.adaptation();
         self.control_law();
+        self.tracking();
         self.unmatched_control();
     }
 
@@ -363,29 +366,6 @@ impl Linear<'_> {
         for (k, &(i, j)) in l1.omega_entries.iter().enumerate() {
             self.add_control_change(self.v[l1.omega_hat][k], i, j);
         }
-    }
-
-    /// How v_j leaves where it stands, times ω̂: with the filter's output, or not at all while the control is at its
-    /// limit.
-    fn add_control_change(&mut self, omega: f64, i: usize, j: usize) {
-        let (l1, at, v) = (self.l1, self.at, self.v);
-        let (u_ad, feedback) = (v[l1.u_ad][j], v[l1.feedback][j]);
-        let limited = v[l1.ports.u][j] != (u_ad - feedback) * l1.design.inertia(j, &v);
-        let feedback_rate = self.feedback_rate(j);
-        if !limited {
-            let eta = self.row(i);
-            for (f, c) in eta[at.f + j * l1.filter.order()..].iter_mut().zip(l1.filter.C_f.iter()) {
-                *f += omega * c;
-            }
-            eta[at.one] -= omega * u_ad;
-            self.add_at_once(omega, i, j);
-        }
-        self.row(i)[at.time] += omega
-            * match (l1.baseline, limited) {
-                (Baseline::Inside, false) => -feedback_rate,
-                (Baseline::Outside, true) => feedback_rate,
-                _ => 0.0,
-            };
     }
 
     /// What u_ad of channel j has of η̂_2 at once, times ω̂, in η̂ of channel i.

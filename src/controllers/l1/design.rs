@@ -4,11 +4,15 @@
 use nalgebra::{Complex, DMatrix, DMatrixView};
 
 use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, Plant, Symbols};
+use super::tracking::{self, BY_GAIN};
 use crate::control::{feedforward, lyapunov, pole_placement};
 use crate::system::{
     Declaration, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal,
     matrix, scalar, vector,
 };
+
+/// After so many time constants 2 % are left.
+const SETTLED: f64 = 4.0;
 
 /// The numbers of the law, and what follows from them.
 #[derive(Debug)]
@@ -25,6 +29,8 @@ pub(super) struct Design {
     pub adaptation_tolerance: ScalarOf<Parameter>,
     pub closed_form_phase: ScalarOf<Parameter>,
     pub step_phase_limit: ScalarOf<Parameter>,
+    /// T_t, with which u_ad follows what the limits leave.
+    pub tracking_time: VectorOf<Parameter>,
     /// By which commanded accelerations become the control, where they are commanded.
     inertia: Option<VectorOf<Parameter>>,
     pub P: MatrixOf<Prepared>,
@@ -36,6 +42,8 @@ pub(super) struct Design {
     pub lambda_max_unmatched: ScalarOf<Prepared>,
     /// Rate at which the adaptive control follows the manual one while the controller is not enabled.
     pub follow_rate: ScalarOf<Prepared>,
+    /// In which the slowest of the desired dynamics has decayed to 2 %, s.
+    pub settling_time: ScalarOf<Prepared>,
 }
 
 /// Where the desired dynamics come from.
@@ -118,6 +126,8 @@ impl Design {
                      long";
         let closed_form = "angle through which the adaptation turns in a step from which on the closed form is taken, in \
                            co-simulation, for a tolerance of 1e-6; below, a general method is less work";
+        let tracking = "time with which u_ad follows what the limits of the control leave, so that it doesn't wind up; \
+                        -1 s: 1/K, 0: off";
         let inertia = "nominal inertia that turns a commanded acceleration into the control";
         Design {
             adaptation_gain: d
@@ -145,6 +155,7 @@ impl Design {
                 .parameter(scalar("adaptation_tolerance", tolerance).start(1e-3).min(1e-9).max(1.0).nominal(1e-3)),
             closed_form_phase: d.parameter(scalar("closed_form_phase", closed_form).unit("rad").start(10.0).min(0.0)),
             step_phase_limit: d.parameter(scalar("step_phase_limit", phase).unit("rad").start(10.0).positive()),
+            tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAIN).min(BY_GAIN)),
             inertia: (structure.commands == Commands::Acceleration).then(|| {
                 d.parameter(vector("nominal_inertia", m, inertia).units(&units.inertia).start(1.0).positive())
             }),
@@ -154,6 +165,7 @@ impl Design {
             lambda_max: d.prepared(scalar("#lambda_max", "").hidden()),
             lambda_max_unmatched: d.prepared(scalar("#lambda_max, unmatched", "").hidden()),
             follow_rate: d.prepared(scalar("#follow rate", "").hidden()),
+            settling_time: d.prepared(scalar("#settling time", "").hidden()),
         }
     }
 
@@ -181,6 +193,7 @@ impl Design {
     /// Poles, P, K_g and what follows from them.
     pub fn prepare(&self, plant: &Plant, entries: &[(usize, usize)], v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = self.check_bounds(entries, v);
+        invalid.and(tracking::check(&v[self.tracking_time]));
         if let Err(reasons) = self.dynamics.prepare(plant, v).and_then(|()| self.prepare_laws(plant, v)) {
             invalid.and(reasons);
         }
@@ -190,7 +203,7 @@ impl Design {
     /// P, K_g and what follows from them.
     fn prepare_laws(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
         let A_m = self.A_m(&v.values()).into_owned();
-        let P = lyapunov::solve(&A_m, &v.matrix(self.Q).into_owned())?;
+        let (P, decay) = lyapunov::solve_with_decay(&A_m, &v.matrix(self.Q).into_owned())?;
         let K_g = feedforward::gain(&A_m, &plant.B, &plant.C)?;
         let largest = |B: &DMatrix<f64>| {
             let BPB = B.transpose() * &P * B;
@@ -208,6 +221,7 @@ impl Design {
         v.matrix_mut(self.P).copy_from(&P);
         v.matrix_mut(self.PB).copy_from(&(P * plant.all_directions()));
         let K: DMatrix<f64> = v.matrix(self.feedback_gain).into_owned();
+        v[self.settling_time] = (SETTLED / decay).min(f64::MAX);
         v[self.follow_rate] = K.norm() / (K.nrows() as f64).sqrt();
         Ok(())
     }

@@ -11,6 +11,7 @@ use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
 use crate::control::filter::Filter;
 use crate::control::limits::within;
 use crate::control::projection::projection;
+use crate::controllers::at_limit::AtLimit;
 use crate::controllers::moves::Moves;
 use crate::system::{
     BooleanOf, ChoiceOf, Declaration, Discrete, Handle, IntegerOf, Invalid, MatrixOf, Number, Parameter, Point, Rates,
@@ -54,6 +55,7 @@ pub(in crate::controllers) struct Law {
     pub(super) active: BooleanOf<Discrete>,
     pub(super) step_too_long: BooleanOf<Discrete>,
     pub(super) moves: Moves,
+    pub(super) at_limit: AtLimit,
     pub(super) projection_active: IntegerOf<Discrete>,
     /// Row and column of each estimated entry of ω̂.
     pub(super) omega_entries: Vec<(usize, usize)>,
@@ -128,6 +130,7 @@ impl Law {
                 let is_stepped = d.is_stepped();
                 Moves::declare(d, m, is_stepped)
             },
+            at_limit: AtLimit::declare(d, ports.limited),
             projection_active: d.discrete(
                 integer("projection_active", "number of estimates that are kept within their bounds").output(),
             ),
@@ -344,6 +347,7 @@ impl Law {
         if active {
             self.uncertainty(v, dx);
             self.control_law(r, K, v, dx);
+            self.track_limits(K, v, dx);
             self.adaptive_laws(v, dx);
         } else {
             self.follow(v, dx);

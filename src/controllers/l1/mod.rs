@@ -9,6 +9,7 @@ mod ports;
 mod report;
 mod structure;
 mod supervision;
+mod tracking;
 mod unmatched;
 
 use nalgebra::DMatrixView;
@@ -111,8 +112,8 @@ impl System for L1 {
         self.law.event(v);
     }
 
-    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
-        self.law.step_completed(step, v);
+    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        self.law.step_completed(t, step, v);
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {

@@ -2,6 +2,7 @@
 
 use super::structure::Symbols;
 use crate::control::limits::UNLIMITED;
+use crate::controllers::at_limit::Limited;
 use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, boolean, vector};
 
 /// The measured state, the control with its limits, and manual control.
@@ -13,6 +14,8 @@ pub(in crate::controllers) struct Ports {
     pub u: VectorOf<Signal>,
     pub u_min: VectorOf<Parameter>,
     pub u_max: VectorOf<Parameter>,
+    /// The whole control of the unit, with its limits.
+    pub limited: Limited,
 }
 
 impl Ports {
@@ -20,15 +23,17 @@ impl Ports {
     pub fn declare(d: &mut Declaration, units: &Symbols) -> Self {
         let (x, u, m) = (&units.x, &units.u, units.u.len());
         let limit = "control that the actuator can give; the predictor knows of it. 1e15 is no limit";
-        Ports {
-            x: d.input(vector("x", x.len(), "measured state of the plant").units(x)),
-            enabled: d.input(
-                boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true),
-            ),
-            u_manual: d.input(vector("u_manual", m, "control while the controller is not enabled").units(u)),
+        let enabled =
+            boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true);
+        let x = d.input(vector("x", x.len(), "measured state of the plant").units(x));
+        let enabled = d.input(enabled);
+        let u_manual = d.input(vector("u_manual", m, "control while the controller is not enabled").units(u));
+        let limited = Limited {
             u: d.output(vector("u", m, "control").units(u)),
             u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(u)),
             u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(u)),
-        }
+        };
+        let Limited { u, u_min, u_max } = limited;
+        Ports { x, enabled, u_manual, u, u_min, u_max, limited }
     }
 }

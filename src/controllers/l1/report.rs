@@ -1,5 +1,5 @@
-//! What a designer should know of an L1 law: its desired dynamics, its filter's loop, the L1-norm condition, the bound on
-//! the prediction error, the time-delay margin and the communication step.
+//! What a designer should know of an L1 law: its desired dynamics, its filter's loop, the L1-norm condition, the
+//! time-delay margin, the limits of the control, the bound on the prediction error and the communication step.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrix;
@@ -45,6 +45,7 @@ impl Law {
             report.section(&section("Time delay"));
             self.report_delay(&design, v, report);
         }
+        self.report_limits(&gains[0].1, v, report);
         self.report_prediction(v, report);
         self.report_step(v, report);
     }

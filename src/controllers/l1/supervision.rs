@@ -45,8 +45,10 @@ impl Law {
         v[self.design.step_phase_limit] / frequency
     }
 
-    /// Counts estimates at their bounds, and warns of them and of a step that is too long.
-    pub fn step_completed(&self, step: f64, v: &mut Point) {
+    /// Counts estimates at their bounds and the time of a control at its limit; warns of them and of a step that is too
+    /// long.
+    pub fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+        self.at_limit.look(t, v[self.design.settling_time], v);
         let count = self.projections(&v.values());
         v.put(self.projection_active, count as i32);
         if count > 0 {

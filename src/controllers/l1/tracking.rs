@@ -1,0 +1,92 @@
+//! Back-calculation: where the control is at its limit, u_ad follows what the limit leaves, so that it doesn't wind up.
+//!
+//! The predictor sees the limited control, which keeps the estimates from winding up; the integrator in D(s) would go on
+//! all the same. u_ad' = … + (u − u_wanted)/T_t in units of u_ad, u_wanted being the control without limits. For any D(s)
+//! it drives the filter along the state f_0 in which it rests, A_f f_0 = 0, C_f f_0 = 1: at the limit the filter's own poles
+//! stay where they are, and −1/T_t takes the place of the integrator's, whatever T_t is.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::{DMatrix, DMatrixView};
+
+use super::law::Law;
+use crate::control::limits::UNLIMITED;
+use crate::system::{DesignReport, Invalid, Number, Rates, Scalar, Values, Verdict};
+
+/// What `tracking_time` is where it follows from K.
+pub(super) const BY_GAIN: f64 = -1.0;
+/// The least time that is given, s.
+const LEAST: f64 = 1e-9;
+
+/// What is wrong with given times.
+pub(super) fn check(times: &[f64]) -> Invalid {
+    let mut invalid = Invalid::none();
+    for (i, &time) in times.iter().enumerate() {
+        if time != BY_GAIN && time != 0.0 && time < LEAST {
+            let allowed = format!("must be {BY_GAIN} (1/K), 0 (off), or at least {} s", Number(LEAST));
+            invalid.and(Invalid::new(format!("tracking_time[{}]", i + 1), Number(time), allowed));
+        }
+    }
+    invalid
+}
+
+impl Law {
+    /// What the limits add to the control that a channel wants, in the units of u_ad: exactly 0 within them.
+    fn added_by_limits<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        let inertia = self.design.inertia(channel, v);
+        // As the control is computed, so that rounding leaves nothing.
+        let wanted = (v[self.u_ad][channel] - v[self.feedback][channel]) * inertia;
+        (v[self.ports.u][channel] - wanted) / inertia
+    }
+
+    /// Whether the control of a channel is not what it wants.
+    pub(super) fn is_limited(&self, channel: usize, v: &Values<f64>) -> bool {
+        self.added_by_limits(channel, v) != 0.0
+    }
+
+    /// 1/T_t of a channel. T_t is 1/K unless it is given, K being the sum of the magnitudes of its row, times the gain of
+    /// the integrator in D(s): the time in which the law would answer to what the limit does. A law with other gains in
+    /// force has other times.
+    pub(super) fn tracking_rate<S: Scalar>(&self, channel: usize, K: DMatrixView<S>, v: &Values<S>) -> S {
+        let time = v[self.design.tracking_time][channel];
+        if time.re() == 0.0 {
+            S::from(0.0)
+        } else if time.re() > 0.0 {
+            time.recip()
+        } else {
+            // The first state is the integral, and its rest that of an output of 1.
+            K.row(channel).iter().fold(S::from(0.0), |sum, k| sum + k.abs()) / self.filter_at_rest[0].abs()
+        }
+    }
+
+    /// f' = … + f_0 (u − u_wanted)/T_t in each channel.
+    pub(super) fn track_limits<S: Scalar>(&self, K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
+        for i in 0..self.u_ad.len() {
+            let added = self.added_by_limits(i, v);
+            if added.re() == 0.0 {
+                continue;
+            }
+            let rate = added * self.tracking_rate(i, K, v);
+            let states = dx[self.f].chunks_exact_mut(self.filter.order()).nth(i).into_iter().flatten();
+            states.zip(self.filter_at_rest.iter()).for_each(|(f, &rest)| *f += rate * rest);
+        }
+    }
+    /// Of channels that have limits.
+    pub(super) fn report_limits(&self, K: &DMatrix<f64>, v: &Values<f64>, report: &mut DesignReport) {
+        let (u_min, u_max) = (&v[self.ports.u_min], &v[self.ports.u_max]);
+        let limited: Vec<_> = (0..u_min.len()).filter(|&i| u_min[i] > -UNLIMITED || u_max[i] < UNLIMITED).collect();
+        if limited.is_empty() {
+            return;
+        }
+        report.section("Limits of the control");
+        for i in limited {
+            let (name, rate) = (format!("T_t[{}]", i + 1), self.tracking_rate(i, K.as_view(), v));
+            if rate > 0.0 {
+                report.tell(&name, 1.0 / rate, "s", "with which u_ad follows what the limits leave");
+            } else {
+                let note =
+                    format!("u_ad winds up while the control is at its limit: tracking_time[{}] = -1 mends it", i + 1);
+                report.judge(&name, "off", "s", Verdict::Warning, note);
+            }
+        }
+    }
+}
