@@ -19,10 +19,21 @@ fn main() {
     println!("cargo::rustc-env=ADAPTIVE_FMU_SOURCE={:016x}", hasher.finish());
     // A fuzzer's library leaves symbols of its sanitizer to the program that loads it.
     let fuzzing = env::var_os("CARGO_CFG_FUZZING").is_some();
+    println!("cargo::rustc-check-cfg=cfg(old_glibc)");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("linux") && !fuzzing {
         // An undefined symbol is an error here, not in a user's tool.
         println!("cargo::rustc-link-arg-cdylib=-Wl,-z,defs");
+        if links_glibc() {
+            println!("cargo::rustc-cfg=old_glibc");
+        }
     }
+}
+
+/// Whether a library of this target is linked with glibc, as it is loaded, on a processor that src/fmi2/old_glibc.rs knows.
+fn links_glibc() -> bool {
+    let of_target = |name: &str| env::var(format!("CARGO_CFG_TARGET_{name}")).unwrap_or_default();
+    let within = of_target("FEATURE").split(',').any(|feature| feature == "crt-static");
+    of_target("ENV") == "gnu" && ["x86_64", "aarch64"].contains(&of_target("ARCH").as_str()) && !within
 }
 
 fn compiler() -> String {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Binary, Library, Platform};
+use adaptive_fmu::exporter::{self, Binary, Glibc, Library, Platform};
 use adaptive_fmu::simulation::{LoopFiles, Structure, pack};
 use serde_json::json;
 
@@ -108,8 +108,20 @@ fn warn_of(library: &Library) -> Result<(), Error> {
     let slow = !library.describe(None)?.build.optimised;
     let slow =
         slow.then(|| "the library was built without optimisation and is slow; build it with --release".to_owned());
-    TOLD.call_once(|| slow.iter().chain(library.left_out()).for_each(|warning| eprintln!("warning: {warning}")));
+    let new = library.binaries().iter().filter_map(asks_for_much);
+    let told = slow.into_iter().chain(new).chain(library.left_out().iter().cloned());
+    TOLD.call_once(|| told.for_each(|warning| eprintln!("warning: {warning}")));
     Ok(())
+}
+
+/// What is to be said of a library that older systems can't load.
+fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
+    let asked = glibc.filter(|glibc| *glibc > Glibc::PROMISED)?;
+    let (file, promised, target) = (file.display(), Glibc::PROMISED, &build.target);
+    Some(format!(
+        "{file} asks for glibc {asked} or a newer one, so older systems can't load the FMUs; `cargo zigbuild --release \
+         --target {target}.{promised}` builds a library for them (docs/platforms.md)"
+    ))
 }
 
 /// Writes a loop as one FMU into a folder; its path, and what is to be told of it.

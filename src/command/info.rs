@@ -1,10 +1,10 @@
 //! `info`: what an FMU is.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::{Error, one_line};
-use adaptive_fmu::exporter;
+use adaptive_fmu::exporter::{self, Asked};
 use adaptive_fmu::fmi2::build::Build;
 use adaptive_fmu::simulation::{Description, Variable};
 use serde_json::{Value, json};
@@ -41,6 +41,8 @@ struct Contents {
     /// Platforms that it has binaries for, and whether it has source code.
     platforms: BTreeSet<String>,
     source_code: bool,
+    /// What the binaries ask for, by their paths.
+    asked: BTreeMap<String, Asked>,
     /// Files with values of parameters.
     parameter_sets: Vec<String>,
     /// Bytes, and bytes unpacked.
@@ -59,6 +61,7 @@ impl Contents {
             build: text(exporter::BUILD).transpose()?.and_then(|text| serde_json::from_str(&text).ok()),
             platforms: names().filter_map(platform).collect(),
             source_code: names().any(|name| name.starts_with("sources/")),
+            asked: exporter::asked_within(fmu)?,
             parameter_sets: names().filter(|name| name.ends_with(".ssv")).map(str::to_owned).collect(),
             size: std::fs::metadata(fmu).map_err(Error::file(fmu))?.len(),
             unpacked: entries.iter().map(|entry| entry.size).sum(),
@@ -79,7 +82,7 @@ fn as_json(description: &Description, contents: &Contents) -> Value {
         "logCategories": description.categories,
         "variables": description.variables.iter().map(variable).collect::<Vec<_>>(),
         "source": contents.source, "build": contents.build, "platforms": contents.platforms,
-        "sourceCode": contents.source_code, "parameterSets": contents.parameter_sets,
+        "sourceCode": contents.source_code, "binaries": contents.asked, "parameterSets": contents.parameter_sets,
         "size": contents.size, "unpackedSize": contents.unpacked,
     })
 }
@@ -104,6 +107,7 @@ fn print(description: &Description, contents: &Contents) {
     let platforms = Vec::from_iter(contents.platforms.iter().map(String::as_str));
     let code = if contents.source_code { ", and source code" } else { "" };
     line(format!("platforms: {}{code}", or(platforms.join(", "), "none")));
+    contents.asked.iter().for_each(|(name, asked)| line(format!("{name}: {asked}")));
     let known = if contents.source.is_some() { "resources/description.toml" } else { "not in it" };
     line(format!("description that it was made from: {known}"));
     line(format!("parameter sets: {}", or(contents.parameter_sets.join(", "), "none")));

@@ -132,7 +132,7 @@ pub(super) fn refused(file: &Path) -> impl Fn(ZipError) -> Error {
     move |error| Error::Archive { file: file.to_owned(), reason: error.to_string() }
 }
 
-fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
+pub(super) fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
     let opened = text_file::open(file).map_err(Error::file(file))?;
     let refuse =
         |error: ZipError| Error::Archive { file: file.to_owned(), reason: format!("not a readable archive: {error}") };

@@ -8,6 +8,7 @@ use std::sync::OnceLock;
 use zip::{ZipArchive, ZipWriter};
 
 use super::archive::{options, refused};
+use super::asked::Glibc;
 use super::library::LIBRARIES;
 use super::platform::Platform;
 use crate::error::Error;
@@ -23,6 +24,8 @@ pub struct Binary {
     pub file: PathBuf,
     /// How it was built.
     pub build: Build,
+    /// The oldest glibc that it can be loaded with, where it asks for one.
+    pub glibc: Option<Glibc>,
 }
 
 impl Binary {
@@ -35,32 +38,39 @@ impl Binary {
         let named = text.split_once('=').and_then(|(folder, file)| Some((Platform::named(folder)?, file)));
         let file = Path::new(named.map_or(text, |(_, file)| file));
         let refuse = |reason: String| Err(Error::Library(format!("{}: {reason}", file.display())));
-        match (Binary::of_file(file)?, named) {
+        let bytes = read(file)?;
+        match (Binary::of_bytes(file, &bytes)?, named) {
             (Some(binary), Some((wanted, _))) if wanted != binary.platform => {
                 refuse(format!("is for {}, not for {}", binary.platform.folder, wanted.folder))
             }
             (Some(binary), _) => Ok(binary),
             (None, Some(_)) => refuse("is no library of this package, or one of another version".to_owned()),
-            (None, None) => Ok(Binary::own(file, Build::default())),
+            (None, None) => Ok(Binary::own(file, &bytes)),
         }
     }
 
     /// A library of this package; none where it is something else.
-    fn of_file(file: &Path) -> Result<Option<Self>, Error> {
-        let mut bytes = Vec::new();
-        let read = text_file::open(file).and_then(|mut opened| opened.read_to_end(&mut bytes));
-        read.map_err(Error::file(file))?;
-        let Some(build) = Build::within(&bytes) else { return Ok(None) };
+    fn of_bytes(file: &Path, bytes: &[u8]) -> Result<Option<Self>, Error> {
+        let Some(build) = Build::within(bytes) else { return Ok(None) };
         let platform = Platform::of_target(&build.target).ok_or_else(|| {
             Error::Library(format!("{}: is for {}, for which an FMU has no place", file.display(), build.target))
         })?;
-        Ok(Some(Binary { platform, file: file.to_owned(), build }))
+        Ok(Some(Binary { platform, file: file.to_owned(), build, glibc: Glibc::asked_by(bytes) }))
     }
 
     /// What runs here.
-    pub(super) fn own(file: &Path, build: Build) -> Self {
-        Binary { platform: Platform::own(), file: file.to_owned(), build }
+    pub(super) fn own(file: &Path, bytes: &[u8]) -> Self {
+        let build = Build::within(bytes).unwrap_or_default();
+        Binary { platform: Platform::own(), file: file.to_owned(), build, glibc: Glibc::asked_by(bytes) }
     }
+}
+
+/// The bytes of a regular file.
+fn read(file: &Path) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    let read = text_file::open(file).and_then(|mut opened| opened.read_to_end(&mut bytes));
+    read.map_err(Error::file(file))?;
+    Ok(bytes)
 }
 
 /// Libraries for other platforms, or for older systems of this one, that lie beside a program: in the folder of an
@@ -77,7 +87,8 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
-    let mut programs = Binaries::of(Binary::own(&file, Build::own()));
+    let own = Binary { platform: Platform::own(), build: Build::own(), glibc: None, file: file.clone() };
+    let mut programs = Binaries::of(own);
     for program in of_names(places, |platform| platform.program_name().to_owned()) {
         // What is of other sources is told of where the libraries are taken.
         let _ = programs.take(program);
@@ -95,7 +106,8 @@ fn of_targets(folder: &Path) -> Vec<PathBuf> {
 fn of_names(places: impl Iterator<Item = PathBuf>, name: fn(&Platform) -> String) -> Vec<Binary> {
     let names: BTreeSet<String> = Platform::all().map(|platform| name(&platform)).collect();
     let files = places.flat_map(|place| names.iter().map(move |name| place.join(name)).collect::<Vec<_>>());
-    files.filter(|file| file.is_file()).filter_map(|file| Binary::of_file(&file).ok().flatten()).collect()
+    let found = files.filter(|file| file.is_file());
+    found.filter_map(|file| Binary::of_bytes(&file, &read(&file).ok()?).ok().flatten()).collect()
 }
 
 /// The folders in a folder, in the order of their names.

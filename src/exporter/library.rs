@@ -7,7 +7,6 @@ use super::Source;
 use super::binaries::{self, Binaries, Binary};
 use super::platform::Platform;
 use crate::error::Error;
-use crate::fmi2::build::Build;
 use crate::fmi2::describe::{self, Described};
 use crate::text_file;
 
@@ -72,7 +71,7 @@ impl Library {
         // SAFETY: loading runs the initialisers of a library that the user named or built; one of ours has none.
         let loaded = unsafe { libloading::Library::new(whole) }.map_err(|error| refuse(with_causes(&error)))?;
         let bytes = std::fs::read(path).map_err(Error::file(path))?;
-        let own = Binary::own(path, Build::within(&bytes).unwrap_or_default());
+        let own = Binary::own(path, &bytes);
         Ok(Library { path: path.to_owned(), loaded, binaries: Binaries::of(own), left_out: Vec::new() })
     }
 

@@ -1,6 +1,7 @@
 //! From descriptions to FMU archives.
 
 mod archive;
+mod asked;
 mod binaries;
 mod composite;
 #[allow(unsafe_code)]
@@ -12,6 +13,7 @@ mod report;
 use std::path::{Path, PathBuf};
 
 pub use archive::{BUILD, Entry, entries, read_entry, unpack, write_entries, write_program};
+pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
 pub use composite::{composite, composite_name, with_values};
 pub(crate) use library::with_causes;

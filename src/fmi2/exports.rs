@@ -22,6 +22,14 @@ macro_rules! export_fmi2 {
     };
 }
 
+/// Other systems have no C library that the functions of a library would be bound to by versions.
+#[cfg(not(old_glibc))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! bind_old_glibc {
+    () => {};
+}
+
 /// The functions themselves, for a registry of kinds.
 #[doc(hidden)]
 #[macro_export]
@@ -37,6 +45,8 @@ macro_rules! define_fmi2_functions {
             use $crate::fmi2::calls::Function;
             use $crate::fmi2::interface as fmi2;
             use $crate::fmi2::types::*;
+
+            $crate::bind_old_glibc!();
 
             static REGISTRY: $crate::system::Registry = $registry;
             const _: () = assert!(

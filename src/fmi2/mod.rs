@@ -17,6 +17,10 @@ pub mod model_description;
 pub mod model_exchange;
 #[allow(unsafe_code)]
 mod model_exchange_interface;
+#[cfg(old_glibc)]
+#[allow(unsafe_code)]
+#[macro_use]
+pub mod old_glibc;
 pub mod panics;
 #[allow(unsafe_code)]
 pub mod resources;

@@ -90,7 +90,43 @@ fn beside_library() -> Option<PathBuf> {
     Some(library.parent()?.parent()?.parent()?.join("resources"))
 }
 
-#[cfg(unix)]
+/// By what is loaded where, which every glibc tells: dladdr lies in a library of its own in old ones.
+#[cfg(target_os = "linux")]
+fn own_path() -> Option<PathBuf> {
+    use std::ffi::{CStr, c_int, c_void};
+    use std::os::unix::ffi::OsStringExt;
+    struct Search {
+        address: usize,
+        found: Option<Vec<u8>>,
+    }
+    unsafe extern "C" fn look(object: *mut libc::dl_phdr_info, _: usize, search: *mut c_void) -> c_int {
+        // SAFETY: called by dl_iterate_phdr alone, with an object that is loaded and the place that it was given; the
+        // object's segments and name are as it says, and stay as long as it is loaded.
+        unsafe {
+            let (object, search) = (&*object, &mut *search.cast::<Search>());
+            if object.dlpi_phdr.is_null() || object.dlpi_name.is_null() {
+                return 0;
+            }
+            let segments = std::slice::from_raw_parts(object.dlpi_phdr, object.dlpi_phnum.into());
+            let within = segments.iter().filter(|segment| segment.p_type == libc::PT_LOAD).any(|segment| {
+                let start = (object.dlpi_addr as usize).wrapping_add(segment.p_vaddr as usize);
+                search.address.wrapping_sub(start) < segment.p_memsz as usize
+            });
+            search.found = within.then(|| CStr::from_ptr(object.dlpi_name).to_bytes().to_owned());
+            within.into()
+        }
+    }
+    let here: fn(Option<&[u8]>) -> Result<PathBuf, String> = folder;
+    let mut search = Search { address: here as usize, found: None };
+    // SAFETY: the function is called with the place of the search, which outlives the call, and keeps nothing of it.
+    unsafe { libc::dl_iterate_phdr(Some(look), std::ptr::from_mut(&mut search).cast()) };
+    let name = search.found?;
+    // A program has no name there.
+    let own = if name.is_empty() { std::env::current_exe().ok()? } else { std::ffi::OsString::from_vec(name).into() };
+    std::fs::canonicalize(own).ok()
+}
+
+#[cfg(all(unix, not(target_os = "linux")))]
 fn own_path() -> Option<PathBuf> {
     use std::ffi::CStr;
     use std::os::unix::ffi::OsStrExt;

@@ -12,6 +12,7 @@ from fmpy.validation import validate_fmu
 from master import Fmu, Unit
 from scipy.integrate import solve_ivp
 from test_command_line import fails
+from test_platforms import OLDEST_GLIBC, STANDARD, asked, glibc, told
 
 CRATE = ROOT / "examples" / "my_plant"
 # As the README has it, so that it is built once for both.
@@ -32,7 +33,7 @@ def mine(library: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, F
     out = tmp_path_factory.mktemp("mine")
     descriptions = [CRATE / f"{name}.toml" for name in ("VanDerPol", "Rooms", "Ball")]
     answer = adaptive_fmu("export", *descriptions, "--library", library, "--out", out)
-    assert answer.returncode == 0, answer.stderr
+    assert (answer.returncode, answer.stderr) == (0, "")
     return {file.stem: Fmu(file, out / file.stem) for file in out.glob("*.fmu")}
 
 
@@ -157,6 +158,14 @@ def test_a_saved_state_goes_on_bit_for_bit(mine) -> None:
 def test_fmpy_finds_nothing_to_complain_about_in_them(mine) -> None:
     assert sorted(mine) == ["Ball", "Rooms", "VanDerPol"]
     assert [validate_fmu(str(fmu.path)) for fmu in mine.values()] == [[], [], []]
+
+
+def test_a_library_of_ones_own_asks_for_an_old_glibc_and_exports_only_what_it_should(mine, library: Path) -> None:
+    assert glibc(library) <= OLDEST_GLIBC
+    version = ".".join(map(str, glibc(library)))
+    assert asked(mine["Ball"].path) == {"binaries/linux64/Ball.so": {"processor": "x86-64", "glibc": version}}
+    symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
+    assert symbols == {f"fmi2{name}" for name in STANDARD} | {"adaptive_fmu_describe"}
 
 
 def test_a_set_point_out_of_reach_of_its_hysteresis_is_refused(mine, library, tmp_path) -> None:

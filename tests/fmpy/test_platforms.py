@@ -1,7 +1,8 @@
 """What the shared library asks of a machine, libraries for several platforms, and the archive for users without Rust."""
 
+import ctypes
+import json
 import os
-import platform
 import re
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ import fmpy
 import numpy as np
 import pytest
 from conftest import ROOT, adaptive_fmu
+from fmpy.fmi2 import fmi2CallbackFunctions
 from master import PLANT
 
 # What fmi2Functions.h of FMI 2.0 declares, but for the types: the common functions, and those of either interface.
@@ -71,8 +73,70 @@ def test_the_library_has_no_way_to_the_network_other_programs_threads_or_files_t
     assert "open64" in imported and imported.isdisjoint(REACHING)
 
 
-def test_the_library_asks_for_no_newer_glibc_than_the_one_here(library: Path) -> None:
-    assert glibc(library) <= tuple(map(int, platform.libc_ver()[1].split(".")))
+def test_the_library_asks_for_an_old_glibc_though_it_was_built_with_the_one_here(library: Path) -> None:
+    assert glibc(library) <= OLDEST_GLIBC
+
+
+def test_a_library_that_is_told_no_resources_finds_them_by_its_own_path(fmu) -> None:
+    plant = fmu(PLANT)
+    for name in (PLANT, "L1TwoLinkRobot"):
+        unit = fmu(name)
+        loaded = ctypes.CDLL(str(unit.folder / "binaries" / "linux64" / f"{name}.so"))
+        loaded.fmi2Instantiate.restype = ctypes.c_void_p
+        loaded.fmi2FreeInstance.argtypes = [ctypes.c_void_p]
+        callbacks = fmi2CallbackFunctions()
+        own, other = unit.description.guid.encode(), plant.description.guid.encode()
+        instance = loaded.fmi2Instantiate(b"unit", 1, own, None, ctypes.byref(callbacks), 0, 0)
+        assert instance, "each finds its own, though both lie in this process"
+        loaded.fmi2FreeInstance(instance)
+        assert name == PLANT or not loaded.fmi2Instantiate(b"unit", 1, other, None, ctypes.byref(callbacks), 0, 0)
+
+
+def asked(fmu: Path) -> dict[str, dict[str, str]]:
+    """What `info` tells of the libraries in an FMU."""
+    return json.loads(adaptive_fmu("info", fmu, "--json").stdout)["binaries"]
+
+
+def test_info_tells_what_the_library_in_an_fmu_asks_for(fmu, library: Path) -> None:
+    version = ".".join(map(str, glibc(library)))
+    place = f"binaries/linux64/{PLANT}.so"
+    assert asked(fmu(PLANT).path) == {place: {"processor": "x86-64", "glibc": version}}
+    line = f"{place}: for x86-64, asks for glibc {version} or a newer one"
+    assert line in adaptive_fmu("info", fmu(PLANT).path).stdout.splitlines()
+
+
+@pytest.fixture
+def of_arm(library: Path, tmp_path: Path):
+    """Makes what looks like this library for Linux on ARM, and asks for another glibc; it can't be run."""
+
+    def make(version: str) -> Path:
+        whole = library.read_bytes()
+        # The target is a letter longer, the compiler a letter shorter: nothing else moves.
+        mark = rb'"target":"x86_64-unknown-linux-gnu","compiler":"r'
+        assert whole.count(mark) == 1 and whole.count(b"\0GLIBC_2.14\0") == 1
+        whole = whole.replace(mark, rb'"target":"aarch64-unknown-linux-gnu","compiler":"')
+        whole = whole.replace(b"\0GLIBC_2.14\0", b"\0GLIBC_" + version.encode() + b"\0")
+        file = tmp_path / f"arm-{version}.so"
+        # The processor stands in the eighteenth byte.
+        file.write_bytes(whole[:18] + b"\xb7\0" + whole[20:])
+        return file
+
+    return make
+
+
+@pytest.mark.parametrize("version", ["2.17", "2.18", "2.41"])
+def test_an_export_tells_what_a_library_asks_for_if_old_systems_lack_it(version: str, of_arm, tmp_path: Path) -> None:
+    library, out = of_arm(version), tmp_path / "out"
+    answer = adaptive_fmu("export", PLANT, "--library", library, "--out", out)
+    assert answer.returncode == 0 and answer.stdout == f"{out}/{PLANT}.fmu\n"
+    if tuple(map(int, version.split("."))) <= OLDEST_GLIBC:
+        assert answer.stderr == ""
+    else:
+        (line,) = answer.stderr.splitlines()
+        assert line.startswith("warning: ") and library.name in line and f"glibc {version}" in line
+        assert "cargo zigbuild --release --target aarch64-unknown-linux-gnu.2.17" in line
+    told = asked(out / f"{PLANT}.fmu")[f"binaries/aarch64-linux/{PLANT}.so"]
+    assert told == {"processor": "ARM, 64 bits", "glibc": version}
 
 
 def test_a_library_built_for_old_systems_asks_for_an_old_glibc() -> None:
