@@ -174,8 +174,18 @@ impl Binaries {
             let mut archive = ZipArchive::new(Cursor::new(packed)).map_err(&refuse)?;
             let entry = archive.by_index_raw(0).map_err(&refuse)?;
             zip.raw_copy_file_rename(entry, binary.platform.binary(name)).map_err(&refuse)?;
+            let Some(other) = binary.platform.other_binary(name).filter(|_| self.leave_free(&binary.platform)) else {
+                continue;
+            };
+            let entry = archive.by_index_raw(0).map_err(&refuse)?;
+            zip.raw_copy_file_rename(entry, other).map_err(&refuse)?;
         }
         Ok(())
+    }
+
+    /// Whether no library lies where masters look for one of this platform that don't know the platform's own folder.
+    fn leave_free(&self, platform: &Platform) -> bool {
+        self.of.iter().all(|binary| Some(binary.platform.folder) != platform.other_folder)
     }
 
     fn packed(&self) -> Result<&Vec<Vec<u8>>, Error> {
@@ -193,4 +203,44 @@ fn packed(file: &Path) -> Result<Vec<u8>, Error> {
     zip.start_file("library", options(0o755)).map_err(refused(file))?;
     zip.write_all(&bytes).map_err(Error::file(file))?;
     Ok(zip.finish().map_err(refused(file))?.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The places of the libraries in an FMU for some targets.
+    fn places(targets: &[&str]) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let binary = |target: &&str| {
+            let file = folder.path().join(target);
+            std::fs::write(&file, target).unwrap();
+            let build = Build { target: (*target).to_owned(), ..Build::own() };
+            Binary { platform: Platform::of_target(target).unwrap(), file, build, glibc: None }
+        };
+        let mut all = targets.iter().map(binary);
+        let mut binaries = Binaries::of(all.next().unwrap());
+        all.for_each(|binary| binaries.add(binary).unwrap());
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        binaries.write("U", &mut zip).unwrap();
+        let mut archive = ZipArchive::new(zip.finish().unwrap()).unwrap();
+        let count = archive.len();
+        let mut held = |index| {
+            let mut entry = archive.by_index(index).unwrap();
+            let mut text = String::new();
+            entry.read_to_string(&mut text).unwrap();
+            format!("{} {text}", entry.name().unwrap())
+        };
+        (0..count).map(&mut held).collect()
+    }
+
+    #[test]
+    fn a_library_for_arm_lies_in_both_folders_unless_one_for_x86_64_takes_the_other() {
+        let (arm, intel) = ("aarch64-unknown-linux-gnu", "x86_64-unknown-linux-gnu");
+        let tuple = format!("binaries/aarch64-linux/U.so {arm}");
+        assert_eq!(places(&[arm]), [tuple.clone(), format!("binaries/linux64/U.so {arm}")]);
+        let of_intel = format!("binaries/linux64/U.so {intel}");
+        assert_eq!(places(&[arm, intel]), [tuple.clone(), of_intel.clone()]);
+        assert_eq!(places(&[intel, arm]), [of_intel, tuple]);
+    }
 }

@@ -1,26 +1,35 @@
 //! The platforms that a unit can hold libraries for.
 
+use std::path::{Path, PathBuf};
+
 /// A platform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Platform {
     /// Folder of its libraries in an FMU, as the standard names it.
     pub folder: &'static str,
+    /// Folder where masters look for them that don't know this name: that of the same system on x86-64.
+    pub other_folder: Option<&'static str>,
     /// What its libraries' names end with.
     pub suffix: &'static str,
 }
 
-/// The standard has no name for Linux on ARM; this one is of its third version, and masters look there.
+/// FMI 2.0.4, section 2.3, keeps its own names for x86; any other processor has that of FMI 3.0. Which master looks where
+/// is in docs/platforms.md.
 const KNOWN: [(&str, &str, Platform); 7] = [
-    ("x86_64", "linux", Platform { folder: "linux64", suffix: ".so" }),
-    ("i686", "linux", Platform { folder: "linux32", suffix: ".so" }),
-    ("aarch64", "linux", Platform { folder: "aarch64-linux", suffix: ".so" }),
-    ("x86_64", "windows", Platform { folder: "win64", suffix: ".dll" }),
-    ("i686", "windows", Platform { folder: "win32", suffix: ".dll" }),
-    ("x86_64", "darwin", Platform { folder: "darwin64", suffix: ".dylib" }),
-    ("aarch64", "darwin", Platform { folder: "darwin64", suffix: ".dylib" }),
+    ("x86_64", "linux", Platform::of_x86("linux64", ".so")),
+    ("i686", "linux", Platform::of_x86("linux32", ".so")),
+    ("aarch64", "linux", Platform { folder: "aarch64-linux", other_folder: Some("linux64"), suffix: ".so" }),
+    ("x86_64", "windows", Platform::of_x86("win64", ".dll")),
+    ("i686", "windows", Platform::of_x86("win32", ".dll")),
+    ("x86_64", "darwin", Platform::of_x86("darwin64", ".dylib")),
+    ("aarch64", "darwin", Platform { folder: "aarch64-darwin", other_folder: Some("darwin64"), suffix: ".dylib" }),
 ];
 
 impl Platform {
+    const fn of_x86(folder: &'static str, suffix: &'static str) -> Self {
+        Platform { folder, other_folder: None, suffix }
+    }
+
     /// Where this program runs; what isn't known counts as Linux.
     pub fn own() -> Self {
         Self::of_target(env!("ADAPTIVE_FMU_TARGET")).unwrap_or(KNOWN[0].2)
@@ -59,7 +68,22 @@ impl Platform {
 
     /// Where a library of this platform lies in an FMU of this name.
     pub fn binary(&self, name: &str) -> String {
-        format!("binaries/{}/{name}{}", self.folder, self.suffix)
+        self.binary_in(self.folder, name)
+    }
+
+    /// Where it lies, too, if no library for x86-64 does.
+    pub fn other_binary(&self, name: &str) -> Option<String> {
+        self.other_folder.map(|folder| self.binary_in(folder, name))
+    }
+
+    /// The library of this platform in the folder of an FMU: in its own place, or in that which other tools use.
+    pub fn find_binary(&self, fmu: &Path, name: &str) -> Option<PathBuf> {
+        let places = [Some(self.binary(name)), self.other_binary(name)];
+        places.into_iter().flatten().map(|place| fmu.join(place)).find(|path| path.is_file())
+    }
+
+    fn binary_in(&self, folder: &str, name: &str) -> String {
+        format!("binaries/{folder}/{name}{}", self.suffix)
     }
 }
 
@@ -74,12 +98,34 @@ mod tests {
             ("aarch64-unknown-linux-gnu", "binaries/aarch64-linux/U.so"),
             ("x86_64-pc-windows-gnu", "binaries/win64/U.dll"),
             ("x86_64-pc-windows-msvc", "binaries/win64/U.dll"),
-            ("aarch64-apple-darwin", "binaries/darwin64/U.dylib"),
+            ("x86_64-apple-darwin", "binaries/darwin64/U.dylib"),
+            ("aarch64-apple-darwin", "binaries/aarch64-darwin/U.dylib"),
         ] {
             assert_eq!(Platform::of_target(target).unwrap().binary("U"), path);
         }
         assert_eq!(Platform::of_target("wasm32-unknown-unknown"), None);
         assert_eq!(Platform::of_target("x86_64-unknown-linux-musl"), None);
         assert_eq!(Platform::named("win64"), Platform::of_target("x86_64-pc-windows-gnu"));
+        assert_eq!(Platform::named("darwin64"), Platform::of_target("x86_64-apple-darwin"));
+    }
+
+    #[test]
+    fn a_library_for_arm_is_found_where_other_tools_put_it_if_not_in_its_own_place() {
+        let fmu = tempfile::tempdir().unwrap();
+        let arm = Platform::of_target("aarch64-unknown-linux-gnu").unwrap();
+        let find = |platform: &Platform| {
+            let found = platform.find_binary(fmu.path(), "U")?;
+            Some(found.strip_prefix(fmu.path()).unwrap().to_string_lossy().into_owned())
+        };
+        for (folder, of_arm) in
+            [("win64", None), ("linux64", Some("linux64")), ("aarch64-linux", Some("aarch64-linux"))]
+        {
+            std::fs::create_dir_all(fmu.path().join("binaries").join(folder)).unwrap();
+            std::fs::write(fmu.path().join(format!("binaries/{folder}/U.so")), "x").unwrap();
+            assert_eq!(find(&arm), of_arm.map(|folder| format!("binaries/{folder}/U.so")));
+        }
+        let mac = Platform::of_target("aarch64-apple-darwin").unwrap();
+        assert_eq!(mac.other_binary("U").as_deref(), Some("binaries/darwin64/U.dylib"));
+        assert_eq!((find(&mac), find(&Platform::named("linux32").unwrap())), (None, None));
     }
 }

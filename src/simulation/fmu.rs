@@ -116,12 +116,10 @@ impl Fmu {
         let description = Description::read(&read_entry(file, "modelDescription.xml")?).map_err(refuse)?;
         let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
         unpack(file, folder.path())?;
+        let own = Platform::own();
         let place = |identifier: &str| {
-            let name = Platform::own().binary(identifier);
-            let library = folder.path().join(&name);
-            if !library.is_file() {
-                return Err(refuse(format!("holds no {name}: it can't run on this platform")));
-            }
+            let missing = || refuse(format!("holds no {}: it can't run on this platform", own.binary(identifier)));
+            let library = own.find_binary(folder.path(), identifier).ok_or_else(missing)?;
             Place::of(library, hosting).map_err(refuse)
         };
         let first = place(&description.model_identifier)?;

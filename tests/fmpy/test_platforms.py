@@ -186,6 +186,22 @@ def test_an_fmu_holds_the_libraries_of_all_platforms_that_are_given(named: str, 
     assert fmpy.simulate_fmu(str(out / f"{PLANT}.fmu"), stop_time=0.1)["time"][-1] == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("other", [None, "x86_64-apple-darwin"])
+def test_a_library_for_arm_lies_in_both_folders_where_masters_look_unless_one_is_taken(other, foreign, tmp_path) -> None:
+    libraries = [foreign("arm.dylib", "aarch64-apple-darwin")]
+    libraries += [foreign("intel.dylib", other)] if other else []
+    given = [part for library in libraries for part in ("--library", library)]
+    assert adaptive_fmu("export", PLANT, *given, "--out", tmp_path / "out").returncode == 0
+    with zipfile.ZipFile(tmp_path / "out" / f"{PLANT}.fmu") as archive:
+        names = [name for name in archive.namelist() if "darwin" in name]
+        held = {name.split("/")[1]: archive.read(name) for name in names}
+    assert held == {"aarch64-darwin": libraries[0].read_bytes(), "darwin64": libraries[-1].read_bytes()}
+    assert len(names) == 2 and names[0] == f"binaries/aarch64-darwin/{PLANT}.dylib"
+    platforms = "platforms: aarch64-darwin, darwin64, linux64"
+    assert platforms in adaptive_fmu("info", tmp_path / "out" / f"{PLANT}.fmu").stdout.splitlines()
+    assert fmpy.supported_platforms(str(tmp_path / "out" / f"{PLANT}.fmu")) == ["darwin64", "linux64"]
+
+
 def test_a_library_that_does_not_fit_is_refused_and_nothing_is_written(foreign, library, tmp_path) -> None:
     out, text = tmp_path / "out", tmp_path / "notes.txt"
     text.write_text("no library")
@@ -193,6 +209,8 @@ def test_a_library_that_does_not_fit_is_refused_and_nothing_is_written(foreign, 
     assert "notes.txt" in refusal(text, out=out)
     assert "no library of this package" in refusal(f"win64={text}", out=out)
     assert "is for linux64, not for win64" in refusal(f"win64={library}", out=out)
+    arm = foreign("a.dylib", "aarch64-apple-darwin")
+    assert "is for aarch64-darwin, not for darwin64" in refusal(f"darwin64={arm}", out=out)
     assert "other sources" in refusal(foreign("b.dll", "x86_64-pc-windows-gnu", "0" * 16), out=out)
     assert "win64 already" in refusal(windows, foreign("c.dll", "x86_64-pc-windows-msvc"), out=out)
     assert "no place" in refusal(foreign("d.wasm", "wasm32-unknown-unknown"), out=out)
