@@ -19,6 +19,8 @@ pub mod integrator;
 pub mod library;
 pub mod model;
 #[cfg(feature = "cli")]
+pub mod output;
+#[cfg(feature = "cli")]
 pub mod parallel;
 #[path = "../plants/mod.rs"]
 pub mod plants;

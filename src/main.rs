@@ -1,4 +1,9 @@
 //! The command line: reads arguments, calls the library, prints. Nothing is decided here.
+// They panic where nobody reads; see `console`.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
+#[macro_use]
+mod console;
 
 mod command;
 
@@ -54,13 +59,28 @@ enum Command {
 const LONGEST_MESSAGE: usize = 4000;
 
 fn main() -> ExitCode {
-    match execute(Arguments::parse().command) {
+    let code = match Arguments::try_parse() {
+        Ok(arguments) => run(arguments.command),
+        // Also help and the version, which were asked for.
+        Err(told) => {
+            let printed = told.print();
+            if !told.use_stderr() {
+                console::note(printed);
+            }
+            u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
+        }
+    };
+    console::ended(code)
+}
+
+fn run(command: Command) -> ExitCode {
+    match execute(command) {
         Ok(code) => code,
         Err(error) => {
             // Names and values of a file may hold anything, of any length.
             let text = one_line(&error.to_string());
             let shown = text.char_indices().nth(LONGEST_MESSAGE).map_or(&*text, |(end, _)| &text[..end]);
-            eprintln!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
+            tell!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
             ExitCode::FAILURE
         }
     }

@@ -34,7 +34,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         let (verdict, sound) = (unit.report.verdict(), unit.report.is_sound());
         let report =
             json!({ "name": unit.name, "verdict": verdict, "sound": sound, "step": step, "findings": findings });
-        println!("{report}");
+        say!("{report}");
     } else {
         print(&unit.name, &unit.report);
     }
@@ -43,14 +43,14 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 
 fn print(name: &str, report: &DesignReport) {
     if report.findings.is_empty() {
-        println!("{name}: nothing to check beyond the description's own limits, which it keeps");
+        say!("{name}: nothing to check beyond the description's own limits, which it keeps");
         return;
     }
-    println!("{name}: {}", report.verdict().text());
+    say!("{name}: {}", report.verdict().text());
     let mut section = None;
     for finding in &report.findings {
         if section != Some(&finding.section) {
-            println!("\n{}", finding.section);
+            say!("\n{}", finding.section);
             section = Some(&finding.section);
         }
         print_finding(finding);
@@ -63,9 +63,9 @@ fn print_finding(Finding { name, value, unit, verdict, note, .. }: &Finding) {
         let name = if k == 0 { name.as_str() } else { "" };
         let value = format!("{line} {unit}");
         let beside = if k == 0 && *verdict == Verdict::Ok { note.as_str() } else { "" };
-        println!("{}", format!("  {name:NAME$} {value:VALUE$} {beside}").trim_end());
+        say!("{}", format!("  {name:NAME$} {value:VALUE$} {beside}").trim_end());
     }
     if *verdict != Verdict::Ok {
-        println!("    {}: {note}", verdict.text());
+        say!("    {}: {note}", verdict.text());
     }
 }

@@ -20,14 +20,14 @@ pub struct Arguments {
 /// Writes an archive for every platform that this program was built for.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let library = Library::beside_program()?.with_other_platforms()?;
-    library.left_out().iter().for_each(|warning| eprintln!("warning: {warning}"));
+    library.left_out().iter().for_each(|warning| tell!("warning: {warning}"));
     let programs = exporter::programs()?;
     let write = |program: &Binary| distribution::write(program, &library, Path::new("."), &arguments.out);
     let files = programs.iter().map(write).collect::<Result<Vec<_>, _>>()?;
     if arguments.json {
-        println!("{}", json!({ "archives": files }));
+        say!("{}", json!({ "archives": files }));
     } else {
-        files.iter().for_each(|file| println!("{}", file.display()));
+        files.iter().for_each(|file| say!("{}", file.display()));
     }
     Ok(())
 }

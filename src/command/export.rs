@@ -54,16 +54,16 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     };
     for name in composite {
         let (file, warnings) = export_whole(&LoopFiles::find(name)?.structure()?, &library, out)?;
-        warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+        warnings.iter().for_each(|warning| tell!("warning: {warning}"));
         fmus.push(file);
     }
     let loops = ssp.iter().map(|name| pack_loop(name, &library, out)).collect::<Result<Vec<_>, _>>()?;
     if *json && ssp.is_empty() {
-        println!("{}", json!({ "fmus": fmus }));
+        say!("{}", json!({ "fmus": fmus }));
     } else if *json {
-        println!("{}", json!({ "fmus": fmus, "ssps": loops }));
+        say!("{}", json!({ "fmus": fmus, "ssps": loops }));
     } else {
-        fmus.iter().chain(&loops).for_each(|file| println!("{}", file.display()));
+        fmus.iter().chain(&loops).for_each(|file| say!("{}", file.display()));
     }
     let close = |name: &String| super::run::execute(&super::run::Arguments::of(name, out, *json));
     run.as_ref().map_or(Ok(ExitCode::SUCCESS), close)
@@ -110,7 +110,7 @@ fn warn_of(library: &Library) -> Result<(), Error> {
         slow.then(|| "the library was built without optimisation and is slow; build it with --release".to_owned());
     let new = library.binaries().iter().filter_map(asks_for_much);
     let told = slow.into_iter().chain(new).chain(library.left_out().iter().cloned());
-    TOLD.call_once(|| told.for_each(|warning| eprintln!("warning: {warning}")));
+    TOLD.call_once(|| told.for_each(|warning| tell!("warning: {warning}")));
     Ok(())
 }
 
@@ -150,7 +150,7 @@ fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error
         }
     };
     let (file, warnings) = pack(&files, &fmus, out)?;
-    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     Ok(file)
 }
 

@@ -26,7 +26,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let description = Description::read(&xml).map_err(refuse)?;
     let contents = Contents::read(fmu)?;
     if arguments.json {
-        println!("{}", as_json(&description, &contents));
+        say!("{}", as_json(&description, &contents));
     } else {
         print(&description, &contents);
     }
@@ -94,7 +94,7 @@ fn interfaces(description: &Description) -> Vec<&'static str> {
 
 fn print(description: &Description, contents: &Contents) {
     // What others wrote may hold line ends and control characters.
-    let line = |text: String| println!("{}", one_line(&text));
+    let line = |text: String| say!("{}", one_line(&text));
     let or = |list: String, none: &str| if list.is_empty() { none.to_owned() } else { list };
     line(format!("{}: {}", description.name, description.description));
     let tool = or(description.generation_tool.clone(), "a tool that it doesn't name");
@@ -116,8 +116,8 @@ fn print(description: &Description, contents: &Contents) {
     let capabilities: Vec<_> = description.capabilities.iter().map(|(name, value)| format!("{name} {value}")).collect();
     line(format!("capabilities: {}", capabilities.join(", ")));
     line(format!("log categories: {}", or(description.categories.join(", "), "none")));
-    println!();
-    println!("{:26} {:10} {:10} {:6} {:12} description", "variable", "causality", "changes", "unit", "start");
+    say!();
+    say!("{:26} {:10} {:10} {:6} {:12} description", "variable", "causality", "changes", "unit", "start");
     for v in &description.variables {
         let (unit, start) = (v.unit.as_deref().unwrap_or(""), v.start.as_deref().unwrap_or(""));
         line(format!("{:26} {:10} {:10} {unit:6} {start:12} {}", v.name, v.causality, v.variability, v.description));

@@ -53,7 +53,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone(), states };
     let linear = linearise(&fmu, &point)?;
     if arguments.json {
-        println!("{}", as_json(&linear));
+        say!("{}", as_json(&linear));
     } else {
         print(&linear);
     }
@@ -72,7 +72,7 @@ fn find_fmu(name: &str, folder: &Path) -> Result<PathBuf, Error> {
         description => return exporter::export(&description?, &library, folder),
     };
     let (file, warnings) = export_whole(&structure, &library, folder)?;
-    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     Ok(file)
 }
 
@@ -100,14 +100,14 @@ pub fn as_json(linear: &Linearisation) -> Value {
 fn print(linear: &Linearisation) {
     let Linearisation { name, time, method, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
     let what = if unique.is_some() { "steady state" } else { "state" };
-    println!("{name}, {what} at t = {time} s, {}", told(*method));
+    say!("{name}, {what} at t = {time} s, {}", told(*method));
     if *unique == Some(false) {
-        println!("A is singular: the steady state is one of many, near the start values");
+        say!("A is singular: the steady state is one of many, near the start values");
     }
-    println!();
+    say!();
     for (kind, quantities) in [("state", states), ("input", inputs), ("output", outputs)] {
         for Quantity { name, unit, value } in quantities {
-            println!("{kind:8} {name:28} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
+            say!("{kind:8} {name:28} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
         }
     }
     let derivative = |name: &String| format!("der({name})");
@@ -117,12 +117,12 @@ fn print(linear: &Linearisation) {
     print_matrix("C", c, &rows_of(outputs, plain), states);
     print_matrix("D", d, &rows_of(outputs, plain), inputs);
     if !eigenvalues.is_empty() {
-        println!("\n{:>14} {:>14} {:>10} {:>16}", "eigenvalue, Re", "Im in rad/s", "damping", "frequency, rad/s");
+        say!("\n{:>14} {:>14} {:>10} {:>16}", "eigenvalue, Re", "Im in rad/s", "damping", "frequency, rad/s");
     }
     for value in eigenvalues {
         let damping = value.damping.map_or("–".to_owned(), |damping| format!("{damping:.4}"));
         let [real, imaginary, frequency] = [value.real, value.imaginary, value.frequency].map(number);
-        println!("{real:>14} {imaginary:>14} {damping:>10} {frequency:>16}");
+        say!("{real:>14} {imaginary:>14} {damping:>10} {frequency:>16}");
     }
 }
 
@@ -153,9 +153,9 @@ fn print_matrix(name: &str, matrix: &DMatrix<f64>, rows: &[String], columns: &[Q
     let widths: Vec<usize> = columns.iter().map(|column| 2 + length(&column.name).max(14)).collect();
     let titles: Vec<_> =
         columns.iter().zip(&widths).map(|(column, width)| format!("{:>width$}", column.name)).collect();
-    println!("\n{name:first$}{}", titles.concat());
+    say!("\n{name:first$}{}", titles.concat());
     for (title, row) in rows.iter().zip(matrix.row_iter()) {
         let values: Vec<_> = row.iter().zip(&widths).map(|(v, width)| format!("{:>width$}", number(*v))).collect();
-        println!("{title:first$}{}", values.concat());
+        say!("{title:first$}{}", values.concat());
     }
 }

@@ -29,12 +29,12 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
         let entry = |(name, text): &(_, String)| json!({ "name": name, "description": text });
         let value = json!({ "fmus": fmus.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>(),
                             "loops": loops.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>() });
-        println!("{value}");
+        say!("{value}");
     } else {
-        println!("FMUs");
-        fmus.iter().for_each(|(name, text)| println!("  {name:24} {text}"));
-        println!("Loops");
-        loops.iter().for_each(|(name, text)| println!("  {name:24} {text}"));
+        say!("FMUs");
+        fmus.iter().for_each(|(name, text)| say!("  {name:24} {text}"));
+        say!("Loops");
+        loops.iter().for_each(|(name, text)| say!("  {name:24} {text}"));
     }
     Ok(())
 }

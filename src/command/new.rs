@@ -2,11 +2,11 @@
 
 mod plant;
 
-use std::fs::OpenOptions;
-use std::io::Write;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::output::Files;
 use adaptive_fmu::schema;
 use adaptive_fmu::template::{self, Request, Sizes};
 use clap::builder::PossibleValuesParser;
@@ -75,29 +75,31 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     if !arguments.no_schema {
         text.insert_str(0, &format!("#:schema ./{}\n", schema::FILE));
     }
-    write(&file, &text, *force)?;
-    println!("{}", file.display());
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let mut files = Files::at(folder);
+    let Some(own) = file.file_name() else { return Err(refuse("is no name of a file".to_owned())) };
+    if *force {
+        files.add(own, &text)?
+    } else {
+        files.add_new(own, &text).map_err(there_already)?
+    }
     if !arguments.no_schema {
-        let schema = file.parent().unwrap_or(Path::new("")).join(schema::FILE);
-        std::fs::write(&schema, schema::text()).map_err(Error::file(&schema))?;
-        println!("{}", schema.display());
+        files.add(schema::FILE, schema::text())?;
+    }
+    files.place().map_err(there_already)?;
+    say!("{}", file.display());
+    if !arguments.no_schema {
+        say!("{}", folder.join(schema::FILE).display());
     }
     Ok(())
 }
 
-fn write(file: &Path, text: &str, force: bool) -> Result<(), Error> {
-    let mut options = OpenOptions::new();
-    if force {
-        options.create(true).truncate(true)
-    } else {
-        options.create_new(true)
-    };
-    let mut opened = options.write(true).open(file).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => {
-            let reason = "is there already; --force overwrites it".to_owned();
-            Error::Description { file: file.to_owned(), reason }
+/// Tells how a file that is there is written all the same.
+fn there_already(error: Error) -> Error {
+    match error {
+        Error::File { file, source } if source.kind() == ErrorKind::AlreadyExists => {
+            Error::Description { file, reason: "is there already; --force overwrites it".to_owned() }
         }
-        _ => Error::file(file)(error),
-    })?;
-    opened.write_all(text.as_bytes()).map_err(Error::file(file))
+        other => other,
+    }
 }

@@ -24,7 +24,7 @@ fn listen_to_interrupts() {
             }
         });
         if let Err(error) = heard {
-            eprintln!("warning: Ctrl-C will end the run without results: {error}");
+            tell!("warning: Ctrl-C will end the run without results: {error}");
         }
     });
 }
@@ -46,7 +46,7 @@ impl Bars {
 
     /// A line on stderr, above the bars.
     pub fn tell(&self, line: &str) {
-        self.0.suspend(|| eprintln!("{line}"));
+        self.0.suspend(|| tell!("{line}"));
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::parallel;
 use adaptive_fmu::reproduction::{Curve, Done, Example, Figure, Outcome, Page, Run, Study};
 use adaptive_fmu::simulation::{Ending, LoopFiles};
@@ -14,6 +15,8 @@ use super::loop_options::LoopOptions;
 use super::parameters::Parameters;
 use super::progress::{self, Bars, Counter};
 use super::run::simulated;
+
+const PAGE: &str = "index.html";
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -47,9 +50,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     };
     let study = study.only(&arguments.only).map_err(wrong)?;
     let planned = study.example.iter().map(|example| planned(example, &file)).collect::<Result<Vec<_>, Error>>()?;
+    output::check(&arguments.out, "", &[PAGE])?;
     let outcomes = run_all(&planned, arguments)?;
     if outcomes.iter().any(|outcome| outcome.ending == Ending::Interrupted) {
-        eprintln!("interrupted: no page was written");
+        tell!("interrupted: no page was written");
         return Ok(ExitCode::from(progress::INTERRUPTED));
     }
     let done = judged(&planned, outcomes).map_err(wrong)?;
@@ -97,7 +101,7 @@ fn attempt(planned: &Planned, run: &Run, frozen: bool, bars: &Bars) -> Result<Ou
     let shown: Vec<&Curve> = shown.collect();
     let signals: Vec<&str> =
         shown.iter().flat_map(|curve| [Some(&curve.of), curve.minus.as_ref()]).flatten().map(String::as_str).collect();
-    let done = simulated(&options(run, frozen), &run.name, Path::new(""), &signals, bars)?;
+    let done = simulated(&options(run, frozen), &run.name, None, &signals, bars)?;
     let wrong = |reason| Error::Loop { file: PathBuf::from(&run.name), reason };
     Outcome::new(&key, &done.report(), done.took, &shown).map_err(wrong)
 }
@@ -121,36 +125,33 @@ fn judged(planned: &[Planned], outcomes: Vec<Outcome>) -> Result<Vec<Done>, Stri
 }
 
 fn write(page: &Page, folder: &Path) -> Result<(), Error> {
-    let put = |file: PathBuf, text: &str| {
-        let parent = file.parent().unwrap_or(folder);
-        std::fs::create_dir_all(parent).map_err(Error::file(parent))?;
-        std::fs::write(&file, text).map_err(Error::file(&file))
-    };
+    let mut files = Files::within(folder, "")?;
     for drawing in page.done.iter().flat_map(|done| &done.drawings) {
-        put(folder.join(format!("figures/{}.svg", drawing.name)), &drawing.svg)?;
-        put(folder.join(format!("data/{}.csv", drawing.name)), &drawing.csv)?;
+        files.add(format!("figures/{}.svg", drawing.name), &drawing.svg)?;
+        files.add(format!("data/{}.csv", drawing.name), &drawing.csv)?;
     }
-    put(folder.join("index.html"), &page.html())
+    files.add(PAGE, page.html())?;
+    files.place()
 }
 
 fn tell(study: &Study, done: &[Done], arguments: &Arguments) {
-    let page = arguments.out.join("index.html");
+    let page = arguments.out.join(PAGE);
     if arguments.json {
         let told = study.example.iter().zip(done).map(|(example, done)| {
             let runs = |outcomes: &[Outcome]| -> Vec<Value> { outcomes.iter().map(told).collect() };
             json!({ "example": example.name, "claims": done.claims, "runs": runs(&done.outcomes),
                     "frozen": runs(&done.frozen), "figures": done.drawings.len() })
         });
-        println!("{}", json!({ "examples": told.collect::<Vec<_>>(), "page": page }));
+        say!("{}", json!({ "examples": told.collect::<Vec<_>>(), "page": page }));
         return;
     }
     for (example, done) in study.example.iter().zip(done) {
-        println!("{} {}", example.name, example.title);
+        say!("{} {}", example.name, example.title);
         for claim in &done.claims {
-            println!("  {:3}  {}: {}", if claim.holds { "yes" } else { "NO" }, claim.claim, claim.measured);
+            say!("  {:3}  {}: {}", if claim.holds { "yes" } else { "NO" }, claim.claim, claim.measured);
         }
     }
-    println!("the page is {}; its figures and their curves lie beside it", page.display());
+    say!("the page is {}; its figures and their curves lie beside it", page.display());
 }
 
 fn told(outcome: &Outcome) -> Value {

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::simulation::{
     ClosedLoop, Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict,
 };
@@ -19,6 +20,10 @@ use super::run_all;
 /// A metric beyond its limit.
 const BEYOND_LIMIT: u8 = 3;
 const RESULTS: &str = "results";
+const TABLE: &str = "result.csv";
+const METRICS: &str = "metrics.json";
+const PLOT: &str = "plot.svg";
+const PAGE: &str = "index.html";
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -58,7 +63,9 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
     let Some(name) = &options.name else { return Ok(run_all::execute(options)) };
     let done = run(options, name, &Bars::new(options.json))?;
     if let Some(error) = done.failure {
-        eprintln!("what was computed until then is in {}", done.folder.display());
+        if let Some(folder) = &done.folder {
+            tell!("what was computed until then is in {}", folder.display());
+        }
         return Err(error);
     }
     print(&done, options.json).map_err(|reason| Error::Loop { file: done.structure.file.clone(), reason })?;
@@ -82,7 +89,8 @@ pub struct Run {
     recording: Recording,
     measured: Vec<Measured>,
     ending: Ending,
-    folder: PathBuf,
+    /// Where its results are, where it has any.
+    folder: Option<PathBuf>,
     /// Why it did not come to its end.
     pub failure: Option<Error>,
     /// How long the simulation took.
@@ -102,18 +110,34 @@ impl Run {
     }
 }
 
-/// Runs a closed loop and writes its results, also those of a run that a unit's failure ended.
+/// Runs a closed loop and writes its results, also those of a run that a unit's failure ended. One that made no step has
+/// none: what an earlier run left stays.
 pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
-    let done = simulated(&arguments.options, name, &arguments.out, &[], bars)?;
-    write_results(&done.report(), &done.folder)?;
+    let mut done = simulated(&arguments.options, name, Some(&arguments.out), &[], bars)?;
+    if done.recording.times.len() > 1 {
+        write_results(&done.report(), &arguments.out)?;
+        done.folder = Some(arguments.out.join(&done.structure.name));
+    }
     Ok(done)
 }
 
-/// Runs a closed loop; further signals are recorded beside those that it names. Nothing is written.
-pub fn simulated(options: &LoopOptions, name: &str, out: &Path, further: &[&str], bars: &Bars) -> Result<Run, Error> {
+/// Runs a closed loop; further signals are recorded beside those that it names. Nothing is written; but where results are
+/// to be, a folder that can't take them is refused at once.
+pub fn simulated(
+    options: &LoopOptions,
+    name: &str,
+    out: Option<&Path>,
+    further: &[&str],
+    bars: &Bars,
+) -> Result<Run, Error> {
     let files = LoopFiles::find(name)?;
     let mut structure = options.structure(&files)?;
     let settings = options.settings(&structure)?;
+    let whole = options.composite;
+    let own_name = format!("{}{}", structure.name, if whole { "-composite" } else { "" });
+    if let Some(out) = out {
+        output::check(out, &own_name, &[TABLE, METRICS, PLOT, PAGE])?;
+    }
     let loaded = options.units(&files, &structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
     let closed = loaded.instantiate(&[])?;
@@ -122,12 +146,8 @@ pub fn simulated(options: &LoopOptions, name: &str, out: &Path, further: &[&str]
     let took = begun.elapsed();
     let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
-    let whole = options.composite;
-    if whole {
-        structure.name.push_str("-composite");
-    }
-    let folder = out.join(&structure.name);
-    Ok(Run { structure, settings, whole, recording, measured, ending, folder, failure, took })
+    structure.name = own_name;
+    Ok(Run { structure, settings, whole, recording, measured, ending, folder: None, failure, took })
 }
 
 /// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.
@@ -147,44 +167,45 @@ fn simulate(closed: ClosedLoop, settings: Settings, progress: &mut Progress) -> 
     }
 }
 
-fn write_results(report: &Report, folder: &Path) -> Result<(), Error> {
+fn write_results(report: &Report, out: &Path) -> Result<(), Error> {
     let Report { structure, recording, measured, ending, .. } = report;
-    std::fs::create_dir_all(folder).map_err(Error::file(folder))?;
-    let write = |name: &str, text: String| {
-        let file = folder.join(name);
-        std::fs::write(&file, text).map_err(Error::file(&file))
-    };
+    let mut files = Files::within(out, &structure.name)?;
     let names: Vec<_> = recording.names.iter().map(|name| csv_field(name)).collect();
     let mut csv = format!("time,{}\n", names.join(","));
     for (k, time) in recording.times.iter().enumerate() {
         let values: Vec<_> = recording.columns.iter().map(|column| column[k].to_string()).collect();
         csv.push_str(&format!("{time},{}\n", values.join(",")));
     }
-    write("result.csv", csv)?;
-    write("metrics.json", json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured }).to_string())?;
-    let wrong = |reason| Error::Loop { file: folder.to_owned(), reason };
-    write("plot.svg", svg(&structure.description, &structure.plots, recording).map_err(wrong)?)?;
-    write("index.html", report.html().map_err(wrong)?)
+    files.add(TABLE, csv)?;
+    let told = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured });
+    files.add(METRICS, told.to_string())?;
+    let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
+    files.add(PLOT, svg(&structure.description, &structure.plots, recording).map_err(wrong)?)?;
+    files.add(PAGE, report.html().map_err(wrong)?)?;
+    files.place()
 }
 
 fn print(done: &Run, json: bool) -> Result<(), String> {
     let Run { structure, recording, measured, folder, .. } = done;
     if let Some(shortfall) = done.report().shortfall() {
-        eprintln!("the run {shortfall}; what was computed until then is in {}", folder.display());
+        let kept = folder.as_ref().map(|folder| format!("; what was computed until then is in {}", folder.display()));
+        tell!("the run {shortfall}{}", kept.unwrap_or_default());
     }
     if json {
-        println!("{}", done.told());
+        say!("{}", done.told());
         return Ok(());
     }
     if let Some(plot) = structure.plots.first() {
-        println!("{}", terminal(plot, recording)?);
+        say!("{}", terminal(plot, recording)?);
     }
-    println!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
+    say!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
     for Measured { label, value, limit } in measured {
         let value = value.map_or("–".to_owned(), |value| format!("{value:.5}"));
-        println!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
+        say!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
     }
-    recording.warnings.iter().for_each(|warning| println!("warning: {warning}"));
-    println!("index.html (the report), result.csv, metrics.json and plot.svg are in {}", folder.display());
+    recording.warnings.iter().for_each(|warning| say!("warning: {warning}"));
+    if let Some(folder) = folder {
+        say!("{PAGE} (the report), {TABLE}, {METRICS} and {PLOT} are in {}", folder.display());
+    }
     Ok(())
 }

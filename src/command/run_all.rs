@@ -22,10 +22,10 @@ pub fn execute(options: &Arguments) -> ExitCode {
     let tried = on_all_cores(options);
     let (rows, told): (Vec<Row>, Vec<Value>) = tried.into_iter().map(|tried| (tried.row, tried.told)).unzip();
     if options.json {
-        println!("{}", json!({ "loops": told }));
+        say!("{}", json!({ "loops": told }));
     } else {
-        println!("{}", table(&rows));
-        println!("the results of each loop are in a folder of its name in {}", options.out.display());
+        say!("{}", table(&rows));
+        say!("the results of each loop are in a folder of its name in {}", options.out.display());
     }
     exit_code(rows.iter().map(|row| row.verdict).max().unwrap_or(Verdict::Holds))
 }

@@ -2,8 +2,10 @@
 
 use std::process::ExitCode;
 
+use crate::console;
+
 /// Prints it.
 pub fn execute() -> ExitCode {
-    print!("{}", adaptive_fmu::schema::text());
+    console::text(&adaptive_fmu::schema::text());
     ExitCode::SUCCESS
 }

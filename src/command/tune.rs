@@ -6,13 +6,13 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::parallel;
 use adaptive_fmu::simulation::{LoopFiles, Settings, SquareTerm, Structure, TunedParameter, Tuning};
 use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
+use adaptive_fmu::{output, parallel};
 
 use super::loop_options::{LoopOptions, positive};
 use super::progress::{self, Bars, Counter};
-use super::tuned::{Tuned, print, write_results};
+use super::tuned::{CONVERGENCE, TUNED, Tuned, print, write_results};
 
 /// Written after every generation.
 pub const RECORD: &str = "search.json";
@@ -102,10 +102,12 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let files = LoopFiles::find(&arguments.name)?;
     let structure = arguments.options.structure(&files)?;
     let task = Task::new(arguments, &files, structure)?;
-    let folder = arguments.out.join(format!("{}-tuned", task.structure.name));
-    std::fs::create_dir_all(&folder).map_err(Error::file(&folder))?;
+    let below = format!("{}-tuned", task.structure.name);
+    let folder = arguments.out.join(&below);
+    output::check(&arguments.out, &below, &[RECORD, TUNED, CONVERGENCE])?;
     let file = folder.join(RECORD);
     let mut swarm = if arguments.resume { Record::resume(&file, &task.question)? } else { task.swarm() };
+    output::make_folder(&arguments.out, &below)?;
     let begun = Instant::now();
     let before = task.as_it_is();
     let ended = task.search(&mut swarm, &file, &bars)?;
@@ -228,7 +230,10 @@ impl Task {
             ended.note(swarm, &outcomes);
             if !ended.interrupted {
                 swarm.tell(&outcomes.iter().map(Outcome::value).collect::<Vec<_>>());
-                Record { question: self.question.clone(), swarm: swarm.clone() }.write(file)?;
+                // A search that has found nothing takes the place of none.
+                if swarm.best().is_some() {
+                    Record { question: self.question.clone(), swarm: swarm.clone() }.write(file)?;
+                }
             }
         }
         counter.clear();

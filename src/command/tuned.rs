@@ -4,13 +4,15 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::output::Files;
 use adaptive_fmu::simulation::{Plot, Recording, svg_over};
 use adaptive_fmu::tuning::{Best, Generation, Outcome, Range, Swarm, parameter_set};
 use serde_json::{Map, Value, json};
 
 use super::tune::{Before, Ended, RECORD, Task};
 
-const TUNED: &str = "tuned.ssv";
+pub const TUNED: &str = "tuned.ssv";
+pub const CONVERGENCE: &str = "convergence.svg";
 
 /// The result of a search.
 pub struct Tuned {
@@ -46,18 +48,15 @@ impl Tuned {
 
 /// Writes the best values as parameter sets, of the loop and of each unit, and how the search went.
 pub fn write_results(tuned: &Tuned) -> Result<(), Error> {
-    let write = |name: &str, text: String| {
-        let file = tuned.folder.join(name);
-        std::fs::write(&file, text).map_err(Error::file(&file))
-    };
+    let mut files = Files::at(&tuned.folder);
     let remark = format!("Found for {} by a particle swarm; its objective is {}.", tuned.name(), tuned.best.value);
     let set = |values: &[(&str, f64)]| parameter_set("tuned", &remark, values).map_err(Error::file(&tuned.folder));
-    write(TUNED, set(&tuned.values().collect::<Vec<_>>())?)?;
+    files.add(TUNED, set(&tuned.values().collect::<Vec<_>>())?)?;
     for unit in tuned.task.structure.components.iter().map(|component| &component.name) {
         let of_unit = |(name, value)| Some((str::strip_prefix(name, unit.as_str())?.strip_prefix('.')?, value));
         let values: Vec<_> = tuned.values().filter_map(of_unit).collect();
         if !values.is_empty() {
-            write(&format!("{unit}.ssv"), set(&values)?)?;
+            files.add(format!("{unit}.ssv"), set(&values)?)?;
         }
     }
     let history = tuned.swarm.history();
@@ -73,7 +72,8 @@ pub fn write_results(tuned: &Tuned) -> Result<(), Error> {
     };
     let plot = Plot { title: "objective".to_owned(), signals: names };
     let wrong = |reason| Error::Loop { file: tuned.folder.clone(), reason };
-    write("convergence.svg", svg_over("generation", tuned.name(), &[plot], &recording).map_err(wrong)?)
+    files.add(CONVERGENCE, svg_over("generation", tuned.name(), &[plot], &recording).map_err(wrong)?)?;
+    files.place()
 }
 
 /// Prints a table of the values, or what a script wants.
@@ -84,7 +84,7 @@ pub fn print(tuned: &Tuned, json: bool) {
         let parameters: Map<String, Value> =
             tuned.values().map(|(name, value)| (name.to_owned(), json!(value))).collect();
         let again = again.as_ref().map(Outcome::value);
-        println!(
+        say!(
             "{}",
             json!({ "loop": name, "ended": if ended.interrupted { "interrupted" } else { "complete" },
                     "objective": { "start": start, "best": best.value, "verified": again },
@@ -94,28 +94,26 @@ pub fn print(tuned: &Tuned, json: bool) {
         return;
     }
     let told = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.6}"));
-    println!("{name:34} {:>14} {:>14}   bounds", "as it is", "tuned");
-    println!("{:34} {:>14} {:>14}", "objective", told(start), told(Some(best.value)));
+    say!("{name:34} {:>14} {:>14}   bounds", "as it is", "tuned");
+    say!("{:34} {:>14} {:>14}", "objective", told(start), told(Some(best.value)));
     for (k, range) in tuned.ranges().iter().enumerate() {
         let (was, is) = (before.as_ref().map(|before| before.values[k]), best.position[k]);
-        println!("{:34} {:>14} {is:>14.6}   {} … {}", range.name, told(was), range.low, range.high);
+        say!("{:34} {:>14} {is:>14.6}   {} … {}", range.name, told(was), range.low, range.high);
     }
     match again {
-        Some(Outcome::Value(value)) => println!("with its own tolerance and method the loop comes to {value:.6}"),
+        Some(Outcome::Value(value)) => say!("with its own tolerance and method the loop comes to {value:.6}"),
         Some(Outcome::Failed(reason)) => {
-            eprintln!("warning: with its own tolerance and method the loop fails: {reason}")
+            tell!("warning: with its own tolerance and method the loop fails: {reason}")
         }
         _ => {}
     }
     if let Some(reason) = &ended.reason {
-        println!("{} runs failed and count as worst; the last: {reason}", tuned.failed());
+        say!("{} runs failed and count as worst; the last: {reason}", tuned.failed());
     }
     if ended.interrupted {
-        eprintln!("interrupted in generation {}; --resume goes on", tuned.swarm.history().len() + 1);
+        tell!("interrupted in generation {}; --resume goes on", tuned.swarm.history().len() + 1);
     }
-    println!("{} runs took {:.1} s", ended.runs, took.as_secs_f64());
+    say!("{} runs took {:.1} s", ended.runs, took.as_secs_f64());
     let folder = folder.display();
-    println!(
-        "{TUNED} (for --case), a set for each unit (for export --values), convergence.svg and {RECORD} are in {folder}"
-    );
+    say!("{TUNED} (for --case), a set for each unit (for export --values), {CONVERGENCE} and {RECORD} are in {folder}");
 }

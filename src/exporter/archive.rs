@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::Unit;
 use crate::fmi2::resources::DESCRIPTION;
-use crate::text_file;
+use crate::{output, text_file};
 
 /// What an archive may unpack to, and one text in it: limits for archives that aren't ours.
 const LARGEST: u64 = 1 << 30;
@@ -84,24 +84,7 @@ type Zip = ZipWriter<Cursor<Vec<u8>>>;
 /// Finishes an archive, and puts it in the place of a file.
 fn replace(file: &Path, zip: Zip) -> Result<(), Error> {
     let bytes = zip.finish().map_err(refused(file))?.into_inner();
-    let folder = file.parent().unwrap_or(Path::new("."));
-    let mut temporary =
-        tempfile::Builder::new().prefix(".").suffix(".part").tempfile_in(folder).map_err(Error::file(file))?;
-    temporary.write_all(&bytes).map_err(Error::file(file))?;
-    readable_by_all(temporary.as_file()).map_err(Error::file(file))?;
-    temporary.persist(file).map_err(|error| Error::file(file)(error.error))?;
-    Ok(())
-}
-
-#[cfg(unix)]
-fn readable_by_all(file: &File) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.set_permissions(std::fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-fn readable_by_all(_: &File) -> std::io::Result<()> {
-    Ok(())
+    output::write(file, bytes)
 }
 
 /// The same entries always give the same bytes: no times, no owners.

@@ -1,5 +1,6 @@
 """What a run leaves behind: its page, also when it is interrupted or a unit fails."""
 
+import contextlib
 import json
 import os
 import pty
@@ -138,11 +139,11 @@ def test_a_failing_unit_leaves_what_was_computed(fmu_folder: Path, tmp_path: Pat
 class Endless:
     """A run that won't end by itself, in a terminal."""
 
-    def __init__(self, fmus: Path, out: Path, *options: str) -> None:
+    def __init__(self, fmus: Path, out: Path, *options: str, stdout: int = subprocess.PIPE) -> None:
         self.terminal, stderr = pty.openpty()
         command = ["cargo", "run", "--release", "-q", "--", "run", LOOP, "--until", "9000", *options]
         command += ["--fmus", str(fmus), "--out", str(out)]
-        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=stderr, text=True)
+        self.process = subprocess.Popen(command, cwd=ROOT, stdout=stdout, stderr=stderr, text=True)
         os.close(stderr)
         self.seen = ""
 
@@ -206,14 +207,20 @@ def test_progress_is_silent_where_a_program_reads(fmu_folder: Path, tmp_path: Pa
 
 
 def test_a_second_interruption_ends_at_once(fmu_folder: Path, tmp_path: Path) -> None:
-    (tmp_path / LOOP).mkdir()
-    # Nobody reads this pipe: the program can't finish its results.
-    os.mkfifo(tmp_path / LOOP / "result.csv")
-    with Endless(fmu_folder, tmp_path) as run:
+    # Nobody reads this pipe, and it is full: the program can't finish its table.
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(writer, bytes(4096)):
+            pass
+    os.set_blocking(writer, True)
+    with Endless(fmu_folder, tmp_path, stdout=writer) as run:
         run.wait_for("× real time")
         run.interrupt()
         with pytest.raises(subprocess.TimeoutExpired):
             run.process.wait(timeout=2.0)
         run.interrupt()
         assert run.process.wait(timeout=10.0) == 130
-    assert [file.name for file in (tmp_path / LOOP).iterdir()] == ["result.csv"]
+    os.close(reader)
+    os.close(writer)
+    assert sorted(file.name for file in (tmp_path / LOOP).iterdir()) == FILES

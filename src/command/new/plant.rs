@@ -65,7 +65,7 @@ fn linearised(arguments: &Arguments, file: &Path, states: Vec<String>) -> Result
     let fmu = Arc::new(Fmu::open_any(file, &arguments.hosting.hosting()?)?);
     let point = OperatingPoint { time: arguments.at, steady_state: false, start: arguments.set.clone(), states };
     let linear = linearise(&fmu, &point)?;
-    eprintln!("{} is linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
+    tell!("{} is linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
     let mut plant = as_json(&linear);
     let limit = |bound: fn(&adaptive_fmu::simulation::Variable) -> &Option<String>| -> Option<Vec<f64>> {
         let variables = linear.inputs.iter().map(|input| fmu.description.variable(&input.name));

@@ -1,0 +1,219 @@
+//! Files as commands write them: beside their places, synced, then renamed. So a file that was there stays whole until
+//! another whole one takes its place, and files that belong together are replaced when all of them are written.
+//!
+//! No link is followed: where one stands in the place of a file, or of a folder below the one that the user named, it
+//! is refused by its name.
+
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File, TryLockError};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Component, Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::error::Error;
+
+/// The end of the name of a file that isn't whole yet.
+const PART: &str = ".part";
+
+/// Files that belong together, written but not yet in their places. Dropped, they leave nothing.
+#[derive(Debug)]
+pub struct Files {
+    folder: PathBuf,
+    written: Vec<Written>,
+}
+
+#[derive(Debug)]
+struct Written {
+    part: NamedTempFile,
+    file: PathBuf,
+    /// Whether a file of that name may be replaced.
+    replaces: bool,
+}
+
+impl Files {
+    /// Files for a folder that is there.
+    pub fn at(folder: &Path) -> Self {
+        // The parent of a plain name is empty.
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        Files { folder: folder.to_owned(), written: Vec::new() }
+    }
+
+    /// Files for a folder that is made where it isn't there: the one that the user named, and one below it.
+    ///
+    /// # Errors
+    /// When it can't be made, or a link or a file stands in its place.
+    pub fn within(out: &Path, below: &str) -> Result<Self, Error> {
+        Ok(Files::at(&make_folder(out, below)?))
+    }
+
+    /// Adds a file, which may lie in folders below.
+    ///
+    /// # Errors
+    /// When it can't be written, or something that isn't a plain file stands in its place.
+    pub fn add(&mut self, name: impl AsRef<Path>, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
+        self.put(name.as_ref(), bytes.as_ref(), true)
+    }
+
+    /// Adds a file that takes the place of none.
+    ///
+    /// # Errors
+    /// When it can't be written, or there is something of that name.
+    pub fn add_new(&mut self, name: impl AsRef<Path>, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
+        self.put(name.as_ref(), bytes.as_ref(), false)
+    }
+
+    fn put(&mut self, path: &Path, bytes: &[u8], replaces: bool) -> Result<(), Error> {
+        let (below, name) = (path.parent().unwrap_or(Path::new("")), file_name(path)?);
+        let folder = folder(&self.folder, below, true)?;
+        let file = folder.join(name);
+        if !replaces && fs::symlink_metadata(&file).is_ok() {
+            return Err(Error::file(&file)(ErrorKind::AlreadyExists.into()));
+        }
+        require_plain(&file)?;
+        let part = written_beside(&folder, name, bytes).map_err(Error::file(&file))?;
+        self.written.push(Written { part, file, replaces });
+        Ok(())
+    }
+
+    /// Puts all of them into their places.
+    ///
+    /// # Errors
+    /// When something that isn't a plain file stands in the place of one: then none is put there. Or when one can't be
+    /// renamed.
+    pub fn place(self) -> Result<(), Error> {
+        self.written.iter().try_for_each(|written| require_plain(&written.file))?;
+        for Written { part, file, replaces } in self.written {
+            let placed = if replaces { part.persist(&file) } else { part.persist_noclobber(&file) };
+            placed.map_err(|error| Error::file(&file)(error.error))?;
+        }
+        Ok(())
+    }
+}
+
+/// Writes one file.
+///
+/// # Errors
+/// When it can't be written, or something that isn't a plain file stands in its place; then that stays as it was.
+pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
+    let mut files = Files::at(file.parent().unwrap_or(Path::new("")));
+    files.add(file_name(file)?, bytes)?;
+    files.place()
+}
+
+/// Makes a folder where it isn't there: the one that the user named, and one below it.
+///
+/// # Errors
+/// When it can't be made, or a link or a file stands in its place.
+pub fn make_folder(out: &Path, below: &str) -> Result<PathBuf, Error> {
+    let out = Files::at(out).folder;
+    fs::create_dir_all(&out).map_err(Error::file(&out))?;
+    folder(&out, Path::new(below), true)
+}
+
+/// Whether files of these names could be put into a folder below the one that the user named; nothing is made. What is
+/// computed for long is better refused before than after.
+///
+/// # Errors
+/// What stands in the place of one of them, or of the folder.
+pub fn check(out: &Path, below: &str, names: &[&str]) -> Result<(), Error> {
+    if fs::metadata(out).is_ok_and(|found| !found.is_dir()) {
+        return Err(refusal(out, "is no folder: name another one by --out"));
+    }
+    let folder = folder(out, Path::new(below), false)?;
+    names.iter().try_for_each(|name| require_plain(&folder.join(name)))
+}
+
+/// A folder below another: no part of the way is a link.
+fn folder(out: &Path, below: &Path, make: bool) -> Result<PathBuf, Error> {
+    if !below.components().all(|component| matches!(component, Component::Normal(_))) {
+        return Err(refusal(&out.join(below), "would lie outside the folder that was named"));
+    }
+    let mut path = out.to_owned();
+    for component in below.components() {
+        path.push(component);
+        match fs::symlink_metadata(&path) {
+            Ok(found) if found.is_symlink() => return Err(a_link(&path)),
+            Ok(found) if !found.is_dir() => return Err(refusal(&path, "is no folder: move it away")),
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::NotFound && make => match fs::create_dir(&path) {
+                Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(Error::file(&path)(error)),
+                _ => {}
+            },
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(Error::file(&path)(error)),
+        }
+    }
+    Ok(path)
+}
+
+/// Nothing stands there, or a file that may be replaced.
+fn require_plain(file: &Path) -> Result<(), Error> {
+    match fs::symlink_metadata(file) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(Error::file(file)(error)),
+        Ok(found) if found.is_symlink() => Err(a_link(file)),
+        Ok(found) if found.is_dir() => Err(refusal(file, "is a folder: move it away")),
+        Ok(found) if !found.is_file() => Err(refusal(file, "is not a regular file: move it away")),
+        Ok(found) if found.permissions().readonly() => Err(refusal(file, "is write-protected")),
+        Ok(_) => Ok(()),
+    }
+}
+
+fn a_link(path: &Path) -> Error {
+    refusal(path, "is a link, and nothing is written through links: move it away")
+}
+
+fn refusal(path: &Path, reason: &str) -> Error {
+    Error::file(path)(io::Error::new(ErrorKind::InvalidInput, reason.to_owned()))
+}
+
+fn file_name(file: &Path) -> Result<&OsStr, Error> {
+    file.file_name().ok_or_else(|| refusal(file, "is no name of a file"))
+}
+
+/// A whole file beside the place of another, on the disk.
+fn written_beside(folder: &Path, name: &OsStr, bytes: &[u8]) -> io::Result<NamedTempFile> {
+    let prefix = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect::<OsString>();
+    remove_left_over(folder, &prefix);
+    let mut part = loop {
+        let part = created(folder, &prefix)?;
+        // The lock tells others that this file isn't left over from a process that was killed.
+        let locked = part.as_file().try_lock();
+        // Another process may have taken it for such a one before it was locked.
+        if !matches!(locked, Err(TryLockError::WouldBlock)) && fs::symlink_metadata(part.path()).is_ok() {
+            break part;
+        }
+    };
+    part.write_all(bytes)?;
+    part.as_file().sync_all()?;
+    Ok(part)
+}
+
+fn created(folder: &Path, prefix: &OsStr) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(prefix).suffix(PART);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // As any file that a program creates: the user's mask is taken off.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder)
+}
+
+/// Removes what a process left of a file when it was killed. What can't be removed disturbs nothing.
+fn remove_left_over(folder: &Path, prefix: &OsStr) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.as_encoded_bytes();
+        let is_part = name.starts_with(prefix.as_encoded_bytes()) && name.ends_with(PART.as_bytes());
+        if is_part && entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            let unused = File::open(entry.path()).is_ok_and(|file| {
+                // It is removed while the lock is held: nobody else begins to use it.
+                file.try_lock().is_ok() && fs::remove_file(entry.path()).is_ok()
+            });
+            let _ = unused;
+        }
+    }
+}
