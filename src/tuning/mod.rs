@@ -1,5 +1,6 @@
 //! Tuning parameters of a closed loop by a particle swarm.
 
+mod check;
 mod objective;
 mod record;
 mod swarm;
