@@ -305,7 +305,10 @@ fn texts_of_units_convert_where_the_fmu_defines_none_or_only_their_names() {
         for definitions in ["", &names] {
             let wiring = wired(&format!("unit='{from}'"), &format!("unit='{to}'"), definitions).unwrap();
             let found = wiring.links[0].conversion.of(value);
-            assert!((found - expected).abs() <= 4e-16 * expected.abs().max(300.0 * f64::from(u8::from(to == "degC"))), "{from}: {found}");
+            assert!(
+                (found - expected).abs() <= 4e-16 * expected.abs().max(300.0 * f64::from(u8::from(to == "degC"))),
+                "{from}: {found}"
+            );
         }
     }
     // What the file defines counts, whatever the name; a difference of temperatures has no offset.
