@@ -467,8 +467,8 @@ fn a_source_that_leads_out_of_the_folder_is_refused() {
         let fmu = Folder::new("").replaced("resources/A.fmu", source);
         assert_tells(&fmu.refusal(), &["line ", source, "resources/NAME.fmu"]);
     }
-    let up = Folder::new("").replaced("resources/A.fmu", "resources/../../A.fmu");
-    assert_tells(&up.refusal(), &["line ", "resources/NAME.fmu"]);
+    let gone = Folder::new("").replaced("resources/A.fmu", "resources/../../Gone.fmu");
+    assert_tells(&gone.refusal(), &["line ", "there is no file", "resources/NAME.fmu"]);
 }
 
 #[test]
@@ -477,12 +477,13 @@ fn what_this_reader_does_not_know_is_refused_not_skipped() {
     let bindings = |inner: &str| {
         file("<ssd:Elements>", &format!("<ssd:ParameterBindings>{inner}</ssd:ParameterBindings><ssd:Elements>"))
     };
-    let mapping = "<ssd:ParameterBinding source='a.ssv'><ssd:ParameterMapping/></ssd:ParameterBinding>";
-    assert_tells(&bindings(mapping), &["line ", "ParameterMapping"]);
+    let mapping = "<ssd:ParameterBinding prefix='one.' source='SystemStructure.ssd'><ssd:ParameterMapping/></ssd:ParameterBinding>";
+    assert_tells(&bindings(mapping), &["line "]);
     assert_tells(&bindings("<ssd:ParameterBinding type='text/csv' source='a.csv'/>"), &["line ", "text/csv"]);
     assert_tells(&bindings("<ssd:ParameterBinding sourceBase='component' source='a.ssv'/>"), &["line ", "sourceBase"]);
     assert_tells(&bindings("<ssd:ParameterBinding source='gone.ssv'/>"), &["line ", "gone.ssv"]);
-    assert_tells(&file("<ssd:Component ", "<ssd:System name='inner'/><ssd:Component "), &["line ", "System"]);
+    let reference = "<ssd:SignalDictionaryReference name='signals'/><ssd:Component ";
+    assert_tells(&file("<ssd:Component ", reference), &["line ", "SignalDictionaryReference"]);
     assert_tells(
         &file("source=\"resources/A.fmu\"", "type='application/x-ssp-package' source='a.ssp'"),
         &["line ", "x-ssp"],
@@ -495,7 +496,68 @@ fn what_this_reader_does_not_know_is_refused_not_skipped() {
     assert_tells(&file("name=\"two\"", "name=\"one\""), &["line ", "`one`"]);
     assert_tells(&file("name=\"pair\"", "name=\"../pair\""), &["line ", "../pair"]);
     assert_tells(&file("step=\"0.1\"", "step=\"0\""), &["line ", "step = 0"]);
-    assert_tells(&file("adaptive-fmu.closed-loop", "another"), &["adaptive-fmu.closed-loop"]);
+}
+
+#[test]
+fn a_mapping_gives_values_other_names() {
+    let values = gain("K", "2") + &gain("unused", "3");
+    let entry = |inner: &str| format!("<ssm:MappingEntry source='K' target='gain'>{inner}</ssm:MappingEntry>");
+    let inline = |entries: &str| {
+        let mapping = format!(
+            "<ssd:ParameterMapping><ssm:ParameterMapping xmlns:ssm='m' version='1.0'>{entries}</ssm:ParameterMapping></ssd:ParameterMapping>"
+        );
+        binding(&set(&values)).replace("</ssd:ParameterValues>", &format!("</ssd:ParameterValues>{mapping}"))
+    };
+    let with = |entries: &str| Folder::with(&inline(entries), "", "");
+    assert_eq!(start(&with(&entry("")).wiring().unwrap(), "gain"), Value::Real(2.0));
+    let linear = with(&entry("<ssc:LinearTransformation factor='10' offset='1'/>"));
+    assert_eq!(start(&linear.wiring().unwrap(), "gain"), Value::Real(21.0));
+    assert_tells(&with(&entry("").replace("'K'", "'L'")).refusal(), &["source = L", "line "]);
+    let folder =
+        Folder::with(&inline("").replace("<ssd:ParameterMapping>", "<ssd:ParameterMapping source='a.ssm'>"), "", "");
+    folder.write(
+        "a.ssm",
+        &format!(
+            "<ssm:ParameterMapping xmlns:ssm='m' xmlns:ssc='c' version='1.0'>{}</ssm:ParameterMapping>",
+            entry("")
+        ),
+    );
+    assert_eq!(start(&folder.wiring().unwrap(), "gain"), Value::Real(2.0));
+}
+
+#[test]
+fn systems_within_hand_values_on_and_give_them_to_their_units() {
+    let inner = format!(
+        "<ssd:System name='in'><ssd:Connectors><ssd:Connector name='entry' kind='input'><ssc:Real/></ssd:Connector>\
+         <ssd:Connector name='exit' kind='output'/><ssd:Connector name='free' kind='input'/></ssd:Connectors><ssd:Elements>\
+         <ssd:Component name='three' source='resources/A.fmu'>{CONNECTORS}</ssd:Component></ssd:Elements><ssd:Connections>\
+         <ssd:Connection startElement='' startConnector='entry' endElement='three' endConnector='u'>\
+         <ssc:LinearTransformation factor='3'/></ssd:Connection>\
+         <ssd:Connection startElement='three' startConnector='z' endConnector='exit'/>\
+         <ssd:Connection startConnector='free' endElement='three' endConnector='width'/></ssd:Connections></ssd:System>"
+    );
+    let joined = "<ssd:Connection startElement='one' startConnector='z' endElement='in' endConnector='entry'>\
+        <ssc:LinearTransformation factor='2' offset='1'/></ssd:Connection>\
+        <ssd:Connection startElement='in' startConnector='exit' endElement='two' endConnector='u'/>";
+    let of_system = binding(&set(&(gain("in.three.gain", "4") + &gain("in.free", "5") + &gain("in.entry", "9"))));
+    let folder = |joined: &str| {
+        Folder::with("", &of_system, joined).replaced("</ssd:Elements>", &format!("{inner}</ssd:Elements>"))
+    };
+    let structure = folder(joined).structure().unwrap();
+    let names: Vec<_> = structure.components.iter().map(|component| component.name.as_str()).collect();
+    assert_eq!(names, ["one", "two", "in.three"]);
+    let unit = Description::read(UNIT).unwrap();
+    let wiring = check(&structure, &[&unit, &unit, &unit], Circles::Exchanged).unwrap();
+    let place = |name: &str| unit.place(name).unwrap();
+    let mut found: Vec<_> = wiring.links.iter().map(|link| (link.from, link.to, link.conversion.of(1.0))).collect();
+    found.sort_by_key(|(from, ..)| *from);
+    // (1 · 2 + 1) · 3 on its way in.
+    assert_eq!(found, [((0, place("z")), (2, place("u")), 9.0), ((2, place("z")), (1, place("u")), 1.0)]);
+    // What another unit gives counts; a connector that nothing leads to hands its start value on.
+    assert_eq!(wiring.values[2], [(place("gain"), Value::Real(4.0)), (place("width"), Value::Real(5.0))]);
+    let told =
+        folder("<ssd:Connection startElement='in' startConnector='way' endElement='two' endConnector='u'/>").refusal();
+    assert_tells(&told, &["startConnector = way", "system `in`", "line "]);
 }
 
 #[test]

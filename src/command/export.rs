@@ -7,7 +7,7 @@ use std::sync::Once;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Binary, Glibc, Library, Platform};
-use adaptive_fmu::simulation::{LoopFiles, Structure, pack};
+use adaptive_fmu::simulation::{Component, LoopFiles, Structure, pack};
 use serde_json::json;
 
 #[derive(clap::Args)]
@@ -134,7 +134,8 @@ pub fn export_whole(structure: &Structure, library: &Library, out: &Path) -> Res
 /// Writes the FMUs of a loop into a folder.
 pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
     warn_of(library)?;
-    let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
+    let exported = structure.components.iter().filter(|component| component.is_exported());
+    let needed: BTreeSet<&String> = exported.map(|component| &component.fmu).collect();
     needed.into_iter().map(|fmu| exporter::export(&structure.description_of(fmu)?, library, out)).collect()
 }
 
@@ -142,14 +143,11 @@ pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Res
 fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error> {
     let files = LoopFiles::find(name)?;
     let new = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-    let fmus = match files.fmus() {
-        Some(own) => own,
-        None => {
-            export_with_choices(&files.structure()?, library, new.path())?;
-            new.path().to_owned()
-        }
-    };
-    let (file, warnings) = pack(&files, &fmus, out)?;
+    let structure = files.structure()?;
+    if structure.components.iter().any(Component::is_exported) {
+        export_with_choices(&structure, library, new.path())?;
+    }
+    let (file, warnings) = pack(&files, new.path(), out)?;
     warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     Ok(file)
 }
@@ -157,7 +155,8 @@ fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error
 /// Writes the FMUs of a loop into a folder, started as the loop chooses from enumerations: other masters can't set them.
 fn export_with_choices(structure: &Structure, library: &Library, out: &Path) -> Result<(), Error> {
     warn_of(library)?;
-    let needed: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
+    let exported = structure.components.iter().filter(|component| component.is_exported());
+    let needed: BTreeSet<&String> = exported.map(|component| &component.fmu).collect();
     for fmu in needed {
         let source = structure.description_of(fmu)?.with_start(choices(structure, fmu))?;
         exporter::export(&source, library, out)?;

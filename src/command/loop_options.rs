@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::{Hosting, LoadedLoop, LoopFiles, Order, Settings, Structure};
+use adaptive_fmu::simulation::{Component, Hosting, LoadedLoop, LoopFiles, Order, Settings, Structure};
 use tempfile::TempDir;
 
 use super::export::{export_units, export_whole};
@@ -19,8 +19,8 @@ pub struct LoopOptions {
     /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
     #[arg(long, conflicts_with_all = ["order", "fmus", "accept_algebraic_loops"])]
     pub composite: bool,
-    /// Folder with FMUs to use as they are; without it, those in resources/ beside the loop, or this package's, which
-    /// are exported anew into fmus/
+    /// Folder with FMUs to use as they are; without it, those that the loop names, in its resources/ or elsewhere. What is
+    /// not there is made of its description, beside the loop or of this package, and exported anew into fmus/
     #[arg(long)]
     pub fmus: Option<PathBuf>,
     /// Communication step in s, in place of the loop's own
@@ -59,6 +59,9 @@ impl LoopOptions {
     pub fn structure(&self, files: &LoopFiles) -> Result<Structure, Error> {
         let mut structure = files.structure()?;
         self.parameters.apply(&mut structure, files)?;
+        if self.fmus.is_some() {
+            structure.take_from_folder();
+        }
         structure.accepts_algebraic_loops |= self.accept_algebraic_loops;
         structure.expected_failure = structure.expected_failure.filter(|it| !(self.composite && it.separate_only));
         Ok(structure)
@@ -86,17 +89,20 @@ impl LoopOptions {
     }
 
     /// The units of a loop, exported where they don't come with it.
-    pub fn units(&self, files: &LoopFiles, structure: &Structure) -> Result<Units, Error> {
+    pub fn units(&self, structure: &Structure) -> Result<Units, Error> {
         if self.composite {
             let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
             let (fmu, notes) = export_whole(structure, &Library::beside_program()?, folder.path())?;
             return Ok(Units::Whole { fmu, notes, _folder: folder });
         }
-        if let Some(fmus) = self.fmus.clone().or_else(|| files.fmus()) {
+        if let Some(fmus) = self.fmus.clone() {
+            return Ok(Units::Separate(fmus));
+        }
+        let fmus = PathBuf::from("fmus");
+        if !structure.components.iter().any(Component::is_exported) {
             return Ok(Units::Separate(fmus));
         }
         // A loop must not show the numbers of units that were exported before an equation was changed.
-        let fmus = PathBuf::from("fmus");
         export_units(structure, &Library::beside_program()?.with_other_platforms()?, &fmus)?;
         Ok(Units::Separate(fmus))
     }

@@ -138,7 +138,7 @@ pub fn simulated(
     if let Some(out) = out {
         output::check(out, &own_name, &[TABLE, METRICS, PLOT, PAGE])?;
     }
-    let loaded = options.units(&files, &structure)?.load(&structure, &options.hosting.hosting()?)?;
+    let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
     let closed = loaded.instantiate(&[])?;
     let begun = Instant::now();

@@ -101,7 +101,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let bars = Bars::new(arguments.json);
     let files = LoopFiles::find(&arguments.name)?;
     let structure = arguments.options.structure(&files)?;
-    let task = Task::new(arguments, &files, structure)?;
+    let task = Task::new(arguments, structure)?;
     let below = format!("{}-tuned", task.structure.name);
     let folder = arguments.out.join(&below);
     output::check(&arguments.out, &below, &[RECORD, TUNED, CONVERGENCE])?;
@@ -118,7 +118,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
             format!("none of {} runs came to its end, so there is no best one; the last: {reason}", ended.runs);
         return Err(Error::Loop { file: task.structure.file.clone(), reason });
     };
-    let again = task.again(arguments, &files, &best)?;
+    let again = task.again(arguments, &best)?;
     let interrupted = ended.interrupted;
     let tuned = Tuned { task, best, before, again, swarm, ended, took, folder };
     write_results(&tuned)?;
@@ -153,7 +153,7 @@ pub struct Ended {
 }
 
 impl Task {
-    fn new(arguments: &Arguments, files: &LoopFiles, structure: Structure) -> Result<Self, Error> {
+    fn new(arguments: &Arguments, structure: Structure) -> Result<Self, Error> {
         let options = &arguments.options;
         let Tuning { parameters, terms, sample, until } = structure.tuning.clone().unwrap_or(Tuning {
             parameters: Vec::new(),
@@ -171,7 +171,7 @@ impl Task {
             // Nothing depends on further communication points.
             settings.step = sample;
         }
-        let units = options.units(files, &structure)?;
+        let units = options.units(&structure)?;
         let hosting = options.hosting.hosting()?;
         let first = units.load(&structure, &hosting)?;
         let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
@@ -242,13 +242,13 @@ impl Task {
 
     /// The objective of the best values where the whole's tolerance and method are those that every run has, if others
     /// were asked for.
-    fn again(&self, arguments: &Arguments, files: &LoopFiles, best: &Best) -> Result<Option<Outcome>, Error> {
+    fn again(&self, arguments: &Arguments, best: &Best) -> Result<Option<Outcome>, Error> {
         if self.structure.whole.is_empty() {
             return Ok(None);
         }
         let structure = Structure { whole: Vec::new(), ..self.structure.clone() };
         let LoopOptions { hosting, .. } = &arguments.options;
-        let loaded = arguments.options.units(files, &structure)?.load(&structure, &hosting.hosting()?)?;
+        let loaded = arguments.options.units(&structure)?.load(&structure, &hosting.hosting()?)?;
         let named = |range: &Range| {
             let (low, high) = (Some(range.low), Some(range.high));
             TunedParameter { name: range.name.clone(), low, high }

@@ -9,7 +9,7 @@ use super::{Library, Source, describe};
 use crate::error::{Error, Invalid};
 use crate::model;
 use crate::simulation::{
-    self, Affine, Circles, Component, Description, StartValue, Structure, Variable, check, start_values,
+    self, Affine, Circles, Component, Description, StartValue, Structure, UnitFile, Variable, check, start_values,
 };
 use crate::system::Kind;
 
@@ -29,6 +29,14 @@ pub fn composite_name(structure: &Structure) -> String {
 /// # Errors
 /// When one of its units isn't of this package, or a connection or value doesn't fit.
 pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Vec<String>), Error> {
+    let is_elsewhere = |unit: &&Component| matches!(unit.file, UnitFile::Archive { elsewhere: true, .. });
+    if let Some(unit) = structure.components.iter().find(is_elsewhere) {
+        let reason = format!(
+            "`{}` is an FMU of its own: only units that are made of descriptions can be integrated as one",
+            unit.name
+        );
+        return Err(Error::Loop { file: structure.file.clone(), reason });
+    }
     let sources =
         structure.components.iter().map(|unit| structure.description_of(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
     let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;

@@ -76,7 +76,8 @@ pub fn check(structure: &Structure, descriptions: &[&Description], circles: Circ
     let (links, doubts) = check.links()?;
     let units = 0..structure.components.len();
     let values = units.map(|unit| check.values(unit, &links)).collect::<Result<_, _>>()?;
-    let mut notes = check.notes(&links);
+    let mut notes = structure.notes.clone();
+    notes.extend(check.notes(&links));
     notes.extend(doubts);
     let circle = check.circle(&links, circles)?;
     let circular = circle.is_some();

@@ -57,7 +57,7 @@ impl LoadedLoop {
         // However many components are of an FMU, it is opened once.
         let mut known: HashMap<PathBuf, Arc<Fmu>> = HashMap::new();
         let open = |component: &Component| {
-            let file = fmus.join(format!("{}.fmu", component.fmu));
+            let file = component.path_in(fmus);
             if let Some(fmu) = known.get(&file) {
                 return Ok(Arc::clone(fmu));
             }

@@ -38,7 +38,7 @@ pub use loaded::{LoadedLoop, Place};
 pub use metrics::{Measured, measure};
 pub use overview::{Row, Verdict, four_digits, table};
 pub use page::{Ending, Report, STYLE};
-pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, pack};
+pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, UnitFile, pack};
 pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Statistic};
 pub use ssp::{SquareTerm, TunedParameter, Tuning};
 pub use thinned::thinned;

@@ -96,7 +96,7 @@ STRUCTURES: dict[str, tuple[str, str, str]] = {
     "a limit that is none": ('limit="', 'limit="inf" x="', "finite"),
     "a model of no numbers": ('denominator="', 'denominator="nan nan" x="', "finite"),
     "a model that overflows": ('denominator="', 'denominator="1e-300 1e300 1e300 1" x="', "1e100"),
-    "a structure in the structure": ("<ssd:Elements>", '<ssd:Elements><ssd:System name="inner"/>', "System"),
+    "signals in the structure": ("<ssd:Elements>", '<ssd:Elements><ssd:SignalDictionaryReference name="x"/>', "SignalDictionaryReference"),
 }
 
 

@@ -2,6 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use super::source::{UnitFile, unit_file};
 use super::{STRUCTURE, Structure};
 use crate::error::Error;
 use crate::exporter::{self, Embedded, Source};
@@ -105,19 +106,20 @@ impl LoopFiles {
         }
     }
 
-    /// The folder of FMUs that came with the loop, if any did.
-    pub fn fmus(&self) -> Option<PathBuf> {
-        let folder = self.folder()?.join("resources");
-        folder.is_dir().then_some(folder)
+    /// The name of the unit that a component's source names, and where it comes from.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub(super) fn unit(&self, source: &str) -> Result<(String, UnitFile), String> {
+        unit_file(source, self.folder(), matches!(self.place, Place::Unpacked(_)))
     }
 
-    /// The description of an FMU, where one lies beside the structure.
+    /// The description of an FMU, where one lies beside the structure or in its resources.
     pub(super) fn description(&self, fmu: &str) -> Result<Option<Source>, Error> {
-        let name = format!("{fmu}.toml");
-        if !self.folder().is_some_and(|folder| folder.join(&name).is_file()) {
-            return Ok(None);
-        }
-        Ok(Some(Source { file: self.path(&name), text: self.read(&name)? }))
+        let names = [format!("{fmu}.toml"), format!("resources/{fmu}.toml")];
+        let lies_there = |name: &&String| self.folder().is_some_and(|folder| folder.join(name).is_file());
+        let Some(name) = names.iter().find(lies_there) else { return Ok(None) };
+        Ok(Some(Source { file: self.path(name), text: self.read(name)? }))
     }
 
     /// Names of the parameter files that lie beside the structure, in order.

@@ -1,19 +1,23 @@
 //! System Structure and Parameterization 1.0: loops as data, read from folders and archives, and packed.
 
 mod annotation;
+mod defaults;
 mod files;
 mod package;
 mod parameters;
 mod reader;
+mod source;
 mod structure;
+mod system;
 mod tuning;
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub use annotation::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Statistic};
 pub use files::LoopFiles;
 pub use package::pack;
+pub use source::UnitFile;
 pub use tuning::{SquareTerm, TunedParameter, Tuning};
 
 use super::closed_loop::Order;
@@ -63,6 +67,8 @@ pub struct Structure {
     pub expected_failure: Option<ExpectedFailure>,
     /// How it is tuned, unless the user says otherwise.
     pub tuning: Option<Tuning>,
+    /// What was chosen for it.
+    pub notes: Vec<String>,
 }
 
 impl Structure {
@@ -80,12 +86,31 @@ impl Structure {
 pub struct Component {
     /// Its name in the loop.
     pub name: String,
+    /// What the loop names as its source.
+    pub source: String,
     /// Name of the FMU.
     pub fmu: String,
+    /// Where that comes from.
+    pub file: UnitFile,
     /// What others may connect to.
     pub connectors: Vec<Connector>,
     /// Start values that differ from the FMU's own, each name once.
     pub values: Vec<StartValue>,
+}
+
+impl Component {
+    /// Its archive, where those that are taken by their names lie in a folder.
+    pub fn path_in(&self, fmus: &Path) -> PathBuf {
+        match &self.file {
+            UnitFile::Archive { path, .. } => path.clone(),
+            _ => fmus.join(format!("{}.fmu", self.fmu)),
+        }
+    }
+
+    /// Whether it is exported from a description, unless a folder of FMUs is given.
+    pub fn is_exported(&self) -> bool {
+        !matches!(self.file, UnitFile::Archive { .. })
+    }
 }
 
 /// A variable of a component that others may connect to.
@@ -143,6 +168,15 @@ pub struct Connection {
 }
 
 impl Structure {
+    /// Takes all units from a folder of FMUs that would come from resources, or be exported.
+    pub fn take_from_folder(&mut self) {
+        for component in &mut self.components {
+            if !matches!(component.file, UnitFile::Archive { elsewhere: true, .. }) {
+                component.file = UnitFile::Named;
+            }
+        }
+    }
+
     /// The description of a unit: the one that lies beside the loop, or this package's.
     ///
     /// # Errors

@@ -1,15 +1,15 @@
 //! Packing a loop as an .ssp archive that other masters read too.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use roxmltree::Node;
 
-use super::files::LoopFiles;
+use super::files::{LoopFiles, is_inside};
 use super::reader::parse;
 use super::{Component, STRUCTURE, StartValue, Structure};
 use crate::error::Error;
-use crate::exporter::{read_entry, write_entries};
+use crate::exporter::{escaped, read_entry, write_entries};
 use crate::simulation::check::{Circles, Wiring, check};
 use crate::simulation::description::{Description, Variable, attribute, child, elements};
 use crate::simulation::fmu::Value;
@@ -37,16 +37,15 @@ pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<
     warnings.extend(choices.iter().filter_map(Choice::left_out));
     warnings.extend(overlooked(files)?);
     let file = files.structure_file();
-    let text = for_other_masters(&numbered(&files.structure_text()?, &file, &choices)?, &file, &structure)?;
+    let text = with_sources(&numbered(&files.structure_text()?, &file, &choices)?, &file, &structure)?;
+    let text = for_other_masters(&text, &file, &structure)?;
     let mut entries = vec![(STRUCTURE.to_owned(), text.into_bytes())];
     let beside = files.parameter_files();
     for name in beside.iter().chain(&structure.parameter_files).collect::<BTreeSet<_>>() {
         let text = numbered(&files.read(name)?, &files.path(name), &choices)?;
         entries.push((name.clone(), text.into_bytes()));
     }
-    let units: BTreeSet<&String> = structure.components.iter().map(|component| &component.fmu).collect();
-    for unit in units {
-        let file = fmus.join(format!("{unit}.fmu"));
+    for (unit, file) in archives(&structure, fmus)? {
         entries.push((format!("resources/{unit}.fmu"), std::fs::read(&file).map_err(Error::file(&file))?));
     }
     let entries: Vec<(&str, &[u8])> = entries.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())).collect();
@@ -56,10 +55,44 @@ pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<
     Ok((file, warnings))
 }
 
+/// The archives of a loop, by the names that they have in a package.
+fn archives(structure: &Structure, fmus: &Path) -> Result<BTreeMap<String, PathBuf>, Error> {
+    let mut archives = BTreeMap::new();
+    for component in &structure.components {
+        let (name, path) = (&component.fmu, component.path_in(fmus));
+        let refuse = |reason: String| Error::Loop { file: structure.file.clone(), reason };
+        if !is_inside(&format!("{name}.fmu")) {
+            return Err(refuse(format!("`{}`: a package can hold no unit named {name}", component.name)));
+        }
+        if let Some(other) = archives.insert(name.clone(), path.clone()).filter(|other| *other != path) {
+            let (path, other) = (path.display(), other.display());
+            return Err(refuse(format!("{path} and {other} have one name: a package can hold one of them only")));
+        }
+    }
+    Ok(archives)
+}
+
+/// The structure with all sources where the package has them.
+fn with_sources(text: &str, file: &Path, structure: &Structure) -> Result<String, Error> {
+    let document = parse(text, file)?;
+    let components = document.descendants().filter(|node| node.tag_name().name() == "Component");
+    let mut moved = text.to_owned();
+    for node in components.collect::<Vec<_>>().into_iter().rev() {
+        let Some(source) = node.attribute_node("source") else { continue };
+        let own = structure.components.iter().find(|component| component.source == source.value());
+        let Some(component) = own.filter(|it| it.source != format!("resources/{}.fmu", it.fmu)) else { continue };
+        moved.replace_range(
+            source.range_value(),
+            &escaped(&format!("resources/{}.fmu", component.fmu)).replace('\'', "&apos;"),
+        );
+    }
+    Ok(moved)
+}
+
 /// The descriptions of the components' FMUs, one each, in their order.
 fn descriptions(structure: &Structure, fmus: &Path) -> Result<Vec<Description>, Error> {
     let read = |component: &Component| {
-        let file = fmus.join(format!("{}.fmu", component.fmu));
+        let file = component.path_in(fmus);
         let xml = read_entry(&file, "modelDescription.xml")?;
         let description = Description::read(&xml).and_then(Description::for_co_simulation);
         description.map_err(|reason| Error::Archive { file, reason })

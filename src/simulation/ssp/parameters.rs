@@ -1,12 +1,13 @@
 //! Parameter sets (.ssv), their bindings, and start values given by name.
 
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use roxmltree::Node;
 
 use super::files::{LoopFiles, is_inside};
 use super::reader::{Reader, parse};
+use super::source::UnitFile;
 use super::{Component, Origin, StartValue, Structure};
 use crate::error::Error;
 use crate::simulation::description::{attribute, child, elements};
@@ -32,7 +33,14 @@ impl Component {
     pub fn alone(fmu: &str, parameters: &Path) -> Result<Self, Error> {
         let text = text_file::read(parameters).map_err(Error::file(parameters))?;
         let (name, values) = (fmu.to_owned(), read_set(&text, parameters)?);
-        Ok(Component { fmu: name.clone(), name, connectors: Vec::new(), values })
+        Ok(Component {
+            source: String::new(),
+            fmu: name.clone(),
+            file: UnitFile::Named,
+            name,
+            connectors: Vec::new(),
+            values,
+        })
     }
 }
 
@@ -47,9 +55,6 @@ impl Reader<'_> {
         let mut values = Vec::new();
         let bindings = child(element, "ParameterBindings").into_iter();
         for node in bindings.flat_map(|node| elements(node, "ParameterBinding")) {
-            if let Some(mapping) = child(node, "ParameterMapping") {
-                return Err(self.refuse(mapping, "a ParameterMapping can't be read: name the variables themselves"));
-            }
             let kind = attribute(node, "type").unwrap_or_else(|| PARAMETER_SET.to_owned());
             if kind != PARAMETER_SET {
                 return Err(self.refuse(node, &format!("type = {kind}: must be {PARAMETER_SET}")));
@@ -62,13 +67,55 @@ impl Reader<'_> {
                 }
             };
             let prefix = node.attribute("prefix").unwrap_or_default();
+            if let Some(mapping) = child(node, "ParameterMapping") {
+                if !prefix.is_empty() {
+                    return Err(self.refuse(node, "a prefix beside a ParameterMapping can't be read"));
+                }
+                bound = self.mapped(mapping, bound, files)?;
+            }
             bound.iter_mut().for_each(|value| value.name.insert_str(0, prefix));
             values.extend(bound);
         }
         Ok(values)
     }
 
+    /// Values under the names to which a mapping leads them; what it doesn't name is left out.
+    fn mapped(&self, node: Node, values: Vec<StartValue>, files: &LoopFiles) -> Result<Vec<StartValue>, Error> {
+        let Some(source) = node.attribute("source") else {
+            return self.entries(self.inside(node, "ParameterMapping")?, &values);
+        };
+        let (text, file) = self.text_of(node, source, files)?;
+        let document = parse(&text, &file)?;
+        Reader::new(&document, &file).entries(document.root_element(), &values)
+    }
+
+    fn entries(&self, mapping: Node, values: &[StartValue]) -> Result<Vec<StartValue>, Error> {
+        let entry = |node: Node| {
+            let (source, target) = (self.required(node, "source")?, self.required(node, "target")?);
+            let value = values.iter().find(|value| value.name == source);
+            let value =
+                value.ok_or_else(|| self.refuse(node, &format!("source = {source}: is no value of this set")))?;
+            let mut value = StartValue { name: target, ..value.clone() };
+            let transformation = node.children().find(|child| child.tag_name().name().ends_with("Transformation"));
+            if let Some(node) = transformation {
+                let affine = self.linear(node)?;
+                let number: f64 = value.text.trim().parse().map_err(|_| {
+                    self.refuse(node, &format!("`{source}` = {}: only numbers can be transformed", value.text))
+                })?;
+                value.text = affine.of(number).to_string();
+            }
+            Ok(value)
+        };
+        elements(mapping, "MappingEntry").map(entry).collect()
+    }
+
     fn bound_file(&self, node: Node, source: &str, files: &LoopFiles) -> Result<Vec<StartValue>, Error> {
+        let (text, file) = self.text_of(node, source, files)?;
+        read_set(&text, &file)
+    }
+
+    /// The text of a file in the folder of the loop, and its path.
+    fn text_of(&self, node: Node, source: &str, files: &LoopFiles) -> Result<(String, PathBuf), Error> {
         if node.attribute("sourceBase").is_some_and(|base| base != "SSD") {
             return Err(self.refuse(node, "sourceBase: must be SSD; files within an FMU can't be read"));
         }
@@ -76,7 +123,7 @@ impl Reader<'_> {
             return Err(self.refuse(node, &format!("source = {source}: must be a file in the folder of the loop")));
         }
         let text = files.read(source).map_err(|error| self.refuse(node, &format!("source = {source}: {error}")))?;
-        read_set(&text, &files.path(source))
+        Ok((text, files.path(source)))
     }
 
     fn parameter_set(&self, set: Node, units: &[UnitDefinition]) -> Result<Vec<StartValue>, Error> {

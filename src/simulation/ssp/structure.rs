@@ -5,20 +5,23 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use roxmltree::Node;
 
 use super::annotation::ANNOTATION;
-use super::files::{LoopFiles, is_inside};
+use super::files::LoopFiles;
 use super::parameters::latest;
 use super::reader::{Reader, parse};
+use super::source::UnitFile;
+use super::system::System;
 use super::{Component, Connection, Connector, Structure};
 use crate::error::Error;
 use crate::exporter::Source;
 use crate::model;
+use crate::simulation::closed_loop::Order;
 use crate::simulation::description::{attribute, child, elements};
 use crate::simulation::units::{Affine, UnitDefinition};
+use crate::text_file;
 
 const FMU: &str = "application/x-fmu-sharedlibrary";
-/// The most components of a loop: each is an FMU that is loaded.
-const MOST_COMPONENTS: usize = 1000;
-const KINDS: [&str; 5] = ["input", "output", "parameter", "calculatedParameter", "inout"];
+const KINDS: [&str; 8] =
+    ["input", "output", "parameter", "calculatedParameter", "inout", "structuralParameter", "constant", "local"];
 
 impl Structure {
     /// Reads a loop and the parameter files that it names.
@@ -42,43 +45,54 @@ impl Reader<'_> {
         if !version.starts_with("1.") {
             return Err(self.refuse(root, &format!("version = {version}: only 1.x can be read")));
         }
-        let (system, experiment) = (self.inside(root, "System")?, self.inside(root, "DefaultExperiment")?);
-        let ours = self.closed_loop(root, experiment)?;
-        let (step, order, accepts_algebraic_loops) = self.master(self.inside(ours, "Master")?)?;
+        let (system, experiment) = (self.inside(root, "System")?, child(root, "DefaultExperiment"));
+        let ours = closed_loop(root, experiment).map(|node| self.inside(node, "ClosedLoop")).transpose()?;
+        let master = ours.map(|ours| self.master(self.inside(ours, "Master")?)).transpose()?;
+        let (step, order, accepts_algebraic_loops) = master.unwrap_or((0.0, Order::GaussSeidel, false));
         let units = self.units(root)?;
-        let components = self.components(system, &units, files)?;
+        let System { components, connections, values, .. } = self.system(system, &units, files)?;
+        let number = |name| experiment.filter(|it| it.has_attribute(name)).map(|it| self.number(it, name)).transpose();
+        let read = |name| ours.into_iter().flat_map(move |ours| elements(ours, name));
         let mut structure = Structure {
             file: self.file.to_owned(),
-            name: self.plain_name(if ours.has_attribute("name") { ours } else { root })?,
+            name: self.name(root, ours)?,
             description: attribute(system, "description").unwrap_or_default(),
             descriptions: descriptions(&components, files)?,
             components,
-            connections: self.connections(system)?,
+            connections,
             whole: Vec::new(),
             parameter_files: parameter_files(root),
-            start_time: self.number_or(experiment, "startTime", 0.0)?,
-            stop_time: self.number(experiment, "stopTime")?,
+            start_time: number("startTime")?.unwrap_or(0.0),
+            stop_time: 0.0,
             step,
             order,
             accepts_algebraic_loops,
-            models: elements(ours, "IdealModel").map(|node| self.model(node)).collect::<Result<_, _>>()?,
-            metrics: elements(ours, "Metric").map(|node| self.metric(node)).collect::<Result<_, _>>()?,
-            plots: elements(ours, "Plot").map(|node| self.plot(node)).collect::<Result<_, _>>()?,
-            expected_failure: child(ours, "ExpectedFailure").map(|node| self.expected_failure(node)).transpose()?,
-            tuning: child(ours, "Tuning").map(|node| self.tuning(node)).transpose()?,
+            models: read("IdealModel").map(|node| self.model(node)).collect::<Result<_, _>>()?,
+            metrics: read("Metric").map(|node| self.metric(node)).collect::<Result<_, _>>()?,
+            plots: read("Plot").map(|node| self.plot(node)).collect::<Result<_, _>>()?,
+            expected_failure: read("ExpectedFailure").next().map(|node| self.expected_failure(node)).transpose()?,
+            tuning: read("Tuning").next().map(|node| self.tuning(node)).transpose()?,
+            notes: Vec::new(),
         };
+        structure.stop_time = number("stopTime")?.unwrap_or_else(|| structure.proposed_stop_time());
         // The system's values come last: they prevail over those of its components.
-        structure.apply(self.bindings(system, &units, files)?)?;
+        structure.apply(values)?;
+        if ours.is_none() {
+            structure.choose_defaults(root);
+        }
         Ok(structure)
     }
 
-    /// The content of our annotation: that of the experiment, or of the whole.
-    fn closed_loop<'a, 'b>(&self, root: Node<'a, 'b>, experiment: Node<'a, 'b>) -> Result<Node<'a, 'b>, Error> {
-        let annotations = [experiment, root].into_iter().filter_map(|node| child(node, "Annotations"));
-        let mut annotations = annotations.flat_map(|node| elements(node, "Annotation"));
-        let ours = annotations.find(|node| node.attribute("type") == Some(ANNOTATION));
-        let ours = ours.ok_or_else(|| self.refuse(root, &format!("there is no annotation {ANNOTATION}")))?;
-        self.inside(ours, "ClosedLoop")
+    /// The loop's name. One that another tool gave has other signs in place of those that no folder should have.
+    fn name(&self, root: Node, ours: Option<Node>) -> Result<String, Error> {
+        match ours {
+            Some(ours) => self.plain_name(if ours.has_attribute("name") { ours } else { root }),
+            None => {
+                let plain = |c: char| if c.is_alphanumeric() || "_-. ".contains(c) { c } else { '_' };
+                let name: String = self.required(root, "name")?.chars().map(plain).collect();
+                Ok(if name.is_empty() || name.starts_with('.') { format!("_{name}") } else { name })
+            }
+        }
     }
 
     /// The loop's name, which names a folder of results and an archive.
@@ -91,26 +105,7 @@ impl Reader<'_> {
         Ok(name)
     }
 
-    fn components(&self, system: Node, units: &[UnitDefinition], files: &LoopFiles) -> Result<Vec<Component>, Error> {
-        let mut components: Vec<Component> = Vec::new();
-        for node in self.inside(system, "Elements")?.children().filter(Node::is_element) {
-            let kind = node.tag_name().name();
-            if kind != "Component" {
-                return Err(self.refuse(node, &format!("a {kind} among the elements can't be read: only components")));
-            }
-            let component = self.component(node, units, files)?;
-            if components.iter().any(|other| other.name == component.name) {
-                return Err(self.refuse(node, &format!("two components are named `{}`", component.name)));
-            }
-            components.push(component);
-            if components.len() > MOST_COMPONENTS {
-                return Err(self.refuse(node, &format!("there are more than {MOST_COMPONENTS} components")));
-            }
-        }
-        Ok(components)
-    }
-
-    fn component(&self, node: Node, units: &[UnitDefinition], files: &LoopFiles) -> Result<Component, Error> {
+    pub fn component(&self, node: Node, units: &[UnitDefinition], files: &LoopFiles) -> Result<Component, Error> {
         let kind = attribute(node, "type").unwrap_or_else(|| FMU.to_owned());
         if kind != FMU {
             return Err(self.refuse(node, &format!("type = {kind}: must be {FMU}")));
@@ -119,16 +114,13 @@ impl Reader<'_> {
             return Err(self.refuse(node, "implementation = ModelExchange: units are run by co-simulation"));
         }
         let source = self.required(node, "source")?;
-        let fmu = source.strip_prefix("resources/").and_then(|name| name.strip_suffix(".fmu"));
-        let fmu = fmu
-            .filter(|name| is_inside(name))
-            .ok_or_else(|| self.refuse(node, &format!("source = {source}: must be resources/NAME.fmu")))?;
+        let (fmu, file) = files.unit(&source).map_err(|reason| self.refuse(node, &reason))?;
         let values = latest(self.bindings(node, units, files)?);
         let connectors = self.connectors(node, units)?;
-        Ok(Component { name: self.required(node, "name")?, fmu: fmu.to_owned(), connectors, values })
+        Ok(Component { name: self.required(node, "name")?, source, fmu, file, connectors, values })
     }
 
-    fn connectors(&self, component: Node, units: &[UnitDefinition]) -> Result<Vec<Connector>, Error> {
+    pub fn connectors(&self, component: Node, units: &[UnitDefinition]) -> Result<Vec<Connector>, Error> {
         let (mut connectors, mut names) = (Vec::new(), HashSet::new());
         for node in child(component, "Connectors").into_iter().flat_map(|node| elements(node, "Connector")) {
             let (name, kind) = (self.required(node, "name")?, self.required(node, "kind")?);
@@ -147,27 +139,22 @@ impl Reader<'_> {
         Ok(connectors)
     }
 
-    fn connections(&self, system: Node) -> Result<Vec<Connection>, Error> {
-        let connections = child(system, "Connections").into_iter().flat_map(|node| elements(node, "Connection"));
-        connections.map(|node| self.connection(node)).collect()
+    /// A linear transformation.
+    pub fn linear(&self, node: Node) -> Result<Affine, Error> {
+        if node.tag_name().name() != "LinearTransformation" {
+            return Err(self.refuse(node, &format!("a {} can't be read: only linear ones", node.tag_name().name())));
+        }
+        Ok(Affine { factor: self.number_or(node, "factor", 1.0)?, offset: self.number_or(node, "offset", 0.0)? })
     }
 
-    fn connection(&self, node: Node) -> Result<Connection, Error> {
+    /// A connection; the element of an end that is a connector of the system itself is empty.
+    pub fn connection(&self, node: Node) -> Result<Connection, Error> {
         let transformation = node.children().find(|child| child.tag_name().name().ends_with("Transformation"));
-        let transformation = match transformation {
-            None => Affine::IDENTITY,
-            Some(linear) if linear.tag_name().name() == "LinearTransformation" => Affine {
-                factor: self.number_or(linear, "factor", 1.0)?,
-                offset: self.number_or(linear, "offset", 0.0)?,
-            },
-            Some(other) => {
-                let reason = format!("a {} can't be read: only linear ones", other.tag_name().name());
-                return Err(self.refuse(other, &reason));
-            }
-        };
+        let transformation = transformation.map_or(Ok(Affine::IDENTITY), |node| self.linear(node))?;
+        let element = |name| attribute(node, name).unwrap_or_default();
         Ok(Connection {
-            from: (self.required(node, "startElement")?, self.required(node, "startConnector")?),
-            to: (self.required(node, "endElement")?, self.required(node, "endConnector")?),
+            from: (element("startElement"), self.required(node, "startConnector")?),
+            to: (element("endElement"), self.required(node, "endConnector")?),
             transformation,
             convert_units: !matches!(node.attribute("suppressUnitConversion"), Some("true" | "1")),
             line: self.line(node),
@@ -175,25 +162,42 @@ impl Reader<'_> {
     }
 }
 
-/// The descriptions that lie beside a loop, of units that are made of them.
+/// Our annotation: that of the experiment, or of the whole.
+fn closed_loop<'a, 'b>(root: Node<'a, 'b>, experiment: Option<Node<'a, 'b>>) -> Option<Node<'a, 'b>> {
+    let annotations = [experiment, Some(root)].into_iter().flatten().filter_map(|node| child(node, "Annotations"));
+    let mut annotations = annotations.flat_map(|node| elements(node, "Annotation"));
+    annotations.find(|node| node.attribute("type") == Some(ANNOTATION))
+}
+
+/// The descriptions that units of a loop are made of, where they aren't this package's.
 fn descriptions(components: &[Component], files: &LoopFiles) -> Result<BTreeMap<String, Source>, Error> {
-    let mut found = BTreeMap::new();
-    for fmu in components.iter().map(|component| &component.fmu) {
-        if let Some(source) = files.description(fmu)? {
-            let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-            let name = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?.name;
-            if name != *fmu {
-                return Err(refuse(format!("name = `{name}`: must be `{fmu}`, as the file and the loop have it")));
+    let mut found: BTreeMap<String, Source> = BTreeMap::new();
+    for Component { fmu, file, .. } in components {
+        let source = match file {
+            UnitFile::Description(path) => {
+                let text = text_file::read(path).map_err(Error::file(path))?;
+                Some(Source { file: path.clone(), text })
             }
-            found.insert(fmu.clone(), source);
+            _ => files.description(fmu)?,
+        };
+        let Some(source) = source else { continue };
+        let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+        let name = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?.name;
+        if name != *fmu {
+            return Err(refuse(format!("name = `{name}`: must be `{fmu}`, as the file and the loop have it")));
         }
+        if let Some(other) = found.get(fmu).filter(|other| other.text != source.text) {
+            return Err(refuse(format!("`{fmu}` is another unit in {}", other.file.display())));
+        }
+        found.insert(fmu.clone(), source);
     }
     Ok(found)
 }
 
-/// The parameter files that a document names, each once.
+/// The parameter files and their mappings that a document names, each once.
 fn parameter_files(root: Node) -> Vec<String> {
-    let bindings = root.descendants().filter(|node| node.tag_name().name() == "ParameterBinding");
+    let kinds = ["ParameterBinding", "ParameterMapping"];
+    let bindings = root.descendants().filter(|node| kinds.contains(&node.tag_name().name()));
     let files: BTreeSet<String> = bindings.filter_map(|node| attribute(node, "source")).collect();
     files.into_iter().collect()
 }
