@@ -37,6 +37,8 @@ pub mod template;
 pub mod text_file;
 #[cfg(feature = "cli")]
 pub mod tuning;
+#[cfg(feature = "cli")]
+pub mod validation;
 
 /// Whether this crate was built with the C functions of its own models in it; see [`export_fmi2`].
 pub const EXPORTS_ITS_OWN_MODELS: bool = cfg!(feature = "library");

@@ -16,7 +16,7 @@ use clap::{Parser, Subcommand};
 /// Adaptive controllers and their plants as FMI 2.0 units.
 ///
 /// Exit codes: 0 done; 1 it could not be done, with the reason on stderr; 2 the arguments are wrong; 3 a loop ran,
-/// but a metric is beyond its limit, or a design was checked and isn't sound; 130 a run was interrupted.
+/// but a metric is beyond its limit, or a design or an FMU was checked and isn't sound; 130 a run was interrupted.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -40,6 +40,8 @@ enum Command {
     Dist(command::dist::Arguments),
     /// Tells what an FMU is
     Info(command::info::Arguments),
+    /// Checks an FMU against the standard: its archive, description and libraries, and a short run
+    Validate(command::validate::Arguments),
     /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
     Run(command::run::Arguments),
     /// Runs several closed loops, and shows on one page what all of them measure
@@ -96,6 +98,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Dist(arguments) => command::dist::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Validate(arguments) => command::validate::execute(&arguments),
         Command::Run(arguments) => command::run::execute(&arguments),
         Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),

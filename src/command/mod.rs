@@ -19,3 +19,4 @@ mod run_all;
 pub mod schema;
 pub mod tune;
 mod tuned;
+pub mod validate;

@@ -172,6 +172,19 @@ pub fn read_entry(file: &Path, name: &str) -> Result<String, Error> {
     Ok(text)
 }
 
+/// The bytes of one file in an archive, which may be as large as an archive unpacks to.
+///
+/// # Errors
+/// When it isn't there, or is broken.
+pub fn read_bytes(file: &Path, name: &str) -> Result<Vec<u8>, Error> {
+    let mut archive = open(file)?;
+    let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
+    let entry = archive.by_name(name).map_err(|error| refuse(format!("{name}: {error}")))?;
+    let mut bytes = Vec::new();
+    entry.take(LARGEST + 1).read_to_end(&mut bytes).map_err(|error| refuse(format!("{name}: {error}")))?;
+    Ok(bytes)
+}
+
 /// Unpacks an archive into a folder; entries that would lie outside it are refused.
 ///
 /// # Errors

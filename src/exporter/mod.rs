@@ -12,7 +12,7 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-pub use archive::{BUILD, Entry, entries, read_entry, unpack, write_entries, write_program};
+pub use archive::{BUILD, Entry, entries, read_bytes, read_entry, unpack, write_entries, write_program};
 pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
 pub use composite::{composite, composite_name, with_values};

@@ -235,12 +235,12 @@ fn variable(
 }
 
 /// The first child element of a name, in whatever namespace.
-pub(super) fn child<'a, 'input>(node: Node<'a, 'input>, name: &'static str) -> Option<Node<'a, 'input>> {
+pub(crate) fn child<'a, 'input>(node: Node<'a, 'input>, name: &'static str) -> Option<Node<'a, 'input>> {
     elements(node, name).next()
 }
 
 /// The child elements of a name, in whatever namespace.
-pub(super) fn elements<'a, 'input>(
+pub(crate) fn elements<'a, 'input>(
     node: Node<'a, 'input>,
     name: &'static str,
 ) -> impl Iterator<Item = Node<'a, 'input>> + use<'a, 'input> {

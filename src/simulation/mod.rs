@@ -4,7 +4,7 @@ mod chart;
 mod check;
 mod closed_loop;
 mod comparison;
-mod description;
+pub(crate) mod description;
 mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
@@ -23,7 +23,7 @@ mod ssp;
 mod steady_state;
 mod thinned;
 mod units;
-mod xml;
+pub(crate) mod xml;
 
 pub use chart::{COLOURS, padded_range, svg, svg_over, terminal};
 pub use check::{Circles, Link, Wiring, check, start_values};

@@ -13,7 +13,7 @@ const MOST_ATTRIBUTES: usize = 100;
 ///
 /// # Errors
 /// What is wrong, with its place.
-pub(super) fn parse(text: &str) -> Result<Document<'_>, String> {
+pub(crate) fn parse(text: &str) -> Result<Document<'_>, String> {
     check_attributes(text)?;
     let options = ParsingOptions { nodes_limit: MOST_NODES, ..ParsingOptions::default() };
     Document::parse_with_options(text, options).map_err(|error| match error {

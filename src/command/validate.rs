@@ -1,0 +1,57 @@
+//! `validate`: whether an FMU is what the standard asks for.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use adaptive_fmu::error::{Error, one_line};
+use adaptive_fmu::validation::{self, Report, Severity, Trial};
+use serde_json::json;
+
+/// It was checked, and isn't sound.
+const UNSOUND: u8 = 3;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The archive
+    fmu: PathBuf,
+    /// Only what can be told without running it
+    #[arg(long)]
+    no_run: bool,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Prints a line for each finding; the exit code tells whether one is an error.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let report = validation::validate(&arguments.fmu, !arguments.no_run)?;
+    let (errors, warnings) = (report.findings.count(Severity::Error), report.findings.count(Severity::Warning));
+    if arguments.json {
+        let told = json!({ "sound": report.is_sound(), "errors": errors, "warnings": warnings,
+                           "findings": report.findings.kept(), "run": ran(&report.trial) });
+        say!("{told}");
+    } else {
+        print(&arguments.fmu.display().to_string(), &report, errors, warnings);
+    }
+    Ok(if report.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(UNSOUND) })
+}
+
+fn print(fmu: &str, report: &Report, errors: usize, warnings: usize) {
+    let kept = report.findings.kept();
+    kept.iter().for_each(|finding| say!("{finding}"));
+    if errors + warnings > kept.len() {
+        say!("… and {} more", errors + warnings - kept.len());
+    }
+    let verdict = if report.is_sound() { "sound" } else { "not sound" };
+    let ran = one_line(&ran(&report.trial));
+    say!("{}: {verdict}, errors: {errors}, warnings: {warnings}; {ran}", one_line(fmu));
+}
+
+fn ran(trial: &Trial) -> String {
+    match trial {
+        Trial::Ran(steps) => format!("run for {steps} steps"),
+        Trial::NotAskedFor => "not run".to_owned(),
+        Trial::Unsound => "not run, for it isn't sound".to_owned(),
+        Trial::Impossible(reason) => format!("not run: {reason}"),
+    }
+}

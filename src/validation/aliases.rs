@@ -1,0 +1,47 @@
+//! Variables that share a value: the same type and the same value reference.
+
+use std::collections::BTreeMap;
+
+use super::findings::Findings;
+use super::variables::{SECTION, Variable};
+
+/// Checks that variables of one value agree about it.
+pub(super) fn check(variables: &[Variable], findings: &mut Findings) {
+    let mut shared: BTreeMap<(&str, u32), Vec<&Variable>> = BTreeMap::new();
+    for variable in variables {
+        if let Some(reference) = variable.reference {
+            // By the standard the functions for Integer are those for Enumeration too.
+            let kind = if variable.kind == "Enumeration" { "Integer" } else { variable.kind };
+            shared.entry((kind, reference)).or_default().push(variable);
+        }
+    }
+    for ((_, reference), set) in shared.iter().filter(|(_, set)| set.len() > 1) {
+        check_set(*reference, set, findings);
+    }
+}
+
+fn check_set(reference: u32, set: &[&Variable], findings: &mut Findings) {
+    let first = set[0];
+    let shared = |other: &Variable| format!("it shares valueReference {reference} with `{}`", other.name);
+    for variable in &set[1..] {
+        if (variable.variability == "constant") != (first.variability == "constant") {
+            let what = format!("{}, and only one of them is constant", shared(first));
+            findings.error(variable.at(), what, SECTION, "give it a value reference of its own");
+        } else if variable.variability == "constant" && variable.attribute("start") != first.attribute("start") {
+            let what = format!("{}, a constant of another value", shared(first));
+            findings.error(variable.at(), what, SECTION, "let constants of one reference have one value");
+        }
+        if variable.attribute("unit") != first.attribute("unit") && variable.attribute("declaredType").is_none() {
+            let what = format!("{}, whose unit is another", shared(first));
+            findings.warning(variable.at(), what, SECTION, "let both have the same unit");
+        }
+    }
+    let changing = set.iter().filter(|variable| variable.variability != "constant");
+    let mut set_by_master = changing.filter(|variable| variable.attribute("start").is_some());
+    if let Some(settable) = set_by_master.next() {
+        for variable in set_by_master {
+            let what = format!("{}, and both have a start", shared(settable));
+            findings.error(variable.at(), what, SECTION, "let at most one variable of a value have a start");
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! The interfaces that an FMU is for, its identity, and its default experiment.
+
+use std::collections::HashSet;
+
+use roxmltree::Node;
+
+use super::findings::{Findings, Lines};
+use super::text::{boolean, double};
+use super::{Interface, Interfaces};
+use crate::simulation::description::{child, elements};
+
+/// Steps of an experiment that names no communication step.
+const USUAL_STEPS: f64 = 100.0;
+
+/// The interfaces, where they are named so that libraries can be looked for.
+pub(super) fn interfaces(root: Node, lines: &Lines) -> Interfaces {
+    let interface = |name| {
+        child(root, name).map(|node| Interface {
+            identifier: node.attribute("modelIdentifier").unwrap_or_default().to_owned(),
+            flags: node
+                .attributes()
+                .filter(|attribute| boolean(attribute.value()) == Some(true))
+                .map(|attribute| attribute.name().to_owned())
+                .collect(),
+            line: lines.of_node(node),
+        })
+    };
+    let structure = child(root, "ModelStructure").and_then(|node| child(node, "Derivatives"));
+    let experiment = child(root, "DefaultExperiment");
+    let number = |name: &str| experiment.and_then(|node| node.attribute(name)).and_then(double);
+    let start = number("startTime").unwrap_or(0.0);
+    let stop = number("stopTime").unwrap_or(start + 1.0);
+    Interfaces {
+        exchange: interface("ModelExchange"),
+        co_simulation: interface("CoSimulation"),
+        states: structure.map_or(0, |node| elements(node, "Unknown").count()),
+        start,
+        stop,
+        step: number("stepSize").unwrap_or((stop - start) / USUAL_STEPS),
+    }
+}
+
+/// Checks what the root and the interfaces say.
+pub(super) fn check(root: Node, lines: &Lines, findings: &mut Findings) {
+    for name in ["modelName", "guid"] {
+        if root.attribute(name).is_some_and(|text| text.trim().is_empty()) {
+            findings.error(lines.at(root), format!("{name} is empty"), "2.2.1", "give it a value");
+        }
+    }
+    for (name, section) in [("ModelExchange", "3.3.1"), ("CoSimulation", "4.3.1")] {
+        let mut of_kind = elements(root, name);
+        if let Some(node) = of_kind.next() {
+            check_interface(node, name, section, lines, findings);
+        }
+        if let Some(second) = of_kind.next() {
+            findings.error(lines.at(second), format!("{name} stands there twice"), section, "remove one of them");
+        }
+    }
+    if let Some(node) = child(root, "DefaultExperiment") {
+        check_experiment(node, lines, findings);
+    }
+    let mut categories = HashSet::new();
+    for node in child(root, "LogCategories").into_iter().flat_map(|node| elements(node, "Category")) {
+        let name = node.attribute("name").unwrap_or_default();
+        if !categories.insert(name) {
+            let what = format!("the log category `{name}` stands there twice");
+            findings.error(lines.at(node), what, "2.2.4", "name each category once");
+        }
+    }
+}
+
+fn check_interface(node: Node, name: &str, section: &'static str, lines: &Lines, findings: &mut Findings) {
+    let identifier = node.attribute("modelIdentifier").unwrap_or_default();
+    let letter = |byte: &u8| byte.is_ascii_alphabetic() || *byte == b'_';
+    let is_c = identifier.bytes().next().is_some_and(|first| letter(&first))
+        && identifier.bytes().all(|byte| letter(&byte) || byte.is_ascii_digit());
+    if node.has_attribute("modelIdentifier") && !is_c {
+        let what = format!("modelIdentifier = \"{identifier}\" of {name}");
+        findings.error(lines.at(node), what, section, "it must be a C identifier, for functions may be named after it");
+    }
+    let is = |flag: &str| node.attribute(flag).and_then(boolean) == Some(true);
+    if is("canSerializeFMUstate") && !is("canGetAndSetFMUstate") {
+        let what = format!("canSerializeFMUstate without canGetAndSetFMUstate in {name}");
+        findings.error(lines.at(node), what, section, "states that can be serialised can be got and set too: say both");
+    }
+}
+
+fn check_experiment(node: Node, lines: &Lines, findings: &mut Findings) {
+    let number = |name: &str| node.attribute(name).and_then(double);
+    for name in ["startTime", "stopTime", "tolerance", "stepSize"] {
+        if number(name).is_some_and(|number| !number.is_finite()) {
+            let what = format!("{name} = {}", node.attribute(name).unwrap_or_default());
+            findings.error(lines.at(node), what, "2.2.5", "it must be finite");
+        }
+    }
+    for name in ["tolerance", "stepSize"] {
+        if number(name).is_some_and(|number| number <= 0.0) {
+            let what = format!("{name} = {}", node.attribute(name).unwrap_or_default());
+            findings.error(lines.at(node), what, "2.2.5", "it must be above 0");
+        }
+    }
+    let (start, stop) = (number("startTime").unwrap_or(0.0), number("stopTime"));
+    if let Some(stop) = stop.filter(|stop| *stop <= start) {
+        let what = format!("stopTime = {stop} is not after startTime = {start}");
+        findings.error(lines.at(node), what, "2.2.5", "let it stop after its start");
+    }
+}

@@ -1,0 +1,121 @@
+//! Whether an FMU is what the standard (FMI 2.0.4) asks for: its archive, its modelDescription.xml, the functions of its
+//! libraries, and a short run. Sections of the standard are named with each finding.
+
+mod aliases;
+mod archive;
+mod experiment;
+mod findings;
+mod functions;
+mod names;
+mod schema;
+mod structure;
+mod text;
+mod trial;
+mod types;
+mod values;
+mod variables;
+
+use std::path::Path;
+
+pub use findings::{Finding, Findings, Severity};
+pub use trial::Trial;
+
+use crate::error::Error;
+use crate::simulation::xml;
+use archive::Archive;
+use findings::{At, Lines};
+use variables::Variable;
+
+/// What was found of an FMU.
+#[derive(Debug)]
+pub struct Report {
+    /// Its findings, in the order in which they were made.
+    pub findings: Findings,
+    /// How it was run.
+    pub trial: Trial,
+}
+
+impl Report {
+    /// Whether it is what the standard asks for.
+    pub fn is_sound(&self) -> bool {
+        self.findings.count(Severity::Error) == 0
+    }
+}
+
+/// What the checks of libraries, and a run, need of a description.
+#[derive(Debug)]
+struct Interfaces {
+    exchange: Option<Interface>,
+    co_simulation: Option<Interface>,
+    /// How many states it has.
+    states: usize,
+    /// Start and stop time of its default experiment, and the communication step, s.
+    start: f64,
+    stop: f64,
+    step: f64,
+}
+
+/// An interface that an FMU is for.
+#[derive(Debug)]
+struct Interface {
+    identifier: String,
+    /// Its flags that are true.
+    flags: Vec<String>,
+    line: u32,
+}
+
+impl Interface {
+    fn is(&self, flag: &str) -> bool {
+        self.flags.iter().any(|set| set == flag)
+    }
+}
+
+/// Checks an FMU. It is run only where nothing else is wrong with it, and `run` says so.
+///
+/// # Errors
+/// When the archive can't be read.
+pub fn validate(file: &Path, run: bool) -> Result<Report, Error> {
+    let archive = Archive::read(file)?;
+    let mut findings = Findings::default();
+    archive.check(&mut findings);
+    let description = archive.description()?;
+    let interfaces = description.as_ref().and_then(|text| check_description(text, &mut findings));
+    if let Some(interfaces) = &interfaces {
+        archive.check_binaries(interfaces, &mut findings);
+        functions::check(&archive, interfaces, &mut findings)?;
+    }
+    let trial = match interfaces {
+        _ if !run => Trial::NotAskedFor,
+        Some(interfaces) if findings.count(Severity::Error) == 0 => {
+            trial::run(file, &archive, &interfaces, &mut findings)
+        }
+        _ => Trial::Unsound,
+    };
+    Ok(Report { findings, trial })
+}
+
+/// Checks a modelDescription.xml; its interfaces, where they can be told.
+fn check_description(text: &str, findings: &mut Findings) -> Option<Interfaces> {
+    let document = match xml::parse(text) {
+        Ok(document) => document,
+        Err(reason) => {
+            let advice = "make it well-formed XML (without a document type)";
+            findings.error(At::nowhere(), format!("modelDescription.xml: {reason}"), "2.2", advice);
+            return None;
+        }
+    };
+    let lines = Lines::of(text);
+    let root = document.root_element();
+    if !schema::check(root, &lines, findings) {
+        return None;
+    }
+    let variables = Variable::all(root, &lines);
+    experiment::check(root, &lines, findings);
+    variables::check(&variables, findings);
+    types::check(root, &variables, &lines, findings);
+    values::check(root, &variables, &lines, findings);
+    aliases::check(&variables, findings);
+    names::check(root, &variables, findings);
+    structure::check(root, &variables, &lines, findings);
+    Some(experiment::interfaces(root, &lines))
+}

@@ -1,0 +1,123 @@
+//! Units and types: defined once, and defined where they are used.
+
+use std::collections::{HashMap, HashSet};
+
+use roxmltree::Node;
+
+use super::findings::{At, Findings, Lines};
+use super::text::double;
+use super::variables::{SECTION, Variable};
+use crate::simulation::description::{child, elements};
+
+/// The types of a description by their names, each with the element of its kind.
+pub(super) type Types<'a, 'input> = HashMap<&'a str, Node<'a, 'input>>;
+
+pub(super) fn types<'a, 'input>(root: Node<'a, 'input>) -> Types<'a, 'input> {
+    let list = child(root, "TypeDefinitions").into_iter().flat_map(|node| elements(node, "SimpleType"));
+    list.filter_map(|node| Some((node.attribute("name")?, node.children().find(Node::is_element)?))).collect()
+}
+
+/// Checks units and types, and that variables name such ones.
+pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings: &mut Findings) {
+    let units = check_units(root, lines, findings);
+    check_types(root, variables, lines, findings);
+    let types = types(root);
+    for (name, node) in &types {
+        check_unit(*node, None, &units, &|| At { variable: Some((*name).to_owned()), ..lines.at(*node) }, findings);
+    }
+    for variable in variables {
+        let Some(value) = variable.value else { continue };
+        let declared = variable.attribute("declaredType");
+        let found = declared.and_then(|name| types.get(name)).copied();
+        match (declared, found) {
+            (Some(name), None) => {
+                let what = format!("the type `{name}` is not defined");
+                findings.error(variable.at(), what, SECTION, "define it in TypeDefinitions");
+            }
+            (Some(name), Some(node)) if node.tag_name().name() != variable.kind => {
+                let what = format!("it is of type {}, `{name}` is one of {}", variable.kind, node.tag_name().name());
+                findings.error(variable.at(), what, SECTION, "name a type of its own kind");
+            }
+            _ => {}
+        }
+        check_unit(value, found, &units, &|| variable.at(), findings);
+    }
+}
+
+/// The units with the units that they can be shown in.
+type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;
+
+fn check_units<'a>(root: Node<'a, '_>, lines: &Lines, findings: &mut Findings) -> Units<'a> {
+    let mut units = Units::new();
+    for unit in child(root, "UnitDefinitions").into_iter().flat_map(|node| elements(node, "Unit")) {
+        let name = unit.attribute("name").unwrap_or_default();
+        let mut shown = HashSet::new();
+        for display in elements(unit, "DisplayUnit") {
+            let other = display.attribute("name").unwrap_or_default();
+            if !shown.insert(other) {
+                let what = format!("the display unit `{other}` of `{name}` stands there twice");
+                findings.error(lines.at(display), what, "2.2.2", "define it once");
+            }
+        }
+        for node in unit.children().filter(Node::is_element) {
+            if node.attribute("factor").and_then(double) == Some(0.0) {
+                let what = format!("factor = 0 in the unit `{name}`");
+                findings.error(lines.at(node), what, "2.2.2", "values can't be converted by 0: give its factor");
+            }
+        }
+        if units.insert(name, shown).is_some() {
+            let what = format!("the unit `{name}` is defined twice");
+            findings.error(lines.at(unit), what, "2.2.2", "define each unit once");
+        }
+    }
+    units
+}
+
+fn check_types(root: Node, variables: &[Variable], lines: &Lines, findings: &mut Findings) {
+    let variables: HashSet<&str> = variables.iter().map(|variable| variable.name).collect();
+    let mut known = HashSet::new();
+    for node in child(root, "TypeDefinitions").into_iter().flat_map(|node| elements(node, "SimpleType")) {
+        let name = node.attribute("name").unwrap_or_default();
+        if !known.insert(name) {
+            let what = format!("the type `{name}` is defined twice");
+            findings.error(lines.at(node), what, "2.2.3", "define each type once");
+        }
+        if variables.contains(name) {
+            let what = format!("the type `{name}` has the name of a variable");
+            findings.error(lines.at(node), what, "2.2.3", "name it otherwise");
+        }
+        let items: Vec<Node> = elements(node, "Enumeration").flat_map(|node| elements(node, "Item")).collect();
+        for key in ["name", "value"] {
+            let mut found = HashSet::new();
+            for item in &items {
+                let value = item.attribute(key).unwrap_or_default();
+                if !found.insert(value) {
+                    let what = format!("two items of the type `{name}` have the {key} {value}");
+                    findings.error(lines.at(*item), what, "2.2.3", format!("give each a {key} of its own"));
+                }
+            }
+        }
+    }
+}
+
+/// Checks the units that a variable or type names; what it doesn't name it has of its type.
+fn check_unit(node: Node, declared: Option<Node>, units: &Units, at: &dyn Fn() -> At, findings: &mut Findings) {
+    let own = node.attribute("unit");
+    let inherited = declared.and_then(|declared| declared.attribute("unit"));
+    if let Some(unit) = own.filter(|unit| !units.contains_key(unit)) {
+        let what = format!("the unit `{unit}` is not defined");
+        findings.error(at(), what, "2.2.2", "define it in UnitDefinitions");
+    }
+    let Some(display) = node.attribute("displayUnit") else { return };
+    match own.or(inherited) {
+        None => {
+            let what = format!("displayUnit = \"{display}\" without a unit");
+            findings.error(at(), what, "2.2.3", "name the unit too");
+        }
+        Some(unit) if units.get(unit).is_some_and(|shown| !shown.contains(display)) => {
+            let what = format!("the display unit `{display}` of the unit `{unit}` is not defined");
+            findings.error(at(), what, "2.2.2", "define it as DisplayUnit of that unit");
+        }
+        Some(_) => {}
+    }
+}
