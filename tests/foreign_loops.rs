@@ -5,7 +5,7 @@ mod foreign;
 use std::fs;
 use std::process::{Command, Output};
 
-use adaptive_fmu::simulation::{LoadedLoop, LoopFiles, Order, Recording, Settings};
+use adaptive_fmu::simulation::{Hosting, LoadedLoop, LoopFiles, Order, Recording, Settings};
 use tempfile::TempDir;
 
 const LAG: &[(&str, &str, &str)] = &[("y", "output", ""), ("u", "input", ""), ("x", "parameter", "")];
@@ -44,7 +44,7 @@ impl Pair {
 
     fn recording(&self) -> Recording {
         let structure = LoopFiles::find(self.0.path().to_str().unwrap()).unwrap().structure().unwrap();
-        let loaded = LoadedLoop::new(&structure, &self.0.path().join("resources")).unwrap();
+        let loaded = LoadedLoop::new(&structure, &self.0.path().join("resources"), &Hosting::InProcess).unwrap();
         let settings = Settings { start_time: 0.0, stop_time: 0.5, step: 0.1, order: structure.order };
         loaded.instantiate(&[]).unwrap().run(settings, |_| true).unwrap()
     }

@@ -7,6 +7,7 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 use adaptive_fmu::exporter::{self, Platform};
+use adaptive_fmu::simulation::Hosting;
 use adaptive_fmu::validation::{Finding, Report, Severity, Trial, validate};
 use tempfile::TempDir;
 
@@ -68,7 +69,7 @@ fn findings_of(xml: &str) -> Vec<Finding> {
         entries.push(("sources/all.c".to_owned(), Vec::new()));
         entries.iter_mut().find(|(name, _)| name == "modelDescription.xml").unwrap().1 = xml.as_bytes().to_vec();
     });
-    let report = validate(&file, false).unwrap();
+    let report = validate(&file, None).unwrap();
     let about = |finding: &&Finding| !finding.what.contains("binaries/");
     report.findings.kept().iter().filter(about).cloned().collect()
 }
@@ -81,7 +82,7 @@ fn nothing_is_found_in_any_unit_of_this_package() {
     let files: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(files.len(), exporter::descriptions().len());
     for file in files {
-        let Report { findings, trial } = validate(&file, true).unwrap();
+        let Report { findings, trial } = validate(&file, Some(&Hosting::InProcess)).unwrap();
         assert!(findings.kept().is_empty(), "{}: {:#?}", file.display(), findings.kept());
         assert!(matches!(trial, Trial::Ran(steps) if steps > 0), "{}: {trial:?}", file.display());
     }
@@ -98,7 +99,7 @@ fn nothing_is_found_in_a_whole_loop_or_in_a_unit_with_names_of_its_own() {
     let files: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(files.len(), 4);
     for file in files {
-        let Report { findings, trial } = validate(&file, true).unwrap();
+        let Report { findings, trial } = validate(&file, Some(&Hosting::InProcess)).unwrap();
         assert!(findings.kept().is_empty(), "{}: {:#?}", file.display(), findings.kept());
         assert!(matches!(trial, Trial::Ran(steps) if steps > 0));
     }
@@ -309,7 +310,7 @@ fn a_file_that_is_no_xml_is_a_finding_and_one_that_is_no_archive_an_error() {
 }
 
 fn found_in(file: &Path) -> Vec<String> {
-    validate(file, true).unwrap().findings.kept().iter().map(ToString::to_string).collect()
+    validate(file, Some(&Hosting::InProcess)).unwrap().findings.kept().iter().map(ToString::to_string).collect()
 }
 
 #[test]
@@ -373,7 +374,7 @@ fn built(faults: &[&str], flags: &str) -> (TempDir, PathBuf) {
 #[test]
 fn what_a_unit_does_when_it_is_run_is_found() {
     let (_folder, file) = built(&[], "");
-    assert_eq!((found_in(&file), validate(&file, true).unwrap().trial), (vec![], Trial::Ran(10)));
+    assert_eq!((found_in(&file), validate(&file, Some(&Hosting::InProcess)).unwrap().trial), (vec![], Trial::Ran(10)));
     let (_folder, file) = built(&["ONLY_ONE"], "canBeInstantiatedOnlyOncePerProcess=\"true\"");
     assert_eq!(found_in(&file), Vec::<String>::new());
     for (faults, flags, told) in [

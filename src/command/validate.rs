@@ -7,6 +7,8 @@ use adaptive_fmu::error::{Error, one_line};
 use adaptive_fmu::validation::{self, Report, Severity, Trial};
 use serde_json::json;
 
+use super::hosting::HostingOptions;
+
 /// It was checked, and isn't sound.
 const UNSOUND: u8 = 3;
 
@@ -17,6 +19,8 @@ pub struct Arguments {
     /// Only what can be told without running it
     #[arg(long)]
     no_run: bool,
+    #[command(flatten)]
+    hosting: HostingOptions,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -24,7 +28,8 @@ pub struct Arguments {
 
 /// Prints a line for each finding; the exit code tells whether one is an error.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let report = validation::validate(&arguments.fmu, !arguments.no_run)?;
+    let hosting = Some(arguments.hosting.hosting()?);
+    let report = validation::validate(&arguments.fmu, hosting.as_ref().filter(|_| !arguments.no_run))?;
     let (errors, warnings) = (report.findings.count(Severity::Error), report.findings.count(Severity::Warning));
     if arguments.json {
         let told = json!({ "sound": report.is_sound(), "errors": errors, "warnings": warnings,

@@ -21,6 +21,7 @@ pub use findings::{Finding, Findings, Severity};
 pub use trial::Trial;
 
 use crate::error::Error;
+use crate::simulation::Hosting;
 use crate::simulation::xml;
 use archive::Archive;
 use findings::{At, Lines};
@@ -70,11 +71,11 @@ impl Interface {
     }
 }
 
-/// Checks an FMU. It is run only where nothing else is wrong with it, and `run` says so.
+/// Checks an FMU. It is run where it is told, if anywhere, and only where nothing else is wrong with it.
 ///
 /// # Errors
 /// When the archive can't be read.
-pub fn validate(file: &Path, run: bool) -> Result<Report, Error> {
+pub fn validate(file: &Path, run: Option<&Hosting>) -> Result<Report, Error> {
     let archive = Archive::read(file)?;
     let mut findings = Findings::default();
     archive.check(&mut findings);
@@ -84,10 +85,10 @@ pub fn validate(file: &Path, run: bool) -> Result<Report, Error> {
         archive.check_binaries(interfaces, &mut findings);
         functions::check(&archive, interfaces, &mut findings)?;
     }
-    let trial = match interfaces {
-        _ if !run => Trial::NotAskedFor,
-        Some(interfaces) if findings.count(Severity::Error) == 0 => {
-            trial::run(file, &archive, &interfaces, &mut findings)
+    let trial = match (interfaces, run) {
+        (_, None) => Trial::NotAskedFor,
+        (Some(interfaces), Some(hosting)) if findings.count(Severity::Error) == 0 => {
+            trial::run(file, hosting, &archive, &interfaces, &mut findings)
         }
         _ => Trial::Unsound,
     };

@@ -9,7 +9,7 @@ use super::archive::Archive;
 use super::findings::{At, Findings};
 use crate::error::Error;
 use crate::exporter::Platform;
-use crate::simulation::{Fmu, Instance, Variable};
+use crate::simulation::{Fmu, Hosting, Instance, Variable};
 
 /// Communication steps of a trial, at most.
 const STEPS: usize = 20;
@@ -30,7 +30,13 @@ pub enum Trial {
 }
 
 /// Runs an FMU with whose description and libraries nothing is wrong.
-pub(super) fn run(file: &Path, archive: &Archive, interfaces: &Interfaces, findings: &mut Findings) -> Trial {
+pub(super) fn run(
+    file: &Path,
+    hosting: &Hosting,
+    archive: &Archive,
+    interfaces: &Interfaces,
+    findings: &mut Findings,
+) -> Trial {
     let Some(co_simulation) = &interfaces.co_simulation else {
         return Trial::Impossible("it is for model exchange alone, and only co-simulation is tried".to_owned());
     };
@@ -40,7 +46,7 @@ pub(super) fn run(file: &Path, archive: &Archive, interfaces: &Interfaces, findi
     if !archive.has(&Platform::own().binary(&co_simulation.identifier)) {
         return Trial::Impossible("it has no library for this platform".to_owned());
     }
-    let fmu = match Fmu::open(file) {
+    let fmu = match Fmu::open(file, hosting) {
         Ok(fmu) => Arc::new(fmu),
         Err(error) => {
             let advice = "pack a library that loads by itself, or put what it needs beside it";
@@ -183,7 +189,7 @@ impl Attempt<'_> {
         let (places, references) = of(&["Real"]);
         let mut reals = vec![0.0; references.len()];
         if !references.is_empty() {
-            instance.get_real(&references, &mut reals).map_err(failed)?;
+            instance.get_any_real(&references, &mut reals).map_err(failed)?;
         }
         let mut values: Vec<_> = places.into_iter().zip(reals).collect();
         for (kinds, boolean) in [(&["Integer", "Enumeration"][..], false), (&["Boolean"], true)] {

@@ -148,9 +148,17 @@ impl Instance {
     /// # Errors
     /// When the unit refuses, or gives what is no finite number.
     pub fn get_real(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
-        assert_eq!(references.len(), values.len());
-        self.call(Call::GetReal(references, values))?;
+        self.get_any_real(references, values)?;
         self.check_numbers(Function::GetReal, values, |place| self.name_of(references[place]))
+    }
+
+    /// Reads real variables, finite or not.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn get_any_real(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        self.call(Call::GetReal(references, values))
     }
 
     /// Sets real variables.
