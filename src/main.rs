@@ -44,6 +44,8 @@ enum Command {
     Validate(command::validate::Arguments),
     /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
     Run(command::run::Arguments),
+    /// Runs one unit alone, with inputs over time: a page with plots, CSV
+    Simulate(command::simulate::Arguments),
     /// Runs several closed loops, and shows on one page what all of them measure
     Compare(command::compare::Arguments),
     /// Reproduces the thesis: runs every example, judges what it claims, and writes one page of it
@@ -99,6 +101,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Validate(arguments) => command::validate::execute(&arguments),
+        Command::Simulate(arguments) => command::simulate::execute(&arguments),
         Command::Run(arguments) => command::run::execute(&arguments),
         Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),

@@ -34,6 +34,23 @@ pub fn csv_field(text: &str) -> Cow<'_, str> {
     }
 }
 
+/// The fields of a line of such a file. Quotes must end in the line in which they begin.
+pub fn csv_fields(line: &str) -> Vec<String> {
+    let (mut fields, mut field, mut quoted) = (Vec::new(), String::new(), false);
+    let mut rest = line.chars().peekable();
+    while let Some(c) = rest.next() {
+        match c {
+            // Two quotes within quotes are one.
+            '"' if quoted && rest.next_if_eq(&'"').is_some() => field.push('"'),
+            '"' => quoted = !quoted,
+            ',' if !quoted => fields.push(std::mem::take(&mut field)),
+            _ => field.push(c),
+        }
+    }
+    fields.push(field);
+    fields
+}
+
 /// A file to read. What isn't a regular one is refused: a pipe would be waited for without end.
 ///
 /// # Errors

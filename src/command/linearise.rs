@@ -61,7 +61,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
 }
 
 /// The archive as it is, or one that is exported for this: of an FMU, else of a whole loop.
-fn find_fmu(name: &str, folder: &Path) -> Result<PathBuf, Error> {
+pub fn find_fmu(name: &str, folder: &Path) -> Result<PathBuf, Error> {
     let file = PathBuf::from(name);
     if file.extension().is_some_and(|extension| extension == "fmu") {
         return Ok(file);

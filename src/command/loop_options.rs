@@ -1,6 +1,6 @@
 //! Which loop, through which units, and how it is stepped: what `run` and `tune` have in common.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
@@ -46,6 +46,19 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "must be a finite number above 0".to_owned())
 }
 
+/// Refuses a run that has no points, or too many; it is of a file.
+pub fn check_points(Settings { start_time, stop_time, step, .. }: Settings, file: &Path) -> Result<(), Error> {
+    let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
+    if stop_time.is_nan() || stop_time <= start_time {
+        return Err(refuse(format!("stop time {stop_time}: must be after the start, {start_time}")));
+    }
+    let points = (stop_time - start_time) / step;
+    if points > MOST_POINTS {
+        return Err(refuse(format!("{points:e} communication points would be recorded; at most {MOST_POINTS} are")));
+    }
+    Ok(())
+}
+
 /// Where the units of a loop are.
 pub enum Units {
     /// FMUs in a folder, one each.
@@ -75,16 +88,7 @@ impl LoopOptions {
             step: self.step.unwrap_or(structure.step),
             order: self.order.unwrap_or(structure.order),
         };
-        if settings.stop_time <= settings.start_time {
-            let (stop, start) = (settings.stop_time, settings.start_time);
-            let reason = format!("stop time {stop}: must be after the start, {start}");
-            return Err(Error::Loop { file: structure.file.clone(), reason });
-        }
-        let points = (settings.stop_time - settings.start_time) / settings.step;
-        if points > MOST_POINTS {
-            let reason = format!("{points:e} communication points would be recorded; at most {MOST_POINTS} are");
-            return Err(Error::Loop { file: structure.file.clone(), reason });
-        }
+        check_points(settings, &structure.file)?;
         Ok(settings)
     }
 

@@ -17,6 +17,7 @@ pub mod report;
 pub mod run;
 mod run_all;
 pub mod schema;
+pub mod simulate;
 pub mod tune;
 mod tuned;
 pub mod validate;

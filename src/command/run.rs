@@ -20,10 +20,10 @@ use super::run_all;
 /// A metric beyond its limit.
 const BEYOND_LIMIT: u8 = 3;
 const RESULTS: &str = "results";
-const TABLE: &str = "result.csv";
-const METRICS: &str = "metrics.json";
-const PLOT: &str = "plot.svg";
-const PAGE: &str = "index.html";
+pub const TABLE: &str = "result.csv";
+pub const METRICS: &str = "metrics.json";
+pub const PLOT: &str = "plot.svg";
+pub const PAGE: &str = "index.html";
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -167,7 +167,7 @@ fn simulate(closed: ClosedLoop, settings: Settings, progress: &mut Progress) -> 
     }
 }
 
-fn write_results(report: &Report, out: &Path) -> Result<(), Error> {
+pub fn write_results(report: &Report, out: &Path) -> Result<(), Error> {
     let Report { structure, recording, measured, ending, .. } = report;
     let mut files = Files::within(out, &structure.name)?;
     let names: Vec<_> = recording.names.iter().map(|name| csv_field(name)).collect();

@@ -14,22 +14,9 @@ use std::ops::Range;
 
 use nalgebra::Complex;
 
+use super::tableau::{A2, A3, A4, A5, A6, A7, E, STAGES};
 use super::{OneStepMethod, Problem, Start, Tolerance};
 use crate::system::{ErrorEstimate, Section, Variables};
-
-const STAGES: usize = 7;
-
-/// Weights of the earlier stages, in stages 2 to 7. The last are those of the solution of order 5.
-const A2: [f64; 1] = [1.0 / 5.0];
-const A3: [f64; 2] = [3.0 / 40.0, 9.0 / 40.0];
-const A4: [f64; 3] = [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0];
-const A5: [f64; 4] = [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0];
-const A6: [f64; 5] = [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0];
-const A7: [f64; 6] = [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0];
-
-/// Difference of the solutions of order 5 and 4.
-const E: [f64; STAGES] =
-    [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0];
 
 /// Weights of the stages in the solution of order 4 in the middle of a step.
 const MIDDLE: [f64; STAGES] = [

@@ -59,6 +59,7 @@ mod own_step;
 mod rosenbrock;
 mod spectrum;
 mod stability;
+pub(crate) mod tableau;
 mod watch;
 mod work;
 

@@ -56,6 +56,17 @@ pub struct Settings {
 /// The most messages of a unit that a recording keeps; of further ones, their number and the last.
 const MOST_MESSAGES: usize = 100;
 
+impl Settings {
+    /// The communication steps, from one time to the next: whole ones, and a shorter one at the end where they don't fill
+    /// the time.
+    pub(super) fn points(self) -> impl Iterator<Item = (f64, f64)> {
+        let Settings { start_time, stop_time, step, .. } = self;
+        let steps = ((stop_time - start_time) / step - 1e-6).ceil().max(0.0) as usize;
+        let time_of = move |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
+        (0..steps).map(move |k| (time_of(k), time_of(k + 1)))
+    }
+}
+
 /// A unit with what it gives and takes.
 #[derive(Debug)]
 struct Unit {
@@ -137,7 +148,7 @@ impl Recording {
         self.measures.get(place).map(String::as_str).filter(|unit| !unit.is_empty())
     }
 
-    fn push(&mut self, time: f64, row: &[f64]) {
+    pub(super) fn push(&mut self, time: f64, row: &[f64]) {
         self.times.push(time);
         self.columns.iter_mut().zip(row).for_each(|(column, value)| column.push(*value));
     }
@@ -219,14 +230,10 @@ impl ClosedLoop {
         settings: Settings,
         mut progress: impl FnMut(f64) -> bool,
     ) -> Result<(), Error> {
-        let Settings { start_time, stop_time, step, order } = settings;
+        let Settings { start_time, stop_time, order, .. } = settings;
         recording.warnings.extend(self.initialise(start_time, stop_time)?);
         recording.push(start_time, &self.row);
-        // Whole steps, and a shorter one at the end where they don't fill the time.
-        let steps = ((stop_time - start_time) / step - 1e-6).ceil().max(0.0) as usize;
-        let time_of = |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
-        for k in 0..steps {
-            let (time, next) = (time_of(k), time_of(k + 1));
+        for (time, next) in settings.points() {
             if order == Order::Jacobi {
                 self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
             }

@@ -28,6 +28,8 @@ pub struct Description {
     pub guid: String,
     /// Tool that made it.
     pub generation_tool: String,
+    /// Default start time, s.
+    pub start_time: Option<f64>,
     /// Default communication step, s.
     pub step: Option<f64>,
     /// Default stop time, s.
@@ -110,6 +112,7 @@ impl Description {
             exchange_identifier,
             guid: required(root, "guid")?,
             generation_tool: attribute(root, "generationTool").unwrap_or_default(),
+            start_time: number("startTime"),
             step: number("stepSize"),
             stop_time: number("stopTime"),
             capabilities: interface

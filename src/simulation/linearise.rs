@@ -231,7 +231,16 @@ pub(super) fn prepared(
     start: f64,
     time: f64,
 ) -> Result<Instance, Error> {
-    for (name, value) in &point.start {
+    set_starts(&instance, &point.start)?;
+    // A stop time must be after the start.
+    instance.enter_initialization(start, time.max(start + 1.0))?;
+    instance.exit_initialization()?;
+    Ok(instance)
+}
+
+/// Sets start values of parameters and inputs.
+pub(super) fn set_starts(instance: &Instance, values: &[(String, String)]) -> Result<(), Error> {
+    for (name, value) in values {
         let variables = &instance.description().variables;
         let settable: Vec<_> =
             variables.iter().filter(|v| v.causality == "parameter" || v.causality == "input").collect();
@@ -245,10 +254,7 @@ pub(super) fn prepared(
         })?;
         instance.set_start(variable.reference, &typed)?;
     }
-    // A stop time must be after the start.
-    instance.enter_initialization(start, time.max(start + 1.0))?;
-    instance.exit_initialization()?;
-    Ok(instance)
+    Ok(())
 }
 
 /// The instance, stepped to a time.

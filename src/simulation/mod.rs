@@ -1,13 +1,16 @@
 //! FMUs as a master sees them: loading, closed loops, metrics, and what is shown of a run.
 
+mod alone;
 mod chart;
 mod check;
 mod closed_loop;
 mod comparison;
 pub(crate) mod description;
+mod exchange;
 mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
+mod inputs;
 mod linearise;
 mod loaded;
 mod logarithm;
@@ -25,6 +28,7 @@ mod thinned;
 mod units;
 pub(crate) mod xml;
 
+pub use alone::Alone;
 pub use chart::{COLOURS, padded_range, svg, svg_over, terminal};
 pub use check::{Circles, Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
@@ -33,6 +37,7 @@ pub use description::{Description, Variable};
 #[cfg(unix)]
 pub use fmu::serve_unit;
 pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value};
+pub use inputs::Inputs;
 pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
 pub use metrics::{Measured, measure};

@@ -10,6 +10,8 @@ use super::xml;
 pub struct ModelStructure {
     /// States and their derivatives.
     pub states: Vec<(usize, usize)>,
+    /// Number of event indicators.
+    pub indicators: usize,
     /// Outputs.
     pub outputs: Vec<usize>,
     /// Default start time, s.
@@ -55,6 +57,7 @@ impl ModelStructure {
         });
         Ok(ModelStructure {
             states: unknowns("Derivatives").map(|derivative| state_of(derivative?)).collect::<Result<_, String>>()?,
+            indicators: root.attribute("numberOfEventIndicators").and_then(|text| text.parse().ok()).unwrap_or(0),
             outputs: unknowns("Outputs").collect::<Result<_, _>>()?,
             start_time: start.unwrap_or(0.0),
             exchange,

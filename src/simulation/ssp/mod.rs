@@ -20,7 +20,8 @@ pub use package::pack;
 pub use source::UnitFile;
 pub use tuning::{SquareTerm, TunedParameter, Tuning};
 
-use super::closed_loop::Order;
+use super::closed_loop::{Order, Settings};
+use super::fmu::Fmu;
 use super::units::{Affine, UnitDefinition};
 use crate::error::Error;
 use crate::exporter::{Source, find_description};
@@ -168,6 +169,49 @@ pub struct Connection {
 }
 
 impl Structure {
+    /// A unit alone, as a loop without connections; its archive gives it its name.
+    pub fn of_unit(fmu: &Fmu, settings: Settings, values: &[(String, String)], plots: Vec<Plot>) -> Self {
+        let file = fmu.file().to_owned();
+        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let value = |(name, text): &(String, String)| StartValue {
+            name: name.clone(),
+            data_type: None,
+            text: text.clone(),
+            unit: None,
+            origin: Origin { file: file.clone(), line: None },
+        };
+        let component = Component {
+            name: name.clone(),
+            source: file.display().to_string(),
+            fmu: name.clone(),
+            file: UnitFile::Named,
+            connectors: Vec::new(),
+            values: values.iter().map(value).collect(),
+        };
+        let Settings { start_time, stop_time, step, order } = settings;
+        Structure {
+            file,
+            name,
+            description: fmu.description.description.clone(),
+            components: vec![component],
+            descriptions: BTreeMap::new(),
+            connections: Vec::new(),
+            whole: Vec::new(),
+            parameter_files: Vec::new(),
+            start_time,
+            stop_time,
+            step,
+            order,
+            accepts_algebraic_loops: false,
+            models: Vec::new(),
+            metrics: Vec::new(),
+            plots,
+            expected_failure: None,
+            tuning: None,
+            notes: Vec::new(),
+        }
+    }
+
     /// Takes all units from a folder of FMUs that would come from resources, or be exported.
     pub fn take_from_folder(&mut self) {
         for component in &mut self.components {

@@ -1,0 +1,180 @@
+//! `simulate`: one unit alone.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::fmi2::calls::Interface;
+use adaptive_fmu::output;
+use adaptive_fmu::simulation::{
+    Alone, Ending, Fmu, Inputs, Order, Plot, Recording, Report, Settings, Structure, Verdict,
+};
+use clap::ValueEnum;
+use serde_json::json;
+
+use super::hosting::HostingOptions;
+use super::linearise::{assignment, find_fmu};
+use super::loop_options::{check_points, positive};
+use super::names::Names;
+use super::progress::{self, Bars, Progress};
+use super::run::{METRICS, PAGE, PLOT, TABLE, exit_code, write_results};
+
+/// Communication step of an FMU that proposes none, and its stop time, s.
+const STEP: f64 = 1e-3;
+const STOP_TIME: f64 = 1.0;
+
+#[derive(Clone, Copy, ValueEnum)]
+enum By {
+    /// Co-simulation: the unit integrates
+    Cs,
+    /// Model exchange: this program integrates
+    Me,
+}
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// An archive (NAME.fmu), an FMU of this package, a description (NAME.toml), or a loop as one unit
+    name: String,
+    /// By which interface; co-simulation where the FMU is for it
+    #[arg(long)]
+    interface: Option<By>,
+    /// Inputs over time, a file of comma-separated values: a line of names, the first of which is `time`, then numbers;
+    /// continuous inputs are linear in between, others held
+    #[arg(long, value_name = "FILE.csv")]
+    input: Option<PathBuf>,
+    /// Start value of a parameter, or value of an input
+    #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
+    set: Vec<(String, String)>,
+    /// Variables that are recorded beside the outputs
+    #[arg(long, value_name = "NAME,…")]
+    record: Option<Names>,
+    /// Stop time in s, in place of the unit's own
+    #[arg(long, value_parser = positive)]
+    until: Option<f64>,
+    /// Communication step in s, in place of the unit's own
+    #[arg(long, value_parser = positive)]
+    step: Option<f64>,
+    /// Relative tolerance of the integration in model exchange
+    #[arg(long, default_value = "1e-6", value_parser = positive)]
+    tolerance: f64,
+    /// Folder for results
+    #[arg(long, default_value = "results")]
+    out: PathBuf,
+    #[command(flatten)]
+    hosting: HostingOptions,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the unit, writes its outputs, and prints where they are.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+    let fmu = Arc::new(Fmu::open_any(&find_fmu(&arguments.name, folder.path())?, &arguments.hosting.hosting()?)?);
+    let description = &fmu.description;
+    let interface = match arguments.interface {
+        Some(By::Cs) => Interface::CoSimulation,
+        Some(By::Me) => Interface::ModelExchange,
+        None if description.co_simulation => Interface::CoSimulation,
+        None => Interface::ModelExchange,
+    };
+    let settings = Settings {
+        start_time: description.start_time.unwrap_or(0.0),
+        stop_time: arguments.until.or(description.stop_time).unwrap_or(STOP_TIME),
+        step: arguments.step.or(description.step.filter(|step| *step > 0.0)).unwrap_or(STEP),
+        order: Order::GaussSeidel,
+    };
+    check_points(settings, fmu.file())?;
+    let inputs = arguments.input.as_deref().map(|file| Inputs::read(file, description)).transpose()?;
+    let further = arguments.record.as_ref().map_or(&[][..], |Names(names)| names);
+    let name = fmu.file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    output::check(&arguments.out, &name, &[TABLE, METRICS, PLOT, PAGE])?;
+    let alone = Alone {
+        fmu: &fmu,
+        interface,
+        tolerance: arguments.tolerance,
+        start: &arguments.set,
+        inputs: inputs.as_ref(),
+        further,
+    };
+    let (recording, ending, failure) = run(&alone, settings, &Bars::new(arguments.json));
+    let structure = structure(&fmu, &recording, settings, &arguments.set);
+    let whole = true;
+    let report =
+        Report { structure: &structure, settings, whole, recording: &recording, measured: &[], ending: &ending };
+    let results = arguments.out.join(&structure.name);
+    let has_results = recording.times.len() > 1;
+    if has_results {
+        write_results(&report, &arguments.out)?;
+    }
+    if let Some(error) = failure {
+        if has_results {
+            tell!("what was computed until then is in {}", results.display());
+        }
+        return Err(error);
+    }
+    print(&report, &results, arguments.json);
+    Ok(exit_code(if ending == Ending::Interrupted { Verdict::Interrupted } else { Verdict::Holds }))
+}
+
+fn run(alone: &Alone, settings: Settings, bars: &Bars) -> (Recording, Ending, Option<Error>) {
+    let mut ending = Ending::Complete;
+    let mut shown = Progress::new(bars, &alone.fmu.description.name, settings);
+    let result = alone.run(settings, |time| {
+        shown.show(time);
+        if progress::is_interrupted() && time < settings.stop_time {
+            ending = Ending::Interrupted;
+        }
+        ending == Ending::Complete
+    });
+    shown.clear();
+    match result {
+        Ok(recording) => (recording, ending, None),
+        Err((error, recording)) => (*recording, Ending::Failed(error.to_string()), Some(error)),
+    }
+}
+
+/// The unit as a loop of one, whose signals are plotted with those of the same unit of measurement.
+fn structure(fmu: &Fmu, recording: &Recording, settings: Settings, values: &[(String, String)]) -> Structure {
+    let mut plots: Vec<Plot> = Vec::new();
+    let mut of_measures: BTreeMap<&str, usize> = BTreeMap::new();
+    for (name, measure) in recording.names.iter().zip(&recording.measures) {
+        let place = *of_measures.entry(measure).or_insert_with(|| {
+            let title = if measure.is_empty() { "no unit".to_owned() } else { format!("in {measure}") };
+            plots.push(Plot { title, signals: Vec::new() });
+            plots.len() - 1
+        });
+        plots[place].signals.push(name.clone());
+    }
+    Structure::of_unit(fmu, settings, values, plots)
+}
+
+fn print(report: &Report, results: &Path, json: bool) {
+    let Report { structure, recording, ending, .. } = report;
+    if let Some(shortfall) = report.shortfall() {
+        tell!("the run {shortfall}");
+    }
+    if json {
+        let last: serde_json::Map<_, _> = recording
+            .names
+            .iter()
+            .zip(&recording.columns)
+            .map(|(name, values)| (name.clone(), json!(values.last())))
+            .collect();
+        say!(
+            "{}",
+            json!({ "fmu": structure.name, "ended": ending.word(), "time": report.end(), "last": last,
+                           "warnings": recording.warnings, "results": results })
+        );
+        return;
+    }
+    say!("{} until t = {} s", structure.name, report.end());
+    for (name, values) in recording.names.iter().zip(&recording.columns) {
+        let unit = recording.measure(name).unwrap_or("");
+        say!("{name:28} {:>14} {unit}", adaptive_fmu::report::number(values.last().copied().unwrap_or(f64::NAN)));
+    }
+    recording.warnings.iter().for_each(|warning| say!("warning: {warning}"));
+    say!("index.html (the report), result.csv and plot.svg are in {}", results.display());
+}

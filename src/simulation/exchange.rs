@@ -1,0 +1,207 @@
+//! A master for model exchange: integrates a unit's equations, and finds its events.
+
+use super::fmu::{Event, Instance};
+use super::inputs::Inputs;
+use crate::error::Error;
+use crate::integrator::tableau::{E, STAGES, TABLEAU};
+
+/// A step is never shorter than this part of the time, or of 1 s.
+const SHORTEST: f64 = 1e-13;
+/// A step is made so much shorter than its error would allow, and changes by these factors at most.
+const SAFETY: f64 = 0.9;
+const FACTORS: (f64, f64) = (0.2, 5.0);
+/// After a step at whose points the unit's equations have no value.
+const AFTER_REFUSAL: f64 = 0.25;
+/// How exactly an event is found, relative to the step that it lies in.
+const BISECTIONS: usize = 46;
+
+/// A unit that is being integrated.
+pub(super) struct Exchange<'a> {
+    instance: Instance,
+    inputs: Option<&'a Inputs>,
+    tolerance: f64,
+    nominals: Vec<f64>,
+    time: f64,
+    states: Vec<f64>,
+    indicators: Vec<f64>,
+    next_event: Option<f64>,
+    /// The step to try next, s; 0 where none is known.
+    step: f64,
+}
+
+impl<'a> Exchange<'a> {
+    /// Begins with an instance that has just left Initialization Mode.
+    pub fn begin(
+        instance: Instance,
+        inputs: Option<&'a Inputs>,
+        (states, indicators): (usize, usize),
+        tolerance: f64,
+        time: f64,
+    ) -> Result<Self, Error> {
+        let next_event = instance.finish_event()?.next;
+        Ok(Exchange {
+            nominals: if states > 0 { instance.nominals(states)? } else { Vec::new() },
+            states: if states > 0 { instance.states(states)? } else { Vec::new() },
+            indicators: if indicators > 0 { instance.event_indicators(indicators)? } else { Vec::new() },
+            instance,
+            inputs,
+            tolerance,
+            time,
+            next_event,
+            step: 0.0,
+        })
+    }
+
+    /// The unit, at the present time and states.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+
+    /// The unit, when all is done.
+    pub fn into_instance(self) -> Instance {
+        self.instance
+    }
+
+    /// Integrates until a time.
+    pub fn advance(&mut self, to: f64) -> Result<(), Error> {
+        let shortest = SHORTEST * to.abs().max(1.0);
+        while to - self.time > shortest {
+            let input = self.inputs.and_then(|inputs| inputs.next_time(self.time));
+            let end = [Some(to), self.next_event, input].into_iter().flatten().fold(to, f64::min);
+            if end - self.time > shortest {
+                self.step(end, shortest)?;
+            } else {
+                self.time = end.max(self.time);
+            }
+            let is_due = |time: Option<f64>, now: f64| time.is_some_and(|time| time - now <= shortest);
+            let wants = self.instance.completed_step()?;
+            if wants || is_due(self.next_event, self.time) || is_due(input, self.time) {
+                self.event()?;
+            }
+        }
+        self.put(self.time, &self.states.clone())
+    }
+
+    /// One step, at most until `end`; or until the first event in it.
+    fn step(&mut self, end: f64, shortest: f64) -> Result<(), Error> {
+        let way = end - self.time;
+        let mut step = if self.step > 0.0 { self.step.min(way) } else { way.min(1e-3 * way.max(1.0)) };
+        loop {
+            // No crumb is left over.
+            let tried = if way - step < 0.1 * step { way } else { step };
+            match self.attempt(tried) {
+                Ok((after, error)) if error <= 1.0 => {
+                    let factor = if error > 0.0 { SAFETY * error.powf(-0.2) } else { FACTORS.1 };
+                    self.step = tried * factor.clamp(FACTORS.0, FACTORS.1);
+                    return self.accept(tried, after);
+                }
+                Ok((_, error)) => step = tried * (SAFETY * error.powf(-0.2)).clamp(FACTORS.0, SAFETY),
+                Err(failure) if tried * AFTER_REFUSAL < shortest => return Err(failure),
+                Err(_) => step = tried * AFTER_REFUSAL,
+            }
+            // A number that is none keeps no step from being shorter.
+            if step.is_nan() || step < shortest {
+                let message = format!(
+                    "no step of the integration reaches the relative tolerance {:e}: the equations may be singular there",
+                    self.tolerance
+                );
+                let (unit, function) = (self.instance.name().to_owned(), "fmi2GetDerivatives");
+                return Err(Error::Unit { unit, function, time: self.time, message });
+            }
+        }
+    }
+
+    /// Goes to the end of a step, or to the first change of an event indicator's sign in it.
+    fn accept(&mut self, step: f64, after: Vec<f64>) -> Result<(), Error> {
+        let (start, before) = (self.time, self.states.clone());
+        self.put(start + step, &after)?;
+        if !self.crosses()? {
+            (self.time, self.states) = (start + step, after);
+            return self.look();
+        }
+        let (mut none, mut some, mut found) = (0.0, step, after);
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (none + some);
+            self.put(start, &before)?;
+            let (between, _) = self.attempt(middle)?;
+            self.put(start + middle, &between)?;
+            if self.crosses()? {
+                (some, found) = (middle, between);
+            } else {
+                none = middle;
+            }
+        }
+        (self.time, self.states) = (start + some, found);
+        self.put(self.time, &self.states.clone())?;
+        self.event()
+    }
+
+    /// Whether an indicator has another sign where the unit stands than where it was looked at last.
+    fn crosses(&self) -> Result<bool, Error> {
+        if self.indicators.is_empty() {
+            return Ok(false);
+        }
+        let now = self.instance.event_indicators(self.indicators.len())?;
+        Ok(now.iter().zip(&self.indicators).any(|(now, before)| (*now > 0.0) != (*before > 0.0)))
+    }
+
+    fn look(&mut self) -> Result<(), Error> {
+        if !self.indicators.is_empty() {
+            self.indicators = self.instance.event_indicators(self.indicators.len())?;
+        }
+        Ok(())
+    }
+
+    /// An event where the unit stands.
+    fn event(&mut self) -> Result<(), Error> {
+        self.instance.begin_event()?;
+        if let Some(inputs) = self.inputs {
+            inputs.set(&self.instance, self.time)?;
+        }
+        let Event { next, states_changed } = self.instance.finish_event()?;
+        self.next_event = next;
+        if states_changed && !self.states.is_empty() {
+            self.states = self.instance.states(self.states.len())?;
+        }
+        self.step = 0.0;
+        self.look()
+    }
+
+    /// Puts the unit at a time, its inputs then, and states.
+    fn put(&mut self, time: f64, states: &[f64]) -> Result<(), Error> {
+        self.instance.set_time(time)?;
+        if let Some(inputs) = self.inputs {
+            inputs.set_continuous(&self.instance, time)?;
+        }
+        if states.is_empty() { Ok(()) } else { self.instance.set_states(states) }
+    }
+
+    /// The states after a step of Dormand and Prince's method, and the error in what is tolerated.
+    fn attempt(&mut self, step: f64) -> Result<(Vec<f64>, f64), Error> {
+        let (start, before) = (self.time, self.states.clone());
+        if before.is_empty() {
+            return Ok((before, 0.0));
+        }
+        let mut rates: Vec<Vec<f64>> = Vec::with_capacity(STAGES);
+        let mut after = before.clone();
+        for (node, weights) in TABLEAU {
+            after.copy_from_slice(&before);
+            for (weight, rate) in weights.iter().zip(&rates) {
+                after.iter_mut().zip(rate).for_each(|(x, rate)| *x += step * weight * rate);
+            }
+            self.put(start + node * step, &after)?;
+            rates.push(self.instance.state_derivatives(before.len())?);
+        }
+        // The last stage stands where the step ends.
+        let mut worst = 0.0;
+        for i in 0..before.len() {
+            let error: f64 = E.iter().zip(&rates).map(|(weight, rate)| step * weight * rate[i]).sum();
+            let size = self.nominals[i].abs().max(before[i].abs()).max(after[i].abs());
+            let scaled = error.abs() / (self.tolerance * size);
+            if scaled > worst || scaled.is_nan() {
+                worst = scaled;
+            }
+        }
+        Ok((after, worst))
+    }
+}

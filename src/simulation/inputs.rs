@@ -1,0 +1,174 @@
+//! Inputs over time, from a file of comma-separated values.
+
+use std::path::Path;
+
+use super::description::{Description, Variable};
+use super::fmu::Instance;
+use crate::error::Error;
+use crate::text_file;
+
+/// Values of input variables at some times.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Inputs {
+    times: Vec<f64>,
+    columns: Vec<Column>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Column {
+    reference: u32,
+    kind: Kind,
+    values: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Linear between the times, unless two of them are the same: there it jumps.
+    Continuous,
+    /// As at the last time.
+    Held,
+    Integer,
+    Boolean,
+}
+
+impl Inputs {
+    /// Reads a file: a line of names, the first of which is `time`, then a line of numbers for each time, s.
+    ///
+    /// # Errors
+    /// What is wrong, with its line; a name that is no input of the unit.
+    pub fn read(file: &Path, description: &Description) -> Result<Self, Error> {
+        let text = text_file::read(file).map_err(Error::file(file))?;
+        let refuse = |line: usize, reason: String| {
+            let reason = format!("line {line}: {reason}");
+            Error::Description { file: file.to_owned(), reason }
+        };
+        let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let (_, head) = lines.next().ok_or_else(|| refuse(1, "must be the names of the columns".to_owned()))?;
+        let names = text_file::csv_fields(head);
+        if names.first().is_none_or(|name| name.trim() != "time") {
+            return Err(refuse(1, "the first column must be `time`, in s".to_owned()));
+        }
+        let inputs = description.variables.iter().filter(|variable| variable.causality == "input");
+        let column = |name: &String| {
+            let found = inputs.clone().find(|variable| variable.name == name.trim());
+            found.map(Column::of).ok_or_else(|| {
+                let known: Vec<_> = inputs.clone().map(|variable| variable.name.as_str()).collect();
+                refuse(1, format!("the unit has no input `{}`; there are: {}", name.trim(), known.join(", ")))
+            })
+        };
+        let mut columns: Vec<Column> = names[1..].iter().map(column).collect::<Result<_, _>>()?;
+        let mut times = Vec::new();
+        for (line, text) in lines {
+            let fields = text_file::csv_fields(text);
+            if fields.len() != names.len() {
+                return Err(refuse(line + 1, format!("has {} values for {} columns", fields.len(), names.len())));
+            }
+            let number = |field: &String, name: &String| {
+                let number = field.trim().parse().ok().filter(|number: &f64| number.is_finite());
+                number.ok_or_else(|| refuse(line + 1, format!("{} = {field}: must be a finite number", name.trim())))
+            };
+            let time = number(&fields[0], &names[0])?;
+            if times.last().is_some_and(|last| time < *last) {
+                return Err(refuse(line + 1, format!("time = {time}: must not be before that of the line above")));
+            }
+            times.push(time);
+            for ((column, field), name) in columns.iter_mut().zip(&fields[1..]).zip(&names[1..]) {
+                let value = number(field, name)?;
+                column
+                    .check(value)
+                    .map_err(|allowed| refuse(line + 1, format!("{} = {value}: {allowed}", name.trim())))?;
+                column.values.push(value);
+            }
+        }
+        if times.is_empty() {
+            return Err(refuse(2, "must be the values at the first time".to_owned()));
+        }
+        Ok(Inputs { times, columns })
+    }
+
+    /// Sets the inputs of a unit to their values at a time: before the first the first, after the last the last.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub(super) fn set(&self, instance: &Instance, time: f64) -> Result<(), Error> {
+        for column in &self.columns {
+            let (reference, value) = ([column.reference], self.value(column, time));
+            match column.kind {
+                Kind::Continuous | Kind::Held => instance.set_real(&reference, &[value])?,
+                Kind::Integer => instance.set_integer(&reference, &[value as i32])?,
+                Kind::Boolean => instance.set_boolean(&reference, &[value as i32])?,
+            }
+        }
+        Ok(())
+    }
+
+    /// The continuous ones alone, between events.
+    pub(super) fn set_continuous(&self, instance: &Instance, time: f64) -> Result<(), Error> {
+        let continuous = self.columns.iter().filter(|column| column.kind == Kind::Continuous);
+        continuous
+            .into_iter()
+            .try_for_each(|column| instance.set_real(&[column.reference], &[self.value(column, time)]))
+    }
+
+    /// The next time after one at which something may jump, or a slope changes.
+    pub(super) fn next_time(&self, time: f64) -> Option<f64> {
+        self.times.get(self.times.partition_point(|&other| other <= time)).copied()
+    }
+
+    fn value(&self, column: &Column, time: f64) -> f64 {
+        let after = self.times.partition_point(|&other| other <= time);
+        let Some(before) = after.checked_sub(1) else { return column.values[0] };
+        if column.kind != Kind::Continuous || after == self.times.len() {
+            return column.values[before];
+        }
+        let part = (time - self.times[before]) / (self.times[after] - self.times[before]);
+        column.values[before] + part * (column.values[after] - column.values[before])
+    }
+}
+
+impl Column {
+    fn of(variable: &Variable) -> Self {
+        let kind = match (variable.kind.as_str(), variable.variability.as_str()) {
+            ("Real", "continuous") => Kind::Continuous,
+            ("Real", _) => Kind::Held,
+            ("Boolean", _) => Kind::Boolean,
+            _ => Kind::Integer,
+        };
+        Column { reference: variable.reference, kind, values: Vec::new() }
+    }
+
+    /// Whether it may have a value; what is allowed.
+    fn check(&self, value: f64) -> Result<(), &'static str> {
+        match self.kind {
+            Kind::Integer if value != value.trunc() || value.abs() > f64::from(i32::MAX) => {
+                Err("must be a whole number")
+            }
+            Kind::Boolean if value != 0.0 && value != 1.0 => Err("must be 0 or 1"),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn inputs(kind: Kind) -> Inputs {
+        let column = Column { reference: 0, kind, values: vec![1.0, 2.0, 5.0, 6.0] };
+        Inputs { times: vec![0.0, 1.0, 1.0, 2.0], columns: vec![column] }
+    }
+
+    #[test]
+    fn a_continuous_input_is_linear_between_its_times_and_jumps_where_two_are_the_same() {
+        let inputs = inputs(Kind::Continuous);
+        let value = |time| inputs.value(&inputs.columns[0], time);
+        assert_eq!([-1.0, 0.0, 0.5, 1.0, 1.5, 2.0, 9.0].map(value), [1.0, 1.0, 1.5, 5.0, 5.5, 6.0, 6.0]);
+        assert_eq!([-1.0, 0.0, 1.0, 2.0].map(|time| inputs.next_time(time)), [Some(0.0), Some(1.0), Some(2.0), None]);
+    }
+
+    #[test]
+    fn a_discrete_input_is_held() {
+        let inputs = inputs(Kind::Held);
+        assert_eq!([0.5, 1.0, 1.9].map(|time| inputs.value(&inputs.columns[0], time)), [1.0, 5.0, 5.0]);
+    }
+}
