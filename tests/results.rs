@@ -209,6 +209,15 @@ fn a_run_that_makes_no_step_leaves_earlier_results_as_they_are() {
         assert!(told.contains("error: ") && !told.contains("what was computed"), "{bad}: {told}");
         assert!(contents(&folder.path().join(RESULTS)) == before, "{bad}: {told}");
     }
+    // Nor is a comparison with such a one written.
+    let compared = ["compare", "3.2.1-cosine", "3.2.1-square", "--until", "0.05"];
+    assert!(program(folder.path(), &compared).status.success());
+    let page = contents(&folder.path().join("results/comparison"));
+    let bad = ["--set", "controller.u_min[1]=5", "--set", "controller.u_max[1]=-5"];
+    let refused = program(folder.path(), &[&compared[..], &bad].concat());
+    assert!(refused.status.code() == Some(1) && refused.stdout.is_empty());
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("u_min[1]"));
+    assert!(contents(&folder.path().join("results/comparison")) == page);
     // One that fails midway keeps what was computed.
     let fails = program(folder.path(), &["run", "4-case3", "--composite", "--until", "0.2", "--json"]);
     assert!(String::from_utf8(fails.stderr).unwrap().contains("what was computed until then is in"));

@@ -9,7 +9,7 @@ use adaptive_fmu::{output, parallel};
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
-use super::progress::Bars;
+use super::progress::{self, Bars};
 use super::run::{self, Run, exit_code};
 use crate::console;
 
@@ -39,7 +39,12 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let bars = Bars::new(*json);
     let one = |place: usize| run::run(&run::Arguments::with(&names[place], options, out, *json), &names[place], &bars);
     let runs = parallel::each(&vec![(); parallel::cores()], names.len(), |(), place| one(place));
-    let runs = runs.into_iter().collect::<Result<Vec<Run>, Error>>()?;
+    let mut runs = runs.into_iter().collect::<Result<Vec<Run>, Error>>()?;
+    // With one that made no step there is nothing to compare, and what an earlier comparison left stays.
+    if let Some(without) = runs.iter_mut().find(|run| run.folder.is_none()) {
+        let interrupted = Ok(ExitCode::from(progress::INTERRUPTED));
+        return without.failure.take().map_or(interrupted, Err);
+    }
     let comparison = Comparison { runs: runs.iter().map(Run::report).collect() };
     let page = out.join(FOLDER).join(PAGE);
     let html = comparison.html().map_err(|reason| Error::Loop { file: page.clone(), reason })?;

@@ -90,7 +90,7 @@ pub struct Run {
     measured: Vec<Measured>,
     ending: Ending,
     /// Where its results are, where it has any.
-    folder: Option<PathBuf>,
+    pub folder: Option<PathBuf>,
     /// Why it did not come to its end.
     pub failure: Option<Error>,
     /// How long the simulation took.
