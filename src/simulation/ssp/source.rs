@@ -1,6 +1,6 @@
 //! What a component's source names: an FMU as it is, or a description.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::files::is_inside;
 
@@ -34,14 +34,14 @@ pub(super) fn unit_file(source: &str, folder: Option<&Path>, is_archive: bool) -
     let Some(folder) = folder else {
         return named.map_or_else(|| refuse(ALLOWED), |name| Ok((name, UnitFile::Named)));
     };
-    let Ok(decoded) = path_of(source) else { return refuse(ALLOWED) };
     // A name may hold a percent sign as it is.
-    let literal = folder.join(source);
-    let path = if literal.is_file() { literal } else { folder.join(&decoded) };
+    let relative = if folder.join(source).is_file() { Ok(PathBuf::from(source)) } else { path_of(source) };
+    let Ok(relative) = relative else { return refuse(ALLOWED) };
+    let path = folder.join(&relative);
     let stem = path.file_stem().and_then(|stem| stem.to_str()).filter(|stem| !stem.contains(char::is_control));
     let extension = path.extension().and_then(|extension| extension.to_str());
     let (Some(stem), Some(extension @ ("fmu" | "toml"))) = (stem, extension) else { return refuse(ALLOWED) };
-    let stays = Path::new(&decoded).components().all(|part| matches!(part, std::path::Component::Normal(_)));
+    let stays = relative.components().all(|part| matches!(part, Component::Normal(_)));
     if is_archive && !stays {
         return refuse("leads out of the archive; must be resources/NAME.fmu");
     }
