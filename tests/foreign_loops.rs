@@ -8,8 +8,11 @@ use std::process::{Command, Output};
 use adaptive_fmu::simulation::{Hosting, LoadedLoop, LoopFiles, Order, Recording, Settings};
 use tempfile::TempDir;
 
-const LAG: &[(&str, &str, &str)] = &[("y", "output", ""), ("u", "input", ""), ("x", "parameter", "")];
-const GAIN: &[(&str, &str, &str)] =
+/// Name, causality and attributes of each variable.
+type Variables = &'static [(&'static str, &'static str, &'static str)];
+
+const LAG: Variables = &[("y", "output", ""), ("u", "input", ""), ("x", "parameter", "")];
+const GAIN: Variables =
     &[("y", "output", ""), ("u", "input", ""), ("r", "parameter", "start='1'"), ("gain", "parameter", "start='2'")];
 const UNTOLD: &str = "<ModelStructure><Outputs><Unknown index='1'/></Outputs></ModelStructure>";
 const TOLD: &str = "<ModelStructure><Outputs><Unknown index='1' dependencies='2'/></Outputs></ModelStructure>";
@@ -19,7 +22,7 @@ struct Pair(TempDir);
 
 impl Pair {
     /// Units by their source, variables and structure.
-    fn new(units: [(&str, &[(&str, &str, &str)], &str); 2], values: &str, order: &str) -> Self {
+    fn new(units: [(&str, Variables, &str); 2], values: &str, order: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let resources = folder.path().join("resources");
         fs::create_dir(&resources).unwrap();

@@ -80,13 +80,12 @@ impl UnitDefinition {
         UnitDefinition { offset: 0.0, ..self }
     }
 
-    /// How a value in this unit becomes one in another; none when their dimensions differ. A plain number, and a unit of
-    /// unknown dimension, is taken for any other: the value stays as it is.
+    /// How a value in this unit becomes one in another; none when their dimensions differ. The radian is a plain number
+    /// too. A unit of unknown dimension converts to no other: the value stays as it is.
     pub fn to(&self, other: &UnitDefinition) -> Option<Affine> {
+        let is_plain = self.is_number() && other.is_angle() || other.is_number() && self.is_angle();
         match (self.dimension, other.dimension) {
-            (Some(one), Some(another)) if one != another => {
-                (self.is_number() || other.is_number()).then_some(Affine::IDENTITY)
-            }
+            (Some(one), Some(another)) if one != another && !is_plain => None,
             (Some(_), Some(_)) if (self.factor, self.offset) != (other.factor, other.offset) => {
                 Some(Affine { factor: self.factor / other.factor, offset: (self.offset - other.offset) / other.factor })
             }
@@ -96,19 +95,19 @@ impl UnitDefinition {
 
     /// Why a person should look at what [`to`](Self::to) does between two units, if there is a reason.
     pub(super) fn doubt(&self, other: &UnitDefinition) -> Option<&'static str> {
-        let is_angle =
-            |unit: &UnitDefinition| *unit == UnitDefinition { name: unit.name.clone(), ..UnitDefinition::named("rad") };
-        let number = self.is_number() || other.is_number();
-        match (self.dimension, other.dimension) {
-            (Some(_), Some(_)) if number && (is_angle(self) || is_angle(other)) => None,
-            (Some(one), Some(another)) if number && one != another => Some("a plain number is taken as it is"),
-            (Some(_), Some(_)) if number && self.to(other) != Some(Affine::IDENTITY) => Some("the number is converted"),
-            (Some(_), Some(_)) => None,
-            _ => (self.name != other.name).then_some("a unit that isn't known is taken as it is"),
+        if self.dimension.is_none() || other.dimension.is_none() {
+            return (self.name != other.name).then_some("a unit that isn't known is taken as it is");
         }
+        let is_changed = self.to(other).is_some_and(|conversion| conversion != Affine::IDENTITY);
+        (is_changed && (self.is_number() || other.is_number())).then_some("the plain number is converted")
     }
 
-    /// Whether it is 1, which general units have in place of none.
+    /// Whether it is an angle, or a power of one.
+    fn is_angle(&self) -> bool {
+        self.dimension.is_some_and(|[others @ .., _]| others == [0; BASE_UNITS.len() - 1])
+    }
+
+    /// Whether it is 1.
     fn is_number(&self) -> bool {
         self.dimension == Some([0; BASE_UNITS.len()]) && self.factor == 1.0 && self.offset == 0.0
     }
@@ -139,14 +138,16 @@ mod tests {
     }
 
     #[test]
-    fn a_plain_number_fits_all_and_is_told_where_that_is_open_to_doubt() {
+    fn a_plain_number_is_an_angle_in_radians_and_nothing_else() {
         let [one, rad, deg, rate, metre, percent] = ["1", "rad", "deg", "rpm", "m", "%"].map(UnitDefinition::named);
-        for other in [&rad, &deg, &rate, &metre] {
-            assert_eq!((one.to(other), other.to(&one)), (Some(Affine::IDENTITY), Some(Affine::IDENTITY)));
-        }
+        assert_eq!((one.to(&rad), rad.to(&one)), (Some(Affine::IDENTITY), Some(Affine::IDENTITY)));
         assert_eq!((one.doubt(&rad), rad.doubt(&one), one.doubt(&one), rad.doubt(&deg)), (None, None, None, None));
-        assert!(one.doubt(&deg).is_some() && metre.doubt(&one).is_some() && one.doubt(&percent).is_some());
-        assert_eq!(one.to(&percent).unwrap().of(0.5), 50.0);
+        // What is converted to or from a plain number is told.
+        assert_eq!((deg.to(&one).unwrap().of(180.0), one.to(&percent).unwrap().of(0.5)), (std::f64::consts::PI, 50.0));
+        assert!(deg.doubt(&one).is_some() && one.doubt(&percent).is_some() && percent.doubt(&one).is_some());
+        for other in [&metre, &rate] {
+            assert_eq!((one.to(other), other.to(&one), percent.to(other)), (None, None, None));
+        }
         assert_eq!((rad.to(&metre), percent.to(&rad), metre.to(&rate)), (None, None, None));
     }
 

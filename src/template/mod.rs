@@ -146,8 +146,8 @@ fn write_names(text: &mut Text, signals: &[(&str, Vec<String>)]) {
 
 /// Units of signals in one line.
 fn write_units(text: &mut Text, signals: &[(&str, &Signals, usize)]) {
-    let units = |s: &Signals, len: usize| if s.units.is_empty() { vec!["1".to_owned(); len] } else { s.units.clone() };
+    let units = |s: &Signals, len: usize| if s.units.is_empty() { vec![String::new(); len] } else { s.units.clone() };
     let entries = signals.iter().map(|(name, signals, len)| format!("{name} = {}", text::texts(&units(signals, *len))));
     let entries = entries.collect::<Vec<_>>().join(", ");
-    text.set("units", format!("{{ {entries} }}"), "of the signals, as rad/s, V, N.m; 1 is none");
+    text.set("units", format!("{{ {entries} }}"), "of the signals, as rad/s, V, N.m; \"\" is none");
 }
