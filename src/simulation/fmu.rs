@@ -31,6 +31,7 @@ use unit::Unit;
 use super::description::Description;
 use crate::error::Error;
 use crate::exporter::{Platform, read_entry, unpack};
+#[cfg(unix)]
 use crate::fmi2::build::Build;
 use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 
