@@ -165,14 +165,15 @@ macro_rules! bind_old_glibc {
     };
 }
 
-/// The parts of which such a function consists.
+/// The parts of which such a function consists. It is weak, as Rust's standard library refers to some of them; the linker
+/// takes it all the same.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! old_glibc_text {
     (start $name:expr) => {
         concat!(
             ".pushsection .text.adaptive_fmu.", $name, ",\"ax\",@progbits\n.balign 16\n",
-            ".globl ", $name, "\n.hidden ", $name, "\n.type ", $name, ",@function\n", $name, ":"
+            ".weak ", $name, "\n.hidden ", $name, "\n.type ", $name, ",@function\n", $name, ":"
         )
     };
     (end $name:expr) => {
