@@ -121,6 +121,9 @@ pub fn check(out: &Path, below: &str, names: &[&str]) -> Result<(), Error> {
         return Err(refusal(out, "is no folder: name another one by --out"));
     }
     let folder = folder(out, Path::new(below), false)?;
+    let there = folder.ancestors().find(|ancestor| ancestor.as_os_str().is_empty() || ancestor.is_dir());
+    let there = there.filter(|there| !there.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(there).map_err(Error::file(&folder))?;
     names.iter().try_for_each(|name| require_plain(&folder.join(name)))
 }
 
@@ -154,7 +157,7 @@ fn require_plain(file: &Path) -> Result<(), Error> {
         Err(error) => Err(Error::file(file)(error)),
         Ok(found) if found.is_symlink() => Err(a_link(file)),
         Ok(found) if found.is_dir() => Err(refusal(file, "is a folder: move it away")),
-        Ok(found) if !found.is_file() => Err(refusal(file, "is not a regular file: move it away")),
+        Ok(found) if !found.is_file() => Err(refusal(file, "is not a regular file: name another one")),
         Ok(found) if found.permissions().readonly() => Err(refusal(file, "is write-protected")),
         Ok(_) => Ok(()),
     }
@@ -176,6 +179,8 @@ fn file_name(file: &Path) -> Result<&OsStr, Error> {
 fn written_beside(folder: &Path, name: &OsStr, bytes: &[u8]) -> io::Result<NamedTempFile> {
     let prefix = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect::<OsString>();
     remove_left_over(folder, &prefix);
+    // A file that others can't read stays so.
+    let before = fs::metadata(folder.join(name)).ok().map(|found| found.permissions());
     let mut part = loop {
         let part = created(folder, &prefix)?;
         // The lock tells others that this file isn't left over from a process that was killed.
@@ -185,6 +190,9 @@ fn written_beside(folder: &Path, name: &OsStr, bytes: &[u8]) -> io::Result<Named
             break part;
         }
     };
+    if let Some(before) = before {
+        part.as_file().set_permissions(before)?;
+    }
     part.write_all(bytes)?;
     part.as_file().sync_all()?;
     Ok(part)

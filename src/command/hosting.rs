@@ -9,7 +9,8 @@ use super::loop_options::positive;
 
 /// How long a call may take unless asked otherwise, s.
 const PATIENCE: f64 = 60.0;
-/// The longest patience, s: a year.
+/// The shortest and the longest patience, s: a millisecond, and a year.
+const SHORTEST: f64 = 1e-3;
 const LONGEST: f64 = 3.2e7;
 
 #[derive(clap::Args, Clone)]
@@ -35,6 +36,6 @@ impl HostingOptions {
             return Ok(Hosting::InProcess);
         }
         let program = std::env::current_exe().map_err(Error::file("this program"))?;
-        Ok(Hosting::OwnProcess { program, patience: Duration::from_secs_f64(self.patience.min(LONGEST)) })
+        Ok(Hosting::OwnProcess { program, patience: Duration::from_secs_f64(self.patience.clamp(SHORTEST, LONGEST)) })
     }
 }

@@ -11,6 +11,8 @@ use super::export::{export_units, export_whole};
 use super::hosting::HostingOptions;
 use super::parameters::Parameters;
 
+/// A part of a communication step below this is rounding.
+const LEAST_STEP: f64 = 1e-6;
 /// The most communication points of a run.
 const MOST_POINTS: f64 = 1e7;
 
@@ -49,10 +51,19 @@ pub fn positive(text: &str) -> Result<f64, String> {
 /// Refuses a run that has no points, or too many; it is of a file.
 pub fn check_points(Settings { start_time, stop_time, step, .. }: Settings, file: &Path) -> Result<(), Error> {
     let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
-    if stop_time.is_nan() || stop_time <= start_time {
+    if ![start_time, stop_time, step].into_iter().all(f64::is_finite) || step <= 0.0 {
+        return Err(refuse(format!(
+            "start time {start_time}, stop time {stop_time} and step {step}: must be finite, and the step above 0"
+        )));
+    }
+    if stop_time <= start_time {
         return Err(refuse(format!("stop time {stop_time}: must be after the start, {start_time}")));
     }
     let points = (stop_time - start_time) / step;
+    if (points - LEAST_STEP).ceil() < 1.0 {
+        let reason = format!("the time from {start_time} s to {stop_time} s is no communication step of {step} s");
+        return Err(refuse(reason));
+    }
     if points > MOST_POINTS {
         return Err(refuse(format!("{points:e} communication points would be recorded; at most {MOST_POINTS} are")));
     }

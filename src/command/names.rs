@@ -4,7 +4,8 @@ use std::str::FromStr;
 
 use adaptive_fmu::template::MOST;
 
-/// Names, separated by commas; a comma within brackets is part of a name, as in `theta_hat[1,2]`.
+/// Names, separated by commas; a comma within brackets, parentheses or apostrophes is part of a name, as in
+/// `theta_hat[1,2]`, `der(q,2)` and `'a,b'`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Names(pub Vec<String>);
 
@@ -12,14 +13,15 @@ impl FromStr for Names {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let mut depth = 0_usize;
+        let (mut depth, mut quoted) = (0_usize, false);
         let separates = |c: char| {
             match c {
-                '[' => depth += 1,
-                ']' => depth = depth.saturating_sub(1),
+                '\'' => quoted = !quoted,
+                '[' | '(' if !quoted => depth += 1,
+                ']' | ')' if !quoted => depth = depth.saturating_sub(1),
                 _ => {}
             }
-            c == ',' && depth == 0
+            c == ',' && depth == 0 && !quoted
         };
         let names: Vec<_> = text.split(separates).map(|name| name.trim().to_owned()).collect();
         if names.iter().any(String::is_empty) {
@@ -56,8 +58,8 @@ mod tests {
 
     #[test]
     fn a_comma_in_brackets_separates_nothing() {
-        let names: Names = "speed, theta[1,2],x[3]".parse().unwrap();
-        assert_eq!(names.0, ["speed", "theta[1,2]", "x[3]"]);
+        let names: Names = "speed, theta[1,2],der(q,2),'a(,',x[3]".parse().unwrap();
+        assert_eq!(names.0, ["speed", "theta[1,2]", "der(q,2)", "'a(,'", "x[3]"]);
         assert!(",a".parse::<Names>().is_err() && "".parse::<Names>().is_err());
         assert_eq!("3".parse(), Ok(Which::Count(3)));
         assert_eq!("y".parse(), Ok(Which::Named(Names(vec!["y".to_owned()]))));

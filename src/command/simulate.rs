@@ -1,7 +1,7 @@
 //! `simulate`: one unit alone.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -115,7 +115,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         }
         return Err(error);
     }
-    print(&report, &results, arguments.json);
+    print(&report, has_results.then_some(&results), arguments.json);
     Ok(exit_code(if ending == Ending::Interrupted { Verdict::Interrupted } else { Verdict::Holds }))
 }
 
@@ -151,7 +151,7 @@ fn structure(fmu: &Fmu, recording: &Recording, settings: Settings, values: &[(St
     Structure::of_unit(fmu, settings, values, plots)
 }
 
-fn print(report: &Report, results: &Path, json: bool) {
+fn print(report: &Report, results: Option<&PathBuf>, json: bool) {
     let Report { structure, recording, ending, .. } = report;
     if let Some(shortfall) = report.shortfall() {
         tell!("the run {shortfall}");
@@ -176,5 +176,7 @@ fn print(report: &Report, results: &Path, json: bool) {
         say!("{name:28} {:>14} {unit}", adaptive_fmu::report::number(values.last().copied().unwrap_or(f64::NAN)));
     }
     recording.warnings.iter().for_each(|warning| say!("warning: {warning}"));
-    say!("index.html (the report), result.csv and plot.svg are in {}", results.display());
+    if let Some(results) = results {
+        say!("index.html (the report), result.csv and plot.svg are in {}", results.display());
+    }
 }

@@ -171,8 +171,8 @@ fn in_description<V: From<f64> + From<i64> + From<bool> + From<String>>(
     match value {
         simulation::Value::Real(number) => (*number).into(),
         simulation::Value::Integer(number) => {
-            let item = usize::try_from(*number - 1).ok().and_then(|place| variable.items.get(place));
-            item.map_or_else(|| i64::from(*number).into(), |item| item.clone().into())
+            let item = variable.items.iter().find(|(_, item)| item == number);
+            item.map_or_else(|| i64::from(*number).into(), |(name, _)| name.clone().into())
         }
         simulation::Value::Boolean(value) => (*value).into(),
         simulation::Value::String(text) => text.clone().into(),

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::closed_loop::{Recording, Settings};
+use super::closed_loop::{Recording, Said, Settings};
 use super::exchange::Exchange;
 use super::fmu::{Fmu, Instance};
 use super::inputs::Inputs;
@@ -62,22 +62,28 @@ impl Alone<'_> {
         let mut ports = self.ports(recording)?;
         let mut row = vec![0.0; recording.names.len()];
         let Settings { start_time, stop_time, .. } = settings;
-        let mut running = self.begun(start_time, stop_time)?;
+        let (mut running, mut said) = (self.begun(start_time, stop_time)?, Said::default());
+        let name = &self.fmu.description.name;
         ports.give(running.instance(), &mut row)?;
         recording.push(start_time, &row);
         for (time, next) in settings.points() {
             running.advance(self.inputs, time, next)?;
             ports.give(running.instance(), &mut row)?;
             recording.push(next, &row);
+            said.keep(name, &running.instance().messages(), &mut recording.warnings);
             if !progress(next) {
                 break;
             }
         }
         let instance = running.into_instance();
         instance.terminate()?;
-        recording.warnings.extend(instance.messages().iter());
-        recording.warnings.extend(instance.free()?.iter());
-        Ok(())
+        said.keep(name, &instance.messages(), &mut recording.warnings);
+        let freed = instance.free();
+        if let Ok(messages) = &freed {
+            said.keep(name, messages, &mut recording.warnings);
+        }
+        said.end(name, &mut recording.warnings);
+        freed.map(drop)
     }
 
     /// What is recorded; the recording has their names then.

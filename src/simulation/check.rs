@@ -332,10 +332,13 @@ pub(super) fn typed(text: &str, variable: &Variable) -> Result<Value, String> {
             _ => Err("must be true or false".to_owned()),
         },
         "Enumeration" => {
-            let item = variable.items.iter().position(|item| item == word).map(|place| place + 1);
-            let item = item.or_else(|| word.parse().ok().filter(|item| (1..=variable.items.len()).contains(item)));
-            let item = item.and_then(|item| i32::try_from(item).ok());
-            item.map(Value::Integer).ok_or_else(|| format!("must be one of {}", variable.items.join(", ")))
+            let named = variable.items.iter().find(|(name, _)| name == word).map(|(_, number)| *number);
+            let numbered =
+                || word.parse().ok().filter(|given| variable.items.iter().any(|(_, number)| number == given));
+            named.or_else(numbered).map(Value::Integer).ok_or_else(|| {
+                let items: Vec<_> = variable.items.iter().map(|(name, number)| format!("{name} ({number})")).collect();
+                format!("must be one of {}", items.join(", "))
+            })
         }
         _ => Ok(Value::String(text.to_owned())),
     }

@@ -78,14 +78,14 @@ struct Unit {
 
 /// What came of a unit's messages.
 #[derive(Debug, Default)]
-struct Said {
+pub(super) struct Said {
     count: usize,
     last: String,
 }
 
 impl Said {
     /// Adds messages to the warnings of a run: the first hundred of the unit.
-    fn keep(&mut self, unit: &str, messages: &Messages, warnings: &mut Vec<String>) {
+    pub fn keep(&mut self, unit: &str, messages: &Messages, warnings: &mut Vec<String>) {
         for text in messages.iter() {
             self.last = format!("{unit}: {text}");
             if self.count < MOST_MESSAGES {
@@ -97,7 +97,7 @@ impl Said {
     }
 
     /// Adds how many more there were, and the last.
-    fn end(self, unit: &str, warnings: &mut Vec<String>) {
+    pub fn end(self, unit: &str, warnings: &mut Vec<String>) {
         if self.count > MOST_MESSAGES {
             if self.count > MOST_MESSAGES + 1 {
                 warnings.push(format!("{unit}: {} more messages", self.count - MOST_MESSAGES - 1));

@@ -71,8 +71,8 @@ pub struct Variable {
     pub min: Option<String>,
     /// Largest value.
     pub max: Option<String>,
-    /// Items of an enumeration, from 1.
-    pub items: Vec<String>,
+    /// Items of an enumeration with their numbers.
+    pub items: Vec<(String, i32)>,
 }
 
 impl Description {
@@ -231,10 +231,15 @@ fn variable(
         measure: unit.as_deref().map(|unit| measures.of(unit, relative)),
         unit,
         start: attribute(value, "start"),
-        min: attribute(value, "min"),
-        max: attribute(value, "max"),
-        items: items.filter_map(|node| attribute(node, "name")).collect(),
+        min: of_type("min"),
+        max: of_type("max"),
+        items: items.filter_map(item).collect(),
     })
+}
+
+/// An item of an enumeration, where it is a whole one.
+fn item(node: Node) -> Option<(String, i32)> {
+    Some((attribute(node, "name")?, node.attribute("value")?.trim().parse().ok()?))
 }
 
 /// The first child element of a name, in whatever namespace.

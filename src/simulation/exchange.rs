@@ -14,6 +14,9 @@ const FACTORS: (f64, f64) = (0.2, 5.0);
 const AFTER_REFUSAL: f64 = 0.25;
 /// How exactly an event is found, relative to the step that it lies in.
 const BISECTIONS: usize = 46;
+/// Events that follow each other within this part of the time, or of 1 s, and how many of them are taken.
+const CLOSE: f64 = 1e-10;
+const MOST_CLOSE: usize = 100;
 
 /// A unit that is being integrated.
 pub(super) struct Exchange<'a> {
@@ -27,6 +30,16 @@ pub(super) struct Exchange<'a> {
     next_event: Option<f64>,
     /// The step to try next, s; 0 where none is known.
     step: f64,
+    /// When the last event was, s, and how many before it were close to each other.
+    last_event: f64,
+    close: usize,
+}
+
+/// On which side of its jumps an input is taken.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Side {
+    Before,
+    After,
 }
 
 impl<'a> Exchange<'a> {
@@ -49,6 +62,8 @@ impl<'a> Exchange<'a> {
             time,
             next_event,
             step: 0.0,
+            last_event: f64::NEG_INFINITY,
+            close: 0,
         })
     }
 
@@ -68,22 +83,24 @@ impl<'a> Exchange<'a> {
         while to - self.time > shortest {
             let input = self.inputs.and_then(|inputs| inputs.next_time(self.time));
             let end = [Some(to), self.next_event, input].into_iter().flatten().fold(to, f64::min);
-            if end - self.time > shortest {
-                self.step(end, shortest)?;
+            let crossed = if end - self.time > shortest {
+                self.step(end, shortest)?
             } else {
                 self.time = end.max(self.time);
-            }
+                self.put((self.time, Side::Before), &self.states.clone())?;
+                false
+            };
             let is_due = |time: Option<f64>, now: f64| time.is_some_and(|time| time - now <= shortest);
             let wants = self.instance.completed_step()?;
-            if wants || is_due(self.next_event, self.time) || is_due(input, self.time) {
+            if crossed || wants || is_due(self.next_event, self.time) || is_due(input, self.time) {
                 self.event()?;
             }
         }
-        self.put(self.time, &self.states.clone())
+        self.put((self.time, Side::After), &self.states.clone())
     }
 
-    /// One step, at most until `end`; or until the first event in it.
-    fn step(&mut self, end: f64, shortest: f64) -> Result<(), Error> {
+    /// One step, at most until `end`; or until the first change of an event indicator's sign in it: whether there was one.
+    fn step(&mut self, end: f64, shortest: f64) -> Result<bool, Error> {
         let way = end - self.time;
         let mut step = if self.step > 0.0 { self.step.min(way) } else { way.min(1e-3 * way.max(1.0)) };
         loop {
@@ -96,7 +113,10 @@ impl<'a> Exchange<'a> {
                     return self.accept(tried, after);
                 }
                 Ok((_, error)) => step = tried * (SAFETY * error.powf(-0.2)).clamp(FACTORS.0, SAFETY),
-                Err(failure) if tried * AFTER_REFUSAL < shortest => return Err(failure),
+                // Only a call that was discarded, or a number that is none, may be tried otherwise.
+                Err(failure) if !self.instance.may_try_again() || tried * AFTER_REFUSAL < shortest => {
+                    return Err(failure);
+                }
                 Err(_) => step = tried * AFTER_REFUSAL,
             }
             // A number that is none keeps no step from being shorter.
@@ -105,26 +125,25 @@ impl<'a> Exchange<'a> {
                     "no step of the integration reaches the relative tolerance {:e}: the equations may be singular there",
                     self.tolerance
                 );
-                let (unit, function) = (self.instance.name().to_owned(), "fmi2GetDerivatives");
-                return Err(Error::Unit { unit, function, time: self.time, message });
+                return Err(self.failed("fmi2GetDerivatives", message));
             }
         }
     }
 
     /// Goes to the end of a step, or to the first change of an event indicator's sign in it.
-    fn accept(&mut self, step: f64, after: Vec<f64>) -> Result<(), Error> {
-        let (start, before) = (self.time, self.states.clone());
-        self.put(start + step, &after)?;
+    fn accept(&mut self, step: f64, after: Vec<f64>) -> Result<bool, Error> {
+        let start = self.time;
+        self.put((start + step, Side::Before), &after)?;
         if !self.crosses()? {
             (self.time, self.states) = (start + step, after);
-            return self.look();
+            self.look()?;
+            return Ok(false);
         }
         let (mut none, mut some, mut found) = (0.0, step, after);
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (none + some);
-            self.put(start, &before)?;
             let (between, _) = self.attempt(middle)?;
-            self.put(start + middle, &between)?;
+            self.put((start + middle, Side::Before), &between)?;
             if self.crosses()? {
                 (some, found) = (middle, between);
             } else {
@@ -132,8 +151,12 @@ impl<'a> Exchange<'a> {
             }
         }
         (self.time, self.states) = (start + some, found);
-        self.put(self.time, &self.states.clone())?;
-        self.event()
+        self.put((self.time, Side::Before), &self.states.clone())?;
+        Ok(true)
+    }
+
+    fn failed(&self, function: &'static str, message: String) -> Error {
+        Error::Unit { unit: self.instance.name().to_owned(), function, time: self.time, message }
     }
 
     /// Whether an indicator has another sign where the unit stands than where it was looked at last.
@@ -154,12 +177,22 @@ impl<'a> Exchange<'a> {
 
     /// An event where the unit stands.
     fn event(&mut self) -> Result<(), Error> {
+        let is_close = self.time - self.last_event <= CLOSE * self.time.abs().max(1.0);
+        self.close = if is_close { self.close + 1 } else { 0 };
+        self.last_event = self.time;
+        if self.close > MOST_CLOSE {
+            let message = format!("its events follow each other without end: {MOST_CLOSE} at one time");
+            return Err(self.failed("fmi2NewDiscreteStates", message));
+        }
         self.instance.begin_event()?;
         if let Some(inputs) = self.inputs {
             inputs.set(&self.instance, self.time)?;
         }
-        let Event { next, states_changed } = self.instance.finish_event()?;
+        let Event { next, states_changed, nominals_changed } = self.instance.finish_event()?;
         self.next_event = next;
+        if nominals_changed && !self.nominals.is_empty() {
+            self.nominals = self.instance.nominals(self.nominals.len())?;
+        }
         if states_changed && !self.states.is_empty() {
             self.states = self.instance.states(self.states.len())?;
         }
@@ -168,10 +201,10 @@ impl<'a> Exchange<'a> {
     }
 
     /// Puts the unit at a time, its inputs then, and states.
-    fn put(&mut self, time: f64, states: &[f64]) -> Result<(), Error> {
+    fn put(&mut self, (time, side): (f64, Side), states: &[f64]) -> Result<(), Error> {
         self.instance.set_time(time)?;
         if let Some(inputs) = self.inputs {
-            inputs.set_continuous(&self.instance, time)?;
+            inputs.set_continuous(&self.instance, time, side)?;
         }
         if states.is_empty() { Ok(()) } else { self.instance.set_states(states) }
     }
@@ -189,7 +222,9 @@ impl<'a> Exchange<'a> {
             for (weight, rate) in weights.iter().zip(&rates) {
                 after.iter_mut().zip(rate).for_each(|(x, rate)| *x += step * weight * rate);
             }
-            self.put(start + node * step, &after)?;
+            // An input that jumps where the step ends jumps behind it.
+            let side = if node < 1.0 { Side::After } else { Side::Before };
+            self.put((start + node * step, side), &after)?;
             rates.push(self.instance.state_derivatives(before.len())?);
         }
         // The last stage stands where the step ends.

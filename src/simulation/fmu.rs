@@ -82,7 +82,8 @@ pub struct Fmu {
     pub description: Description,
     /// Where instances for co-simulation run, and those for model exchange, where it is for these.
     co_simulation: Option<Place>,
-    exchange: Option<Place>,
+    /// One that can't be had says why when it is asked for: the other interface may do.
+    exchange: Option<Result<Place, String>>,
 }
 
 /// Where its instances run.
@@ -119,14 +120,14 @@ impl Fmu {
         unpack(file, folder.path())?;
         let own = Platform::own();
         let place = |identifier: &str| {
-            let missing = || refuse(format!("holds no {}: it can't run on this platform", own.binary(identifier)));
+            let missing = || format!("holds no {}: it can't run on this platform", own.binary(identifier));
             let library = own.find_binary(folder.path(), identifier).ok_or_else(missing)?;
-            Place::of(library, hosting).map_err(refuse)
+            Place::of(library, hosting)
         };
-        let first = place(&description.model_identifier)?;
+        let first = place(&description.model_identifier).map_err(refuse)?;
         let exchange = match &description.exchange_identifier {
-            Some(identifier) if *identifier == description.model_identifier => Some(first.clone()),
-            other => other.as_deref().map(place).transpose()?,
+            Some(identifier) if *identifier == description.model_identifier => Some(Ok(first.clone())),
+            other => other.as_deref().map(place),
         };
         let co_simulation = description.co_simulation.then_some(first);
         Ok(Fmu { file: file.to_owned(), folder, description, co_simulation, exchange })
@@ -139,7 +140,8 @@ impl Fmu {
 
     /// Whether each instance has a process of its own.
     pub fn has_own_processes(&self) -> bool {
-        self.co_simulation.iter().chain(&self.exchange).all(|place| !matches!(place, Place::Here(_)))
+        let exchange = self.exchange.iter().filter_map(|place| place.as_ref().ok());
+        self.co_simulation.iter().chain(exchange).all(|place| !matches!(place, Place::Here(_)))
     }
 
     /// An instance for co-simulation.
@@ -147,7 +149,8 @@ impl Fmu {
     /// # Errors
     /// When it is not for that, its library lacks a function, or refuses.
     pub fn instantiate(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
-        self.instantiate_in(self.co_simulation.as_ref().ok_or(NOT_FOR_CO_SIMULATION), CO_SIMULATION, name)
+        let place = self.co_simulation.as_ref().ok_or(NOT_FOR_CO_SIMULATION);
+        self.instantiate_in(place, CO_SIMULATION, name)
     }
 
     /// An instance for model exchange.
@@ -155,7 +158,9 @@ impl Fmu {
     /// # Errors
     /// When it is not for that, its library lacks a function, or refuses.
     pub fn instantiate_for_exchange(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
-        self.instantiate_in(self.exchange.as_ref().ok_or(NOT_FOR_EXCHANGE), MODEL_EXCHANGE, name)
+        let place = self.exchange.as_ref().ok_or(NOT_FOR_EXCHANGE);
+        let place = place.and_then(|place| place.as_ref().map_err(String::as_str));
+        self.instantiate_in(place, MODEL_EXCHANGE, name)
     }
 
     fn instantiate_in(

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::description::{Description, Variable};
+use super::exchange::Side;
 use super::fmu::Instance;
 use crate::error::Error;
 use crate::text_file;
@@ -38,6 +39,8 @@ impl Inputs {
     /// What is wrong, with its line; a name that is no input of the unit.
     pub fn read(file: &Path, description: &Description) -> Result<Self, Error> {
         let text = text_file::read(file).map_err(Error::file(file))?;
+        // Spreadsheets begin a file with this mark.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let refuse = |line: usize, reason: String| {
             let reason = format!("line {line}: {reason}");
             Error::Description { file: file.to_owned(), reason }
@@ -48,7 +51,10 @@ impl Inputs {
         if names.first().is_none_or(|name| name.trim() != "time") {
             return Err(refuse(1, "the first column must be `time`, in s".to_owned()));
         }
-        let inputs = description.variables.iter().filter(|variable| variable.causality == "input");
+        if let Some((_, twice)) = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name)) {
+            return Err(refuse(1, format!("`{}` is named twice", twice.trim())));
+        }
+        let inputs = description.variables.iter().filter(|v| v.causality == "input" && v.kind != "String");
         let column = |name: &String| {
             let found = inputs.clone().find(|variable| variable.name == name.trim());
             found.map(Column::of).ok_or_else(|| {
@@ -103,11 +109,12 @@ impl Inputs {
     }
 
     /// The continuous ones alone, between events.
-    pub(super) fn set_continuous(&self, instance: &Instance, time: f64) -> Result<(), Error> {
-        let continuous = self.columns.iter().filter(|column| column.kind == Kind::Continuous);
-        continuous
-            .into_iter()
-            .try_for_each(|column| instance.set_real(&[column.reference], &[self.value(column, time)]))
+    pub(super) fn set_continuous(&self, instance: &Instance, time: f64, side: Side) -> Result<(), Error> {
+        for column in self.columns.iter().filter(|column| column.kind == Kind::Continuous) {
+            let value = if side == Side::Before { self.value_before(column, time) } else { self.value(column, time) };
+            instance.set_real(&[column.reference], &[value])?;
+        }
+        Ok(())
     }
 
     /// The next time after one at which something may jump, or a slope changes.
@@ -123,6 +130,14 @@ impl Inputs {
         }
         let part = (time - self.times[before]) / (self.times[after] - self.times[before]);
         column.values[before] + part * (column.values[after] - column.values[before])
+    }
+}
+
+impl Inputs {
+    /// Where a continuous input jumps, its value before that.
+    fn value_before(&self, column: &Column, time: f64) -> f64 {
+        let place = self.times.partition_point(|&other| other < time);
+        if self.times.get(place) == Some(&time) { column.values[place] } else { self.value(column, time) }
     }
 }
 
@@ -163,6 +178,10 @@ mod tests {
         let inputs = inputs(Kind::Continuous);
         let value = |time| inputs.value(&inputs.columns[0], time);
         assert_eq!([-1.0, 0.0, 0.5, 1.0, 1.5, 2.0, 9.0].map(value), [1.0, 1.0, 1.5, 5.0, 5.5, 6.0, 6.0]);
+        assert_eq!(
+            [0.0, 0.5, 1.0, 2.0].map(|time| inputs.value_before(&inputs.columns[0], time)),
+            [1.0, 1.5, 2.0, 6.0]
+        );
         assert_eq!([-1.0, 0.0, 1.0, 2.0].map(|time| inputs.next_time(time)), [Some(0.0), Some(1.0), Some(2.0), None]);
     }
 

@@ -232,8 +232,8 @@ pub(super) fn prepared(
     time: f64,
 ) -> Result<Instance, Error> {
     set_starts(&instance, &point.start)?;
-    // A stop time must be after the start.
-    instance.enter_initialization(start, time.max(start + 1.0))?;
+    // A stop time must be after the start, and nothing steps beyond it.
+    instance.enter_initialization(start, time.max(start + 1.0).max(time + responses::span(&instance)))?;
     instance.exit_initialization()?;
     Ok(instance)
 }

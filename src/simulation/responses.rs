@@ -23,6 +23,11 @@ const NOTHING: f64 = 1e-6;
 /// Above this misfit, relative to the responses, the linear system is none.
 const WORST: f64 = 0.1;
 
+/// How long an experiment takes, s.
+pub(super) fn span(instance: &Instance) -> f64 {
+    (2 * STEPS + 1) as f64 * instance.step()
+}
+
 /// What was found.
 #[derive(Debug)]
 pub(super) struct Responses {

@@ -4,13 +4,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use adaptive_fmu::error::{Error, Invalid};
-use adaptive_fmu::simulation::{Fmu, OperatingPoint, linearise};
+use adaptive_fmu::simulation::{Fmu, OperatingPoint, Quantity, Variable, linearise};
 use adaptive_fmu::template::{MOST, Plant, Sizes};
 use serde_json::{Value, json};
 
 use super::Arguments;
 use crate::command::linearise::{as_json, told};
 use crate::command::names::{Names, Which};
+
+/// As descriptions have it.
+const NO_LIMIT: f64 = 1e15;
 
 /// The sizes that were asked for where there is no plant.
 pub fn sizes(arguments: &Arguments) -> Result<Sizes, Error> {
@@ -67,19 +70,23 @@ fn linearised(arguments: &Arguments, file: &Path, states: Vec<String>) -> Result
     let linear = linearise(&fmu, &point)?;
     tell!("{} is linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
     let mut plant = as_json(&linear);
-    let limit = |bound: fn(&adaptive_fmu::simulation::Variable) -> &Option<String>| -> Option<Vec<f64>> {
-        let variables = linear.inputs.iter().map(|input| fmu.description.variable(&input.name));
-        variables
-            .map(|variable| bound(variable?).as_ref()?.parse().ok().filter(|bound: &f64| bound.is_finite()))
+    // An input without a limit among others that have one has one that is never reached.
+    let limit = |bound: fn(&Variable) -> &Option<String>, none: f64| -> Vec<f64> {
+        let of = |input: &Quantity| bound(fmu.description.variable(&input.name)?).as_ref()?.parse().ok();
+        linear
+            .inputs
+            .iter()
+            .map(|input| of(input).filter(|bound: &f64| bound.abs() < NO_LIMIT).unwrap_or(none))
             .collect()
     };
-    if let (Some(min), Some(max)) = (limit(|variable| &variable.min), limit(|variable| &variable.max)) {
+    let (min, max) = (limit(|variable| &variable.min, -NO_LIMIT), limit(|variable| &variable.max, NO_LIMIT));
+    if min.iter().chain(&max).any(|limit| limit.abs() < NO_LIMIT) {
         (plant["u_min"], plant["u_max"]) = (json!(min), json!(max));
     }
     // A quantity's unit may be none.
     let units = |key: &str| -> Value {
         plant[key].as_array().map_or(Value::Null, |list| {
-            list.iter().map(|signal| signal["unit"].as_str().unwrap_or("1").to_owned()).collect::<Vec<_>>().into()
+            list.iter().map(|signal| signal["unit"].as_str().unwrap_or("").to_owned()).collect::<Vec<_>>().into()
         })
     };
     plant["units"] = json!({ "x": units("states"), "u": units("inputs"), "y": units("outputs") });

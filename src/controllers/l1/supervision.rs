@@ -48,7 +48,11 @@ impl Law {
     /// Counts estimates at their bounds and the time of a control at its limit; warns of them and of a step that is too
     /// long.
     pub fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
-        self.at_limit.look(t, v[self.design.settling_time], v);
+        if v.get(self.active) {
+            self.at_limit.look(t, v[self.design.settling_time], v);
+        } else {
+            self.at_limit.forget(v);
+        }
         let count = self.projections(&v.values());
         v.put(self.projection_active, count as i32);
         if count > 0 {

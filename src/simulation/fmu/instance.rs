@@ -1,11 +1,12 @@
 //! An instance of a unit, with every answer and every number checked.
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use super::Fmu;
 use super::Value;
 use super::messages::Messages;
-use super::unit::{Answer, Call, OK, Unit, WARNING, no_event_info};
+use super::unit::{Answer, Call, DISCARD, OK, Unit, WARNING, no_event_info};
 use crate::error::{Error, Number};
 use crate::fmi2::calls::Function;
 use crate::simulation::description::Description;
@@ -21,6 +22,8 @@ pub struct Instance {
     unit: Box<dyn Unit>,
     name: String,
     time: f64,
+    /// Whether what failed last may be tried otherwise: it was discarded, or gave a number that is none.
+    may_try_again: Cell<bool>,
     fmu: Arc<Fmu>,
 }
 
@@ -31,11 +34,13 @@ pub struct Event {
     pub next: Option<f64>,
     /// Whether continuous states were set anew.
     pub states_changed: bool,
+    /// Whether the states' nominal values changed.
+    pub nominals_changed: bool,
 }
 
 impl Instance {
     pub(super) fn new(unit: Box<dyn Unit>, name: &str, fmu: &Arc<Fmu>) -> Self {
-        Instance { unit, name: name.to_owned(), time: 0.0, fmu: Arc::clone(fmu) }
+        Instance { unit, name: name.to_owned(), time: 0.0, may_try_again: Cell::new(false), fmu: Arc::clone(fmu) }
     }
 
     /// Its name in the loop.
@@ -63,11 +68,17 @@ impl Instance {
         self.unit.messages()
     }
 
+    /// Whether what failed last may be tried otherwise, as with a shorter step.
+    pub(in crate::simulation) fn may_try_again(&self) -> bool {
+        self.may_try_again.get()
+    }
+
     fn call(&self, call: Call<'_>) -> Result<(), Error> {
         let function = call.function();
         match self.unit.call(call) {
             Ok(answer) => self.check(function, answer),
             Err(reason) => {
+                self.may_try_again.set(false);
                 let said = self.unit.messages();
                 let said = if said.is_empty() { String::new() } else { format!("; {}", said.joined()) };
                 Err(self.refusal(function, format!("{reason}{said}")))
@@ -79,12 +90,13 @@ impl Instance {
         if answer == OK || answer == WARNING {
             return Ok(());
         }
+        self.may_try_again.set(answer == DISCARD);
         let messages = self.unit.messages();
         Err(self.refusal(
             function,
             match answer {
                 _ if !messages.is_empty() => messages.joined(),
-                2 => "it discarded the call (fmi2Discard), without a message".to_owned(),
+                DISCARD => "it discarded the call (fmi2Discard), without a message".to_owned(),
                 3 => "it answered with an error (fmi2Error), without a message".to_owned(),
                 4 => "it answered that it can't go on (fmi2Fatal), without a message".to_owned(),
                 5 => "it answered that it isn't done yet (fmi2Pending), which is no answer to this call".to_owned(),
@@ -100,6 +112,7 @@ impl Instance {
     /// Refuses a number that a unit gave with the status OK and that is none.
     fn check_numbers(&self, function: Function, numbers: &[f64], name: impl Fn(usize) -> String) -> Result<(), Error> {
         let Some(place) = numbers.iter().position(|number| !number.is_finite()) else { return Ok(()) };
+        self.may_try_again.set(true);
         let (name, number) = (name(place), Number(numbers[place]));
         Err(self
             .refusal(function, format!("{name} = {number}: no finite number, though the call was answered with OK")))
@@ -256,10 +269,11 @@ impl Instance {
     /// # Errors
     /// When the unit refuses, or its events never end.
     pub fn finish_event(&self) -> Result<Event, Error> {
-        let (mut info, mut states_changed) = (no_event_info(), false);
+        let (mut info, mut states_changed, mut nominals_changed) = (no_event_info(), false, false);
         for _ in 0..EVENT_ITERATIONS {
             self.call(Call::NewDiscreteStates(&mut info))?;
             states_changed |= info.values_changed != 0;
+            nominals_changed |= info.nominals_changed != 0;
             if info.terminate_simulation != 0 {
                 let reason = "the unit asks to end the simulation".to_owned();
                 return Err(self.refusal(Function::NewDiscreteStates, reason));
@@ -267,7 +281,7 @@ impl Instance {
             if info.new_discrete_states_needed == 0 {
                 self.call(Call::Plain(Function::EnterContinuousTimeMode))?;
                 let next = (info.next_event_time_defined != 0).then_some(info.next_event_time);
-                return Ok(Event { next, states_changed });
+                return Ok(Event { next, states_changed, nominals_changed });
             }
         }
         let reason = format!("its discrete states still change after {EVENT_ITERATIONS} iterations");

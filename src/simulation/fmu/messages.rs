@@ -10,6 +10,8 @@ use crate::fmi2::types::LoggerFunction;
 
 /// The most messages that are kept; of further ones, their number and the last.
 const MOST: usize = 100;
+/// The most messages that an error tells.
+const MOST_JOINED: usize = 10;
 /// The longest message, in bytes.
 const LONGEST: usize = 4096;
 
@@ -41,7 +43,7 @@ impl Messages {
     pub(super) fn append(&mut self, later: Messages) {
         later.kept.iter().for_each(|text| self.push(text));
         if let Some(last) = later.last {
-            self.further += later.further - 1;
+            self.further += later.further.saturating_sub(1);
             self.push(&last);
         }
     }
@@ -63,9 +65,12 @@ impl Messages {
         self.kept.iter().cloned().chain(more).chain(self.last.clone())
     }
 
-    /// All in one line.
+    /// The last of them in one line: they tell why something failed.
     pub fn joined(&self) -> String {
-        self.iter().collect::<Vec<_>>().join("; ")
+        let all: Vec<_> = self.iter().collect();
+        let first = all.len().saturating_sub(MOST_JOINED);
+        let earlier = (first > 0).then(|| format!("({} earlier messages)", self.count() - (all.len() - first)));
+        earlier.iter().chain(&all[first..]).cloned().collect::<Vec<_>>().join("; ")
     }
 }
 

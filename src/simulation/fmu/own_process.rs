@@ -119,6 +119,9 @@ impl OwnProcess {
     /// Ends the process, and keeps the last of what it wrote.
     fn end(&self) {
         let mut child = self.child.borrow_mut();
+        // With all processes that the unit began: they are of its group, unless they chose to leave it.
+        // SAFETY: sends a signal to a group that this process made.
+        unsafe { libc::kill(-(child.id() as libc::pid_t), libc::SIGKILL) };
         // It may have ended by itself.
         let _ = child.kill();
         let _ = child.wait();

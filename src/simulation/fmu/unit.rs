@@ -11,6 +11,7 @@ use crate::fmi2::types::{EventInfo, Status};
 pub(super) type Answer = c_int;
 pub(super) const OK: Answer = Status::Ok as c_int;
 pub(super) const WARNING: Answer = Status::Warning as c_int;
+pub(super) const DISCARD: Answer = Status::Discard as c_int;
 
 /// A call of a function, with what it takes and where its answer goes.
 #[derive(Debug)]

@@ -118,6 +118,14 @@ impl Reader<'_> {
             }
         }
         let mut connections = Vec::new();
+        let to_systems = || system.connections.iter().filter(|connection| system.systems.contains(&connection.to.0));
+        for (k, connection) in to_systems().enumerate() {
+            if let Some(other) = to_systems().take(k).find(|other| other.to == connection.to) {
+                let name = within(&connection.to.0, &connection.to.1);
+                let reason = format!("connector `{name}` is connected already, in line {}", other.line);
+                return refuse(connection.line, &reason);
+            }
+        }
         'each: for last in system.connections.iter().filter(|connection| !system.systems.contains(&connection.to.0)) {
             let mut whole = last.clone();
             for _ in 0..=system.connections.len() {

@@ -236,14 +236,15 @@ struct Product {
 
 impl Product {
     fn times(self, next: Product) -> Product {
-        let exponents = std::array::from_fn(|k| self.exponents[k] + next.exponents[k]);
+        // Beyond all sense, and within what a number holds: no unit of such a dimension converts to another.
+        let exponents = std::array::from_fn(|k| self.exponents[k].saturating_add(next.exponents[k]));
         Product { exponents, fraction: (self.fraction.0 * next.fraction.0, self.fraction.1 * next.fraction.1) }
     }
 
     fn to_the(self, power: i32) -> Product {
         let (over, under) = if power < 0 { (self.fraction.1, self.fraction.0) } else { self.fraction };
         let fraction = (over.powi(power.abs()), under.powi(power.abs()));
-        Product { exponents: self.exponents.map(|n| n * power), fraction }
+        Product { exponents: self.exponents.map(|n| n.saturating_mul(power)), fraction }
     }
 
     /// The unit of a symbol with its prefix, if it has one.
