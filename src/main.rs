@@ -28,7 +28,7 @@ struct Arguments {
 enum Command {
     /// Lists the FMUs and the closed loops
     List(command::list::Arguments),
-    /// Writes the description of a unit of your own, to be filled in
+    /// Writes the description of a unit of your own, to be filled in, or the structure of a loop
     New(command::new::Arguments),
     /// Prints the JSON schema of descriptions
     Schema,

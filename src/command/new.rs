@@ -1,5 +1,7 @@
-//! `new`: the description of a unit of one's own, with a comment at each setting, ready to be exported as it stands.
+//! `new`: the description of a unit of one's own, with a comment at each setting, ready to be exported as it stands; and
+//! the structure of a loop of given units.
 
+mod closed_loop;
 mod plant;
 
 use std::io::ErrorKind;
@@ -17,13 +19,29 @@ use super::loop_options::positive;
 use super::names::Which;
 
 #[derive(clap::Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Arguments {
+    #[command(subcommand)]
+    other: Option<Other>,
+    #[command(flatten)]
+    unit: UnitArguments,
+}
+
+#[derive(clap::Subcommand)]
+enum Other {
+    /// Writes the structure of a loop for given units, connected by the names of their signals
+    Loop(closed_loop::Arguments),
+}
+
+/// The kind and the name are there where no other form is asked for.
+#[derive(clap::Args)]
+struct UnitArguments {
     /// What it is to be: a controller, an observer, a plant, or what stands between
-    #[arg(value_parser = PossibleValuesParser::new(template::KINDS))]
-    kind: String,
+    #[arg(required = true, value_parser = PossibleValuesParser::new(template::KINDS))]
+    kind: Option<String>,
     /// Its name: a C identifier
-    #[arg(long)]
-    name: String,
+    #[arg(long, required = true)]
+    name: Option<String>,
     /// Number of states of the plant; with an FMU for the plant that tells none, their names
     #[arg(long, value_name = "COUNT or NAME,…")]
     states: Option<Which>,
@@ -61,9 +79,20 @@ pub struct Arguments {
     no_schema: bool,
 }
 
-/// Writes the description, and beside it the schema by which editors complete it.
+/// Writes a description, or the structure of a loop.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
-    let Arguments { kind, name, bandwidth, reference, force, .. } = arguments;
+    let unit = &arguments.unit;
+    match (&arguments.other, &unit.kind, &unit.name) {
+        (Some(Other::Loop(arguments)), ..) => closed_loop::execute(arguments),
+        (None, Some(kind), Some(name)) => write_unit(kind, name, unit),
+        // The parser refuses that.
+        (None, ..) => Ok(()),
+    }
+}
+
+/// Writes the description, and beside it the schema by which editors complete it.
+fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), Error> {
+    let UnitArguments { bandwidth, reference, force, .. } = arguments;
     let (plant, sizes) = match &arguments.plant {
         Some(file) => (Some(plant::find(arguments, file)?), Sizes::default()),
         None => (None, plant::sizes(arguments)?),

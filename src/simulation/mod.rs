@@ -6,6 +6,7 @@ mod check;
 mod closed_loop;
 mod comparison;
 pub(crate) mod description;
+mod draft;
 mod exchange;
 mod feedthrough;
 #[allow(unsafe_code)]
@@ -34,6 +35,7 @@ pub use check::{Circles, Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use comparison::Comparison;
 pub use description::{Description, Variable};
+pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
 #[cfg(unix)]
 pub use fmu::serve_unit;
 pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value};
@@ -44,7 +46,7 @@ pub use metrics::{Measured, measure};
 pub use overview::{Row, Verdict, four_digits, table};
 pub use page::{Ending, Report, STYLE};
 pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, UnitFile, pack};
-pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Statistic};
+pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, STRUCTURE, Statistic};
 pub use ssp::{SquareTerm, TunedParameter, Tuning};
 pub use thinned::thinned;
 pub use units::{Affine, UnitDefinition};

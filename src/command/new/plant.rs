@@ -8,7 +8,7 @@ use adaptive_fmu::simulation::{Fmu, OperatingPoint, Quantity, Variable, linearis
 use adaptive_fmu::template::{MOST, Plant, Sizes};
 use serde_json::{Value, json};
 
-use super::Arguments;
+use super::UnitArguments;
 use crate::command::linearise::{as_json, told};
 use crate::command::names::{Names, Which};
 
@@ -16,7 +16,7 @@ use crate::command::names::{Names, Which};
 const NO_LIMIT: f64 = 1e15;
 
 /// The sizes that were asked for where there is no plant.
-pub fn sizes(arguments: &Arguments) -> Result<Sizes, Error> {
+pub fn sizes(arguments: &UnitArguments) -> Result<Sizes, Error> {
     let size = |option: &str, which: &Option<Which>| match which {
         None => Ok(None),
         Some(Which::Count(count)) => Ok(Some(*count)),
@@ -33,7 +33,7 @@ pub fn sizes(arguments: &Arguments) -> Result<Sizes, Error> {
 }
 
 /// The plant of a file, with the signals that were asked for.
-pub fn find(arguments: &Arguments, file: &Path) -> Result<Plant, Error> {
+pub fn find(arguments: &UnitArguments, file: &Path) -> Result<Plant, Error> {
     let is_fmu = file.extension().is_some_and(|extension| extension == "fmu");
     let states = named("--states", &arguments.states)?;
     let plant = if is_fmu {
@@ -64,7 +64,7 @@ fn refuse(option: &str, value: &str, allowed: &str) -> Error {
 }
 
 /// The linear plant that an FMU is like, with its inputs' limits where all have them.
-fn linearised(arguments: &Arguments, file: &Path, states: Vec<String>) -> Result<Plant, Error> {
+fn linearised(arguments: &UnitArguments, file: &Path, states: Vec<String>) -> Result<Plant, Error> {
     let fmu = Arc::new(Fmu::open_any(file, &arguments.hosting.hosting()?)?);
     let point = OperatingPoint { time: arguments.at, steady_state: false, start: arguments.set.clone(), states };
     let linear = linearise(&fmu, &point)?;

@@ -63,6 +63,12 @@ impl LoopFiles {
         Ok(LoopFiles { shown, place, structure })
     }
 
+    /// Those of a loop in a folder.
+    pub fn within(folder: &Path) -> Self {
+        let (shown, place) = (folder.to_owned(), Place::Folder(folder.to_owned()));
+        LoopFiles { shown, place, structure: STRUCTURE.to_owned() }
+    }
+
     /// The loop.
     ///
     /// # Errors

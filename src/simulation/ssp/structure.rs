@@ -1,6 +1,7 @@
 //! Reading a SystemStructure.ssd.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::path::Path;
 
 use roxmltree::Node;
 
@@ -29,8 +30,16 @@ impl Structure {
     /// # Errors
     /// What is wrong, with its file and line.
     pub fn read(files: &LoopFiles) -> Result<Self, Error> {
-        let (text, file) = (files.structure_text()?, files.structure_file());
-        let document = parse(&text, &file)?;
+        Structure::parse(&files.structure_text()?, files)
+    }
+
+    /// Reads a loop whose files are there, from another text than that of its own.
+    ///
+    /// # Errors
+    /// What is wrong, with its file and line.
+    pub fn parse(text: &str, files: &LoopFiles) -> Result<Self, Error> {
+        let file = files.structure_file();
+        let document = parse(text, &file)?;
         Reader::new(&document, &file).structure(files)
     }
 }
@@ -114,7 +123,10 @@ impl Reader<'_> {
             return Err(self.refuse(node, "implementation = ModelExchange: units are run by co-simulation"));
         }
         let source = self.required(node, "source")?;
-        let (fmu, file) = files.unit(&source).map_err(|reason| self.refuse(node, &reason))?;
+        let (mut fmu, file) = files.unit(&source).map_err(|reason| self.refuse(node, &reason))?;
+        if let UnitFile::Description(path) = &file {
+            fmu = name_of(path).unwrap_or(fmu);
+        }
         let values = latest(self.bindings(node, units, files)?);
         let connectors = self.connectors(node, units)?;
         Ok(Component { name: self.required(node, "name")?, source, fmu, file, connectors, values })
@@ -167,6 +179,12 @@ fn closed_loop<'a, 'b>(root: Node<'a, 'b>, experiment: Option<Node<'a, 'b>>) -> 
     let annotations = [experiment, Some(root)].into_iter().flatten().filter_map(|node| child(node, "Annotations"));
     let mut annotations = annotations.flat_map(|node| elements(node, "Annotation"));
     annotations.find(|node| node.attribute("type") == Some(ANNOTATION))
+}
+
+/// The name that a description gives its unit; what can't be read is told when it is used.
+fn name_of(description: &Path) -> Option<String> {
+    let text = text_file::read(description).ok()?;
+    model::Description::read(&text).ok().map(|description| description.name)
 }
 
 /// The descriptions that units of a loop are made of, where they aren't this package's.

@@ -1,0 +1,108 @@
+//! `new loop`: the structure of a loop for given units.
+
+use std::path::{Path, PathBuf};
+
+use adaptive_fmu::error::{Error, Invalid};
+use adaptive_fmu::output::{Files, make_folder};
+use adaptive_fmu::simulation::{Draft, Found, STRUCTURE, Wishes};
+
+use super::there_already;
+use crate::command::loop_options::positive;
+
+/// The most units whose names are told.
+const MOST_TOLD: usize = 20;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Its units: FMUs of any tool, descriptions, FMUs of this package by their names; NAME= before one names it in the
+    /// loop, else its part in it does (reference, plant, controller), or its file
+    #[arg(long, value_name = "[NAME=]FILE", required = true, num_args = 1..)]
+    units: Vec<String>,
+    /// Folder for SystemStructure.ssd, which is made where it isn't there
+    #[arg(long, value_name = "FOLDER", default_value = ".")]
+    out: PathBuf,
+    /// Whether a structure that is there is overwritten
+    #[arg(long)]
+    force: bool,
+    /// Name of the loop, and of the folder of its results; that of its folder unless given
+    #[arg(long)]
+    name: Option<String>,
+    /// Communication step in s; the shortest that a unit proposes unless given
+    #[arg(long, value_parser = positive)]
+    step: Option<f64>,
+    /// Stop time in s; the latest that a unit proposes unless given
+    #[arg(long, value_parser = positive)]
+    until: Option<f64>,
+}
+
+/// Writes the structure, and tells what was connected and what is left open.
+pub fn execute(arguments: &Arguments) -> Result<(), Error> {
+    let out = &arguments.out;
+    let is_new = !out.exists();
+    let folder = make_folder(out, "")?;
+    let written = write(arguments, &folder);
+    if written.is_err() && is_new {
+        // A refused command leaves no empty folder. One that something lies in isn't removed.
+        let _ = std::fs::remove_dir(&folder);
+    }
+    written
+}
+
+fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
+    let mut found = Found::new(folder);
+    given_once(&arguments.units)?;
+    let units = arguments.units.iter().map(|word| found.unit(word)).collect::<Result<Vec<_>, _>>()?;
+    let name = match &arguments.name {
+        Some(name) => name.clone(),
+        None => name_of(folder),
+    };
+    let draft = Draft::new(units, Wishes { name, step: arguments.step, stop_time: arguments.until });
+    let text = draft.text();
+    let checked = draft.check(&text, folder)?;
+    let mut files = Files::at(folder);
+    if arguments.force {
+        files.add(STRUCTURE, &text)?
+    } else {
+        files.add_new(STRUCTURE, &text).map_err(there_already)?
+    }
+    files.place().map_err(there_already)?;
+    say!("{}", folder.join(STRUCTURE).display());
+    let (connected, open, unneeded) = (draft.connected(), draft.open(), draft.unneeded());
+    say!("inputs that are connected: {connected}; that are left open, with a comment in the file: {}", open.len());
+    if !unneeded.is_empty() {
+        say!("inputs that need no connection: {}", first(&unneeded).join(", "));
+    }
+    first(&open).iter().for_each(|line| tell!("to decide: {line}"));
+    checked.notes.iter().for_each(|note| tell!("warning: {note}"));
+    if let Some(refusal) = checked.refusal {
+        tell!("warning: `run` will refuse it as it stands: {refusal}");
+    }
+    Ok(())
+}
+
+/// Refuses a name in the loop that is given to two units.
+fn given_once(words: &[String]) -> Result<(), Error> {
+    let given = |word: &String| word.split_once('=').map(|(name, _)| name.to_owned());
+    let names: Vec<_> = words.iter().filter_map(given).collect();
+    let twice = names.iter().enumerate().find(|(place, name)| names[..*place].contains(name));
+    let refuse = |name: &String| Error::Argument(Invalid::new("--units", name, "must be the name of one unit only"));
+    twice.map_or(Ok(()), |(_, name)| Err(refuse(name)))
+}
+
+/// The first of many lines, and how many more there are.
+fn first(lines: &[String]) -> Vec<String> {
+    let more = lines.len().saturating_sub(MOST_TOLD);
+    let mut told: Vec<_> = lines.iter().take(MOST_TOLD).cloned().collect();
+    told.extend((more > 0).then(|| format!("and {more} more")));
+    told
+}
+
+/// The name of a folder without what a loop's name can't hold.
+fn name_of(folder: &Path) -> String {
+    let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    let own = whole.file_name().unwrap_or_default().to_string_lossy();
+    let plain = |c: char| if c.is_alphanumeric() || "_-. ".contains(c) { c } else { '_' };
+    let name: String = own.chars().map(plain).collect();
+    let name = name.trim_start_matches('.');
+    if name.is_empty() { "loop".to_owned() } else { name.to_owned() }
+}

@@ -1,0 +1,92 @@
+//! What each unit does in the loop, its name in it, and the order in which units are stepped.
+
+use std::collections::{BTreeSet, HashSet};
+
+use super::wiring::Wires;
+use super::{DraftUnit, Role};
+
+const CONTROLLERS: [&str; 4] = ["l1", "fuzzy-l1", "mrac-ppf", "neuro-ppf"];
+const BETWEEN: [&str; 3] = ["sensor", "actuator", "observer"];
+
+/// The roles of units. Another tool's controller is the unit that a reference goes to, where no unit is known to be one.
+pub fn roles(units: &[DraftUnit], wires: &Wires) -> Vec<Role> {
+    let known = |unit: &DraftUnit| match unit.model.as_deref() {
+        Some("reference") => Some(Role::Reference),
+        Some(model) if CONTROLLERS.contains(&model) || model.starts_with("l1-") => Some(Role::Controller),
+        Some(model) if BETWEEN.contains(&model) => Some(Role::Between),
+        Some("composite") => None,
+        Some(_) => Some(Role::Plant),
+        None if unit.description.variables.iter().any(|variable| variable.causality == "input") => None,
+        None => Some(Role::Reference),
+    };
+    let known: Vec<_> = units.iter().map(known).collect();
+    let is_reference = |unit: usize| known[unit] == Some(Role::Reference);
+    let driven: HashSet<usize> =
+        wires.connections().filter(|(from, _)| is_reference(from.0)).map(|(_, to)| to.0).collect();
+    let has_controller = known.contains(&Some(Role::Controller));
+    let guess = |unit: usize| if driven.contains(&unit) && !has_controller { Role::Controller } else { Role::Plant };
+    known.iter().enumerate().map(|(unit, role)| role.unwrap_or_else(|| guess(unit))).collect()
+}
+
+/// The places of units in the order in which they are stepped: each after those whose outputs show at once in its own,
+/// as far as there is such an order; references first, then plants.
+pub fn order(units: &[DraftUnit], roles: &[Role], wires: &Wires) -> Vec<usize> {
+    let mut sources = vec![BTreeSet::new(); units.len()];
+    for (from, (unit, input)) in wires.connections().filter(|(from, to)| from.0 != to.0) {
+        let description = &units[unit].description;
+        // A plant that doesn't tell is taken to have states between its inputs and outputs.
+        let untold = roles[unit] != Role::Plant;
+        let declared = &description.dependencies;
+        let shows = declared.iter().any(|(_, on)| on.as_ref().map_or(untold, |on| on.contains(&input)));
+        let outputs = description.variables.iter().filter(|variable| variable.causality == "output").count();
+        let passes_on = matches!(units[unit].model.as_deref(), Some("sensor" | "actuator"));
+        if passes_on || shows || untold && declared.len() < outputs {
+            sources[unit].insert(from.0);
+        }
+    }
+    let (mut taken, mut order) = (vec![false; units.len()], Vec::new());
+    while order.len() < units.len() {
+        let free = (0..units.len()).filter(|&unit| !taken[unit]);
+        let waits = |unit: usize| sources[unit].iter().any(|&source| !taken[source]);
+        let Some(next) = free.min_by_key(|&unit| (waits(unit), roles[unit])) else { break };
+        taken[next] = true;
+        order.push(next);
+    }
+    order
+}
+
+/// Names in the loop: those that were given, which are each there once; those of roles that one unit has; else those of
+/// files, numbered where others have them.
+pub fn names(units: &[DraftUnit], roles: &[Role]) -> Vec<String> {
+    let of_role = |unit: usize| match roles[unit] {
+        Role::Reference => "reference",
+        Role::Plant => "plant",
+        Role::Controller => "controller",
+        Role::Between => units[unit].model.as_deref().unwrap_or("unit"),
+    };
+    let all: Vec<_> = (0..units.len()).map(of_role).collect();
+    let mut used: HashSet<String> = HashSet::new();
+    let own = |unit: usize| {
+        units[unit].given.clone().unwrap_or_else(|| {
+            let alone = all.iter().filter(|name| **name == all[unit]).count() == 1;
+            if alone { all[unit].to_owned() } else { plain(&units[unit].stem) }
+        })
+    };
+    let wanted: Vec<String> = (0..units.len()).map(own).collect();
+    let given: HashSet<&String> = units.iter().filter_map(|unit| unit.given.as_ref()).collect();
+    let mut names = Vec::new();
+    for (unit, wanted) in units.iter().zip(&wanted) {
+        let free = |name: &String| unit.given.is_some() || !used.contains(name) && !given.contains(name);
+        let numbered = (2..).map(|number| format!("{wanted}_{number}"));
+        let name = std::iter::once(wanted.clone()).chain(numbered).find(free).unwrap_or_default();
+        used.insert(name.clone());
+        names.push(name);
+    }
+    names
+}
+
+/// A file's name without what a unit's name can't hold.
+fn plain(stem: &str) -> String {
+    let name: String = stem.chars().map(|c| if c.is_alphanumeric() || c == '-' { c } else { '_' }).collect();
+    if name.is_empty() { "unit".to_owned() } else { name }
+}

@@ -1,0 +1,292 @@
+//! Which output goes to which input, by their names.
+
+use std::collections::{HashMap, HashSet};
+
+use super::{DraftUnit, Signal};
+use crate::simulation::description::Variable;
+use crate::simulation::units::UnitDefinition;
+
+/// The most outputs that are offered for an input, and the most inputs for which some are looked for by their units.
+const MOST_OFFERED: usize = 8;
+const MOST_SEARCHED: usize = 100;
+
+/// Inputs of this package's units that are there for what isn't in every loop, by the system's names of them.
+const UNNEEDED: [&str; 3] = ["enabled", "u_manual", "d"];
+/// Ends of the names of what is to be taken in place of a signal: by a sensor, by an observer.
+const STAND_INS: [&str; 2] = ["_measured", "_estimate"];
+/// The end of the name of what an actuator makes a signal of.
+const COMMAND: &str = "_command";
+
+/// What becomes of an input.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Input {
+    /// It is connected to an output; why, where that has another name.
+    Connected { from: Signal, why: Option<String> },
+    /// A person must decide: why, and what may go to it.
+    Open { reason: String, offered: Vec<Signal> },
+    /// Most loops leave it alone.
+    Unneeded,
+}
+
+/// The inputs of all units, and what becomes of each.
+#[derive(Debug)]
+pub struct Wires {
+    pub inputs: Vec<(Signal, Input)>,
+}
+
+impl Wires {
+    /// Looks for an output for each input.
+    pub fn of(units: &[DraftUnit]) -> Self {
+        let search = Search::new(units);
+        let inputs = signals(units, "input");
+        let mut inputs: Vec<_> = inputs.into_iter().map(|input| (input, search.by_name(input))).collect();
+        let used: HashSet<Signal> = connections(&inputs).map(|(from, _)| from).collect();
+        let mut searched = 0;
+        for (input, found) in &mut inputs {
+            if let Input::Open { offered, .. } = found
+                && offered.is_empty()
+                && searched < MOST_SEARCHED
+            {
+                searched += 1;
+                *offered = search.by_unit(*input, &used);
+            }
+        }
+        Wires { inputs }
+    }
+
+    /// The connections, from outputs to inputs.
+    pub fn connections(&self) -> impl Iterator<Item = (Signal, Signal)> {
+        connections(&self.inputs)
+    }
+
+    /// The same for units that are in another order: at each place, which one stood where.
+    pub fn moved(self, order: &[usize]) -> Self {
+        let mut places = vec![0; order.len()];
+        order.iter().enumerate().for_each(|(place, &unit)| places[unit] = place);
+        let moved = |(unit, variable): Signal| (places[unit], variable);
+        let input = |(signal, input): (Signal, Input)| {
+            let input = match input {
+                Input::Connected { from, why } => Input::Connected { from: moved(from), why },
+                Input::Open { reason, offered } => {
+                    Input::Open { reason, offered: offered.into_iter().map(moved).collect() }
+                }
+                Input::Unneeded => Input::Unneeded,
+            };
+            (moved(signal), input)
+        };
+        let mut inputs: Vec<_> = self.inputs.into_iter().map(input).collect();
+        inputs.sort_by_key(|(signal, _)| *signal);
+        Wires { inputs }
+    }
+}
+
+fn connections(inputs: &[(Signal, Input)]) -> impl Iterator<Item = (Signal, Signal)> {
+    inputs.iter().filter_map(|(to, input)| match input {
+        Input::Connected { from, .. } => Some((*from, *to)),
+        _ => None,
+    })
+}
+
+/// The variables of a causality that a structure can name and a connection hand on.
+fn signals(units: &[DraftUnit], causality: &str) -> Vec<Signal> {
+    let mut found = Vec::new();
+    for (place, unit) in units.iter().enumerate() {
+        let fits = |variable: &Variable| {
+            variable.causality == causality && variable.kind != "String" && !variable.name.contains(char::is_control)
+        };
+        let variables = unit.description.variables.iter().enumerate();
+        found.extend(variables.filter(|(_, variable)| fits(variable)).map(|(variable, _)| (place, variable)));
+    }
+    found
+}
+
+struct Search<'a> {
+    units: &'a [DraftUnit],
+    outputs: Vec<Signal>,
+    /// Outputs by their names, and by what is left of these without conventions.
+    named: HashMap<&'a str, Vec<Signal>>,
+    alike: HashMap<String, Vec<Signal>>,
+    inputs: HashSet<(usize, &'a str)>,
+}
+
+impl<'a> Search<'a> {
+    fn new(units: &'a [DraftUnit]) -> Self {
+        let name = |(unit, variable): Signal| units[unit].description.variables[variable].name.as_str();
+        let outputs = signals(units, "output");
+        let (mut named, mut alike): (HashMap<_, Vec<_>>, HashMap<_, Vec<_>>) = (HashMap::new(), HashMap::new());
+        let told = |signal: &&Signal| !says_nothing(&units[signal.0], name(**signal));
+        for &output in outputs.iter().filter(told) {
+            named.entry(name(output)).or_default().push(output);
+            alike.entry(key(name(output))).or_default().push(output);
+        }
+        let inputs = signals(units, "input").into_iter().map(|input| (input.0, name(input))).collect();
+        Search { units, outputs, named, alike, inputs }
+    }
+
+    fn variable(&self, (unit, variable): Signal) -> &'a Variable {
+        &self.units[unit].description.variables[variable]
+    }
+
+    /// Outputs of other units that have a name.
+    fn named(&self, name: &str, input: Signal) -> Vec<Signal> {
+        let all = self.named.get(name).into_iter().flatten();
+        all.copied().filter(|output| output.0 != input.0).collect()
+    }
+
+    fn by_name(&self, input: Signal) -> Input {
+        let (unit, name) = (&self.units[input.0], self.variable(input).name.as_str());
+        let is_own = unit.description.generation_tool.starts_with("adaptive-fmu");
+        let base = name.split('[').next().unwrap_or_default();
+        let equal = self.named(name, input);
+        if equal.is_empty() && is_own && UNNEEDED.contains(&base) {
+            return Input::Unneeded;
+        }
+        if says_nothing(unit, name) {
+            let reason = format!("which signal goes through this {}?", unit.model.as_deref().unwrap_or("unit"));
+            return Input::Open { reason, offered: Vec::new() };
+        }
+        // Where there is a sensor or an observer, it is there to be used; it doesn't measure itself.
+        if unit.model.as_deref() != Some("sensor") {
+            let of_ends = STAND_INS.iter().map(|end| self.named(&format!("{name}{end}"), input));
+            let stand_ins: Vec<Signal> = of_ends.flatten().collect();
+            if !stand_ins.is_empty() {
+                let replaced = (!equal.is_empty()).then(|| format!("in place of `{name}` itself"));
+                return self.decided(input, &stand_ins, replaced.or(Some("by its name".to_owned())));
+            }
+        }
+        if !equal.is_empty() {
+            let acted: Vec<Signal> = equal.iter().copied().filter(|output| self.is_acted(*output)).collect();
+            return match acted[..] {
+                [_] if equal.len() > 1 => self.decided(input, &acted, Some("behind its actuator".to_owned())),
+                _ => self.decided(input, &equal, None),
+            };
+        }
+        if let Some(commanded) = name.strip_suffix(COMMAND) {
+            let commands = self.named(commanded, input);
+            if !commands.is_empty() {
+                return self.decided(input, &commands, Some("by its name".to_owned()));
+            }
+        }
+        let alike = self.alike.get(&key(name)).into_iter().flatten().copied();
+        let alike: Vec<Signal> = alike.filter(|output| output.0 != input.0).collect();
+        self.decided(input, &alike, Some("names that differ in their form only".to_owned()))
+    }
+
+    /// Whether an output is what an actuator makes of a command.
+    fn is_acted(&self, output: Signal) -> bool {
+        let command = format!("{}{COMMAND}", self.variable(output).name);
+        self.inputs.contains(&(output.0, command.as_str()))
+    }
+
+    fn decided(&self, input: Signal, outputs: &[Signal], why: Option<String>) -> Input {
+        let open = |reason: &str| Input::Open {
+            reason: reason.to_owned(),
+            offered: outputs.iter().copied().take(MOST_OFFERED).collect(),
+        };
+        match outputs {
+            [] => open("no output has its name"),
+            &[from] => match misfit(self.variable(from), self.variable(input)) {
+                None => Input::Connected { from, why },
+                Some(misfit) => open(&format!("the output of its name {misfit}")),
+            },
+            _ if why.is_some() => open("several outputs may be meant"),
+            _ => open("several outputs have its name"),
+        }
+    }
+
+    /// Outputs of an input's type and unit, those first that go nowhere yet.
+    fn by_unit(&self, input: Signal, used: &HashSet<Signal>) -> Vec<Signal> {
+        let own = self.variable(input);
+        let fits = |output: &&Signal| {
+            let variable = self.variable(**output);
+            let told = |variable: &Variable| variable.measure.as_ref().and_then(|unit| unit.dimension);
+            let same = told(variable).is_none() || told(own).is_none() || told(variable) == told(own);
+            // What a unit tells of itself now and then is no signal for an input that moves all the time.
+            let flows = variable.variability == "continuous" || own.variability != "continuous";
+            output.0 != input.0 && same && flows && misfit(variable, own).is_none()
+        };
+        let mut all: Vec<Signal> = self.outputs.iter().filter(fits).copied().collect();
+        all.sort_by_key(|output| used.contains(output));
+        all.truncate(MOST_OFFERED);
+        all
+    }
+}
+
+/// Whether a name is one that every sensor or actuator has for its channels.
+fn says_nothing(unit: &DraftUnit, name: &str) -> bool {
+    matches!(unit.model.as_deref(), Some("sensor" | "actuator")) && (name.starts_with("u[") || name.starts_with("y["))
+}
+
+/// Why an output can't go to an input, if there is a reason.
+fn misfit(output: &Variable, input: &Variable) -> Option<String> {
+    let fits = match (output.kind.as_str(), input.kind.as_str()) {
+        ("Real" | "Integer", "Real") | ("Integer", "Integer") | ("Boolean", "Boolean") => true,
+        ("Enumeration", "Enumeration") => output.items == input.items,
+        _ => false,
+    };
+    if !fits {
+        return Some(format!("is {}, and it {}", output.kind, input.kind));
+    }
+    let (unit, other) = output.measure.as_deref().zip(input.measure.as_deref())?;
+    let name = |unit: &UnitDefinition| unit.name.clone();
+    unit.to(other).is_none().then(|| format!("is in {}, and it in {}, of another dimension", name(unit), name(other)))
+}
+
+/// A name without what tools write in different ways: case, the path before it, brackets, "in" and "out".
+fn key(name: &str) -> String {
+    let text = name.to_lowercase();
+    let text = text.rsplit('.').next().unwrap_or_default();
+    let mut text: String = text
+        .chars()
+        .filter_map(|c| match c {
+            '[' | '(' => Some('_'),
+            ']' | ')' => None,
+            ',' | ' ' | '-' => Some('_'),
+            other => Some(other),
+        })
+        .collect();
+    for end in ["_in", "_out", "_input", "_output"] {
+        text = text.strip_suffix(end).map_or(text.clone(), str::to_owned);
+    }
+    for start in ["in_", "out_", "input_", "output_"] {
+        text = text.strip_prefix(start).map_or(text.clone(), str::to_owned);
+    }
+    for start in ["ref_", "reference_", "setpoint_"] {
+        text = text.strip_prefix(start).map_or(text.clone(), |rest| format!("{rest}_reference"));
+    }
+    for end in ["_ref", "_setpoint", "_sp"] {
+        text = text.strip_suffix(end).map_or(text.clone(), |rest| format!("{rest}_reference"));
+    }
+    // x_1 is x1; but x_1_12 isn't x_11_2.
+    let number = text.len() - text.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    let (start, number) = text.split_at(text.len() - number);
+    let alone = start.trim_end_matches('_');
+    let is_index = !number.is_empty() && !alone.ends_with(|c: char| c.is_ascii_digit());
+    let joined = if is_index { format!("{alone}{number}") } else { text.clone() };
+    if joined.is_empty() { name.to_owned() } else { joined }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::key;
+
+    #[test]
+    fn names_that_differ_in_their_form_only_have_one_key() {
+        for (one, another) in [
+            ("speed", "Speed"),
+            ("speed", "motor.speed"),
+            ("speed_in", "speed_out"),
+            ("x[1]", "x1"),
+            ("x[1,2]", "x_1_2"),
+            ("speed_reference", "ref_speed"),
+            ("speed_ref", "speed_setpoint"),
+        ] {
+            assert_eq!(key(one), key(another), "{one} {another}");
+        }
+        for (one, another) in
+            [("speed", "speed_reference"), ("x[1]", "x[11]"), ("dx", "x"), ("r[1]", "dr[1]"), ("in", "out")]
+        {
+            assert_ne!(key(one), key(another), "{one} {another}");
+        }
+    }
+}
