@@ -170,7 +170,10 @@ impl Fmu {
         name: &str,
     ) -> Result<Instance, Error> {
         let resources = file_uri(&self.folder.path().join("resources"));
-        let plan = Plan { kind, name: name.to_owned(), guid: self.description.guid.clone(), resources };
+        let Description { guid, generation_tool, .. } = &self.description;
+        // Those of this package tell of errors and warnings in any case.
+        let logs = !generation_tool.starts_with("adaptive-fmu");
+        let plan = Plan { kind, name: name.to_owned(), guid: guid.clone(), resources, logs };
         let unit = place.map_err(str::to_owned).and_then(|place| place.unit(&plan));
         let unit = unit.map_err(|reason| Error::Archive { file: self.file.clone(), reason })?;
         Ok(Instance::new(unit, name, self))

@@ -65,6 +65,8 @@ pub(super) struct Plan {
     pub guid: String,
     /// `file:` URI of the resources.
     pub resources: String,
+    /// Whether it is asked to log: some units tell of their errors only then.
+    pub logs: bool,
 }
 
 /// A loaded library.
@@ -148,7 +150,8 @@ impl InProcess {
         // strings and callbacks live as long as the standard asks.
         let component = unsafe {
             let instantiate: Instantiate = std::mem::transmute(binary.instantiate);
-            instantiate(name.as_ptr(), plan.kind, guid.as_ptr(), resources.as_ptr(), &raw const *callbacks, 0, 0)
+            let (guid, resources) = (guid.as_ptr(), resources.as_ptr());
+            instantiate(name.as_ptr(), plan.kind, guid, resources, &raw const *callbacks, 0, plan.logs.into())
         };
         if component.is_null() {
             return Err(match log.take() {

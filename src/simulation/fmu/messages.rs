@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
+use super::unit::OK;
 use crate::error::one_line;
 use crate::fmi2::types::LoggerFunction;
 
@@ -112,7 +113,7 @@ use expanding::keep_message;
 /// behind the dots to C's own expansion.
 #[cfg(all(target_arch = "x86_64", unix))]
 mod expanding {
-    use super::{CStr, LONGEST, c_char, c_int, c_void, keep};
+    use super::{CStr, LONGEST, OK, c_char, c_int, c_void, keep};
 
     unsafe extern "C" {
         fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
@@ -163,12 +164,12 @@ mod expanding {
     unsafe extern "C" fn expand(
         environment: *mut c_void,
         _instance: *const c_char,
-        _status: c_int,
+        status: c_int,
         _category: *const c_char,
         format: *const c_char,
         arguments: *mut c_void,
     ) {
-        if format.is_null() {
+        if format.is_null() || status == OK {
             return;
         }
         // One byte more than is kept shows that a text is longer.
@@ -191,11 +192,11 @@ mod expanding {
 unsafe extern "C" fn keep_message(
     environment: *mut c_void,
     _instance: *const c_char,
-    _status: c_int,
+    status: c_int,
     _category: *const c_char,
     format: *const c_char,
 ) {
-    if !format.is_null() {
+    if !format.is_null() && status != OK {
         // SAFETY: the environment is the instance's log, which outlives it; the message is a C string.
         let format = unsafe { CStr::from_ptr(format) };
         let text = format.to_string_lossy().replace("%%", "%");
@@ -221,14 +222,16 @@ mod tests {
             logger(environment, name, Status::Error, name, c"%d %.3f %s %g %i".as_ptr(), 7, 1.5, name, 1e-9, -2);
             let format = c"%d %d %d %d %.1f %.1f %.1f %.1f %.1f %.1f %.1f %.1f %.1f %d";
             let (a, b, c, d, e) = (1.0, 2.0, 3.0, 4.0, 5.0);
-            logger(environment, name, Status::Ok, name, format.as_ptr(), 1, 2, 3, 4, a, b, c, d, e, a, b, c, d, 9);
-            logger(environment, name, Status::Ok, name, c"\x1b[31mred\r\nnext".as_ptr());
+            logger(environment, name, Status::Warning, name, format.as_ptr(), 1, 2, 3, 4, a, b, c, d, e, a, b, c, d, 9);
+            logger(environment, name, Status::Error, name, c"\x1b[31mred\r\nnext".as_ptr());
+            logger(environment, name, Status::Ok, name, c"all is well".as_ptr());
         }
         let texts: Vec<_> = log.take().iter().collect();
         assert_eq!(texts[0], "100 % of it");
         assert_eq!(texts[1], "7 1.500 unit 1e-09 -2");
         assert_eq!(texts[2], "1 2 3 4 1.0 2.0 3.0 4.0 5.0 1.0 2.0 3.0 4.0 9");
         assert_eq!(texts[3], "\\u{1b}[31mred\\r\\nnext");
+        assert_eq!(texts.len(), 4, "what is logged of a call that went well is no warning");
     }
 
     #[test]
