@@ -213,7 +213,9 @@ fn plots(draft: &Draft, pairs: &[Pair]) -> Vec<String> {
     let shown: BTreeSet<Signal> = pairs.iter().flat_map(|(output, reference)| [*output, *reference]).collect();
     let rest: BTreeSet<Signal> =
         draft.connections().map(|(from, _)| from).filter(|from| !shown.contains(from)).collect();
-    let mut groups: Vec<((bool, Option<&String>), Vec<Signal>)> = Vec::new();
+    // Whether they are controls, and in what unit.
+    type Group<'a> = (bool, Option<&'a String>);
+    let mut groups: Vec<(Group, Vec<Signal>)> = Vec::new();
     for signal in rest {
         let group = (draft.roles[signal.0] == Role::Controller, draft.variable(signal).unit.as_ref());
         match groups.iter_mut().find(|(known, signals)| *known == group && signals.len() < MOST_CURVES) {
