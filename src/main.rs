@@ -118,6 +118,6 @@ fn serve_unit() -> Result<ExitCode, Error> {
 
 #[cfg(not(unix))]
 fn serve_unit() -> Result<ExitCode, Error> {
-    eprintln!("units of other tools run in the process of the loop on this platform");
+    tell!("units of other tools run in the process of the loop on this platform");
     Ok(ExitCode::FAILURE)
 }

@@ -1,6 +1,13 @@
 //! `validate` finds nothing wrong with the units of this package, and each fault that is put into one.
 #![cfg(target_os = "linux")]
 
+#[path = "validation/allowed.rs"]
+mod allowed;
+#[path = "validation/bounds.rs"]
+mod bounds;
+#[path = "validation/universal.rs"]
+mod universal;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -108,7 +115,7 @@ fn nothing_is_found_in_a_whole_loop_or_in_a_unit_with_names_of_its_own() {
 /// An edit of the description: a text, what stands there instead (at the first place), and what is told.
 type Edit = (&'static str, &'static str, &'static str);
 
-const EDITS: [Edit; 47] = [
+const EDITS: [Edit; 46] = [
     ("fmiVersion=\"2.0\"", "fmiVersion=\"3.0\"", "fmiVersion = \"3.0\""),
     ("fmiVersion=\"2.0\"", "", "lacks the attribute `fmiVersion`"),
     ("modelName=\"L1NonlinearSiso\"", "modelName=\"\"", "modelName is empty"),
@@ -147,7 +154,7 @@ const EDITS: [Edit; 47] = [
         "<Category name=\"logStatusError\"",
         "the log category `logStatusError` stands there twice",
     ),
-    ("stopTime=\"60.0\"", "stopTime=\"0\"", "stopTime = 0 is not after startTime = 0"),
+    ("stopTime=\"60.0\"", "stopTime=\"-1\"", "stopTime = -1 is not after startTime = 0"),
     ("tolerance=\"1e-6\"", "tolerance=\"1e-6 m\"", "tolerance = \"1e-6 m\" in DefaultExperiment"),
     ("stepSize=\"0.001\"", "stepSize=\"-0.001\"", "stepSize = -0.001"),
     ("<ModelVariables>", "<ModelVariables>loose", "ModelVariables holds text"),
@@ -193,11 +200,6 @@ const EDITS: [Edit; 47] = [
     ),
     ("<Real unit=\"1\" start=\"0.0\"/>", "<Real unit=\"1\" start=\"0\" nominal=\"0\"/>", "nominal = 0"),
     ("<Real unit=\"1\" start=\"0.0\"/>", "<Real unit=\"furlong\" start=\"0\"/>", "the unit `furlong` is not defined"),
-    (
-        "<Real unit=\"1\" start=\"0.0\"/>",
-        "<Real unit=\"rad\" displayUnit=\"grad\" start=\"0\"/>",
-        "the display unit `grad` of the unit `rad`",
-    ),
     (
         "<Real unit=\"1\" start=\"0.0\"/>",
         "<Real declaredType=\"InputHandling\" start=\"0\"/>",
@@ -348,6 +350,10 @@ fn each_fault_of_an_archive_is_found() {
 
 /// A unit in C with some faults, packed; none where there is no C compiler.
 fn built(faults: &[&str], flags: &str) -> (TempDir, PathBuf) {
+    built_as(faults, &description(flags))
+}
+
+fn built_as(faults: &[&str], description: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let library = folder.path().join("unit.so");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/validation/unit.c");
@@ -355,7 +361,15 @@ fn built(faults: &[&str], flags: &str) -> (TempDir, PathBuf) {
     let done = Command::new("cc").args(["-shared", "-fPIC", "-o"]).arg(&library).arg(source).args(faults).output();
     let done = done.unwrap();
     assert!(done.status.success(), "{done:?}");
-    let description = format!(
+    packed(&[
+        ("modelDescription.xml".to_owned(), description.as_bytes().to_vec()),
+        (Platform::own().binary("unit"), fs::read(library).unwrap()),
+    ])
+}
+
+/// The description of that unit.
+fn description(flags: &str) -> String {
+    format!(
         "<?xml version=\"1.0\"?>\n<fmiModelDescription fmiVersion=\"2.0\" modelName=\"Unit\" guid=\"g\">\n\
          <CoSimulation modelIdentifier=\"unit\" {flags}/>\n\
          <DefaultExperiment startTime=\"0\" stopTime=\"1\" stepSize=\"0.1\"/>\n<ModelVariables>\n\
@@ -364,11 +378,7 @@ fn built(faults: &[&str], flags: &str) -> (TempDir, PathBuf) {
          <Real start=\"1\"/></ScalarVariable>\n</ModelVariables>\n<ModelStructure>\
          <Outputs><Unknown index=\"1\"/></Outputs><InitialUnknowns><Unknown index=\"1\"/></InitialUnknowns>\
          </ModelStructure>\n</fmiModelDescription>\n"
-    );
-    packed(&[
-        ("modelDescription.xml".to_owned(), description.into_bytes()),
-        (Platform::own().binary("unit"), fs::read(library).unwrap()),
-    ])
+    )
 }
 
 #[test]

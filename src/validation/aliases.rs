@@ -2,11 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use super::findings::Findings;
+use roxmltree::Node;
+
+use super::findings::{Findings, short};
+use super::text::{boolean, double};
+use super::types::{Types, types};
 use super::variables::{SECTION, Variable};
 
 /// Checks that variables of one value agree about it.
-pub(super) fn check(variables: &[Variable], findings: &mut Findings) {
+pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings) {
+    let types = types(root);
     let mut shared: BTreeMap<(&str, u32), Vec<&Variable>> = BTreeMap::new();
     for variable in variables {
         if let Some(reference) = variable.reference {
@@ -16,22 +21,37 @@ pub(super) fn check(variables: &[Variable], findings: &mut Findings) {
         }
     }
     for ((_, reference), set) in shared.iter().filter(|(_, set)| set.len() > 1) {
-        check_set(*reference, set, findings);
+        check_set(*reference, set, &types, findings);
     }
 }
 
-fn check_set(reference: u32, set: &[&Variable], findings: &mut Findings) {
+/// Whether two constants have the same value, however it is written.
+fn same_value(first: &Variable, second: &Variable) -> bool {
+    let (Some(a), Some(b)) = (first.attribute("start"), second.attribute("start")) else {
+        return first.attribute("start") == second.attribute("start");
+    };
+    match first.kind {
+        "String" => a == b,
+        "Boolean" => boolean(a) == boolean(b),
+        _ => match (double(a), double(b)) {
+            (Some(a), Some(b)) => a == b || (a.is_nan() && b.is_nan()),
+            _ => a == b,
+        },
+    }
+}
+
+fn check_set(reference: u32, set: &[&Variable], types: &Types, findings: &mut Findings) {
     let first = set[0];
-    let shared = |other: &Variable| format!("it shares valueReference {reference} with `{}`", other.name);
+    let shared = |other: &Variable| format!("it shares valueReference {reference} with `{}`", short(other.name));
     for variable in &set[1..] {
         if (variable.variability == "constant") != (first.variability == "constant") {
             let what = format!("{}, and only one of them is constant", shared(first));
             findings.error(variable.at(), what, SECTION, "give it a value reference of its own");
-        } else if variable.variability == "constant" && variable.attribute("start") != first.attribute("start") {
+        } else if variable.variability == "constant" && !same_value(variable, first) {
             let what = format!("{}, a constant of another value", shared(first));
             findings.error(variable.at(), what, SECTION, "let constants of one reference have one value");
         }
-        if variable.attribute("unit") != first.attribute("unit") && variable.attribute("declaredType").is_none() {
+        if variable.unit(types) != first.unit(types) {
             let what = format!("{}, whose unit is another", shared(first));
             findings.warning(variable.at(), what, SECTION, "let both have the same unit");
         }

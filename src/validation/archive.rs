@@ -34,9 +34,29 @@ impl Archive {
         exporter::read_bytes(&self.file, name)
     }
 
-    /// The text of its description, where it has one.
-    pub fn description(&self) -> Result<Option<String>, Error> {
-        self.has(DESCRIPTION).then(|| exporter::read_entry(&self.file, DESCRIPTION)).transpose()
+    /// The text of its description, where it has one. That it isn't in UTF-8 is a finding.
+    pub fn description(&self, findings: &mut Findings) -> Result<Option<String>, Error> {
+        if !self.has(DESCRIPTION) {
+            return Ok(None);
+        }
+        let refused = match exporter::read_entry(&self.file, DESCRIPTION) {
+            Ok(text) => return Ok(Some(text)),
+            Err(refused) => refused,
+        };
+        let bytes = self.bytes(DESCRIPTION)?;
+        // It may also have been too long.
+        let Err(error) = std::str::from_utf8(&bytes) else { return Err(refused) };
+        let before = bytes[..error.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+        let line = u32::try_from(before + 1).unwrap_or(u32::MAX);
+        let what = format!("{DESCRIPTION} is not in UTF-8");
+        findings.error(At::line(line), what, "2.2", "write it in UTF-8, and encoding=\"UTF-8\" in its first line");
+        Ok(None)
+    }
+
+    /// Whether it has a library that can be loaded on a platform.
+    pub fn has_library(&self, platform: &Platform, identifier: &str) -> bool {
+        let places = [Some(platform.binary(identifier)), platform.other_binary(identifier)];
+        places.iter().flatten().any(|place| self.has(place))
     }
 
     /// Checks the places of files.
@@ -84,9 +104,9 @@ impl Archive {
             findings.error(at(), what, SECTION, advice);
             return;
         }
-        let own = Platform::own().binary(identifier);
-        if !self.has(&own) {
-            let what = format!("{name}: there is no {own}");
+        let own = Platform::own();
+        if !self.has_library(&own, identifier) {
+            let what = format!("{name}: there is no {}", own.binary(identifier));
             findings.warning(at(), what, SECTION, "it can't run on this platform: add a library for it");
         }
     }
@@ -106,5 +126,22 @@ impl Interfaces {
     pub fn named(&self) -> impl Iterator<Item = (&'static str, &Interface)> {
         let both = [("ModelExchange", &self.exchange), ("CoSimulation", &self.co_simulation)];
         both.into_iter().filter_map(|(name, interface)| Some((name, interface.as_ref()?)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_library_counts_in_each_folder_that_it_is_loaded_from() {
+        let of = |names: &[&str]| Archive {
+            file: PathBuf::new(),
+            names: names.iter().map(|name| (*name).to_owned()).collect(),
+        };
+        let arm = Platform::of_target("aarch64-apple-darwin").unwrap();
+        assert!(of(&["binaries/aarch64-darwin/U.dylib"]).has_library(&arm, "U"));
+        assert!(of(&["binaries/darwin64/U.dylib"]).has_library(&arm, "U"));
+        assert!(!of(&["binaries/linux64/U.so", "binaries/darwin64/V.dylib"]).has_library(&arm, "U"));
     }
 }

@@ -6,6 +6,7 @@ use roxmltree::Node;
 
 use super::findings::{Findings, Lines};
 use super::text::{boolean, double};
+use super::variables::Variable;
 use super::{Interface, Interfaces};
 use crate::simulation::description::{child, elements};
 
@@ -13,7 +14,7 @@ use crate::simulation::description::{child, elements};
 const USUAL_STEPS: f64 = 100.0;
 
 /// The interfaces, where they are named so that libraries can be looked for.
-pub(super) fn interfaces(root: Node, lines: &Lines) -> Interfaces {
+pub(super) fn interfaces(root: Node, variables: &[Variable], lines: &Lines) -> Interfaces {
     let interface = |name| {
         child(root, name).map(|node| Interface {
             identifier: node.attribute("modelIdentifier").unwrap_or_default().to_owned(),
@@ -26,6 +27,9 @@ pub(super) fn interfaces(root: Node, lines: &Lines) -> Interfaces {
         })
     };
     let structure = child(root, "ModelStructure").and_then(|node| child(node, "Derivatives"));
+    let derivatives: Vec<Node> = structure.into_iter().flat_map(|node| elements(node, "Unknown")).collect();
+    let place = |text: Option<&str>| text?.trim().parse::<usize>().ok()?.checked_sub(1);
+    let state = |unknown: Node| variables.get(place(unknown.attribute("index"))?)?.derivative_of()?.checked_sub(1);
     let experiment = child(root, "DefaultExperiment");
     let number = |name: &str| experiment.and_then(|node| node.attribute(name)).and_then(double);
     let start = number("startTime").unwrap_or(0.0);
@@ -33,7 +37,8 @@ pub(super) fn interfaces(root: Node, lines: &Lines) -> Interfaces {
     Interfaces {
         exchange: interface("ModelExchange"),
         co_simulation: interface("CoSimulation"),
-        states: structure.map_or(0, |node| elements(node, "Unknown").count()),
+        states: derivatives.len(),
+        state_places: derivatives.into_iter().filter_map(state).collect(),
         start,
         stop,
         step: number("stepSize").unwrap_or((stop - start) / USUAL_STEPS),
@@ -94,14 +99,24 @@ fn check_experiment(node: Node, lines: &Lines, findings: &mut Findings) {
         }
     }
     for name in ["tolerance", "stepSize"] {
-        if number(name).is_some_and(|number| number <= 0.0) {
-            let what = format!("{name} = {}", node.attribute(name).unwrap_or_default());
-            findings.error(lines.at(node), what, "2.2.5", "it must be above 0");
+        let what = || format!("{name} = {}", node.attribute(name).unwrap_or_default());
+        match number(name) {
+            // By it tools say that they know none.
+            Some(0.0) if name == "tolerance" => {
+                findings.warning(lines.at(node), what(), "2.2.5", "tools can't keep it: give one above 0, or none");
+            }
+            Some(number) if number <= 0.0 => findings.error(lines.at(node), what(), "2.2.5", "it must be above 0"),
+            _ => {}
         }
     }
     let (start, stop) = (number("startTime").unwrap_or(0.0), number("stopTime"));
     if let Some(stop) = stop.filter(|stop| *stop <= start) {
         let what = format!("stopTime = {stop} is not after startTime = {start}");
-        findings.error(lines.at(node), what, "2.2.5", "let it stop after its start");
+        let advice = "let it stop after its start";
+        if stop < start {
+            findings.error(lines.at(node), what, "2.2.5", advice);
+        } else {
+            findings.warning(lines.at(node), what, "2.2.5", advice);
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! What was found, and where.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use roxmltree::Node;
@@ -9,6 +10,9 @@ use crate::error::one_line;
 
 /// More findings than this are only counted: a person mends the first ones first.
 const MOST: usize = 1000;
+/// Characters of a name that are shown, and of a whole text: a file may hold names and values of any length.
+const LONGEST_NAME: usize = 200;
+const LONGEST_TEXT: usize = 1200;
 
 /// How grave a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -95,9 +99,26 @@ impl Findings {
 
     fn keep(&mut self, severity: Severity, at: At, what: String, section: &'static str, advice: String) {
         if self.kept.len() < MOST {
+            let [what, advice] = [what, advice].map(|text| shortened(&text, LONGEST_TEXT).into_owned());
             self.kept.push(Finding { severity, line: at.line, variable: at.variable, what, section, advice });
         }
     }
+}
+
+/// A text without its middle, where it is too long: what is wrong stands at its end, too.
+fn shortened(text: &str, most: usize) -> Cow<'_, str> {
+    if text.char_indices().nth(most).is_none() {
+        return text.into();
+    }
+    let place = |found: Option<(usize, char)>| found.map_or(text.len(), |(place, _)| place);
+    let tail = most / 3;
+    let head = &text[..place(text.char_indices().nth(most - tail))];
+    format!("{head}…{}", &text[place(text.char_indices().nth_back(tail - 1))..]).into()
+}
+
+/// A name as texts show it: where a long one is named in each of many findings, they would fill the memory.
+pub(super) fn short(name: &str) -> Cow<'_, str> {
+    shortened(name, LONGEST_NAME)
 }
 
 /// Where a finding was made.
@@ -114,6 +135,11 @@ impl At {
 
     pub fn line(line: u32) -> Self {
         At { line: Some(line), variable: None }
+    }
+
+    /// At a variable, or a type, of this name.
+    pub fn named(line: impl Into<Option<u32>>, name: &str) -> Self {
+        At { line: line.into(), variable: Some(short(name).into_owned()) }
     }
 }
 
@@ -134,5 +160,19 @@ impl Lines {
 
     pub fn at(&self, node: Node) -> At {
         At::line(self.of_node(node))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_that_is_too_long_keeps_its_beginning_and_its_end() {
+        for (text, most, shown) in
+            [("abcdef", 6, "abcdef"), ("abcdefg", 6, "abcd…fg"), ("äöüßäöü", 6, "äöüß…öü"), ("", 3, "")]
+        {
+            assert_eq!(shortened(text, most), shown);
+        }
     }
 }

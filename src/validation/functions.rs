@@ -2,8 +2,9 @@
 
 use std::collections::HashSet;
 
-use object::Object;
 use object::read::NameOrOrdinal;
+use object::read::macho::{FatArch, MachOFatFile32, MachOFatFile64};
+use object::{FileKind, Object};
 
 use super::archive::Archive;
 use super::findings::{At, Findings};
@@ -97,8 +98,35 @@ pub(super) fn check(archive: &Archive, interfaces: &Interfaces, findings: &mut F
     Ok(())
 }
 
-/// The names of the functions that a library exports.
+/// Processors that a universal library of macOS is for, at most: each of them may be the whole file anew.
+const MOST_PROCESSORS: usize = 16;
+
+/// The names of the functions that a library exports, for every processor where it is for several.
 fn exported(bytes: &[u8]) -> Result<HashSet<String>, String> {
+    let told = |error: object::Error| error.to_string();
+    match FileKind::parse(bytes).map_err(told)? {
+        FileKind::MachOFat32 => exported_by_all(MachOFatFile32::parse(bytes).map_err(told)?.arches(), bytes),
+        FileKind::MachOFat64 => exported_by_all(MachOFatFile64::parse(bytes).map_err(told)?.arches(), bytes),
+        _ => exported_by_one(bytes),
+    }
+}
+
+fn exported_by_all(slices: &[impl FatArch], bytes: &[u8]) -> Result<HashSet<String>, String> {
+    if slices.len() > MOST_PROCESSORS {
+        return Err(format!("it is for {} processors; at most {MOST_PROCESSORS} are read", slices.len()));
+    }
+    let mut common: Option<HashSet<String>> = None;
+    for slice in slices {
+        let names = exported_by_one(slice.data(bytes).map_err(|error| error.to_string())?)?;
+        match &mut common {
+            Some(common) => common.retain(|name| names.contains(name)),
+            None => common = Some(names),
+        }
+    }
+    common.ok_or_else(|| "it is for no processor".to_owned())
+}
+
+fn exported_by_one(bytes: &[u8]) -> Result<HashSet<String>, String> {
     let library = object::File::parse(bytes).map_err(|error| error.to_string())?;
     let mut names = HashSet::new();
     for export in library.exports().map_err(|error| error.to_string())? {

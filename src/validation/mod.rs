@@ -15,6 +15,7 @@ mod types;
 mod values;
 mod variables;
 
+use std::collections::HashSet;
 use std::path::Path;
 
 pub use findings::{Finding, Findings, Severity};
@@ -50,6 +51,8 @@ struct Interfaces {
     co_simulation: Option<Interface>,
     /// How many states it has.
     states: usize,
+    /// Their places among the variables, from 0.
+    state_places: HashSet<usize>,
     /// Start and stop time of its default experiment, and the communication step, s.
     start: f64,
     stop: f64,
@@ -79,7 +82,7 @@ pub fn validate(file: &Path, run: Option<&Hosting>) -> Result<Report, Error> {
     let archive = Archive::read(file)?;
     let mut findings = Findings::default();
     archive.check(&mut findings);
-    let description = archive.description()?;
+    let description = archive.description(&mut findings)?;
     let interfaces = description.as_ref().and_then(|text| check_description(text, &mut findings));
     if let Some(interfaces) = &interfaces {
         archive.check_binaries(interfaces, &mut findings);
@@ -115,8 +118,8 @@ fn check_description(text: &str, findings: &mut Findings) -> Option<Interfaces> 
     variables::check(&variables, findings);
     types::check(root, &variables, &lines, findings);
     values::check(root, &variables, &lines, findings);
-    aliases::check(&variables, findings);
+    aliases::check(root, &variables, findings);
     names::check(root, &variables, findings);
     structure::check(root, &variables, &lines, findings);
-    Some(experiment::interfaces(root, &lines))
+    Some(experiment::interfaces(root, &variables, &lines))
 }

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use roxmltree::Node;
 
-use super::findings::{At, Findings, Lines};
+use super::findings::{At, Findings, Lines, short};
 use super::text::one_of;
 use super::variables::Variable;
 use crate::simulation::description::{child, elements};
@@ -53,7 +53,7 @@ impl List<'_, '_, '_> {
                 self.refuse_index(line, text, "index", findings);
                 continue;
             };
-            let at = At { line: Some(line), variable: Some(variable.name.to_owned()) };
+            let at = At::named(line, variable.name);
             if let Some(earlier) = lines.insert(index, line) {
                 let what = format!("it stands in {} twice, in line {earlier} too", self.name);
                 findings.error(at.clone(), what, SECTION, "list it once");
@@ -111,7 +111,7 @@ fn check_outputs(variables: &[Variable], outputs: &[usize], at: &At, findings: &
         match (variable.causality == "output", listed.contains(&place)) {
             (true, false) => {
                 let what = "it is an output, and does not stand in Outputs";
-                let at = At { line: at.line, variable: Some(variable.name.to_owned()) };
+                let at = At::named(at.line, variable.name);
                 findings.error(at, what, SECTION, format!("add <Unknown index=\"{}\"/> to Outputs", place + 1));
             }
             (false, true) => {
@@ -131,17 +131,19 @@ fn check_states(root: Node, variables: &[Variable], derivatives: &[usize], at: &
         if let Some(state) = variable.derivative_of()
             && let Some(other) = states.insert(state, variable.name)
         {
-            let what = format!("`{other}` is a derivative of the same state");
+            let what = format!("`{}` is a derivative of the same state", short(other));
             findings.error(variable.at(), what, SECTION, "list one derivative for each state");
         }
     }
     let listed: HashSet<usize> = derivatives.iter().copied().collect();
-    let unlisted =
-        |(place, variable): &(usize, &Variable)| variable.derivative_of().is_some() && !listed.contains(place);
+    // The derivative of an input is an input.
+    let unlisted = |(place, variable): &(usize, &Variable)| {
+        variable.derivative_of().is_some() && variable.causality != "input" && !listed.contains(place)
+    };
     for (place, variable) in variables.iter().enumerate().filter(unlisted) {
         if child(root, "ModelExchange").is_some() {
             let what = "it has the attribute derivative, and does not stand in Derivatives";
-            let at = At { line: at.line, variable: Some(variable.name.to_owned()) };
+            let at = At::named(at.line, variable.name);
             let advice = format!("add <Unknown index=\"{}\"/> if it is that of a state", place + 1);
             findings.warning(at, what, SECTION, advice);
         }
@@ -168,7 +170,7 @@ fn check_initial(
         match (expected.contains(&place), listed.contains(&place)) {
             (true, false) => {
                 let what = "it is computed at the start, and does not stand in InitialUnknowns";
-                let at = At { line: at.line, variable: Some(variable.name.to_owned()) };
+                let at = At::named(at.line, variable.name);
                 findings.error(at, what, SECTION, format!("add <Unknown index=\"{}\"/> to InitialUnknowns", place + 1));
             }
             (false, true) => {

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use roxmltree::Node;
 
-use super::findings::{At, Findings, Lines};
+use super::findings::{At, Findings, Lines, short};
 use super::text::double;
 use super::variables::{SECTION, Variable};
 use crate::simulation::description::{child, elements};
@@ -23,7 +23,7 @@ pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings:
     check_types(root, variables, lines, findings);
     let types = types(root);
     for (name, node) in &types {
-        check_unit(*node, None, &units, &|| At { variable: Some((*name).to_owned()), ..lines.at(*node) }, findings);
+        check_unit(*node, None, &units, &|| At::named(lines.of_node(*node), name), findings);
     }
     for variable in variables {
         let Some(value) = variable.value else { continue };
@@ -35,7 +35,8 @@ pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings:
                 findings.error(variable.at(), what, SECTION, "define it in TypeDefinitions");
             }
             (Some(name), Some(node)) if node.tag_name().name() != variable.kind => {
-                let what = format!("it is of type {}, `{name}` is one of {}", variable.kind, node.tag_name().name());
+                let (name, kind) = (short(name), node.tag_name().name());
+                let what = format!("it is of type {}, `{name}` is one of {kind}", variable.kind);
                 findings.error(variable.at(), what, SECTION, "name a type of its own kind");
             }
             _ => {}
@@ -51,17 +52,17 @@ fn check_units<'a>(root: Node<'a, '_>, lines: &Lines, findings: &mut Findings) -
     let mut units = Units::new();
     for unit in child(root, "UnitDefinitions").into_iter().flat_map(|node| elements(node, "Unit")) {
         let name = unit.attribute("name").unwrap_or_default();
-        let mut shown = HashSet::new();
+        let (mut shown, short_name) = (HashSet::new(), short(name));
         for display in elements(unit, "DisplayUnit") {
             let other = display.attribute("name").unwrap_or_default();
             if !shown.insert(other) {
-                let what = format!("the display unit `{other}` of `{name}` stands there twice");
+                let what = format!("the display unit `{other}` of `{short_name}` stands there twice");
                 findings.error(lines.at(display), what, "2.2.2", "define it once");
             }
         }
         for node in unit.children().filter(Node::is_element) {
             if node.attribute("factor").and_then(double) == Some(0.0) {
-                let what = format!("factor = 0 in the unit `{name}`");
+                let what = format!("factor = 0 in the unit `{short_name}`");
                 findings.error(lines.at(node), what, "2.2.2", "values can't be converted by 0: give its factor");
             }
         }
@@ -87,12 +88,13 @@ fn check_types(root: Node, variables: &[Variable], lines: &Lines, findings: &mut
             findings.error(lines.at(node), what, "2.2.3", "name it otherwise");
         }
         let items: Vec<Node> = elements(node, "Enumeration").flat_map(|node| elements(node, "Item")).collect();
+        let short_name = short(name);
         for key in ["name", "value"] {
             let mut found = HashSet::new();
             for item in &items {
                 let value = item.attribute(key).unwrap_or_default();
                 if !found.insert(value) {
-                    let what = format!("two items of the type `{name}` have the {key} {value}");
+                    let what = format!("two items of the type `{short_name}` have the {key} {value}");
                     findings.error(lines.at(*item), what, "2.2.3", format!("give each a {key} of its own"));
                 }
             }
@@ -115,8 +117,8 @@ fn check_unit(node: Node, declared: Option<Node>, units: &Units, at: &dyn Fn() -
             findings.error(at(), what, "2.2.3", "name the unit too");
         }
         Some(unit) if units.get(unit).is_some_and(|shown| !shown.contains(display)) => {
-            let what = format!("the display unit `{display}` of the unit `{unit}` is not defined");
-            findings.error(at(), what, "2.2.2", "define it as DisplayUnit of that unit");
+            let what = format!("the display unit `{display}` of the unit `{}` is not defined", short(unit));
+            findings.warning(at(), what, "2.2.2", "tools ignore it: define it as DisplayUnit of that unit");
         }
         Some(_) => {}
     }

@@ -12,7 +12,7 @@ use crate::simulation::description::elements;
 pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings: &mut Findings) {
     let types = types(root);
     for (name, node) in &types {
-        let at = || At { variable: Some((*name).to_owned()), ..lines.at(*node) };
+        let at = || At::named(lines.of_node(*node), name);
         check_limits(&|key| node.attribute(key).and_then(double), &at, "2.2.3", findings);
     }
     for variable in variables {

@@ -1,11 +1,12 @@
 //! Variables, one by one: what they are, how they change, how they start.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use roxmltree::Node;
 
-use super::findings::{At, Findings, Lines};
+use super::findings::{At, Findings, Lines, short};
 use super::text::{boolean, one_of};
+use super::types::Types;
 use crate::simulation::description::{child, elements};
 
 /// The section of the standard that defines variables.
@@ -82,8 +83,14 @@ impl<'a, 'input> Variable<'a, 'input> {
         self.value.and_then(|value| value.attribute(name))
     }
 
+    /// Its unit: its own, or that of its type.
+    pub fn unit(&self, types: &Types<'a, '_>) -> Option<&'a str> {
+        let declared = || types.get(self.attribute("declaredType")?)?.attribute("unit");
+        self.attribute("unit").or_else(declared)
+    }
+
     pub fn at(&self) -> At {
-        At { line: Some(self.line), variable: Some(self.name.to_owned()) }
+        At::named(self.line, self.name)
     }
 
     /// The place of the variable whose derivative it is, from 1.
@@ -95,14 +102,18 @@ impl<'a, 'input> Variable<'a, 'input> {
 /// Checks names, combinations of attributes, and start values.
 pub(super) fn check(variables: &[Variable], findings: &mut Findings) {
     check_names(variables, findings);
-    for variable in variables {
+    let states: HashSet<usize> = variables.iter().filter_map(Variable::derivative_of).collect();
+    for (place, variable) in variables.iter().enumerate() {
         check_combination(variable, findings);
         check_start(variable, findings);
         check_derivative(variable, variables, findings);
+        if variable.attribute("reinit").and_then(boolean) == Some(true) && !states.contains(&(place + 1)) {
+            findings.error(variable.at(), "reinit = \"true\" of no state", SECTION, "remove reinit");
+        }
     }
     let mut independent = variables.iter().filter(|variable| variable.causality == "independent");
     if let (Some(first), Some(second)) = (independent.next(), independent.next()) {
-        let what = format!("there are two independent variables, `{}` is one already", first.name);
+        let what = format!("there are two independent variables, `{}` is one already", short(first.name));
         findings.error(second.at(), what, SECTION, "declare at most one, the time");
     }
 }
@@ -181,23 +192,21 @@ fn check_derivative(variable: &Variable, variables: &[Variable], findings: &mut 
                 findings.error(variable.at(), what, SECTION, advice);
             }
             Some(state) if state.kind != "Real" || state.variability != "continuous" => {
-                let what = format!("it is the derivative of `{}`, a {} {}", state.name, state.variability, state.kind);
+                let name = short(state.name);
+                let what = format!("it is the derivative of `{name}`, a {} {}", state.variability, state.kind);
                 findings.error(variable.at(), what, SECTION, "only a continuous Real has a derivative");
             }
             Some(state) if std::ptr::eq(state, variable) => {
                 findings.error(variable.at(), "it is its own derivative", SECTION, "name the state by its number");
             }
+            // A master that knows how an input changes hands it over by a second one.
+            Some(state) if (state.causality, variable.causality) == ("input", "input") => {}
             Some(state) if !matches!(state.causality, "local" | "output") => {
-                let what = format!("it is the derivative of `{}`, a {}", state.name, state.causality);
+                let article = if state.causality.starts_with('i') { "an" } else { "a" };
+                let what = format!("it is the derivative of `{}`, {article} {}", short(state.name), state.causality);
                 findings.warning(variable.at(), what, SECTION, "a state has causality local or output");
             }
             Some(_) => {}
-        }
-    }
-    if variable.attribute("reinit").and_then(boolean) == Some(true) {
-        let place = variables.iter().position(|other| std::ptr::eq(other, variable)).map(|place| place + 1);
-        if !variables.iter().any(|other| place.is_some() && other.derivative_of() == place) {
-            findings.error(variable.at(), "reinit = \"true\" of no state", SECTION, "remove reinit");
         }
     }
 }

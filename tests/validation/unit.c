@@ -1,5 +1,7 @@
 /* A unit of one output y = t and one parameter k = 1, for co-simulation, with faults that are chosen when it is built:
-   NAN_OUTPUT, FAILING_STEP, OTHER_START, ONLY_ONE, NO_STEP (not exported), NO_STATE (not exported), UNLOADABLE. */
+   NAN_OUTPUT, FAILING_STEP, OTHER_START, ONLY_ONE, NO_STEP (not exported), NO_STATE (not exported), UNLOADABLE;
+   and with what the standard allows: STRICT (the parameter can't be read in Initialization Mode), FIXED_STEP (each step
+   must be 0.3 s, to the last digit), NAN_LOCAL (the variable 2 is NaN). */
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -8,7 +10,7 @@
 #define DONE(name, ...) int name(__VA_ARGS__) { return 0; }
 
 typedef void *C;
-typedef struct { double k, time; } Unit;
+typedef struct { double k, time; int initialized; } Unit;
 static int instances = 0;
 
 const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -31,9 +33,15 @@ void fmi2FreeInstance(C unit) { instances--; free(unit); }
 
 int fmi2GetReal(C c, const unsigned *references, size_t n, double *values) {
     Unit *unit = c;
+#ifdef STRICT
+    for (size_t i = 0; i < n; i++) if (references[i] == 1 && !unit->initialized) return 3;
+#endif
     for (size_t i = 0; i < n; i++) values[i] = references[i] == 1 ? unit->k : unit->time;
 #ifdef NAN_OUTPUT
     for (size_t i = 0; i < n; i++) if (references[i] == 0 && unit->time > 0.25) values[i] = NAN;
+#endif
+#ifdef NAN_LOCAL
+    for (size_t i = 0; i < n; i++) if (references[i] == 2) values[i] = NAN;
 #endif
     return 0;
 }
@@ -47,6 +55,9 @@ int fmi2SetReal(C c, const unsigned *references, size_t n, const double *values)
 int fmi2DoStep(C c, double time, double step, int new_values) {
 #ifdef FAILING_STEP
     if (time > 0.25) return 3;
+#endif
+#ifdef FIXED_STEP
+    if (step != 0.3) return 3;
 #endif
     ((Unit *)c)->time = time + step;
     return 0;
@@ -65,7 +76,7 @@ STUB(fmi2GetFMUstate, C c, void **state)
 DONE(fmi2SetDebugLogging, C c, int on, size_t n, const char *const *categories)
 DONE(fmi2SetupExperiment, C c, int a, double b, double start, int d, double stop)
 DONE(fmi2EnterInitializationMode, C c)
-DONE(fmi2ExitInitializationMode, C c)
+int fmi2ExitInitializationMode(C c) { ((Unit *)c)->initialized = 1; return 0; }
 DONE(fmi2Terminate, C c)
 DONE(fmi2Reset, C c)
 DONE(fmi2GetInteger, C c, const unsigned *references, size_t n, int *values)
