@@ -359,8 +359,10 @@ fn a_thrust_at_its_limit_counts_too() {
     unit.put("u_manual[1]", 20.0);
     unit.run(0.0, 20, 1e-3);
     assert!(unit.get("u[1]") == 15.0 && (unit.get("time_at_limit") - 0.019).abs() < 1e-9);
+    unit.run(0.02, 2000, 1e-3);
+    assert!(unit.messages().is_empty(), "what a person asks for says nothing of the design");
     unit.put("u_manual[1]", 5.0);
-    unit.run(0.02, 1, 1e-3);
+    unit.run(2.02, 1, 1e-3);
     assert_eq!(unit.get("time_at_limit"), 0.0);
 }
 

@@ -39,12 +39,6 @@ impl AtLimit {
         }
     }
 
-    /// Nothing is known while another controls.
-    pub fn forget(&self, v: &mut Point) {
-        v[self.side].fill(0.0);
-        v[self.longest] = 0.0;
-    }
-
     /// Looks at the control at t, and warns once where one has stood at its limit for so long.
     pub fn look(&self, t: f64, settling_time: f64, v: &mut Point) {
         let Limited { u, u_min, u_max } = self.limited;

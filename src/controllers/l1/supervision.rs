@@ -48,11 +48,9 @@ impl Law {
     /// Counts estimates at their bounds and the time of a control at its limit; warns of them and of a step that is too
     /// long.
     pub fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
-        if v.get(self.active) {
-            self.at_limit.look(t, v[self.design.settling_time], v);
-        } else {
-            self.at_limit.forget(v);
-        }
+        // Where a person controls, a limit says nothing of the design: no warning.
+        let settling_time = if v.get(self.active) { v[self.design.settling_time] } else { f64::INFINITY };
+        self.at_limit.look(t, settling_time, v);
         let count = self.projections(&v.values());
         v.put(self.projection_active, count as i32);
         if count > 0 {
