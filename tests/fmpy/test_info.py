@@ -82,7 +82,7 @@ def test_info_of_an_fmu_of_another_tool_says_what_isnt_in_it(tmp_path: Path) -> 
         assert words in shown.stdout
     # A text of others breaks no line.
     assert "a\\nb" in shown.stdout
-    assert "not for co-simulation" in fails("linearise", foreign)
+    assert "can't run on this platform" in fails("linearise", foreign)
 
 
 def test_a_description_with_other_values_keeps_the_comments_of_the_one_it_comes_from(tmp_path: Path) -> None:
