@@ -58,6 +58,15 @@ impl Shared {
     }
 }
 
+/// With the last instance goes what is known of a unit: a host that unloads the library finds nothing left of it.
+impl Drop for Shared {
+    fn drop(&mut self) {
+        let mut known = known_units();
+        known.retain(|known| known.unit.strong_count() > 0);
+        known.shrink_to_fit();
+    }
+}
+
 fn known_units() -> std::sync::MutexGuard<'static, Vec<Known>> {
     // What a panic left is whole: units are only added and removed.
     KNOWN.lock().unwrap_or_else(PoisonError::into_inner)

@@ -66,7 +66,10 @@ def test_co_simulation_gives_what_fmpy_gives(name: str, fmu, tmp_path: Path) -> 
     )
     assert len(ours["time"]) == len(theirs["time"]) == round(STOP / STEP) + 1
     for output in outputs:
-        np.testing.assert_allclose(ours[output], theirs[output].astype(float), rtol=1e-9, atol=1e-9, err_msg=output)
+        wanted = theirs[output].astype(float)
+        # Inputs are the same but for rounding; fast adaptation makes of that what the units' tolerance, 1e-6, allows.
+        size = max(1.0, np.abs(wanted).max())
+        np.testing.assert_allclose(ours[output], wanted, rtol=0, atol=1e-6 * size, err_msg=output)
 
 
 @pytest.mark.parametrize("name", ["NonlinearSiso", "TwoLinkRobot", "MaresAuv", "TwinRotor", "Reference", "ReferenceQuadrotor"])
@@ -85,9 +88,10 @@ def test_inputs_are_linear_between_their_times_in_model_exchange(fmu, tmp_path: 
     (tmp_path / "ramp.csv").write_text('time,"u[1]"\n0,0\n0.5,1\n0.5,-1\n1,0\n')
     options = ["--input", tmp_path / "ramp.csv", "--until", "1", "--record", "x[1],x[2]"]
     exact = simulate(fmu(PLANT).path, tmp_path / "me", *options, "--step", "0.1", "--interface", "me", "--tolerance", "1e-10")
-    near = simulate(fmu(PLANT).path, tmp_path / "cs", *options, "--step", "1e-4")
+    # Held over a step, an input lags by half of it.
+    near = simulate(fmu(PLANT).path, tmp_path / "cs", *options, "--step", "1e-5")
     for name in ("x[1]", "x[2]"):
-        np.testing.assert_allclose(exact[name], near[name][::1000], atol=2e-4)
+        np.testing.assert_allclose(exact[name], near[name][::10000], atol=5e-5)
 
 
 def test_wrong_inputs_are_refused_by_line_and_name(fmu, tmp_path: Path) -> None:
@@ -111,8 +115,11 @@ def test_wrong_inputs_are_refused_by_line_and_name(fmu, tmp_path: Path) -> None:
 
 def test_a_failing_unit_keeps_what_was_computed(fmu, tmp_path: Path) -> None:
     for interface in ("cs", "me"):
-        told = refused(fmu(PLANT).path, "--set", "x0[1]=1", "--interface", interface, "--out", tmp_path / interface)
-        assert "diverges" in told and "what was computed until then is in" in told
+        options = ["--set", "x0[1]=1", "--interface", interface, "--out", tmp_path / interface]
+        answer = adaptive_fmu("simulate", fmu(PLANT).path, *options)
+        kept, error = answer.stderr.splitlines()
+        assert answer.returncode == 1 and kept.startswith("what was computed until then is in"), answer
+        assert error.startswith("error: ") and "diverges" in error
         assert 1.2 < read_csv(tmp_path / interface / PLANT / "result.csv")["time"][-1] < 1.26
 
 
