@@ -131,7 +131,6 @@ def test_a_lost_worker_loses_no_result(finished, cluster: SimpleNamespace, in_a_
 def test_the_study_tells_how_far_it_is_and_leaves_a_table_and_a_picture(finished) -> None:
     out, done, _ = finished
     failed = sum(row["outcome"] != loop.HELD for row in rows(out))
-    assert failed > 0
     assert f"{LOOPS} of {LOOPS} loops, {failed} failed" in done.stdout
     assert f"failed: {failed} of {LOOPS}" in (out / "summary.txt").read_text()
     assert (out / "failure_rate.svg").read_text().count("failure rate") and (out / "failure_rate.png").exists()
