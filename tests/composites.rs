@@ -314,7 +314,7 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
     assert!(notes.len() == 1 && notes[0].contains("`controller.relative_tolerance` is left out"), "{notes:?}");
     structure.set("reference.signal=3").unwrap();
     let told = exporter::composite(&structure, &library).unwrap_err().to_string();
-    assert!(told.contains("`reference.signal` = 3") && told.contains("cosine, square"), "{told}");
+    assert!(told.contains("`reference.signal` = 3") && told.contains("cosine (1), square (2)"), "{told}");
 }
 
 #[test]

@@ -154,7 +154,7 @@ def test_a_single_value_prevails_and_may_name_the_fmu(loop, tmp_path) -> None:
         ("observer.gain=1", ["observer.gain", "reference, plant, controller"]),
         ("plant.a1=high", ["plant.a1", "high", "number"]),
         ("plant.a1=inf", ["plant.a1", "finite"]),
-        ("reference.signal=triangle", ["reference.signal", "cosine, square"]),
+        ("reference.signal=triangle", ["reference.signal", "cosine (1), square (2)"]),
         ("plant.y[1]=1", ["plant.y[1]", "output"]),
         ("plant.u[1]=1", ["plant.u[1]", "connected"]),
         ("plant.a1", ["UNIT.variable=value"]),
