@@ -5,7 +5,8 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use adaptive_fmu::simulation::Settings;
+use adaptive_fmu::error::Error;
+use adaptive_fmu::simulation::{Ending, Recording, Settings};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Exit code of a run that was interrupted: 128 and the number of the signal, as shells have it.
@@ -70,8 +71,28 @@ impl Progress {
         Progress { bar, settings, begun: now, told: now }
     }
 
+    /// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.
+    pub fn watch(
+        mut self,
+        run: impl FnOnce(&mut dyn FnMut(f64) -> bool) -> Result<Recording, (Error, Box<Recording>)>,
+    ) -> (Recording, Ending, Option<Error>) {
+        let mut ending = Ending::Complete;
+        let result = run(&mut |time| {
+            self.show(time);
+            if is_interrupted() && time < self.settings.stop_time {
+                ending = Ending::Interrupted;
+            }
+            ending == Ending::Complete
+        });
+        self.bar.finish_and_clear();
+        match result {
+            Ok(recording) => (recording, ending, None),
+            Err((error, recording)) => (*recording, Ending::Failed(error.to_string()), Some(error)),
+        }
+    }
+
     /// Shows how far the run is.
-    pub fn show(&mut self, time: f64) {
+    fn show(&mut self, time: f64) {
         // Far more often than anyone can read, and writing costs more than a step.
         if self.told.elapsed() < REFRESH / 2 {
             return;
@@ -81,10 +102,6 @@ impl Progress {
         let speed = done / self.begun.elapsed().as_secs_f64();
         self.bar.set_message(format!("t = {time:.2} of {} s, {speed:.1} × real time", self.settings.stop_time));
         self.bar.set_position((done * 1e3) as u64);
-    }
-
-    pub fn clear(&self) {
-        self.bar.finish_and_clear();
     }
 }
 

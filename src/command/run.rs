@@ -6,9 +6,7 @@ use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
-use adaptive_fmu::simulation::{
-    ClosedLoop, Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict,
-};
+use adaptive_fmu::simulation::{Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict};
 use adaptive_fmu::simulation::{measure, svg, terminal};
 use adaptive_fmu::text_file::csv_field;
 use serde_json::{Value, json};
@@ -142,29 +140,13 @@ pub fn simulated(
     let loaded = loaded.recording(further.iter().copied());
     let closed = loaded.instantiate(&[])?;
     let begun = Instant::now();
-    let (mut recording, ending, failure) = simulate(closed, settings, &mut Progress::new(bars, name, settings));
+    let (mut recording, ending, failure) =
+        Progress::new(bars, name, settings).watch(|go_on| closed.run(settings, go_on));
     let took = begun.elapsed();
     let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
     structure.name = own_name;
     Ok(Run { structure, settings, whole, recording, measured, ending, folder: None, failure, took })
-}
-
-/// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.
-fn simulate(closed: ClosedLoop, settings: Settings, progress: &mut Progress) -> (Recording, Ending, Option<Error>) {
-    let mut ending = Ending::Complete;
-    let result = closed.run(settings, |time| {
-        progress.show(time);
-        if progress::is_interrupted() && time < settings.stop_time {
-            ending = Ending::Interrupted;
-        }
-        ending == Ending::Complete
-    });
-    progress.clear();
-    match result {
-        Ok(recording) => (recording, ending, None),
-        Err((error, recording)) => (*recording, Ending::Failed(error.to_string()), Some(error)),
-    }
 }
 
 pub fn write_results(report: &Report, out: &Path) -> Result<(), Error> {

@@ -18,7 +18,7 @@ use super::hosting::HostingOptions;
 use super::linearise::{assignment, find_fmu};
 use super::loop_options::{check_points, positive};
 use super::names::Names;
-use super::progress::{self, Bars, Progress};
+use super::progress::{Bars, Progress};
 use super::run::{METRICS, PAGE, PLOT, TABLE, exit_code, write_results};
 
 /// Communication step of an FMU that proposes none, and its stop time, s.
@@ -99,7 +99,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         inputs: inputs.as_ref(),
         further,
     };
-    let (recording, ending, failure) = run(&alone, settings, &Bars::new(arguments.json));
+    let (recording, ending, failure) = Progress::new(&Bars::new(arguments.json), &description.name, settings)
+        .watch(|go_on| alone.run(settings, go_on));
     let structure = structure(&fmu, &recording, settings, &arguments.set);
     let whole = true;
     let report =
@@ -117,23 +118,6 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     print(&report, has_results.then_some(&results), arguments.json);
     Ok(exit_code(if ending == Ending::Interrupted { Verdict::Interrupted } else { Verdict::Holds }))
-}
-
-fn run(alone: &Alone, settings: Settings, bars: &Bars) -> (Recording, Ending, Option<Error>) {
-    let mut ending = Ending::Complete;
-    let mut shown = Progress::new(bars, &alone.fmu.description.name, settings);
-    let result = alone.run(settings, |time| {
-        shown.show(time);
-        if progress::is_interrupted() && time < settings.stop_time {
-            ending = Ending::Interrupted;
-        }
-        ending == Ending::Complete
-    });
-    shown.clear();
-    match result {
-        Ok(recording) => (recording, ending, None),
-        Err((error, recording)) => (*recording, Ending::Failed(error.to_string()), Some(error)),
-    }
 }
 
 /// The unit as a loop of one, whose signals are plotted with those of the same unit of measurement.

@@ -91,7 +91,9 @@ impl Request<'_> {
         };
         let (_, m, p) = plant.sizes();
         if outputs_are_inputs && p != m {
-            let allowed = format!("must be {m}, as many as inputs: give those that matter, and no others");
+            let allowed = format!(
+                "must be {m}, as many as inputs: give those that matter, and no others (of a --plant, by --outputs NAME,…)"
+            );
             return Err(Invalid::new("outputs", p, allowed));
         }
         if outputs_are_inputs && plant.D.is_some() {
