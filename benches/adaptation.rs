@@ -7,10 +7,6 @@
 //! asked in every one of these steps: x̂, η̂ and u_ad at the step's end, against a reference and relative to the largest
 //! magnitude that each has among all ends.
 
-#[allow(dead_code)] // tests use more of it
-#[path = "../tests/common/models.rs"]
-mod models;
-
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Duration;
@@ -19,8 +15,8 @@ use adaptive_fmu::execution::Execution;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::Section;
+use common::models::Run;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use models::Run;
 
 /// A loop: its name, its units (the plant, what gives the reference, the controller), lines of the controller's start.
 struct Loop {
@@ -95,7 +91,7 @@ fn record(of: &Loop) -> Vec<Begin> {
         plant.step(STEP);
         hand_over(&reference, &mut controller, "r");
         hand_over(&plant, &mut controller, "x");
-        let reals = &controller.0.block.reals;
+        let reals = &controller.0.block().reals;
         let begin = Begin { inputs: reals[inputs.clone()].to_vec(), states: reals[states.clone()].to_vec() };
         controller.step(STEP);
         begin
@@ -115,7 +111,7 @@ fn replay(controller: &mut Run, begins: &[Begin], h: f64, mut after: impl FnMut(
     let variables = controller.0.model().variables();
     let [inputs, states] = [Section::Input, Section::State].map(|section| variables.reals(section));
     for begin in begins {
-        let reals = &mut controller.0.block.reals;
+        let reals = &mut controller.0.block_mut().reals;
         reals[inputs.clone()].copy_from_slice(&begin.inputs);
         reals[states.clone()].copy_from_slice(&begin.states);
         controller.step(h);

@@ -1,5 +1,6 @@
 //! Uncertain second-order system behind an actuator: chapter 4 and example 7.5.1.
 
+use crate::catalogue::Catalogued;
 use crate::system::{
     Choice, ChoiceOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf,
     Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
@@ -73,7 +74,7 @@ impl System for ActuatedSiso {
     const DOCUMENTATION: &'static str = include_str!("../docs/plants/actuated_siso.md");
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let plant = ActuatedSiso {
+        Ok(ActuatedSiso {
             x0: d.parameter(vector("x0", 2, "").each(&["initial x1", "initial x2"]).units(&["1", "1/s"]).fixed()),
             mu0: d.parameter(scalar("mu0", "initial value of the actuator's output").fixed()),
             z0: d.parameter(vector("z0", 2, "initial state of the unmodeled dynamics").fixed()),
@@ -93,20 +94,13 @@ impl System for ActuatedSiso {
                     .each(&["output of the unmodeled dynamics", "second state of the unmodeled dynamics"]),
             ),
             y: d.output(vector("y", 1, "tracked output, C x")),
-        };
-        d.depends(plant.y, &[&plant.x]);
-        d.depends(plant.x.at(0).rate(), &[&plant.x.at(1)]);
-        d.depends(plant.x.at(1).rate(), &[&plant.x, &plant.mu, &plant.z.at(0)]);
-        d.depends(plant.mu.rate(), &[&plant.mu, &plant.u]);
-        d.depends(plant.z.rate(), &[&plant.z, &plant.x]);
-        Ok(plant)
+        })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
         v.copy(self.mu0, self.mu);
         v.copy(self.z0, self.z);
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -149,21 +143,24 @@ impl Terms {
 
     fn coefficients<S: Scalar>(&self, t: S, v: &Values<S>) -> Coefficients<S> {
         let zero = S::from(0.0);
-        let (a, z_coefficient) = (v.array(self.coefficient), v[self.z_coefficient]);
-        match v.get(self.uncertainty) {
-            Uncertainty::TimeInvariant => Coefficients { a, phi: zero, d: zero, b: zero },
-            Uncertainty::UnmodeledDynamics => Coefficients { a, phi: zero, d: zero, b: z_coefficient },
-            Uncertainty::TimeVarying => {
-                let [m1, m2, m3, m4] = v.array(self.mean);
-                let [a1, a2, a3] = v.array(self.amplitude);
-                let (sin, cos) = (|omega: f64| (t * omega).sin(), |omega: f64| (t * omega).cos());
-                Coefficients {
-                    a: [m1 + a1 * sin(0.4), m2 + a2 * cos(0.35), m3 + a3 * sin(0.3), m4],
-                    phi: cos(0.3) * 0.5,
-                    d: sin(0.35) * cos(0.4),
-                    b: sin(0.3) * cos(0.4),
-                }
-            }
-        }
+        let uncertainty = v.get(self.uncertainty);
+        let constant = || {
+            let b = S::select(uncertainty.is(Uncertainty::UnmodeledDynamics), v[self.z_coefficient], zero);
+            (v.array(self.coefficient), [zero, zero, b])
+        };
+        let varying = || {
+            let [m1, m2, m3, m4] = v.array(self.mean);
+            let [a1, a2, a3] = v.array(self.amplitude);
+            let (sin, cos) = (|omega: f64| (t * omega).sin(), |omega: f64| (t * omega).cos());
+            let a = [m1 + a1 * sin(0.4), m2 + a2 * cos(0.35), m3 + a3 * sin(0.3), m4];
+            (a, [cos(0.3) * 0.5, sin(0.35) * cos(0.4), sin(0.3) * cos(0.4)])
+        };
+        let (a, [phi, d, b]) = S::branch(uncertainty.is(Uncertainty::TimeVarying), varying, constant);
+        Coefficients { a, phi, d, b }
     }
+}
+
+impl Catalogued for ActuatedSiso {
+    const TITLE: &'static str = "Uncertain system behind an actuator";
+    const PAGE: &'static str = "plants/actuated_siso";
 }

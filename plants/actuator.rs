@@ -1,11 +1,14 @@
 //! An actuator: what a plant gets of what a controller commands.
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
+use super::template::{channels, write_channels};
+use crate::catalogue::{Catalogued, Role};
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
     Declaration, Input, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit,
     Values, VectorOf, scalar, vector,
 };
+use crate::template::{Request, Sizes, Template, all, named, write_limits, write_names};
 
 /// Event indicators of a channel: two of each piecewise linear effect.
 const KINKS: usize = 6;
@@ -34,17 +37,14 @@ impl System for Actuator {
     const NAME: &'static str = "actuator";
     const DOCUMENTATION: &'static str = include_str!("../docs/plants/actuator.md");
 
-    fn indicators(&self) -> usize {
-        KINKS * self.u.len()
-    }
-
     fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
         let units = structure.units()?;
         let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
         let m = units.len();
         let clock = Clock::declare(d, "the delay; time constant of a rate limit that has no lag behind it");
         let parameter = |name: &str, text: &str, start: f64| vector(name, m, text).start(start).units(&units);
-        let actuator = Actuator {
+        d.indicators(std::iter::repeat_n("", KINKS * m));
+        Ok(Actuator {
             dead_zone: d.parameter(parameter("dead_zone", "commands up to this magnitude do nothing", 0.0).min(0.0)),
             line: DelayLine::declare(d, clock, &structure),
             u_min: d.parameter(parameter("u_min", "smallest output; -1e15 is no limit", -UNLIMITED)),
@@ -62,16 +62,11 @@ impl System for Actuator {
             samples: d.prepared(scalar("#samples", "").hidden()),
             u: d.input(vector("u", m, "command").units(&units)),
             y: d.output(vector("y", m, "what the actuator gives").units(&units)),
-        };
-        for i in 0..m {
-            d.depends(actuator.y.at(i), &[&actuator.u.at(i), &actuator.lag.x.at(i)]);
-            d.depends(actuator.lag.x.at(i).rate(), &[&actuator.u.at(i), &actuator.lag.x.at(i)]);
-        }
-        Ok(actuator)
+        })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
         if let Err(reasons) = self.line.prepare(v) {
             invalid.and(reasons);
         }
@@ -84,20 +79,19 @@ impl System for Actuator {
         invalid.into_result()
     }
 
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.clock.start(t, v);
         for i in 0..self.u.len() {
             let command = self.noticed(i, &v.values());
             self.line.fill(i, command, v);
-            let (acts, command) = (v[self.working_time_constant][i] > 0.0, self.possible(t, i, &v.values()));
+            let (acts, command) = (self.lags(i, v), self.possible(t, i, &v.values()));
             self.lag.start(i, acts, command, v);
         }
-        Ok(())
     }
 
-    fn parameters_changed(&self, t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         for i in 0..self.u.len() {
-            let (acts, command) = (v[self.working_time_constant][i] > 0.0, self.possible(t, i, &v.values()));
+            let (acts, command) = (self.lags(i, v), self.possible(t, i, &v.values()));
             self.lag.change(i, acts, command, v);
         }
     }
@@ -112,57 +106,54 @@ impl System for Actuator {
         for i in 0..self.u.len() {
             let limit = v[self.rate_limit][i];
             let wanted = || (self.possible(t, i, v) - v[self.lag.x][i]) / v[self.working_time_constant][i];
-            dx[self.lag.x][i] = if self.lag.acts(i, v) { within(wanted(), -limit, limit) } else { S::from(0.0) };
+            dx[self.lag.x][i] = S::branch(self.lag.acts(i, v), || within(wanted(), -limit, limit), || S::from(0.0));
         }
     }
 
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
-        (v[self.samples] != 0.0).then(|| self.clock.next(v))
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
+        S::branch(v[self.samples].equals(S::from(0.0)), || S::from(f64::INFINITY), || self.clock.next(v))
     }
 
     /// Kinks of the equations: no step leads across one, or its error would not be known. What is not set has none.
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
         for (i, z) in z.chunks_exact_mut(KINKS).enumerate() {
             let (u, dead_zone) = (v[self.u][i], v[self.dead_zone][i]);
             let command = self.line.delayed(t, i, self.noticed(i, v), v);
             let ahead = within(command, v[self.u_min][i], v[self.u_max][i]) - v[self.lag.x][i];
             let most = v[self.rate_limit][i] * v[self.working_time_constant][i];
-            z.fill(1.0);
-            if dead_zone > 0.0 {
-                z[..2].copy_from_slice(&[u - dead_zone, u + dead_zone]);
-            }
+            let none = [S::from(1.0); 2];
+            let has_zone = dead_zone.above(S::from(0.0));
+            let is_limited = v[self.rate_limit][i].below(S::from(UNLIMITED));
+            z[..2].copy_from_slice(&S::branch(has_zone, || [u - dead_zone, u + dead_zone], || none));
             z[2..4].copy_from_slice(&[command - v[self.u_min][i], command - v[self.u_max][i]]);
-            if v[self.rate_limit][i] < UNLIMITED {
-                z[4..].copy_from_slice(&[ahead - most, ahead + most]);
-            }
+            z[4..].copy_from_slice(&S::branch(is_limited, || [ahead - most, ahead + most], || none));
         }
     }
 
     /// A sample is taken where one is due; a kink changes nothing.
-    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
-        if self.next_time_event(&v.values()).is_none_or(|next| next > t) {
-            return;
-        }
-        self.clock.tick(v);
-        for i in 0..self.u.len() {
-            let command = self.noticed(i, &v.values());
-            self.line.push(i, command, v);
-        }
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        v.when(self.next_time_event(&v.values()).at_most(t), |v| {
+            self.clock.tick(v);
+            for i in 0..self.u.len() {
+                let command = self.noticed(i, &v.values());
+                self.line.push(i, command, v);
+            }
+        });
     }
 }
 
 impl Actuator {
+    /// Whether a channel has a lag, of its own or to limit its rate.
+    fn lags<S: Scalar>(&self, i: usize, v: &Point<S>) -> S::Flag {
+        v[self.working_time_constant][i].above(S::from(0.0))
+    }
+
     /// The command behind the dead zone.
     fn noticed<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let (u, dead_zone) = (v[self.u][i], v[self.dead_zone][i]);
         // At its edge, and everywhere without one, the command is passed on.
-        if u.re() >= dead_zone.re() {
-            u - dead_zone
-        } else if u.re() <= -dead_zone.re() {
-            u + dead_zone
-        } else {
-            S::from(0.0)
-        }
+        let below = || S::branch(u.at_most(-dead_zone), || u + dead_zone, || S::from(0.0));
+        S::branch(u.at_least(dead_zone), || u - dead_zone, below)
     }
 
     /// The delayed command within the limits.
@@ -170,4 +161,28 @@ impl Actuator {
         let command = self.line.delayed(t, i, self.noticed(i, v), v);
         within(command, v[self.u_min][i], v[self.u_max][i])
     }
+}
+
+impl Catalogued for Actuator {
+    const TITLE: &'static str = "Actuator";
+    const PAGE: &'static str = "plants/actuator";
+    const ROLE: Role = Role::Actuator;
+    const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::inputs(1), Sizes::inputs(7)] });
+}
+
+/// An actuator with the plant's limits, or without any.
+fn template(request: &Request) -> Result<String, Invalid> {
+    request.only(&["inputs"])?;
+    let (m, signals) = channels(request, request.sizes.inputs, |plant| (plant.sizes().1, &plant.u));
+    let mut text = request.begin(Actuator::TITLE, Actuator::PAGE, 10.0, 1e-3);
+    write_channels(&mut text, m, &signals);
+    write_names(&mut text, &[("u", named(&signals, "_command")), ("y", named(&signals, ""))]);
+    text.table("start");
+    write_limits(&mut text, request.plant.as_ref(), m);
+    text.set("rate_limit", all(1e15, m), "fastest change of the output, its unit a second; 1e15 is no limit");
+    text.set("time_constant", all(0.0, m), "s, lag; 0 is none");
+    text.set("dead_zone", all(0.0, m), "commands up to this magnitude do nothing");
+    text.set("delay", all(0.0, m), "s, a multiple of sample_time");
+    text.set("sample_time", "0.001", "s, of the delay");
+    Ok(text.finish())
 }

@@ -1,7 +1,7 @@
 //! Attitude of a body by roll φ, pitch θ and yaw ψ: it is turned by ψ about z, then by θ about its y, then by φ about
 //! its x.
 
-use crate::system::{Invalid, Number, Scalar};
+use crate::system::{Invalid, Parameter, Point, Scalar, ScalarOf};
 
 /// Up to this cosine of the pitch the three angles still tell roll from yaw.
 const SMALLEST_COSINE: f64 = 1e-8;
@@ -74,18 +74,16 @@ impl<S: Scalar> Attitude<S> {
     /// 1/cos θ; no number from where on the angles describe no attitude.
     fn secant(&self) -> S {
         let cos = self.cos[1];
-        if cos.re() > SMALLEST_COSINE { cos.recip() } else { S::from(f64::NAN) }
+        S::branch(cos.above(S::from(SMALLEST_COSINE)), || cos.recip(), || S::from(f64::NAN))
     }
 }
 
-/// Refuses an initial pitch at which roll and yaw can't be told from each other, or beyond.
-pub(super) fn require_regular(name: &str, theta: f64) -> Result<(), Invalid> {
-    if theta.cos() > SMALLEST_COSINE {
-        return Ok(());
-    }
-    Err(Invalid::new(
-        name,
-        Number(theta),
-        "must have a cosine above 0: from a pitch of 90 degrees on the Euler angles are singular",
-    ))
+/// Refuses, where the angles' rates matter, an initial pitch at which roll and yaw can't be told from each other, or
+/// beyond.
+pub(super) fn require_regular<S: Scalar>(pitch: ScalarOf<Parameter>, matters: S::Flag, v: &mut Point<S>) {
+    let theta = v[pitch];
+    v.refuse(matters & !theta.cos().above(S::from(SMALLEST_COSINE)), |v| {
+        let allowed = "must have a cosine above 0: from a pitch of 90 degrees on the Euler angles are singular";
+        Invalid::new(v.name(pitch), theta.told(), allowed)
+    });
 }

@@ -5,7 +5,7 @@ use serde::Deserialize;
 use crate::report::number;
 use crate::system::{
     Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit,
-    Values, VectorOf, matrix, scalar, vector,
+    Values, VectorOf, any, larger, matrix, scalar, vector,
 };
 
 /// Numbers that all delay lines of a unit may hold together.
@@ -16,7 +16,7 @@ const LARGEST_LINES: usize = 1_000_000;
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Channels {
-    /// Number of channels.
+    /// How many channels, 1 … 1000.
     channels: usize,
     /// Units of the channels, one each; 1 where none are given.
     #[serde(default)]
@@ -69,29 +69,29 @@ impl Clock {
         }
     }
 
-    fn sample_at(&self, t: f64, v: &Point) -> f64 {
+    fn sample_at<S: Scalar>(&self, t: S, v: &Point<S>) -> S {
         // An instant that t meets up to rounding counts as passed.
         (t / v[self.sample_time] + 1e-9).floor()
     }
 
     /// The sample that is the latest at the start.
-    pub fn start(&self, t: f64, v: &mut Point) {
+    pub fn start<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         v[self.sample] = self.sample_at(t, v);
     }
 
     /// Skips samples that passed while nothing was sampled.
-    pub fn catch_up(&self, t: f64, v: &mut Point) {
+    pub fn catch_up<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         // A sample may have been taken a little before its instant, by a rounding of the communication points.
-        v[self.sample] = v[self.sample].max(self.sample_at(t, v));
+        v[self.sample] = larger(v[self.sample], self.sample_at(t, v));
     }
 
     /// The next sample is taken.
-    pub fn tick(&self, v: &mut Point) {
+    pub fn tick<S: Scalar>(&self, v: &mut Point<S>) {
         v[self.sample] += 1.0;
     }
 
     /// When the next sample is to be taken, s.
-    pub fn next(&self, v: &Values<f64>) -> f64 {
+    pub fn next<S: Scalar>(&self, v: &Values<S>) -> S {
         (v[self.sample] + 1.0) * v[self.sample_time]
     }
 }
@@ -103,7 +103,7 @@ pub(super) struct DelayLine {
     delay: VectorOf<Parameter>,
     /// The delays in samples.
     samples: VectorOf<Prepared>,
-    /// A ring in each row: sample k is in column k modulo their number.
+    /// A ring in each column, one a channel: sample k is in row k modulo their number.
     line: MatrixOf<Discrete>,
 }
 
@@ -115,7 +115,7 @@ impl DelayLine {
             clock,
             delay: d.parameter(delay.unit("s").min(0.0).fixed()),
             samples: d.prepared(vector("#delay in samples", m, "").hidden()),
-            line: d.discrete(matrix("#delay line", m, delay_samples + 1, "").hidden()),
+            line: d.discrete(matrix("#delay line", delay_samples + 1, m, "").hidden()),
         }
     }
 
@@ -125,18 +125,19 @@ impl DelayLine {
     /// Delays that aren't so many whole samples as the line holds.
     pub fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let mut invalid = Invalid::none();
-        let (sample_time, most) = (v[self.clock.sample_time], (self.line.shape().1 - 1) as f64);
+        let (sample_time, most) = (v[self.clock.sample_time], (self.line.shape().0 - 1) as f64);
         for i in 0..self.delay.len() {
             let delay = v[self.delay][i];
             let samples = (delay / sample_time).round();
             if samples > most || (delay / sample_time - samples).abs() > 1e-6 {
                 let longest = most * sample_time;
                 let allowed = format!(
-                    "must be a multiple of sample_time = {} within 0 … {} (delay_samples = {most})",
+                    "must be a multiple of {} = {} within 0 … {} (delay_samples = {most})",
+                    v.name(self.clock.sample_time),
                     Number(sample_time),
                     number(longest)
                 );
-                invalid.and(Invalid::new(format!("delay[{}]", i + 1), Number(delay), allowed));
+                invalid.and(Invalid::new(v.name(self.delay.at(i)), Number(delay), allowed));
             }
             v[self.samples][i] = samples;
         }
@@ -144,34 +145,44 @@ impl DelayLine {
     }
 
     /// Whether any channel is delayed, now and from the start on: delays are fixed.
-    pub fn is_used(&self, v: &Values<f64>) -> bool {
-        v[self.samples].iter().any(|&samples| samples > 0.0)
+    pub fn is_used<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
+        any::<S>(v[self.samples].iter().map(|samples| samples.above(S::from(0.0))))
     }
 
     /// At the start the line is at rest.
-    pub fn fill(&self, i: usize, value: f64, v: &mut Point) {
-        v.matrix_mut(self.line).row_mut(i).fill(value);
+    pub fn fill<S: Scalar>(&self, i: usize, value: S, v: &mut Point<S>) {
+        v[self.ring(i)].fill(value);
     }
 
     /// Takes what comes in at a sample instant.
-    pub fn push(&self, i: usize, value: f64, v: &mut Point) {
-        let place = self.line.at(i, self.column(v[self.clock.sample]));
-        v[place] = value;
+    pub fn push<S: Scalar>(&self, i: usize, value: S, v: &mut Point<S>) {
+        let place = self.place(v[self.clock.sample]);
+        S::put_element(&mut v[self.ring(i)], place, value);
     }
 
     /// What comes out at t, where this comes in.
     pub fn delayed<S: Scalar>(&self, t: S, i: usize, present: S, v: &Values<S>) -> S {
-        let samples = v[self.samples][i].re();
-        if samples == 0.0 {
-            return present;
-        }
-        let (sample, sample_time) = (v[self.clock.sample].re(), v[self.clock.sample_time]);
-        let [before, after] = [0.0, 1.0].map(|k| v[self.line.at(i, self.column(sample - samples + k))]);
-        before + (after - before) * ((t - sample_time * sample) / sample_time)
+        let samples = v[self.samples][i];
+        let delayed = || {
+            let (sample, sample_time) = (v[self.clock.sample], v[self.clock.sample_time]);
+            let [before, after] = [0.0, 1.0].map(|k| S::element(&v[self.ring(i)], self.place(sample - samples + k)));
+            before + (after - before) * ((t - sample_time * sample) / sample_time)
+        };
+        S::branch(samples.equals(S::from(0.0)), || present, delayed)
     }
 
-    fn column(&self, sample: f64) -> usize {
-        sample.rem_euclid(self.line.shape().1 as f64) as usize
+    /// A channel's ring.
+    fn ring(&self, i: usize) -> VectorOf<Discrete> {
+        let (places, _) = self.line.shape();
+        self.line.elements().part(i * places..(i + 1) * places)
+    }
+
+    /// Where a sample is in a ring: its number k modulo that of the places, n.
+    fn place<S: Scalar>(&self, sample: S) -> S {
+        // Exact for whole numbers below 2^53: k/n is then further below the next whole number than a rounding, so that
+        // its floor is the right one, and all numbers here are whole ones that a float holds.
+        let places = self.line.shape().0 as f64;
+        sample - (sample / places).floor() * places
     }
 }
 
@@ -190,25 +201,24 @@ impl Lag {
     }
 
     /// At the start the lag is at rest.
-    pub fn start(&self, i: usize, acts: bool, input: f64, v: &mut Point) {
-        v[self.acts][i] = 0.0;
+    pub fn start<S: Scalar>(&self, i: usize, acts: S::Flag, input: S, v: &mut Point<S>) {
+        v[self.acts][i] = S::from(0.0);
         self.change(i, acts, input, v);
     }
 
     /// A lag that comes in begins where the channel is, so that nothing jumps.
-    pub fn change(&self, i: usize, acts: bool, input: f64, v: &mut Point) {
-        if acts && v[self.acts][i] == 0.0 {
-            v[self.x][i] = input;
-        }
-        v[self.acts][i] = f64::from(u8::from(acts));
+    pub fn change<S: Scalar>(&self, i: usize, acts: S::Flag, input: S, v: &mut Point<S>) {
+        let comes_in = acts & !self.acts(i, &v.values());
+        v[self.x][i] = S::select(comes_in, input, v[self.x][i]);
+        v[self.acts][i] = S::from_flag(acts);
     }
 
-    pub fn acts<S: Scalar>(&self, i: usize, v: &Values<S>) -> bool {
-        v[self.acts][i].re() != 0.0
+    pub fn acts<S: Scalar>(&self, i: usize, v: &Values<S>) -> S::Flag {
+        !v[self.acts][i].equals(S::from(0.0))
     }
 
     /// What comes out where this comes in.
     pub fn lagged<S: Scalar>(&self, i: usize, input: S, v: &Values<S>) -> S {
-        if self.acts(i, v) { v[self.x][i] } else { input }
+        S::select(self.acts(i, v), v[self.x][i], input)
     }
 }

@@ -1,5 +1,6 @@
 //! Coupled system of three states and three inputs: examples 6.5.1 and 6.5.2.
 
+use crate::catalogue::Catalogued;
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, Signal, Signals,
     State, System, Values, VectorOf, boolean, matrix, vector,
@@ -38,7 +39,7 @@ impl System for CoupledMimo {
             disturbance("d_cosine", "amplitude of cos t in the disturbance d", &[0.0, 1.0, 1.0]),
         ];
         let a = [-36.0, 0.0, 0.0, 36.0, 20.0, 0.0, 0.0, 0.0, -3.0];
-        let plant = CoupledMimo {
+        Ok(CoupledMimo {
             x0: d.parameter(vector("x0", 3, "initial state").fixed()),
             a: d.parameter(matrix("A", 3, 3, "state matrix").starts(&a).unit("1/s")),
             b: d.parameter(matrix("B", 3, 3, "input matrix").identity().unit("1/s")),
@@ -62,17 +63,11 @@ impl System for CoupledMimo {
             u: d.input(vector("u", 3, "control")),
             x: d.state(vector("x", 3, "state").output()),
             y: d.output(vector("y", 3, "tracked output, the state")),
-        };
-        for i in 0..3 {
-            d.depends(plant.y.at(i), &[&plant.x.at(i)]);
-        }
-        d.depends(plant.x.rate(), &[&plant.x, &plant.u]);
-        Ok(plant)
+        })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -95,11 +90,11 @@ impl CoupledMimo {
     fn delta_f<S: Scalar>(&self, [x1, x2, x3]: [S; 3], [u1, _, u3]: [S; 3], v: &Values<S>) -> [S; 3] {
         let [c1, c2, c3, c4, c5] = v.array(self.coefficient);
         let f = [c1 * x3 * x3 + c2 * x1.sin(), c3 * x1 * x3 + c4 * x3.cos() * x1, c5 * x1 * x2];
-        if !v.get(self.nonaffine) {
-            return f;
-        }
-        let [n1, n2] = v.array(self.nonaffine_coefficient);
-        [f[0] + n1 * u3 * u1.cos(), f[1] + n2 * u3 * u3, f[2]]
+        let with_control = || {
+            let [n1, n2] = v.array(self.nonaffine_coefficient);
+            [f[0] + n1 * u3 * u1.cos(), f[1] + n2 * u3 * u3, f[2]]
+        };
+        S::branch(v.get(self.nonaffine), with_control, || f)
     }
 
     fn disturbance<S: Scalar>(&self, t: S, v: &Values<S>) -> [S; 3] {
@@ -116,4 +111,9 @@ fn theta<S: Scalar>(t: S) -> [[S; 3]; 3] {
         [sin(0.2) * 0.9, sin(0.3) * 2.5 + cos(1.0) * 0.3, sin(0.1)],
         [sin(0.13) * 0.5, cos(0.15) * 0.6, cos(0.7) * 1.5 + sin(0.3) * 1.6],
     ]
+}
+
+impl Catalogued for CoupledMimo {
+    const TITLE: &'static str = "Coupled uncertain system of three states and inputs";
+    const PAGE: &'static str = "plants/coupled_mimo";
 }

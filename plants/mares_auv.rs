@@ -4,13 +4,16 @@
 use nalgebra::{DMatrixView, Matrix6};
 
 use super::attitude::{Attitude, require_regular};
+use crate::catalogue::Catalogued;
 use crate::system::{
-    Declaration, Handle, Input, Invalid, MatrixOf, Naming, NoStructure, Number, Parameter, Point, Prepared, Rates,
-    Scalar, ScalarOf, Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
+    Declaration, Input, Invalid, MatrixOf, Naming, NoStructure, Number, Parameter, Point, Prepared, Rates, Scalar,
+    ScalarOf, Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
 };
 
 /// From this ratio of length to diameter on, Lamb's formulas are not a difference of nearly equal numbers.
 const SMALLEST_FINENESS: f64 = 1.001;
+/// Where the initial pitch angle stands.
+const PITCH: usize = 4;
 
 /// M ν' + C(ν) ν + D(ν) ν + g(η) = J(η)ᵀ u, η' = J(η) ν.
 #[derive(Debug)]
@@ -64,7 +67,7 @@ impl System for MaresAuv {
         let state_like = |name: &str, first: usize, last: usize, texts: &[&str]| {
             vector(name, last - first, "").each(texts).units(&units[first..last]).nominals(&nominals[first..last])
         };
-        let plant = MaresAuv {
+        Ok(MaresAuv {
             x0: d.parameter(state_like("x0", 0, 12, &initial).fixed()),
             hull: Hull::declare(d),
             u: d.input(
@@ -77,22 +80,19 @@ impl System for MaresAuv {
             nu: d.state(state_like("nu", 6, 12, &motion)),
             y: d.output(state_like("y", 0, 6, &texts(&tracked))),
             x: d.output(state_like("x", 0, 12, &state)),
-        };
-        plant.declare_dependence(d);
-        Ok(plant)
+        })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         self.hull.prepare(v)
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         let [pose, angles, velocity, rates] = thirds(&v[self.x0]);
-        require_regular("x0[5]", angles[1])?;
+        require_regular(self.x0.at(PITCH), true.into(), v);
         let attitude = Attitude::new(angles);
         v.set(self.eta, [pose, angles].as_flattened());
         v.set(self.nu, [attitude.to_body(velocity), attitude.body_rates(rates)].as_flattened());
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -115,26 +115,6 @@ impl System for MaresAuv {
         dx.set(self.nu, times(v.matrix(self.hull.inverse), total));
         // η' = J(η) ν is the second half of x.
         dx.set(self.eta, &v[self.x][6..]);
-    }
-}
-
-impl MaresAuv {
-    fn declare_dependence(&self, d: &mut Declaration) {
-        let (eta, nu, u) = (self.eta, self.nu, self.u);
-        let (phi, theta, psi) = (eta.at(3), eta.at(4), eta.at(5));
-        for i in 0..6 {
-            d.depends(self.y.at(i), &[&eta.at(i)]);
-            d.depends(self.x.at(i), &[&eta.at(i)]);
-        }
-        for i in 0..3 {
-            let on: [&dyn Handle; 6] = [&phi, &theta, &psi, &nu.at(0), &nu.at(1), &nu.at(2)];
-            d.depends(self.x.at(6 + i), &on);
-            d.depends(eta.at(i).rate(), &on);
-            let on: [&dyn Handle; 5] = [&phi, &theta, &nu.at(3), &nu.at(4), &nu.at(5)];
-            d.depends(self.x.at(9 + i), &on);
-            d.depends(eta.at(3 + i).rate(), &on);
-        }
-        d.depends(nu.rate(), &[&phi, &theta, &psi, &nu, &u]);
     }
 }
 
@@ -197,7 +177,7 @@ impl Hull {
         let (length, diameter, m) = (v[self.length], v[self.diameter], v[self.m]);
         if length < SMALLEST_FINENESS * diameter {
             let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {} m", Number(diameter));
-            return Err(Invalid::new("length", Number(length), allowed));
+            return Err(Invalid::new(v.name(self.length), Number(length), allowed));
         }
         let (a, b) = (0.5 * length, 0.5 * diameter);
         let lateral = 0.2 * m * (a * a + b * b);
@@ -218,7 +198,7 @@ impl Hull {
         ((M[(0, 4)], M[(4, 0)]), (M[(1, 3)], M[(3, 1)])) = ((lever, lever), (-lever, -lever));
         let Some(factors) = M.cholesky() else {
             let reason = "with it the inertia matrix is not positive definite; must be smaller";
-            return Err(Invalid::new("z_g", Number(v[self.z_g]), reason));
+            return Err(Invalid::new(v.name(self.z_g), Number(v[self.z_g]), reason));
         };
         v.matrix_mut(self.M).copy_from(&M);
         v.matrix_mut(self.inverse).copy_from(&factors.inverse());
@@ -279,4 +259,9 @@ fn cross<S: Scalar>([a1, a2, a3]: [S; 3], [b1, b2, b3]: [S; 3]) -> [S; 3] {
 
 fn times<S: Scalar>(matrix: DMatrixView<S>, vector: [S; 6]) -> [S; 6] {
     std::array::from_fn(|i| (0..6).fold(S::from(0.0), |sum, j| sum + matrix[(i, j)] * vector[j]))
+}
+
+impl Catalogued for MaresAuv {
+    const TITLE: &'static str = "Underwater vehicle, actuated in every direction";
+    const PAGE: &'static str = "plants/mares_auv";
 }

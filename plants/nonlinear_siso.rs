@@ -1,5 +1,6 @@
 //! Uncertain nonlinear SISO system of example 3.2.1.
 
+use crate::catalogue::Catalogued;
 use crate::system::{
     Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signals, State, System,
     Values, VectorOf, scalar, vector,
@@ -24,7 +25,7 @@ impl System for NonlinearSiso {
     const DOCUMENTATION: &'static str = include_str!("../docs/plants/nonlinear_siso.md");
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let plant = NonlinearSiso {
+        Ok(NonlinearSiso {
             x0: d.parameter(vector("x0", 2, "initial state").each(&["initial x1", "initial x2"]).fixed()),
             a1: d.parameter(scalar("a1", "restoring coefficient of the desired dynamics").unit("1/s2").start(1.0)),
             a2: d.parameter(scalar("a2", "damping coefficient of the desired dynamics").unit("1/s").start(1.4)),
@@ -35,16 +36,11 @@ impl System for NonlinearSiso {
                 vector("x", 2, "").each(&["x1, the controlled output", "x2, its rate"]).units(&["1", "1/s"]).output(),
             ),
             y: d.output(vector("y", 1, "tracked output, x1")),
-        };
-        d.depends(plant.y, &[&plant.x.at(0)]);
-        d.depends(plant.x.at(0).rate(), &[&plant.x.at(1)]);
-        d.depends(plant.x.at(1).rate(), &[&plant.x, &plant.u]);
-        Ok(plant)
+        })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -61,4 +57,9 @@ impl System for NonlinearSiso {
         let f = a1 * x1 + a2 * x2 + omega * u + u.sin() * x1.sin() + x1 * x1 + x2 * x2 + (t * 0.5).sin();
         dx.set(self.x, [x2, -a1 * x1 - a2 * x2 + f]);
     }
+}
+
+impl Catalogued for NonlinearSiso {
+    const TITLE: &'static str = "Uncertain nonlinear system with one input";
+    const PAGE: &'static str = "plants/nonlinear_siso";
 }

@@ -1,6 +1,8 @@
 //! Quadrotor: examples 3.3.2 and 7.5.3.
 
 use super::attitude::{Attitude, require_regular};
+use crate::catalogue::{Catalogued, Trial};
+use crate::control::limits::within;
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf,
     Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
@@ -60,7 +62,7 @@ impl System for Quadrotor {
         let axes = ["x", "y", "z"].map(|axis| format!("moment of inertia about the body's {axis} axis"));
         let controls = ["thrust along the body's z axis", "torque of roll", "torque of pitch", "torque of yaw"];
         let exact = "whether the body's rates are told from those of the angles";
-        let plant = Quadrotor {
+        Ok(Quadrotor {
             x0: d.parameter(vector("x0", 12, "").each(&initial).units(&units).starts(&starts).fixed()),
             m: d.parameter(scalar("m", "mass").unit("kg").start(0.5).positive()),
             inertia: d.parameter(
@@ -86,9 +88,7 @@ impl System for Quadrotor {
                 vector("y", 4, "").each(&outputs.each_ref().map(String::as_str)).units(&["m", "m", "m", "rad"]),
             ),
             thrust: d.local(scalar("thrust", "thrust that acts, within its limits").unit("N").nominal(5.0)),
-        };
-        plant.declare_dependence(d);
-        Ok(plant)
+        })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
@@ -96,26 +96,20 @@ impl System for Quadrotor {
         if min <= max {
             return Ok(());
         }
-        Err(Invalid::new("thrust_min", Number(min), format!("must not be above thrust_max = {}", Number(max))))
+        let allowed = format!("must not be above {} = {}", v.name(self.thrust_max), Number(max));
+        Err(Invalid::new(v.name(self.thrust_min), Number(min), allowed))
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
         v.copy(self.uncertainty.disturbance0, self.uncertainty.disturbance);
-        if v.get(self.exact_kinematics) { require_regular("x0[8]", v[self.x0.at(PITCH)]) } else { Ok(()) }
+        require_regular(self.x0.at(PITCH), v.get(self.exact_kinematics), v);
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         let [p1, p2, p3, _, _, _, _, _, psi, ..] = v.array::<_, 12>(self.x);
         y.set(self.y, [p1, p2, p3, psi]);
-        let (thrust, min, max) = (v[self.u.at(0)], v[self.thrust_min], v[self.thrust_max]);
-        y[self.thrust] = if thrust.re() < min.re() {
-            min
-        } else if thrust.re() > max.re() {
-            max
-        } else {
-            thrust
-        };
+        y[self.thrust] = within(v[self.u.at(0)], v[self.thrust_min], v[self.thrust_max]);
     }
 
     fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
@@ -132,24 +126,6 @@ impl System for Quadrotor {
 }
 
 impl Quadrotor {
-    fn declare_dependence(&self, d: &mut Declaration) {
-        let (x, u, disturbance) = (self.x, self.u, self.uncertainty.disturbance);
-        let (phi, theta, psi) = (x.at(6), x.at(7), x.at(8));
-        for i in 0..3 {
-            d.depends(self.y.at(i), &[&x.at(i)]);
-            d.depends(x.at(i).rate(), &[&x.at(3 + i)]);
-            d.depends(x.at(3 + i).rate(), &[&phi, &theta, &psi, &u.at(0)]);
-            d.depends(x.at(6 + i).rate(), &[&x.at(9 + i)]);
-            d.depends(
-                x.at(9 + i).rate(),
-                &[&phi, &theta, &psi, &x.at(9), &x.at(10), &x.at(11), &u.at(1), &u.at(2), &u.at(3), &disturbance],
-            );
-        }
-        d.depends(self.y.at(3), &[&psi]);
-        d.depends(self.thrust, &[&u.at(0)]);
-        d.depends(disturbance.rate(), &[&disturbance]);
-    }
-
     /// f(η, η') and G(η) τ. The printed f takes the angles' rates for those of the body, and G for I⁻¹.
     fn angular_accelerations<S: Scalar>(&self, attitude: &Attitude<S>, rates: [S; 3], v: &Values<S>) -> [[S; 3]; 2] {
         let [i_x, i_y, i_z] = v.array(self.inertia);
@@ -157,12 +133,12 @@ impl Quadrotor {
         let gyroscopic =
             |[p, q, r]: [S; 3]| [(i_y - i_z) / i_x * q * r, (i_z - i_x) / i_y * p * r, (i_x - i_y) / i_z * p * q];
         let by_torques = [tau_p / i_x, tau_q / i_y, tau_r / i_z];
-        if !v.get(self.exact_kinematics) {
-            return [gyroscopic(rates), by_torques];
-        }
-        let (turning, drift) = (gyroscopic(attitude.body_rates(rates)), attitude.body_rate_drift(rates));
-        let free = std::array::from_fn(|i| turning[i] - drift[i]);
-        [free, by_torques].map(|acceleration| attitude.angle_rates(acceleration))
+        let exact = || {
+            let (turning, drift) = (gyroscopic(attitude.body_rates(rates)), attitude.body_rate_drift(rates));
+            let free = std::array::from_fn(|i| turning[i] - drift[i]);
+            [free, by_torques].map(|acceleration| attitude.angle_rates(acceleration))
+        };
+        S::branch(v.get(self.exact_kinematics), exact, || [gyroscopic(rates), by_torques])
     }
 }
 
@@ -220,21 +196,22 @@ impl Uncertainty {
 
     /// The angles' accelerations f + G τ, or f + f_Δ + G_Δ G τ + d where uncertain.
     fn applied<S: Scalar>(&self, angles: [S; 3], [f, by_torques]: [[S; 3]; 2], v: &Values<S>) -> [S; 3] {
-        if !v.get(self.uncertain) {
-            return std::array::from_fn(|i| f[i] + by_torques[i]);
-        }
-        let [phi, theta, psi] = angles;
-        let terms = [
-            [phi.cos() * theta.sin(), phi * psi],
-            [phi.cos() * psi.sin(), phi * psi * psi],
-            [theta.cos() * phi.sin(), phi * theta * psi],
-        ];
-        let [d1, d2, _, d3, _] = v.array(self.disturbance);
-        let (gain, d) = (v.array::<_, 3>(self.input_gain), [d1, d2, d3]);
-        std::array::from_fn(|i| {
-            let [first, second] = [0, 1].map(|j| v[self.coefficient.at(i, j)] * terms[i][j]);
-            f[i] + first + second + gain[i] * by_torques[i] + d[i]
-        })
+        let certain = || std::array::from_fn(|i| f[i] + by_torques[i]);
+        let uncertain = || {
+            let [phi, theta, psi] = angles;
+            let terms = [
+                [phi.cos() * theta.sin(), phi * psi],
+                [phi.cos() * psi.sin(), phi * psi * psi],
+                [theta.cos() * phi.sin(), phi * theta * psi],
+            ];
+            let [d1, d2, _, d3, _] = v.array(self.disturbance);
+            let (gain, d) = (v.array::<_, 3>(self.input_gain), [d1, d2, d3]);
+            std::array::from_fn(|i| {
+                let [first, second] = [0, 1].map(|j| v[self.coefficient.at(i, j)] * terms[i][j]);
+                f[i] + first + second + gain[i] * by_torques[i] + d[i]
+            })
+        };
+        S::branch(v.get(self.uncertain), uncertain, certain)
     }
 
     /// The filters, those of second order in observer form: the output is the first state.
@@ -244,4 +221,14 @@ impl Uncertainty {
         let [d1, d2, s2, d3, s3] = v.array(self.disturbance);
         dx.set(self.disturbance, [w1 - a1 * d1, s2 - a2 * d2, w2 - b2 * d2, s3 - a3 * d3, w3 - b3 * d3]);
     }
+}
+
+impl Catalogued for Quadrotor {
+    const TITLE: &'static str = "Quadrotor";
+    const PAGE: &'static str = "plants/quadrotor";
+    const TRIAL: Trial = Trial {
+        // It hovers by the thrust of its weight.
+        steady: "'u[1]' = 4.905",
+        ..Trial::NONE
+    };
 }

@@ -2,10 +2,13 @@
 
 use serde::Deserialize;
 
+use super::template::{channels, write_channels};
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::system::{
     Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
-    Values, VectorOf, matrix, selection, vector,
+    Values, VectorOf, any, matrix, selection, smaller, vector,
 };
+use crate::template::{Request, Sizes, Template, all, named, number, write_names};
 
 /// Steps that each channel can have.
 const STEPS: usize = 4;
@@ -19,6 +22,11 @@ enum Part {
     Sine,
     Square,
     Steps,
+}
+
+impl Part {
+    /// All of them, in the order of their numbers.
+    const ALL: [Part; 4] = [Part::Cosine, Part::Sine, Part::Square, Part::Steps];
 }
 
 /// A named choice of parts.
@@ -40,7 +48,7 @@ struct NamedSignal {
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceStructure {
-    /// Number of channels.
+    /// How many channels, 1 … 1000.
     channels: usize,
     /// Units of the reference, one a channel; 1 where none are given.
     #[serde(default)]
@@ -53,7 +61,8 @@ pub struct ReferenceStructure {
 /// Each channel: r = s(t) (offset + slope t + cosine + sine + square) + steps, with a smooth start s(t).
 #[derive(Debug)]
 pub struct Reference {
-    signals: Vec<NamedSignal>,
+    /// Which parts each named signal has, by their numbers.
+    parts: Vec<[bool; Part::ALL.len()]>,
     signal: Option<IntegerOf<Parameter>>,
     offset: VectorOf<Parameter>,
     slope: VectorOf<Parameter>,
@@ -102,8 +111,8 @@ impl System for Reference {
                 other => spec.unit(other),
             })
         };
-        let reference = Reference {
-            signals,
+        Ok(Reference {
+            parts: signals.iter().map(|signal| Part::ALL.map(|part| signal.parts.contains(&part))).collect(),
             signal,
             offset: parameter("offset", "constant part", "r"),
             slope: parameter("slope", "ramp", "r/s"),
@@ -142,23 +151,18 @@ impl System for Reference {
             r: d.output(vector("r", m, "reference").units(&units)),
             dr: d.output(vector("dr", m, "first time derivative of the reference").units(&rates)),
             ddr: d.output(vector("ddr", m, "second time derivative of the reference").units(&second_rates)),
-        };
-        for signal in [reference.r, reference.dr, reference.ddr] {
-            d.depends(signal, &[]);
-        }
-        Ok(reference)
+        })
     }
 
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.parameters_changed(t, v);
-        Ok(())
     }
 
-    fn parameters_changed(&self, t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         for i in 0..self.r.len() {
             v[self.half_periods.at(i)] = self.half_periods_until(t, i, &v.values());
             for j in 0..STEPS {
-                v[self.taken.at(i, j)] = f64::from(u8::from(v[self.step_time.at(i, j)] <= t));
+                v[self.taken.at(i, j)] = S::from_flag(v[self.step_time.at(i, j)].at_most(t));
             }
         }
     }
@@ -167,57 +171,59 @@ impl System for Reference {
         for i in 0..self.r.len() {
             let s = self.smooth_start(t, v, i);
             let g = self.shape(t, v, i);
-            let steps = if self.has(Part::Steps, v) { self.steps(v, i) } else { S::from(0.0) };
+            let steps = S::branch(self.has(Part::Steps, v), || self.steps(v, i), || S::from(0.0));
             y[self.r.at(i)] = s[0] * g[0] + steps;
             y[self.dr.at(i)] = s[1] * g[0] + s[0] * g[1];
             y[self.ddr.at(i)] = s[2] * g[0] + s[1] * g[1] * 2.0 + s[0] * g[2];
         }
     }
 
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
-        let edges = (0..self.r.len()).map(|i| self.next_edge(i, v));
-        let steps = self.pending_steps(v).map(|(i, j)| v[self.step_time.at(i, j)]);
-        edges.chain(steps).reduce(f64::min).filter(|time| time.is_finite())
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
+        let none = S::from(f64::INFINITY);
+        let edges = (0..self.r.len()).map(|i| self.next_edge(i, v)).fold(none, smaller);
+        let has_steps = self.has(Part::Steps, v);
+        let first = self.each_step().map(|(i, j)| self.next_step((i, j), has_steps, v)).fold(edges, smaller);
+        S::select(first.is_finite(), first, none)
     }
 
-    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
-        let Some(now) = self.next_time_event(&v.values()) else { return };
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        let now = self.next_time_event(&v.values());
+        let is_one = now.is_finite();
         for i in 0..self.r.len() {
-            if self.next_edge(i, &v.values()) <= now {
-                v[self.half_periods.at(i)] += 1.0;
-            }
-            for j in 0..STEPS {
-                if v[self.step_time.at(i, j)] <= now {
-                    v[self.taken.at(i, j)] = 1.0;
-                }
-            }
+            let is_due = is_one & self.next_edge(i, &v.values()).at_most(now);
+            let passed = v[self.half_periods.at(i)];
+            v[self.half_periods.at(i)] = S::select(is_due, passed + 1.0, passed);
+        }
+        for (i, j) in self.each_step() {
+            let is_due = is_one & v[self.step_time.at(i, j)].at_most(now);
+            v[self.taken.at(i, j)] = S::select(is_due, S::from(1.0), v[self.taken.at(i, j)]);
         }
     }
 }
 
 impl Reference {
-    fn has<S: Scalar>(&self, part: Part, v: &Values<S>) -> bool {
-        self.signal.is_none_or(|signal| {
-            let chosen = v.get(signal).clamp(1, self.signals.len() as i32) - 1;
-            self.signals[chosen as usize].parts.contains(&part)
-        })
+    fn has<S: Scalar>(&self, part: Part, v: &Values<S>) -> S::Flag {
+        let Some(signal) = self.signal else { return true.into() };
+        let chosen = v.get(signal);
+        let with_part = (1..).zip(&self.parts).filter(|(_, parts)| parts[part as usize]);
+        any::<S>(with_part.map(|(item, _)| S::same(chosen, S::integer(item))))
     }
 
     /// s = 1 − e^(−τ) (1 + τ + κ τ²/2), τ = a t.
     fn smooth_start<S: Scalar>(&self, t: S, v: &Values<S>, i: usize) -> Jet<S> {
         let [a, curvature] = self.smooth_start.map(|parameter| v[parameter][i]);
-        if a.re() == 0.0 {
-            return [S::from(1.0), S::from(0.0), S::from(0.0)];
-        }
-        let tau = a * t;
-        let decay = (-tau).exp();
-        let curved = curvature * tau * tau * 0.5;
-        let straight = (-curvature + 1.0) * tau;
-        [
-            -decay * (tau + curved + 1.0) + 1.0,
-            a * decay * (straight + curved),
-            a * a * decay * (-curvature + 1.0 + curvature * tau - straight - curved),
-        ]
+        let smooth = || {
+            let tau = a * t;
+            let decay = (-tau).exp();
+            let curved = curvature * tau * tau * 0.5;
+            let straight = (-curvature + 1.0) * tau;
+            [
+                -decay * (tau + curved + 1.0) + 1.0,
+                a * decay * (straight + curved),
+                a * a * decay * (-curvature + 1.0 + curvature * tau - straight - curved),
+            ]
+        };
+        S::branch(a.equals(S::from(0.0)), || [S::from(1.0), S::from(0.0), S::from(0.0)], smooth)
     }
 
     /// offset + slope t + cosine + sine + square.
@@ -227,17 +233,19 @@ impl Reference {
         let waves = [(Part::Cosine, self.cosine, std::f64::consts::FRAC_PI_2), (Part::Sine, self.sine, 0.0)];
         for (part, wave, lead) in waves {
             let [amplitude, omega, phase] = wave.map(|parameter| v[parameter][i]);
-            if amplitude.re() != 0.0 && self.has(part, v) {
-                let (sin, cos) = (omega * t + phase + lead).sin_cos();
-                g[0] += amplitude * sin;
-                g[1] += amplitude * omega * cos;
-                g[2] -= amplitude * omega * omega * sin;
-            }
+            let with_wave = || {
+                let angle = omega * t + phase + lead;
+                let (sin, cos) = (angle.sin(), angle.cos());
+                [g[0] + amplitude * sin, g[1] + amplitude * omega * cos, g[2] - amplitude * omega * omega * sin]
+            };
+            g = S::branch(!amplitude.equals(S::from(0.0)) & self.has(part, v), with_wave, || g);
         }
-        if self.has(Part::Square, v) {
-            let even = v[self.half_periods][i].re().rem_euclid(2.0) == 0.0;
-            g[0] += v[self.square[0]][i] * if even { 1.0 } else { -1.0 };
-        }
+        let with_square = || {
+            let passed = v[self.half_periods][i];
+            let is_even = passed.equals((passed / 2.0).floor() * 2.0);
+            g[0] + v[self.square[0]][i] * S::select(is_even, S::from(1.0), S::from(-1.0))
+        };
+        g[0] = S::branch(self.has(Part::Square, v), with_square, || g[0]);
         g
     }
 
@@ -246,25 +254,63 @@ impl Reference {
     }
 
     /// The square wave's phase, in periods.
-    fn square_phase(&self, i: usize, v: &Values<f64>) -> f64 {
+    fn square_phase<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         v[self.square[2]][i] / std::f64::consts::TAU
     }
 
-    fn half_periods_until(&self, t: f64, i: usize, v: &Values<f64>) -> f64 {
+    fn half_periods_until<S: Scalar>(&self, t: S, i: usize, v: &Values<S>) -> S {
         // An edge that t meets up to rounding counts as passed.
-        (2.0 * (v[self.square[1]][i] * t + self.square_phase(i, v)) + 1e-9).floor()
+        ((v[self.square[1]][i] * t + self.square_phase(i, v)) * 2.0 + 1e-9).floor()
     }
 
-    fn next_edge(&self, i: usize, v: &Values<f64>) -> f64 {
-        let frequency = v[self.square[1]][i];
-        if frequency == 0.0 || v[self.square[0]][i] == 0.0 || !self.has(Part::Square, v) {
-            return f64::INFINITY;
-        }
-        ((v[self.half_periods][i] + 1.0) / 2.0 - self.square_phase(i, v)) / frequency
+    /// When the next edge of the square wave is; infinity where there is none.
+    fn next_edge<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let (frequency, zero) = (v[self.square[1]][i], S::from(0.0));
+        let has_none = frequency.equals(zero) | v[self.square[0]][i].equals(zero) | !self.has(Part::Square, v);
+        let edge = || ((v[self.half_periods][i] + 1.0) / 2.0 - self.square_phase(i, v)) / frequency;
+        S::branch(has_none, || S::from(f64::INFINITY), edge)
     }
 
-    fn pending_steps<'a>(&'a self, v: &'a Values<f64>) -> impl Iterator<Item = (usize, usize)> + 'a {
-        let all = (0..self.r.len()).flat_map(|i| (0..STEPS).map(move |j| (i, j)));
-        all.filter(|&(i, j)| v[self.taken.at(i, j)] == 0.0 && self.has(Part::Steps, v))
+    /// The channel and the number of each step.
+    fn each_step(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        (0..self.r.len()).flat_map(|i| (0..STEPS).map(move |j| (i, j)))
     }
+
+    /// When a step is to be taken, infinity where it was.
+    fn next_step<S: Scalar>(&self, (i, j): (usize, usize), has_steps: S::Flag, v: &Values<S>) -> S {
+        let is_pending = has_steps & v[self.taken.at(i, j)].equals(S::from(0.0));
+        S::select(is_pending, v[self.step_time.at(i, j)], S::from(f64::INFINITY))
+    }
+}
+
+impl Catalogued for Reference {
+    const TITLE: &'static str = "Reference signal";
+    const PAGE: &'static str = "plants/reference";
+    const ROLE: Role = Role::Reference;
+    const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::NONE] });
+    const TRIAL: Trial = Trial {
+        moving: "'offset[1]' = 1.0\n'slope[1]' = 0.5\n'cosine_amplitude[1]' = 2.0\n'cosine_frequency[1]' = 3.0",
+        ..Trial::NONE
+    };
+}
+
+/// Each channel steps to the usual magnitude at 1 s.
+fn template(request: &Request) -> Result<String, Invalid> {
+    request.only(&["outputs"])?;
+    let (m, signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().2, &plant.y));
+    let mut text = request.begin(Reference::TITLE, Reference::PAGE, 10.0, 1e-3);
+    write_channels(&mut text, m, &signals);
+    write_names(&mut text, &[("r", named(&signals, "_reference"))]);
+    text.table("start");
+    text.comment("r = s(t) (offset + slope t + cosine + sine + square) + steps; what isn't set is 0.");
+    let height = request.reference;
+    for i in 1..=m {
+        text.set(&format!("\"step_time[{i},1]\""), "1.0", "s, when the first of four steps is taken");
+        text.set(&format!("\"step_height[{i},1]\""), number(height), "its height");
+    }
+    text.suggest("offset", all(0.0, m), "constant part");
+    text.suggest("sine_amplitude", all(height, m), "with sine_frequency (rad/s) and sine_phase (rad)");
+    text.suggest("square_amplitude", all(height, m), "with square_frequency (Hz) and square_phase (rad)");
+    text.suggest("smooth_start_rate", all(1.0, m), "1/s, rate of the smooth start s(t); 0 is none");
+    Ok(text.finish())
 }

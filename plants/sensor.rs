@@ -1,11 +1,14 @@
 //! A sensor: what a controller gets of what it measures.
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
-use super::noise::normal;
+use super::template::{channels, write_channels};
+use crate::catalogue::{Catalogued, Role};
+use crate::recording::Opaque;
 use crate::system::{
     Declaration, Discrete, Input, IntegerOf, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
     Signals, System, Values, VectorOf, integer, scalar, vector,
 };
+use crate::template::{Request, Sizes, Template, all, named, write_names};
 
 /// Each channel: lag, delay, bias, noise and quantisation, in this order.
 #[derive(Debug)]
@@ -38,7 +41,7 @@ impl System for Sensor {
         let m = units.len();
         let clock = Clock::declare(d, "delay, noise and quantisation");
         let seed = "which noise it is: another one with each seed, in each channel";
-        let sensor = Sensor {
+        Ok(Sensor {
             time_constant: d
                 .parameter(vector("time_constant", m, "time constant of the lag; 0: none").unit("s").min(0.0)),
             line: DelayLine::declare(d, clock, &structure),
@@ -59,12 +62,7 @@ impl System for Sensor {
             held: d.discrete(vector("#held", m, "").hidden()),
             u: d.input(vector("u", m, "what is measured").units(&units)),
             y: d.output(vector("y", m, "measured value").units(&units)),
-        };
-        for i in 0..m {
-            d.depends(sensor.y.at(i), &[&sensor.u.at(i), &sensor.lag.x.at(i)]);
-            d.depends(sensor.lag.x.at(i).rate(), &[&sensor.u.at(i), &sensor.lag.x.at(i)]);
-        }
-        Ok(sensor)
+        })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
@@ -75,24 +73,21 @@ impl System for Sensor {
         Ok(())
     }
 
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.clock.start(t, v);
         for i in 0..self.u.len() {
-            let (acts, u) = (v[self.time_constant][i] > 0.0, v[self.u][i]);
+            let (acts, u) = (v[self.time_constant][i].above(S::from(0.0)), v[self.u][i]);
             self.lag.start(i, acts, u, v);
             self.line.fill(i, u, v);
         }
         self.sample(t, v);
-        Ok(())
     }
 
-    fn parameters_changed(&self, t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         // A delay line holds every sample, so that none was missed.
-        if !self.line.is_used(&v.values()) {
-            self.clock.catch_up(t, v);
-        }
+        v.when(!self.line.is_used(&v.values()), |v| self.clock.catch_up(t, v));
         for i in 0..self.u.len() {
-            let (acts, u) = (v[self.time_constant][i] > 0.0, v[self.u][i]);
+            let (acts, u) = (v[self.time_constant][i].above(S::from(0.0)), v[self.u][i]);
             self.lag.change(i, acts, u, v);
         }
         self.sample(t, v);
@@ -100,8 +95,8 @@ impl System for Sensor {
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
         for i in 0..self.u.len() {
-            let quantised = v[self.resolution][i].re() > 0.0;
-            y[self.y][i] = if quantised { v[self.held][i] } else { self.analogue(t, i, v) };
+            let quantised = v[self.resolution][i].above(S::from(0.0));
+            y[self.y][i] = S::branch(quantised, || v[self.held][i], || self.analogue(t, i, v));
         }
     }
 
@@ -109,15 +104,15 @@ impl System for Sensor {
         for i in 0..self.u.len() {
             let acts = self.lag.acts(i, v);
             let rate = || (v[self.u][i] - v[self.lag.x][i]) / v[self.time_constant][i];
-            dx[self.lag.x][i] = if acts { rate() } else { S::from(0.0) };
+            dx[self.lag.x][i] = S::branch(acts, rate, || S::from(0.0));
         }
     }
 
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
-        (v[self.samples] != 0.0).then(|| self.clock.next(v))
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
+        S::branch(v[self.samples].equals(S::from(0.0)), || S::from(f64::INFINITY), || self.clock.next(v))
     }
 
-    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.clock.tick(v);
         for i in 0..self.u.len() {
             let lagged = self.lag.lagged(i, v[self.u][i], &v.values());
@@ -135,21 +130,46 @@ impl Sensor {
     }
 
     /// Draws the noise of the latest sample, and quantises.
-    fn sample(&self, t: f64, v: &mut Point) {
-        let (seed, sample) = (v.get(self.seed), v[self.clock.sample]);
+    fn sample<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        let (seed, sample) = (S::from_integer(v.get(self.seed)), v[self.clock.sample]);
         for i in 0..self.u.len() {
-            v[self.noise][i] = normal(seed, i, sample);
+            v[self.noise][i] = S::opaque(Opaque::Noise, &[seed, S::from(i as f64), sample]);
             v[self.held][i] = quantised(self.analogue(t, i, &v.values()), v[self.resolution][i]);
         }
     }
 }
 
 /// The nearest multiple of the resolution, where there is one.
-fn quantised(value: f64, resolution: f64) -> f64 {
-    if resolution == 0.0 {
-        return value;
-    }
-    let steps = value / resolution;
-    // Steps finer than the number itself change nothing.
-    if steps.is_finite() { steps.round() * resolution } else { value }
+fn quantised<S: Scalar>(value: S, resolution: S) -> S {
+    let nearest = || {
+        let steps = value / resolution;
+        // Steps finer than the number itself change nothing.
+        S::branch(steps.is_finite(), || steps.round() * resolution, || value)
+    };
+    S::branch(resolution.equals(S::from(0.0)), || value, nearest)
+}
+
+impl Catalogued for Sensor {
+    const TITLE: &'static str = "Sensor";
+    const PAGE: &'static str = "plants/sensor";
+    const ROLE: Role = Role::Sensor;
+    const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::NONE] });
+}
+
+/// A sensor without any effect, until it is set.
+fn template(request: &Request) -> Result<String, Invalid> {
+    request.only(&["outputs"])?;
+    let (m, signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().0, &plant.x));
+    let mut text = request.begin(Sensor::TITLE, Sensor::PAGE, 10.0, 1e-3);
+    write_channels(&mut text, m, &signals);
+    write_names(&mut text, &[("y", named(&signals, "_measured")), ("u", named(&signals, ""))]);
+    text.table("start");
+    text.set("time_constant", all(0.0, m), "s, lag; 0 is none");
+    text.set("noise_deviation", all(0.0, m), "standard deviation of the noise; 0 is none");
+    text.set("resolution", all(0.0, m), "step between values that can be told apart; 0 is none");
+    text.set("bias", all(0.0, m), "constant error");
+    text.set("delay", all(0.0, m), "s, a multiple of sample_time");
+    text.set("sample_time", "0.001", "s, of noise, delay and resolution");
+    text.set("seed", "1", "which noise it is");
+    Ok(text.finish())
 }

@@ -4,12 +4,14 @@
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
+use crate::catalogue::Catalogued;
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::control::matrices::rows;
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, Signal, Signals, State, System, Unit,
     Values, VectorOf, matrix, vector,
 };
+use crate::template::{self, Request, Sizes, Template, all, named, write_limits, write_names, write_units};
 
 /// Largest number of states, of inputs and of outputs.
 const MOST: usize = 200;
@@ -19,7 +21,7 @@ const MOST: usize = 200;
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct StateSpaceStructure {
-    /// State matrix, n rows of n numbers.
+    /// State matrix, n rows of n numbers; n at most 200.
     A: Vec<Vec<f64>>,
     /// Input matrix, n rows of m numbers.
     B: Vec<Vec<f64>>,
@@ -72,11 +74,6 @@ impl System for StateSpace {
     const NAME: &'static str = "state-space";
     const DOCUMENTATION: &'static str = include_str!("../docs/plants/state_space.md");
 
-    /// Two an input: at its limits.
-    fn indicators(&self) -> usize {
-        2 * self.u.len()
-    }
-
     fn declare(structure: StateSpaceStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let [A, B, C] = structure.matrices()?;
         let ((n, m), p) = (B.shape(), C.nrows());
@@ -88,7 +85,9 @@ impl System for StateSpace {
             matrix(name, given.nrows(), given.ncols(), text).starts(given.as_slice())
         };
         let limit = "input that acts; 1e15 is no limit";
-        let plant = StateSpace {
+        // Two an input: at its limits.
+        d.indicators(std::iter::repeat_n("", 2 * m));
+        Ok(StateSpace {
             A: d.parameter(given("A", &A, "state matrix")),
             B: d.parameter(given("B", &B, "input matrix")),
             C: d.parameter(given("C", &C, "output matrix")),
@@ -105,24 +104,15 @@ impl System for StateSpace {
             y: d.output(vector("y", p, "output").units(&y)),
             u_acting: d.local(vector("u_acting", m, "input within its limits").units(&u)),
             w: d.local(vector("#w", m, "").hidden()),
-        };
-        d.depends(plant.u_acting, &[&plant.u]);
-        d.depends(plant.w, &[&plant.u, &plant.d]);
-        d.depends(plant.x.rate(), &[&plant.x, &plant.u, &plant.d]);
-        match plant.D {
-            Some(_) => d.depends(plant.y, &[&plant.x, &plant.u, &plant.d]),
-            None => d.depends(plant.y, &[&plant.x]),
-        }
-        Ok(plant)
+        })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        limits::check(&v[self.u_min], &v[self.u_max]).into_result()
+        limits::check(self.u_min, self.u_max, &v.values()).into_result()
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -147,7 +137,7 @@ impl System for StateSpace {
     }
 
     /// Kinks of the equations: no step leads across one.
-    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
         for (j, z) in z.chunks_exact_mut(2).enumerate() {
             let u = v[self.u][j];
             z.copy_from_slice(&[u - v[self.u_min][j], u - v[self.u_max][j]]);
@@ -195,4 +185,47 @@ fn fit(name: &str, matrix: &DMatrix<f64>, size: (usize, usize)) -> Result<(), In
     }
     let given = format!("{} x {}", matrix.nrows(), matrix.ncols());
     Err(Invalid::new(name, given, format!("must be {} x {}, as the other matrices have it", size.0, size.1)))
+}
+
+impl Catalogued for StateSpace {
+    const TITLE: &'static str = "Linear plant";
+    const PAGE: &'static str = "plants/state_space";
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template,
+        tried: &[
+            Sizes::plant(1, 1),
+            Sizes::plant(2, 1),
+            Sizes::plant(2, 2),
+            Sizes::plant(3, 1),
+            Sizes::plant(5, 2),
+            Sizes::plant(6, 3),
+            Sizes::plant(8, 1),
+        ],
+    });
+}
+
+/// A linear plant.
+fn template(request: &Request) -> Result<String, Invalid> {
+    let plant = request.plant(false)?;
+    let (n, m, p) = plant.sizes();
+    let mut text = request.begin(StateSpace::TITLE, StateSpace::PAGE, 10.0, 1e-3);
+    text.table("structure");
+    text.comment("x' = A x + B (u + d), y = C x + D u: rows of numbers. A model with other numbers is set at [start].");
+    text.set("A", template::rows(&plant.A), "");
+    text.set("B", template::rows(&plant.B), "");
+    text.set("C", template::rows(&plant.C), "");
+    match &plant.D {
+        Some(D) => text.set("D", template::rows(D), ""),
+        None => text.suggest("D", template::rows(&DMatrix::zeros(p, m)), "only where the input shows in y at once"),
+    }
+    write_units(&mut text, &[("x", &plant.x, n), ("u", &plant.u, m), ("y", &plant.y, p)]);
+    // An output that is a state can't have its name.
+    let clash = plant.y.names.iter().any(|name| plant.x.names.contains(name));
+    let outputs = named(&plant.y, if clash { "_output" } else { "" });
+    write_names(&mut text, &[("x", named(&plant.x, "")), ("u", named(&plant.u, "")), ("y", outputs)]);
+    text.table("start");
+    text.set("x0", all(0.0, n), "state at the start");
+    write_limits(&mut text, Some(&plant), m);
+    text.suggest("x_op", all(0.0, n), "operating point about which A, B, C, D hold; also u_op, y_op");
+    Ok(text.finish())
 }

@@ -1,5 +1,6 @@
 //! Twin rotor (TRMS) with strong coupling: example 3.4.2.
 
+use crate::catalogue::Catalogued;
 use crate::system::{
     Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State,
     System, Values, VectorOf, scalar, vector,
@@ -63,7 +64,7 @@ impl System for TwinRotor {
             "tau2, command of the tail rotor after its lag",
         ];
         let initial = states.map(|text| format!("initial {text}"));
-        let plant = TwinRotor {
+        Ok(TwinRotor {
             x0: d.parameter(vector("x0", 6, "").each(&initial.each_ref().map(String::as_str)).units(&units).fixed()),
             pitch: Axis::declare(d, 1, "psi", "main", [0.068, 0.0135, 0.0924, 0.006, 0.001, 1.1, 1.0, 1.1]),
             yaw: Axis::declare(d, 2, "phi", "tail", [0.02, 0.02, 0.09, 0.1, 0.01, 0.8, 1.0, 1.0]),
@@ -90,25 +91,12 @@ impl System for TwinRotor {
                     .unit("N.m")
                     .nominal(0.1),
             ),
-        };
-        let (x, lag) = (plant.x, plant.reaction.lag);
-        for i in 0..2 {
-            d.depends(plant.y.at(i), &[&x.at(2 * i)]);
-            d.depends(plant.m.at(i), &[&x.at(4 + i)]);
-            d.depends(x.at(2 * i).rate(), &[&x.at(2 * i + 1)]);
-            d.depends(x.at(4 + i).rate(), &[&x.at(4 + i), &plant.u.at(i)]);
-        }
-        d.depends(plant.reaction.torque, &[&x.at(4), &lag]);
-        d.depends(x.at(1).rate(), &[&x.at(0), &x.at(1), &x.at(3), &x.at(4)]);
-        d.depends(x.at(3).rate(), &[&x.at(3), &x.at(4), &x.at(5), &lag]);
-        d.depends(lag.rate(), &[&x.at(4), &lag]);
-        Ok(plant)
+        })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
         v.copy(self.reaction.lag0, self.reaction.lag);
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -202,4 +190,9 @@ impl Reaction {
         let lead = v[self.t_0] / v[self.t_p];
         v[self.k_c] * (lead * m1 + (-lead + 1.0) * v[self.lag])
     }
+}
+
+impl Catalogued for TwinRotor {
+    const TITLE: &'static str = "Twin rotor";
+    const PAGE: &'static str = "plants/twin_rotor";
 }

@@ -1,8 +1,9 @@
 //! Two-link robot arm in a vertical plane: examples 3.3.1 and 7.5.2, and chapter 5.
 
+use crate::catalogue::Catalogued;
 use crate::system::{
-    BooleanOf, Declaration, Input, Invalid, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
-    Signals, State, System, Values, VectorOf, boolean, scalar, vector,
+    BooleanOf, Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
+    State, System, Values, VectorOf, boolean, scalar, vector,
 };
 
 /// One link: its mass centre lies at half its length.
@@ -45,7 +46,7 @@ impl System for TwoLinkRobot {
             "rate of q1",
             "rate of q2",
         ];
-        let robot = TwoLinkRobot {
+        Ok(TwoLinkRobot {
             x0: d.parameter(vector("x0", 4, "").each(&initial).units(&state_units).fixed()),
             links: [Link::declare(d, 1, [3.2, 0.5, 0.96, 1.0]), Link::declare(d, 2, [2.0, 0.4, 0.841, 1.0])],
             g: d.parameter(scalar("g", "acceleration of gravity").unit("m/s2").start(9.81)),
@@ -76,28 +77,19 @@ impl System for TwoLinkRobot {
                 scalar("det_M", "determinant of the inertia matrix; where it is not positive no motion follows")
                     .unit("kg2.m4"),
             ),
-        };
-        for i in 0..2 {
-            d.depends(robot.y.at(i), &[&robot.x.at(i), &robot.x.at(i + 2)]);
-            d.depends(robot.x.at(i).rate(), &[&robot.x.at(i + 2)]);
-            d.depends(robot.x.at(i + 2).rate(), &[&robot.x, &robot.u]);
-        }
-        d.depends(robot.determinant, &[&robot.x.at(1)]);
-        Ok(robot)
+        })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
-        Ok(())
     }
 
-    fn check(&self, _t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+    fn check<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         let det = v[self.determinant];
-        if det > 0.0 {
-            return Ok(());
-        }
-        let allowed = "must be above 0: from a singular or indefinite inertia matrix follows no motion";
-        Err(Invalid::new("det_M", Number(det), allowed))
+        v.refuse(!det.above(S::from(0.0)), |v| {
+            let allowed = "must be above 0: from a singular or indefinite inertia matrix follows no motion";
+            Invalid::new(v.name(self.determinant), det.told(), allowed)
+        });
     }
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -115,7 +107,7 @@ impl System for TwoLinkRobot {
         let (a1, a2) = (u1 - f1 - g1, u2 - f2 - g2);
         let det = v[self.determinant];
         // What is no number ends the step; `check` then says why.
-        let det = if det.re() > 0.0 { det } else { S::from(f64::NAN) };
+        let det = S::select(det.above(S::from(0.0)), det, S::from(f64::NAN));
         dx.set(self.x, [w1, w2, (m22 * a1 - m12 * a2) / det, (m11 * a2 - m12 * a1) / det]);
     }
 }
@@ -131,11 +123,9 @@ impl TwoLinkRobot {
         let m11 = i1 + i2 + m1 * l1 * l1 * 0.25 + m2 * (l1 * l1 + l2 * l2 * 0.25 + l1 * l2 * c2);
         let m12 = i2 + m2 * (l2 * l2 * 0.25 + l1 * l2 * c2 * 0.5);
         let m22 = i2 + m2 * l2 * l2 * 0.25;
-        if !v.get(self.inertia_variation) {
-            return [m11, m12, m22];
-        }
         let wave = |k: usize| v[self.variation_amplitude][k] * (v[self.variation_frequency][k] * t).sin();
-        [m11 + wave(0), m12 + wave(1), m22 + wave(2).abs()]
+        let varying = || [m11 + wave(0), m12 + wave(1), m22 + wave(2).abs()];
+        S::branch(v.get(self.inertia_variation), varying, || [m11, m12, m22])
     }
 
     /// C(q, q') q' with C = [−c q2' + k1, −c (q1' + q2'); c q1', k2]. The thesis prints +c q2' and sin q1 in c: the
@@ -176,4 +166,9 @@ impl Link {
 /// Of a symmetric matrix, given by its elements 11, 12, 22.
 fn determinant<S: Scalar>([m11, m12, m22]: [S; 3]) -> S {
     m11 * m22 - m12 * m12
+}
+
+impl Catalogued for TwoLinkRobot {
+    const TITLE: &'static str = "Robot arm of two links";
+    const PAGE: &'static str = "plants/two_link_robot";
 }

@@ -1,8 +1,9 @@
 //! System with two inputs and uncertainty that they don't reach directly: example 3.4.1.
 
+use crate::catalogue::Catalogued;
 use crate::system::{
-    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf,
-    Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
+    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
+    Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
 };
 
 /// x' = (A_m + A_Δ) x + B_m ω u + f_Δ(x, z, t), y = (x1, x2), with unmodeled dynamics z.
@@ -71,7 +72,7 @@ impl System for UnmatchedMimo {
         );
         let b_m = matrix_of("B_m", 2, "nominal input matrix", "1/s", &[1.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
         let omega = matrix_of("omega", 2, "input gain", "1", &[0.6, 0.2, -0.2, 1.2]);
-        let plant = UnmatchedMimo {
+        Ok(UnmatchedMimo {
             x0: d.parameter(vector("x0", 3, "initial state").fixed()),
             a_m,
             a_delta,
@@ -90,30 +91,19 @@ impl System for UnmatchedMimo {
             filter: Filter::declare(d),
             y: d.output(vector("y", 2, "").each(&["tracked output, x1", "tracked output, x2"])),
             z: d.local(scalar("z", "output of the unmodeled dynamics")),
-        };
-        for i in 0..2 {
-            d.depends(plant.y.at(i), &[&plant.x.at(i)]);
-        }
-        let (oscillator, filter) = (plant.oscillator.x, plant.filter.z);
-        d.depends(plant.z, &[&oscillator, &filter.at(0)]);
-        d.depends(plant.x.rate(), &[&plant.x, &plant.u, &oscillator, &filter.at(0)]);
-        d.depends(oscillator.at(0).rate(), &[&oscillator.at(1)]);
-        d.depends(oscillator.at(1).rate(), &[&oscillator]);
-        d.depends(filter.at(0).rate(), &[&filter, &plant.x]);
-        d.depends(filter.at(1).rate(), &[&filter.at(0), &plant.x]);
-        Ok(plant)
+        })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
         v.copy(self.oscillator.x0, self.oscillator.x);
         v.copy(self.filter.z0, self.filter.z);
         let x2 = v[self.x.at(1)];
-        if v.get(self.use_secant) && x2.cos() <= 0.0 {
-            let allowed = "must have a positive cosine: where use_secant is true, the motion ends at +-pi/2";
-            return Err(Invalid::new("x0[2]", Number(x2), allowed));
-        }
-        Ok(())
+        v.refuse(v.get(self.use_secant) & x2.cos().at_most(S::from(0.0)), |v| {
+            let secant = v.name(self.use_secant);
+            let allowed = format!("must have a positive cosine: where {secant} is true, the motion ends at +-pi/2");
+            Invalid::new(v.name(self.x0.at(1)), x2.told(), allowed)
+        });
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -156,11 +146,11 @@ impl UnmatchedMimo {
     /// sech x2. The thesis prints sec x2, whose poles at ±π/2 the motion can't pass: from there on it is no number, which
     /// ends the step.
     fn secant<S: Scalar>(&self, x2: S, v: &Values<S>) -> S {
-        if !v.get(self.use_secant) {
-            return x2.cosh().recip();
-        }
-        let cos = x2.cos();
-        if cos.re() > 0.0 { cos.recip() } else { S::from(f64::NAN) }
+        let secant = || {
+            let cos = x2.cos();
+            S::branch(cos.above(S::from(0.0)), || cos.recip(), || S::from(f64::NAN))
+        };
+        S::branch(v.get(self.use_secant), secant, || x2.cosh().recip())
     }
 }
 
@@ -229,4 +219,9 @@ impl Filter {
         let first = z2 - v[self.damping] * z1 * 2.0 / time - v[self.zero_time] * excitation / square;
         dx.set(self.z, [first, (excitation - z1) / square]);
     }
+}
+
+impl Catalogued for UnmatchedMimo {
+    const TITLE: &'static str = "System with unmatched uncertainty";
+    const PAGE: &'static str = "plants/unmatched_mimo";
 }

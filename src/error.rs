@@ -64,9 +64,15 @@ impl Invalid {
         Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{part}: {reason}")).collect() }
     }
 
-    /// In other words.
-    pub(crate) fn told(self, tell: impl Fn(&str) -> String) -> Self {
-        Invalid { reasons: self.reasons.iter().map(|reason| tell(reason)).collect() }
+    /// As what a part of a composite refuses.
+    pub(crate) fn of_part(self, part: &str) -> Self {
+        let of_part = |reason| crate::system::of_part(reason, part);
+        Invalid { reasons: self.reasons.into_iter().map(of_part).collect() }
+    }
+
+    /// As it is told to users: with the names of variables that are in force.
+    pub(crate) fn told(self, variables: &crate::system::Variables) -> Self {
+        Invalid { reasons: self.reasons.iter().map(|reason| variables.told(reason)).collect() }
     }
 
     /// With the time at which they were found, s.

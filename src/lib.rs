@@ -5,6 +5,7 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
+pub mod catalogue;
 pub mod control;
 pub mod controllers;
 #[cfg(feature = "cli")]
@@ -24,6 +25,7 @@ pub mod output;
 pub mod parallel;
 #[path = "../plants/mod.rs"]
 pub mod plants;
+pub mod recording;
 pub mod report;
 #[cfg(feature = "cli")]
 pub mod reproduction;
@@ -31,8 +33,8 @@ pub mod reproduction;
 pub mod schema;
 #[cfg(feature = "cli")]
 pub mod simulation;
+pub mod structure;
 pub mod system;
-#[cfg(feature = "cli")]
 pub mod template;
 pub mod text_file;
 #[cfg(feature = "cli")]

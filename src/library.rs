@@ -1,51 +1,74 @@
-//! This package's own units: the registry of its systems, and, with the feature `library`, their C functions.
+//! This package's own units: the catalogue of its systems, and, with the feature `library`, their C functions.
 //!
-//! To add a model: its own file, its description in `modelDescription/`, and a line here.
+//! To add a kind: its own file (with the `mod` of its folder), its page, a description in `modelDescription/`, and a line
+//! here.
 
-use crate::controllers::fuzzy_l1::FuzzyL1;
-use crate::controllers::l1::L1;
-use crate::controllers::l1_quadrotor::L1Quadrotor;
-use crate::controllers::mrac_ppf::MracPpf;
-use crate::controllers::neuro_ppf::NeuroPpf;
-use crate::controllers::observer::Observer;
+use crate::catalogue::Entry;
 use crate::controllers::watched::Watched;
-use crate::plants::actuated_siso::ActuatedSiso;
-use crate::plants::actuator::Actuator;
-use crate::plants::coupled_mimo::CoupledMimo;
-use crate::plants::mares_auv::MaresAuv;
-use crate::plants::nonlinear_siso::NonlinearSiso;
-use crate::plants::quadrotor::Quadrotor;
-use crate::plants::reference::Reference;
-use crate::plants::sensor::Sensor;
-use crate::plants::state_space::StateSpace;
-use crate::plants::twin_rotor::TwinRotor;
-use crate::plants::two_link_robot::TwoLinkRobot;
-use crate::plants::unmatched_mimo::UnmatchedMimo;
-use crate::system::{Kind, Registry};
+use crate::error::Invalid;
+use crate::execution::Execution;
+use crate::model::{Description, Model};
+use crate::system::Registry;
+use crate::template::{MOST, Request, Sizes};
+use crate::{controllers, plants};
 
-/// Every system of this package.
-pub static REGISTRY: Registry = &[
-    Kind::of::<Watched<FuzzyL1>>(),
-    Kind::of::<Watched<L1>>(),
-    Kind::of::<Watched<L1Quadrotor<false>>>(),
-    Kind::of::<Watched<L1Quadrotor<true>>>(),
-    Kind::of::<MracPpf>(),
-    Kind::of::<NeuroPpf>(),
-    Kind::of::<Observer>(),
-    Kind::of::<ActuatedSiso>(),
-    Kind::of::<Actuator>(),
-    Kind::of::<CoupledMimo>(),
-    Kind::of::<MaresAuv>(),
-    Kind::of::<NonlinearSiso>(),
-    Kind::of::<Quadrotor>(),
-    Kind::of::<Reference>(),
-    Kind::of::<Sensor>(),
-    Kind::of::<StateSpace>(),
-    Kind::of::<TwinRotor>(),
-    Kind::of::<TwoLinkRobot>(),
-    Kind::of::<UnmatchedMimo>(),
-    Kind::COMPOSITE,
+/// Every system of this package, in the order in which they are listed.
+pub const CATALOGUE: &[Entry] = &[
+    Entry::of::<Watched<controllers::l1::L1>>(),
+    Entry::of::<Watched<controllers::fuzzy_l1::FuzzyL1>>(),
+    Entry::of::<Watched<controllers::l1_quadrotor::L1Quadrotor<false>>>(),
+    Entry::of::<Watched<controllers::l1_quadrotor::L1Quadrotor<true>>>(),
+    Entry::of::<controllers::mrac_ppf::MracPpf>(),
+    Entry::of::<controllers::neuro_ppf::NeuroPpf>(),
+    Entry::of::<controllers::observer::Observer>(),
+    Entry::of::<plants::state_space::StateSpace>(),
+    Entry::of::<plants::nonlinear_siso::NonlinearSiso>(),
+    Entry::of::<plants::two_link_robot::TwoLinkRobot>(),
+    Entry::of::<plants::actuated_siso::ActuatedSiso>(),
+    Entry::of::<plants::unmatched_mimo::UnmatchedMimo>(),
+    Entry::of::<plants::twin_rotor::TwinRotor>(),
+    Entry::of::<plants::coupled_mimo::CoupledMimo>(),
+    Entry::of::<plants::quadrotor::Quadrotor>(),
+    Entry::of::<plants::mares_auv::MaresAuv>(),
+    Entry::of::<plants::reference::Reference>(),
+    Entry::of::<plants::sensor::Sensor>(),
+    Entry::of::<plants::actuator::Actuator>(),
+    Entry::COMPOSITE,
 ];
+
+/// Their kinds, from which the library makes units.
+pub static REGISTRY: Registry = &Entry::kinds::<{ CATALOGUE.len() }>(CATALOGUE);
+
+/// The entry of this name, where there is one.
+pub fn find(name: &str) -> Option<&'static Entry> {
+    CATALOGUE.iter().find(|entry| entry.kind.name == name)
+}
+
+/// The kinds that `new` begins.
+pub fn begun() -> impl Iterator<Item = &'static Entry> {
+    CATALOGUE.iter().filter(|entry| entry.template.is_some())
+}
+
+/// The text of a new description, ready to be exported as it stands.
+///
+/// # Errors
+/// Sizes that the kind doesn't have, or why there is no such unit for this plant.
+pub fn begin(request: &Request) -> Result<String, Invalid> {
+    let Sizes { states, inputs, outputs } = request.sizes;
+    let mut sizes = [states, inputs, outputs].into_iter().flatten();
+    if let Some(size) = sizes.find(|size| !(1..=MOST as usize).contains(size)) {
+        return Err(Invalid::new("size", size, format!("must be within 1 … {MOST}")));
+    }
+    let Some(template) = find(request.kind).and_then(|entry| entry.template) else {
+        let known: Vec<_> = begun().map(|entry| entry.kind.name).collect();
+        return Err(Invalid::new("kind", request.kind, format!("must be one of {}", known.join(", "))));
+    };
+    let text = (template.write)(request)?;
+    // Only what can be exported is worth beginning with.
+    let model = Model::from_description(Description::read(&text)?, REGISTRY)?;
+    Execution::new(model).initialise().map_err(Invalid::because)?;
+    Ok(text)
+}
 
 #[cfg(feature = "library")]
 crate::define_fmi2_functions!(crate::library::REGISTRY);

@@ -1,13 +1,17 @@
 //! A model: a system made from its description, with all its variables, ready to be run.
 
+use std::sync::{Arc, OnceLock};
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Invalid, Number};
 use crate::execution::Controls;
-use crate::integrator::Work;
+use crate::integrator::{Sparsity, Work};
 use crate::report::DesignReport;
+use crate::structure::Structure;
 use crate::system::{
-    Data, Declaration, DynSystem, Kind, Names, NoStructure, Registry, Section, System, Variables, Word, Words,
+    Data, Declaration, DynSystem, Happens, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variables,
+    Word, Words,
 };
 
 /// What a person writes about an FMU (`modelDescription/NAME.toml`).
@@ -133,6 +137,8 @@ pub struct Model {
     controls: Controls,
     /// The start values, which every instance begins with.
     start: Block,
+    sparsity: OnceLock<Arc<Sparsity>>,
+    structure: OnceLock<Structure>,
 }
 
 impl std::fmt::Debug for Model {
@@ -172,16 +178,17 @@ impl Model {
         let mut declaration = Declaration::default();
         let system = kind.declare(description.structure.clone(), &description.names, registry, &mut declaration)?;
         let mut documentation = declaration.documentation();
-        let controls = Controls::declare(&mut declaration, system.as_ref());
+        let controls = Controls::declare(&mut declaration);
         let mut variables = declaration.finish()?;
         set_start_values(&mut variables, &description.start)?;
         if variables.states() > 0 {
             documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
         }
         let start = start_block(&variables);
-        let model = Model { description, documentation, system, variables, controls, start };
+        let (sparsity, structure) = (OnceLock::new(), OnceLock::new());
+        let model = Model { description, documentation, system, variables, controls, start, sparsity, structure };
         // Start values that the system refuses make no model.
-        model.prepare(&mut model.start.clone(), &mut Vec::new())?;
+        model.prepare(&mut model.start.clone(), &mut MessageLog::new())?;
         Ok(model)
     }
 
@@ -205,6 +212,22 @@ impl Model {
         self.system.as_ref()
     }
 
+    /// Its equations over numbers.
+    pub fn equations(&self) -> &dyn Happens<f64> {
+        self.system.as_ref()
+    }
+
+    /// The pattern of its Jacobian, found when it is first asked for.
+    pub fn sparsity(&self) -> &Arc<Sparsity> {
+        let found = || Arc::new(Sparsity::of(self.system.as_ref(), &self.variables));
+        self.sparsity.get_or_init(found)
+    }
+
+    /// What depends on what, found when it is first asked for.
+    pub fn structure(&self) -> &Structure {
+        self.structure.get_or_init(|| Structure::of(self))
+    }
+
     /// The variables that every model has, and the simulation's memory.
     pub(crate) fn controls(&self) -> &Controls {
         &self.controls
@@ -215,8 +238,9 @@ impl Model {
         let mut report = DesignReport::new(self.description.experiment.step);
         let mut block = self.start.clone();
         // They were prepared when the model was made, so nothing is refused here.
-        if self.prepare(&mut block, &mut Vec::new()).is_ok() {
-            self.system.report(&block.point(self, &mut Vec::new()).values(), &mut report);
+        if self.prepare(&mut block, &mut MessageLog::new()).is_ok() {
+            self.system.report(&block.point(self, &mut MessageLog::new()).values(), &mut report);
+            report.told(&self.variables);
         }
         report
     }
@@ -230,9 +254,9 @@ impl Model {
     ///
     /// # Errors
     /// [`Invalid`] with every reason.
-    pub fn prepare(&self, block: &mut Block, log: &mut crate::system::MessageLog) -> Result<(), Invalid> {
+    pub fn prepare(&self, block: &mut Block, log: &mut MessageLog) -> Result<(), Invalid> {
         self.check_limits(block)?;
-        self.system.prepare(&mut block.point(self, log))?;
+        self.system.prepare(&mut block.point(self, log)).map_err(|invalid| invalid.told(&self.variables))?;
         let prepared = self.variables.reals(Section::Prepared);
         let start = prepared.start;
         let broken = prepared.into_iter().find(|&index| !block.reals[index].is_finite());
@@ -271,11 +295,7 @@ impl Model {
 
 impl Block {
     /// The values as the system's own methods see them.
-    pub fn point<'a>(
-        &'a mut self,
-        model: &'a Model,
-        log: &'a mut crate::system::MessageLog,
-    ) -> crate::system::Point<'a> {
+    pub fn point<'a>(&'a mut self, model: &'a Model, log: &'a mut MessageLog) -> crate::system::Point<'a> {
         crate::system::Point::new(&mut self.reals, &mut self.integers, model.variables.offsets(), log)
     }
 }

@@ -205,6 +205,14 @@ impl DesignReport {
         self.part = None;
     }
 
+    /// Names variables as users do.
+    pub(crate) fn told(&mut self, variables: &crate::system::Variables) {
+        for finding in &mut self.findings {
+            finding.name = variables.told(&finding.name);
+            finding.note = variables.told(&finding.note);
+        }
+    }
+
     /// A finding that nothing speaks against.
     pub fn tell(&mut self, name: &str, value: impl Into<Value>, unit: &str, note: &str) {
         self.judge(name, value, unit, Verdict::Ok, note);

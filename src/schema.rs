@@ -4,20 +4,8 @@ use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::{Map, Value, json};
 
-use crate::controllers::fuzzy_l1::FuzzyL1;
-use crate::controllers::l1::L1;
-use crate::controllers::l1_quadrotor::L1Quadrotor;
-use crate::controllers::mrac_ppf::MracPpf;
-use crate::controllers::neuro_ppf::NeuroPpf;
-use crate::controllers::observer::Observer;
-use crate::controllers::watched::Watched;
-use crate::library::REGISTRY;
+use crate::library::CATALOGUE;
 use crate::model::Description;
-use crate::plants::actuator::Actuator;
-use crate::plants::reference::Reference;
-use crate::plants::sensor::Sensor;
-use crate::plants::state_space::StateSpace;
-use crate::system::{CompositeStructure, Kind, NoStructure, System};
 
 /// Name of the file that it is written to.
 pub const FILE: &str = "description.schema.json";
@@ -49,30 +37,9 @@ fn of<T: JsonSchema>() -> Schema {
     generator().into_root_schema_for::<T>()
 }
 
-/// Name and structure of a system that has one.
-fn structure<M: System<Structure: JsonSchema>>() -> (&'static str, Schema) {
-    (M::NAME, of::<M::Structure>())
-}
-
-/// The structures of all systems of this package.
+/// The structures of all kinds of this package.
 fn structures() -> Vec<(&'static str, Schema)> {
-    let own = [
-        structure::<Watched<FuzzyL1>>(),
-        structure::<Watched<L1>>(),
-        structure::<Watched<L1Quadrotor<false>>>(),
-        structure::<Watched<L1Quadrotor<true>>>(),
-        structure::<MracPpf>(),
-        structure::<NeuroPpf>(),
-        structure::<Observer>(),
-        structure::<Actuator>(),
-        structure::<Reference>(),
-        structure::<Sensor>(),
-        structure::<StateSpace>(),
-        (Kind::COMPOSITE.name, of::<CompositeStructure>()),
-    ];
-    let without = |kind: &&Kind| own.iter().all(|(name, _)| *name != kind.name);
-    let without: Vec<_> = REGISTRY.iter().filter(without).map(|kind| (kind.name, of::<NoStructure>())).collect();
-    own.into_iter().chain(without).collect()
+    CATALOGUE.iter().map(|entry| (entry.kind.name, (entry.schema)(generator()))).collect()
 }
 
 /// The schema of a description: `structure` by the `model`.
@@ -105,21 +72,37 @@ fn choice(name: &str, mut structure: Value) -> Value {
     json!({ "if": { "properties": { "model": { "const": name } } }, "then": then })
 }
 
-/// Every key of descriptions, as `key` or `structure.key` of each model, with what it is: `None` where nothing says it.
-pub fn keys() -> Vec<(String, String, Option<String>)> {
+/// A key of descriptions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Key {
+    /// The kind that has it in its structure; none where every description has it.
+    pub model: Option<&'static str>,
+    /// The key, as `filter.gain`.
+    pub name: String,
+    /// What it is, as its doc comment says it; nothing where there is none.
+    pub text: String,
+    /// Its schema.
+    pub schema: Value,
+    /// Whether it must be given where the table that holds it is.
+    pub required: bool,
+}
+
+/// Every key of descriptions: those that all have, and those of the structure of each kind.
+pub fn keys() -> Vec<Key> {
     let mut keys = Vec::new();
-    let schema = of::<Description>().to_value();
-    collect("", "", &schema, &mut keys);
+    collect(None, "", &of::<Description>().to_value(), &mut keys);
     for (name, schema) in structures() {
-        collect(name, "structure.", &schema.to_value(), &mut keys);
+        collect(Some(name), "", &schema.to_value(), &mut keys);
     }
     keys
 }
 
-fn collect(model: &str, before: &str, schema: &Value, keys: &mut Vec<(String, String, Option<String>)>) {
+fn collect(model: Option<&'static str>, before: &str, schema: &Value, keys: &mut Vec<Key>) {
+    let required = |key: &str| schema["required"].as_array().is_some_and(|keys| keys.iter().any(|known| known == key));
     for (key, value) in schema["properties"].as_object().into_iter().flatten() {
-        let text = value["description"].as_str().map(|text| text.replace('\n', " "));
-        keys.push((model.to_owned(), format!("{before}{key}"), text));
+        let (name, text) = (format!("{before}{key}"), value["description"].as_str().unwrap_or_default());
+        let text = text.replace('\n', " ");
+        keys.push(Key { model, name, text, schema: value.clone(), required: required(key) });
         collect(model, &format!("{before}{key}."), value, keys);
     }
 }

@@ -1,9 +1,11 @@
-//! `list`: the FMUs and the closed loops.
+//! `list`: the FMUs, the closed loops, and the kinds of systems that descriptions ask for.
 
+use adaptive_fmu::catalogue::{Entry, Trial};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
+use adaptive_fmu::library::CATALOGUE;
 use adaptive_fmu::simulation::LoopFiles;
-use serde_json::json;
+use serde_json::{Value, json};
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -25,16 +27,29 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     for (name, _) in exporter::loops() {
         loops.push((name, LoopFiles::find(name)?.structure()?.description));
     }
+    let kinds = CATALOGUE.iter().map(|entry| (entry.kind.name, entry.title));
     if arguments.json {
         let entry = |(name, text): &(_, String)| json!({ "name": name, "description": text });
         let value = json!({ "fmus": fmus.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>(),
-                            "loops": loops.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>() });
+                            "loops": loops.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>(),
+                            "kinds": CATALOGUE.iter().map(kind).collect::<Vec<_>>() });
         say!("{value}");
     } else {
         say!("FMUs");
         fmus.iter().for_each(|(name, text)| say!("  {name:24} {text}"));
         say!("Loops");
         loops.iter().for_each(|(name, text)| say!("  {name:24} {text}"));
+        say!("Kinds");
+        kinds.for_each(|(name, text)| say!("  {name:24} {text}"));
     }
     Ok(())
+}
+
+/// A kind, with the start values by which a unit of it can be tried.
+fn kind(entry: &Entry) -> Value {
+    let Trial { alone, smooth, steady, moving } = entry.trial;
+    let values = |text: &str| text.parse::<toml::Table>().unwrap_or_default();
+    json!({ "name": entry.kind.name, "description": entry.title, "new": entry.template.is_some(),
+            "trial": { "alone": values(alone), "smooth": values(smooth), "steady": values(steady),
+                       "moving": values(moving) } })
 }

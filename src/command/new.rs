@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::Files;
-use adaptive_fmu::schema;
-use adaptive_fmu::template::{self, Request, Sizes};
+use adaptive_fmu::template::{Request, Sizes};
+use adaptive_fmu::{library, schema};
 use clap::builder::PossibleValuesParser;
 
 use super::hosting::HostingOptions;
@@ -37,7 +37,7 @@ enum Other {
 #[derive(clap::Args)]
 struct UnitArguments {
     /// What it is to be: a controller, an observer, a plant, or what stands between
-    #[arg(required = true, value_parser = PossibleValuesParser::new(template::KINDS))]
+    #[arg(required = true, value_parser = PossibleValuesParser::new(library::begun().map(|entry| entry.kind.name)))]
     kind: Option<String>,
     /// Its name: a C identifier
     #[arg(long, required = true)]
@@ -100,7 +100,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), E
     let request = Request { kind, name, sizes, plant, bandwidth: *bandwidth, reference: *reference };
     let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };
-    let mut text = template::description(&request).map_err(|invalid| refuse(invalid.to_string()))?;
+    let mut text = library::begin(&request).map_err(|invalid| refuse(invalid.to_string()))?;
     if !arguments.no_schema {
         text.insert_str(0, &format!("#:schema ./{}\n", schema::FILE));
     }

@@ -4,12 +4,17 @@
 //! Computing the matrix exponential with an optimized Taylor polynomial approximation, Mathematics 7 (2019) 1174),
 //! after balancing: positions, rates and estimates that differ by orders of magnitude would cost squarings.
 
+use crate::control::limits::within;
+use crate::system::{Scalar, larger};
+
 /// The largest norm that goes without scaling: the polynomial's error is then below 3e-14 of the norm.
 const THETA: f64 = 0.125;
 /// Sweeps of balancing, at most.
 const SWEEPS: usize = 4;
 /// What is closer to balance than this factor is left alone.
 const BALANCED: f64 = 2.0;
+/// More squarings than any finite norm needs.
+const SQUARINGS: usize = 1100;
 
 /// Size of the workspace for a matrix of order n.
 pub const fn workspace(n: usize) -> usize {
@@ -21,76 +26,113 @@ pub const fn workspace(n: usize) -> usize {
 ///
 /// # Panics
 /// When matrix or workspace have another size than n and [`workspace`] tell.
-pub fn exponential(n: usize, matrix: &mut [f64], workspace: &mut [f64]) {
+pub fn exponential<S: Scalar>(n: usize, matrix: &mut [S], workspace: &mut [S]) {
     assert!(matrix.len() == n * n && workspace.len() == self::workspace(n), "sizes of a matrix of order {n}");
+    balance(n, matrix, &mut workspace[..n + n * n + 1]);
     let (scales, buffers) = workspace.split_at_mut(n);
-    balance(n, matrix, scales);
-    let norm = matrix.chunks_exact(n).map(|column| column.iter().map(|x| x.abs()).sum()).fold(0.0, f64::max);
-    // A norm that isn't finite makes no number of squarings finite either.
-    let squarings = if norm > THETA { (norm / THETA).log2().ceil().min(1100.0) as i32 } else { 0 };
-    let factor = 0.5_f64.powi(squarings);
+    let norms = matrix.chunks_exact(n).map(|column| magnitude(column.iter()));
+    let (squarings, factor) = scaling(norms.fold(S::from(0.0), larger));
     matrix.iter_mut().for_each(|x| *x *= factor);
     taylor(n, matrix, buffers);
-    let square = &mut buffers[..n * n];
-    for _ in 0..squarings {
-        square.fill(0.0);
-        add_product(n, matrix, matrix, square);
-        matrix.copy_from_slice(square);
-    }
+    square(n, squarings, matrix, &mut buffers[..2 * n * n + 1]);
     for (column, &of_column) in matrix.chunks_exact_mut(n).zip(&*scales) {
-        column.iter_mut().zip(&*scales).for_each(|(x, of_row)| *x *= of_row / of_column);
+        column.iter_mut().zip(&*scales).for_each(|(x, &of_row)| *x *= of_row / of_column);
     }
 }
 
-/// Scales variables so that rows and columns have norms alike. `scales` gets the size that each variable has in units of
-/// its scaled one.
-fn balance(n: usize, matrix: &mut [f64], scales: &mut [f64]) {
-    scales.fill(1.0);
-    for _ in 0..SWEEPS {
-        let mut balanced = true;
+/// How often a matrix of this norm is squared after it was halved as often, and the factor of that. No number of squarings
+/// makes a norm finite that isn't.
+fn scaling<S: Scalar>(norm: S) -> (S, S) {
+    let mut state = [norm, S::from(0.0), S::from(1.0)];
+    let is_large = |state: &[S]| state[0].above(S::from(THETA));
+    S::iterate(&mut state, SQUARINGS, is_large, |state| {
+        state[0] *= 0.5;
+        state[1] += 1.0;
+        state[2] *= 0.5;
+    });
+    (state[1], state[2])
+}
+
+/// Squares a matrix so many times, in a workspace for two of them and a number.
+fn square<S: Scalar>(n: usize, times: S, matrix: &mut [S], workspace: &mut [S]) {
+    workspace[0] = times;
+    workspace[1..1 + n * n].copy_from_slice(matrix);
+    let is_left = |state: &[S]| state[0].above(S::from(0.0));
+    S::iterate(workspace, SQUARINGS, is_left, |state| {
+        state[0] -= 1.0;
+        let (matrix, square) = state[1..].split_at_mut(n * n);
+        square.fill(S::from(0.0));
+        add_product(n, matrix, matrix, square);
+        matrix.copy_from_slice(square);
+    });
+    matrix.copy_from_slice(&workspace[1..1 + n * n]);
+}
+
+/// Scales variables so that rows and columns have norms alike. The workspace gets the size that each variable has in units
+/// of its scaled one; behind these it is for the matrix, and for whether the last sweep has changed it.
+fn balance<S: Scalar>(n: usize, matrix: &mut [S], workspace: &mut [S]) {
+    let (zero, changed) = (S::from(0.0), n + n * n);
+    workspace.fill(S::from(1.0));
+    workspace[n..changed].copy_from_slice(matrix);
+    let is_changed = |state: &[S]| state[changed].above(zero);
+    S::iterate(workspace, SWEEPS, is_changed, |state| {
+        let mut any = S::Flag::from(false);
         for i in 0..n {
-            let (row, column) = norms(n, matrix, i);
-            if !(row > 0.0 && column > 0.0) {
-                continue;
-            }
+            let (row, column) = norms(n, &state[n..], i);
+            let is_coupled = row.above(zero) & column.above(zero);
+            // Without a branch, so that no compiler divides zero by zero ahead of one.
+            let [row, column] = [row, column].map(|norm| S::select(is_coupled, norm, S::from(1.0)));
             let factor = (row / column).sqrt();
-            if !(1.0 / BALANCED..=BALANCED).contains(&factor) {
-                scale(n, matrix, scales, i, factor);
-                balanced = false;
-            }
+            let is_off = !(factor.at_least(S::from(1.0 / BALANCED)) & factor.at_most(S::from(BALANCED)));
+            scale(is_off, n, state, i, factor);
+            any = any | is_off;
         }
-        if balanced {
-            break;
-        }
-    }
+        state[changed] = S::from_flag(any);
+    });
     // What drives others and is driven by nothing (the constant of an affine system) may be as large as one likes.
     for i in 0..n {
-        if let (0.0, column) = norms(n, matrix, i)
-            && column > 0.0
-            && matrix[i + i * n] == 0.0
-        {
-            let largest = (0..n).filter(|&j| j != i).map(|j| norms(n, matrix, j).1).fold(0.0, f64::max);
-            scale(n, matrix, scales, i, (largest / column).clamp(f64::MIN_POSITIVE, 1.0));
-        }
+        let matrix = &workspace[n..];
+        let (row, column) = norms(n, matrix, i);
+        let drives = row.equals(zero) & column.above(zero) & matrix[i + i * n].equals(zero);
+        let one = S::from(1.0);
+        let to_largest = || {
+            let largest = others(n, i).map(|j| norms(n, matrix, j).1).fold(zero, larger);
+            within(largest / column, S::from(f64::MIN_POSITIVE), one)
+        };
+        let factor = S::branch(drives, to_largest, || one);
+        scale(drives, n, workspace, i, factor);
     }
+    matrix.copy_from_slice(&workspace[n..changed]);
+}
+
+fn others(n: usize, i: usize) -> impl Iterator<Item = usize> {
+    (0..n).filter(move |&j| j != i)
+}
+
+/// Sum of magnitudes.
+fn magnitude<'a, S: Scalar>(numbers: impl Iterator<Item = &'a S>) -> S {
+    numbers.fold(S::from(0.0), |sum, x| sum + x.abs())
 }
 
 /// Sums of magnitudes in a row and a column, the diagonal left out.
-fn norms(n: usize, matrix: &[f64], i: usize) -> (f64, f64) {
-    let others = || (0..n).filter(|&j| j != i);
-    (others().map(|j| matrix[i + j * n].abs()).sum(), others().map(|j| matrix[j + i * n].abs()).sum())
+fn norms<S: Scalar>(n: usize, matrix: &[S], i: usize) -> (S, S) {
+    (magnitude(others(n, i).map(|j| &matrix[i + j * n])), magnitude(others(n, i).map(|j| &matrix[j + i * n])))
 }
 
-fn scale(n: usize, matrix: &mut [f64], scales: &mut [f64], i: usize, factor: f64) {
-    scales[i] *= factor;
-    for j in (0..n).filter(|&j| j != i) {
-        matrix[i + j * n] /= factor;
-        matrix[j + i * n] *= factor;
-    }
+/// Scales a variable, where a condition holds, of sizes with their matrix behind them.
+fn scale<S: Scalar>(flag: S::Flag, n: usize, mut state: &mut [S], i: usize, factor: S) {
+    S::carry_out(flag, &mut state, |state| {
+        let (scales, matrix) = state.split_at_mut(n);
+        scales[i] *= factor;
+        for j in others(n, i) {
+            matrix[i + j * n] /= factor;
+            matrix[j + i * n] *= factor;
+        }
+    });
 }
 
 /// The polynomial of degree 8; its coefficients follow from those of the exponential by the products that it is made of.
-fn taylor(n: usize, a: &mut [f64], buffers: &mut [f64]) {
+fn taylor<S: Scalar>(n: usize, a: &mut [S], buffers: &mut [S]) {
     let root = 177.0_f64.sqrt();
     let x3 = 2.0 / 3.0;
     let (x1, x2) = ((1.0 + root) * x3 / 88.0, (1.0 + root) * x3 / 352.0);
@@ -98,21 +140,21 @@ fn taylor(n: usize, a: &mut [f64], buffers: &mut [f64]) {
     let (x6, x7) = (11.0 * (root - 9.0) / (5040.0 * x3), (89.0 - root) / (5040.0 * x3 * x3));
     let y2 = (857.0 - 58.0 * root) / 630.0;
 
-    buffers.fill(0.0);
+    buffers.fill(S::from(0.0));
     let (a2, rest) = buffers.split_at_mut(n * n);
     let (a4, rest) = rest.split_at_mut(n * n);
     let (left, right) = rest.split_at_mut(n * n);
     add_product(n, a, a, a2);
     for ((left, &a), &a2) in left.iter_mut().zip(&*a).zip(&*a2) {
-        *left = x1 * a + x2 * a2;
+        *left = a * x1 + a2 * x2;
     }
     add_product(n, a2, left, a4);
     let powers = || a2.iter().zip(&*a4);
-    left.iter_mut().zip(powers()).for_each(|(left, (&a2, &a4))| *left = x3 * a2 + a4);
+    left.iter_mut().zip(powers()).for_each(|(left, (&a2, &a4))| *left = a2 * x3 + a4);
     for ((right, &a), (&a2, &a4)) in right.iter_mut().zip(&*a).zip(powers()) {
-        *right = x5 * a + x6 * a2 + x7 * a4;
+        *right = a * x5 + a2 * x6 + a4 * x7;
     }
-    a.iter_mut().zip(powers()).for_each(|(a, (&a2, _))| *a += y2 * a2);
+    a.iter_mut().zip(powers()).for_each(|(a, (&a2, _))| *a += a2 * y2);
     for i in 0..n {
         right[i + i * n] += x4;
         a[i + i * n] += 1.0;
@@ -121,12 +163,12 @@ fn taylor(n: usize, a: &mut [f64], buffers: &mut [f64]) {
 }
 
 /// c ← c + a b
-fn add_product(n: usize, a: &[f64], b: &[f64], c: &mut [f64]) {
-    for (b, c) in b.chunks_exact(n).zip(c.chunks_exact_mut(n)) {
+fn add_product<S: Scalar>(n: usize, a: &[S], b: &[S], c: &mut [S]) {
+    for (b, mut c) in b.chunks_exact(n).zip(c.chunks_exact_mut(n)) {
         for (a, &b) in a.chunks_exact(n).zip(b) {
-            if b != 0.0 {
+            S::carry_out(!b.equals(S::from(0.0)), &mut c, |c| {
                 c.iter_mut().zip(a).for_each(|(c, &a)| *c += a * b);
-            }
+            });
         }
     }
 }

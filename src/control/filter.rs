@@ -14,11 +14,11 @@ use crate::error::{Invalid, Number};
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct FilterDescription {
-    /// What multiplies the quotient.
+    /// Its factor.
     pub gain: f64,
-    /// Zeros, anywhere but at 0.
+    /// Its zeros: factors of first or second degree, highest power of s first, none of them 0.
     pub numerator: Vec<Vec<f64>>,
-    /// Poles: one at 0, the others in the open left half plane.
+    /// Its poles, likewise: one at 0 (`[1.0, 0.0]`), the others stable, more than there are zeros.
     pub denominator: Vec<Vec<f64>>,
 }
 

@@ -3,7 +3,7 @@
 //! E. H. Mamdani and S. Assilian, An experiment in linguistic synthesis with a fuzzy logic controller, Int. J.
 //! Man-Machine Studies 7 (1975) 1–13.
 
-use crate::system::Scalar;
+use crate::system::{Scalar, larger, smaller};
 
 /// Number of sets of each input and of the output: zero, very small, small, large, very large.
 pub const SETS: usize = 5;
@@ -68,14 +68,6 @@ pub fn infer<T: Scalar>(inputs: [T; 2], centres: &[T; SETS], sets: &[Triangle<T>
         (areas + area, moments + moment)
     });
     moment / area
-}
-
-fn smaller<T: Scalar>(a: T, b: T) -> T {
-    if b.re() < a.re() { b } else { a }
-}
-
-fn larger<T: Scalar>(a: T, b: T) -> T {
-    if b.re() > a.re() { b } else { a }
 }
 
 #[cfg(test)]

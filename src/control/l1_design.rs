@@ -29,6 +29,9 @@ const MOST_WORK: usize = 3_000_000;
 const TOLERANCE: f64 = 1e-7;
 const ROUGH: f64 = 1e-2;
 
+/// What messages call A_m.
+const DYNAMICS: &str = "the desired dynamics";
+
 /// Points of the grid of frequencies in a decade.
 const PER_DECADE: f64 = 40.0;
 
@@ -225,7 +228,7 @@ impl L1Design {
     /// # Errors
     /// [`Invalid`] when A_m isn't Hurwitz, or the system too badly scaled.
     pub fn norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
-        require_hurwitz("A_m", &self.A_m)?;
+        require_hurwitz(DYNAMICS, &self.A_m)?;
         self.norms_by(&mut L1Norms::within(TOLERANCE), omega)
     }
 
@@ -234,7 +237,7 @@ impl L1Design {
     /// # Errors
     /// As there.
     pub fn rough_norms(&self, omega: &DMatrix<f64>) -> Result<Norms, Invalid> {
-        require_hurwitz("A_m", &self.A_m)?;
+        require_hurwitz(DYNAMICS, &self.A_m)?;
         self.norms_by(&mut L1Norms::within(ROUGH), omega)
     }
 
@@ -256,7 +259,7 @@ impl L1Design {
     /// # Errors
     /// [`Invalid`] as of [`L1Design::norms`].
     pub fn worst(&self, lipschitz: Lipschitz) -> Result<Worst, Invalid> {
-        require_hurwitz("A_m", &self.A_m)?;
+        require_hurwitz(DYNAMICS, &self.A_m)?;
         let gains = self.gains();
         let found = |norms: Norms, omega: &DMatrix<f64>| {
             let every_corner = self.free().len() <= self.most_entries();
@@ -280,7 +283,7 @@ impl L1Design {
                 worst = Some((lambda, norms, omega));
             }
         }
-        let (_, norms, omega) = worst.ok_or_else(|| Invalid::because("omega_min, omega_max: no input gain to try"))?;
+        let (_, norms, omega) = worst.ok_or_else(|| Invalid::because("bounds of omega: no input gain to try"))?;
         found(norms, omega)
     }
 

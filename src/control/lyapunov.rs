@@ -20,17 +20,21 @@ const MOST_ITERATIONS: usize = 10_000;
 /// # Errors
 /// [`Invalid`] when A isn't Hurwitz (with its eigenvalues), or Q not symmetric positive definite.
 pub fn solve(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
-    solve_with_decay(a, q).map(|(p, _)| p)
+    solve_with_decay((a, q), ["A", "Q"]).map(|(p, _)| p)
 }
 
-/// The same, and the rate of the slowest decay of A, 1/s, which is known then.
+/// The same, and the rate of the slowest decay of A, 1/s, which is known then; messages call the matrices by these names.
 ///
 /// # Errors
 /// As [`solve`].
-pub fn solve_with_decay(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<(DMatrix<f64>, f64), Invalid> {
-    let decay = slowest_decay("A_m", a)?;
-    require_positive_definite("Q", q)?;
-    let p = gramian(a, q).ok_or_else(|| Invalid::because("A_m is too badly scaled for a Lyapunov equation"))?;
+pub fn solve_with_decay(
+    (a, q): (&DMatrix<f64>, &DMatrix<f64>),
+    [name, name_of_q]: [&str; 2],
+) -> Result<(DMatrix<f64>, f64), Invalid> {
+    let decay = slowest_decay(name, a)?;
+    require_positive_definite(name_of_q, q)?;
+    let unscaled = || Invalid::because(format!("{name} is too badly scaled for a Lyapunov equation"));
+    let p = gramian(a, q).ok_or_else(unscaled)?;
     Ok((p, decay))
 }
 

@@ -50,20 +50,25 @@ pub struct FilteredPolynomial {
 }
 
 impl MatchedEquivalent {
-    /// T(s) for A_m (n × n), B (n × m), C (m × n) and B_um (n × k).
+    /// T(s) for A_m (n × n, with the name that messages call it by), B (n × m), C (m × n) and B_um (n × k).
     ///
     /// # Errors
     /// [`Invalid`] when H_m(s) has no inverse or none that is stable, or rounding would spoil it.
-    pub fn new(A_m: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>, B_um: &DMatrix<f64>) -> Result<Self, Invalid> {
+    pub fn new(
+        (name, A_m): (&str, &DMatrix<f64>),
+        B: &DMatrix<f64>,
+        C: &DMatrix<f64>,
+        B_um: &DMatrix<f64>,
+    ) -> Result<Self, Invalid> {
         if [A_m, B, C, B_um].iter().any(|matrix| !matrix.norm_squared().is_finite()) {
-            return Err(too_bad());
+            return Err(too_bad(name));
         }
         let (plant, input_scales) = Plant::scaled(A_m, B, C, B_um);
-        let (constraints, direct) = plant.structure()?;
-        let mut equivalent = plant.equivalent(&constraints, &direct).ok_or_else(too_bad)?;
-        equivalent.require_minimum_phase()?;
+        let (constraints, direct) = plant.structure(name)?;
+        let mut equivalent = plant.equivalent(&constraints, &direct).ok_or_else(|| too_bad(name))?;
+        equivalent.require_minimum_phase(name)?;
         if !plant.is_matched_by(&equivalent) {
-            return Err(too_bad());
+            return Err(too_bad(name));
         }
         for (i, scale) in input_scales.iter().enumerate() {
             equivalent.C_z.row_mut(i).scale_mut(*scale);
@@ -117,17 +122,16 @@ impl MatchedEquivalent {
         Ok(FilteredPolynomial { inputs, direct })
     }
 
-    fn require_minimum_phase(&self) -> Result<(), Invalid> {
+    fn require_minimum_phase(&self, name: &str) -> Result<(), Invalid> {
         let margin = MARGIN * self.A_z.norm();
         let Some(zeros) = self.zeros() else {
-            return Err(Invalid::because(
-                "the zeros of C (sI - A_m)^-1 B can't be found: A_m, B, C are too badly scaled",
-            ));
+            let text = format!("the zeros of C (sI - {name})^-1 B can't be found: {name}, B, C are too badly scaled");
+            return Err(Invalid::because(text));
         };
         match zeros.into_iter().find(|zero| zero.re >= -margin) {
             None => Ok(()),
             Some(zero) => Err(Invalid::new(
-                "zero of C (sI - A_m)^-1 B",
+                format!("zero of C (sI - {name})^-1 B"),
                 eigenvalue_text(&zero),
                 "must have a negative real part, or its inverse is unstable: choose other outputs C",
             )),
@@ -205,7 +209,7 @@ impl Plant {
     ///
     /// # Errors
     /// [`Invalid`] when there are fewer of these than inputs.
-    fn structure(&self) -> Result<(Vec<Equation>, Vec<Equation>), Invalid> {
+    fn structure(&self, name: &str) -> Result<(Vec<Equation>, Vec<Equation>), Invalid> {
         let (n, m) = self.B.shape();
         let (mut constraints, mut direct) = (Vec::<Equation>::new(), Vec::new());
         let mut pending: Vec<_> = self.C.row_iter().map(|row| self.equation(row.into_owned())).collect();
@@ -219,14 +223,14 @@ impl Plant {
                 }
                 let left = equation.terms.columns(0, n).norm();
                 if !left.is_finite() {
-                    return Err(too_bad());
+                    return Err(too_bad(name));
                 }
                 // There are no more independent equations than states.
                 if constraints.len() == n || left <= ROUNDING * equation.variances.columns(0, n).sum().sqrt() {
-                    return Err(Invalid::because(
-                        "C (sI - A_m)^-1 B is singular, or nearly so, at every s: the inputs don't move the outputs \
-                         independently of each other; choose other outputs C",
-                    ));
+                    return Err(Invalid::because(format!(
+                        "C (sI - {name})^-1 B is singular, or nearly so, at every s: the inputs don't move the outputs \
+                         independently of each other; choose other outputs C"
+                    )));
                 }
                 equation.terms /= left;
                 equation.variances /= left.powi(2);
@@ -375,8 +379,8 @@ impl Inverse {
     }
 }
 
-fn too_bad() -> Invalid {
-    Invalid::because("A_m, B, C: too badly scaled to invert C (sI - A_m)^-1 B in double precision")
+fn too_bad(name: &str) -> Invalid {
+    Invalid::because(format!("{name}, B, C: too badly scaled to invert C (sI - {name})^-1 B in double precision"))
 }
 
 /// The square of each entry.

@@ -7,7 +7,7 @@
 use nalgebra::DMatrix;
 
 use crate::report::DesignReport;
-use crate::system::Scalar;
+use crate::system::{Parameter, Scalar, Values, VectorOf};
 
 /// A performance function ρ(t) = (ρ_0 − ρ_∞) e^(−l t) + ρ_∞ at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,17 +29,19 @@ impl<T: Scalar> Performance<T> {
     }
 }
 
-/// Tells of the funnels of all channels.
-pub fn report(rho_0: &[f64], rho_inf: &[f64], decay_rate: &[f64], report: &mut DesignReport) {
+/// Tells of the funnels of all channels: ρ_0, ρ_∞ and l.
+pub fn report(parameters: [VectorOf<Parameter>; 3], v: &Values<f64>, report: &mut DesignReport) {
+    let [rho_0, rho_inf, decay_rate] = parameters.map(|parameter| &v[parameter]);
+    let names = parameters.map(|parameter| v.name(parameter));
     let row = |values: &dyn Fn(usize) -> f64| DMatrix::from_fn(1, rho_0.len(), |_, i| values(i));
-    report.tell("rho_0", &row(&|i| rho_0[i]), "", "bound of each error at the start, in the error's own unit");
-    report.tell("rho_inf", &row(&|i| rho_inf[i]), "", "bound in the end");
-    report.tell("decay_rate", &row(&|i| decay_rate[i]), "1/s", "");
+    report.tell(&names[0], &row(&|i| rho_0[i]), "", "bound of each error at the start, in the error's own unit");
+    report.tell(&names[1], &row(&|i| rho_inf[i]), "", "bound in the end");
+    report.tell(&names[2], &row(&|i| decay_rate[i]), "1/s", "");
     let steepest = row(&|i| decay_rate[i] * (rho_0[i] - rho_inf[i]));
     report.tell("steepest slope", &steepest, "", "at the start: an error that decays more slowly leaves the funnel");
     let narrow = |i: usize| ((rho_0[i] - rho_inf[i]) / (NARROW * rho_inf[i])).max(1.0).ln() / decay_rate[i];
     let slowest = (0..rho_0.len()).map(narrow).fold(0.0, f64::max);
-    report.tell("narrow from", slowest, "s", "all bounds are within 5 % of rho_inf");
+    report.tell("narrow from", slowest, "s", &format!("all bounds are within 5 % of {}", names[1]));
 }
 
 /// Part of ρ_∞ within which a funnel counts as narrow.
@@ -56,24 +58,23 @@ pub struct Bounds<T> {
 
 impl<T: Scalar> Bounds<T> {
     /// Whether z is between them.
-    pub fn hold(&self, z: T) -> bool {
-        z.re() > -self.lower.re() && z.re() < self.upper.re()
+    pub fn hold(&self, z: T) -> T::Flag {
+        z.above(-self.lower) & z.below(self.upper)
     }
 
     /// How far z is from the nearer one; negative outside.
     pub fn margin(&self, z: T) -> T {
         let (below, above) = (z + self.lower, self.upper - z);
-        if below.re() < above.re() { below } else { above }
+        T::select(below.below(above), below, above)
     }
 
     /// ε(z) = ½ ln((δ_lo + z)/(δ_up − z)), the transformed error; no number outside.
     pub fn transformed(&self, z: T) -> T {
         let Bounds { lower, upper } = *self;
-        if lower.re() > 0.0 && upper.re() > 0.0 {
-            // Where z is tiny, as sharp as z itself.
-            return ((z / lower).ln_1p() - (-z / upper).ln_1p() + (lower / upper).ln()) * 0.5;
-        }
-        ((z + lower) / (upper - z)).ln() * 0.5
+        let zero = T::from(0.0);
+        // Where z is tiny, as sharp as z itself.
+        let sharp = || ((z / lower).ln_1p() - (-z / upper).ln_1p() + (lower / upper).ln()) * 0.5;
+        T::branch(lower.above(zero) & upper.above(zero), sharp, || ((z + lower) / (upper - z)).ln() * 0.5)
     }
 
     /// dε/dz = ½ (1/(δ_lo + z) + 1/(δ_up − z))
@@ -89,20 +90,22 @@ impl<T: Scalar> Bounds<T> {
     /// z = S(ε), the inverse of [`Bounds::transformed`].
     pub fn inverse(&self, epsilon: T) -> T {
         // With the exponential that is at most 1, so that nothing overflows.
-        if epsilon.re() >= 0.0 {
+        let above = || {
             let small = (-epsilon * 2.0).exp();
             (self.upper - self.lower * small) / (small + 1.0)
-        } else {
+        };
+        let below = || {
             let small = (epsilon * 2.0).exp();
             (self.upper * small - self.lower) / (small + 1.0)
-        }
+        };
+        T::branch(epsilon.at_least(T::from(0.0)), above, below)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use num_dual::{Dual64, first_derivative};
+    use crate::system::Dual;
 
     const BOUNDS: [(f64, f64); 4] = [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.3, 1.0)];
 
@@ -124,10 +127,8 @@ mod tests {
     #[test]
     fn the_inverse_has_the_slope_of_the_inverse_everywhere() {
         for epsilon in [-3.0, -1e-9, 0.0, 1e-9, 0.4] {
-            let (z, slope) = first_derivative(
-                |epsilon: Dual64| Bounds { lower: 0.3.into(), upper: 1.0.into() }.inverse(epsilon),
-                epsilon,
-            );
+            let (z, slope) =
+                Dual::of(|epsilon: Dual| Bounds { lower: 0.3.into(), upper: 1.0.into() }.inverse(epsilon), epsilon);
             let of = Bounds { lower: 0.3, upper: 1.0 }.slope(z);
             assert!((slope * of - 1.0).abs() < 1e-12, "at {epsilon}: {slope}");
         }
@@ -145,10 +146,10 @@ mod tests {
         for (lower, upper) in BOUNDS {
             let bounds = Bounds { lower, upper };
             let z = -lower + 0.3 * (lower + upper);
-            let of = |z: Dual64| Bounds { lower: lower.into(), upper: upper.into() }.transformed(z);
-            assert!((first_derivative(of, z).1 / bounds.slope(z) - 1.0).abs() < 1e-13);
-            let slope = |z: Dual64| Bounds { lower: lower.into(), upper: upper.into() }.slope(z);
-            let second = first_derivative(slope, z).1;
+            let of = |z: Dual| Bounds { lower: lower.into(), upper: upper.into() }.transformed(z);
+            assert!((Dual::of(of, z).1 / bounds.slope(z) - 1.0).abs() < 1e-13);
+            let slope = |z: Dual| Bounds { lower: lower.into(), upper: upper.into() }.slope(z);
+            let second = Dual::of(slope, z).1;
             assert!((second - bounds.second_slope(z)).abs() < 1e-12 * second.abs());
         }
     }
@@ -157,8 +158,7 @@ mod tests {
     fn a_performance_function_falls_from_its_start_to_its_end() {
         let at = |t| Performance::at(t, 1.1, 0.005, 2.0);
         assert_eq!((at(0.0).rho, at(1e9).rho), (1.1, 0.005));
-        let (rho, rate) =
-            first_derivative(|t: Dual64| Performance::at(t, 1.1.into(), 0.005.into(), 2.0.into()).rho, 0.7);
+        let (rho, rate) = Dual::of(|t: Dual| Performance::at(t, 1.1.into(), 0.005.into(), 2.0.into()).rho, 0.7);
         assert!((rho - at(0.7).rho).abs() < 1e-15 && (rate - at(0.7).rate).abs() < 1e-15);
         assert!((at(0.7).second_rate - 4.0 * 1.095 * (-1.4_f64).exp()).abs() < 1e-14);
     }

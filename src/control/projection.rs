@@ -12,23 +12,23 @@ use crate::system::Scalar;
 /// frozen.
 pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
     let (h, away) = ((hi - lo) * 0.5, v - (lo + hi) * 0.5);
-    if h.re() <= 0.0 {
-        return S::from(0.0);
-    }
+    let held_back = || {
+        let d = away / h;
+        let f = ((epsilon + 1.0) * d * d - 1.0) / epsilon;
+        let outwards = f.above(S::from(0.0)) & (d * y).above(S::from(0.0));
+        S::branch(outwards, || y * (-f + 1.0), || y)
+    };
     // Not in the layer for certain, as √(1 + ε) ≤ 1 + ε: nothing needs to be divided.
-    if away.re().abs() * (1.0 + epsilon.re()) <= h.re() {
-        return y;
-    }
-    let d = away / h;
-    let f = ((epsilon + 1.0) * d * d - 1.0) / epsilon;
-    if f.re() > 0.0 && (d * y).re() > 0.0 { y * (-f + 1.0) } else { y }
+    let is_inside = (away.abs() * (epsilon + 1.0)).at_most(h);
+    S::branch(h.at_most(S::from(0.0)), || S::from(0.0), || S::branch(is_inside, || y, held_back))
 }
 
 /// Whether v is in the layer at a bound where [`projection`] holds back what points outwards; never where the bounds
 /// coincide.
-pub fn is_in_layer(v: f64, lo: f64, hi: f64, epsilon: f64) -> bool {
+pub fn is_in_layer<S: Scalar>(v: S, lo: S, hi: S, epsilon: S) -> S::Flag {
     let (h, away) = ((hi - lo) * 0.5, v - (lo + hi) * 0.5);
-    h > 0.0 && (1.0 + epsilon) * (away / h).powi(2) > 1.0
+    // (1 + ε) (away/h)² > 1 without a division by the width, which may be zero.
+    h.above(S::from(0.0)) & (away.abs() * (epsilon + 1.0).sqrt()).above(h)
 }
 
 #[cfg(test)]

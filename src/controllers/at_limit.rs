@@ -1,7 +1,8 @@
 //! How long a control has stood at its limit: where that lasts, the plant needs more than there is, and no law helps.
 
-use crate::report::number;
-use crate::system::{Declaration, Discrete, Parameter, Point, ScalarOf, Signal, VectorOf, Warning, scalar, vector};
+use crate::system::{
+    Declaration, Discrete, Parameter, Point, Scalar, ScalarOf, Signal, VectorOf, Warning, larger, scalar, vector,
+};
 
 /// A control, and the limits that keep it.
 #[derive(Debug, Clone, Copy)]
@@ -40,36 +41,46 @@ impl AtLimit {
     }
 
     /// Looks at the control at t, and warns once where one has stood at its limit for so long.
-    pub fn look(&self, t: f64, settling_time: f64, v: &mut Point) {
+    pub fn look<S: Scalar>(&self, t: S, settling_time: S, v: &mut Point<S>) {
         let Limited { u, u_min, u_max } = self.limited;
-        let (mut longest, mut channel) = (0.0, None);
+        let none = S::from(0.0);
+        let mut longest = none;
         for i in 0..u.len() {
-            let side = if v[u][i] >= v[u_max][i] {
-                1.0
-            } else if v[u][i] <= v[u_min][i] {
-                -1.0
-            } else {
-                0.0
-            };
-            if side != v[self.side][i] {
-                (v[self.side][i], v[self.since][i]) = (side, t);
-            }
-            let time = if side == 0.0 { 0.0 } else { t - v[self.since][i] };
-            if time > longest {
-                (longest, channel) = (time, Some(i));
-            }
+            let (is_above, is_below) = (v[u][i].at_least(v[u_max][i]), v[u][i].at_most(v[u_min][i]));
+            let side = S::select(is_above, S::from(1.0), S::select(is_below, S::from(-1.0), none));
+            v[self.since][i] = S::select(side.equals(v[self.side][i]), v[self.since][i], t);
+            v[self.side][i] = side;
+            longest = larger(longest, self.time(i, t, v));
         }
         v[self.longest] = longest;
-        let Some(i) = channel.filter(|_| longest >= settling_time) else { return };
-        let limit = if v[self.side][i] > 0.0 { "u_max" } else { "u_min" };
-        v.warn(self.warning, || {
-            format!(
-                "u[{0}] has stood at its limit {limit}[{0}] for {1} s, as long as the desired dynamics take to settle: where \
-                 that lasts, the plant needs more than there is. time_at_limit tells how long; let the reference ask for \
-                 less at a time, or take slower poles",
-                i + 1,
-                number(longest)
-            )
-        });
+        let lasts = longest.above(none) & longest.at_least(settling_time);
+        v.when(lasts, |v| (0..u.len()).for_each(|i| self.warn(i, t, v)));
+    }
+
+    /// How long a channel has stood at its limit.
+    fn time<S: Scalar>(&self, channel: usize, t: S, v: &Point<S>) -> S {
+        let none = S::from(0.0);
+        S::select(v[self.side][channel].equals(none), none, t - v[self.since][channel])
+    }
+
+    /// Warns of a channel, where it is the one that has stood at its limit longest.
+    fn warn<S: Scalar>(&self, channel: usize, t: S, v: &mut Point<S>) {
+        let Limited { u, u_min, u_max } = self.limited;
+        let longest = v[self.longest];
+        let is_it = self.time(channel, t, v).equals(longest);
+        let is_upper = v[self.side][channel].above(S::from(0.0));
+        for (which, limit) in [(is_upper, u_max), (!is_upper, u_min)] {
+            v.when(is_it & which, |v| {
+                v.warn(self.warning, |v| {
+                    let [u, limit, time] = [v.name(u.at(channel)), v.name(limit.at(channel)), v.name(self.longest)];
+                    format!(
+                        "{u} has stood at its limit {limit} for {} s, as long as the desired dynamics take to settle: where \
+                         that lasts, the plant needs more than there is. {time} tells how long; let the reference ask for \
+                         less at a time, or take slower poles",
+                        longest.rounded()
+                    )
+                });
+            });
+        }
     }
 }

@@ -5,16 +5,18 @@
 
 use crate::control::performance::{self, Bounds, Performance};
 use crate::error::Number;
-use crate::report::number;
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar,
-    Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, vector,
+    Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, larger, vector,
 };
 
 /// Where the funnel re-opens, in parts of the distance of its bounds.
 const EDGE: f64 = 1e-6;
 /// How wide it re-opens, in parts of the error.
 const WIDER: f64 = 1.25;
+
+/// Start values of a funnel that is wide, to both sides, and stays so.
+pub(super) const OPEN: &str = "rho_0 = 10.0\nrho_inf = 9.0\ndecay_rate = 0.0\nfunnel = 'symmetric'\novershoot = 1.0\n";
 
 /// Which bounds an error has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,6 +75,8 @@ pub(super) struct Funnel {
     lower: VectorOf<Signal>,
     upper: VectorOf<Signal>,
     left: Warning,
+    /// The first of its event indicators, one a channel.
+    indicator: usize,
 }
 
 /// An error within its funnel at a time.
@@ -128,17 +132,8 @@ impl Funnel {
             lower: d.local(signal("funnel_lower", "lower bound of the error")),
             upper: d.local(signal("funnel_upper", "upper bound of the error")),
             left: d.warning("logFunnel", "an error that left its funnel, which re-opened"),
+            indicator: d.indicators(vec![""; m]),
         }
-    }
-
-    /// Signals of the funnel, for the declaration of what they depend on; those of the first kind depend on e.
-    pub fn signals_of_error(&self) -> [VectorOf<Signal>; 2] {
-        [self.e, self.epsilon]
-    }
-
-    /// Signals that depend on time alone.
-    pub fn signals_of_time(&self) -> [VectorOf<Signal>; 3] {
-        [self.rho, self.lower, self.upper]
     }
 
     /// # Errors
@@ -147,8 +142,8 @@ impl Funnel {
         let mut invalid = Invalid::none();
         for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
             if rho_inf >= rho_0 {
-                let allowed = format!("must be below rho_0[{}] = {}", i + 1, Number(*rho_0));
-                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), Number(*rho_inf), allowed));
+                let allowed = format!("must be below {} = {}", v.name(self.rho_0.at(i)), Number(*rho_0));
+                invalid.and(Invalid::new(v.name(self.rho_inf.at(i)), Number(*rho_inf), allowed));
             }
         }
         invalid
@@ -156,29 +151,31 @@ impl Funnel {
 
     /// Tells of the funnels.
     pub fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        performance::report(&v[self.rho_0], &v[self.rho_inf], &v[self.decay_rate], report);
+        performance::report([self.rho_0, self.rho_inf, self.decay_rate], v, report);
         let overshoot = v[self.overshoot].iter().copied().fold(f64::INFINITY, f64::min);
-        match v.get(self.shape) {
+        match v.get(self.shape).item() {
             Shape::Symmetric => report.tell("shape", "symmetric", "", "-rho < e < rho"),
             Shape::NoOvershoot if overshoot > 0.0 => report.tell("shape", "no_overshoot", "", ""),
             Shape::NoOvershoot => {
-                let note = "with overshoot = 0 an error that starts at 0 starts at a bound: it is refused there";
-                report.tell("shape", "no_overshoot", "", note);
+                let overshoot = v.name(self.overshoot);
+                let note =
+                    format!("with {overshoot} = 0 an error that starts at 0 starts at a bound: it is refused there");
+                report.tell("shape", "no_overshoot", "", &note);
             }
         }
     }
 
     /// Opens the funnels at the start.
-    pub fn open(&self, t: f64, e: impl Fn(usize, &Values<f64>) -> f64, v: &mut Point) {
+    pub fn open<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
         v.copy(self.rho_0, self.opened_to);
         v[self.opened_at].fill(t);
-        v.put(self.began_inside, true);
-        v.put(self.reopened, 0);
+        v.put(self.began_inside, true.into());
+        v.put(self.reopened, S::integer(0));
         for (i, &is_positive) in self.is_positive.iter().enumerate() {
             let e = e(i, &v.values());
-            v.put(is_positive, e >= 0.0);
+            v.put(is_positive, e.at_least(S::from(0.0)));
             let inside = self.bounds(i, &v.values()).hold(e / v[self.rho_0][i]);
-            let all = v.get(self.began_inside) && inside;
+            let all = v.get(self.began_inside) & inside;
             v.put(self.began_inside, all);
         }
     }
@@ -186,10 +183,10 @@ impl Funnel {
     /// Bounds of z in a channel.
     pub fn bounds<S: Scalar>(&self, i: usize, v: &Values<S>) -> Bounds<S> {
         let (full, other) = (S::from(1.0), v[self.overshoot][i]);
-        match (v.get(self.shape), v.get(self.is_positive[i])) {
-            (Shape::Symmetric, _) => Bounds { lower: full, upper: full },
-            (Shape::NoOvershoot, true) => Bounds { lower: other, upper: full },
-            (Shape::NoOvershoot, false) => Bounds { lower: full, upper: other },
+        let (is_symmetric, is_positive) = (v.get(self.shape).is(Shape::Symmetric), v.get(self.is_positive[i]));
+        Bounds {
+            lower: S::select(is_symmetric | !is_positive, full, other),
+            upper: S::select(is_symmetric | is_positive, full, other),
         }
     }
 
@@ -203,14 +200,20 @@ impl Funnel {
     /// that is outside counts as one in the middle; the start is refused then.
     pub fn inside<S: Scalar>(&self, i: usize, t: S, e: S, v: &Values<S>) -> Inside<S> {
         let (performance, bounds) = (self.performance(i, t, v), self.bounds(i, v));
-        let z = if v.get(self.began_inside) { e / performance.rho } else { (bounds.upper - bounds.lower) * 0.5 };
+        let middle = || (bounds.upper - bounds.lower) * 0.5;
+        let z = S::branch(v.get(self.began_inside), || e / performance.rho, middle);
         let (epsilon, R) = (bounds.transformed(z), bounds.slope(z) / performance.rho);
         Inside { e, performance, bounds, z, epsilon, R }
     }
 
     /// The smallest distance of a channel's bounds that is to come, halved.
-    pub fn narrowest(&self, i: usize, v: &Values<f64>) -> f64 {
+    pub fn narrowest<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         v[self.rho_inf][i]
+    }
+
+    /// The name of what [`Funnel::narrowest`] gives, of all channels.
+    pub fn name_of_end(&self, v: &Values<f64>) -> String {
+        v.name(self.rho_inf)
     }
 
     /// Shows a channel.
@@ -223,82 +226,95 @@ impl Funnel {
         y[self.upper.at(i)] = bounds.upper * rho;
     }
 
-    /// # Errors
-    /// [`Invalid`] for errors that are outside, and what helps.
-    pub fn check(&self, t: f64, e: impl Fn(usize) -> f64, v: &Values<f64>) -> Result<(), Invalid> {
-        let mut invalid = Invalid::none();
+    /// Refuses errors that are outside, and says what helps.
+    pub fn check<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
         for i in 0..self.e.len() {
-            let (e, rho, bounds) = (e(i), self.performance(i, t, v).rho, self.bounds(i, v));
-            if bounds.hold(e / rho) {
-                continue;
-            }
-            let (low, high, channel) = (0.0 - bounds.lower * rho, bounds.upper * rho, i + 1);
-            let by = if e > 0.0 { e - high } else { low - e };
-            let helps = if v[self.opened_at][i] == t && !v.get(self.began_inside) {
-                if bounds.margin(e.signum()) < 0.0 || e == 0.0 {
-                    format!("overshoot[{channel}] above {} would do", number(e.abs() / rho))
-                } else {
-                    format!("rho_0[{channel}] above {} would do", number(e.abs()))
-                }
-            } else {
-                format!(
-                    "it has left its funnel (rho = {}). A smaller communication step helps where it is sampled too \
-                     rarely, a larger rho_0[{channel}] or rho_inf[{channel}] where it is too narrow; on_funnel_exit = \
-                     reopen goes on",
-                    number(rho)
-                )
-            };
-            let where_it_is =
-                if by == 0.0 { "is at a bound".to_owned() } else { format!("is beyond by {}", number(by)) };
-            let allowed = format!("must lie between {} and {}, and {where_it_is}: {helps}", number(low), number(high));
-            invalid.and(Invalid::new(format!("e[{channel}]"), Number(e), allowed));
+            let values = v.values();
+            let (e, rho, bounds) = (e(i, &values), self.performance(i, t, &values).rho, self.bounds(i, &values));
+            v.when(!bounds.hold(e / rho), |v| self.refuse(i, t, (e, rho, bounds), v));
         }
-        invalid.into_result()
+    }
+
+    /// Refuses the error of a channel that is outside.
+    fn refuse<S: Scalar>(&self, i: usize, t: S, (e, rho, bounds): (S, S, Bounds<S>), v: &mut Point<S>) {
+        let zero = S::from(0.0);
+        let (low, high) = (zero - bounds.lower * rho, bounds.upper * rho);
+        let by = S::branch(e.above(zero), || e - high, || low - e);
+        let begins = v[self.opened_at][i].equals(t) & !v.get(self.began_inside);
+        let is_on_other_side = bounds.margin(e.signum()).below(zero) | e.equals(zero);
+        let [overshoot, rho_0, rho_inf] = [self.overshoot, self.rho_0, self.rho_inf].map(|it| v.name(it.at(i)));
+        let (on_exit, rho_now) = (v.name(self.on_exit), v.name(self.rho.at(i)));
+        let (of_rho, of_e) = ((e.abs() / rho).rounded(), e.abs().rounded());
+        let left = format!(
+            "it has left its funnel ({rho_now} = {}). A smaller communication step helps where it is sampled too rarely, a \
+             larger {rho_0} or {rho_inf} where it is too narrow; {on_exit} = reopen goes on",
+            rho.rounded()
+        );
+        let answers = [
+            (begins & is_on_other_side, format!("{overshoot} above {of_rho} would do")),
+            (begins & !is_on_other_side, format!("{rho_0} above {of_e} would do")),
+            (!begins, left),
+        ];
+        let is_at_bound = by.equals(zero);
+        let places =
+            [(is_at_bound, "is at a bound".to_owned()), (!is_at_bound, format!("is beyond by {}", by.rounded()))];
+        for (answers_it, helps) in &answers {
+            for (stands_so, place) in &places {
+                v.refuse(*answers_it & *stands_so, |v| {
+                    let (low, high) = (low.rounded(), high.rounded());
+                    let allowed = format!("must lie between {low} and {high}, and {place}: {helps}");
+                    Invalid::new(v.name(self.e.at(i)), e.told(), allowed)
+                });
+            }
+        }
     }
 
     /// How far each error is from where its funnel re-opens, if it does.
-    pub fn event_indicators(&self, t: f64, e: impl Fn(usize) -> f64, v: &Values<f64>, z: &mut [f64]) {
-        for (i, z) in z.iter_mut().enumerate() {
-            *z = match v.get(self.on_exit) {
-                OnExit::Error => 1.0,
-                OnExit::Reopen => self.distance(i, t, e(i), v),
-            };
+    pub fn event_indicators<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &Values<S>, z: &mut [S]) {
+        let reopens = v.get(self.on_exit).is(OnExit::Reopen);
+        for i in 0..self.e.len() {
+            z[self.indicator + i] = S::branch(reopens, || self.distance(i, t, e(i, v), v), || S::from(1.0));
         }
     }
 
-    fn distance(&self, i: usize, t: f64, e: f64, v: &Values<f64>) -> f64 {
+    fn distance<S: Scalar>(&self, i: usize, t: S, e: S, v: &Values<S>) -> S {
         let bounds = self.bounds(i, v);
-        let margin = bounds.margin(e / self.performance(i, t, v).rho) - EDGE * (bounds.lower + bounds.upper);
-        if margin == 0.0 { -f64::MIN_POSITIVE } else { margin }
+        let margin = bounds.margin(e / self.performance(i, t, v).rho) - (bounds.lower + bounds.upper) * EDGE;
+        S::select(margin.equals(S::from(0.0)), S::from(-f64::MIN_POSITIVE), margin)
     }
 
     /// Re-opens the funnels that errors have left.
-    pub fn event(&self, t: f64, e: impl Fn(usize, &Values<f64>) -> f64, v: &mut Point) {
-        if v.get(self.on_exit) == OnExit::Error || !v.get(self.began_inside) {
-            return;
-        }
-        for i in 0..self.e.len() {
-            let error = e(i, &v.values());
-            if self.distance(i, t, error, &v.values()) > 0.0 {
-                continue;
+    pub fn event<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
+        let reopens = v.get(self.on_exit).is(OnExit::Reopen) & v.get(self.began_inside);
+        v.when(reopens, |v| {
+            for i in 0..self.e.len() {
+                let error = e(i, &v.values());
+                let is_inside = self.distance(i, t, error, &v.values()).above(S::from(0.0));
+                v.when(!is_inside, |v| self.reopen(i, t, error, v));
             }
-            let rho = self.performance(i, t, &v.values()).rho;
-            v[self.opened_to][i] = (WIDER * error.abs()).max(v[self.rho_inf][i]);
-            v[self.opened_at][i] = t;
-            v.put(self.is_positive[i], error >= 0.0);
-            let count = v.get(self.reopened) + 1;
-            v.put(self.reopened, count);
-            let opened_to = v[self.opened_to][i];
-            v.warn(self.left, || {
-                format!(
-                    "e[{}] = {} has left its funnel of rho = {} at t = {t} s; it was re-opened to {}. funnel_reopened counts \
-                     how often that happens",
-                    i + 1,
-                    number(error),
-                    number(rho),
-                    number(opened_to)
-                )
-            });
-        }
+        });
+    }
+
+    /// Re-opens the funnel of a channel.
+    fn reopen<S: Scalar>(&self, i: usize, t: S, error: S, v: &mut Point<S>) {
+        let rho = self.performance(i, t, &v.values()).rho;
+        let opened_to = larger(v[self.rho_inf][i], error.abs() * WIDER);
+        v[self.opened_to][i] = opened_to;
+        v[self.opened_at][i] = t;
+        v.put(self.is_positive[i], error.at_least(S::from(0.0)));
+        let count = (S::from_integer(v.get(self.reopened)) + 1.0).to_integer();
+        v.put(self.reopened, count);
+        v.warn(self.left, |v| {
+            format!(
+                "{} = {} has left its funnel of {} = {} at t = {} s; it was re-opened to {}. {} counts how often that happens",
+                v.name(self.e.at(i)),
+                error.rounded(),
+                v.name(self.rho.at(i)),
+                rho.rounded(),
+                t.told(),
+                opened_to.rounded(),
+                v.name(self.reopened)
+            )
+        });
     }
 }

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use crate::control::fuzzy::{SETS, Triangle, infer};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Scalar, ScalarOf,
-    Signal, Signals, Values, VectorOf, boolean, choice, matrix, scalar, vector,
+    Signal, Signals, Values, VectorOf, boolean, choice, matrix, scalar, smaller, vector,
 };
 
 /// Intervals of the grid of errors and rates on which the range of the gain is looked for.
@@ -43,6 +43,8 @@ pub(super) struct FuzzyGain {
     pub k_f: Vec<ScalarOf<Signal>>,
     /// Whether |e| > k_e, for each channel: between events.
     is_fuzzy: Vec<BooleanOf<Discrete>>,
+    /// The place of the first event indicator.
+    indicators: usize,
     /// K with the gains in force.
     pub K: MatrixOf<Signal>,
 }
@@ -83,13 +85,10 @@ impl Sets {
     /// Each set has a width; by the bounds of single corners the others are in order.
     fn prepare(&self, v: &Point) -> Invalid {
         let mut invalid = Invalid::none();
-        for (low, high, names) in [(self.VS_l, self.S_l, ["VS_l", "S_l"]), (self.VL_l, self.VL_c, ["VL_l", "VL_c"])] {
+        for (low, high) in [(self.VS_l, self.S_l), (self.VL_l, self.VL_c)] {
             if v[low] >= v[high] {
-                invalid.and(Invalid::new(
-                    names[0],
-                    Number(v[low]),
-                    format!("must be below {} = {}", names[1], Number(v[high])),
-                ));
+                let allowed = format!("must be below {} = {}", v.name(high), Number(v[high]));
+                invalid.and(Invalid::new(v.name(low), Number(v[low]), allowed));
             }
         }
         invalid
@@ -133,6 +132,12 @@ impl FuzzyGain {
                 (0..m).map(|i| all.at(i)).collect()
             },
             is_fuzzy: (0..m).map(|i| d.discrete(boolean(&format!("#is_fuzzy[{}]", i + 1), "").hidden())).collect(),
+            indicators: {
+                let sides = |i: usize| {
+                    ["above", "below"].map(|side| format!("error of channel {i} {side} the fuzzy gain's bound"))
+                };
+                d.indicators((1..=m).flat_map(sides))
+            },
             K: d.local(matrix("gain_in_force", m, m, "feedback gain K in force").unit("1/s")),
         }
     }
@@ -143,14 +148,18 @@ impl FuzzyGain {
         let mut invalid = self.sets.prepare(v);
         for (k, pair) in v[self.input_centre].windows(2).enumerate() {
             if pair[0] >= pair[1] {
-                let allowed = format!("must be below input_centre[{}] = {}", k + 2, Number(pair[1]));
-                invalid.and(Invalid::new(format!("input_centre[{}]", k + 1), Number(pair[0]), allowed));
+                let [below, above] = [k, k + 1].map(|k| v.name(self.input_centre.at(k)));
+                invalid.and(Invalid::new(
+                    below,
+                    Number(pair[0]),
+                    format!("must be below {above} = {}", Number(pair[1])),
+                ));
             }
         }
         let (K, m) = (v.matrix(feedback_gain), self.k_f.len());
         for (i, j) in (0..m * m).map(|k| (k / m, k % m)).filter(|&(i, j)| i != j && K[(i, j)] != 0.0) {
             let allowed = "must be 0: each channel has a fuzzy gain of its own";
-            invalid.and(Invalid::new(format!("feedback_gain[{},{}]", i + 1, j + 1), Number(K[(i, j)]), allowed));
+            invalid.and(Invalid::new(v.name(feedback_gain.at(i, j)), Number(K[(i, j)]), allowed));
         }
         invalid.into_result()
     }
@@ -161,7 +170,7 @@ impl FuzzyGain {
         let (least, largest) = (centres[0], centres[SETS - 1]);
         let part = |k: usize| least + (largest - least) * k as f64 / GRID as f64;
         let inferred = (0..=GRID).flat_map(|i| (0..=GRID).map(move |j| (i, j)));
-        let inferred = inferred.map(|(i, j)| match v.get(self.fuzzy_output) {
+        let inferred = inferred.map(|(i, j)| match v.get(self.fuzzy_output).item() {
             FuzzyOutput::Constant => v[self.constant_gain],
             FuzzyOutput::Gain => infer([part(i), part(j)], &centres, &sets),
             FuzzyOutput::InverseGain => infer([part(i), part(j)], &centres, &sets).recip(),
@@ -183,40 +192,36 @@ impl FuzzyGain {
         v: &Values<S>,
         y: &mut Signals<S>,
     ) {
-        let (centres, sets) = (v.array(self.input_centre), self.sets.triangles(v));
+        let (centres, sets, chosen) = (v.array(self.input_centre), self.sets.triangles(v), v.get(self.fuzzy_output));
+        let (is_constant, is_inverse) = (chosen.is(FuzzyOutput::Constant), chosen.is(FuzzyOutput::InverseGain));
         y.slice(self.K).copy_from_slice(&v[feedback_gain.elements()]);
         for (i, (&k_f, &is_fuzzy)) in self.k_f.iter().zip(&self.is_fuzzy).enumerate() {
             let [e, rate] = errors(i);
-            y[k_f] = match v.get(self.fuzzy_output) {
-                FuzzyOutput::Constant => v[self.constant_gain],
-                _ => infer([v[self.k_p] * e.abs(), v[self.k_d] * rate.abs()], &centres, &sets),
-            };
-            if v.get(is_fuzzy) {
-                y[self.K.at(i, i)] = match v.get(self.fuzzy_output) {
-                    FuzzyOutput::Gain | FuzzyOutput::Constant => y[k_f],
-                    FuzzyOutput::InverseGain => y[k_f].recip(),
-                };
-            }
+            let inferred = || infer([v[self.k_p] * e.abs(), v[self.k_d] * rate.abs()], &centres, &sets);
+            let k = S::branch(is_constant, || v[self.constant_gain], inferred);
+            y[k_f] = k;
+            let (in_force, constant) = (self.K.at(i, i), y[self.K.at(i, i)]);
+            let fuzzy = || S::branch(is_inverse, || k.recip(), || k);
+            y[in_force] = S::branch(v.get(is_fuzzy), fuzzy, || constant);
         }
     }
-
-    /// Event indicators of a channel.
-    pub const INDICATORS: usize = 2;
 
     /// By how much e of each channel is above k_e, and by how much below −k_e: an error that sweeps over both between two
     /// points of the integration changes both signs, where |e| would have the same at either point. Never zero, so that
     /// the signs alone tell which gain is in force.
-    pub fn event_indicators(&self, e: impl Fn(usize) -> f64, v: &Values<f64>, z: &mut [f64]) {
-        for (i, z) in z.chunks_exact_mut(Self::INDICATORS).enumerate() {
-            for (z, e) in z.iter_mut().zip([e(i), -e(i)]) {
+    pub fn event_indicators<S: Scalar>(&self, e: impl Fn(usize) -> S, v: &Values<S>, z: &mut [S]) {
+        for i in 0..self.is_fuzzy.len() {
+            for (side, e) in [e(i), -e(i)].into_iter().enumerate() {
                 let above = e - v[self.k_e];
-                *z = if above > 0.0 { above } else { above.min(-f64::MIN_POSITIVE) };
+                let at_most = || smaller(S::from(-f64::MIN_POSITIVE), above);
+                z[self.indicators + 2 * i + side] = S::branch(above.above(S::from(0.0)), || above, at_most);
             }
         }
     }
 
     /// Chooses the gain of a channel by its error.
-    pub fn choose(&self, channel: usize, e: f64, v: &mut Point) {
-        v.put(self.is_fuzzy[channel], e.abs() - v[self.k_e] > 0.0);
+    pub fn choose<S: Scalar>(&self, channel: usize, e: S, v: &mut Point<S>) {
+        let is_fuzzy = (e.abs() - v[self.k_e]).above(S::from(0.0));
+        v.put(self.is_fuzzy[channel], is_fuzzy);
     }
 }

@@ -1,13 +1,15 @@
 //! L1 adaptive control with a fuzzy feedback gain (thesis, chapter 4).
 
 use super::fuzzy_gain::FuzzyGain;
-use super::l1::{L1Structure, Law, Ports};
+use super::l1::{self, L1Structure, Law, Ports};
 use super::watched::Tracking;
+use crate::catalogue::{Catalogued, Role};
 use crate::control::limits;
 use crate::system::{
-    Declaration, DesignReport, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride, System,
+    Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride, System,
     Unit, Values, VectorOf, vector,
 };
+use crate::template::{Request, Sizes, Template, number, three_digits};
 
 /// The L1 law with a feedback gain that follows from the tracking error and its rate.
 #[derive(Debug)]
@@ -28,10 +30,6 @@ impl Tracking for FuzzyL1 {
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         self.error(channel, v)
     }
-
-    fn errors_follow_from(&self) -> Vec<&dyn Handle> {
-        vec![&self.r, &self.ports.x]
-    }
 }
 
 impl FuzzyL1 {
@@ -40,7 +38,7 @@ impl FuzzyL1 {
         v[self.r][channel] - self.law.output(channel, v)
     }
 
-    fn choose_gains(&self, v: &mut Point) {
+    fn choose_gains<S: Scalar>(&self, v: &mut Point<S>) {
         for i in 0..self.r.len() {
             let e = self.error(i, &v.values());
             self.gain.choose(i, e, v);
@@ -54,10 +52,6 @@ impl System for FuzzyL1 {
     const DOCUMENTATION: &'static str =
         concat!(include_str!("../../docs/controllers/fuzzy_l1.md"), include_str!("../../docs/controllers/l1.md"));
 
-    fn indicators(&self) -> usize {
-        Law::INDICATORS + FuzzyGain::INDICATORS * self.r.len()
-    }
-
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let size = structure.size()?;
         let units = structure.units(size)?;
@@ -68,49 +62,46 @@ impl System for FuzzyL1 {
         let law = Law::declare(&structure, ports, d)?;
         law.allows_scheduling()?;
         let gain = FuzzyGain::declare(d, size.1);
-        law.declare_dependence(d, &[&r, &dr]);
-        gain.k_f.iter().for_each(|&k_f| d.depends(k_f, &[&r, &dr, &ports.x]));
         Ok(FuzzyL1 { r, units_of_r: units.r, dr, ports, law, gain })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(&v[self.ports.u_min], &v[self.ports.u_max]);
+        let mut invalid = limits::check(self.ports.u_min, self.ports.u_max, &v.values());
         self.gain.prepare(self.law.feedback_gain(), v).unwrap_or_else(|reasons| invalid.and(reasons));
         self.law.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
         invalid.into_result()
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         self.choose_gains(v);
-        self.law.initialise(v)
+        self.law.initialise(v);
     }
 
-    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         self.law.clip_estimates(v);
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        self.law.outputs(v, y);
+        self.law.outputs(&v[self.r], v, y);
         let errors = |i: usize| [self.error(i, v), v[self.dr][i] - self.law.output_rate(i, v)];
         self.gain.outputs(self.law.feedback_gain(), errors, v, y);
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        self.law.derivatives(&v[self.r], v.matrix(self.gain.K), v, dx);
+        self.law.derivatives(v.matrix(self.gain.K), v, dx);
     }
 
-    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
-        let (of_law, of_gain) = z.split_at_mut(Law::INDICATORS);
-        self.law.event_indicators(v, of_law);
-        self.gain.event_indicators(|i| self.error(i, v), v, of_gain);
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        self.law.event_indicators(v, z);
+        self.gain.event_indicators(|i| self.error(i, v), v, z);
     }
 
-    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.law.event(v);
         self.choose_gains(v);
     }
 
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         self.law.step_completed(t, step, v);
     }
 
@@ -118,15 +109,17 @@ impl System for FuzzyL1 {
         self.law.report(&self.gain.range(self.law.feedback_gain(), v), v, report);
     }
 
-    fn steps_itself(&self) -> bool {
-        true
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        Some(self)
     }
+}
 
+impl OwnStep for FuzzyL1 {
     fn workspace(&self) -> usize {
         self.law.closed_form_workspace()
     }
 
-    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+    fn pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         self.law.closed_form_pays(h, relative_tolerance, v)
     }
 
@@ -137,4 +130,23 @@ impl System for FuzzyL1 {
     fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
         self.law.conclude(whole, tolerance, v)
     }
+}
+
+impl Catalogued for FuzzyL1 {
+    const TITLE: &'static str = "L1 adaptive controller with a fuzzy feedback gain";
+    const PAGE: &'static str = "controllers/fuzzy_l1";
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template,
+        tried: &[Sizes::plant(2, 1), Sizes::plant(4, 2), Sizes::plant(3, 1), Sizes::plant(9, 3)],
+    });
+}
+
+fn template(request: &Request) -> Result<String, Invalid> {
+    let (mut text, bandwidth) = l1::template::begin(request, FuzzyL1::TITLE, FuzzyL1::PAGE)?;
+    let reference = request.reference;
+    text.set("k_e", number(three_digits(0.1 * reference)), "error above which the gain is fuzzy");
+    text.set("k_p", number(three_digits(1.0 / reference)), "factor of |e| in the inference: 1 is `very large`");
+    text.set("k_d", number(three_digits(0.5 / (reference * bandwidth))), "s, factor of |e'| in the inference");
+    Ok(text.finish())
 }

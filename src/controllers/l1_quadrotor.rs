@@ -6,9 +6,10 @@ use super::at_limit::Limited;
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
 use super::watched::Tracking;
+use crate::catalogue::{Catalogued, Role};
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    Declaration, DesignReport, ErrorEstimate, Handle, Input, Invalid, Many, Parameter, Point, Rates, Scalar, Signal,
+    Declaration, DesignReport, ErrorEstimate, Input, Invalid, Many, OwnStep, Parameter, Point, Rates, Scalar, Signal,
     Signals, Spec, Stride, System, Values, VectorOf, boolean, vector,
 };
 
@@ -34,10 +35,6 @@ impl<const OBSERVED: bool> Tracking for L1Quadrotor<OBSERVED> {
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         v[self.position.r][channel] - v[self.x][[0, 1, 2, 8][channel]]
     }
-
-    fn errors_follow_from(&self) -> Vec<&dyn Handle> {
-        vec![&self.position.r, &self.x]
-    }
 }
 
 impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
@@ -45,10 +42,6 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
     const NAME: &'static str = if OBSERVED { "l1-quadrotor-observed" } else { "l1-quadrotor" };
     const DOCUMENTATION: &'static str =
         concat!(include_str!("../../docs/controllers/l1_quadrotor.md"), include_str!("../../docs/controllers/l1.md"));
-
-    fn indicators(&self) -> usize {
-        Law::INDICATORS
-    }
 
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let size = structure.size()?;
@@ -88,49 +81,46 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
             limited: Limited { u, u_min, u_max },
         };
         let attitude = Law::declare(&structure, ports, d)?;
-        let PositionLoop { r, dr, ddr, angles, thrust, .. } = position;
-        d.depends(angles, &[&r, &dr, &ddr, &x]);
-        d.depends(thrust, &[&r, &dr, &ddr, &x]);
-        d.depends(u.at(0), &[&r, &dr, &ddr, &x, &u_manual.at(0)]);
-        attitude.declare_dependence(d, &[&r, &dr, &ddr, &x]);
         Ok(L1Quadrotor { position, attitude, x, u_manual, u, u_min, u_max })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
         self.attitude.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
         invalid.into_result()
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
-        self.attitude.initialise(v)
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        self.attitude.initialise(v);
     }
 
-    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         self.attitude.clip_estimates(v);
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         let [p1, p2, p3, v1, v2, v3, phi, theta, psi, ..] = v.array::<_, 9>(self.x.part(0..9));
         self.position.outputs([[p1, p2, p3], [v1, v2, v3], [phi, theta, psi]], v, y);
-        let wanted = if self.attitude.is_active(v) { y[self.position.thrust] } else { v[self.u_manual.at(0)] };
+        let thrust = y[self.position.thrust];
+        let wanted = S::select(self.attitude.is_active(v), thrust, v[self.u_manual.at(0)]);
         y[self.u.at(0)] = within(wanted, v[self.u_min.at(0)], v[self.u_max.at(0)]);
-        self.attitude.outputs(v, y);
+        let angles: [S; 3] = std::array::from_fn(|i| y[self.position.angles][i]);
+        self.attitude.outputs(&angles, v, y);
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        self.attitude.derivatives(&v[self.position.angles], v.matrix(self.attitude.feedback_gain()), v, dx);
+        self.attitude.derivatives(v.matrix(self.attitude.feedback_gain()), v, dx);
     }
 
-    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
         self.attitude.event_indicators(v, z);
     }
 
-    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.attitude.event(v);
     }
 
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         self.attitude.step_completed(t, step, v);
     }
 
@@ -138,15 +128,17 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         self.attitude.report(&[("", v.matrix(self.attitude.feedback_gain()).into_owned())], v, report);
     }
 
-    fn steps_itself(&self) -> bool {
-        true
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        Some(self)
     }
+}
 
+impl<const OBSERVED: bool> OwnStep for L1Quadrotor<OBSERVED> {
     fn workspace(&self) -> usize {
         self.attitude.closed_form_workspace()
     }
 
-    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+    fn pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         self.attitude.closed_form_pays(h, relative_tolerance, v)
     }
 
@@ -167,4 +159,14 @@ fn state(name: &str, how: &str, part: Range<usize>) -> Spec<Many> {
     let texts: Vec<_> = texts.iter().map(String::as_str).collect();
     let units: Vec<_> = part.clone().map(|k| kinds[k / 3].1).collect();
     vector(name, part.len(), "").each(&texts).units(&units)
+}
+
+impl<const OBSERVED: bool> Catalogued for L1Quadrotor<OBSERVED> {
+    const TITLE: &'static str = if OBSERVED {
+        "L1 adaptive controller of a quadrotor, its attitude observed"
+    } else {
+        "L1 adaptive controller of a quadrotor"
+    };
+    const PAGE: &'static str = "controllers/l1_quadrotor";
+    const ROLE: Role = Role::Controller;
 }

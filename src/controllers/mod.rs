@@ -11,4 +11,5 @@ pub mod mrac_ppf;
 pub mod neuro_ppf;
 pub mod observer;
 mod position_loop;
+mod template;
 pub mod watched;

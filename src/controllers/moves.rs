@@ -6,7 +6,8 @@
 //! (`docs/step_flags.md` has the measurements behind the numbers here).
 
 use crate::system::{
-    BooleanOf, Declaration, Discrete, Memory, Parameter, Point, ScalarOf, Signal, VectorOf, scalar, vector,
+    BooleanOf, Declaration, Discrete, Memory, Parameter, Point, Scalar, ScalarOf, Signal, VectorOf, larger, scalar,
+    vector,
 };
 
 /// A start is arbitrary, and the control leaves it within a few steps: so many moves don't count.
@@ -30,13 +31,15 @@ pub(super) struct Moves {
     since: VectorOf<Discrete>,
 }
 
-/// A control that moves too far in a step.
+/// How far a control has moved in a step, of the channel that is worst.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Move {
-    /// How far, in parts of its largest magnitude.
-    pub part: f64,
+pub(super) struct Move<S: Scalar> {
+    /// Whether that is too far.
+    pub flag: S::Flag,
+    /// How far, in parts of its largest magnitude; 0 where no channel is to be judged.
+    pub part: S,
     /// How far it may.
-    pub limit: f64,
+    pub limit: S,
 }
 
 impl Moves {
@@ -57,55 +60,66 @@ impl Moves {
     }
 
     /// Begins anew where the control jumps for another reason than its law.
-    pub fn begin(&self, v: &mut Point) {
-        v[self.count] = 0.0;
+    pub fn begin<S: Scalar>(&self, v: &mut Point<S>) {
+        let none = S::from(0.0);
+        v[self.count] = none;
         for handle in [self.last, self.largest, self.farthest, self.since] {
-            v[handle].fill(0.0);
+            v[handle].fill(none);
         }
     }
 
-    /// Looks at the control after a communication step; the worst channel that has moved too far in one so far.
-    pub fn look(&self, u: VectorOf<Signal>, step: f64, v: &mut Point) -> Option<Move> {
-        if step <= 0.0 || !v.get(self.is_stepped) {
-            return None;
-        }
-        let mut any = false;
+    /// Looks at the control after a communication step; the farthest of the moves that any channel has made in one so far.
+    pub fn look<S: Scalar>(&self, u: VectorOf<Signal>, step: S, v: &mut Point<S>) -> Move<S> {
+        let none = S::from(0.0);
+        let is_held = !step.at_most(none) & v.get(self.is_stepped);
+        v.when(is_held, |v| self.note(u, v));
+        let part = S::branch(is_held, || self.worst(v), || none);
+        let limit = v[self.limit];
+        Move { flag: part.above(limit), part, limit }
+    }
+
+    /// Notes where the control stands, and how far it has moved.
+    fn note<S: Scalar>(&self, u: VectorOf<Signal>, v: &mut Point<S>) {
+        let none = S::from(0.0);
+        let has_left = v[self.count].at_least(S::from(LEAVING));
+        let mut any = S::Flag::from(false);
         for i in 0..u.len() {
             let (now, moved) = (v[u][i].abs(), (v[u][i] - v[self.last][i]).abs());
-            any |= moved > 0.0;
+            any = any | moved.above(none);
             v[self.last][i] = v[u][i];
-            if v[self.count] >= LEAVING {
-                v[self.farthest][i] = v[self.farthest][i].max(moved);
-            }
-            if now > v[self.largest][i] {
-                (v[self.largest][i], v[self.since][i]) = (now, 0.0);
-            } else {
-                v[self.since][i] += 1.0;
-            }
+            v[self.farthest][i] = S::branch(has_left, || larger(v[self.farthest][i], moved), || v[self.farthest][i]);
+            let grows = now.above(v[self.largest][i]);
+            v[self.since][i] = S::select(grows, none, v[self.since][i] + 1.0);
+            v[self.largest][i] = larger(v[self.largest][i], now);
         }
         // A control that is held over several steps hasn't left its start in them.
-        v[self.count] += f64::from(u8::from(any));
-        self.worst(v)
+        v[self.count] += S::from_flag(any);
     }
 
-    fn worst(&self, v: &Point) -> Option<Move> {
-        let limit = v[self.limit];
-        let passed = (0..self.last.len()).filter(|&i| v[self.since][i] >= PASSED && v[self.largest][i] > 0.0);
-        let moves = passed.map(|i| Move { part: v[self.farthest][i] / v[self.largest][i], limit });
-        moves.filter(|one| one.part > limit).max_by(|a, b| a.part.total_cmp(&b.part))
+    /// The farthest move in parts of its channel's largest magnitude, of those that have passed a peak; 0 where none has.
+    fn worst<S: Scalar>(&self, v: &Point<S>) -> S {
+        let none = S::from(0.0);
+        (0..self.last.len()).fold(none, |worst, i| {
+            let largest = v[self.largest][i];
+            let has_passed = v[self.since][i].at_least(S::from(PASSED)) & largest.above(none);
+            S::branch(has_passed, || larger(worst, v[self.farthest][i] / largest), || worst)
+        })
     }
 }
 
-impl Move {
+impl<S: Scalar> Move<S> {
     /// What a warning says of it, and what helps against it.
-    pub fn told(self, step: f64, helps: &str) -> String {
-        let Move { part, limit } = self;
+    pub fn told(self, step: S, helps: &str) -> String {
+        let Move { part, limit, .. } = self;
         // The move goes with the step.
         let shorter = step * limit / part;
         format!(
-            "the control has moved by {part:.2} of its largest magnitude within a communication step of {step:.3e} s: held so \
-             long, it is off that of the loop as one unit by some {:.2} of it. Try {shorter:.1e} s or less{helps}",
-            0.5 * part
+            "the control has moved by {} of its largest magnitude within a communication step of {} s: held so long, it is \
+             off that of the loop as one unit by some {} of it. Try {} s or less{helps}",
+            part.fixed(2),
+            step.scientific(3),
+            (part * 0.5).fixed(2),
+            shorter.scientific(1)
         )
     }
 }

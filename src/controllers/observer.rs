@@ -2,17 +2,20 @@
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::{Complex, DMatrix, DMatrixView};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::l1::{controllability, dot, input_and_output, nominal_dynamics, of_motion, squared};
+use super::template::{design, stop_time, write_plant, write_poles};
+use crate::catalogue::{Catalogued, Role};
 use crate::control::{lyapunov, pole_placement};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, boolean, matrix, scalar, vector,
 };
+use crate::template::{Request, Sizes, Template, all, named, round_down, write_names, write_units};
 
 /// How the gain k_l is given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ObserverDynamics {
@@ -104,7 +107,7 @@ impl System for Observer {
         let u = Unit::symbols("u", &structure.units.u, m)?;
         let inertia: Vec<_> = u.iter().map(|unit| of_motion(unit).1).collect();
         let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
-        let observer = Observer {
+        Ok(Observer {
             k_l: Gain::declare(d, structure.observer_dynamics, (n, m)),
             Gamma_l: d.parameter(number("Gamma_l", "adaptation gain of beta", 100.0).unit("1/s")),
             sigma_l: d.parameter(number("sigma_l", "leakage of beta", 1e-4)),
@@ -136,14 +139,7 @@ impl System for Observer {
             A,
             B,
             C,
-        };
-        let Observer { y, u, x_obs, beta, delta, .. } = &observer;
-        d.depends(observer.y_tilde, &[x_obs, y]);
-        d.depends(observer.beta_l, &[x_obs, delta, y]);
-        d.depends(x_obs.rate(), &[x_obs, beta, delta, y, u]);
-        d.depends(beta.rate(), &[x_obs, beta, delta, y]);
-        d.depends(delta.rate(), &[delta, y]);
-        Ok(observer)
+        })
     }
 
     /// A − k_l C must be Hurwitz.
@@ -154,7 +150,7 @@ impl System for Observer {
             v.matrix_mut(*k_l).copy_from(&gain);
         }
         let closed = &self.A - self.k_l.matrix(&v.values()) * &self.C;
-        lyapunov::require_hurwitz("A - observer_gain C", &closed)
+        lyapunov::require_hurwitz(&format!("A - {} C", self.k_l.name(&v.values())), &closed)
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -166,17 +162,20 @@ impl System for Observer {
         report.tell("k_l", &k_l, "", "gain of the output error");
         report.section("Adaptation");
         let leak = v[self.Gamma_l] * v[self.sigma_l];
-        report.tell("leakage of beta", leak, "1/s", "Gamma_l sigma_l: rate at which beta falls where y_tilde is 0");
+        let (beta, delta) = (v.name(self.beta), v.name(self.delta));
+        let (gain, leakage, error) = (v.name(self.Gamma_l), v.name(self.sigma_l), v.name(self.y_tilde));
+        let note = format!("{gain} {leakage}: rate at which {beta} falls where {error} is 0");
+        report.tell(&format!("leakage of {beta}"), leak, "1/s", &note);
         let rest = v[self.d_0] / v[self.lambda_0];
-        report.tell("delta at rest", rest, "", "d_0/lambda_0, where y is 0");
-        report.tell("decay of delta", v[self.lambda_0], "1/s", "");
+        let note = format!("{}/{}, where {} is 0", v.name(self.d_0), v.name(self.lambda_0), v.name(self.y));
+        report.tell(&format!("{delta} at rest"), rest, "", &note);
+        report.tell(&format!("decay of {delta}"), v[self.lambda_0], "1/s", "");
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x_obs0, self.x_obs);
         v.copy(self.beta0, self.beta);
         v.copy(self.delta0, self.delta);
-        Ok(())
     }
 
     /// ỹ = C x̆ − y; β_l = 1 + ‖y‖⁴ + ‖x̆‖² ‖y‖⁴ + 2 δ.
@@ -194,7 +193,7 @@ impl System for Observer {
         let k_l = self.k_l.matrix(v);
         let known = v.get(self.known_input);
         for i in 0..x_obs.len() {
-            let g = if known { self.nominal_input(i, v) } else { S::from(0.0) };
+            let g = S::branch(known, || self.nominal_input(i, v), || S::from(0.0));
             let robust = beta * beta_l * times(&self.B, i, y_tilde);
             dx[self.x_obs][i] = times(&self.A, i, x_obs) - dot(k_l.row(i).iter(), y_tilde) - robust + g;
         }
@@ -229,6 +228,13 @@ impl Gain {
         }
     }
 
+    fn name(&self, v: &Values<f64>) -> String {
+        match self {
+            Gain::Given(k_l) => v.name(*k_l),
+            Gain::Placed { k_l, .. } => v.name(*k_l),
+        }
+    }
+
     fn matrix<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
         match self {
             Gain::Given(k_l) => v.matrix(*k_l),
@@ -260,5 +266,53 @@ fn fourth_power<S: Scalar>(y: &[S]) -> S {
 
 /// base^exponent of a base that isn't negative. At zero the derivative is none for small exponents, and taken as zero.
 fn power<S: Scalar>(base: S, exponent: S) -> S {
-    if base.re() == 0.0 { S::from(0.0) } else { base.powd(exponent) }
+    S::branch(base.equals(S::from(0.0)), || S::from(0.0), || base.powd(exponent))
+}
+
+impl Catalogued for Observer {
+    const TITLE: &'static str = "Robust adaptive observer";
+    const PAGE: &'static str = "controllers/observer";
+    const ROLE: Role = Role::Observer;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template,
+        tried: &[
+            Sizes::plant(1, 1),
+            Sizes::plant(2, 1),
+            Sizes::plant(2, 2),
+            Sizes::plant(3, 1),
+            Sizes::plant(5, 2),
+            Sizes::plant(6, 3),
+            Sizes::plant(8, 1),
+        ],
+    });
+}
+
+/// A robust adaptive observer, at first with its nominal part alone.
+fn template(request: &Request) -> Result<String, Invalid> {
+    let plant = request.plant(true)?;
+    let (n, m, _) = plant.sizes();
+    let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
+    // Four times as fast as a controller of that bandwidth.
+    let poles = design::poles(&plant.A.transpose(), &plant.C.transpose(), 4.0 * bandwidth).map_err(|_| {
+        Invalid::because("A, C: every state must show in the output (A, C observable), through rows of C that differ")
+    })?;
+    let fastest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+    let step = round_down((0.1 / fastest).min(1e-3));
+    let mut text = request.begin(Observer::TITLE, Observer::PAGE, stop_time(bandwidth), step);
+    text.table("structure");
+    write_plant(&mut text, &plant, "what is measured");
+    text.set("observer_dynamics", "\"poles\"", "\"gain\": observer_gain is given in place of poles");
+    write_units(&mut text, &[("x", &plant.x, n), ("y", &plant.y, m), ("u", &plant.u, m)]);
+    let (x, y, u) = (named(&plant.x, "_estimate"), named(&plant.y, ""), named(&plant.u, ""));
+    write_names(&mut text, &[("x_obs", x), ("y", y), ("u", u)]);
+    text.table("start");
+    write_poles(&mut text, "observer_", &poles, "1/s, poles of A - k_l C: faster than the controller's");
+    text.set("known_input", "true", "whether it makes use of the plant's input u");
+    text.comment("The adaptive part is off (0): it is made for signals about 1, and grows with the fourth power of y.");
+    text.set("beta0", "0.0", "initial gain of the robust term");
+    text.set("Gamma_l", "0.0", "1/s, its adaptation gain, as 10.0");
+    text.set("sigma_l", "1e-4", "its leakage");
+    text.set("unmodeled_gain", "0.0", "1/s, from |y|^4 to the bound on unmodeled dynamics, as 1.0");
+    text.set("x_obs0", all(0.0, n), "estimate at the start");
+    Ok(text.finish())
 }

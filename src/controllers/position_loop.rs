@@ -1,7 +1,7 @@
 //! The outer loop of a quadrotor: from the trajectory of its position to its thrust and the angles that turn it.
 
 use crate::system::{
-    Declaration, Input, Parameter, Scalar, ScalarOf, Signal, Signals, Values, VectorOf, scalar, vector,
+    Declaration, Input, Parameter, Scalar, ScalarOf, Signal, Signals, Values, VectorOf, larger, scalar, vector,
 };
 
 /// Thrust, roll and pitch that give the body the acceleration p_d'' + k_v (p_d' − p') + k_p (p_d − p).
@@ -71,16 +71,12 @@ impl PositionLoop {
             let (position, rate) = (v[self.r][i] - p[i], v[self.dr][i] - velocity[i]);
             v[self.ddr][i] + v[self.velocity_gain][i] * rate + v[self.position_gain][i] * position
         });
-        let g_z = at_least(v[self.g] + a_z, v[self.lift_min] * v[self.g]);
+        let g_z = larger(v[self.g] + a_z, v[self.lift_min] * v[self.g]);
         let limit = v[self.tilt_max];
-        let tilt = |along: S| at_least(-at_least(-(along / g_z).atan(), -limit), -limit);
+        let tilt = |along: S| larger(-larger(-(along / g_z).atan(), -limit), -limit);
         let theta_d = tilt(a_x * psi.cos() + a_y * psi.sin());
         let phi_d = tilt(theta_d.cos() * (a_x * psi.sin() - a_y * psi.cos()));
         y.set(self.angles, [phi_d, theta_d, v[self.r][3]]);
-        y[self.thrust] = v[self.m] * g_z / at_least(phi.cos() * theta.cos(), v[self.tilt_cosine_min]);
+        y[self.thrust] = v[self.m] * g_z / larger(phi.cos() * theta.cos(), v[self.tilt_cosine_min]);
     }
-}
-
-fn at_least<S: Scalar>(value: S, least: S) -> S {
-    if value.re() < least.re() { least } else { value }
 }

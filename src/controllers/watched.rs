@@ -4,13 +4,13 @@
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::control::performance::{self, Performance};
-use crate::report::number;
 use crate::system::{
-    BooleanOf, Declaration, DesignReport, Discrete, ErrorEstimate, Handle, IntegerOf, Invalid, Number, Parameter,
-    Point, Rates, Scalar, ScalarOf, Signal, Signals, Stride, System, Values, VectorOf, Warning, boolean, integer,
-    scalar, vector,
+    BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Number, OwnStep, Parameter, Point, Rates,
+    Scalar, ScalarOf, Signal, Signals, System, Values, VectorOf, Warning, boolean, integer, scalar, smaller, vector,
 };
+use crate::template::Template;
 
 /// A controller that knows the errors that it is to keep small.
 pub trait Tracking: System {
@@ -18,8 +18,6 @@ pub trait Tracking: System {
     fn error_units(&self) -> Vec<&'static str>;
     /// The error e = r − y of a channel.
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S;
-    /// The inputs that they follow from.
-    fn errors_follow_from(&self) -> Vec<&dyn Handle>;
 }
 
 /// A controller's structure, with the key `funnel`.
@@ -72,6 +70,8 @@ struct Funnel {
     opened_at: ScalarOf<Discrete>,
     /// Whether the error of a channel is outside, between events.
     is_outside: Vec<BooleanOf<Discrete>>,
+    /// The place of the first event indicator.
+    indicators: usize,
     exits: IntegerOf<Discrete>,
     left: BooleanOf<Discrete>,
     e: VectorOf<Signal>,
@@ -85,7 +85,7 @@ impl Funnel {
         let m = units.len();
         let signal = |name: &str, text: &str| vector(name, m, text).units(&units);
         let outside = |i: usize| boolean(&format!("#is_outside[{}]", i + 1), "").hidden();
-        let funnel = Funnel {
+        Funnel {
             rho_0: d
                 .parameter(signal("rho_0", "bound of the error at the start, watched").start(1.0).positive().fixed()),
             rho_inf: d.parameter(signal("rho_inf", "bound of the error in the end, watched").start(0.1).positive()),
@@ -94,6 +94,7 @@ impl Funnel {
             ),
             opened_at: d.discrete(scalar("#opened_at", "").hidden()),
             is_outside: (0..m).map(|i| d.discrete(outside(i))).collect(),
+            indicators: d.indicators((1..=m).map(|i| format!("funnel of channel {i}"))),
             exits: d.discrete(
                 integer("funnel_exits", "how often an error left its funnel; one that is outside at the start counts")
                     .output(),
@@ -102,18 +103,15 @@ impl Funnel {
             e: d.local(signal("e", "tracking error, r - y")),
             rho: d.local(signal("rho", "performance function: the funnel is -rho < e < rho")),
             warning: d.warning("logFunnel", "an error that left its funnel"),
-        };
-        d.depends(funnel.e, &controller.errors_follow_from());
-        d.depends(funnel.rho, &[]);
-        funnel
+        }
     }
 
     fn prepare(&self, v: &Point) -> Invalid {
         let mut invalid = Invalid::none();
         for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
             if rho_inf > rho_0 {
-                let allowed = format!("must not be above rho_0[{}] = {}", i + 1, Number(*rho_0));
-                invalid.and(Invalid::new(format!("rho_inf[{}]", i + 1), Number(*rho_inf), allowed));
+                let allowed = format!("must not be above {} = {}", v.name(self.rho_0.at(i)), Number(*rho_0));
+                invalid.and(Invalid::new(v.name(self.rho_inf.at(i)), Number(*rho_inf), allowed));
             }
         }
         invalid
@@ -124,35 +122,39 @@ impl Funnel {
     }
 
     /// Positive inside, negative outside, never zero.
-    fn margin(&self, i: usize, t: f64, e: f64, v: &Values<f64>) -> f64 {
+    fn margin<S: Scalar>(&self, i: usize, t: S, e: S, v: &Values<S>) -> S {
         let margin = self.rho(i, t, v) - e.abs();
-        if margin > 0.0 { margin } else { margin.min(-f64::MIN_POSITIVE) }
+        S::branch(margin.above(S::from(0.0)), || margin, || smaller(S::from(-f64::MIN_POSITIVE), margin))
     }
 
     /// Notes which errors are outside.
-    fn look(&self, t: f64, e: impl Fn(usize, &Values<f64>) -> f64, v: &mut Point) {
-        let mut any = false;
+    fn look<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
+        let mut any = S::Flag::from(false);
         for (i, &is_outside) in self.is_outside.iter().enumerate() {
             let error = e(i, &v.values());
-            let outside = self.margin(i, t, error, &v.values()) < 0.0;
-            any |= outside;
-            if outside && !v.get(is_outside) {
-                let count = v.get(self.exits) + 1;
-                v.put(self.exits, count);
-                let rho = self.rho(i, t, &v.values());
-                v.warn(self.warning, || {
-                    let [error, rho] = [error, rho].map(number);
-                    format!(
-                        "e[{}] = {error} is outside of its funnel of rho = {rho} at t = {} s. funnel_exits counts how often \
-                         that happens",
-                        i + 1,
-                        Number(t)
-                    )
-                });
-            }
+            let outside = self.margin(i, t, error, &v.values()).below(S::from(0.0));
+            any = any | outside;
+            v.when(outside & !v.get(is_outside), |v| self.tell(i, t, error, v));
             v.put(is_outside, outside);
         }
         v.put(self.left, any);
+    }
+
+    /// Counts an error that has left its funnel, and warns of it.
+    fn tell<S: Scalar>(&self, i: usize, t: S, error: S, v: &mut Point<S>) {
+        let count = S::from_integer(v.get(self.exits)) + 1.0;
+        v.put(self.exits, count.to_integer());
+        let rho = self.rho(i, t, &v.values());
+        v.warn(self.warning, |v| {
+            let [of_error, of_rho, of_exits] = [v.name(self.e.at(i)), v.name(self.rho.at(i)), v.name(self.exits)];
+            format!(
+                "{of_error} = {} is outside of its funnel of {of_rho} = {} at t = {} s. {of_exits} counts how often that \
+                 happens",
+                error.rounded(),
+                rho.rounded(),
+                t.told()
+            )
+        });
     }
 }
 
@@ -160,10 +162,6 @@ impl<C: Tracking> System for Watched<C> {
     type Structure = WatchedStructure<C::Structure>;
     const NAME: &'static str = C::NAME;
     const DOCUMENTATION: &'static str = C::DOCUMENTATION;
-
-    fn indicators(&self) -> usize {
-        self.controller.indicators() + self.funnel.as_ref().map_or(0, |funnel| funnel.is_outside.len())
-    }
 
     fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let controller = C::declare(structure.controller, d)?;
@@ -177,15 +175,15 @@ impl<C: Tracking> System for Watched<C> {
         invalid.into_result()
     }
 
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         if let Some(funnel) = &self.funnel {
             v[funnel.opened_at] = t;
             funnel.look(t, |i, v| self.controller.tracking_error(i, v), v);
         }
-        self.controller.initialise(t, v)
+        self.controller.initialise(t, v);
     }
 
-    fn parameters_changed(&self, t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.controller.parameters_changed(t, v);
     }
 
@@ -202,31 +200,30 @@ impl<C: Tracking> System for Watched<C> {
         self.controller.derivatives(t, v, dx);
     }
 
-    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
-        self.controller.check(t, v)
+    fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.controller.check(t, v);
     }
 
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
         self.controller.next_time_event(v)
     }
 
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
-        let (own, watched) = z.split_at_mut(self.controller.indicators());
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        let Some(funnel) = &self.funnel else { return self.controller.event_indicators(t, v, z) };
+        let (own, watched) = z.split_at_mut(funnel.indicators);
         self.controller.event_indicators(t, v, own);
-        let Some(funnel) = &self.funnel else { return };
         for (i, z) in watched.iter_mut().enumerate() {
             *z = funnel.margin(i, t, self.controller.tracking_error(i, v), v);
         }
     }
 
-    fn event(&self, t: f64, crossed: &[bool], v: &mut Point) {
-        self.controller.event(t, &crossed[..self.controller.indicators()], v);
-        if let Some(funnel) = &self.funnel {
-            funnel.look(t, |i, v| self.controller.tracking_error(i, v), v);
-        }
+    fn event<S: Scalar>(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>) {
+        let Some(funnel) = &self.funnel else { return self.controller.event(t, crossed, v) };
+        self.controller.event(t, &crossed[..funnel.indicators], v);
+        funnel.look(t, |i, v| self.controller.tracking_error(i, v), v);
     }
 
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         self.controller.step_completed(t, step, v);
     }
 
@@ -234,27 +231,19 @@ impl<C: Tracking> System for Watched<C> {
         self.controller.report(v, report);
         let Some(funnel) = &self.funnel else { return };
         report.section("Watched funnel");
-        let (rho_0, rho_inf, decay_rate) = (&v[funnel.rho_0], &v[funnel.rho_inf], &v[funnel.decay_rate]);
-        performance::report(rho_0, rho_inf, decay_rate, report);
+        performance::report([funnel.rho_0, funnel.rho_inf, funnel.decay_rate], v, report);
     }
 
-    fn steps_itself(&self) -> bool {
-        self.controller.steps_itself()
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        self.controller.own_step()
     }
+}
 
-    fn workspace(&self) -> usize {
-        self.controller.workspace()
-    }
-
-    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
-        self.controller.own_step_pays(h, relative_tolerance, v)
-    }
-
-    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        self.controller.advance(stride, v)
-    }
-
-    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
-        self.controller.conclude(whole, tolerance, v)
-    }
+impl<C: Tracking + Catalogued> Catalogued for Watched<C> {
+    const TITLE: &'static str = C::TITLE;
+    const PAGE: &'static str = C::PAGE;
+    const ROLE: Role = C::ROLE;
+    const TEMPLATE: Option<Template> = C::TEMPLATE;
+    const ICON: &'static [u8] = C::ICON;
+    const TRIAL: Trial = C::TRIAL;
 }

@@ -2,8 +2,8 @@
 
 use crate::integrator::{Driver, IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, DynSystem, IntegerOf, Memory, Parameter, Point, ScalarOf, Section,
-    Values, VectorOf, boolean, choice, integer, scalar, vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, IntegerOf, Memory, Parameter, Point, ScalarOf, Section, Values, VectorOf,
+    boolean, choice, integer, scalar, vector,
 };
 
 /// Tolerances below this only add up rounding errors.
@@ -94,7 +94,8 @@ pub struct Controls {
 impl Controls {
     /// Declares them; a system without states has no tolerance and no method to choose, one without inputs no handling
     /// of them.
-    pub(crate) fn declare(d: &mut Declaration, system: &dyn DynSystem) -> Self {
+    pub(crate) fn declare(d: &mut Declaration) -> Self {
+        d.begin_controls();
         let inputs = d.size(Section::Input);
         let integer_inputs = d.integer_size(Section::Input);
         let relative_tolerance = (d.size(Section::State) > 0).then(|| {
@@ -126,6 +127,7 @@ impl Controls {
                 .fixed(),
         );
         let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
+        let indicators = Driver::kept_of(d.indicator_count());
         let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
         Controls {
             relative_tolerance,
@@ -138,7 +140,7 @@ impl Controls {
             previous_inputs: memory("#previous inputs", inputs),
             last_inputs: memory("#last inputs", inputs),
             valid_reals: memory("#valid parameters", reals),
-            indicators: memory("#indicators", Driver::kept_of(system.indicators())),
+            indicators: memory("#indicators", indicators),
             last_integer_inputs: d.integer_memory(integer_inputs),
             valid_integers: d.integer_memory(integers),
             time: d.memory(scalar("#time", "")),

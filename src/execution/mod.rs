@@ -6,24 +6,21 @@ mod model_exchange;
 
 use std::sync::Arc;
 
-use num_dual::Dual64;
-
 pub use controls::{Controls, InputHandling, OnStepFailure};
 pub use model_exchange::Update;
 
 use crate::error::{Invalid, StepError};
 use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings};
 use crate::model::{Block, Model};
-use crate::system::{Causality, Handle, MessageLog, Point, Section, Values};
+use crate::system::{Causality, Dual, Handle, Message, MessageLog, Point, Section, Values};
 use controls::TIGHTEST_TOLERANCE;
 
 /// An instance of a model.
 #[derive(Debug)]
 pub struct Execution {
     model: Arc<Model>,
-    /// All values. Whoever changes any here calls [`Execution::changed`], and where these are parameters in a running
-    /// simulation, [`Execution::parameters_set`].
-    pub block: Block,
+    /// All values.
+    block: Block,
     /// Whether this integrates: not where a master does, in model exchange.
     integrates: bool,
     /// As before the step that is being tried.
@@ -33,7 +30,7 @@ pub struct Execution {
     driver: Driver,
     ramp_values: Vec<f64>,
     ramp_slopes: Vec<f64>,
-    dual: Vec<Dual64>,
+    dual: Vec<Dual>,
     dual_integers: Vec<i32>,
     event_indicators: Vec<f64>,
     /// Messages that wait to be logged.
@@ -48,12 +45,12 @@ impl Execution {
         let inputs = model.variables().reals(Section::Input).len();
         let mut execution = Execution {
             fresh: false,
-            driver: Driver::new(model.system(), model.variables()),
+            driver: Driver::new(model.system(), model.variables(), model.sparsity()),
             integrates: true,
             saved: block.clone(),
-            dual: vec![Dual64::from_re(0.0); block.reals.len()],
+            dual: vec![Dual::from(0.0); block.reals.len()],
             dual_integers: block.integers.clone(),
-            event_indicators: vec![0.0; model.system().indicators()],
+            event_indicators: vec![0.0; model.variables().indicators().len()],
             ramp_values: vec![0.0; inputs],
             ramp_slopes: vec![0.0; inputs],
             block,
@@ -111,16 +108,44 @@ impl Execution {
 
     /// What a step that can't be finished is answered with.
     pub fn on_step_failure(&self) -> OnStepFailure {
-        self.values().get(self.model.controls().on_step_failure)
+        self.values().get(self.model.controls().on_step_failure).item()
     }
 
-    /// Tells that values were changed: what follows from them is computed anew when it is asked for.
-    pub fn changed(&mut self) {
+    /// All values.
+    pub fn block(&self) -> &Block {
+        &self.block
+    }
+
+    /// All values, to write as they are: a saved state, say. What follows from them is computed anew when it is asked for.
+    /// Single values are set by [`Execution::set_real`] and [`Execution::set_integer`].
+    pub fn block_mut(&mut self) -> &mut Block {
+        self.changed();
+        &mut self.block
+    }
+
+    /// Sets a real value by its place in the block. Parameters that are set in a running simulation are prepared together
+    /// before the next step.
+    pub fn set_real(&mut self, place: usize, value: f64) {
+        self.block_mut().reals[place] = value;
+        if self.model.variables().reals(Section::Parameter).contains(&place) {
+            self.parameters_set();
+        }
+    }
+
+    /// Sets an integer by its place in the block; see [`Execution::set_real`].
+    pub fn set_integer(&mut self, place: usize, value: i32) {
+        self.block_mut().integers[place] = value;
+        if self.model.variables().integers(Section::Parameter).contains(&place) {
+            self.parameters_set();
+        }
+    }
+
+    /// What follows from values is computed anew when it is asked for.
+    fn changed(&mut self) {
         self.fresh = false;
     }
 
-    /// Tells that parameters were set: they are prepared together before the next step.
-    pub fn parameters_set(&mut self) {
+    fn parameters_set(&mut self) {
         let handle = self.model.controls().parameters_set;
         self.point().put(handle, true);
     }
@@ -140,7 +165,8 @@ impl Execution {
         Values::new(&self.block.reals, &self.block.integers, self.model.variables().offsets())
     }
 
-    fn point(&mut self) -> Point<'_> {
+    /// All values as the system's own methods see them.
+    pub fn point(&mut self) -> Point<'_> {
         self.block.point(&self.model, &mut self.log)
     }
 
@@ -153,6 +179,8 @@ impl Execution {
             return Ok(());
         }
         self.model.prepare(&mut self.block, &mut self.log)?;
+        let waiting = self.model.controls().parameters_set;
+        self.point().put(waiting, false);
         self.keep_valid_parameters();
         if let Some(last_inputs) = self.model.controls().last_inputs {
             let inputs = self.block.reals[self.model.variables().reals(Section::Input)].to_vec();
@@ -173,7 +201,8 @@ impl Execution {
             self.block.reals[reals.clone()].copy_from_slice(&self.model.start().reals[reals]);
             self.block.integers[integers.clone()].copy_from_slice(&self.model.start().integers[integers]);
         }
-        self.model.system().initialise(t, &mut self.block.point(&self.model, &mut self.log))?;
+        self.model.equations().initialise(t, &mut self.block.point(&self.model, &mut self.log));
+        self.accepted()?;
         let settings = self.settings();
         let (driver, mut problem) = self.problem(false);
         driver.settle(&mut problem, t, &settings)?;
@@ -202,7 +231,7 @@ impl Execution {
         }
         self.keep_valid_parameters();
         let t = self.time();
-        self.model.system().parameters_changed(t, &mut self.block.point(&self.model, &mut self.log));
+        self.model.equations().parameters_changed(t, &mut self.block.point(&self.model, &mut self.log));
         Ok(true)
     }
 
@@ -268,7 +297,7 @@ impl Execution {
         let asked = self.values()[controls.tolerance];
         let relative_tolerance = if asked > 0.0 { own.min(asked.max(TIGHTEST_TOLERANCE)) } else { own };
         let method =
-            controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle));
+            controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle).item());
         let most_work = self.values()[controls.work_limit];
         Settings { method, relative_tolerance, most_work, ..Settings::default() }
     }
@@ -323,7 +352,7 @@ impl Execution {
         let mut point = self.block.point(&self.model, &mut self.log);
         pace.write(next, &mut point);
         point[last] = step;
-        self.model.system().step_completed(t1, step, &mut point);
+        self.model.equations().step_completed(t1, step, &mut point);
         Ok(())
     }
 
@@ -350,7 +379,7 @@ impl Execution {
         let v = Values::new(&self.saved.reals, &self.saved.integers, self.model.variables().offsets());
         let present = &self.saved.reals[inputs];
         self.ramp_values.copy_from_slice(present);
-        let handling = if first { InputHandling::Hold } else { v.get(handling) };
+        let handling = if first { InputHandling::Hold } else { v.get(handling).item() };
         if v.get(given) {
             self.ramp_slopes.copy_from_slice(&v[given_slopes]);
         } else if handling == InputHandling::Hold {
@@ -392,16 +421,29 @@ impl Execution {
     }
 
     /// Whether the equations hold where the instance stands evaluated, with what is wrong and the time.
-    fn check(&self) -> Result<(), Invalid> {
+    fn check(&mut self) -> Result<(), Invalid> {
         let t = self.time();
-        self.model.system().check(t, &self.values()).map_err(|invalid| invalid.at(t))
+        self.model.equations().check(t, &mut self.block.point(&self.model, &mut self.log));
+        self.accepted().map_err(|invalid| invalid.at(t))
+    }
+
+    /// What the system has refused since it was last asked, with the names of variables that are in force.
+    fn accepted(&mut self) -> Result<(), Invalid> {
+        self.log.accepted().map_err(|invalid| invalid.told(self.model.variables()))
+    }
+
+    /// Takes the messages that wait to be logged, as they are told to users.
+    pub fn take_messages(&mut self) -> impl Iterator<Item = Message> {
+        let variables = self.model.variables();
+        self.log.drain(..).map(|message| Message { text: variables.told(&message.text), ..message })
     }
 
     /// Every state and signal must be a number, and so the time of the next event; every output within the limit.
     fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
         let variables = self.model.variables();
-        if let Some(value) = self.model.system().next_time_event(&self.values()).filter(|next| next.is_nan()) {
-            return Err(StepError::Diverged { variable: "the time of the next event".to_owned(), value, time });
+        let next = self.model.equations().next_time_event(&self.values());
+        if next.is_nan() {
+            return Err(StepError::Diverged { variable: "the time of the next event".to_owned(), value: next, time });
         }
         for section in [Section::State, Section::Signal] {
             let values = self.block.reals[variables.reals(section)].iter().enumerate();

@@ -104,7 +104,7 @@ impl Execution {
         self.evaluate();
         let (t, mut z) = (self.time(), std::mem::take(&mut self.event_indicators));
         self.with_valid_parameters(|execution| {
-            execution.model.system().event_indicators(t, &execution.values(), &mut z)
+            execution.model.equations().event_indicators(t, &execution.values(), &mut z)
         });
         self.event_indicators = z;
         &self.event_indicators
@@ -185,7 +185,8 @@ impl Execution {
             changed: events || taken_over,
             parameters_taken_over: taken_over,
             states_changed: self.values().get(jumped),
-            next_time_event: self.model.system().next_time_event(&self.values()).filter(|time| time.is_finite()),
+            next_time_event: Some(self.model.equations().next_time_event(&self.values()))
+                .filter(|time| time.is_finite()),
         })
     }
 
@@ -251,7 +252,7 @@ impl Execution {
             return false;
         }
         self.saved.copy_from(&self.block);
-        self.model.system().step_completed(t, step, &mut self.block.point(&self.model, &mut self.log));
+        self.model.equations().step_completed(t, step, &mut self.block.point(&self.model, &mut self.log));
         if self.block == self.saved {
             return false;
         }
@@ -265,7 +266,7 @@ impl Execution {
         let variables = self.model.variables();
         let next = |block: &Block| {
             let values = Values::new(&block.reals, &block.integers, variables.offsets());
-            self.model.system().next_time_event(&values)
+            self.model.equations().next_time_event(&values)
         };
         let sections = [Section::State, Section::Signal, Section::Derivative].map(|section| variables.reals(section));
         sections.into_iter().any(|range| a.reals[range.clone()] != b.reals[range]) || next(a) != next(b)

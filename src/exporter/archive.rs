@@ -33,22 +33,21 @@ pub struct Entry {
 /// Name of what tells, within an FMU, how its library was built.
 pub const BUILD: &str = "resources/build.json";
 
-/// Writes an FMU; a file of that name is replaced at the end, or not at all.
+/// Writes an FMU with its description, its page and its picture; a file of that name is replaced at the end, or not at all.
 ///
 /// # Errors
 /// When files can't be read or written.
 pub fn write(
     file: &Path,
     (unit, build): (&Unit, &Build),
-    description: &str,
-    page: &str,
+    (description, page, icon): (&str, &str, &[u8]),
     library: &Library,
 ) -> Result<(), Error> {
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
     let resource = format!("resources/{DESCRIPTION}");
     let entries: [(&str, &[u8]); 8] = [
         ("modelDescription.xml", unit.model_description.as_bytes()),
-        ("model.png", include_bytes!("../../modelDescription/model.png")),
+        ("model.png", icon),
         ("documentation/index.html", page.as_bytes()),
         ("documentation/licenses/license.txt", include_bytes!("../../docs/license.txt")),
         ("documentation/licenses/LICENSE-APACHE", include_bytes!("../../LICENSE-APACHE")),

@@ -24,7 +24,8 @@ pub use platform::Platform;
 use crate::error::Error;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::Unit;
-use crate::text_file;
+use crate::model::Description;
+use crate::{catalogue, library as own, text_file};
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
@@ -118,6 +119,13 @@ pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf,
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
     let file = out.join(format!("{}.fmu", unit.name));
     let page = page::html(&unit, &build);
-    archive::write(&file, (&unit, &build), &source.text, &page, library)?;
+    archive::write(&file, (&unit, &build), (&source.text, &page, icon(source, &build)), library)?;
     Ok(file)
+}
+
+/// The picture of a unit: that of its kind where it is one of this package, not of another by the same name.
+fn icon(source: &Source, build: &Build) -> &'static [u8] {
+    let is_own = build.package == concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+    let model = Description::read(&source.text).ok().filter(|_| is_own).map(|description| description.model);
+    model.and_then(|model| own::find(&model)).map_or(catalogue::ICON, |entry| entry.icon)
 }

@@ -147,8 +147,7 @@ call_table! {
     SerializedFMUstateSize:        ANY,                ANY;
     SerializeFMUstate:             ANY,                ANY;
     DeSerializeFMUstate:           ANY,                ANY;
-    // Not in Initialization Mode: there, states follow from inputs and parameters, which this doesn't differentiate.
-    GetDirectionalDerivative:      V | C | T | E,      S | F | T | E;
+    GetDirectionalDerivative:      M | V | C | T | E,  M | S | F | T | E;
     SetRealInputDerivatives:       0,                  I | M | S;
     GetRealOutputDerivatives:      0,                  S | F | T | E;
     DoStep:                        0,                  S;

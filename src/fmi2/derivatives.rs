@@ -1,7 +1,7 @@
 //! Derivatives of inputs and outputs.
 
 use super::access::{Access, Type};
-use super::calls::Function;
+use super::calls::{Function, Phase};
 use super::instance::{Answer, Instance, Refused, hand_out};
 use super::types::Status;
 use crate::error::Number;
@@ -63,14 +63,15 @@ impl Instance {
             }
         }
         let found = self.execution.time_derivatives();
-        let broken = hand_out(references.iter().map(|&reference| found[reference as usize].eps), values);
+        let broken = hand_out(references.iter().map(|&reference| found[reference as usize].derivative()), values);
         Ok(self.answer_for(function, references, broken))
     }
 
-    /// fmi2GetDirectionalDerivative, at the present inputs.
+    /// fmi2GetDirectionalDerivative, at the present inputs; in Initialization Mode of the start values by the inputs.
     ///
     /// # Errors
-    /// For unknowns that aren't calculated reals, knowns that are neither inputs nor states, or a seed that isn't finite.
+    /// For unknowns that aren't calculated reals, knowns that are neither inputs nor states (inputs alone, in Initialization
+    /// Mode), or a seed that isn't finite.
     pub fn get_directional_derivative(
         &mut self,
         unknowns: &[u32],
@@ -87,10 +88,15 @@ impl Instance {
                 return refuse(self, unknown, "is not calculated, so it has no derivative");
             }
         }
+        let starts = self.phase() == Phase::Initialization;
         let variables = self.execution.model().variables();
         let (inputs, states) = (variables.reals(Section::Input), variables.reals(Section::State));
         for (&known, change) in knowns.iter().zip(seed) {
             let (place, _) = self.place(function, known, Type::Real)?;
+            if starts && !inputs.contains(&place) {
+                let reason = "is not an input: in Initialization Mode the start has derivatives by inputs alone";
+                return refuse(self, known, reason);
+            }
             if !inputs.contains(&place) && !states.contains(&place) {
                 return refuse(self, known, "is neither an input nor a state");
             }
@@ -98,8 +104,15 @@ impl Instance {
                 return refuse(self, known, &format!("has the seed {change}, which must be finite"));
             }
         }
-        let found = self.execution.directional_derivative(knowns, seed);
-        let broken = hand_out(unknowns.iter().map(|&unknown| found[unknown as usize].eps), result);
+        if starts {
+            self.evaluate(function)?;
+        }
+        let found = if starts {
+            self.execution.start_derivative(knowns, seed)
+        } else {
+            self.execution.directional_derivative(knowns, seed)
+        };
+        let broken = hand_out(unknowns.iter().map(|&unknown| found[unknown as usize].derivative()), result);
         Ok(self.answer_for(function, unknowns, broken))
     }
 

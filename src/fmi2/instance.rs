@@ -109,7 +109,7 @@ impl Instance {
 
     /// Sends the messages that the model left.
     pub fn flush_log(&mut self) {
-        for message in self.execution.log.drain(..) {
+        for message in self.execution.take_messages() {
             self.logger.log(Status::Warning, message.category, &message.text);
         }
     }
@@ -260,14 +260,6 @@ impl Instance {
         Err(Refused(format!("{}: `{}` (value reference {reference}) is {what}", function.name(), self.name(reference))))
     }
 
-    fn was_set(&mut self, access: Access) {
-        self.execution.changed();
-        let running = !matches!(self.phase, Phase::Instantiated | Phase::Initialization);
-        if running && access != Access::Input {
-            self.execution.parameters_set();
-        }
-    }
-
     /// Brings up to date what is read, where any of it is calculated.
     fn evaluate_for(&mut self, function: Function, is: Type, references: &[u32]) -> Answer {
         let mut calculated = false;
@@ -296,7 +288,7 @@ impl Instance {
     /// For value references that aren't those of reals.
     pub fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Answer<Status> {
         self.evaluate_for(Function::GetReal, Type::Real, references)?;
-        let reals = &self.execution.block.reals;
+        let reals = &self.execution.block().reals;
         let broken = hand_out(references.iter().map(|&reference| reals[reference as usize]), values);
         Ok(broken.map_or(Status::Ok, |(k, value)| {
             let what = format!("`{}`", self.name(references[k]));
@@ -318,9 +310,8 @@ impl Instance {
             }
         }
         for (&reference, &value) in references.iter().zip(values) {
-            let (place, access) = self.place(Function::SetReal, reference, Type::Real)?;
-            self.execution.block.reals[place] = value;
-            self.was_set(access);
+            let (place, _) = self.place(Function::SetReal, reference, Type::Real)?;
+            self.execution.set_real(place, value);
         }
         Ok(())
     }
@@ -333,7 +324,7 @@ impl Instance {
         self.evaluate_for(function, is, references)?;
         for (value, &reference) in values.iter_mut().zip(references) {
             let (place, _) = self.place(function, reference, is)?;
-            *value = self.execution.block.integers[place];
+            *value = self.execution.block().integers[place];
         }
         Ok(())
     }
@@ -353,14 +344,13 @@ impl Instance {
             }
         }
         for (&reference, &value) in references.iter().zip(values) {
-            let (place, access) = self.place(function, reference, is)?;
+            let (place, _) = self.place(function, reference, is)?;
             let value = if is == Type::Boolean { i32::from(value != 0) } else { value };
             if self.phase == Phase::ContinuousTime {
                 // Parameters were refused, so this is an input.
                 self.execution.set_integer_input_between_events(place, value);
             } else {
-                self.execution.block.integers[place] = value;
-                self.was_set(access);
+                self.execution.set_integer(place, value);
             }
         }
         Ok(())

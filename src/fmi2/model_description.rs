@@ -7,6 +7,7 @@ use quick_xml::events::{BytesDecl, Event};
 use uuid::Uuid;
 
 use crate::model::{Description, Model};
+use crate::structure::Place;
 use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, Variability, Variables};
 
 use super::access::References;
@@ -21,7 +22,7 @@ pub fn guid(model: &Model) -> [u8; 16] {
     let Description { name, model: system, description, experiment, structure, .. } = model.description();
     let own = (name, system, description, experiment, structure);
     // Not the XML itself: an instance checks its GUID when it is made, and the XML of a large unit takes milliseconds.
-    let identity = serde_json::to_vec(&(own, model.system().indicators(), model.variables().declared()));
+    let identity = serde_json::to_vec(&(own, model.variables().declared()));
     // Numbers and texts in lists and tables can be written to memory.
     debug_assert!(identity.is_ok());
     Uuid::new_v5(&Uuid::NAMESPACE_OID, &identity.unwrap_or_default()).into_bytes()
@@ -91,7 +92,7 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
         ("description", description.description.clone()),
         ("generationTool", concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")).to_owned()),
         ("variableNamingConvention", "structured".to_owned()),
-        ("numberOfEventIndicators", model.system().indicators().to_string()),
+        ("numberOfEventIndicators", model.variables().indicators().len().to_string()),
     ];
     element(xml, "fmiModelDescription", root, |xml| {
         write_interfaces(xml, model)?;
@@ -115,7 +116,7 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
             let index = index_of_states(variables);
             variables.visible().try_for_each(|element| write_variable(xml, variables, element, &index))
         })?;
-        write_structure(xml, variables)
+        write_structure(xml, model)
     })
 }
 
@@ -302,59 +303,54 @@ fn listed(numbers: &[usize]) -> String {
     text
 }
 
-fn write_structure(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
+fn write_structure(xml: &mut Xml, model: &Model) -> io::Result<()> {
+    let (variables, structure) = (model.variables(), model.structure());
     let visible: Vec<_> = variables.visible().collect();
-    // Of each value in the block of reals; by a table, since large units have tens of thousands of dependencies.
-    let mut positions = vec![None; variables.reals(Section::Memory).end];
-    for (k, element) in visible.iter().enumerate().filter(|(_, element)| element.variable.is_real()) {
+    // By tables, since large units have tens of thousands of dependencies.
+    let mut reals = vec![None; variables.reals(Section::Memory).end];
+    let mut integers = vec![None; variables.integers(Section::Memory).end];
+    for (k, element) in visible.iter().enumerate() {
+        let positions = if element.variable.is_real() { &mut reals } else { &mut integers };
         positions[variables.index(*element)] = Some(k + 1);
     }
-    let unknown = |xml: &mut Xml, (k, element): (usize, &Element<'_>)| {
-        let mut attributes = vec![("index", (k + 1).to_string())];
-        let section = element.variable.section;
-        let on = match section {
-            // A state depends on itself.
-            Section::State => Some(vec![(section, element.place())]),
-            // What changes at events and with completed steps only.
-            Section::Discrete => Some(Vec::new()),
-            _ if element.variable.is_real() => variables.dependence(section, element.place()),
-            _ => None,
-        };
-        if let Some(on) = on {
-            let position = |&(section, place)| positions[variables.reals(section).start + place];
-            let mut indices: Vec<_> = on.iter().filter_map(position).collect();
-            indices.sort_unstable();
-            attributes.push(("dependencies", listed(&indices)));
-        }
-        empty(xml, "Unknown", attributes)
+    let position = |place: &Place| match *place {
+        Place::Real(index) => reals[index],
+        Place::Integer(index) => integers[index],
     };
-    let list = |xml: &mut Xml, name: &str, wanted: &dyn Fn(&Element<'_>) -> bool, dependencies: bool| {
-        let mut found = visible.iter().enumerate().filter(|(_, e)| wanted(e)).peekable();
-        if found.peek().is_none() {
+    let unknown = |xml: &mut Xml, k: usize, on: &[Place]| {
+        let mut indices: Vec<_> = on.iter().filter_map(position).collect();
+        indices.sort_unstable();
+        empty(xml, "Unknown", vec![("index", (k + 1).to_string()), ("dependencies", listed(&indices))])
+    };
+    let list = |xml: &mut Xml,
+                name: &str,
+                wanted: &dyn Fn(&Element<'_>) -> bool,
+                on: &dyn Fn(Element<'_>, Place) -> Vec<Place>| {
+        let mut found: Vec<_> = visible.iter().enumerate().filter(|(_, e)| wanted(e)).collect();
+        if found.is_empty() {
             return Ok(());
         }
-        let mut found: Vec<_> = found.collect();
         if name == "Derivatives" {
             // Their order is that of the states in fmi2GetContinuousStates: as they are stored.
             found.sort_by_key(|(_, e)| e.place());
         }
         element(xml, name, vec![], |xml| {
-            found.iter().try_for_each(|&(k, e)| {
-                if dependencies {
-                    unknown(xml, (k, e))
-                } else {
-                    empty(xml, "Unknown", vec![("index", (k + 1).to_string())])
-                }
-            })
+            found.iter().try_for_each(|&(k, e)| unknown(xml, k, &on(*e, Place::of(variables, *e))))
         })
     };
     let output = |e: &Element<'_>| e.variable.causality == Causality::Output;
     let derivative = |e: &Element<'_>| e.variable.section == Section::Derivative;
+    let running = |e: Element<'_>, place: Place| match e.variable.section {
+        // A state depends on itself.
+        Section::State => vec![place],
+        // What changes at events and with completed steps only.
+        Section::Discrete => Vec::new(),
+        _ => structure.running(place).to_vec(),
+    };
     element(xml, "ModelStructure", vec![], |xml| {
-        list(xml, "Outputs", &output, true)?;
-        list(xml, "Derivatives", &derivative, true)?;
-        // Without the attribute `dependencies`, an initial value may depend on every parameter and input.
+        list(xml, "Outputs", &output, &running)?;
+        list(xml, "Derivatives", &derivative, &running)?;
         let initial = |e: &Element<'_>| output(e) || derivative(e) || e.variable.section == Section::State;
-        list(xml, "InitialUnknowns", &initial, false)
+        list(xml, "InitialUnknowns", &initial, &|_, place| structure.start(place).to_vec())
     })
 }

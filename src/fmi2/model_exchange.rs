@@ -150,7 +150,7 @@ impl Instance {
     /// When their number is wrong, or nothing can start from what is set.
     pub fn get_event_indicators(&mut self, indicators: &mut [f64]) -> Answer<Status> {
         let function = Function::GetEventIndicators;
-        let expected = self.execution.model().system().indicators();
+        let expected = self.execution.model().variables().indicators().len();
         self.check_count(function, indicators.len(), expected, "event indicators")?;
         self.evaluate(function)?;
         let broken = hand_out(self.execution.event_indicators().iter().copied(), indicators);

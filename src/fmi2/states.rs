@@ -5,7 +5,7 @@ use super::snapshot::{self, Snapshot};
 
 impl Instance {
     fn snapshot(&self) -> Snapshot {
-        Snapshot { block: self.execution.block.clone(), phase: self.phase, stop_time: self.stop_time }
+        Snapshot { block: self.execution.block().clone(), phase: self.phase, stop_time: self.stop_time }
     }
 
     /// fmi2GetFMUstate, into the slot of this name, or a new one where it is 0.
@@ -27,10 +27,9 @@ impl Instance {
     /// When there is no such state.
     pub fn set_state(&mut self, name: usize) -> Answer {
         let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SetFMUstate"))?;
-        self.execution.block.copy_from(&saved.block);
+        self.execution.block_mut().copy_from(&saved.block);
         self.phase = saved.phase;
         self.stop_time = saved.stop_time;
-        self.execution.changed();
         self.execution.log.clear();
         Ok(())
     }
@@ -68,7 +67,7 @@ impl Instance {
     /// When the bytes are no state of this unit.
     pub fn deserialise(&mut self, bytes: &[u8]) -> Answer<usize> {
         let refuse = |reason: String| Refused(format!("fmi2DeSerializeFMUstate: {reason}"));
-        let snapshot = snapshot::deserialise(bytes, self.identity, &self.execution.block).map_err(refuse)?;
+        let snapshot = snapshot::deserialise(bytes, self.identity, self.execution.block()).map_err(refuse)?;
         self.slots.save(snapshot).map_err(refuse)
     }
 }

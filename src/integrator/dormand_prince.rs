@@ -7,7 +7,7 @@
 //! whose difference is not far below what is tolerated must agree with Simpson's rule as well, which takes one more
 //! evaluation, in the middle, where the state is known from the stages (Shampine, Some practical Runge–Kutta formulas,
 //! Math. Comp. 46 (1986) 135–150). With it, an error above ten times the tolerance remains at few places
-//! (`tests/integration.rs` counts them). Smooth rates agree with it within about that difference, so that they take no
+//! (`tests/framework/integration.rs` counts them). Smooth rates agree with it within about that difference, so that they take no
 //! shorter steps for it.
 
 use std::ops::Range;

@@ -1,10 +1,12 @@
 //! Step-size control and events: from one communication point to the next.
 
+use std::sync::Arc;
+
 use super::events::EventCount;
 use super::indicators::Indicators;
 use super::methods::Methods;
 use super::outputs::Outputs;
-use super::{IntegrationMethod, Pace, Problem, Settings, Start, Tolerance};
+use super::{IntegrationMethod, Pace, Problem, Settings, Sparsity, Start, Tolerance};
 use crate::error::{Invalid, StepError};
 use crate::system::{DynSystem, ErrorEstimate, Section, Variables};
 
@@ -40,17 +42,17 @@ impl std::fmt::Debug for Driver {
 }
 
 impl Driver {
-    /// A driver for a system.
-    pub fn new(system: &dyn DynSystem, variables: &Variables) -> Self {
+    /// A driver for a system whose Jacobian has this pattern.
+    pub fn new(system: &dyn DynSystem, variables: &Variables, sparsity: &Arc<Sparsity>) -> Self {
         let states = variables.states();
         let nominal = |k| variables.real_at(Section::State, k).map_or(1.0, |element| element.nominal());
         let nominals: Vec<_> = (0..states).map(nominal).collect();
         Driver {
-            methods: Methods::new(system, variables, nominals.clone()),
+            methods: Methods::new(system, variables, sparsity, nominals.clone()),
             nominals,
             outputs: Outputs::new(variables),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
-            indicators: Indicators::new(system.indicators(), variables),
+            indicators: Indicators::new(variables.indicators().len(), variables),
             work: 0.0,
         }
     }
@@ -275,7 +277,8 @@ impl Driver {
         }
         problem.states().copy_from_slice(&self.start.states);
         problem.evaluate(t);
-        !error.is_finite() || !problem.system.own_step_pays(h, relative_tolerance, &problem.values())
+        !error.is_finite()
+            || !problem.system.own_step().is_some_and(|own| own.pays(h, relative_tolerance, &problem.values()))
     }
 }
 

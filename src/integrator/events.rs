@@ -387,7 +387,7 @@ fn ahead(problem: &mut Problem, t: f64, length: f64, z: &mut [f64]) {
 
 /// An indicator in the words of a message: its number, and its name where it has one.
 fn indicator(problem: &Problem, i: usize) -> String {
-    match problem.system.indicator_name(i) {
+    match &problem.variables.indicators()[i] {
         name if name.is_empty() => format!("event indicator {}", i + 1),
         name => format!("event indicator {} ({name})", i + 1),
     }

@@ -1,30 +1,40 @@
-//! Exact derivatives of the state equation, by dual numbers.
+//! Exact derivatives of the state equation, by dual numbers: several directions a pass, and several columns a direction
+//! where no two of them move the same rate.
 
-use num_dual::Dual64;
+use std::sync::Arc;
 
 use super::Problem;
-use crate::system::{Section, Variables};
+use super::sparsity::Sparsity;
+use crate::system::{Compiled, DIRECTIONS, Dual, Section, Variables, Wide};
+
+/// Up to so many directions are taken one by one: a pass over wide numbers costs as much.
+const FEW: usize = 3;
 
 /// The derivatives of f(t, x) where a substep begins, and storage for them.
 #[derive(Debug)]
 pub struct Jacobian {
-    /// The whole block over dual numbers.
-    dual: Vec<Dual64>,
+    sparsity: Arc<Sparsity>,
+    block: Block,
     /// ∂f/∂x, by columns.
     by_states: Vec<f64>,
     /// ∂f/∂t, with the change of the inputs in it.
     by_time: Vec<f64>,
 }
 
+/// The whole block over dual numbers.
+#[derive(Debug)]
+enum Block {
+    Narrow(Vec<Dual>),
+    Wide(Vec<Wide>),
+}
+
 impl Jacobian {
     /// Storage for a system.
-    pub fn new(variables: &Variables) -> Self {
-        let n = variables.states();
-        Jacobian {
-            dual: vec![Dual64::from_re(0.0); variables.reals(Section::Derivative).end],
-            by_states: vec![0.0; n * n],
-            by_time: vec![0.0; n],
-        }
+    pub fn new(variables: &Variables, sparsity: &Arc<Sparsity>) -> Self {
+        let (n, size) = (variables.states(), variables.reals(Section::Derivative).end);
+        let few = sparsity.groups().len() < FEW;
+        let block = if few { Block::Narrow(vec![0.0.into(); size]) } else { Block::Wide(vec![0.0.into(); size]) };
+        Jacobian { sparsity: Arc::clone(sparsity), block, by_states: vec![0.0; n * n], by_time: vec![0.0; n] }
     }
 
     /// ∂f/∂x, by columns.
@@ -37,26 +47,18 @@ impl Jacobian {
         &self.by_time
     }
 
-    /// Evaluates both where the problem stands, one pass a state and one for time.
+    /// Evaluates both where the problem stands.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number.
     pub fn evaluate(&mut self, problem: &Problem, t: f64) -> Result<(), usize> {
-        let variables = problem.variables;
-        let (states, n) = (variables.reals(Section::State), variables.states());
-        self.dual.iter_mut().zip(&*problem.reals).for_each(|(dual, &value)| *dual = Dual64::from_re(value));
-        for (state, column) in states.zip(self.by_states.chunks_exact_mut(n)) {
-            self.dual[state].eps = 1.0;
-            pass(&mut self.dual, problem, Dual64::from_re(t), column);
-            self.dual[state].eps = 0.0;
+        let (sparsity, results) = (&self.sparsity, (&mut self.by_states[..], &mut self.by_time[..]));
+        match &mut self.block {
+            Block::Narrow(block) => evaluate::<1>(block, sparsity, problem, t, results),
+            Block::Wide(block) => evaluate::<DIRECTIONS>(block, sparsity, problem, t, results),
         }
-        if !problem.held {
-            let inputs = &mut self.dual[variables.reals(Section::Input)];
-            inputs.iter_mut().zip(problem.ramp.slopes).for_each(|(input, &slope)| input.eps = slope);
-        }
-        pass(&mut self.dual, problem, Dual64::new(t, 1.0), &mut self.by_time);
         let broken = self.by_states.iter().chain(&self.by_time).position(|derivative| !derivative.is_finite());
-        broken.map_or(Ok(()), |place| Err(place % n))
+        broken.map_or(Ok(()), |place| Err(place % self.by_time.len()))
     }
 
     /// How large ∂f/∂x is, with states in units of their nominal values: its largest sum of a row, 1/s.
@@ -70,11 +72,50 @@ impl Jacobian {
     }
 }
 
-/// One pass over dual numbers; the derivatives of the rates go into `column`.
-fn pass(dual: &mut [Dual64], problem: &Problem, t: Dual64, column: &mut [f64]) {
-    let (system, offsets) = (problem.system, problem.variables.offsets());
-    system.outputs_dual(t, dual, problem.integers, offsets);
-    system.derivatives_dual(t, dual, problem.integers, offsets);
-    let rates = &dual[problem.variables.reals(Section::Derivative)];
-    column.iter_mut().zip(rates).for_each(|(derivative, rate)| *derivative = rate.eps);
+/// All passes: the last direction is that of time, the others are the groups of columns.
+fn evaluate<const N: usize>(
+    block: &mut [Dual<N>],
+    sparsity: &Sparsity,
+    problem: &Problem,
+    t: f64,
+    (by_states, by_time): (&mut [f64], &mut [f64]),
+) where
+    Dual<N>: Compiled<Integer = i32>,
+{
+    let variables = problem.variables;
+    let (states, rates) = (variables.reals(Section::State), variables.reals(Section::Derivative));
+    block.iter_mut().zip(&*problem.reals).for_each(|(dual, &value)| *dual = value.into());
+    let (n, groups, equations) = (states.len(), sparsity.groups(), Dual::<N>::equations(problem.system));
+    let mut first = 0;
+    while first <= groups.len() {
+        let directions = first..(first + N).min(groups.len() + 1);
+        let of_time = directions.contains(&groups.len());
+        let columns = |k: usize| groups.get(k).into_iter().flatten().map(|&column| column as usize);
+        let mut time = Dual::from(t);
+        for (place, k) in directions.clone().enumerate() {
+            columns(k).for_each(|column| block[states.start + column].derivatives[place] = 1.0);
+        }
+        if of_time {
+            let place = groups.len() - first;
+            time.derivatives[place] = 1.0;
+            if !problem.held {
+                let inputs = &mut block[variables.reals(Section::Input)];
+                inputs.iter_mut().zip(problem.ramp.slopes).for_each(|(input, &slope)| input.derivatives[place] = slope);
+            }
+        }
+        equations.evaluate(time, block, problem.integers, variables.offsets());
+        for (place, k) in directions.clone().enumerate() {
+            for column in columns(k) {
+                for &row in &sparsity.columns()[column] {
+                    by_states[column * n + row as usize] = block[rates.start + row as usize].derivatives[place];
+                }
+                block[states.start + column].derivatives[place] = 0.0;
+            }
+        }
+        if of_time {
+            let place = groups.len() - first;
+            by_time.iter_mut().zip(&block[rates.clone()]).for_each(|(change, rate)| *change = rate.derivatives[place]);
+        }
+        first += N;
+    }
 }

@@ -1,12 +1,14 @@
 //! The methods for a system, and the choice between them.
 
+use std::sync::Arc;
+
 use super::dormand_prince::DormandPrince;
 use super::own_step::OwnStep;
 use super::rosenbrock::Rosenbrock;
 use super::stability::{Limits, Mode};
 use super::watch::Watch;
 use super::work::Work;
-use super::{OneStepMethod, Problem, Start};
+use super::{OneStepMethod, Problem, Sparsity, Start};
 use crate::system::{Choice, DynSystem, Variables};
 
 /// The stiff method is dense: beyond this number of states its matrices have no place in an instance.
@@ -121,10 +123,10 @@ pub struct Methods {
 
 impl Methods {
     /// The methods for a system whose states have these magnitudes.
-    pub fn new(system: &dyn DynSystem, variables: &Variables, nominals: Vec<f64>) -> Self {
+    pub fn new(system: &dyn DynSystem, variables: &Variables, sparsity: &Arc<Sparsity>, nominals: Vec<f64>) -> Self {
         let (states, work) = (variables.states(), Work::of(variables));
-        let stiff = IntegrationMethod::offered(states).then(|| Box::new(Rosenbrock::new(variables)));
-        let own = system.steps_itself().then(|| OwnStep::new(system, variables));
+        let stiff = IntegrationMethod::offered(states).then(|| Box::new(Rosenbrock::new(variables, sparsity)));
+        let own = system.own_step().map(|own| OwnStep::new(own, variables));
         let typical = Work::of_states(states);
         let relative_work = (typical.stiff + typical.jacobian) / typical.explicit;
         Methods {
@@ -257,7 +259,7 @@ impl Methods {
     /// Whether the system's own step pays with the length that it is expected to have. Where that is too short it isn't
     /// tried in this communication step, and expected to be longer in the next, so that it is tried now and then.
     fn own_step_pays(&mut self, problem: &Problem, way: f64, tolerance: f64, pace: &mut Pace) -> bool {
-        let pays = |h: f64| problem.system.own_step_pays(h, tolerance, &problem.values());
+        let pays = |h: f64| problem.system.own_step().is_some_and(|own| own.pays(h, tolerance, &problem.values()));
         if pace.own_substep == 0.0 || pace.own_substep >= way {
             return pays(way);
         }

@@ -49,6 +49,7 @@
 
 mod dormand_prince;
 mod driver;
+mod elimination;
 mod events;
 mod indicators;
 mod jacobian;
@@ -57,6 +58,7 @@ mod methods;
 mod outputs;
 mod own_step;
 mod rosenbrock;
+mod sparsity;
 mod spectrum;
 mod stability;
 pub(crate) mod tableau;
@@ -66,11 +68,12 @@ mod work;
 pub use driver::Driver;
 pub(crate) use driver::check_divergence;
 pub use methods::{IntegrationMethod, Pace};
+pub use sparsity::Sparsity;
 pub use stability::{Limits, Mode};
 pub use work::Work;
 
 use crate::error::Invalid;
-use crate::system::{DynSystem, ErrorEstimate, MessageLog, Offsets, Point, Section, Values, Variables};
+use crate::system::{DynSystem, ErrorEstimate, Happens, MessageLog, Offsets, Point, Section, Values, Variables};
 
 /// Work that one communication step may take by default, in elementary operations of about 1 ns.
 pub const WORK_LIMIT: f64 = 1e9;
@@ -141,7 +144,11 @@ impl std::fmt::Debug for Problem<'_> {
     }
 }
 
-impl Problem<'_> {
+impl<'a> Problem<'a> {
+    fn equations(&self) -> &'a dyn Happens<f64> {
+        self.system
+    }
+
     fn offsets(&self) -> &Offsets {
         self.variables.offsets()
     }
@@ -149,13 +156,13 @@ impl Problem<'_> {
     /// Brings inputs, signals and derivatives to time t.
     pub fn evaluate(&mut self, t: f64) {
         self.follow_ramp(t);
-        self.system.evaluate(t, self.reals, self.integers, self.variables.offsets());
+        self.equations().evaluate(t, self.reals, self.integers, self.variables.offsets());
     }
 
     /// Brings inputs and signals to time t.
     fn evaluate_signals(&mut self, t: f64) {
         self.follow_ramp(t);
-        self.system.outputs(t, self.reals, self.integers, self.variables.offsets());
+        self.equations().outputs(t, self.reals, self.integers, self.variables.offsets());
     }
 
     /// Brings inputs to time t.
@@ -200,20 +207,21 @@ impl Problem<'_> {
     }
 
     /// Whether the equations hold at t, where the problem stands evaluated.
-    fn check(&self, t: f64) -> Result<(), Invalid> {
-        self.system.check(t, &self.values()).map_err(|invalid| invalid.at(t))
+    fn check(&mut self, t: f64) -> Result<(), Invalid> {
+        self.equations().check(t, &mut self.point());
+        self.log.accepted().map_err(|invalid| invalid.told(self.variables).at(t))
     }
 
     fn next_time_event(&self) -> f64 {
-        self.system.next_time_event(&self.values()).unwrap_or(f64::INFINITY)
+        self.equations().next_time_event(&self.values())
     }
 
     fn event_indicators(&self, t: f64, z: &mut [f64]) {
-        self.system.event_indicators(t, &self.values(), z);
+        self.equations().event_indicators(t, &self.values(), z);
     }
 
     fn event(&mut self, t: f64, crossed: &[bool]) {
-        self.system.event(t, crossed, &mut self.point());
+        self.equations().event(t, crossed, &mut self.point());
     }
 }
 

@@ -1,7 +1,7 @@
 //! A system's own way through a step, its error controlled by step doubling.
 
 use super::{OneStepMethod, Problem, Start, Tolerance};
-use crate::system::{DynSystem, ErrorEstimate, Section, Stride, Values, Variables};
+use crate::system::{self, ErrorEstimate, Section, Stride, Values, Variables};
 
 /// Two strides of the system's `advance`, compared with one of twice the length.
 #[derive(Debug)]
@@ -15,9 +15,9 @@ pub struct OwnStep {
 
 impl OwnStep {
     /// For a system that steps itself.
-    pub fn new(system: &dyn DynSystem, variables: &Variables) -> Self {
+    pub fn new(own: &dyn system::OwnStep, variables: &Variables) -> Self {
         OwnStep {
-            workspace: vec![0.0; system.workspace()],
+            workspace: vec![0.0; own.workspace()],
             states: vec![0.0; variables.states()],
             whole: vec![0.0; variables.reals(Section::Memory).end],
             integers: vec![0; variables.integers(Section::Memory).end],
@@ -28,7 +28,7 @@ impl OwnStep {
     fn stride(&mut self, problem: &mut Problem, time: f64, length: f64) -> bool {
         let (whole, workspace) = (&mut self.states, &mut self.workspace);
         let stride = Stride { time, length, slopes: problem.ramp.slopes, whole, workspace };
-        problem.system.advance(stride, &mut problem.point())
+        problem.system.own_step().is_some_and(|own| own.advance(stride, &mut problem.point()))
     }
 }
 
@@ -59,7 +59,8 @@ impl OneStepMethod for OwnStep {
         }
         problem.evaluate_signals(end);
         let whole = Values::new(&self.whole, &self.integers, problem.variables.offsets());
-        let estimate = problem.system.conclude(&whole, (tolerance.nominals, tolerance.relative), &mut problem.point());
+        let Some(own) = problem.system.own_step() else { return impossible };
+        let estimate = own.conclude(&whole, (tolerance.nominals, tolerance.relative), &mut problem.point());
         problem.evaluate(end);
         (estimate, 0)
     }

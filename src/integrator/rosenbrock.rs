@@ -10,9 +10,12 @@
 
 use nalgebra::Complex;
 
+use std::sync::Arc;
+
+use super::elimination::Elimination;
 use super::jacobian::Jacobian;
 use super::lu::Lu;
-use super::{OneStepMethod, Problem, Start, Tolerance};
+use super::{OneStepMethod, Problem, Sparsity, Start, Tolerance};
 use crate::system::{ErrorEstimate, Variables};
 
 const STAGES: usize = 8;
@@ -77,7 +80,11 @@ pub fn stability(z: Complex<f64>) -> Complex<f64> {
 #[derive(Debug)]
 pub struct Rosenbrock {
     jacobian: Jacobian,
+    /// Over the pattern of the Jacobian, where that is sparse; and with pivoting, where the other would lose digits.
+    elimination: Option<Elimination>,
     lu: Lu,
+    /// Whether the last decomposition is that with pivoting.
+    pivoted: bool,
     /// The stages u, one row a state: what is summed lies together.
     u: Vec<[f64; STAGES]>,
     /// Right-hand side and solution of a stage's equations.
@@ -87,11 +94,13 @@ pub struct Rosenbrock {
 
 impl Rosenbrock {
     /// A workspace for a system.
-    pub fn new(variables: &Variables) -> Self {
+    pub fn new(variables: &Variables, sparsity: &Arc<Sparsity>) -> Self {
         let states = variables.states();
         Rosenbrock {
-            jacobian: Jacobian::new(variables),
+            jacobian: Jacobian::new(variables, sparsity),
+            elimination: Elimination::new(sparsity),
             lu: Lu::new(states),
+            pivoted: false,
             u: vec![[0.0; STAGES]; states],
             rhs: vec![0.0; states],
             errors: vec![0.0; states],
@@ -105,6 +114,12 @@ impl Rosenbrock {
 
     /// Decomposes I/(γh) − J; whether it is regular.
     fn decompose(&mut self, h: f64) -> bool {
+        let by_states = self.jacobian.by_states();
+        let accurate = |sparse: &mut Elimination| sparse.decompose(1.0 / (GAMMA * h), by_states);
+        self.pivoted = !self.elimination.as_mut().is_some_and(accurate);
+        if !self.pivoted {
+            return true;
+        }
         let (matrix, n) = (self.lu.matrix(), self.rhs.len());
         matrix.iter_mut().zip(self.jacobian.by_states()).for_each(|(w, j)| *w = -j);
         matrix.iter_mut().step_by(n + 1).for_each(|diagonal| *diagonal += 1.0 / (GAMMA * h));
@@ -134,7 +149,10 @@ impl Rosenbrock {
         for (((rhs, rate), u), change) in self.rhs.iter_mut().zip(rates).zip(&self.u).zip(by_time) {
             *rhs = rate + sum(weights, u) / h + TIME_WEIGHTS[N] * h * change;
         }
-        self.lu.solve(&mut self.rhs);
+        match &mut self.elimination {
+            Some(elimination) if !self.pivoted => elimination.solve(&mut self.rhs),
+            _ => self.lu.solve(&mut self.rhs),
+        }
         self.u.iter_mut().zip(&self.rhs).for_each(|(u, &solution)| u[N] = solution);
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::page::{Curve, Report, beginning, drawn, ending};
+use super::page::{Curve, Report, beginning, diagram, ending};
 use super::ssp::{Funnel, Metric};
 use crate::exporter::escaped;
 
@@ -61,18 +61,13 @@ impl Comparison<'_> {
                 let _ = writeln!(page, "<p class=\"bad\">The run of {name} {}.</p>", escaped(&shortfall));
             }
         }
-        let mut number = 0;
-        let mut push = |page: &mut String, title: &str, curves: &[Curve], unit: Option<&str>| {
-            let html = drawn(curves, &Vec::from_iter(unit)).to_inline_html(Some(&format!("plot{number}")));
-            let _ = writeln!(page, "<h2>{}</h2>\n<div class=\"plot\">{html}</div>", escaped(title));
-            number += 1;
-        };
         for compared in self.compared() {
             let unit = self.runs[0].recording.measure(compared.of);
-            push(&mut page, compared.of, &self.signals(&compared)?, unit);
+            let units = Vec::from_iter(unit);
+            page.push_str(&diagram(compared.of, &self.signals(&compared)?, &units));
             if let (Some(minus), Some(funnel)) = (compared.minus, compared.funnel) {
                 let title = format!("{} − {minus} in its funnel", compared.of);
-                push(&mut page, &title, &self.errors(&compared, minus, funnel)?, unit);
+                page.push_str(&diagram(&title, &self.errors(&compared, minus, funnel)?, &units));
             }
         }
         self.push_metrics(&mut page);

@@ -2,10 +2,8 @@
 
 use std::fmt::Write;
 
-use plotly::color::Rgb;
-use plotly::common::{Anchor, DashType, Line, Mode, Orientation, Title};
-use plotly::layout::{Axis, HoverMode, Legend, Margin};
-use plotly::{Configuration, Layout, Scatter};
+use plotters::style::RGBColor;
+use serde_json::{Value, json};
 
 use super::chart::COLOURS;
 use super::closed_loop::{Recording, Settings};
@@ -17,7 +15,7 @@ use crate::exporter::escaped;
 /// Groups of points in a curve: about one a pixel of a wide screen.
 const GROUPS: usize = 1500;
 /// A browser that obeys this loads nothing from anywhere.
-const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:";
+const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
 /// How pages look.
 pub const STYLE: &str = "
   body { font: 16px/1.5 system-ui, sans-serif; max-width: 75em; margin: 1.5em auto; padding: 0 1em; color: #1b1b1b; }
@@ -27,39 +25,28 @@ pub const STYLE: &str = "
   td, th { border-bottom: 1px solid #ddd; padding: .25em 1.2em .25em 0; text-align: left; vertical-align: top; }
   .number { text-align: right; font-variant-numeric: tabular-nums; }
   .scroll { overflow-x: auto; }
-  .plot { height: 400px; }
   .bad { color: #b00020; font-weight: bold; }
-  @media print { body { margin: 0; font-size: 12px; } .plot, table { break-inside: avoid; } .modebar { display: none; } }
+  @media print { body { margin: 0; font-size: 12px; } .diagram, table { break-inside: avoid; } }
 ";
-/// All plots show the same time; on paper they are as wide as the paper.
-const SCRIPT: &str = "
-const plots = [...document.querySelectorAll('.plotly-graph-div')];
-const follow = plot => plots.forEach(other => {
-  const range = plot.layout.xaxis.range, shown = other.layout.xaxis.range;
-  if (range[0] !== shown[0] || range[1] !== shown[1]) Plotly.relayout(other, {'xaxis.range': [...range]});
-});
-plots.forEach(plot => plot.on('plotly_relayout', () => follow(plot)));
-const print = width => plots.forEach(plot => Plotly.relayout(plot, {width: width, autosize: !width}));
-addEventListener('beforeprint', () => print(680));
-addEventListener('afterprint', () => print(null));
+/// How diagrams look.
+const DIAGRAMS: &str = "
+  .diagram { position: relative; }
+  .diagram svg { display: block; overflow: hidden; user-select: none; touch-action: pan-y; cursor: crosshair; }
+  .diagram text { font-size: 12px; fill: #444; }
+  .diagram path { fill: none; }
+  .diagram .grid { stroke: #e4e4e4; }
+  .diagram .curve { stroke-width: 1.5; }
+  .diagram .mark { stroke: #888; }
+  .diagram .zoomed { fill: #0002; }
+  .legend { display: flex; flex-wrap: wrap; gap: 0 1.2em; margin: .2em 0 0 4.7em; }
+  .legend button { border: 0; padding: .2em 0; background: none; font: inherit; font-size: .9em; cursor: pointer; }
+  .legend button::before, .told div::before { content: '\\25ac '; color: var(--colour); }
+  .legend .hidden { opacity: .4; text-decoration: line-through; }
+  .told { position: absolute; top: 14px; padding: .1em .5em; background: #fffd; border: 1px solid #ccc; font-size: .8em;
+    pointer-events: none; }
 ";
-/// Travels with plotly.js, as its licence asks.
-const LICENCE: &str = "The script below is plotly.js, under the MIT licence:
-
-Copyright 2012-2025, Plotly, Inc.
-
-Permission is hereby granted, free of charge, to any person obtaining a copy of this software and associated
-documentation files (the \"Software\"), to deal in the Software without restriction, including without limitation the
-rights to use, copy, modify, merge, publish, distribute, sublicense, and/or sell copies of the Software, and to permit
-persons to whom the Software is furnished to do so, subject to the following conditions:
-
-The above copyright notice and this permission notice shall be included in all copies or substantial portions of the
-Software.
-
-THE SOFTWARE IS PROVIDED \"AS IS\", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT LIMITED TO THE
-WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE AUTHORS OR
-COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR
-OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.";
+/// What draws the diagrams, and lets a reader zoom them.
+const SCRIPT: &str = include_str!("page.js");
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -127,9 +114,8 @@ impl Report<'_> {
         if let Some(shortfall) = self.shortfall() {
             let _ = writeln!(page, "<p class=\"bad\">This run {}.</p>", escaped(&shortfall));
         }
-        for (number, plot) in plots.iter().enumerate() {
-            let drawn = self.plot(plot)?.to_inline_html(Some(&format!("plot{number}")));
-            let _ = writeln!(page, "<h2>{}</h2>\n<div class=\"plot\">{drawn}</div>", escaped(&plot.title));
+        for plot in plots {
+            page.push_str(&self.plot(plot)?);
         }
         self.push_metrics(&mut page);
         self.push_warnings(&mut page);
@@ -138,7 +124,7 @@ impl Report<'_> {
         Ok(page)
     }
 
-    fn plot(&self, plot: &Plot) -> Result<plotly::Plot, String> {
+    fn plot(&self, plot: &Plot) -> Result<String, String> {
         let unit = |name: &String| self.recording.measure(name);
         let mut units: Vec<&str> = plot.signals.iter().filter_map(unit).collect();
         units.sort_unstable();
@@ -153,7 +139,7 @@ impl Report<'_> {
             };
             curves.push(Curve::new(&label, &self.recording.times, column));
         }
-        Ok(drawn(&curves, &units))
+        Ok(diagram(&plot.title, &curves, &units))
     }
 
     fn push_metrics(&self, page: &mut String) {
@@ -214,32 +200,42 @@ impl Report<'_> {
 pub(super) struct Curve {
     name: String,
     points: Vec<(f64, f64)>,
-    dash: DashType,
+    dashed: bool,
 }
 
 impl Curve {
     /// Thinned, its peaks kept.
     pub fn new(name: &str, times: &[f64], values: &[f64]) -> Self {
-        Curve { name: name.to_owned(), points: thinned(times, values, GROUPS), dash: DashType::Solid }
+        Curve { name: name.to_owned(), points: thinned(times, values, GROUPS), dashed: false }
     }
 
     /// The same as a dashed line.
     pub fn dashed(self) -> Self {
-        Curve { dash: DashType::Dash, ..self }
+        Curve { dashed: true, ..self }
     }
 }
 
-/// A diagram of curves over time, whose values are in these units.
-pub(super) fn drawn(curves: &[Curve], units: &[&str]) -> plotly::Plot {
-    let mut plot = plotly::Plot::new();
-    for (Curve { name, points, dash }, colour) in curves.iter().zip(COLOURS.iter().cycle()) {
-        let (times, values) = points.iter().copied().unzip();
-        let line = Line::new().color(Rgb::new(colour.0, colour.1, colour.2)).width(1.5).dash(dash.clone());
-        plot.add_trace(Scatter::new(times, values).mode(Mode::Lines).name(escaped(name)).line(line));
-    }
-    plot.set_layout(layout(units));
-    plot.set_configuration(Configuration::new().responsive(true).display_logo(false));
-    plot
+/// A diagram of curves over time, whose values are in these units: what [`SCRIPT`] draws it of.
+pub(super) fn diagram(title: &str, curves: &[Curve], units: &[&str]) -> String {
+    let values = match units {
+        ["1"] => "value, no unit".to_owned(),
+        [] => "value".to_owned(),
+        units => format!("value in {}", units.join(", ")),
+    };
+    let curve = |(curve, colour): (&Curve, &RGBColor)| {
+        let Curve { name, points, dashed } = curve;
+        let (x, y): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
+        let colour = format!("rgb({}, {}, {})", colour.0, colour.1, colour.2);
+        json!({ "name": name, "colour": colour, "dashed": dashed, "x": x, "y": y })
+    };
+    let curves: Vec<Value> = curves.iter().zip(COLOURS.iter().cycle()).map(curve).collect();
+    let numbers = json!({ "title": title, "x": "t in s", "y": values, "curves": curves });
+    // Whatever a name holds, it ends no script.
+    let numbers = numbers.to_string().replace('<', "\\u003c");
+    format!(
+        "<h2>{}</h2>\n<div class=\"diagram\"><script type=\"application/json\">{numbers}</script></div>\n",
+        escaped(title)
+    )
 }
 
 /// A page up to its title and what it is about.
@@ -249,38 +245,11 @@ pub(super) fn beginning(name: &str, description: &str) -> String {
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
-         <title>{name}</title>\n<style>{STYLE}</style>\n<!--\n{LICENCE}\n-->\n{}\n</head>\n<body>\n<h1>{name}</h1>\n\
-         <p>{description}</p>\n",
-        script()
+         <title>{name}</title>\n<style>{STYLE}{DIAGRAMS}</style>\n</head>\n<body>\n<h1>{name}</h1>\n<p>{description}</p>\n"
     )
 }
 
-/// What makes the diagrams of a page move together, and its end.
+/// What draws the diagrams of a page, and its end.
 pub(super) fn ending(page: &mut String) {
-    let _ = writeln!(page, "<script>{SCRIPT}</script>\n</body>\n</html>");
-}
-
-/// plotly.js alone: the crate appends a script for formulas, which no plot here has, half as large again.
-fn script() -> String {
-    let scripts = plotly::Plot::offline_js_sources();
-    let end = "</script>";
-    scripts.split_inclusive(end).next().unwrap_or_default().to_owned()
-}
-
-fn layout(units: &[&str]) -> Layout {
-    let value = match units {
-        ["1"] => "value, no unit".to_owned(),
-        [] => "value".to_owned(),
-        units => format!("value in {}", units.join(", ")),
-    };
-    let title = |text: &str| Title::with_text(escaped(text));
-    let legend = Legend::new().orientation(Orientation::Horizontal).x(0.0).y(-0.22).y_anchor(Anchor::Top);
-    Layout::new()
-        .auto_size(true)
-        .show_legend(true)
-        .legend(legend)
-        .hover_mode(HoverMode::XUnified)
-        .margin(Margin::new().left(64).right(16).top(32).bottom(48))
-        .x_axis(Axis::new().title(title("t in s")))
-        .y_axis(Axis::new().title(title(&value)))
+    let _ = writeln!(page, "<script>\n{SCRIPT}</script>\n</body>\n</html>");
 }

@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use super::spec::{DiscreteSpec, Shape, Spec, boolean, vector};
 use super::values::{BooleanOf, Choice, ChoiceOf, Class, ErrorOf, Handle, IntegerOf, Offsets, Span, VectorOf, class};
-use super::variable::{Causality, Data, Dependence, Naming, Section, Variability, Variable, Variables};
+use super::variable::{Causality, Data, Naming, Section, Variability, Variable, Variables};
 use crate::error::Invalid;
 
 /// The handle that belongs to a discrete value's type.
@@ -129,6 +129,8 @@ pub struct Declaration {
 struct Part {
     name: String,
     base: Offsets,
+    /// How many event indicators there were before it.
+    indicators: usize,
 }
 
 impl Declaration {
@@ -223,24 +225,38 @@ impl Declaration {
         BooleanOf { start, class: PhantomData }
     }
 
-    /// Declares all that signals or derivatives depend on, among inputs and states. Where nothing is declared,
-    /// tools are told that everything may matter.
-    ///
-    /// # Panics
-    /// When `of` isn't a signal or a derivative, or `on` not an input or a state.
-    pub fn depends(&mut self, of: impl Handle, on: &[&dyn Handle]) {
-        let on: Vec<_> = on.iter().map(|handle| handle.span()).collect();
-        assert!(matches!(of.span().section, Section::Signal | Section::Derivative), "only these depend on anything");
-        assert!(on.iter().all(|span| matches!(span.section, Section::Input | Section::State)), "inputs and states");
-        let on = on.into_iter().map(|span| self.absolute(span)).collect();
-        self.variables.dependence.push(Dependence { of: self.absolute(of.span()), on });
+    /// Event indicators, and what each watches ("height above the floor"), for messages; an empty text where it has no
+    /// name. How many this system had before: where its [`super::System::event_indicators`] finds these.
+    pub fn indicators<T: Into<String>>(&mut self, names: impl IntoIterator<Item = T>) -> usize {
+        let before = self.variables.indicators.len() - self.part.as_ref().map_or(0, |part| part.indicators);
+        let part = self.part.as_ref().map(|part| part.name.clone());
+        for (k, name) in names.into_iter().enumerate() {
+            let name = name.into();
+            self.variables.indicators.push(match &part {
+                Some(part) if name.is_empty() => format!("number {} of {part}", before + k + 1),
+                Some(part) => format!("{part}: {name}"),
+                None => name,
+            });
+        }
+        before
+    }
+
+    /// Number of event indicators that were declared so far.
+    pub(crate) fn indicator_count(&self) -> usize {
+        self.variables.indicators.len()
+    }
+
+    /// From here on variables are not the system's own, but what every model has.
+    pub(crate) fn begin_controls(&mut self) {
+        self.variables.own = self.variables.list.len();
     }
 
     /// Declares a part of a composite: its names begin with the part's, its handles count from where the part begins,
     /// and its real inputs are connected ones. What the part's declaration gives, and where the part begins.
     pub(super) fn part<T>(&mut self, name: &str, declare: impl FnOnce(&mut Self) -> T) -> (T, Offsets) {
         let base = Offsets { real: self.variables.real_sizes, integer: self.variables.integer_sizes };
-        self.part = Some(Part { name: name.to_owned(), base });
+        let indicators = self.variables.indicators.len();
+        self.part = Some(Part { name: name.to_owned(), base, indicators });
         let declared = declare(self);
         self.part = None;
         (declared, base)

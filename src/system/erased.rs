@@ -1,147 +1,159 @@
-//! The same system behind an object-safe interface: equations compiled for `f64` and for dual numbers.
+//! The same system behind an object-safe interface: its equations compiled for every scalar that they are evaluated over.
 
 use std::marker::PhantomData;
 
-use num_dual::Dual64;
 use serde::de::DeserializeOwned;
 
+use super::dual::Dual;
 use super::names::{self, Names};
-use super::renamed::Renamed;
 use super::values::{Offsets, Values, Written};
-use super::{Declaration, ErrorEstimate, Point, Scalar, Section, Stride, System};
+use super::{Declaration, OwnStep, Point, Scalar, Section, System};
 use crate::error::Invalid;
+use crate::recording::Recorded;
 use crate::report::DesignReport;
 
-/// A [`System`] whose type was erased. Every `System` is one.
-pub trait DynSystem: Send + Sync {
-    /// Number of event indicators.
-    fn indicators(&self) -> usize;
-    /// See [`System::indicator_name`].
-    fn indicator_name(&self, indicator: usize) -> String;
+/// How many directions one pass over [`Wide`] numbers takes.
+pub const DIRECTIONS: usize = 8;
+/// Dual numbers that carry exact derivatives in several directions.
+pub type Wide = Dual<DIRECTIONS>;
+
+/// The equations of a system over one scalar.
+pub trait Equations<S: Scalar> {
+    /// Writes the signals of a block.
+    fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets);
+    /// Writes the derivatives of a block whose signals stand.
+    fn derivatives(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets);
+    /// Writes both: one call through a table instead of two, which small systems feel.
+    fn evaluate(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets) {
+        self.outputs(t, reals, integers, offsets);
+        self.derivatives(t, reals, integers, offsets);
+    }
+}
+
+/// The start of a system over one scalar.
+pub trait Starts<S: Scalar>: Equations<S> {
+    /// See [`System::initialise`].
+    fn initialise(&self, t: S, v: &mut Point<S>);
+}
+
+/// What happens beside the equations, over one scalar.
+pub trait Happens<S: Scalar>: Starts<S> {
+    /// See [`System::parameters_changed`].
+    fn parameters_changed(&self, t: S, v: &mut Point<S>);
+    /// See [`System::check`].
+    fn check(&self, t: S, v: &mut Point<S>);
+    /// See [`System::next_time_event`].
+    fn next_time_event(&self, v: &Values<S>) -> S;
+    /// See [`System::event_indicators`].
+    fn event_indicators(&self, t: S, v: &Values<S>, z: &mut [S]);
+    /// See [`System::event`].
+    fn event(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>);
+    /// See [`System::step_completed`].
+    fn step_completed(&self, t: S, step: S, v: &mut Point<S>);
+}
+
+/// A [`System`] whose type was erased. Every `System` is one: all of it over numbers and recordings, what has derivatives
+/// over dual numbers.
+pub trait DynSystem: Happens<f64> + Happens<Recorded> + Starts<Dual> + Equations<Wide> + Send + Sync {
     /// See [`System::prepare`].
     ///
     /// # Errors
     /// As there.
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid>;
-    /// See [`System::initialise`].
-    ///
-    /// # Errors
-    /// As there.
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid>;
-    /// See [`System::parameters_changed`].
-    fn parameters_changed(&self, t: f64, v: &mut Point);
-    /// Writes the signals of a block of numbers.
-    fn outputs(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets);
-    /// Writes the derivatives of a block of numbers, whose signals stand.
-    fn derivatives(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets);
-    /// Writes both: one call through a table instead of two, which small systems feel.
-    fn evaluate(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
-        self.outputs(t, reals, integers, offsets);
-        self.derivatives(t, reals, integers, offsets);
-    }
-    /// `outputs` of a block of dual numbers.
-    fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets);
-    /// `derivatives` of a block of dual numbers.
-    fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets);
-    /// See [`System::check`].
-    ///
-    /// # Errors
-    /// As there.
-    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid>;
-    /// See [`System::next_time_event`].
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64>;
-    /// See [`System::event_indicators`].
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]);
-    /// See [`System::event`].
-    fn event(&self, t: f64, crossed: &[bool], v: &mut Point);
-    /// See [`System::step_completed`].
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point);
     /// See [`System::report`].
     fn report(&self, v: &Values<f64>, report: &mut DesignReport);
-    /// See [`System::steps_itself`].
-    fn steps_itself(&self) -> bool;
-    /// See [`System::workspace`].
-    fn workspace(&self) -> usize;
-    /// See [`System::advance`].
-    fn advance(&self, stride: Stride, v: &mut Point) -> bool;
-    /// See [`System::own_step_pays`].
-    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool;
-    /// See [`System::conclude`].
-    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate;
+    /// See [`System::own_step`].
+    fn own_step(&self) -> Option<&dyn OwnStep>;
 }
 
-fn outputs<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers: &[i32], offsets: &Offsets) {
-    let (known, section) = reals.split_at_mut(offsets.real[Section::Signal as usize]);
-    let v = Values { reals: known, integers, offsets };
-    system.outputs(t, &v, &mut Written { section, class: PhantomData });
+/// A scalar that equations are compiled for.
+pub trait Compiled: Scalar {
+    /// The equations of a system over it.
+    fn equations(system: &dyn DynSystem) -> &dyn Equations<Self>;
 }
 
-fn derivatives<M: System, S: Scalar>(system: &M, t: S, reals: &mut [S], integers: &[i32], offsets: &Offsets) {
-    let (known, section) = reals.split_at_mut(offsets.real[Section::Derivative as usize]);
-    let v = Values { reals: known, integers, offsets };
-    system.derivatives(t, &v, &mut Written { section, class: PhantomData });
+/// A scalar that the start is compiled for.
+pub trait CompiledStart: Compiled {
+    /// The start of a system over it.
+    fn start(system: &dyn DynSystem) -> &dyn Starts<Self>;
+}
+
+/// A scalar that everything is compiled for.
+pub trait CompiledWhole: CompiledStart {
+    /// All of a system over it.
+    fn whole(system: &dyn DynSystem) -> &dyn Happens<Self>;
+}
+
+macro_rules! compiled {
+    ($($scalar:ty: $compiled:ident $method:ident $is:ident),* $(,)?) => {$(
+        impl $compiled for $scalar {
+            fn $method(system: &dyn DynSystem) -> &dyn $is<Self> {
+                system
+            }
+        }
+    )*};
+}
+compiled!(
+    f64: Compiled equations Equations,
+    f64: CompiledStart start Starts,
+    f64: CompiledWhole whole Happens,
+    Recorded: Compiled equations Equations,
+    Recorded: CompiledStart start Starts,
+    Recorded: CompiledWhole whole Happens,
+    Dual: Compiled equations Equations,
+    Dual: CompiledStart start Starts,
+    Wide: Compiled equations Equations,
+);
+
+impl<M: System, S: Scalar> Equations<S> for M {
+    fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets) {
+        let (known, section) = reals.split_at_mut(offsets.real[Section::Signal as usize]);
+        let v = Values { reals: known, integers, offsets };
+        System::outputs(self, t, &v, &mut Written { section, class: PhantomData });
+    }
+    fn derivatives(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets) {
+        let (known, section) = reals.split_at_mut(offsets.real[Section::Derivative as usize]);
+        let v = Values { reals: known, integers, offsets };
+        System::derivatives(self, t, &v, &mut Written { section, class: PhantomData });
+    }
+}
+
+impl<M: System, S: Scalar> Starts<S> for M {
+    fn initialise(&self, t: S, v: &mut Point<S>) {
+        System::initialise(self, t, v);
+    }
+}
+
+impl<M: System, S: Scalar> Happens<S> for M {
+    fn parameters_changed(&self, t: S, v: &mut Point<S>) {
+        System::parameters_changed(self, t, v);
+    }
+    fn check(&self, t: S, v: &mut Point<S>) {
+        System::check(self, t, v);
+    }
+    fn next_time_event(&self, v: &Values<S>) -> S {
+        System::next_time_event(self, v)
+    }
+    fn event_indicators(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        System::event_indicators(self, t, v, z);
+    }
+    fn event(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>) {
+        System::event(self, t, crossed, v);
+    }
+    fn step_completed(&self, t: S, step: S, v: &mut Point<S>) {
+        System::step_completed(self, t, step, v);
+    }
 }
 
 impl<M: System> DynSystem for M {
-    fn indicators(&self) -> usize {
-        System::indicators(self)
-    }
-    fn indicator_name(&self, indicator: usize) -> String {
-        System::indicator_name(self, indicator)
-    }
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         System::prepare(self, v)
-    }
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
-        System::initialise(self, t, v)
-    }
-    fn parameters_changed(&self, t: f64, v: &mut Point) {
-        System::parameters_changed(self, t, v);
-    }
-    fn outputs(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
-        outputs(self, t, reals, integers, offsets);
-    }
-    fn derivatives(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
-        derivatives(self, t, reals, integers, offsets);
-    }
-    fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
-        outputs(self, t, reals, integers, offsets);
-    }
-    fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
-        derivatives(self, t, reals, integers, offsets);
-    }
-    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
-        System::check(self, t, v)
-    }
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
-        System::next_time_event(self, v)
-    }
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
-        System::event_indicators(self, t, v, z);
-    }
-    fn event(&self, t: f64, crossed: &[bool], v: &mut Point) {
-        System::event(self, t, crossed, v);
-    }
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
-        System::step_completed(self, t, step, v);
     }
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         System::report(self, v, report);
     }
-    fn steps_itself(&self) -> bool {
-        System::steps_itself(self)
-    }
-    fn workspace(&self) -> usize {
-        System::workspace(self)
-    }
-    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        System::advance(self, stride, v)
-    }
-    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
-        System::own_step_pays(self, h, relative_tolerance, v)
-    }
-    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
-        System::conclude(self, whole, tolerance, v)
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        System::own_step(self)
     }
 }
 
@@ -215,11 +227,8 @@ impl Kind {
         d.document(self.documentation);
         let (first, part) = d.declared();
         let system = (self.declare)(structure, registry, d)?;
-        if names.is_empty() {
-            return Ok(system);
-        }
-        let translation = names::apply(names, first, part.as_deref(), d)?;
-        Ok(Box::new(Renamed { system, translation }))
+        names::apply(names, first, part.as_deref(), d)?;
+        Ok(system)
     }
 }
 

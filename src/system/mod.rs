@@ -27,9 +27,8 @@
 //!             x: d.state(vector("x", 2, "state").output()),
 //!         })
 //!     }
-//!     fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+//!     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
 //!         v.copy(self.x0, self.x);
-//!         Ok(())
 //!     }
 //!     fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
 //!     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
@@ -55,14 +54,17 @@
 //! | [`System::derivatives`] | right after `outputs` at the same point, so it may read signals | not allocate |
 //! | [`System::next_time_event`], [`System::event_indicators`], [`System::event`] | several times a step | not allocate |
 //! | [`System::check`] | at the start, at the end of each communication step, and where a step can't be finished | not allocate, but for a reason |
-//! | [`System::advance`], [`System::conclude`] | in place of a general integrator, where it [`System::steps_itself`] | not allocate |
+//! | [`System::own_step`] | in place of a general integrator, where there is one | not allocate |
 //! | [`System::step_completed`] | once a communication step | not allocate, but for a message |
 //! | [`System::report`] | before a unit is used at all, after `prepare` | allocate; take up to some 0.1 s |
 //!
-//! The equations (`outputs`, `derivatives`) are generic over the [`Scalar`]: with `f64` they are simulated,
-//! with dual numbers the same text gives exact derivatives, for masters and for the integration of stiff equations.
-//! So use `S`'s own functions (`x.sin()`), write `x * 2.0` rather than `2.0 * x`, and keep whatever jumps out of
-//! them: a jump is an *event*, its value a *discrete* variable that only [`System::event`] changes.
+//! All methods but `declare`, `prepare`, `report` and `own_step` are generic over the [`Scalar`]: with `f64` they are
+//! simulated, with dual numbers the same text gives exact derivatives, for masters and for the integration of stiff
+//! equations, and over nodes of a [recording](crate::recording) it tells what depends on what: nobody has to declare that.
+//! So use `S`'s own functions (`x.sin()`), and write `x * 2.0` rather than `2.0 * x`. A scalar can't be looked at: where
+//! something depends on a condition, it is selected ([`Scalar::select`], [`Scalar::branch`]) or carried out on a condition
+//! ([`Point::when`]). And keep whatever jumps out of the equations: a jump is an *event*, its value a *discrete* variable
+//! that only [`System::event`] changes.
 //!
 //! ## Events of a contact
 //!
@@ -72,15 +74,14 @@
 //! its zero is no second event. Such an event reverses the speed, and is best to put the state onto the boundary:
 //!
 //! ```ignore
-//! fn event(&self, _t: f64, crossed: &[bool], v: &mut Point) {
-//!     if !crossed[0] || v.get(self.rests) {
-//!         return;
-//!     }
-//!     let speed = -v[self.restitution] * v[self.speed];
-//!     let rests = speed <= v[self.rest_speed];
-//!     v[self.height] = 0.0;
-//!     v[self.speed] = if rests { 0.0 } else { speed };
-//!     v.put(self.rests, rests);
+//! fn event<S: Scalar>(&self, _t: S, crossed: &[S::Flag], v: &mut Point<S>) {
+//!     v.when(crossed[0] & !v.get(self.rests), |v| {
+//!         let speed = -v[self.restitution] * v[self.speed];
+//!         let rests = speed.at_most(v[self.rest_speed]);
+//!         v[self.height] = S::from(0.0);
+//!         v[self.speed] = S::select(rests, S::from(0.0), speed);
+//!         v.put(self.rests, rests);
+//!     });
 //! }
 //! ```
 //!
@@ -89,7 +90,7 @@
 //! sets where the speed is small, and that the equations read: while it rests, its rates are zero. Whatever may lift it
 //! again is an event too, which takes the mode back: a force that changes its sign, say, as one more indicator.
 //! `examples/my_plant/src/ball.rs` has it all. Without a mode a step ends in an error that names the indicator
-//! ([`System::indicator_name`]): where its events accumulate, and where an event sets the speed to zero and a force
+//! (as declared): where its events accumulate, and where an event sets the speed to zero and a force
 //! goes on through. Nothing can be said of an event that lets the motion through with speed left: that is as it should be.
 //!
 //! Equations are pure functions of their arguments. Nothing may be kept in `self`: an instance is saved by
@@ -97,10 +98,11 @@
 
 mod composite;
 mod declaration;
+mod dual;
 mod erased;
 mod names;
 mod point;
-mod renamed;
+mod scalar;
 mod spec;
 mod start;
 mod unit;
@@ -110,31 +112,31 @@ mod variable;
 #[cfg(feature = "cli")]
 pub(crate) use composite::Structure as CompositeStructure;
 pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
-pub use erased::{DynSystem, Kind, Registry};
-pub use names::{Described, Names, Word, Words};
+pub use dual::Dual;
+pub use erased::{
+    Compiled, CompiledStart, CompiledWhole, DIRECTIONS, DynSystem, Equations, Happens, Kind, Registry, Starts, Wide,
+};
+pub(crate) use names::of_part;
+pub use names::{Described, Named, Names, Word, Words};
 pub use point::{Message, MessageLog, Point};
+pub use scalar::{Changed, Flag, Merge, Scalar, any, larger, smaller};
 pub use spec::{
     DiscreteSpec, Grid, Many, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector,
 };
 pub use unit::{BASE_UNITS, Base, DisplayUnit, Unit};
 pub use values::{
-    BooleanOf, Choice, ChoiceOf, Class, DiscreteHandle, ErrorOf, Handle, IntegerOf, MatrixOf, Offsets, Rates, ScalarOf,
-    Signals, Span, Values, VectorOf,
+    BooleanOf, Choice, ChoiceOf, Chosen, Class, DiscreteHandle, ErrorOf, Handle, IntegerOf, MatrixOf, Offsets, Rates,
+    ScalarOf, Signals, Span, Values, VectorOf,
 };
 pub use variable::{Causality, Data, Element, Naming, Section, Variability, Variable, Variables};
 
 pub use values::class::{Derivative, Discrete, Input, Memory, Parameter, Prepared, Signal, State};
 
-use num_dual::DualNum;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 pub use crate::error::{Invalid, Number};
 pub use crate::report::{DesignReport, Verdict};
-
-/// What equations are written over: `f64`, or a dual number that carries an exact derivative.
-pub trait Scalar: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync {}
-impl<T: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync> Scalar for T {}
 
 /// The structure of a system that has none to choose: its description's `[structure]` is empty.
 #[derive(Debug, Default, Deserialize)]
@@ -142,7 +144,7 @@ impl<T: DualNum<Primitive = f64> + nalgebra::Scalar + Copy + Send + Sync> Scalar
 #[serde(deny_unknown_fields)]
 pub struct NoStructure {}
 
-/// A stride of a system's own [`System::advance`].
+/// A stride of a system's own [`OwnStep::advance`].
 #[derive(Debug)]
 pub struct Stride<'a> {
     /// Where it begins, s. Inputs and signals stand as they are there.
@@ -155,7 +157,7 @@ pub struct Stride<'a> {
     /// stride of twice the length finds them. It is compared with two strides: whatever a stride freezes at its
     /// beginning must stay frozen over both halves of this one.
     pub whole: &'a mut [f64],
-    /// Workspace of [`System::workspace`] numbers; what it holds means nothing.
+    /// Workspace of [`OwnStep::workspace`] numbers; what it holds means nothing.
     pub workspace: &'a mut [f64],
 }
 
@@ -176,16 +178,6 @@ pub trait System: Sized + Send + Sync + 'static {
     const NAME: &'static str;
     /// What it is, its equations and their source, in Markdown with `$…$` mathematics.
     const DOCUMENTATION: &'static str;
-    /// How many state event indicators it has (see [`System::event_indicators`]).
-    fn indicators(&self) -> usize {
-        0
-    }
-
-    /// What an event indicator watches ("height above the floor"), for messages; nothing where it has no name.
-    fn indicator_name(&self, indicator: usize) -> String {
-        let _ = indicator;
-        String::new()
-    }
 
     /// Declares every variable, once, and keeps the handles.
     ///
@@ -204,17 +196,14 @@ pub trait System: Sized + Send + Sync + 'static {
     }
 
     /// Sets states and discrete variables at the start time; those that it leaves alone have their declared start
-    /// values. Every Get in Initialization Mode comes after a call of it, so it only computes.
-    ///
-    /// # Errors
-    /// [`Invalid`] when there is no valid start from these parameters and inputs.
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+    /// values. Every Get in Initialization Mode comes after a call of it, so it only computes. Where there is no valid start
+    /// from these parameters and inputs, it says so by [`Point::refuse`].
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let _ = (t, v);
-        Ok(())
     }
 
     /// Called when tunable parameters have changed and were prepared: brings states back into new bounds.
-    fn parameters_changed(&self, t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let _ = (t, v);
     }
 
@@ -227,40 +216,38 @@ pub trait System: Sized + Send + Sync + 'static {
     }
 
     /// Whether the equations hold at this point, where signals stand: asked at the start, when every master has set its
-    /// inputs, at the end of each communication step, and where a step can't be finished. It tells a user what is wrong
-    /// where the equations alone would only give no number. The time is added to the reasons.
-    ///
-    /// # Errors
-    /// [`Invalid`] with what is wrong: the variable, its value, what is allowed and what helps.
-    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
+    /// inputs, at the end of each communication step, and where a step can't be finished. It tells a user, by
+    /// [`Point::refuse`], what is wrong where the equations alone would only give no number: the variable, its value, what
+    /// is allowed and what helps. The time is added to the reasons. It changes nothing.
+    fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let _ = (t, v);
-        Ok(())
     }
 
-    /// The time of the next event that is known in advance, read off discrete variables (so that an event that
-    /// was handled isn't found again).
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+    /// The time of the next event that is known in advance, infinity where there is none; read off discrete variables (so
+    /// that an event that was handled isn't found again).
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
         let _ = v;
-        None
+        S::from(f64::INFINITY)
     }
 
-    /// Functions whose change of sign is an event; [`System::indicators`] of them. An event that turns the motion
-    /// back by a jump of states leaves the function as it is, or puts the state onto the boundary, so that it is exactly
-    /// zero: then the side to which it leaves counts as the one where it was. (See the [module](self) for contacts.)
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+    /// Functions whose change of sign is an event, as many as were declared by [`Declaration::indicators`]. An event that
+    /// turns the motion back by a jump of states leaves the function as it is, or puts the state onto the boundary, so that
+    /// it is exactly zero: then the side to which it leaves counts as the one where it was. (See the [module](self) for
+    /// contacts.)
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
         let _ = (t, v, z);
     }
 
     /// Handles the event at t: changes discrete variables, and states where they jump. `crossed` tells which event
     /// indicators changed sides (none, at a time event). A time event is handled at t = its own time, even where
     /// rounding has a communication step end a little before it.
-    fn event(&self, t: f64, crossed: &[bool], v: &mut Point) {
+    fn event<S: Scalar>(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>) {
         let _ = (t, crossed, v);
     }
 
     /// Called after every communication step, with its length: counts, and warns of what is out of the
     /// system's own assumptions. In a composite, whose parts hold no inputs for each other, the length is 0.
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let _ = (t, step, v);
     }
 
@@ -270,37 +257,33 @@ pub trait System: Sized + Send + Sync + 'static {
         let _ = (v, report);
     }
 
-    /// Whether [`System::advance`] is to be used in place of a general integrator.
-    fn steps_itself(&self) -> bool {
-        false
+    /// A better way through a step than a general integrator, where the system has one.
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        None
     }
+}
 
-    /// Size of the workspace for [`System::advance`].
+/// A system's own way through a communication step.
+pub trait OwnStep {
+    /// Size of the workspace for [`OwnStep::advance`].
     fn workspace(&self) -> usize {
         0
     }
 
-    /// Whether [`System::advance`] is worth its while over a step h from where the values stand, with this relative
-    /// tolerance in force. General integration goes on where it isn't.
-    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+    /// Whether it is worth its while over a step h from where the values stand, with this relative tolerance in force.
+    /// General integration goes on where it isn't.
+    fn pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         let _ = (h, relative_tolerance, v);
         true
     }
 
-    /// A system with a better way through a step than a general integrator brings it here: advance the states by one
-    /// stride, and change nothing but them: a stride may be tried again with another length. Steps are made of pairs of
-    /// strides, and divided until [`System::conclude`] finds them accurate. Called only where [`System::steps_itself`].
-    /// Whether the way holds for this stride: where it doesn't, general integration goes on.
-    fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        let _ = (stride, v);
-        false
-    }
+    /// Advances the states by one stride, and changes nothing but them: a stride may be tried again with another length.
+    /// Steps are made of pairs of strides, and divided until [`OwnStep::conclude`] finds them accurate. Whether the way
+    /// holds for this stride: where it doesn't, general integration goes on.
+    fn advance(&self, stride: Stride, v: &mut Point) -> bool;
 
     /// Concludes a step: how far apart one `whole` stride and two halves arrive, both with their signals; the point
     /// stands where the halves do. Its states may be improved from both. `tolerance` is what the user is promised: the
     /// nominal value of each state, and the error that is tolerated relative to that or to the state's magnitude.
-    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {
-        let _ = (whole, tolerance, v);
-        ErrorEstimate { scaled: f64::INFINITY, order: 1 }
-    }
+    fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate;
 }

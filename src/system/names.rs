@@ -1,15 +1,16 @@
 //! A user's own names and descriptions of variables, in place of a model's: given in a description, decided here alone.
 //!
-//! Handles, places and value references know no names, so nothing else changes. What a model says of its variables in
-//! messages is told with the user's names.
+//! Handles, places and value references know no names, so nothing else changes. Messages refer to variables by their handles
+//! ([`super::Values::name`]); what leaves is told with the names in force, here.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashSet};
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::declaration::Declaration;
-use super::variable::{Causality, Naming, Section, Variable};
+use super::values::{BooleanOf, ChoiceOf, Class, DiscreteHandle, IntegerOf, MatrixOf, Offsets, ScalarOf, VectorOf};
+use super::variable::{Causality, Naming, Section, Variable, Variables};
 use crate::error::Invalid;
 
 /// Longest name.
@@ -86,25 +87,19 @@ impl Words {
     }
 }
 
-/// Names in messages: the model's, and the user's in place of it.
-pub(super) type Translation = HashMap<String, String>;
-
 /// Gives names to the variables that were declared from the `first` on, whose own names have a part's in front.
 ///
 /// # Errors
 /// Every name that has no variable, is none, or is taken.
-pub(super) fn apply(
-    names: &Names,
-    first: usize,
-    part: Option<&str>,
-    d: &mut Declaration,
-) -> Result<Translation, Invalid> {
+pub(super) fn apply(names: &Names, first: usize, part: Option<&str>, d: &mut Declaration) -> Result<(), Invalid> {
+    if names.is_empty() {
+        return Ok(());
+    }
     let prefix = part.map_or(String::new(), |part| format!("{part}."));
-    let (mut translation, mut invalid) = (Translation::new(), Invalid::none());
+    let mut invalid = Invalid::none();
     for (key, words) in names {
-        match give(key, words, &prefix, &mut d.variables.list[first..]) {
-            Ok(given) => translation.extend(given),
-            Err(reason) => invalid.and(Invalid::because(format!("[names] {key}: {reason}"))),
+        if let Err(reason) = give(key, words, &prefix, &mut d.variables.list[first..]) {
+            invalid.and(Invalid::because(format!("[names] {key}: {reason}")));
         }
     }
     for name in taken(&d.variables.list).into_iter().map(|name| name.strip_prefix(&prefix).unwrap_or(&name).to_owned())
@@ -112,12 +107,11 @@ pub(super) fn apply(
         let allowed = "is the name of another variable already; each needs one of its own";
         invalid.and(Invalid::because(format!("[names] `{name}` {allowed}")));
     }
-    invalid.into_result()?;
-    Ok(translation)
+    invalid.into_result()
 }
 
-/// Gives the words for one key; names of elements before and after.
-fn give(key: &str, words: &Words, prefix: &str, list: &mut [Variable]) -> Result<Vec<(String, String)>, String> {
+/// Gives the words for one key.
+fn give(key: &str, words: &Words, prefix: &str, list: &mut [Variable]) -> Result<(), String> {
     let full = format!("{prefix}{key}");
     let (index, offsets) = find(&full, list).ok_or_else(|| {
         let shown = list.iter().filter(|v| is_nameable(v)).map(|v| v.name.strip_prefix(prefix).unwrap_or(&v.name));
@@ -129,12 +123,9 @@ fn give(key: &str, words: &Words, prefix: &str, list: &mut [Variable]) -> Result
         return Err(format!("{} given: it must be {of}", given.len()));
     }
     let (name, section) = (list[index].name.clone(), list[index].section);
-    let mut changes = Vec::new();
     for (&offset, word) in offsets.iter().zip(given) {
         if let Some(own) = word.name() {
             check(own)?;
-            let before = list[index].element(offset).name();
-            changes.push((before.strip_prefix(prefix).unwrap_or(&before).to_owned(), own.to_owned()));
         }
         // A derivative has the name of its state.
         let goes_with = |v: &&mut Variable| v.section == Section::Derivative && section == Section::State;
@@ -142,7 +133,7 @@ fn give(key: &str, words: &Words, prefix: &str, list: &mut [Variable]) -> Result
             say(variable, offset, prefix, word);
         }
     }
-    Ok(changes)
+    Ok(())
 }
 
 /// Puts words in place of a variable's own.
@@ -214,41 +205,98 @@ fn taken(list: &[Variable]) -> Vec<String> {
     taken
 }
 
-/// A text of a model in the user's words: elements by their full names, and a scalar where its value is told.
-pub(super) fn translated(text: &str, translation: &Translation) -> String {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let (mut result, mut rest) = (String::new(), text);
-    while let Some(start) = rest.find(is_part) {
-        let (before, tail) = rest.split_at(start);
-        let word = tail.find(|c| !is_part(c)).unwrap_or(tail.len());
-        let indices = tail[word..].strip_prefix('[').and_then(|inner| inner.find(']')).map_or(0, |end| end + 2);
-        let own = [word + indices, word].into_iter().find_map(|len| {
-            let told = indices > 0 && len > word || tail[len..].starts_with(" = ");
-            Some((translation.get(&tail[..len]).filter(|_| told)?, len))
-        });
-        let (said, len) = own.map_or((&tail[..word], word), |(own, len)| (own.as_str(), len));
-        result.push_str(before);
-        result.push_str(said);
-        rest = &tail[len..];
-    }
-    result + rest
+/// Anything that messages may name: a variable, or one element of it.
+pub trait Named {
+    /// Whether it is real, whether it is a whole variable, its section, and its first place there.
+    fn named(&self) -> (bool, bool, Section, usize);
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+impl<C: Class> Named for ScalarOf<C> {
+    fn named(&self) -> (bool, bool, Section, usize) {
+        (true, false, C::SECTION, self.start)
+    }
+}
 
-    #[test]
-    fn a_message_is_told_in_the_users_words() {
-        let pairs = [("x[1]", "speed"), ("x[12]", "twist"), ("A[1,2]", "stiffness"), ("k", "gain")];
-        let names = pairs.into_iter().map(|(own, user)| (own.to_owned(), user.to_owned())).collect();
-        for (text, told) in [
-            ("x[1] = 3: must be below x[12] = 2", "speed = 3: must be below twist = 2"),
-            ("der(x[1]) and max[1], x[2]; A[1,2]", "der(speed) and max[1], x[2]; stiffness"),
-            ("k = 3: k must be small, ok = 1", "gain = 3: k must be small, ok = 1"),
-            ("ä x[", "ä x["),
-        ] {
-            assert_eq!(translated(text, &names), told);
+impl<C: Class> Named for VectorOf<C> {
+    fn named(&self) -> (bool, bool, Section, usize) {
+        (true, true, C::SECTION, self.start)
+    }
+}
+
+impl<C: Class> Named for MatrixOf<C> {
+    fn named(&self) -> (bool, bool, Section, usize) {
+        (true, true, C::SECTION, self.start)
+    }
+}
+
+macro_rules! named_discrete {
+    ($($name:ident<$($parameter:ident),*>),*) => {$(
+        impl<$($parameter),*> Named for $name<$($parameter),*>
+        where
+            Self: DiscreteHandle,
+        {
+            fn named(&self) -> (bool, bool, Section, usize) {
+                let (section, place) = self.place();
+                (false, true, section, place)
+            }
         }
+    )*};
+}
+named_discrete!(IntegerOf<C>, BooleanOf<C>, ChoiceOf<C, E>);
+
+impl Offsets {
+    /// A reference to a variable, for a text that is told to users.
+    pub fn name(&self, handle: &impl Named) -> String {
+        let (is_real, is_whole, section, place) = handle.named();
+        let sections = if is_real { &self.real } else { &self.integer };
+        reference(is_real, is_whole, sections[section as usize] + place)
+    }
+}
+
+/// Where a reference to a variable begins and ends in a text: characters that no text of a model holds.
+const BEGIN: char = '\u{e000}';
+const END: char = '\u{e001}';
+
+/// A reference to a variable, for texts: of an element, or of a whole variable that begins at this place of the block.
+pub(super) fn reference(is_real: bool, is_whole: bool, index: usize) -> String {
+    let kind = if is_real { 'r' } else { 'i' };
+    let extent = if is_whole { 'w' } else { 'e' };
+    format!("{BEGIN}{kind}{extent}{index}{END}")
+}
+
+/// A text of a composite's part: variables are named with the part's name, other texts begin with it.
+pub(crate) fn of_part(text: String, part: &str) -> String {
+    if text.contains(BEGIN) { text } else { format!("{part}: {text}") }
+}
+
+impl Variables {
+    /// A text of a system as it leaves: references to variables are told with the names in force.
+    pub(crate) fn told(&self, text: &str) -> String {
+        let mut pieces = text.split(BEGIN);
+        let mut told = pieces.next().unwrap_or_default().to_owned();
+        for piece in pieces {
+            let (reference, rest) = piece.split_once(END).unwrap_or((piece, ""));
+            told.push_str(&self.referred(reference));
+            told.push_str(rest);
+        }
+        told
+    }
+
+    fn referred(&self, reference: &str) -> String {
+        let is_real = reference.starts_with('r');
+        let Some(index) = reference.get(2..).and_then(|index| index.parse::<usize>().ok()) else {
+            return String::new();
+        };
+        let first = |v: &Variable| self.index(v.element(0));
+        let is_it = |v: &&Variable| v.is_real() == is_real && (first(v)..first(v) + v.len()).contains(&index);
+        let Some(variable) = self.iter().find(is_it) else { return String::new() };
+        let name = |offset: usize| variable.element(offset).name().trim_start_matches('#').to_owned();
+        if reference[1..].starts_with('e') {
+            return name(index - first(variable));
+        }
+        if variable.given.iter().any(Option::is_some) {
+            return variable.elements().map(|element| name(element.offset)).collect::<Vec<_>>().join(", ");
+        }
+        variable.name.trim_start_matches('#').to_owned()
     }
 }

@@ -1,11 +1,15 @@
 //! Full access to an instance's values, for what happens outside the equations.
 
-use std::ops::{Index, IndexMut};
+use std::ops::{Deref, DerefMut, Index, IndexMut};
 
 use nalgebra::{DMatrixView, DMatrixViewMut};
 
 use super::declaration::Warning;
+use super::erased::Equations;
+use super::names::Named;
+use super::scalar::{Changed, Scalar};
 use super::values::{Class, DiscreteHandle, Handle, MatrixOf, Offsets, ScalarOf, Span, Values, VectorOf};
+use crate::error::Invalid;
 
 /// A message of a system, for the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,25 +20,72 @@ pub struct Message {
     pub text: String,
 }
 
-/// Messages that wait to be logged. Empty, it holds no memory.
-pub type MessageLog = Vec<Message>;
+/// Messages that wait to be logged, and why what was asked for is refused. Empty, it holds no memory.
+#[derive(Debug, Default)]
+pub struct MessageLog {
+    messages: Vec<Message>,
+    refused: Invalid,
+}
+
+impl MessageLog {
+    /// An empty one.
+    pub fn new() -> Self {
+        MessageLog::default()
+    }
+
+    pub(super) fn tell(&mut self, category: &'static str, text: String) {
+        self.messages.push(Message { category, text });
+    }
+
+    pub(super) fn refuse(&mut self, reason: Invalid) {
+        self.refused.and(reason);
+    }
+
+    /// Takes over what was told and refused to a part of a composite, as the part's.
+    pub(super) fn take_over(&mut self, other: MessageLog, part: &str) {
+        let of_part = |message: Message| Message { text: super::names::of_part(message.text, part), ..message };
+        self.messages.extend(other.messages.into_iter().map(of_part));
+        self.refused.and(other.refused.of_part(part));
+    }
+
+    /// Takes the reasons out for which what was asked for is refused.
+    ///
+    /// # Errors
+    /// These, where there are any.
+    pub(crate) fn accepted(&mut self) -> Result<(), Invalid> {
+        std::mem::take(&mut self.refused).into_result()
+    }
+}
+
+impl Deref for MessageLog {
+    type Target = Vec<Message>;
+    fn deref(&self) -> &Vec<Message> {
+        &self.messages
+    }
+}
+
+impl DerefMut for MessageLog {
+    fn deref_mut(&mut self) -> &mut Vec<Message> {
+        &mut self.messages
+    }
+}
 
 /// All values of an instance at one point in time, to read and write.
 #[derive(Debug)]
-pub struct Point<'a> {
-    pub(super) reals: &'a mut [f64],
-    pub(super) integers: &'a mut [i32],
+pub struct Point<'a, S: Scalar = f64> {
+    pub(super) reals: &'a mut [S],
+    pub(super) integers: &'a mut [S::Integer],
     pub(super) offsets: &'a Offsets,
     pub(super) log: &'a mut MessageLog,
 }
 
-impl<'a> Point<'a> {
+impl<'a, S: Scalar> Point<'a, S> {
     pub(crate) fn new(
-        reals: &'a mut [f64],
-        integers: &'a mut [i32],
+        reals: &'a mut [S],
+        integers: &'a mut [S::Integer],
         offsets: &'a Offsets,
         log: &'a mut MessageLog,
-    ) -> Point<'a> {
+    ) -> Point<'a, S> {
         Point { reals, integers, offsets, log }
     }
 
@@ -43,23 +94,38 @@ impl<'a> Point<'a> {
         start..start + span.len
     }
 
+    /// Writes signals and derivatives of the whole point.
+    pub(crate) fn evaluate(&mut self, equations: &dyn Equations<S>, t: S) {
+        equations.evaluate(t, self.reals, self.integers, self.offsets);
+    }
+
+    /// Writes signals alone, of a part that begins elsewhere.
+    pub(super) fn outputs_of(&mut self, equations: &dyn Equations<S>, t: S, offsets: &Offsets) {
+        equations.outputs(t, self.reals, self.integers, offsets);
+    }
+
     /// The values to read, as equations see them.
-    pub fn values(&self) -> Values<'_, f64> {
+    pub fn values(&self) -> Values<'_, S> {
         Values { reals: self.reals, integers: self.integers, offsets: self.offsets }
     }
 
+    /// See [`Values::name`].
+    pub fn name(&self, handle: impl Named) -> String {
+        self.offsets.name(&handle)
+    }
+
     /// A vector of a size known when compiling.
-    pub fn array<C: Class, const N: usize>(&self, vector: VectorOf<C>) -> [f64; N] {
+    pub fn array<C: Class, const N: usize>(&self, vector: VectorOf<C>) -> [S; N] {
         self.values().array(vector)
     }
 
     /// A matrix.
-    pub fn matrix<C: Class>(&self, matrix: MatrixOf<C>) -> DMatrixView<'_, f64> {
+    pub fn matrix<C: Class>(&self, matrix: MatrixOf<C>) -> DMatrixView<'_, S> {
         self.values().matrix(matrix)
     }
 
     /// A matrix, to write.
-    pub fn matrix_mut<C: Class>(&mut self, matrix: MatrixOf<C>) -> DMatrixViewMut<'_, f64> {
+    pub fn matrix_mut<C: Class>(&mut self, matrix: MatrixOf<C>) -> DMatrixViewMut<'_, S> {
         let range = self.range(matrix.span());
         DMatrixViewMut::from_slice(&mut self.reals[range], matrix.shape().0, matrix.shape().1)
     }
@@ -78,60 +144,82 @@ impl<'a> Point<'a> {
     ///
     /// # Panics
     /// When the number of values isn't the handle's.
-    pub fn set(&mut self, handle: impl Handle, values: impl AsRef<[f64]>) {
+    pub fn set(&mut self, handle: impl Handle, values: impl AsRef<[S]>) {
         let range = self.range(handle.span());
         self.reals[range].copy_from_slice(values.as_ref());
     }
 
     /// An integer, Boolean or choice.
-    pub fn get<H: DiscreteHandle>(&self, handle: H) -> H::Value {
+    pub fn get<H: DiscreteHandle>(&self, handle: H) -> H::Value<S> {
         self.values().get(handle)
     }
 
     /// Writes an integer, Boolean or choice.
-    pub fn put<H: DiscreteHandle>(&mut self, handle: H, value: H::Value) {
+    pub fn put<H: DiscreteHandle>(&mut self, handle: H, value: H::Value<S>) {
         let (section, place) = handle.place();
-        self.integers[self.offsets.integer[section as usize] + place] = H::encode(value);
+        self.integers[self.offsets.integer[section as usize] + place] = H::encode::<S>(value);
+    }
+
+    /// Carries out a change where a condition holds.
+    pub fn when(&mut self, flag: S::Flag, change: impl FnOnce(&mut Self)) {
+        S::carry_out(flag, self, change);
     }
 
     /// Logs a warning the first time that it is given in a simulation.
-    pub fn warn(&mut self, warning: Warning, text: impl FnOnce() -> String) {
+    pub fn warn(&mut self, warning: Warning, text: impl FnOnce(&Values<S>) -> String) {
         let flag = self.offsets.integer[super::Section::Memory as usize] + warning.flag;
-        if self.integers[flag] == 0 {
-            self.integers[flag] = 1;
-            self.log.push(Message { category: warning.category, text: text() });
-        }
+        let is_first = S::same(self.integers[flag], S::integer(0));
+        self.when(is_first, |v| {
+            v.integers[flag] = S::integer(1);
+            v.say(warning, text);
+        });
     }
 
     /// Logs a message in a warning's category each time.
-    pub fn say(&mut self, warning: Warning, text: String) {
-        self.log.push(Message { category: warning.category, text });
+    pub fn say(&mut self, warning: Warning, text: impl FnOnce(&Values<S>) -> String) {
+        let values = Values { reals: self.reals, integers: self.integers, offsets: self.offsets };
+        S::log(true.into(), self.log, warning.category, || text(&values));
+    }
+
+    /// Refuses what was asked for, where a condition holds: a start, say.
+    pub fn refuse(&mut self, flag: S::Flag, reason: impl FnOnce(&Values<S>) -> Invalid) {
+        let values = Values { reals: self.reals, integers: self.integers, offsets: self.offsets };
+        S::refuse(flag, self.log, || reason(&values));
     }
 }
 
-impl<C: Class> Index<ScalarOf<C>> for Point<'_> {
-    type Output = f64;
-    fn index(&self, handle: ScalarOf<C>) -> &f64 {
+impl<S: Scalar> Changed<S> for Point<'_, S> {
+    fn copied(&self) -> (Vec<S>, Vec<S::Integer>) {
+        (self.reals.to_vec(), self.integers.to_vec())
+    }
+    fn places(&mut self) -> (&mut [S], &mut [S::Integer]) {
+        (self.reals, self.integers)
+    }
+}
+
+impl<S: Scalar, C: Class> Index<ScalarOf<C>> for Point<'_, S> {
+    type Output = S;
+    fn index(&self, handle: ScalarOf<C>) -> &S {
         &self.reals[self.range(handle.span()).start]
     }
 }
 
-impl<C: Class> IndexMut<ScalarOf<C>> for Point<'_> {
-    fn index_mut(&mut self, handle: ScalarOf<C>) -> &mut f64 {
+impl<S: Scalar, C: Class> IndexMut<ScalarOf<C>> for Point<'_, S> {
+    fn index_mut(&mut self, handle: ScalarOf<C>) -> &mut S {
         let place = self.range(handle.span()).start;
         &mut self.reals[place]
     }
 }
 
-impl<C: Class> Index<VectorOf<C>> for Point<'_> {
-    type Output = [f64];
-    fn index(&self, handle: VectorOf<C>) -> &[f64] {
+impl<S: Scalar, C: Class> Index<VectorOf<C>> for Point<'_, S> {
+    type Output = [S];
+    fn index(&self, handle: VectorOf<C>) -> &[S] {
         &self.reals[self.range(handle.span())]
     }
 }
 
-impl<C: Class> IndexMut<VectorOf<C>> for Point<'_> {
-    fn index_mut(&mut self, handle: VectorOf<C>) -> &mut [f64] {
+impl<S: Scalar, C: Class> IndexMut<VectorOf<C>> for Point<'_, S> {
+    fn index_mut(&mut self, handle: VectorOf<C>) -> &mut [S] {
         let range = self.range(handle.span());
         &mut self.reals[range]
     }

@@ -6,6 +6,8 @@ use std::ops::{Index, IndexMut, Range};
 use nalgebra::DMatrixView;
 use serde::Serialize;
 
+use super::names::Named;
+use super::scalar::Changed;
 use super::{Scalar, Section};
 
 /// What a variable is in the equations; it decides where in the block the value lies.
@@ -207,57 +209,89 @@ discrete_handle!(
     ChoiceOf<C, E>
 );
 
-/// A handle into the block of integers, with the type that its value has in Rust.
+/// A choice as it stands: one of the items of `E`.
+#[derive(Debug, Clone, Copy)]
+pub struct Chosen<S: Scalar, E> {
+    number: S::Integer,
+    items: PhantomData<E>,
+}
+
+impl<S: Scalar, E: Choice> Chosen<S, E> {
+    /// Whether it is this item.
+    pub fn is(self, item: E) -> S::Flag {
+        S::same(self.number, S::integer(number_of(item)))
+    }
+}
+
+impl<S: Scalar<Integer = i32>, E: Choice> Chosen<S, E> {
+    /// The item, where values are numbers.
+    pub fn item(self) -> E {
+        // Numbers outside the items are refused where they enter; the clamp keeps this total.
+        let last = E::ITEMS.len() as i32;
+        E::ITEMS[(self.number.clamp(1, last) - 1) as usize].0
+    }
+}
+
+impl<S: Scalar, E: Choice> From<E> for Chosen<S, E> {
+    fn from(item: E) -> Self {
+        Chosen { number: S::integer(number_of(item)), items: PhantomData }
+    }
+}
+
+/// The number of an item, counted from 1.
+fn number_of<E: Choice>(value: E) -> i32 {
+    let same = |item: &E| std::mem::discriminant(item) == std::mem::discriminant(&value);
+    1 + E::ITEMS.iter().position(|(item, ..)| same(item)).unwrap_or(0) as i32
+}
+
+/// A handle into the block of integers, with the type that its value has over a scalar.
 pub trait DiscreteHandle: Copy {
     /// The value's type.
-    type Value;
+    type Value<S: Scalar>;
     /// Section, and place in it.
     fn place(self) -> (Section, usize);
     /// From the stored integer.
-    fn decode(stored: i32) -> Self::Value;
+    fn decode<S: Scalar>(stored: S::Integer) -> Self::Value<S>;
     /// To the stored integer.
-    fn encode(value: Self::Value) -> i32;
+    fn encode<S: Scalar>(value: Self::Value<S>) -> S::Integer;
 }
 
 impl<C: Class> DiscreteHandle for IntegerOf<C> {
-    type Value = i32;
+    type Value<S: Scalar> = S::Integer;
     fn place(self) -> (Section, usize) {
         (C::SECTION, self.start)
     }
-    fn decode(stored: i32) -> i32 {
+    fn decode<S: Scalar>(stored: S::Integer) -> S::Integer {
         stored
     }
-    fn encode(value: i32) -> i32 {
+    fn encode<S: Scalar>(value: S::Integer) -> S::Integer {
         value
     }
 }
 
 impl<C: Class> DiscreteHandle for BooleanOf<C> {
-    type Value = bool;
+    type Value<S: Scalar> = S::Flag;
     fn place(self) -> (Section, usize) {
         (C::SECTION, self.start)
     }
-    fn decode(stored: i32) -> bool {
-        stored != 0
+    fn decode<S: Scalar>(stored: S::Integer) -> S::Flag {
+        !S::same(stored, S::integer(0))
     }
-    fn encode(value: bool) -> i32 {
-        i32::from(value)
+    fn encode<S: Scalar>(value: S::Flag) -> S::Integer {
+        S::select_integer(value, S::integer(1), S::integer(0))
     }
 }
 
 impl<C: Class, E: Choice> DiscreteHandle for ChoiceOf<C, E> {
-    type Value = E;
+    type Value<S: Scalar> = Chosen<S, E>;
     fn place(self) -> (Section, usize) {
         (C::SECTION, self.start)
     }
-    fn decode(stored: i32) -> E {
-        // Numbers outside the items are refused where they enter; the clamp keeps this total.
-        let last = E::ITEMS.len() as i32;
-        E::ITEMS[(stored.clamp(1, last) - 1) as usize].0
+    fn decode<S: Scalar>(stored: S::Integer) -> Chosen<S, E> {
+        Chosen { number: stored, items: PhantomData }
     }
-    fn encode(value: E) -> i32 {
-        let same = |item: &E| std::mem::discriminant(item) == std::mem::discriminant(&value);
-        1 + E::ITEMS.iter().position(|(item, ..)| same(item)).unwrap_or(0) as i32
+    fn encode<S: Scalar>(value: Chosen<S, E>) -> S::Integer {
+        value.number
     }
 }
 
@@ -271,21 +305,35 @@ pub struct Offsets {
 }
 
 /// What equations read: parameters, prepared values, inputs, states, discrete values and, in `derivatives`, signals.
-#[derive(Debug, Clone, Copy)]
-pub struct Values<'a, S> {
+#[derive(Debug)]
+pub struct Values<'a, S: Scalar> {
     pub(super) reals: &'a [S],
-    pub(super) integers: &'a [i32],
+    pub(super) integers: &'a [S::Integer],
     pub(super) offsets: &'a Offsets,
 }
 
+impl<S: Scalar> Clone for Values<'_, S> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<S: Scalar> Copy for Values<'_, S> {}
+
 impl<'a, S: Scalar> Values<'a, S> {
-    pub(crate) fn new(reals: &'a [S], integers: &'a [i32], offsets: &'a Offsets) -> Self {
+    pub(crate) fn new(reals: &'a [S], integers: &'a [S::Integer], offsets: &'a Offsets) -> Self {
         Values { reals, integers, offsets }
     }
 
     fn slice(&self, span: Span) -> &'a [S] {
         let start = self.offsets.real[span.section as usize] + span.start;
         &self.reals[start..start + span.len]
+    }
+
+    /// The name of a variable or of one element, for a text that is told to users: the one that they gave it, where they
+    /// did. It stands in the text as a reference until the text leaves.
+    pub fn name(&self, handle: impl Named) -> String {
+        self.offsets.name(&handle)
     }
 
     /// A vector of a size known when compiling: `let [x1, x2] = v.array(self.x);`
@@ -304,17 +352,14 @@ impl<'a, S: Scalar> Values<'a, S> {
     /// An element of a tracking error, counted from 0: where the system is part of a composite that integrates the error
     /// itself, that very number, never a difference of large ones.
     pub fn error(&self, error: ErrorOf, index: usize) -> S {
-        if self.get(error.is_passed) {
-            self[error.passed.at(index)]
-        } else {
-            self[error.x.at(index)] - self[error.x_m.at(index)]
-        }
+        let difference = || self[error.x.at(index)] - self[error.x_m.at(index)];
+        S::branch(self.get(error.is_passed), || self[error.passed.at(index)], difference)
     }
 
     /// An integer, Boolean or choice.
-    pub fn get<H: DiscreteHandle>(&self, handle: H) -> H::Value {
+    pub fn get<H: DiscreteHandle>(&self, handle: H) -> H::Value<S> {
         let (section, place) = handle.place();
-        H::decode(self.integers[self.offsets.integer[section as usize] + place])
+        H::decode::<S>(self.integers[self.offsets.integer[section as usize] + place])
     }
 }
 
@@ -377,9 +422,23 @@ impl<S: Scalar, C> Written<'_, S, C> {
         self.section[handle.place()].copy_from_slice(values.as_ref());
     }
 
+    /// Carries out a change where a condition holds.
+    pub fn when(&mut self, flag: S::Flag, change: impl FnOnce(&mut Self)) {
+        S::carry_out(flag, self, change);
+    }
+
     /// The values of a handle, to write (and read back what was written).
     pub fn slice(&mut self, handle: impl WrittenBy<C>) -> &mut [S] {
         &mut self.section[handle.place()]
+    }
+}
+
+impl<S: Scalar, C> Changed<S> for Written<'_, S, C> {
+    fn copied(&self) -> (Vec<S>, Vec<S::Integer>) {
+        (self.section.to_vec(), Vec::new())
+    }
+    fn places(&mut self) -> (&mut [S], &mut [S::Integer]) {
+        (self.section, &mut [])
     }
 }
 

@@ -5,7 +5,8 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-use super::values::{Offsets, Span};
+use super::values::Offsets;
+use crate::recording::Layout;
 
 /// The sections of the flat block, in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -244,24 +245,18 @@ fn pick<T>(entries: &[T], index: usize) -> Option<&T> {
     if entries.len() == 1 { entries.first() } else { entries.get(index) }
 }
 
-/// What a derivative or an output depends on.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Dependence {
-    /// Signals or derivatives.
-    pub of: Span,
-    /// Inputs and states.
-    pub on: Vec<Span>,
-}
-
 /// All variables of a system.
 #[derive(Debug, Clone, Default)]
 pub struct Variables {
     pub(super) list: Vec<Variable>,
-    pub(super) dependence: Vec<Dependence>,
+    /// What each event indicator watches; an empty text where it has no name.
+    pub(super) indicators: Vec<String>,
     /// Warnings: category and description. Each has a flag in the integers' memory.
     pub(super) warnings: Vec<(&'static str, &'static str)>,
     /// The flag in the integers' memory that tells a system that it is stepped, if it asked for it.
     pub(super) stepped: Option<usize>,
+    /// How many variables are the system's own; those that every model has come after them.
+    pub(super) own: usize,
     pub(super) real_sizes: [usize; Section::COUNT],
     pub(super) integer_sizes: [usize; Section::COUNT],
     pub(super) offsets: Offsets,
@@ -271,6 +266,16 @@ pub struct Variables {
 impl Variables {
     /// Fixes offsets once everything is declared.
     pub(super) fn finish(&mut self) {
+        self.place_sections();
+        for (index, variable) in self.list.iter().enumerate() {
+            for element in variable.elements() {
+                self.by_name.insert(element.name(), (index, element.offset));
+            }
+        }
+    }
+
+    /// Places sections one after the other, as large as they are now.
+    pub(super) fn place_sections(&mut self) {
         let running = |sizes: &[usize; Section::COUNT]| {
             let mut sum = 0;
             sizes.map(|size| {
@@ -279,16 +284,16 @@ impl Variables {
             })
         };
         self.offsets = Offsets { real: running(&self.real_sizes), integer: running(&self.integer_sizes) };
-        for (index, variable) in self.list.iter().enumerate() {
-            for element in variable.elements() {
-                self.by_name.insert(element.name(), (index, element.offset));
-            }
-        }
     }
 
     /// Place, among all integers, of the flag that tells the system that it is stepped by a master of co-simulation.
     pub fn stepped(&self) -> Option<usize> {
         self.stepped.map(|place| self.integers(Section::Memory).start + place)
+    }
+
+    /// Whether a variable is one that every model has: how it is simulated, not what it is.
+    pub fn is_control(&self, variable: &Variable) -> bool {
+        self.list[self.own..].iter().any(|own| std::ptr::eq(own, variable))
     }
 
     /// The variables, in the order of their declaration.
@@ -310,6 +315,12 @@ impl Variables {
     pub fn index(&self, element: Element<'_>) -> usize {
         let offsets = if element.variable.is_real() { &self.offsets.real } else { &self.offsets.integer };
         offsets[element.variable.section as usize] + element.place()
+    }
+
+    /// How many values there are, and where sections begin.
+    pub fn layout(&self) -> Layout {
+        let (reals, integers) = (self.reals(Section::Memory).end, self.integers(Section::Memory).end);
+        Layout { reals, integers, offsets: self.offsets, indicators: self.indicators.len() }
     }
 
     /// Where sections begin.
@@ -343,26 +354,18 @@ impl Variables {
             .map(|v| v.element(place - v.start))
     }
 
-    /// Everything that was declared: variables, what depends on what, warnings.
+    /// Everything that was declared: variables, event indicators, warnings.
     pub fn declared(&self) -> impl Serialize {
-        (&self.list, &self.dependence, &self.warnings)
+        (&self.list, &self.indicators, &self.warnings)
+    }
+
+    /// What each event indicator watches; an empty text where it has no name.
+    pub fn indicators(&self) -> &[String] {
+        &self.indicators
     }
 
     /// Warnings: category and description.
     pub fn warnings(&self) -> &[(&'static str, &'static str)] {
         &self.warnings
-    }
-
-    /// What the value at a place of `section` depends on, as places of inputs and states; `None` where it wasn't
-    /// declared, and so may be everything.
-    pub fn dependence(&self, section: Section, place: usize) -> Option<Vec<(Section, usize)>> {
-        let mut declared =
-            self.dependence.iter().filter(|d| d.of.section == section && d.of.range().contains(&place)).peekable();
-        declared.peek()?;
-        let mut on: Vec<_> =
-            declared.flat_map(|d| &d.on).flat_map(|span| span.range().map(|k| (span.section, k))).collect();
-        on.sort_by_key(|&(section, k)| (section as usize, k));
-        on.dedup();
-        Some(on)
     }
 }

@@ -1,28 +1,28 @@
-//! New descriptions: what a user starts a unit of their own with, ready to be exported as it stands.
+//! New descriptions: what a user starts a unit of their own with, ready to be exported as it stands. The text of each kind
+//! stands beside its model; here is what they share.
 
-mod controllers;
-mod design;
 mod plant;
-mod signals;
 mod text;
 
 pub use plant::{Plant, Signals};
-use text::{Text, number, quoted};
+pub use text::{Text, all, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits};
 
 use crate::error::Invalid;
-use crate::execution::Execution;
-use crate::library::REGISTRY;
-use crate::model::{Description, Model};
 
 /// Largest number of states, inputs or outputs.
 pub const MOST: i64 = 50;
 
-/// What can be begun.
-pub const KINDS: [&str; 9] =
-    ["l1", "fuzzy-l1", "mrac-ppf", "neuro-ppf", "observer", "reference", "sensor", "actuator", "state-space"];
+/// How a kind's descriptions are begun.
+#[derive(Debug, Clone, Copy)]
+pub struct Template {
+    /// The text for a request; why there is none.
+    pub write: fn(&Request) -> Result<String, Invalid>,
+    /// Sizes that tests try.
+    pub tried: &'static [Sizes],
+}
 
 /// Sizes that a user asks for.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sizes {
     /// Of the plant's state.
     pub states: Option<usize>,
@@ -32,10 +32,25 @@ pub struct Sizes {
     pub outputs: Option<usize>,
 }
 
+impl Sizes {
+    /// None: what the kind takes by itself.
+    pub const NONE: Sizes = Sizes { states: None, inputs: None, outputs: None };
+
+    /// Those of a plant, as many outputs as inputs.
+    pub const fn plant(states: usize, inputs: usize) -> Self {
+        Sizes { states: Some(states), inputs: Some(inputs), outputs: None }
+    }
+
+    /// A number of inputs alone.
+    pub const fn inputs(inputs: usize) -> Self {
+        Sizes { inputs: Some(inputs), ..Sizes::NONE }
+    }
+}
+
 /// What is to be begun.
 #[derive(Debug, Clone)]
 pub struct Request<'a> {
-    /// One of [`KINDS`].
+    /// Name of the kind.
     pub kind: &'a str,
     /// Its name.
     pub name: &'a str,
@@ -49,37 +64,12 @@ pub struct Request<'a> {
     pub reference: f64,
 }
 
-/// The text of a description.
-///
-/// # Errors
-/// Sizes that the kind doesn't have, or why there is no such unit for this plant.
-pub fn description(request: &Request) -> Result<String, Invalid> {
-    let Sizes { states, inputs, outputs } = request.sizes;
-    let mut sizes = [states, inputs, outputs].into_iter().flatten();
-    if let Some(size) = sizes.find(|size| !(1..=MOST as usize).contains(size)) {
-        return Err(Invalid::new("size", size, format!("must be within 1 … {MOST}")));
-    }
-    let write = match request.kind {
-        "l1" | "fuzzy-l1" => controllers::l1,
-        "mrac-ppf" => controllers::mrac_ppf,
-        "neuro-ppf" => controllers::neuro_ppf,
-        "observer" => controllers::observer,
-        "reference" => signals::reference,
-        "sensor" => signals::sensor,
-        "actuator" => signals::actuator,
-        "state-space" => signals::state_space,
-        other => return Err(Invalid::new("kind", other, format!("must be one of {}", KINDS.join(", ")))),
-    };
-    let text = write(request)?;
-    // Only what can be exported is worth beginning with.
-    let model = Model::from_description(Description::read(&text)?, REGISTRY)?;
-    Execution::new(model).initialise().map_err(Invalid::because)?;
-    Ok(text)
-}
-
 impl Request<'_> {
     /// The plant that was given, or integrators of the sizes asked for.
-    fn plant(&self, outputs_are_inputs: bool) -> Result<Plant, Invalid> {
+    ///
+    /// # Errors
+    /// Sizes that don't fit each other, or a plant that no controller takes.
+    pub fn plant(&self, outputs_are_inputs: bool) -> Result<Plant, Invalid> {
         let Sizes { states, inputs, outputs } = self.sizes;
         let plant = match &self.plant {
             Some(plant) => plant.clone(),
@@ -103,7 +93,10 @@ impl Request<'_> {
     }
 
     /// Refuses sizes that a kind doesn't have.
-    fn only(&self, allowed: &[&str]) -> Result<(), Invalid> {
+    ///
+    /// # Errors
+    /// The size that was given, and those that there are.
+    pub fn only(&self, allowed: &[&str]) -> Result<(), Invalid> {
         let Sizes { states, inputs, outputs } = self.sizes;
         let given = [("states", states), ("inputs", inputs), ("outputs", outputs)];
         let wrong = given.into_iter().find(|(name, size)| size.is_some() && !allowed.contains(name));
@@ -115,7 +108,7 @@ impl Request<'_> {
     }
 
     /// A text with what every description begins with: what it is, how long it runs and its step, s.
-    fn begin(&self, what: &str, page: &str, stop_time: f64, step: f64) -> Text {
+    pub fn begin(&self, what: &str, page: &str, stop_time: f64, step: f64) -> Text {
         let mut text = Text::default();
         text.comment(&format!("What each key means: docs/description.md; the equations: docs/{page}.md."));
         text.set("name", quoted(self.name), "name of the FMU");
@@ -129,12 +122,12 @@ impl Request<'_> {
 }
 
 /// Names of signals with something behind each; none where they have none.
-fn named(signals: &Signals, behind: &str) -> Vec<String> {
+pub fn named(signals: &Signals, behind: &str) -> Vec<String> {
     signals.names.iter().map(|name| format!("{name}{behind}")).collect()
 }
 
 /// The table of names: those that are known, and how to give others.
-fn write_names(text: &mut Text, signals: &[(&str, Vec<String>)]) {
+pub fn write_names(text: &mut Text, signals: &[(&str, Vec<String>)]) {
     text.table("names");
     let mut any = false;
     for (variable, names) in signals.iter().filter(|(_, names)| !names.is_empty()) {
@@ -146,8 +139,16 @@ fn write_names(text: &mut Text, signals: &[(&str, Vec<String>)]) {
     }
 }
 
+/// Limits of a control, those of the plant where it has any.
+pub fn write_limits(text: &mut Text, plant: Option<&Plant>, m: usize) {
+    let own = plant.and_then(|plant| plant.limits.clone());
+    let [min, max] = own.unwrap_or_else(|| [vec![-1e15; m], vec![1e15; m]]);
+    text.set("u_min", list(&min), "smallest control that acts; -1e15 is no limit");
+    text.set("u_max", list(&max), "largest control that acts; 1e15 is no limit");
+}
+
 /// Units of signals in one line.
-fn write_units(text: &mut Text, signals: &[(&str, &Signals, usize)]) {
+pub fn write_units(text: &mut Text, signals: &[(&str, &Signals, usize)]) {
     let units = |s: &Signals, len: usize| if s.units.is_empty() { vec![String::new(); len] } else { s.units.clone() };
     let entries = signals.iter().map(|(name, signals, len)| format!("{name} = {}", text::texts(&units(signals, *len))));
     let entries = entries.collect::<Vec<_>>().join(", ");

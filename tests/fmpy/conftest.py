@@ -1,12 +1,15 @@
-"""Exports all FMUs once and hands them to the tests.
+"""Builds the program and exports all FMUs, once, and hands them to the tests.
 
     tests/prepare
     target/venv/bin/python -m pytest tests/fmpy
+
+With `-n 2 --dist loadgroup` two processes share the tests: those of a file stay together, and those that build by cargo.
 
 With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones.
 """
 
 import csv
+import fcntl
 import json
 import os
 import resource
@@ -26,23 +29,46 @@ ROOT = Path(__file__).resolve().parents[2]
 # What a person wrote an FMU's description or a loop's structure for, known before anything is exported.
 FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
 LOOP_NAMES = sorted(file.parent.name for file in ROOT.glob("examples/*/SystemStructure.ssd"))
+PROGRAM = ROOT / "target" / "release" / "adaptive-fmu"
+# Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
+IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook"}
 
 
-def adaptive_fmu(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Runs the project's program as a user would, from the repository root."""
-    command = ["cargo", "run", "--release", "-q", "--", *map(str, arguments)]
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """The program is built where the tests begin, before any process that shares them."""
+    if not hasattr(session.config, "workerinput"):
+        built = subprocess.run(["cargo", "build", "--release", "-q"], cwd=ROOT, check=False)
+        if built.returncode != 0:
+            pytest.exit("the program can't be built", built.returncode)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The tests of a file share what its fixtures make."""
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group("checkout" if item.path.stem in IN_THE_CHECKOUT else item.path.stem))
+
+
+def adaptive_fmu(*arguments: str | Path, folder: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs the project's program as a user would, from the repository root or another folder."""
+    command = [PROGRAM, *map(str, arguments)]
     environment = {**os.environ, **environment}
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="session")
 def fmu_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with all FMUs."""
+    """A folder with all FMUs, which the processes that share the tests share too."""
     if given := os.environ.get("ADAPTIVE_FMU_FMUS"):
         return Path(given).resolve()
-    folder = tmp_path_factory.mktemp("fmus")
-    exported = adaptive_fmu("export", "--all", "--out", folder)
-    assert exported.returncode == 0, exported.stderr
+    base = tmp_path_factory.getbasetemp()
+    # Each of several processes has a folder of its own in that of the run.
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "fmus"
+    with (folder.parent / "fmus.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.is_dir():
+            exported = adaptive_fmu("export", "--all", "--out", folder.parent / "exported")
+            assert exported.returncode == 0, exported.stderr
+            (folder.parent / "exported").rename(folder)
     return folder
 
 
@@ -87,9 +113,7 @@ MEMORY, SECONDS = 1 << 30, 10
 
 @pytest.fixture(scope="session")
 def bounded() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Runs the program itself, without cargo, within bounds; its answer, where it did nothing that it may never do."""
-    assert adaptive_fmu("list").returncode == 0, "it is built"
-    program = ROOT / "target" / "release" / "adaptive-fmu"
+    """Runs the program within bounds; its answer, where it did nothing that it may never do."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -97,7 +121,7 @@ def bounded() -> Callable[..., subprocess.CompletedProcess[str]]:
 
     def run(*arguments: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
         answer = subprocess.run(
-            [program, *map(str, arguments)],
+            [PROGRAM, *map(str, arguments)],
             cwd=folder,
             env={**os.environ, "TMPDIR": str(folder)},
             capture_output=True,

@@ -1,5 +1,9 @@
 """A small master on FMPy: units by variable names, closed loops of any units, and that of example 3.2.1."""
 
+import functools
+import json
+import subprocess
+import tomllib
 from ctypes import POINTER, c_double, c_int, c_uint
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +15,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.model_description import ModelDescription, ScalarVariable
 
-
+ROOT = Path(__file__).resolve().parents[2]
 REFERENCE, PLANT, CONTROLLER = "ReferenceNonlinearSiso", "NonlinearSiso", "L1NonlinearSiso"
 
 
@@ -30,17 +34,35 @@ class Fmu:
         fits = lambda v: all(getattr(v, key) == value for key, value in attributes.items())  # noqa: E731
         return [v.name for v in self.variables.values() if fits(v)]
 
+    def item(self, name: str, item: str) -> int:
+        """The number of an item of an enumeration."""
+        return next(int(known.value) for known in self.variables[name].declaredType.items if known.name == item)
+
+
+@functools.cache
+def trials() -> dict[str, dict[str, dict[str, float | str]]]:
+    """Start values for tests that each kind of system gives, by what they are for."""
+    command = ["cargo", "run", "--release", "-q", "--", "list", "--json"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return {kind["name"]: kind["trial"] for kind in json.loads(told)["kinds"]}
+
+
+def tried(fmu: Fmu, *purposes: str) -> dict[str, float]:
+    """Those of its kind's start values for tests that a unit has; an item of an enumeration as its number."""
+    description = fmu.folder / "resources" / "description.toml"
+    kind = tomllib.loads(description.read_text())["model"] if description.is_file() else ""
+    given: dict[str, float | str] = {}
+    for purpose in purposes:
+        given |= trials().get(kind, {}).get(purpose, {})
+    names = fmu.named(causality="parameter") + fmu.named(causality="input")
+    values = {name: given.get(name, given.get(name.split("[")[0])) for name in names}
+    number = lambda name, value: fmu.item(name, value) if isinstance(value, str) else value  # noqa: E731
+    return {name: number(name, value) for name, value in values.items() if value is not None}
+
 
 def at_ease(fmu: Fmu) -> dict[str, float]:
-    """Values by which a law stands inputs that no plant answers: wide funnels, and gains that no funnel's edge needs."""
-    reals = {"rho_0": 10.0, "rho_inf": 9.0, "decay_rate": 0.0}
-    choices = {"funnel": 1}
-    if "law" in fmu.variables:
-        # Continuous in co-simulation, too.
-        choices["law"] = 2
-        reals |= {"switching_width": 0.5, "gamma_1": 5.0, "gamma_2": 5.0, "beta": 0.2}
-    names = [(name, name.split("[")[0]) for name in fmu.named(causality="parameter")]
-    return {name: (reals | choices)[array] for name, array in names if array in reals | choices}
+    """Values by which a unit stands inputs that no plant answers, at any step: wide funnels, gentle gains."""
+    return tried(fmu, "alone", "smooth")
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import zipfile
 from pathlib import Path
 
 import fmpy
@@ -120,11 +121,13 @@ def test_run_takes_the_fmus_of_a_folder_as_they_are(fmu_folder: Path, tmp_path: 
 
 
 def test_run_without_a_folder_never_shows_the_numbers_of_an_older_export(tmp_path: Path) -> None:
-    stale = [ROOT / "fmus" / f"{name}.fmu" for name in [CONTROLLER, PLANT, "ReferenceNonlinearSiso"]]
-    stale[0].parent.mkdir(exist_ok=True)
+    stale = [tmp_path / "fmus" / f"{name}.fmu" for name in [CONTROLLER, PLANT, "ReferenceNonlinearSiso"]]
+    stale[0].parent.mkdir()
     for file in stale:
         file.write_text("an older export")
-    assert adaptive_fmu("run", "3.2.1-cosine", "--json", "--until", "0.1", "--out", tmp_path).returncode == 0
+    done = adaptive_fmu("run", "3.2.1-cosine", "--json", "--until", "0.1", "--out", tmp_path, folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert all(zipfile.is_zipfile(file) for file in stale)
 
 
 def test_what_cant_be_done_is_told_on_stderr_with_exit_code_1(tmp_path: Path) -> None:

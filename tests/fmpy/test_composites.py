@@ -112,7 +112,7 @@ def test_a_loop_run_as_one_unit_has_the_signals_of_separate_units(results: Path)
     settings = page.get_element_by_id("settings").text_content()
     assert "integrated as one" in settings and "gauss-seidel" not in settings
     assert all(unit in settings for unit in ["NonlinearSiso", "L1NonlinearSiso", "cosine_frequency[1] = 0.2"])
-    assert len(page.find_class("plotly-graph-div")) == 2
+    assert len(page.find_class("diagram")) == 2
 
 
 def short_run(out: Path, loop: str, *arguments: str | Path) -> dict[str, np.ndarray]:

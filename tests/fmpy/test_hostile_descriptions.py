@@ -1,5 +1,5 @@
 """Descriptions (TOML) that are broken or meant to do harm, given to the program; what is in them alone is tested by
-tests/hostile_descriptions.rs."""
+tests/models/hostile_descriptions.rs."""
 
 import os
 from pathlib import Path

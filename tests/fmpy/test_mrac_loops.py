@@ -77,7 +77,7 @@ def test_with_the_sign_of_the_adaptation_that_is_printed_here_the_nonlinear_loop
 def test_a_model_that_starts_from_rest_loses_the_nonlinear_loop_at_once_and_the_error_says_so(tmp_path: Path) -> None:
     at_rest = [word for i in CHANNELS for word in ("--set", f"controller.x_m0[{i}]=0")]
     answer = adaptive_fmu("run", "6.5.2-mrac", "--composite", *at_rest, "--out", tmp_path)
-    assert answer.returncode == 1 and "controller: e[2] = " in answer.stderr and "left its funnel" in answer.stderr
+    assert answer.returncode == 1 and "controller.e[2] = " in answer.stderr and "left its funnel" in answer.stderr
     assert 1.0e-4 < float(re.search(r"at t = ([\d.e-]+) s", answer.stderr.split("goes on")[1])[1]) < 1.2e-4
 
 

@@ -230,7 +230,7 @@ def test_new_overwrites_nothing_unless_it_is_told_to(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "named"),
     [
-        (["pid", "--name", "X"], 2, "fuzzy-l1"),
+        (["l2", "--name", "X"], 2, "fuzzy-l1"),
         (["l1"], 2, "--name"),
         (["l1", "--name", "X", "--states", "0"], 2, "1 … 50"),
         (["l1", "--name", "X", "--states", "1000000000"], 2, "1000000000"),

@@ -66,6 +66,16 @@ def test_every_file_that_the_readme_links_to_is_there() -> None:
     assert links and all((ROOT / link).is_file() for link in links)
 
 
+def test_every_test_that_a_page_names_is_there() -> None:
+    pages = [ROOT / "README.md", ROOT / "SECURITY.md", *(ROOT / "docs").glob("*.md")]
+    text = "".join(page.read_text() for page in pages)
+    files = re.findall(r"`(tests/[\w/]+\.\w+)`", text)
+    programs = re.findall(r"cargo test[^`]*? --test (\w+)(?: (\w+)::)?", text)
+    assert len(files) > 20 and len(programs) > 5
+    named = [f"tests/{program}/{module or 'main'}.rs" for program, module in programs]
+    assert not [file for file in [*files, *named] if not (ROOT / file).is_file()]
+
+
 def test_the_fmus_and_loops_of_the_readme_are_those_that_exist() -> None:
     for name in [file.stem for file in (ROOT / "modelDescription").glob("*.toml")]:
         assert f"| `{name}` |" in README

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from conftest import ROOT, adaptive_fmu, read_csv
+from conftest import PROGRAM, ROOT, adaptive_fmu, read_csv
 from test_command_line import fails
 
 LOOP = "4-case1-fuzzy"
@@ -107,7 +107,7 @@ def test_a_search_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path: Path
 
 def test_an_interrupted_search_keeps_the_best_so_far(tmp_path: Path) -> None:
     command = ["tune", LOOP, *FAST, "--until", "1", "--particles", "8", "--generations", "100000"]
-    words = ["cargo", "run", "--release", "-q", "--", *command, "--json", "--out", str(tmp_path)]
+    words = [str(PROGRAM), *command, "--json", "--out", str(tmp_path)]
     folder = tmp_path / f"{LOOP}-tuned"
     with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         end = time.monotonic() + 120

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from master import Exchange, Fmu, Loop, Unit, at_ease
+from master import Exchange, Fmu, Loop, Unit, at_ease, tried
 from masters import points
 
 
@@ -48,17 +48,12 @@ class Drive:
         return {name: self.value(name, number) for name, number in numbers.items()}
 
 
-# What moves the one unit that is silent unless told otherwise.
-SIGNAL = {"offset[1]": 1.0, "slope[1]": 0.5, "cosine_amplitude[1]": 2.0, "cosine_frequency[1]": 3.0}
-
-
 def drive(fmu: Fmu, count: int, step: float | None = None, enumerations: bool = True) -> Drive:
     """Real inputs swing four times, each in a phase of its own; a truth value is false in the middle third.
 
     Without `enumerations`, for masters that know none, those stand as they are, and a funnel is as wide on both sides.
     """
-    start = at_ease(fmu) | {name: 1.0 for name in fmu.named(causality="parameter") if name.startswith("overshoot[")}
-    start |= {name: value for name, value in SIGNAL.items() if name in fmu.variables}
+    start = at_ease(fmu) | tried(fmu, "moving")
     start = {name: value for name, value in start.items() if enumerations or fmu.variables[name].type != "Enumeration"}
     inputs = fmu.named(causality="input")
     k = np.arange(count)

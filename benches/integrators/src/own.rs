@@ -26,9 +26,8 @@ impl System for VanDerPol {
         })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
@@ -59,7 +58,7 @@ impl Own {
 impl Clone for Own {
     fn clone(&self) -> Self {
         let mut copy = Own::new(self.method);
-        copy.execution.block.copy_from(&self.execution.block);
+        copy.execution.block_mut().copy_from(self.execution.block());
         copy
     }
 }
@@ -72,20 +71,20 @@ impl Candidate for Own {
     fn communication_step(&mut self, t: f64, h: f64, mu: f64, x: &mut [f64; 2]) {
         let variables = self.execution.model().variables();
         let (states, input) = (variables.reals(Section::State), variables.reals(Section::Input).start);
-        self.execution.block.reals[states.clone()].copy_from_slice(x);
-        self.execution.block.reals[input] = mu;
+        self.execution.block_mut().reals[states.clone()].copy_from_slice(x);
+        self.execution.block_mut().reals[input] = mu;
         self.execution.step(t, h).expect("a step");
-        x.copy_from_slice(&self.execution.block.reals[states]);
+        x.copy_from_slice(&self.execution.block().reals[states]);
     }
 }
 
 impl Memory for Own {
     fn save(&mut self) -> Vec<f64> {
-        let block = &self.execution.block;
+        let block = self.execution.block();
         block.reals.iter().copied().chain(block.integers.iter().map(|&integer| f64::from(integer))).collect()
     }
     fn restore(&mut self, saved: &[f64]) {
-        let block = &mut self.execution.block;
+        let block = self.execution.block_mut();
         let (reals, integers) = saved.split_at(block.reals.len());
         block.reals.copy_from_slice(reals);
         block.integers.iter_mut().zip(integers).for_each(|(integer, &saved)| *integer = saved as i32);

@@ -22,18 +22,11 @@ $\varepsilon$ of its speed. Bounces follow each other ever faster, infinitely ma
 $\sqrt{2 h_0 / g}\,(1 + \varepsilon) / (1 - \varepsilon)$ after it fell from $h_0$. So it comes to rest at the bounce
 behind which its speed is at most `rest_speed`.";
 
-    fn indicators(&self) -> usize {
-        1
-    }
-
-    fn indicator_name(&self, _: usize) -> String {
-        "height above the floor".to_owned()
-    }
-
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let restitution = scalar("restitution", "part of the speed that a bounce leaves").start(0.7).min(0.0).max(0.99);
         let rest_speed =
             scalar("rest_speed", "the ball rests when a bounce leaves no more speed").unit("m/s").start(1e-3);
+        d.indicators(["height above the floor"]);
         Ok(Ball {
             height_0: d.parameter(scalar("height_0", "initial height").unit("m").start(1.0).positive().fixed()),
             gravity: d.parameter(scalar("gravity", "acceleration of gravity").unit("m/s2").start(9.81).positive()),
@@ -46,32 +39,31 @@ behind which its speed is at most `rest_speed`.";
         })
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v[self.height] = v[self.height_0];
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let rests = v.get(self.rests);
-        dx[self.height] = if rests { S::from(0.0) } else { v[self.speed] };
-        dx[self.speed] = if rests { S::from(0.0) } else { -v[self.gravity] };
+        dx[self.height] = S::select(rests, S::from(0.0), v[self.speed]);
+        dx[self.speed] = S::select(rests, S::from(0.0), -v[self.gravity]);
     }
 
-    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
         z[0] = v[self.height];
     }
 
-    fn event(&self, _t: f64, crossed: &[bool], v: &mut Point) {
-        if !crossed[0] || v.get(self.rests) {
-            return;
-        }
-        let speed = -v[self.restitution] * v[self.speed];
-        let rests = speed <= v[self.rest_speed];
-        v[self.height] = 0.0;
-        v[self.speed] = if rests { 0.0 } else { speed };
-        v.put(self.rests, rests);
-        v.put(self.bounces, v.get(self.bounces) + 1);
+    fn event<S: Scalar>(&self, _t: S, crossed: &[S::Flag], v: &mut Point<S>) {
+        v.when(crossed[0] & !v.get(self.rests), |v| {
+            let speed = -v[self.restitution] * v[self.speed];
+            let rests = speed.at_most(v[self.rest_speed]);
+            v[self.height] = S::from(0.0);
+            v[self.speed] = S::select(rests, S::from(0.0), speed);
+            v.put(self.rests, rests);
+            let bounces = S::from_integer(v.get(self.bounces)) + 1.0;
+            v.put(self.bounces, bounces.to_integer());
+        });
     }
 }

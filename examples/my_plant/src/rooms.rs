@@ -36,16 +36,14 @@ $C \dot T_i = P h_i - G (T_i - T_{out}) + W (T_{i-1} - T_i) + W (T_{i+1} - T_i)$
 A thermostat switches the heater $h_i$ of each room on where $T_i$ falls below the set point by the hysteresis, and off
 where it rises above it by as much.";
 
-    fn indicators(&self) -> usize {
-        2 * self.temperature.len()
-    }
-
     fn declare(Building { rooms }: Building, d: &mut Declaration) -> Result<Self, Invalid> {
         if !(1..=100).contains(&rooms) {
             return Err(Invalid::new("rooms", rooms, "must be within 1 … 100"));
         }
         let initial = vector("temperature_0", rooms, "initial temperature").unit("K").start(288.15);
         let band = vector("band", 2, "").each(&["heaters are switched on below", "heaters are switched off above"]);
+        // Each room has two: where its temperature is above either end of its band.
+        d.indicators((1..=rooms).flat_map(|i| ["cold", "warm"].map(|end| format!("{end} end of room {i}'s band"))));
         Ok(Rooms {
             temperature_0: d.parameter(initial.nominal(300.0).fixed()),
             heat_capacity: d.parameter(scalar("heat_capacity", "of a room").unit("J/K").start(3e5).positive()),
@@ -70,31 +68,30 @@ where it rises above it by as much.";
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let (set_point, hysteresis) = (v[self.set_point], v[self.hysteresis]);
         if hysteresis >= set_point {
-            return Err(Invalid::new("hysteresis", hysteresis, format!("must be below set_point = {set_point}")));
+            let allowed = format!("must be below {} = {set_point}", v.name(self.set_point));
+            return Err(Invalid::new(v.name(self.hysteresis), hysteresis, allowed));
         }
         v.set(self.band, [set_point - hysteresis, set_point + hysteresis]);
         Ok(())
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         v.copy(self.temperature_0, self.temperature);
         for i in 0..self.temperature.len() {
             v[self.heating.at(i)] = self.wanted(i, v);
         }
-        Ok(())
     }
 
-    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         let [on, off] = v.array(self.band);
         for i in 0..self.temperature.len() {
-            if !(on..=off).contains(&v[self.temperature.at(i)]) {
-                self.switch(i, v);
-            }
+            let temperature = v[self.temperature.at(i)];
+            v.when(temperature.below(on) | temperature.above(off), |v| self.switch(i, v));
         }
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        let on: S = v[self.heating].iter().copied().sum();
+        let on = v[self.heating].iter().fold(S::from(0.0), |sum, &heating| sum + heating);
         y[self.power] = on * v[self.heater_power];
     }
 
@@ -110,31 +107,32 @@ where it rises above it by as much.";
         }
     }
 
-    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
         let [on, off] = v.array(self.band);
-        for (i, temperature) in v[self.temperature].iter().enumerate() {
+        for (i, &temperature) in v[self.temperature].iter().enumerate() {
             (z[2 * i], z[2 * i + 1]) = (temperature - on, temperature - off);
         }
     }
 
-    fn event(&self, _t: f64, crossed: &[bool], v: &mut Point) {
-        for i in (0..self.temperature.len()).filter(|i| crossed[2 * i] || crossed[2 * i + 1]) {
-            self.switch(i, v);
+    fn event<S: Scalar>(&self, _t: S, crossed: &[S::Flag], v: &mut Point<S>) {
+        for i in 0..self.temperature.len() {
+            v.when(crossed[2 * i] | crossed[2 * i + 1], |v| self.switch(i, v));
         }
     }
 }
 
 impl Rooms {
     /// What a thermostat wants at an end of its band: 1 on the cold side of the set point, else 0.
-    fn wanted(&self, i: usize, v: &Point) -> f64 {
-        f64::from(u8::from(v[self.temperature.at(i)] < v[self.set_point]))
+    fn wanted<S: Scalar>(&self, i: usize, v: &Point<S>) -> S {
+        S::from_flag(v[self.temperature.at(i)].below(v[self.set_point]))
     }
 
-    fn switch(&self, i: usize, v: &mut Point) {
+    fn switch<S: Scalar>(&self, i: usize, v: &mut Point<S>) {
         let wanted = self.wanted(i, v);
-        if v[self.heating.at(i)] != wanted {
+        v.when(!v[self.heating.at(i)].equals(wanted), |v| {
             v[self.heating.at(i)] = wanted;
-            v.put(self.switchings, v.get(self.switchings) + 1);
-        }
+            let switchings = S::from_integer(v.get(self.switchings)) + 1.0;
+            v.put(self.switchings, switchings.to_integer());
+        });
     }
 }

@@ -157,7 +157,7 @@ fn an_unstable_loop_has_an_infinite_norm_at_the_gain_that_makes_it_so() {
 fn a_model_that_is_not_stable_is_refused() {
     let mut example = siso();
     example.A_m[(1, 0)] = 1.0;
-    assert!(example.design().worst(MATCHED).unwrap_err().to_string().contains("eigenvalues of A_m"));
+    assert!(example.design().worst(MATCHED).unwrap_err().to_string().contains("eigenvalues of the desired dynamics"));
 }
 
 #[test]

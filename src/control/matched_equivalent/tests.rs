@@ -24,11 +24,11 @@ struct Example {
 
 impl Example {
     fn equivalent(&self) -> MatchedEquivalent {
-        MatchedEquivalent::new(&self.A_m, &self.B, &self.C, &self.B_um).unwrap()
+        MatchedEquivalent::new(("A_m", &self.A_m), &self.B, &self.C, &self.B_um).unwrap()
     }
 
     fn refusal(&self) -> String {
-        MatchedEquivalent::new(&self.A_m, &self.B, &self.C, &self.B_um).unwrap_err().to_string()
+        MatchedEquivalent::new(("A_m", &self.A_m), &self.B, &self.C, &self.B_um).unwrap_err().to_string()
     }
 
     /// H_m(s)⁻¹ H_um(s) as it is written.
@@ -395,7 +395,7 @@ fn numbers_of_any_size_end_in_an_answer() {
         for entry in example.A_m.iter_mut() {
             *entry = (*entry + random().powi(5)) * 10.0_f64.powf(largest * random());
         }
-        match MatchedEquivalent::new(&example.A_m, &example.B, &example.C, &example.B_um) {
+        match MatchedEquivalent::new(("A_m", &example.A_m), &example.B, &example.C, &example.B_um) {
             Ok(_) => inverted += 1,
             Err(_) => refused += 1,
         }

@@ -95,7 +95,7 @@ impl Dynamics {
         match self {
             Dynamics::Given(_) => {}
             Dynamics::Matched { A_m, K_m } => {
-                let gain = matching_gain(A, &plant.B, &v.matrix(*A_m).into_owned())?;
+                let gain = matching_gain(A, &plant.B, (&v.name(*A_m), &v.matrix(*A_m).into_owned()))?;
                 v.matrix_mut(*K_m).copy_from(&gain);
             }
             Dynamics::Placed { pole_real, pole_imag, A_m, K_m } => {
@@ -177,6 +177,22 @@ impl Design {
         }
     }
 
+    /// The name of the desired dynamics, for a text.
+    pub fn name_of_A_m(&self, v: &Values<f64>) -> String {
+        match &self.dynamics {
+            Dynamics::Given(A_m) | Dynamics::Matched { A_m, .. } => v.name(*A_m),
+            Dynamics::Placed { A_m, .. } => v.name(*A_m),
+        }
+    }
+
+    /// The name of the baseline's gain, where there is a baseline.
+    pub fn name_of_K_m(&self, v: &Values<f64>) -> Option<String> {
+        match &self.dynamics {
+            Dynamics::Given(_) => None,
+            Dynamics::Matched { K_m, .. } | Dynamics::Placed { K_m, .. } => Some(v.name(*K_m)),
+        }
+    }
+
     /// The baseline's gain, where there is a baseline.
     pub fn K_m<'a, S: Scalar>(&self, v: &Values<'a, S>) -> Option<DMatrixView<'a, S>> {
         match &self.dynamics {
@@ -191,9 +207,9 @@ impl Design {
     }
 
     /// Poles, P, K_g and what follows from them.
-    pub fn prepare(&self, plant: &Plant, entries: &[(usize, usize)], v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = self.check_bounds(entries, v);
-        invalid.and(tracking::check(&v[self.tracking_time]));
+    pub fn prepare(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = self.check_bounds(v);
+        invalid.and(tracking::check(self.tracking_time, &v.values()));
         if let Err(reasons) = self.dynamics.prepare(plant, v).and_then(|()| self.prepare_laws(plant, v)) {
             invalid.and(reasons);
         }
@@ -203,8 +219,10 @@ impl Design {
     /// P, K_g and what follows from them.
     fn prepare_laws(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
         let A_m = self.A_m(&v.values()).into_owned();
-        let (P, decay) = lyapunov::solve_with_decay(&A_m, &v.matrix(self.Q).into_owned())?;
-        let K_g = feedforward::gain(&A_m, &plant.B, &plant.C)?;
+        let names = [self.name_of_A_m(&v.values()), v.name(self.Q)];
+        let Q = v.matrix(self.Q).into_owned();
+        let (P, decay) = lyapunov::solve_with_decay((&A_m, &Q), names.each_ref().map(String::as_str))?;
+        let K_g = feedforward::gain(&A_m, &plant.B, &plant.C, &names[0])?;
         let largest = |B: &DMatrix<f64>| {
             let BPB = B.transpose() * &P * B;
             if B.ncols() == 0 {
@@ -212,11 +230,13 @@ impl Design {
             } else if BPB.norm_squared().is_finite() {
                 Ok(BPB.symmetric_eigenvalues().max())
             } else {
-                let text = "A_m, Q and B are too large or too badly scaled: B' P B must be finite";
+                let [A_m, Q] = [self.name_of_A_m(&v.values()), v.name(self.Q)];
+                let text = format!("{A_m}, {Q} and B are too large or too badly scaled: B' P B must be finite");
                 Err(Invalid::because(text))
             }
         };
-        (v[self.lambda_max], v[self.lambda_max_unmatched]) = (largest(&plant.B)?, largest(&plant.B_um)?);
+        let (matched, unmatched) = (largest(&plant.B)?, largest(&plant.B_um)?);
+        (v[self.lambda_max], v[self.lambda_max_unmatched]) = (matched, unmatched);
         v.matrix_mut(self.K_g).copy_from(&K_g);
         v.matrix_mut(self.P).copy_from(&P);
         v.matrix_mut(self.PB).copy_from(&(P * plant.all_directions()));
@@ -226,27 +246,32 @@ impl Design {
         Ok(())
     }
 
-    fn check_bounds(&self, entries: &[(usize, usize)], v: &Point) -> Invalid {
+    fn check_bounds(&self, v: &Point) -> Invalid {
         let mut invalid = Invalid::none();
-        for (k, &(i, j)) in entries.iter().enumerate() {
+        for k in 0..self.omega_min.len() {
             let (lo, hi) = (v[self.omega_min][k], v[self.omega_max][k]);
             if lo > hi {
-                let allowed = format!("must not be above omega_max[{0},{1}] = {2}", i + 1, j + 1, Number(hi));
-                invalid.and(Invalid::new(format!("omega_min[{},{}]", i + 1, j + 1), Number(lo), allowed));
+                let allowed = format!("must not be above {} = {}", v.name(self.omega_max.at(k)), Number(hi));
+                invalid.and(Invalid::new(v.name(self.omega_min.at(k)), Number(lo), allowed));
             }
         }
         invalid
     }
 }
 
-/// K_m with A − B K_m = A_m.
-fn matching_gain(A: &DMatrix<f64>, B: &DMatrix<f64>, A_m: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
+/// K_m with A − B K_m = A_m, which messages call by a name.
+fn matching_gain(
+    A: &DMatrix<f64>,
+    B: &DMatrix<f64>,
+    (name, A_m): (&str, &DMatrix<f64>),
+) -> Result<DMatrix<f64>, Invalid> {
     let wanted = A - A_m;
     let gain = B.clone().svd(true, true).solve(&wanted, 0.0).map_err(Invalid::because)?;
     let left = (B * &gain - &wanted).amax();
     if left <= 1e-9 * wanted.amax() {
         return Ok(gain);
     }
-    let allowed = "state feedback can only change what the inputs reach: A - A_m must lie in the range of B";
-    Err(Invalid::new("A_m: what no feedback changes in A - A_m", format!("{left:.3e}"), allowed))
+    let allowed =
+        format!("state feedback can only change what the inputs reach: A - {name} must lie in the range of B");
+    Err(Invalid::new(format!("{name}: what no feedback changes in A - {name}"), format!("{left:.3e}"), allowed))
 }

@@ -1,24 +1,25 @@
 //! The estimates of an L1 controller, one by one, with their bounds.
 
 use super::law::Law;
+use crate::control::limits::within;
 use crate::control::projection;
-use crate::system::{Point, ScalarOf, State, Values};
+use crate::system::{Point, Scalar, ScalarOf, State, Values};
 
 /// An estimate.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Estimate {
+pub(super) struct Estimate<S> {
     pub place: ScalarOf<State>,
-    pub bounds: (f64, f64),
+    pub bounds: (S, S),
     /// The channel to whose η̂ it adds: of the control, then of the unmatched directions.
     pub channel: usize,
     /// What it is multiplied by there.
-    pub factor: f64,
+    pub factor: S,
 }
 
-impl Estimate {
+impl<S: Scalar> Estimate<S> {
     /// Whether its bounds leave it nowhere to go.
-    pub fn is_frozen(&self) -> bool {
-        self.bounds.0 == self.bounds.1
+    pub fn is_frozen(&self) -> S::Flag {
+        self.bounds.0.equals(self.bounds.1)
     }
 }
 
@@ -44,14 +45,14 @@ impl Law {
     }
 
     /// One of them: of ω̂, then of θ̂ by columns, then of σ̂, then of θ̂_2 and σ̂_2.
-    pub(super) fn estimate(&self, k: usize, v: &Values<f64>) -> Estimate {
+    pub(super) fn estimate<S: Scalar>(&self, k: usize, v: &Values<S>) -> Estimate<S> {
         let (m, columns) = self.theta_hat.shape();
         if let Some(&(channel, j)) = self.omega_entries.get(k) {
             let bounds = (v[self.design.omega_min][k], v[self.design.omega_max][k]);
             return Estimate { place: self.omega_hat.at(k), bounds, channel, factor: v[self.v][j] };
         }
         let k = k - self.omega_entries.len();
-        let within = |place, bound: f64, channel, factor| Estimate { place, bounds: (-bound, bound), channel, factor };
+        let within = |place, bound: S, channel, factor| Estimate { place, bounds: (-bound, bound), channel, factor };
         let channel = k % m;
         if k < m * columns {
             let place = self.theta_hat.at(channel, k / m);
@@ -64,10 +65,10 @@ impl Law {
                 if of_sigma == 0 {
                     within(unmatched.theta_hat.at(i), v[unmatched.theta_bound][i], m + i, v[unmatched.norm])
                 } else {
-                    within(unmatched.sigma_hat.at(i), v[unmatched.sigma_bound][i], m + i, 1.0)
+                    within(unmatched.sigma_hat.at(i), v[unmatched.sigma_bound][i], m + i, S::from(1.0))
                 }
             }
-            _ => within(self.sigma_hat.at(channel), v[self.design.sigma_bound][channel], channel, 1.0),
+            _ => within(self.sigma_hat.at(channel), v[self.design.sigma_bound][channel], channel, S::from(1.0)),
         }
     }
 
@@ -78,33 +79,32 @@ impl Law {
     }
 
     /// How many estimates are in the layer at their bounds in which projection acts.
-    pub(super) fn projections(&self, v: &Values<f64>) -> usize {
+    pub(super) fn projections<S: Scalar>(&self, v: &Values<S>) -> S {
         let epsilon = v[self.design.projection_tolerance];
-        let held = |k: &usize| {
-            let Estimate { place, bounds: (lo, hi), .. } = self.estimate(*k, v);
-            projection::is_in_layer(v[place], lo, hi, epsilon)
-        };
-        (0..self.estimates()).filter(held).count()
+        (0..self.estimates()).fold(S::from(0.0), |count, k| {
+            let Estimate { place, bounds: (lo, hi), .. } = self.estimate(k, v);
+            count + S::from_flag(projection::is_in_layer(v[place], lo, hi, epsilon))
+        })
     }
 
     /// Brings estimates back to tightened bounds, and says so.
-    pub(in crate::controllers) fn clip_estimates(&self, v: &mut Point) {
+    pub(in crate::controllers) fn clip_estimates<S: Scalar>(&self, v: &mut Point<S>) {
         let clipped = self.bring_within_bounds(v);
-        if clipped > 0 {
-            let text = format!("{clipped} estimates lay outside the new bounds and were brought to them");
+        v.when(clipped.above(S::from(0.0)), |v| {
+            let text = |_: &Values<S>| {
+                format!("{} estimates lay outside the new bounds and were brought to them", clipped.told())
+            };
             v.say(self.at_bounds, text);
-        }
+        });
     }
 
     /// How many estimates lay outside their bounds, and no longer do.
-    pub(super) fn bring_within_bounds(&self, v: &mut Point) -> usize {
-        let mut clipped = 0;
-        for k in 0..self.estimates() {
+    pub(super) fn bring_within_bounds<S: Scalar>(&self, v: &mut Point<S>) -> S {
+        (0..self.estimates()).fold(S::from(0.0), |clipped, k| {
             let Estimate { place, bounds: (lo, hi), .. } = self.estimate(k, &v.values());
-            let within = v[place].clamp(lo, hi);
-            clipped += usize::from(within != v[place]);
-            v[place] = within;
-        }
-        clipped
+            let (before, after) = (v[place], within(v[place], lo, hi));
+            v[place] = after;
+            clipped + S::from_flag(!after.equals(before))
+        })
     }
 }

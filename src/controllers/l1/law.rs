@@ -14,8 +14,8 @@ use crate::control::projection::projection;
 use crate::controllers::at_limit::AtLimit;
 use crate::controllers::moves::Moves;
 use crate::system::{
-    BooleanOf, ChoiceOf, Declaration, Discrete, Handle, IntegerOf, Invalid, MatrixOf, Number, Parameter, Point, Rates,
-    Scalar, ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, matrix,
+    BooleanOf, ChoiceOf, Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
+    ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, larger, matrix,
     scalar, vector,
 };
 
@@ -41,7 +41,11 @@ pub(in crate::controllers) struct Law {
     pub(super) f: VectorOf<State>,
     pub(super) unmatched: Option<Unmatched>,
     pub(super) u_ad: VectorOf<Signal>,
+    /// Whether u_ad is the state f itself, and has its name.
+    u_ad_is_state: bool,
     pub(super) eta_hat: VectorOf<Signal>,
+    /// η̂ − K_g r, which u_ad is to take away.
+    excess: VectorOf<Signal>,
     pub(super) adaptation_frequency: ScalarOf<Signal>,
     /// K_m x
     pub(super) feedback: VectorOf<Signal>,
@@ -53,6 +57,8 @@ pub(in crate::controllers) struct Law {
     s: VectorOf<Signal>,
     /// What `enabled` was when it was last looked at: between events.
     pub(super) active: BooleanOf<Discrete>,
+    /// The place of the law's event indicator.
+    pub(super) indicator: usize,
     pub(super) step_too_long: BooleanOf<Discrete>,
     pub(super) moves: Moves,
     pub(super) at_limit: AtLimit,
@@ -64,9 +70,6 @@ pub(in crate::controllers) struct Law {
 }
 
 impl Law {
-    /// Event indicators of a law.
-    pub const INDICATORS: usize = 1;
-
     /// The law of a description, between these ports.
     ///
     /// # Errors
@@ -112,13 +115,16 @@ impl Law {
             } else {
                 vector("u_ad", m, u_ad).units(&units.command)
             }),
+            u_ad_is_state: is_state,
             eta_hat: d.local(vector("eta_hat", m, "estimate of the matched uncertainty with the control's own effect")),
+            excess: d.local(vector("#eta_hat - K_g r", m, "").hidden()),
             adaptation_frequency: d.local(scalar("adaptation_frequency", frequency).unit("rad/s")),
             feedback: d.local(vector("#feedback", m, "").hidden()),
             v: d.local(vector("#v", m, "").hidden()),
             phi: d.local(vector("#phi", columns, "").hidden()),
             s: d.local(vector("#s", m + plant.B_um.ncols(), "").hidden()),
             active: d.discrete(boolean("#active", "").start(true).hidden()),
+            indicator: d.indicators(["who is in command"]),
             step_too_long: d.discrete(
                 boolean(
                     "step_too_long",
@@ -146,77 +152,38 @@ impl Law {
         Ok(law)
     }
 
-    /// Declares what depends on what; `reference` is what K_g r follows from.
-    pub fn declare_dependence(&self, d: &mut Declaration, reference: &[&dyn Handle]) {
-        let Ports { x, u_manual, u, .. } = &self.ports;
-        let mut estimates: Vec<&dyn Handle> = vec![&self.omega_hat, &self.theta_hat, &self.sigma_hat];
-        let mut u_ad: Vec<&dyn Handle> = vec![&self.f];
-        let mut frequency: Vec<&dyn Handle> = vec![x];
-        if let Some(unmatched) = &self.unmatched {
-            let own: [&dyn Handle; 3] = [&unmatched.theta_hat, &unmatched.sigma_hat, x];
-            d.depends(unmatched.eta_hat, &own);
-            d.depends(unmatched.theta_hat.rate(), &[x, &self.x_hat, &unmatched.theta_hat]);
-            d.depends(unmatched.sigma_hat.rate(), &[x, &self.x_hat, &unmatched.sigma_hat]);
-            estimates.extend(unmatched.states());
-            if unmatched.direct.is_some() {
-                u_ad.extend(own);
-            }
-            if let Some(zeros) = &unmatched.zeros {
-                d.depends(zeros.z.rate(), &[&own[..], &[&zeros.z]].concat());
-            }
-        }
-        let mut control = [&u_ad[..], &[u_manual as &dyn Handle]].concat();
-        if self.baseline != Baseline::None {
-            control.push(x);
-        }
-        frequency.extend(&control);
-        d.depends(*u, &control);
-        d.depends(self.u_ad, &u_ad);
-        d.depends(self.eta_hat, &[&estimates[..], &control, &[x]].concat());
-        d.depends(self.adaptation_frequency, &frequency);
-        d.depends(self.x_hat.rate(), &[&estimates[..], &control, &[x, &self.x_hat]].concat());
-        d.depends(self.omega_hat.rate(), &[&control[..], &[x, &self.x_hat, &self.omega_hat]].concat());
-        d.depends(self.theta_hat.rate(), &[x, &self.x_hat, &self.theta_hat]);
-        d.depends(self.sigma_hat.rate(), &[x, &self.x_hat, &self.sigma_hat]);
-        d.depends(self.f.rate(), &[&estimates[..], &control, &[x], reference].concat());
-    }
-
     /// What is designed from parameters.
     ///
     /// # Errors
     /// [`Invalid`] with every reason.
     pub fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        self.design.prepare(&self.plant, &self.omega_entries, v)?;
+        self.design.prepare(&self.plant, v)?;
         let Some(unmatched) = &self.unmatched else { return Ok(()) };
         let (A_m, K) = (self.design.A_m(&v.values()).into_owned(), v.matrix(self.design.feedback_gain).into_owned());
-        unmatched.prepare(&A_m, &K, &self.plant, &self.filter, v)
+        let name = self.design.name_of_A_m(&v.values());
+        unmatched.prepare((&name, &A_m), &K, &self.plant, &self.filter, v)
     }
 
     /// The predictor starts at the measured state; ω̂ at the identity, which its bounds must hold, the other estimates
     /// at zero.
-    ///
-    /// # Errors
-    /// [`Invalid`] with the bounds that don't hold the start.
-    pub fn initialise(&self, v: &mut Point) -> Result<(), Invalid> {
+    pub fn initialise<S: Scalar>(&self, v: &mut Point<S>) {
         let enabled = v.get(self.ports.enabled);
         v.put(self.active, enabled);
         v.copy(self.ports.x, self.x_hat);
-        v[self.f].fill(0.0);
-        if !enabled || v.get(self.u_ad_start) == AdaptiveStart::Bumpless {
-            self.take_over(v);
-        }
-        let mut invalid = Invalid::none();
+        v[self.f].fill(S::from(0.0));
+        let takes_over = !enabled | v.get(self.u_ad_start).is(AdaptiveStart::Bumpless);
+        v.when(takes_over, |v| self.take_over(v));
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
             let (lo, hi) = (v[self.design.omega_min][k], v[self.design.omega_max][k]);
-            let start = f64::from(u8::from(i == j));
-            if !(lo..=hi).contains(&start) {
-                let name = format!("omega_min[{0},{1}] … omega_max[{0},{1}]", i + 1, j + 1);
-                let allowed = format!("must hold the start value {start} of the estimate omega_hat");
-                invalid.and(Invalid::new(name, format!("{} … {}", Number(lo), Number(hi)), allowed));
-            }
+            let start = S::from(f64::from(u8::from(i == j)));
+            v.refuse(!(lo.at_most(start) & start.at_most(hi)), |v| {
+                let [min, max] = [v.name(self.design.omega_min.at(k)), v.name(self.design.omega_max.at(k))];
+                let allowed =
+                    format!("must hold the start value {} of the estimate {}", start.told(), v.name(self.omega_hat));
+                Invalid::new(format!("{min} … {max}"), format!("{} … {}", lo.told(), hi.told()), allowed)
+            });
             v[self.omega_hat][k] = start;
         }
-        invalid.into_result()
     }
 
     /// K, where nothing else stands in its place.
@@ -256,13 +223,18 @@ impl Law {
     }
 
     /// Whether the controller is in command.
-    pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> bool {
+    pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         v.get(self.active)
     }
 
-    /// u = u_ad − K_m x within its limits; η̂ = ω̂ v + θ̂ φ(x) + σ̂ (+ K_m x), η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2;
+    /// The name of u_ad of a channel, for a text.
+    pub(super) fn name_of_u_ad(&self, channel: usize, v: &Values<f64>) -> String {
+        if self.u_ad_is_state { v.name(self.f.at(channel)) } else { v.name(self.u_ad.at(channel)) }
+    }
+
+    /// u = u_ad − K_m x within its limits; η̂ = ω̂ v + θ̂ φ(x) + σ̂ (+ K_m x), η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2, and η̂ − K_g r;
     /// s = −(B B_um)ᵀ P x̃.
-    pub fn outputs<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
+    pub fn outputs<S: Scalar>(&self, r: &[S], v: &Values<S>, y: &mut Signals<S>) {
         let (x, x_hat) = (&v[self.ports.x], &v[self.x_hat]);
         let norm = [infinity_norm(x)];
         let phi = if self.regressor == Regressor::State { x } else { &norm };
@@ -283,6 +255,11 @@ impl Law {
             let term = v[self.omega_hat][k] * y[self.v][j];
             y[self.eta_hat][i] += term;
         }
+        y[self.excess].fill(S::from(0.0));
+        add_product(&mut y[self.excess], v.matrix(self.design.K_g), r.iter().copied());
+        for i in 0..self.excess.len() {
+            y[self.excess][i] = y[self.eta_hat][i] - y[self.excess][i];
+        }
         for (i, column) in v.matrix(self.design.PB).column_iter().enumerate() {
             let x_tilde = x_hat.iter().zip(x).map(|(&x_hat, &x)| x_hat - x);
             y[self.s][i] = -x_tilde.zip(column.as_slice()).fold(S::from(0.0), |sum, (x, &p)| sum + x * p);
@@ -302,13 +279,12 @@ impl Law {
             let filtered = states.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
             let u_ad = filtered + self.at_once(i, v, |unmatched, k| y[unmatched.eta_hat][k]);
             let (feedback, inertia) = (y[self.feedback][i], self.design.inertia(i, v));
-            let wanted = if active { (u_ad - feedback) * inertia } else { v[self.ports.u_manual][i] };
+            let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.ports.u_manual][i]);
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
             (y[self.u_ad][i], y[self.ports.u][i]) = (u_ad, u);
             y[self.v][i] = match self.baseline {
                 Baseline::None | Baseline::Inside => u / inertia,
-                Baseline::Outside if active => u_ad + (u - wanted) / inertia,
-                Baseline::Outside => u / inertia + feedback,
+                Baseline::Outside => S::branch(active, || u_ad + (u - wanted) / inertia, || u / inertia + feedback),
             };
         }
     }
@@ -329,37 +305,46 @@ impl Law {
     pub(super) fn frequency_for<S: Scalar>(&self, [matched, unmatched]: [S; 2], v: &Values<S>) -> S {
         let matched = v[self.design.lambda_max] * (matched + 1.0);
         let unmatched = v[self.design.lambda_max_unmatched] * (unmatched + 1.0);
-        let larger = if unmatched.re() > matched.re() { unmatched } else { matched };
-        (v[self.design.adaptation_gain] * larger).sqrt()
+        (v[self.design.adaptation_gain] * larger(matched, unmatched)).sqrt()
     }
 
     /// State predictor, adaptive laws with projection, and the control law u_ad = −K D(s) (η̂ + H_m⁻¹ H_um η̂_2 − K_g r).
-    /// K may be another than the parameter where [`Law::allows_scheduling`]. While not enabled, estimates are frozen; the
-    /// predictor follows the state, x̂' = A_m (x̂ − x), and the adaptive control the manual one.
-    pub fn derivatives<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
-        let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], v.get(self.active));
-        dx[self.x_hat].fill(S::from(0.0));
-        let followed = x_hat.iter().zip(x).map(|(&x_hat, &x)| if active { x_hat } else { x_hat - x });
-        add_product(&mut dx[self.x_hat], self.design.A_m(v), followed);
+    /// K may be another than the parameter where [`Law::allows_scheduling`]. While not enabled, the predictor follows the
+    /// state, estimates are frozen, and the adaptive control follows the manual one.
+    pub fn derivatives<S: Scalar>(&self, K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
+        self.predictor(v, dx);
         if let Some(unmatched) = &self.unmatched {
             unmatched.derivatives(v, dx);
         }
-        if active {
-            self.uncertainty(v, dx);
-            self.control_law(r, K, v, dx);
+        self.freeze(dx);
+        let active = v.get(self.active);
+        dx.when(active, |dx| {
+            self.control_law(K, v, dx);
             self.track_limits(K, v, dx);
             self.adaptive_laws(v, dx);
-        } else {
-            self.follow(v, dx);
-        }
+        });
+        dx.when(!active, |dx| self.follow(v, dx));
     }
 
-    /// What the predictor has of the uncertainty: B η̂ + B_um η̂_2.
-    fn uncertainty<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
-        let unmatched = self.unmatched.as_ref().map_or(&[][..], |unmatched| &v[unmatched.eta_hat]);
-        for (direction, &eta) in self.directions.column_iter().zip(v[self.eta_hat].iter().chain(unmatched)) {
-            dx[self.x_hat].iter_mut().zip(direction.iter()).for_each(|(rate, &b)| *rate += eta * b);
-        }
+    /// x̂' = A_m x̂ + B η̂ + B_um η̂_2; while not enabled, x̂' = A_m (x̂ − x).
+    fn predictor<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
+        let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], v.get(self.active));
+        let followed = x_hat.iter().zip(x).map(|(&x_hat, &x)| S::branch(active, || x_hat, || x_hat - x));
+        dx[self.x_hat].fill(S::from(0.0));
+        add_product(&mut dx[self.x_hat], self.design.A_m(v), followed);
+        dx.when(active, |dx| {
+            let unmatched = self.unmatched.as_ref().map_or(&[][..], |unmatched| &v[unmatched.eta_hat]);
+            for (direction, &eta) in self.directions.column_iter().zip(v[self.eta_hat].iter().chain(unmatched)) {
+                dx[self.x_hat].iter_mut().zip(direction.iter()).for_each(|(rate, &b)| *rate += eta * b);
+            }
+        });
+    }
+
+    /// Estimates and the filter's states rest, unless something drives them.
+    fn freeze<S: Scalar>(&self, dx: &mut Rates<S>) {
+        let unmatched = self.unmatched.iter().flat_map(|unmatched| [unmatched.theta_hat, unmatched.sigma_hat]);
+        let matched = [self.omega_hat, self.theta_hat.elements(), self.sigma_hat, self.f];
+        matched.into_iter().chain(unmatched).for_each(|states| dx[states].fill(S::from(0.0)));
     }
 
     /// Γ Proj(·, ·) of each estimate.
@@ -389,16 +374,11 @@ impl Law {
     }
 
     /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it makes the
-    /// control jump at most by what u_ad has of η̂_2 at once. To be computed before the adaptive laws.
-    fn control_law<S: Scalar>(&self, r: &[S], K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
+    /// control jump at most by what u_ad has of η̂_2 at once.
+    fn control_law<S: Scalar>(&self, K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
         let (Filter { A_f, B_f, .. }, order) = (&self.filter, self.filter.order());
-        // η̂ − K_g r is needed in every channel: it stands in the place of σ̂' until the adaptive laws write that.
-        let error = &mut dx[self.sigma_hat];
-        error.fill(S::from(0.0));
-        add_product(error, v.matrix(self.design.K_g), r.iter().copied());
-        error.iter_mut().zip(&v[self.eta_hat]).for_each(|(error, &eta_hat)| *error = eta_hat - *error);
         for (i, states) in v[self.f].chunks_exact(order).enumerate() {
-            let driven = -dot(K.row(i).iter(), &dx[self.sigma_hat]);
+            let driven = -dot(K.row(i).iter(), &v[self.excess]);
             for k in 0..order {
                 let own = A_f.row(k).iter().zip(states).fold(driven * B_f[k], |sum, (&a, &f)| sum + f * a);
                 dx[self.f][i * order + k] = own;
@@ -411,13 +391,6 @@ impl Law {
 
     /// While not enabled: the adaptive control follows the manual one.
     fn follow<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
-        dx[self.omega_hat].fill(S::from(0.0));
-        dx.slice(self.theta_hat).fill(S::from(0.0));
-        dx[self.sigma_hat].fill(S::from(0.0));
-        if let Some(unmatched) = &self.unmatched {
-            dx[unmatched.theta_hat].fill(S::from(0.0));
-            dx[unmatched.sigma_hat].fill(S::from(0.0));
-        }
         for (k, rate) in dx[self.f].iter_mut().enumerate() {
             let (i, rest) = (k / self.filter.order(), self.filter_at_rest[k % self.filter.order()]);
             let at_once = self.at_once(i, v, |unmatched, k| v[unmatched.eta_hat][k]);

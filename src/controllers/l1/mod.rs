@@ -9,17 +9,20 @@ mod ports;
 mod report;
 mod structure;
 mod supervision;
+pub(super) mod template;
 mod tracking;
 mod unmatched;
 
 use nalgebra::DMatrixView;
 
 use super::watched::Tracking;
+use crate::catalogue::{Catalogued, Role};
 use crate::control::limits;
 use crate::system::{
-    Choice, Declaration, DesignReport, ErrorEstimate, Handle, Input, Invalid, Point, Rates, Scalar, Signals, Stride,
-    System, Values, VectorOf, vector,
+    Choice, Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride,
+    System, Values, VectorOf, larger, vector,
 };
+use crate::template::{Request, Sizes, Template};
 pub(super) use law::Law;
 pub(super) use ports::Ports;
 pub(super) use report::controllability;
@@ -58,10 +61,6 @@ impl Tracking for L1 {
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         v[self.r][channel] - self.law.output(channel, v)
     }
-
-    fn errors_follow_from(&self) -> Vec<&dyn Handle> {
-        vec![&self.r, &self.law.ports.x]
-    }
 }
 
 impl System for L1 {
@@ -69,50 +68,45 @@ impl System for L1 {
     const NAME: &'static str = "l1";
     const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/l1.md");
 
-    fn indicators(&self) -> usize {
-        Law::INDICATORS
-    }
-
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let plant = structure.plant()?;
         let units = structure.units(plant.B.shape())?;
         let r = d.input(vector("r", units.r.len(), "reference").units(&units.r));
         let law = Law::declare(&structure, Ports::declare(d, &units), d)?;
-        law.declare_dependence(d, &[&r]);
         Ok(L1 { r, units_of_r: units.r, law })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(&v[self.law.ports.u_min], &v[self.law.ports.u_max]);
+        let mut invalid = limits::check(self.law.ports.u_min, self.law.ports.u_max, &v.values());
         self.law.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
         invalid.into_result()
     }
 
-    fn initialise(&self, _t: f64, v: &mut Point) -> Result<(), Invalid> {
-        self.law.initialise(v)
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        self.law.initialise(v);
     }
 
-    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         self.law.clip_estimates(v);
     }
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        self.law.outputs(v, y);
+        self.law.outputs(&v[self.r], v, y);
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        self.law.derivatives(&v[self.r], v.matrix(self.law.feedback_gain()), v, dx);
+        self.law.derivatives(v.matrix(self.law.feedback_gain()), v, dx);
     }
 
-    fn event_indicators(&self, _t: f64, v: &Values<f64>, z: &mut [f64]) {
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
         self.law.event_indicators(v, z);
     }
 
-    fn event(&self, _t: f64, _crossed: &[bool], v: &mut Point) {
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.law.event(v);
     }
 
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         self.law.step_completed(t, step, v);
     }
 
@@ -120,16 +114,18 @@ impl System for L1 {
         self.law.report(&[("", v.matrix(self.law.feedback_gain()).into_owned())], v, report);
     }
 
-    fn steps_itself(&self) -> bool {
-        true
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        Some(self)
     }
+}
 
+impl OwnStep for L1 {
     fn workspace(&self) -> usize {
         self.law.closed_form_workspace()
     }
 
     /// Not while an estimate is at a bound, nor where a general method needs few steps.
-    fn own_step_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+    fn pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         self.law.closed_form_pays(h, relative_tolerance, v)
     }
 
@@ -158,10 +154,33 @@ pub(super) fn squared<S: Scalar>(x: &[S]) -> S {
 }
 
 fn infinity_norm<S: Scalar>(x: &[S]) -> S {
-    x[largest(x)].abs()
+    x[1..].iter().fold(x[0].abs(), |norm, x| larger(norm, x.abs()))
 }
 
 /// The place of the element of the largest magnitude.
-fn largest<S: Scalar>(x: &[S]) -> usize {
-    (1..x.len()).fold(0, |best, k| if x[k].re().abs() > x[best].re().abs() { k } else { best })
+fn largest(x: &[f64]) -> usize {
+    (1..x.len()).fold(0, |best, k| if x[k].abs() > x[best].abs() { k } else { best })
+}
+
+impl Catalogued for L1 {
+    const TITLE: &'static str = "L1 adaptive controller";
+    const PAGE: &'static str = "controllers/l1";
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: begun,
+        tried: &[
+            Sizes::plant(1, 1),
+            Sizes::plant(2, 1),
+            Sizes::plant(2, 2),
+            Sizes::plant(3, 1),
+            Sizes::plant(5, 2),
+            Sizes::plant(6, 3),
+            Sizes::plant(8, 1),
+        ],
+    });
+}
+
+fn begun(request: &Request) -> Result<String, Invalid> {
+    let (text, _) = template::begin(request, L1::TITLE, L1::PAGE)?;
+    Ok(text.finish())
 }

@@ -13,7 +13,7 @@ use crate::control::l1_norm::Bounds;
 use crate::control::prediction_error::Uncertainty;
 use crate::control::{lyapunov, pole_placement};
 use crate::report::number;
-use crate::system::{DesignReport, Values, Verdict};
+use crate::system::{DesignReport, Parameter, Values, VectorOf, Verdict};
 
 /// Relative residual up to which a Lyapunov equation counts as solved.
 const RESIDUAL: f64 = 1e-9;
@@ -37,11 +37,11 @@ impl Law {
                 too_large(&design, report);
                 continue;
             }
-            report_loop(&design, report);
+            report_loop(&design, &v.name(self.design.feedback_gain), report);
             report.section(&section("L1-norm condition"));
             // The parameter itself, or what inference gives in its place.
-            let gain = if *name == gains[0].0 { "feedback_gain" } else { "K" };
-            self.report_condition(&design, gain, v, report);
+            let gain = if *name == gains[0].0 { v.name(self.design.feedback_gain) } else { "K".to_owned() };
+            self.report_condition(&design, &gain, v, report);
             report.section(&section("Time delay"));
             self.report_delay(&design, v, report);
         }
@@ -51,33 +51,36 @@ impl Law {
     }
 
     fn report_dynamics(&self, v: &Values<f64>, report: &mut DesignReport) {
-        let A_m = self.design.A_m(v).into_owned();
+        let (A_m, of_A_m) = (self.design.A_m(v).into_owned(), self.design.name_of_A_m(v));
         report.section("Desired dynamics");
-        report.eigenvalues("eigenvalues of A_m", &A_m, true);
-        if let (Some(A), Some(K_m)) = (&self.plant.A, self.design.K_m(v)) {
+        report.eigenvalues(&format!("eigenvalues of {of_A_m}"), &A_m, true);
+        let baseline = self.design.K_m(v).zip(self.design.name_of_K_m(v));
+        if let (Some(A), Some((K_m, of_K_m))) = (&self.plant.A, baseline) {
             let K_m = K_m.into_owned();
             report.eigenvalues("eigenvalues of A", A, false);
-            report.eigenvalues("eigenvalues of A - B K_m", &(A - &self.plant.B * &K_m), true);
+            report.eigenvalues(&format!("eigenvalues of A - B {of_K_m}"), &(A - &self.plant.B * &K_m), true);
             controllability(["controllability", "A", "B"], [A, &self.plant.B], report);
-            report.tell("K_m", &K_m, "", "gain of the baseline");
+            report.tell(&of_K_m, &K_m, "", "gain of the baseline");
         } else {
-            controllability(["controllability", "A_m", "B"], [&A_m, &self.plant.B], report);
+            controllability(["controllability", &of_A_m, "B"], [&A_m, &self.plant.B], report);
         }
         weakest_direction(&A_m, &self.plant.B, report);
-        report.tell("K_g", &v.matrix(self.design.K_g).into_owned(), "", "gain of the reference");
+        report.tell(&v.name(self.design.K_g), &v.matrix(self.design.K_g).into_owned(), "", "gain of the reference");
     }
 
     fn report_lyapunov(&self, v: &Values<f64>, report: &mut DesignReport) {
         let (A_m, P) = (self.design.A_m(v).into_owned(), v.matrix(self.design.P).into_owned());
+        let [of_A_m, of_P, of_Q] = [self.design.name_of_A_m(v), v.name(self.design.P), v.name(self.design.Q)];
         let eigenvalues = P.symmetric_eigenvalues();
         report.section("Lyapunov equation");
-        report.tell("least eigenvalue of P", eigenvalues.min(), "", "");
-        report.tell("largest eigenvalue of P", eigenvalues.max(), "", "");
+        report.tell(&format!("least eigenvalue of {of_P}"), eigenvalues.min(), "", "");
+        report.tell(&format!("largest eigenvalue of {of_P}"), eigenvalues.max(), "", "");
         let left = (A_m.transpose() * &P + &P * &A_m + v.matrix(self.design.Q)).norm() / (A_m.norm() * P.norm());
         let (verdict, note) = if left <= RESIDUAL {
-            (Verdict::Ok, "relative residual of A_m' P + P A_m = -Q")
+            (Verdict::Ok, format!("relative residual of {of_A_m}' {of_P} + {of_P} {of_A_m} = -{of_Q}"))
         } else {
-            (Verdict::Warning, "the estimates may not decrease V: scale states or A_m so that their sizes are alike")
+            let text = "the estimates may not decrease V: scale states or";
+            (Verdict::Warning, format!("{text} {of_A_m} so that their sizes are alike"))
         };
         report.judge("residual", left, "", verdict, note);
     }
@@ -139,7 +142,7 @@ impl Law {
             Ok(found) => found,
             Err(reasons) => return report.judge("‖G‖", "not found", "", Verdict::NotSound, reasons.to_string()),
         };
-        self.tell_norms(&worst, lipschitz, report);
+        self.tell_norms(&worst, lipschitz, v, report);
         if let Some(advice) = advice {
             let note = format!("must be below 1. {}", self.advised(&advice, design, gain, v));
             report.judge("lambda", lambda, "", Verdict::NotSound, note);
@@ -148,17 +151,18 @@ impl Law {
         }
     }
 
-    fn tell_norms(&self, worst: &Worst, lipschitz: Lipschitz, report: &mut DesignReport) {
+    fn tell_norms(&self, worst: &Worst, lipschitz: Lipschitz, v: &Values<f64>, report: &mut DesignReport) {
+        let allows = |bound: VectorOf<Parameter>| format!("Lipschitz constant that {} allows", v.name(bound));
         report.tell(
             "‖G‖",
             worst.norms.matched,
             "",
             "L1 norm from matched uncertainty to the state, at the worst omega",
         );
-        report.tell("L", lipschitz.matched, "", "Lipschitz constant that theta_bound allows");
-        if self.unmatched.is_some() {
+        report.tell("L", lipschitz.matched, "", &allows(self.design.theta_bound));
+        if let Some(unmatched) = &self.unmatched {
             report.tell("‖G_um‖", worst.norms.unmatched, "", "the same from unmatched uncertainty");
-            report.tell("L_2", lipschitz.unmatched, "", "Lipschitz constant that theta_bound_unmatched allows");
+            report.tell("L_2", lipschitz.unmatched, "", &allows(unmatched.theta_bound));
         }
         let among = if worst.every_corner { "every corner" } else { "not every corner" };
         let tried = format!("of {} tried, {among} of the bounds among them", worst.points);
@@ -176,8 +180,9 @@ impl Law {
                 (text, design.with_gain_times(*factor))
             }
             Some(Stabilising::Bounds(min, max)) => {
+                let [of_min, of_max] = [self.design.omega_min, self.design.omega_max].map(|bound| v.name(bound));
                 let text = format!(
-                    "No {gain} does it, as the loop isn't stable for each omega; omega_min = {}, omega_max = {} make it so",
+                    "No {gain} does it, as the loop isn't stable for each omega; {of_min} = {}, {of_max} = {} make it so",
                     rows(min, is_full),
                     rows(max, is_full)
                 );
@@ -189,8 +194,9 @@ impl Law {
             return if first.is_empty() { hopeless } else { format!("{first}. That will do") };
         };
         let start = if first.is_empty() { String::new() } else { format!("{first}. Then ") };
-        let of_bounds = if self.unmatched.is_some() { "theta_bound and theta_bound_unmatched" } else { "theta_bound" };
-        let smaller = format!("{of_bounds} times {}", number(bound));
+        let of_unmatched = self.unmatched.as_ref().map(|unmatched| format!(" and {}", v.name(unmatched.theta_bound)));
+        let of_matched = v.name(self.design.theta_bound);
+        let smaller = format!("{of_matched}{} times {}", of_unmatched.unwrap_or_default(), number(bound));
         let Some((factor, lambda)) = advice.gain_factor else {
             let (best, lambda) = advice.best_factor.unwrap_or((1.0, f64::INFINITY));
             return format!(
@@ -235,10 +241,10 @@ impl Law {
             report.tell("delay margin", delay, "s", of);
         } else {
             let note = format!(
-                "sampling alone may delay by {} s, 1.5 communication steps. A step below {} s, or a smaller feedback_gain, \
-                 leaves room",
+                "sampling alone may delay by {} s, 1.5 communication steps. A step below {} s, or a smaller {}, leaves room",
                 number(lag),
-                number(delay / 1.5)
+                number(delay / 1.5),
+                v.name(self.design.feedback_gain)
             );
             report.judge("delay margin", delay, "s", Verdict::Warning, note);
         }
@@ -271,11 +277,12 @@ impl Law {
         let constant = "for constant omega, theta and sigma; where they change, it is larger";
         report.tell("theta_m", uncertainty.theta_m(&P, &Q), "", constant);
         let bound = uncertainty.prediction_error(&P, &Q, gain);
+        let [of_gain, x_hat, x] = [v.name(self.design.adaptation_gain), v.name(self.x_hat), v.name(self.ports.x)];
         let finer = format!(
-            "at all times. adaptation_gain = {} would make it {FINER} times smaller, and the adaptation as many times faster",
+            "at all times. {of_gain} = {} would make it {FINER} times smaller, and the adaptation as many times faster",
             number(gain * FINER * FINER)
         );
-        report.tell("bound on |x_hat - x|", bound, "", &finer);
+        report.tell(&format!("bound on |{x_hat} - {x}|"), bound, "", &finer);
     }
 
     fn uncertain(&self, v: &Values<f64>) -> Uncertainty {
@@ -298,20 +305,23 @@ impl Law {
         let frequency = self.frequency_for([0.0, 0.0], v);
         let longest = self.longest_step(frequency, v);
         report.section("Communication step");
-        let grows = "adaptation_frequency with control and state at zero; grows as √(1 + |v|² + |phi|²)";
-        report.tell("omega_a at rest", frequency, "rad/s", grows);
+        let of_frequency = v.name(self.adaptation_frequency);
+        let grows = format!("{of_frequency} with control and state at zero; grows as √(1 + |v|² + |phi|²)");
+        report.tell("omega_a at rest", frequency, "rad/s", &grows);
         if longest == f64::INFINITY {
             report.tell_unlimited("longest step at rest", "s", "no estimate moves");
             return;
         }
         if report.step <= longest {
-            report.tell("longest step at rest", longest, "s", "beyond it, step_too_long would be true at once");
+            let note = format!("beyond it, {} would be true at once", v.name(self.step_too_long));
+            report.tell("longest step at rest", longest, "s", &note);
             return;
         }
         let gain = v[self.design.adaptation_gain] * (longest / report.step).powi(2);
         let note = format!(
-            "shorter than the default step, {} s: take one as short, or adaptation_gain = {}",
+            "shorter than the default step, {} s: take one as short, or {} = {}",
             number(report.step),
+            v.name(self.design.adaptation_gain),
             number(gain)
         );
         report.judge("longest step at rest", longest, "s", Verdict::Warning, note);
@@ -362,7 +372,7 @@ fn weakest_direction(A_m: &DMatrix<f64>, B: &DMatrix<f64>, report: &mut DesignRe
     report.tell("reach along it", ratio, "", "relative to the strongest one; depends on the states' units");
 }
 
-fn report_loop(design: &L1Design, report: &mut DesignReport) {
+fn report_loop(design: &L1Design, feedback_gain: &str, report: &mut DesignReport) {
     let gains = design.gains();
     let slowest = |omega: &DMatrix<f64>| {
         let poles = design.loop_poles(omega)?;
@@ -385,7 +395,7 @@ fn report_loop(design: &L1Design, report: &mut DesignReport) {
     let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
     match design.dc_gain(&identity) {
         Some(gain) => report.tell("C(0)", &gain, "", "constant uncertainty is cancelled in full"),
-        None => report.judge("C(0)", "none", "", Verdict::NotSound, "feedback_gain is singular"),
+        None => report.judge("C(0)", "none", "", Verdict::NotSound, format!("{feedback_gain} is singular")),
     }
     if let Some(band) = design.bandwidth(&identity) {
         let note = "of C(s) with omega = I, where its slowest direction has fallen by 3 dB";

@@ -1,7 +1,7 @@
 //! What the sizes of an L1 controller follow from, as its description says it.
 
 use nalgebra::{DMatrix, DVector};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::control::filter::{Filter, FilterDescription};
 use crate::control::matrices::rows;
@@ -33,7 +33,7 @@ pub enum InputGain {
 }
 
 /// Where the static state feedback −K_m x stands that gives the nominal plant its desired dynamics.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Baseline {
@@ -47,7 +47,7 @@ pub enum Baseline {
 }
 
 /// How the desired dynamics are given, where a baseline brings them about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum DesiredDynamics {
@@ -59,7 +59,7 @@ pub enum DesiredDynamics {
 }
 
 /// What the law commands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Commands {
@@ -81,7 +81,7 @@ pub struct L1Structure {
     A: Option<Vec<Vec<f64>>>,
     /// Input matrix B, n rows of m numbers.
     B: Vec<Vec<f64>>,
-    /// Output matrix C, m rows of n numbers.
+    /// Output matrix C, m rows of n numbers: as many outputs as inputs.
     C: Vec<Vec<f64>>,
     /// What multiplies the estimates of theta.
     pub(super) regressor: Regressor,

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DMatrixView};
 
 use super::law::Law;
 use crate::control::limits::UNLIMITED;
-use crate::system::{DesignReport, Invalid, Number, Rates, Scalar, Values, Verdict};
+use crate::system::{DesignReport, Invalid, Number, Parameter, Rates, Scalar, Values, VectorOf, Verdict};
 
 /// What `tracking_time` is where it follows from K.
 pub(super) const BY_GAIN: f64 = -1.0;
@@ -18,12 +18,12 @@ pub(super) const BY_GAIN: f64 = -1.0;
 const LEAST: f64 = 1e-9;
 
 /// What is wrong with given times.
-pub(super) fn check(times: &[f64]) -> Invalid {
+pub(super) fn check(times: VectorOf<Parameter>, v: &Values<f64>) -> Invalid {
     let mut invalid = Invalid::none();
-    for (i, &time) in times.iter().enumerate() {
+    for (i, &time) in v[times].iter().enumerate() {
         if time != BY_GAIN && time != 0.0 && time < LEAST {
             let allowed = format!("must be {BY_GAIN} (1/K), 0 (off), or at least {} s", Number(LEAST));
-            invalid.and(Invalid::new(format!("tracking_time[{}]", i + 1), Number(time), allowed));
+            invalid.and(Invalid::new(v.name(times.at(i)), Number(time), allowed));
         }
     }
     invalid
@@ -47,29 +47,25 @@ impl Law {
     /// the integrator in D(s): the time in which the law would answer to what the limit does. A law with other gains in
     /// force has other times.
     pub(super) fn tracking_rate<S: Scalar>(&self, channel: usize, K: DMatrixView<S>, v: &Values<S>) -> S {
-        let time = v[self.design.tracking_time][channel];
-        if time.re() == 0.0 {
-            S::from(0.0)
-        } else if time.re() > 0.0 {
-            time.recip()
-        } else {
-            // The first state is the integral, and its rest that of an output of 1.
-            K.row(channel).iter().fold(S::from(0.0), |sum, k| sum + k.abs()) / self.filter_at_rest[0].abs()
-        }
+        let (time, none) = (v[self.design.tracking_time][channel], S::from(0.0));
+        // The first state is the integral, and its rest that of an output of 1.
+        let by_gain = || K.row(channel).iter().fold(none, |sum, k| sum + k.abs()) / self.filter_at_rest[0].abs();
+        let in_force = || S::branch(time.above(none), || time.recip(), by_gain);
+        S::branch(time.equals(none), || none, in_force)
     }
 
     /// f' = … + f_0 (u − u_wanted)/T_t in each channel.
     pub(super) fn track_limits<S: Scalar>(&self, K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
         for i in 0..self.u_ad.len() {
             let added = self.added_by_limits(i, v);
-            if added.re() == 0.0 {
-                continue;
-            }
-            let rate = added * self.tracking_rate(i, K, v);
-            let states = dx[self.f].chunks_exact_mut(self.filter.order()).nth(i).into_iter().flatten();
-            states.zip(self.filter_at_rest.iter()).for_each(|(f, &rest)| *f += rate * rest);
+            dx.when(!added.equals(S::from(0.0)), |dx| {
+                let rate = added * self.tracking_rate(i, K, v);
+                let states = dx[self.f].chunks_exact_mut(self.filter.order()).nth(i).into_iter().flatten();
+                states.zip(self.filter_at_rest.iter()).for_each(|(f, &rest)| *f += rate * rest);
+            });
         }
     }
+
     /// Of channels that have limits.
     pub(super) fn report_limits(&self, K: &DMatrix<f64>, v: &Values<f64>, report: &mut DesignReport) {
         let (u_min, u_max) = (&v[self.ports.u_min], &v[self.ports.u_max]);
@@ -81,10 +77,11 @@ impl Law {
         for i in limited {
             let (name, rate) = (format!("T_t[{}]", i + 1), self.tracking_rate(i, K.as_view(), v));
             if rate > 0.0 {
-                report.tell(&name, 1.0 / rate, "s", "with which u_ad follows what the limits leave");
+                let note = format!("with which {} follows what the limits leave", self.name_of_u_ad(i, v));
+                report.tell(&name, 1.0 / rate, "s", &note);
             } else {
-                let note =
-                    format!("u_ad winds up while the control is at its limit: tracking_time[{}] = -1 mends it", i + 1);
+                let [u_ad, time] = [self.name_of_u_ad(i, v), v.name(self.design.tracking_time.at(i))];
+                let note = format!("{u_ad} winds up while the control is at its limit: {time} = {BY_GAIN} mends it");
                 report.judge(&name, "off", "s", Verdict::Warning, note);
             }
         }

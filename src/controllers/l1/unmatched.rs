@@ -11,8 +11,8 @@ use super::structure::Plant;
 use crate::control::filter::Filter;
 use crate::control::matched_equivalent::{FilteredPolynomial, MatchedEquivalent};
 use crate::system::{
-    Declaration, Handle, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals,
-    State, Values, VectorOf, matrix, scalar, vector,
+    Declaration, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, State,
+    Values, VectorOf, matrix, scalar, vector,
 };
 
 /// Estimates along B_um, and D(s) H_m⁻¹(s) H_um(s) as it shares the states of D(s).
@@ -58,7 +58,7 @@ impl Unmatched {
                 "A is missing: with unmatched uncertainty the number of states depends on the nominal dynamics";
             return Err(Invalid::because(reason));
         };
-        let equivalent = MatchedEquivalent::new(A, &plant.B, &plant.C, &plant.B_um)?;
+        let equivalent = MatchedEquivalent::new(("A", A), &plant.B, &plant.C, &plant.B_um)?;
         let direct = equivalent.behind(filter)?.direct != 0.0;
         let bound = "bound on the magnitude of";
         let hidden = |name: &str, rows, columns| matrix(name, rows, columns, "").hidden();
@@ -85,10 +85,10 @@ impl Unmatched {
         }))
     }
 
-    /// D(s) H_m⁻¹(s) H_um(s) for the desired dynamics, with K.
+    /// D(s) H_m⁻¹(s) H_um(s) for the desired dynamics, which messages call by a name, with K.
     pub fn prepare(
         &self,
-        A_m: &DMatrix<f64>,
+        A_m: (&str, &DMatrix<f64>),
         K: &DMatrix<f64>,
         plant: &Plant,
         filter: &Filter,
@@ -99,8 +99,9 @@ impl Unmatched {
         let (order, declared) = (equivalent.A_z.nrows(), self.zeros.as_ref().map_or(0, |zeros| zeros.z.len()));
         if order != declared || (direct != 0.0 && self.direct.is_none()) {
             let text = format!(
-                "A_m: C (sI - A_m)^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), or another \
-                 relative degree: give A_m there"
+                "{name}: C (sI - {name})^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), or \
+                 another relative degree: give {name} there",
+                name = A_m.0
             );
             return Err(Invalid::because(text));
         }
@@ -161,12 +162,5 @@ impl Unmatched {
         for i in 0..z.len() {
             dx[*z][i] = dot(A_z.row(i).iter(), &v[*z]) + dot(B_z.row(i).iter(), &v[self.eta_hat]);
         }
-    }
-
-    /// States that rates of others depend on: the estimates, and z.
-    pub fn states(&self) -> Vec<&dyn Handle> {
-        let mut states: Vec<&dyn Handle> = vec![&self.theta_hat, &self.sigma_hat];
-        states.extend(self.zeros.as_ref().map(|zeros| &zeros.z as &dyn Handle));
-        states
     }
 }

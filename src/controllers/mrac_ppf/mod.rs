@@ -4,19 +4,22 @@
 mod report;
 mod sampled;
 mod samples;
+mod template;
 
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use super::funnel::{Funnel, Inside};
+use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::control::lyapunov;
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf,
     Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
-    boolean, choice, integer, matrix, scalar, vector,
+    boolean, choice, integer, larger, matrix, scalar, vector,
 };
+use crate::template::{Sizes, Template};
 use samples::Samples;
 
 /// When the law is evaluated.
@@ -110,10 +113,6 @@ impl System for MracPpf {
     const NAME: &'static str = "mrac-ppf";
     const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/mrac_ppf.md");
 
-    fn indicators(&self) -> usize {
-        self.x.len()
-    }
-
     fn declare(structure: MracStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let (A, B_inverse) = structure.matrices()?;
         let (n, m) = (A.nrows(), B_inverse.nrows());
@@ -127,7 +126,7 @@ impl System for MracPpf {
             d.state(vector("x_m", n, "state of the reference model").units(&unit_x)),
         );
         let is_stepped = d.is_stepped();
-        let law = MracPpf {
+        Ok(MracPpf {
             A_m: d.parameter(matrix("A_m", n, n, "state matrix of the reference model").unit("1/s").identity()),
             gamma_1: d.parameter(gain("gamma_1", "adaptation gain of theta_hat", 5e4)),
             gamma_2: d.parameter(gain("gamma_2", "adaptation gain of sigma_hat", 5e4)),
@@ -174,35 +173,32 @@ impl System for MracPpf {
             B_inverse,
             x,
             x_m,
-        };
-        law.declare_dependence(d);
-        Ok(law)
+        })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
         invalid.and(self.funnel.prepare(v));
         invalid.and(self.samples.prepare(v));
         let A_m = v.matrix(self.A_m).into_owned();
-        lyapunov::require_hurwitz("A_m", &A_m).unwrap_or_else(|reasons| invalid.and(reasons));
+        lyapunov::require_hurwitz(&v.name(self.A_m), &A_m).unwrap_or_else(|reasons| invalid.and(reasons));
         invalid.into_result()
     }
 
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
-        if v.get(self.law) == Evaluation::Sampled && !v.get(self.is_stepped) {
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        v.refuse(v.get(self.law).is(Evaluation::Sampled) & !v.get(self.is_stepped), |v| {
             let allowed = "must be continuous or automatic: only a unit that is stepped in co-simulation is sampled";
-            return Err(Invalid::new("law", "sampled", allowed));
-        }
+            Invalid::new(v.name(self.law), "sampled", allowed)
+        });
         v.copy(self.x_m0, self.x_m);
-        v[self.theta_hat.elements()].fill(0.0);
-        v[self.integral.elements()].fill(0.0);
+        v[self.theta_hat.elements()].fill(S::from(0.0));
+        v[self.integral.elements()].fill(S::from(0.0));
         self.funnel.open(t, |i, v| v.error(self.e, i), v);
         self.begin_sampling(t, v);
         self.hold_nominal_control(t, v);
-        Ok(())
     }
 
-    fn parameters_changed(&self, _t: f64, v: &mut Point) {
+    fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         self.samples.discretise(self.A_m, v);
     }
 
@@ -224,11 +220,8 @@ impl System for MracPpf {
         }
         for k in 0..self.u.len() {
             let u = self.u.at(k);
-            y[u] = if self.is_sampled(v) {
-                v[self.samples.held][k]
-            } else {
-                within(y[u], v[self.u_min][k], v[self.u_max][k])
-            };
+            let limited = || within(y[u], v[self.u_min][k], v[self.u_max][k]);
+            y[u] = S::branch(self.is_sampled(v), || v[self.samples.held][k], limited);
         }
     }
 
@@ -240,75 +233,51 @@ impl System for MracPpf {
             dx[self.x_m.at(i)] = self.model_rate(i, v);
             let Inside { epsilon, R, .. } = self.inside(i, t, v);
             for j in 0..n {
-                let (theta, integral) = if is_sampled {
-                    (S::from(0.0), S::from(0.0))
-                } else {
-                    self.adaptation(i, j, (epsilon, R), v[self.sigma_hat.at(j, i)], v)
-                };
+                let adaptation = || self.adaptation(i, j, (epsilon, R), v[self.sigma_hat.at(j, i)], v);
+                let (theta, integral) = S::branch(is_sampled, || (S::from(0.0), S::from(0.0)), adaptation);
                 dx[self.theta_hat.at(j, i)] = theta;
                 dx[self.integral.at(j, i)] = integral;
             }
         }
     }
 
-    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
-        self.funnel.check(t, |i| v.error(self.e, i), v)
+    fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.funnel.check(t, |i, v| v.error(self.e, i), v);
     }
 
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
-        self.funnel.event_indicators(t, |i| v.error(self.e, i), v, z);
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        self.funnel.event_indicators(t, |i, v| v.error(self.e, i), v, z);
     }
 
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
         self.samples.next(v)
     }
 
-    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.funnel.event(t, |i, v| v.error(self.e, i), v);
-        if self.samples.next(&v.values()).is_some_and(|next| next <= t) {
+        let is_due = self.samples.next(&v.values()).at_most(t);
+        v.when(is_due, |v| {
             self.sample(v);
             // x_m is set at a sample: where that takes an error out of its funnel, this is the event of it.
             self.funnel.event(t, |i, v| v.error(self.e, i), v);
-        }
+        });
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         self.tell_design(v, report);
     }
 
-    fn step_completed(&self, t: f64, step: f64, v: &mut Point) {
-        if self.is_sampled(&v.values()) {
-            self.keep_to_communication_points(t, step, v);
-        } else if v.get(self.is_stepped) {
-            self.warn_of_long_step(step, v);
-        }
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        let is_sampled = self.is_sampled(&v.values());
+        let is_continuous = v.get(self.is_stepped) & !is_sampled;
+        v.when(is_sampled, |v| self.keep_to_communication_points(t, step, v));
+        v.when(is_continuous, |v| self.warn_of_long_step(step, v));
     }
 }
 
 impl MracPpf {
-    fn declare_dependence(&self, d: &mut Declaration) {
-        let n = self.x.len();
-        for i in 0..n {
-            let own = [&self.x.at(i) as &dyn crate::system::Handle, &self.x_m.at(i)];
-            for signal in self.funnel.signals_of_error() {
-                d.depends(signal.at(i), &own);
-            }
-            for signal in self.funnel.signals_of_time() {
-                d.depends(signal.at(i), &[]);
-            }
-            for j in 0..n {
-                let integral = self.integral.at(j, i);
-                d.depends(self.sigma_hat.at(j, i), &[&own[..], &[&integral]].concat());
-                d.depends(self.theta_hat.at(j, i).rate(), &[&own[..], &[&self.x.at(j)]].concat());
-                d.depends(integral.rate(), &[&own[..], &[&integral]].concat());
-            }
-        }
-        d.depends(self.x_m.rate(), &[&self.x_m, &self.r]);
-        d.depends(self.u, &[&self.x, &self.x_m, &self.r, &self.theta_hat, &self.integral]);
-    }
-
-    fn is_sampled<S: Scalar>(&self, v: &Values<S>) -> bool {
-        v.get(self.is_stepped) && v.get(self.law) != Evaluation::Continuous
+    fn is_sampled<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
+        v.get(self.is_stepped) & !v.get(self.law).is(Evaluation::Continuous)
     }
 
     fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
@@ -364,38 +333,40 @@ impl MracPpf {
     /// s, the fastest rate at which an error decays under the continuous law where the plant's input gain is 1. Where its
     /// input is held, the loop of that channel turns into an oscillation when the step is beyond 1/s to 2/s, by the order in
     /// which units are stepped.
-    fn decay(&self, v: &Values<f64>) -> f64 {
-        let psi: f64 = v[self.psi].iter().map(|psi| psi * psi).sum();
+    fn decay<S: Scalar>(&self, v: &Values<S>) -> S {
+        let psi = v[self.psi].iter().fold(S::from(0.0), |sum, &psi| sum + psi * psi);
         let rate = (0..self.x.len()).map(|i| {
             let gain = psi * v[self.beta][i] * v[self.gamma_2][i]
                 + v[self.alpha_bar][i] / v[self.switching_width]
                 + v[self.K_epsilon][i];
             gain / self.funnel.narrowest(i, v)
         });
-        rate.fold(0.0, f64::max)
+        rate.fold(S::from(0.0), larger)
     }
 
     /// The longest communication step for the continuous law, s.
-    fn longest_step(&self, v: &Values<f64>) -> f64 {
-        1.0 / self.decay(v)
+    fn longest_step<S: Scalar>(&self, v: &Values<S>) -> S {
+        self.decay(v).recip()
     }
 
-    fn warn_of_long_step(&self, step: f64, v: &mut Point) {
+    fn warn_of_long_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
         let longest = self.longest_step(&v.values());
-        let (too_long, moved) = (step > longest, self.moves.look(self.u, step, v));
-        v.put(self.step_too_long, too_long || moved.is_some());
-        if too_long {
+        let (too_long, moved) = (step.above(longest), self.moves.look(self.u, step, v));
+        v.put(self.step_too_long, too_long | moved.flag);
+        v.when(too_long, |v| {
             let rate = self.decay(&v.values());
-            v.warn(self.long_step, || {
+            v.warn(self.long_step, |v| {
                 format!(
-                    "the communication step {step:.3e} s is too long for the continuous law with these gains, whose error \
-                     decays at {rate:.3e} 1/s where the plant's input gain is 1. Use {longest:.1e} s or less, law = sampled, \
-                     or the loop as one unit"
+                    "the communication step {} s is too long for the continuous law with these gains, whose error decays at \
+                     {} 1/s where the plant's input gain is 1. Use {} s or less, {} = sampled, or the loop as one unit",
+                    step.scientific(3),
+                    rate.scientific(3),
+                    longest.scientific(1),
+                    v.name(self.law)
                 )
             });
-        } else if let Some(moved) = moved {
-            v.warn(self.long_step, || moved.told(step, ", or the loop as one unit"));
-        }
+        });
+        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
     }
 }
 
@@ -423,4 +394,18 @@ impl MracStructure {
         let inverse = B.pseudo_inverse(0.0).map_err(|reason| Invalid::because(format!("B: {reason}")))?;
         Ok((A, inverse))
     }
+}
+
+impl Catalogued for MracPpf {
+    const TITLE: &'static str = "Robust MRAC with prescribed performance";
+    const PAGE: &'static str = "controllers/mrac_ppf";
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> =
+        Some(Template { write: template::write, tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)] });
+    const TRIAL: Trial = Trial {
+        alone: funnel::OPEN,
+        // Not sampled, with gains that no funnel's edge needs.
+        smooth: "law = 'continuous'\nswitching_width = 0.5\ngamma_1 = 5.0\ngamma_2 = 5.0\nbeta = 0.2",
+        ..Trial::NONE
+    };
 }

@@ -9,7 +9,7 @@ impl MracPpf {
     pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
         let A_m = v.matrix(self.A_m).into_owned();
         report.section("Reference model");
-        report.eigenvalues("eigenvalues of A_m", &A_m, true);
+        report.eigenvalues(&format!("eigenvalues of {}", v.name(self.A_m)), &A_m, true);
         report.eigenvalues("eigenvalues of A", &self.A, false);
         // B⁺ has the rank of B, which the description is refused without.
         let rank = self.B_inverse.rank(1e-9 * self.B_inverse.amax());
@@ -23,21 +23,22 @@ impl MracPpf {
     }
 
     fn tell_step(&self, v: &Values<f64>, report: &mut DesignReport) {
-        let (longest, sampled) = (self.longest_step(v), v.get(self.law) != Evaluation::Continuous);
+        let (longest, is_sampled) = (self.longest_step(v), !v.get(self.law).is(Evaluation::Continuous));
         report.section("Communication step");
         let note = "rate of the error under the continuous law, where the plant's input gain is 1";
         report.tell("s", self.decay(v), "1/s", note);
         let name = "longest step of the continuous law";
         if longest == f64::INFINITY {
             report.tell_unlimited(name, "s", "nothing of the law acts on the error");
-        } else if sampled {
+        } else if is_sampled {
             report.tell(name, longest, "s", "1/s; in co-simulation the law is sampled, which longer steps suit");
         } else if report.step <= longest {
             report.tell(name, longest, "s", "1/s; where the plant is stepped first, 2/s");
         } else {
             let note = format!(
-                "shorter than the default step, {} s: take one as short, law = sampled, or the loop as one unit",
-                number(report.step)
+                "shorter than the default step, {} s: take one as short, {} = sampled, or the loop as one unit",
+                number(report.step),
+                v.name(self.law)
             );
             report.judge(name, longest, "s", Verdict::Warning, note);
         }

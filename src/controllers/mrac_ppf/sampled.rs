@@ -9,8 +9,6 @@
 //!
 //! F increases, from −∞ to ∞, so it has one root.
 
-use num_dual::{Dual64, DualNum};
-
 use super::MracPpf;
 use crate::control::limits::within;
 use crate::control::performance::{Bounds, Performance};
@@ -19,22 +17,43 @@ use crate::system::{Point, Scalar, Values};
 /// Beyond this the transformation is flat in every digit.
 const FLAT: f64 = 300.0;
 const BRACKET: f64 = 1e12;
+/// As many as it takes from 1 to beyond BRACKET.
+const DOUBLINGS: usize = 40;
 const ITERATIONS: usize = 200;
 /// Relative precision of the root.
 const PRECISION: f64 = 1e-14;
 
 /// What F of a channel is made of.
-struct Ahead {
-    h: f64,
-    performance: Performance<f64>,
-    bounds: Bounds<f64>,
-    e: f64,
+#[derive(Debug, Clone, Copy)]
+struct Ahead<S> {
+    h: S,
+    performance: Performance<S>,
+    bounds: Bounds<S>,
+    e: S,
+    beta: S,
+    gamma_2: S,
+    upsilon: S,
+    alpha_bar: S,
+    switching_width: S,
+    K_epsilon: S,
+}
+
+/// Functions of ε, and their derivatives to it.
+#[derive(Debug, Clone, Copy)]
+struct Inverse<S> {
+    /// z = S(ε)
+    z: S,
+    dz: S,
+    /// R = 1/(ρ S'(ε))
+    R: S,
+    dR: S,
 }
 
 impl MracPpf {
     /// Before the first sample: the control that leaves e/ρ as it is on the nominal plant.
-    pub(super) fn hold_nominal_control(&self, t: f64, v: &mut Point) {
+    pub(super) fn hold_nominal_control<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.hold(v, |i, v| {
+            let v = &v.values();
             let inside = self.inside(i, t, v);
             self.against_nominal(i, v) + self.model_rate(i, v) + inside.z * inside.performance.rate
         });
@@ -42,117 +61,223 @@ impl MracPpf {
 
     /// Takes a sample: computes the control until the next one from the present inputs, taken as measured a sample time
     /// before, and advances model and estimates by one.
-    pub(super) fn sample(&self, v: &mut Point) {
-        let (n, period, before) = (self.x.len(), v[self.samples.period], self.samples.latest(&v.values()));
-        let h = period * f64::from(v.get(self.prediction_steps));
+    pub(super) fn sample<S: Scalar>(&self, v: &mut Point<S>) {
+        let (period, before) = (v[self.samples.period], self.samples.latest(&v.values()));
+        let h = period * S::from_integer(v.get(self.prediction_steps));
         self.samples.advance_model(self.r, self.x_m, v);
-        // The model moves alike as long as the reference is held: its mean rate is taken from the time that ended.
-        let mean_rate = |i: usize, v: &Values<f64>| (v[self.x_m][i] - v[self.samples.x_m_before][i]) / period;
         self.hold(v, |i, v| {
-            let epsilon = self.epsilon_ahead(i, before, h, v);
-            let ahead = self.ahead(i, before, h, v);
-            let (z, _) = ahead.inverse(epsilon);
-            let sigma: f64 = (0..n).map(|j| self.sigma_ahead(i, j, &ahead, epsilon, v) * v[self.psi][j]).sum();
-            let w = z * ahead.performance.rate - self.estimated(i, v) - sigma - self.robust(i, epsilon, v);
-            self.against_nominal(i, v) + mean_rate(i, v) + w
+            // The model moves alike as long as the reference is held: its mean rate is taken from the time that ended.
+            let mean_rate = (v[self.x_m][i] - v[self.samples.x_m_before][i]) / period;
+            let values = &v.values();
+            let ahead = self.ahead(i, before, h, values);
+            let epsilon = ahead.root(|| self.elements(i, values));
+            let wanted = self.against_nominal(i, values) + mean_rate + self.adapted(i, &ahead, epsilon, values);
+            self.adapt(i, &ahead, epsilon, v);
+            wanted
         });
-        for i in 0..n {
-            let values = v.values();
-            let (epsilon, ahead) = (self.epsilon_ahead(i, before, h, &values), self.ahead(i, before, h, &values));
-            let (_, R) = ahead.inverse(epsilon);
-            for j in 0..n {
-                let values = v.values();
-                let sigma_hat = self.sigma_ahead(i, j, &ahead, epsilon, &values);
-                let (theta, integral) = self.adaptation(i, j, (epsilon, R), sigma_hat, &values);
-                v[self.theta_hat.at(j, i)] += period * theta;
-                v[self.integral.at(j, i)] += period * integral;
-            }
-        }
         v.copy(self.x_m, self.samples.x_m_before);
         self.samples.tick(v);
     }
 
     /// Holds the control of a wanted rate of each channel, and shows it.
-    fn hold(&self, v: &mut Point, rate: impl Fn(usize, &Values<f64>) -> f64) {
-        v[self.samples.held].fill(0.0);
+    fn hold<S: Scalar>(&self, v: &mut Point<S>, rate: impl Fn(usize, &mut Point<S>) -> S) {
+        v[self.samples.held].fill(S::from(0.0));
         for i in 0..self.x.len() {
-            let rate = rate(i, &v.values());
+            let rate = rate(i, v);
             for k in 0..self.u.len() {
-                v[self.samples.held][k] += self.B_inverse[(k, i)] * rate;
+                v[self.samples.held][k] += rate * self.B_inverse[(k, i)];
             }
         }
         for k in 0..self.u.len() {
             v[self.samples.held][k] = within(v[self.samples.held][k], v[self.u_min][k], v[self.u_max][k]);
         }
-        if self.is_sampled(&v.values()) {
-            v.copy(self.samples.held, self.u);
+        v.when(self.is_sampled(&v.values()), |v| v.copy(self.samples.held, self.u));
+    }
+
+    fn ahead<S: Scalar>(&self, i: usize, t: S, h: S, v: &Values<S>) -> Ahead<S> {
+        Ahead {
+            h,
+            performance: self.funnel.performance(i, t + h, v),
+            bounds: self.funnel.bounds(i, v),
+            e: v[self.x][i] - v[self.samples.x_m_before][i],
+            beta: v[self.beta][i],
+            gamma_2: v[self.gamma_2][i],
+            upsilon: v[self.upsilon][i],
+            alpha_bar: v[self.alpha_bar][i],
+            switching_width: v[self.switching_width],
+            K_epsilon: v[self.K_epsilon][i],
         }
     }
 
-    fn ahead(&self, i: usize, t: f64, h: f64, v: &Values<f64>) -> Ahead {
-        let e = v[self.x][i] - v[self.samples.x_m_before][i];
-        Ahead { h, performance: self.funnel.performance(i, t + h, v), bounds: self.funnel.bounds(i, v), e }
+    /// ψ and I of a channel, element by element.
+    fn elements<'a, S: Scalar>(&self, i: usize, v: &Values<'a, S>) -> impl Iterator<Item = (S, S)> + use<'a, S> {
+        let (psi, integral) = (self.psi, self.integral);
+        let v = *v;
+        (0..psi.len()).map(move |j| (v[psi.at(j)], v[integral.at(j, i)]))
     }
 
-    /// σ̂ of an element at the end.
-    fn sigma_ahead<S: Scalar>(&self, i: usize, j: usize, ahead: &Ahead, epsilon: S, v: &Values<f64>) -> S {
-        let (_, R) = ahead.inverse(epsilon);
-        let gain = (R * ahead.h + v[self.beta][i]) * v[self.gamma_2][i];
-        (gain * epsilon * v[self.psi][j] + v[self.integral.at(j, i)])
-            / (gain * epsilon.abs() * v[self.upsilon][i] + 1.0)
-    }
-
-    /// F
-    fn residual(&self, i: usize, ahead: &Ahead, epsilon: Dual64, v: &Values<f64>) -> Dual64 {
-        let Ahead { h, performance: Performance { rho, rate, .. }, e, .. } = *ahead;
-        let (z, _) = ahead.inverse(epsilon);
-        let sigma = (0..self.x.len()).fold(Dual64::from_re(0.0), |sum, j| {
-            let integral = v[self.integral.at(j, i)];
-            sum + (self.sigma_ahead(i, j, ahead, epsilon, v) - integral) * v[self.psi][j]
+    /// The part of B u that is adapted, at the end of the time that the law looks ahead.
+    fn adapted<S: Scalar>(&self, i: usize, ahead: &Ahead<S>, epsilon: S, v: &Values<S>) -> S {
+        let at = ahead.inverse(epsilon);
+        let sigma = self.elements(i, v).fold(S::from(0.0), |sum, element| {
+            let (sigma_hat, _) = ahead.sigma_hat(epsilon, &at, element);
+            sum + sigma_hat * element.0
         });
-        let switched = (epsilon / v[self.switching_width]).tanh() * v[self.alpha_bar][i];
-        z * (rho - h * rate) + (sigma + switched + epsilon * v[self.K_epsilon][i]) * h - e
+        at.z * ahead.performance.rate - self.estimated(i, v) - sigma - self.robust(i, epsilon, v)
     }
 
-    /// The root of F, by Newton's method within a bracket.
-    fn epsilon_ahead(&self, i: usize, t: f64, h: f64, v: &Values<f64>) -> f64 {
-        let ahead = self.ahead(i, t, h, v);
-        let F = |epsilon: f64| self.residual(i, &ahead, Dual64::new(epsilon, 1.0), v);
-        let (mut low, mut high) = (-1.0, 1.0);
-        while F(high).re < 0.0 && high < BRACKET {
-            high *= 2.0;
+    /// Advances the estimates of a channel by a sample time.
+    fn adapt<S: Scalar>(&self, i: usize, ahead: &Ahead<S>, epsilon: S, v: &mut Point<S>) {
+        let (at, period) = (ahead.inverse(epsilon), v[self.samples.period]);
+        for j in 0..self.x.len() {
+            let element = (v[self.psi][j], v[self.integral.at(j, i)]);
+            let (sigma_hat, _) = ahead.sigma_hat(epsilon, &at, element);
+            let (theta, integral) = self.adaptation(i, j, (epsilon, at.R), sigma_hat, &v.values());
+            v[self.theta_hat.at(j, i)] += period * theta;
+            v[self.integral.at(j, i)] += period * integral;
         }
-        while F(low).re > 0.0 && low > -BRACKET {
-            low *= 2.0;
-        }
-        let mut epsilon = 0.0;
-        for _ in 0..ITERATIONS {
-            let value = F(epsilon);
-            if value.re > 0.0 {
-                high = epsilon
-            } else {
-                low = epsilon
-            }
-            let newton = epsilon - value.re / value.eps;
-            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
-            let moved = (next - epsilon).abs();
-            epsilon = next;
-            if moved <= PRECISION * epsilon.abs() {
-                break;
-            }
-        }
-        epsilon
     }
 }
 
-impl Ahead {
-    /// z = S(ε) and R = 1/(ρ S'(ε)).
-    fn inverse<S: Scalar>(&self, epsilon: S) -> (S, S) {
+impl<S: Scalar> Ahead<S> {
+    fn inverse(&self, epsilon: S) -> Inverse<S> {
         let Bounds { lower, upper } = self.bounds;
-        let bounds = Bounds { lower: S::from(lower), upper: S::from(upper) };
-        let limited = if epsilon.re().abs() > FLAT { S::from(FLAT * epsilon.re().signum()) } else { epsilon };
+        let (zero, sign) = (S::from(0.0), epsilon.signum());
+        let is_flat = epsilon.abs().above(S::from(FLAT));
+        let limited = S::select(is_flat, sign * FLAT, epsilon);
         let small = (-limited.abs() * 2.0).exp();
-        let slope = small * (2.0 * (lower + upper)) / (small + 1.0).powi(2);
-        (bounds.inverse(limited), (slope * self.performance.rho).recip())
+        let slope = small * ((lower + upper) * 2.0) / (small + 1.0).powi(2);
+        let R = (slope * self.performance.rho).recip();
+        // With tanh ε: the slope's derivative is −2 tanh ε of it.
+        let steeper = || R * sign * ((-small + 1.0) / (small + 1.0)) * 2.0;
+        Inverse {
+            z: self.bounds.inverse(limited),
+            dz: S::select(is_flat, zero, slope),
+            R,
+            dR: S::branch(is_flat, || zero, steeper),
+        }
+    }
+
+    /// σ̂ of an element at the end, from its ψ and I, and its derivative.
+    fn sigma_hat(&self, epsilon: S, at: &Inverse<S>, (psi, integral): (S, S)) -> (S, S) {
+        let (gain, dgain) = ((at.R * self.h + self.beta) * self.gamma_2, at.dR * self.h * self.gamma_2);
+        let leaking = gain * epsilon.abs() * self.upsilon + 1.0;
+        let sigma_hat = (gain * epsilon * psi + integral) / leaking;
+        let dleaking = (dgain * epsilon.abs() + gain * epsilon.signum()) * self.upsilon;
+        (sigma_hat, ((dgain * epsilon + gain) * psi - sigma_hat * dleaking) / leaking)
+    }
+
+    /// F, and its derivative, from ψ and I of the channel.
+    fn residual(&self, epsilon: S, elements: impl Iterator<Item = (S, S)>) -> (S, S) {
+        let Ahead { h, performance: Performance { rho, rate, .. }, e, alpha_bar, switching_width, .. } = *self;
+        let at = self.inverse(epsilon);
+        let none = (S::from(0.0), S::from(0.0));
+        let (sigma, dsigma) = elements.fold(none, |(sum, dsum), (psi, integral)| {
+            let (sigma_hat, dsigma_hat) = self.sigma_hat(epsilon, &at, (psi, integral));
+            (sum + (sigma_hat - integral) * psi, dsum + dsigma_hat * psi)
+        });
+        let sign = (epsilon / switching_width).tanh();
+        let dswitched = (-sign * sign + 1.0) * alpha_bar / switching_width;
+        let left = rho - h * rate;
+        (
+            at.z * left + (sigma + sign * alpha_bar + epsilon * self.K_epsilon) * h - e,
+            at.dz * left + (dsigma + dswitched + self.K_epsilon) * h,
+        )
+    }
+
+    /// The root of F, by Newton's method within a bracket.
+    fn root<E: Iterator<Item = (S, S)>>(&self, elements: impl Fn() -> E) -> S {
+        let F = |epsilon: S| self.residual(epsilon, elements());
+        let (zero, bracket) = (S::from(0.0), S::from(BRACKET));
+        let (mut low, mut high) = ([S::from(-1.0)], [S::from(1.0)]);
+        let is_below = |high: &[S]| F(high[0]).0.below(zero) & high[0].below(bracket);
+        S::iterate(&mut high, DOUBLINGS, is_below, |high| high[0] *= 2.0);
+        let is_above = |low: &[S]| F(low[0]).0.above(zero) & low[0].above(-bracket);
+        S::iterate(&mut low, DOUBLINGS, is_above, |low| low[0] *= 2.0);
+        // ε, the bracket, and how far ε has moved.
+        let mut state = [zero, low[0], high[0], S::from(f64::INFINITY)];
+        let moves = |state: &[S]| !state[3].at_most(state[0].abs() * PRECISION);
+        S::iterate(&mut state, ITERATIONS, moves, |state| {
+            let (epsilon, low, high) = (state[0], state[1], state[2]);
+            let (value, slope) = F(epsilon);
+            let (low, high) = S::branch(value.above(zero), || (low, epsilon), || (epsilon, high));
+            let newton = epsilon - value / slope;
+            let is_within = newton.above(low) & newton.below(high);
+            let next = S::branch(is_within, || newton, || (low + high) * 0.5);
+            state.copy_from_slice(&[next, low, high, (next - epsilon).abs()]);
+        });
+        state[0]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::system::Dual;
+
+    use super::*;
+
+    /// A channel with bounds −δ_lo and δ_up, and its elements.
+    fn channel<S: Scalar>(lower: f64, upper: f64) -> (Ahead<S>, [(S, S); 2]) {
+        let number = |value: f64| S::from(value);
+        let ahead = Ahead {
+            h: number(0.02),
+            performance: Performance::at(number(0.3), number(2.0), number(0.05), number(1.5)),
+            bounds: Bounds { lower: number(lower), upper: number(upper) },
+            e: number(0.2),
+            beta: number(2.0),
+            gamma_2: number(5e2),
+            upsilon: number(0.05),
+            alpha_bar: number(10.0),
+            switching_width: number(0.01),
+            K_epsilon: number(0.1),
+        };
+        (ahead, [(number(2.0), number(-0.4)), (number(-0.5), number(3.0))])
+    }
+
+    const EPSILONS: [f64; 8] = [-100.0, -20.0, -1.0, -0.003, 1e-9, 0.02, 0.7, 5.0];
+
+    #[test]
+    fn derivatives_are_those_that_dual_numbers_find() {
+        let same = |dual: Dual, slope: f64, text: &str| {
+            // Where a slope passes through zero, it is the difference of numbers as large as the value.
+            let size = slope.abs() + 1e-3 * dual.value.abs();
+            assert!((dual.derivative() - slope).abs() <= 1e-12 * size, "{text}: {} is not {slope}", dual.derivative());
+        };
+        for (lower, upper) in [(1.0, 1.0), (0.3, 1.0), (1.0, 0.0)] {
+            let (ahead, elements) = channel::<Dual>(lower, upper);
+            for epsilon in EPSILONS {
+                let at = Dual::new(epsilon, 1.0);
+                let inverse = ahead.inverse(at);
+                same(inverse.z, inverse.dz.value, &format!("z at {epsilon}"));
+                same(inverse.R, inverse.dR.value, &format!("R at {epsilon}"));
+                let (sigma_hat, slope) = ahead.sigma_hat(at, &inverse, elements[0]);
+                same(sigma_hat, slope.value, &format!("sigma at {epsilon}"));
+                let (value, slope) = ahead.residual(at, elements.into_iter());
+                same(value, slope.value, &format!("F at {epsilon}"));
+            }
+        }
+    }
+
+    #[test]
+    fn where_the_transformation_is_flat_the_derivative_is_that_of_the_rest() {
+        let (ahead, elements) = channel::<f64>(1.0, 1.0);
+        let F = |epsilon: f64| ahead.residual(epsilon, elements.into_iter());
+        for epsilon in [-1e9, -1e3, 400.0, 1e6] {
+            let (slope, secant) = (F(epsilon).1, (F(1.5 * epsilon).0 - F(0.5 * epsilon).0) / epsilon);
+            assert!((slope / secant - 1.0).abs() < 1e-9, "at {epsilon}: {slope} is not {secant}");
+        }
+    }
+
+    #[test]
+    fn the_root_is_where_the_equation_holds() {
+        for e in [-1.9, -0.2, 0.0, 0.2, 1.0, 5.0] {
+            let (ahead, elements) = channel::<f64>(1.0, 1.0);
+            let ahead = Ahead { e, ..ahead };
+            let root = ahead.root(|| elements.into_iter());
+            let width = 1e-12 * root.abs() + 1e-30;
+            let around = [root - width, root + width];
+            let [below, above] = around.map(|epsilon| ahead.residual(epsilon, elements.into_iter()).0);
+            assert!(below <= 0.0 && above >= 0.0, "e = {e}: {root}, {below} … {above}");
+        }
     }
 }

@@ -7,8 +7,8 @@
 use super::MracPpf;
 use crate::control::exponential::{exponential, workspace};
 use crate::system::{
-    Declaration, Discrete, Input, Invalid, MatrixOf, Parameter, Point, ScalarOf, State, Values, VectorOf, scalar,
-    vector,
+    Declaration, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, State, Values, VectorOf,
+    larger, scalar, smaller, vector,
 };
 
 /// The shortest sample time, s. A first communication step that is shorter is a remnant, no sample time.
@@ -62,47 +62,53 @@ impl Samples {
             return Invalid::none();
         }
         let allowed = format!("must be {SHORTEST:e} or more, or 0 for the length of the first communication step");
-        Invalid::new("sample_time", asked, allowed)
+        Invalid::new(v.name(self.sample_time), asked, allowed)
     }
 
     /// The time that the latest sample belongs to.
-    pub fn latest(&self, v: &Values<f64>) -> f64 {
+    pub fn latest<S: Scalar>(&self, v: &Values<S>) -> S {
         v[self.start] + v[self.count] * v[self.period]
     }
 
-    /// When the next sample is due: a little early, so that a point that rounding has end before it is its own.
-    pub fn next(&self, v: &Values<f64>) -> Option<f64> {
+    /// When the next sample is due: a little early, so that a point that rounding has end before it is its own. Infinity
+    /// where none is.
+    pub fn next<S: Scalar>(&self, v: &Values<S>) -> S {
         let period = v[self.period];
         let due = v[self.start] + (v[self.count] + 1.0) * period + v[self.shift];
-        (period > 0.0).then(|| due - (EARLY * period + 4.0 * f64::EPSILON * due.abs()))
+        let early = || due - (period * EARLY + due.abs() * (4.0 * f64::EPSILON));
+        S::branch(self.is_known(v), early, || S::from(f64::INFINITY))
+    }
+
+    /// Whether the sample time is known.
+    fn is_known<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
+        v[self.period].above(S::from(0.0))
     }
 
     /// A sample was taken.
-    pub fn tick(&self, v: &mut Point) {
+    pub fn tick<S: Scalar>(&self, v: &mut Point<S>) {
         v[self.count] += 1.0;
     }
 
     /// Where a sample was taken at the communication point t, the next ones keep to this master's points.
-    fn follow(&self, t: f64, step: f64, v: &mut Point) {
+    fn follow<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let away = t - self.latest(&v.values());
-        if (away - v[self.shift]).abs() <= ROUNDING * step.min(v[self.period]) {
-            v[self.shift] = away;
-        }
+        let is_near = (away - v[self.shift]).abs().at_most(smaller(step, v[self.period]) * ROUNDING);
+        v[self.shift] = S::select(is_near, away, v[self.shift]);
     }
 
     /// e^(A_m T), where T is known.
-    pub fn discretise(&self, A_m: MatrixOf<Parameter>, v: &mut Point) {
+    pub fn discretise<S: Scalar>(&self, A_m: MatrixOf<Parameter>, v: &mut Point<S>) {
         let (period, n) = (v[self.period], self.x_m_before.len());
-        if period > 0.0 {
+        v.when(self.is_known(&v.values()), |v| {
             v.copy(A_m.elements(), self.transition.part(0..n * n));
             let (matrix, workspace) = v[self.transition].split_at_mut(n * n);
             matrix.iter_mut().for_each(|a| *a *= period);
             exponential(n, matrix, workspace);
-        }
+        });
     }
 
     /// x_m as it is a sample time after the latest sample, with the reference held: r + e^(A_m T) (x_m − r).
-    pub fn advance_model(&self, r: VectorOf<Input>, x_m: VectorOf<State>, v: &mut Point) {
+    pub fn advance_model<S: Scalar>(&self, r: VectorOf<Input>, x_m: VectorOf<State>, v: &mut Point<S>) {
         let n = x_m.len();
         for i in 0..n {
             let away = |j: usize| v[self.x_m_before][j] - v[r][j];
@@ -113,45 +119,54 @@ impl Samples {
 
 impl MracPpf {
     /// Starts the clock at t, where its sample time is known.
-    pub(super) fn begin_sampling(&self, t: f64, v: &mut Point) {
+    pub(super) fn begin_sampling<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let samples = &self.samples;
         v[samples.start] = t;
         v.copy(self.x_m0, samples.x_m_before);
-        if self.is_sampled(&v.values()) {
+        v.when(self.is_sampled(&v.values()), |v| {
             v[samples.period] = v[samples.sample_time];
             samples.discretise(self.A_m, v);
-        }
+        });
     }
 
     /// At a communication point, after a step: takes the first step's length where it is to be the sample time, and tells
     /// of steps that are longer than that.
-    pub(super) fn keep_to_communication_points(&self, t: f64, step: f64, v: &mut Point) {
+    pub(super) fn keep_to_communication_points<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let samples = &self.samples;
-        if v[samples.period] > 0.0 {
-            samples.follow(t, step, v);
-        } else if step >= SHORTEST {
+        let is_known = samples.is_known(&v.values());
+        let is_first = !is_known & step.at_least(S::from(SHORTEST));
+        v.when(is_known, |v| samples.follow(t, step, v));
+        v.when(is_first, |v| {
             v[samples.period] = step;
             samples.discretise(self.A_m, v);
             self.sample(v);
-        } else {
+        });
+        v.when(!is_known & !is_first, |v| {
             v[samples.start] = t;
             v.copy(self.x_m, samples.x_m_before);
-        }
-        let period = v[samples.period];
-        let too_long = period > 0.0 && step > period * (1.0 + ROUNDING);
+        });
+        self.warn_of_long_sample(step, v);
+    }
+
+    /// Tells of a step that is longer than the sample time, and of a control that moves far from sample to sample.
+    fn warn_of_long_sample<S: Scalar>(&self, step: S, v: &mut Point<S>) {
+        let period = v[self.samples.period];
+        let too_long = self.samples.is_known(&v.values()) & step.above(period * (1.0 + ROUNDING));
         let moved = self.moves.look(self.u, step, v);
-        v.put(self.step_too_long, too_long || moved.is_some());
-        if too_long {
-            v.warn(self.long_step, || {
+        v.put(self.step_too_long, too_long | moved.flag);
+        v.when(too_long, |v| {
+            v.warn(self.long_step, |v| {
                 format!(
-                    "the communication step {step:.3e} s is longer than the sample time {period:.3e} s: several samples \
-                     are taken of the same inputs, and only the last one's control is used. Step no further than \
-                     sample_time"
+                    "the communication step {} s is longer than the sample time {} s: several samples are taken of the same \
+                     inputs, and only the last one's control is used. Step no further than {}",
+                    step.scientific(3),
+                    period.scientific(3),
+                    v.name(self.samples.sample_time)
                 )
             });
-        } else if let Some(moved) = moved {
-            // The control moves once a sample.
-            v.warn(self.long_step, || moved.told(step.max(period), ", or the loop as one unit"));
-        }
+        });
+        // The control moves once a sample.
+        let told = |_: &Values<S>| moved.told(larger(step, period), ", or the loop as one unit");
+        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, told));
     }
 }

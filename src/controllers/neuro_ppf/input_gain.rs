@@ -2,7 +2,7 @@
 
 use super::network::{Network, sum};
 use crate::system::{
-    Declaration, DesignReport, Discrete, Handle, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
+    Declaration, DesignReport, Discrete, Input, MatrixOf, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
     State, Values, VectorOf, Verdict, matrix, scalar, vector,
 };
 
@@ -44,47 +44,33 @@ impl InputGainNetwork {
         }
     }
 
-    /// Declares what it depends on: F_G on x, all else on what `nu_b` depends on too.
-    pub fn declare_dependence(&self, d: &mut Declaration, x: &dyn Handle, nu_b: &[&dyn Handle]) {
-        let (m, neurons) = (self.nu_a.len(), self.theta_G.shape().0);
-        for (i, l) in (0..m).flat_map(|i| (0..m).map(move |l| (i, l))) {
-            let theta = self.theta_G.elements().part((i * m + l) * neurons..(i * m + l + 1) * neurons);
-            d.depends(self.F_G.at(i, l), &[x, &theta]);
-        }
-        let all: Vec<&dyn Handle> = nu_b.iter().copied().chain([&self.theta_G as &dyn Handle]).collect();
-        d.depends(self.nu_a, &all);
-        d.depends(self.theta_G.rate(), &all);
-    }
-
     /// Tells whether the network can act.
     pub fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         let g = v[self.g_network_initial];
         if g != 0.0 {
-            report.tell("input gain at the start", g, "", "g_network_initial");
+            report.tell("input gain at the start", g, "", &v.name(self.g_network_initial));
             return;
         }
-        let note = "g_network_initial is 0: the estimate of the input gain stays 0, and all control is the robust term of \
-                    nu_b. Take the plant's nominal input gain for the network to act, or input_gain_network = false for as \
-                    much with fewer states";
+        let note = format!(
+            "{} is 0: the estimate of the input gain stays 0, and all control is the robust term of nu_b. Take the plant's \
+             nominal input gain for the network to act, or input_gain_network = false for as much with fewer states",
+            v.name(self.g_network_initial)
+        );
         report.judge("input gain at the start", g, "", Verdict::Warning, note);
     }
 
-    pub fn states(&self) -> MatrixOf<State> {
-        self.theta_G
-    }
-
     /// θ_G0 = Z g/(ZᵀZ) on the diagonal, the least weights with which F_G is g I at the start; θ_G starts there.
-    pub fn initialise(&self, network: &Network, x: VectorOf<impl crate::system::Class>, v: &mut Point) {
-        let (m, g) = (self.nu_a.len(), v[self.g_network_initial]);
-        let (mut inputs, len) = ([0.0; 2 * MOST_CHANNELS], x.len());
+    pub fn initialise<S: Scalar>(&self, network: &Network, x: VectorOf<Input>, v: &mut Point<S>) {
+        let (m, g, zero) = (self.nu_a.len(), v[self.g_network_initial], S::from(0.0));
+        let (mut inputs, len) = ([zero; 2 * MOST_CHANNELS], x.len());
         inputs[..len].copy_from_slice(&v[x]);
         network.outputs(&inputs[..len], &mut v[self.theta_G0]);
-        let squared: f64 = v[self.theta_G0].iter().map(|Z| Z * Z).sum();
+        let squared = sum(&v[self.theta_G0], &v[self.theta_G0]);
         // Where every neuron is off there is nothing to estimate with.
-        let factor = if squared > 0.0 { g / squared } else { 0.0 };
+        let factor = S::branch(squared.above(zero), || g / squared, || zero);
         v[self.theta_G0].iter_mut().for_each(|Z| *Z *= factor);
         let neurons = network.neurons();
-        v[self.theta_G.elements()].fill(0.0);
+        v[self.theta_G.elements()].fill(zero);
         for i in 0..m {
             v.copy(self.theta_G0, self.theta_G.elements().part(i * (m + 1) * neurons..(i * (m + 1) + 1) * neurons));
         }

@@ -5,16 +5,19 @@ mod input_gain;
 mod network;
 mod order;
 mod report;
+mod template;
 
 use serde::Deserialize;
 
-use super::funnel::Funnel;
+use super::funnel::{self, Funnel};
 use super::moves::Moves;
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::control::limits::{self, UNLIMITED, within};
 use crate::system::{
-    BooleanOf, Declaration, DesignReport, Discrete, Handle, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
+    BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, boolean, matrix, scalar, vector,
 };
+use crate::template::{Sizes, Template};
 use input_gain::{Channels, InputGainNetwork, MOST_CHANNELS};
 use network::{Network, sum};
 pub use network::{NetworkStructure, WeightRule};
@@ -92,10 +95,6 @@ impl System for NeuroPpf {
     const NAME: &'static str = "neuro-ppf";
     const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/neuro_ppf.md");
 
-    fn indicators(&self) -> usize {
-        self.r.len()
-    }
-
     fn declare(structure: NeuroPpfStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let (m, degree) = structure.size()?;
         let network = Network::new(&structure.network, m * degree)?;
@@ -106,7 +105,7 @@ impl System for NeuroPpf {
         let state = if degree == 1 { "measured state of the plant" } else { "measured coordinates, then their rates" };
         let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
         let limit = "control that the actuator can give; 1e15 is no limit";
-        let law = NeuroPpf {
+        Ok(NeuroPpf {
             funnel: Funnel::declare(d, &r, FUNNEL),
             k: d.parameter(number("k", "gain of the filtered error", 0.5).unit("1/s")),
             n_f: d.parameter(number("n_f", "gain of the robust term for the estimate of the dynamics", 0.2)),
@@ -140,24 +139,21 @@ impl System for NeuroPpf {
             ),
             long_step: d.warning("logStepTooLong", "communication step too long for the control"),
             network,
-        };
-        law.declare_dependence(d);
-        Ok(law)
+        })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(&v[self.u_min], &v[self.u_max]);
+        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
         invalid.and(self.funnel.prepare(v));
         invalid.into_result()
     }
 
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.order.initialise(v);
         if let Some(input_gain) = &self.input_gain {
             input_gain.initialise(&self.network, self.x, v);
         }
         self.funnel.open(t, |i, v| self.error(i, v), v);
-        Ok(())
     }
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -197,24 +193,22 @@ impl System for NeuroPpf {
         self.tell_design(v, report);
     }
 
-    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
-        self.funnel.check(t, |i| self.error(i, v), v)
+    fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.funnel.check(t, |i, v| self.error(i, v), v);
     }
 
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
-        self.funnel.event_indicators(t, |i| self.error(i, v), v, z);
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        self.funnel.event_indicators(t, |i, v| self.error(i, v), v, z);
     }
 
-    fn event(&self, t: f64, _crossed: &[bool], v: &mut Point) {
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.funnel.event(t, |i, v| self.error(i, v), v);
     }
 
-    fn step_completed(&self, _t: f64, step: f64, v: &mut Point) {
+    fn step_completed<S: Scalar>(&self, _t: S, step: S, v: &mut Point<S>) {
         let moved = self.moves.look(self.u, step, v);
-        v.put(self.step_too_long, moved.is_some());
-        if let Some(moved) = moved {
-            v.warn(self.long_step, || moved.told(step, ", or the loop as one unit"));
-        }
+        v.put(self.step_too_long, moved.flag);
+        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
     }
 }
 
@@ -235,38 +229,6 @@ impl NeuroPpf {
             y[self.u.at(i)] = within(wanted, v[self.u_min.at(i)], v[self.u_max.at(i)]);
         }
     }
-
-    fn declare_dependence(&self, d: &mut Declaration) {
-        let NeuroPpf { x, r, theta_f, network, .. } = self;
-        d.depends(self.Z, &[x]);
-        self.funnel.signals_of_time().into_iter().for_each(|signal| d.depends(signal, &[]));
-        let mut all: Vec<Box<dyn Handle>> = vec![Box::new(*x), Box::new(*r), Box::new(theta_f.elements())];
-        match self.order {
-            Order::First { x_m, .. } => all.push(Box::new(x_m)),
-            Order::Second { dr, ddr, .. } => all.extend([Box::new(dr) as Box<dyn Handle>, Box::new(ddr)]),
-        }
-        let all: Vec<&dyn Handle> = all.iter().map(Box::as_ref).collect();
-        self.order.declare_dependence(d, [*r, *x], |d, i, [error, filtered, known]| {
-            self.funnel.signals_of_error().into_iter().for_each(|signal| d.depends(signal.at(i), error));
-            [self.E, self.RE].into_iter().for_each(|signal| d.depends(signal.at(i), filtered));
-            let neurons = network.neurons();
-            let weights = theta_f.elements().part(i * neurons..(i + 1) * neurons);
-            let estimate: [&dyn Handle; 2] = [x, &weights];
-            d.depends(self.F_f.at(i), &estimate);
-            d.depends(self.nu_b.at(i), &[&estimate, known].concat());
-            for j in 0..neurons {
-                let weight = theta_f.at(j, i);
-                d.depends(weight.rate(), &[&[x as &dyn Handle, &weight], filtered].concat());
-            }
-        });
-        match &self.input_gain {
-            Some(input_gain) => {
-                input_gain.declare_dependence(d, x, &all);
-                d.depends(self.u, &[&all[..], &[&input_gain.states()]].concat());
-            }
-            None => d.depends(self.u, &all),
-        }
-    }
 }
 
 impl NeuroPpfStructure {
@@ -284,4 +246,20 @@ impl NeuroPpfStructure {
         invalid.into_result()?;
         Ok((self.channels, self.relative_degree))
     }
+}
+
+impl Catalogued for NeuroPpf {
+    const TITLE: &'static str = "Neuro-adaptive controller with prescribed performance";
+    const PAGE: &'static str = "controllers/neuro_ppf";
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 3), Sizes::plant(6, 3)],
+    });
+    const TRIAL: Trial = Trial {
+        alone: funnel::OPEN,
+        // An error of 0 has no room in a funnel that allows no overshoot.
+        steady: "overshoot = 1.0",
+        ..Trial::NONE
+    };
 }

@@ -2,8 +2,7 @@
 
 use crate::controllers::funnel::Inside;
 use crate::system::{
-    Declaration, Handle, Input, MatrixOf, Parameter, Point, Rates, Scalar, State, Unit, Values, VectorOf, matrix,
-    vector,
+    Declaration, Input, MatrixOf, Parameter, Point, Rates, Scalar, State, Unit, Values, VectorOf, matrix, vector,
 };
 
 /// How the errors are made, and moved by what is known.
@@ -88,7 +87,7 @@ impl Order {
         v.matrix(A_m).row(i).iter().zip(away).fold(S::from(0.0), |sum, (&a, (&x_m, &r))| sum + a * (x_m - r))
     }
 
-    pub fn initialise(&self, v: &mut Point) {
+    pub fn initialise<S: Scalar>(&self, v: &mut Point<S>) {
         if let Order::First { x_m0, x_m, .. } = *self {
             v.copy(x_m0, x_m);
         }
@@ -97,32 +96,6 @@ impl Order {
     pub fn derivatives<S: Scalar>(&self, r: VectorOf<Input>, v: &Values<S>, dx: &mut Rates<S>) {
         if let Order::First { x_m, .. } = *self {
             (0..x_m.len()).for_each(|i| dx[x_m][i] = self.model_rate(i, r, v));
-        }
-    }
-
-    /// Calls with what e of a channel, what E, and what V depends on.
-    pub fn declare_dependence(
-        &self,
-        d: &mut Declaration,
-        [r, x]: [VectorOf<Input>; 2],
-        mut each: impl FnMut(&mut Declaration, usize, [&[&dyn Handle]; 3]),
-    ) {
-        let m = r.len();
-        for i in 0..m {
-            let (x_i, r_i) = (&x.at(i), &r.at(i));
-            match self {
-                Order::First { x_m, .. } => {
-                    let error: [&dyn Handle; 2] = [x_i, &x_m.at(i)];
-                    each(d, i, [&error, &error, &[x_i, x_m, &r]]);
-                }
-                Order::Second { dr, ddr, .. } => {
-                    let (rate, dr) = (&x.at(m + i), &dr.at(i));
-                    each(d, i, [&[x_i, r_i], &[x_i, r_i, rate, dr], &[x_i, r_i, rate, dr, &ddr.at(i)]]);
-                }
-            }
-        }
-        if let Order::First { x_m, .. } = self {
-            d.depends(x_m.rate(), &[x_m, &r]);
         }
     }
 }

@@ -13,11 +13,12 @@ impl NeuroPpf {
         report.section("Error dynamics");
         match self.order {
             Order::First { A_m, .. } => {
-                report.eigenvalues("eigenvalues of A_m", &v.matrix(A_m).into_owned(), true);
+                report.eigenvalues(&format!("eigenvalues of {}", v.name(A_m)), &v.matrix(A_m).into_owned(), true);
             }
             Order::Second { lambda, .. } => {
+                let note = format!("where E = epsilon' + {} epsilon is zero", v.name(lambda));
                 let lambda = DMatrix::from_row_slice(1, v[lambda].len(), &v[lambda]);
-                report.tell("decay of epsilon", &lambda, "1/s", "where E = epsilon' + lambda epsilon is zero");
+                report.tell("decay of epsilon", &lambda, "1/s", &note);
             }
         }
         self.tell_rates(v, report);
@@ -28,7 +29,9 @@ impl NeuroPpf {
         let gains = if self.input_gain.is_some() { channels * channels } else { 0.0 };
         report.tell("adapted weights", neurons * (channels + gains), "", "each of them a state");
         let leak = v[self.network_gain] * v[self.sigma];
-        report.tell("leakage", leak, "1/s", "rate at which unexcited weights decay, network_gain sigma");
+        let (gain, sigma) = (v.name(self.network_gain), v.name(self.sigma));
+        let note = format!("rate at which unexcited weights decay, {gain} {sigma}");
+        report.tell("leakage", leak, "1/s", &note);
         if let Some(input_gain) = &self.input_gain {
             input_gain.report(v, report);
         }
@@ -39,16 +42,21 @@ impl NeuroPpf {
     /// E' = −(k + n_f R²) E where the networks are right, with R = 1/ρ in the middle of a symmetric funnel.
     fn tell_rates(&self, v: &Values<f64>, report: &mut DesignReport) {
         let (k, n_f) = (v[self.k], v[self.n_f]);
+        let [name_of_k, name_of_n_f] = [self.k, self.n_f].map(|gain| v.name(gain));
         let narrowest = (0..self.r.len()).map(|i| self.funnel.narrowest(i, v)).fold(f64::INFINITY, f64::min);
         if k > 0.0 {
-            report.tell("least decay of E", k, "1/s", "k; where the networks are right");
+            let note = format!("{name_of_k}; where the networks are right");
+            report.tell("least decay of E", k, "1/s", &note);
         } else {
-            let note = "k is 0: what is left of E decays by n_f alone. Take k above 0";
+            let note =
+                format!("{name_of_k} is 0: what is left of E decays by {name_of_n_f} alone. Take {name_of_k} above 0");
             report.judge("least decay of E", k, "1/s", Verdict::Warning, note);
         }
         let end = k + n_f / (narrowest * narrowest);
         let note = format!(
-            "k + n_f/rho_inf²; a law whose inputs are held needs steps well below its inverse, {} s, or the loop as one unit",
+            "{name_of_k} + {name_of_n_f}/{}²; a law whose inputs are held needs steps well below its inverse, {} s, or the \
+             loop as one unit",
+            self.funnel.name_of_end(v),
             number(1.0 / end)
         );
         if report.step * end < 1.0 {

@@ -4,18 +4,16 @@ use std::collections::{BTreeSet, HashSet};
 
 use super::wiring::Wires;
 use super::{DraftUnit, Role};
-
-const CONTROLLERS: [&str; 4] = ["l1", "fuzzy-l1", "mrac-ppf", "neuro-ppf"];
-const BETWEEN: [&str; 3] = ["sensor", "actuator", "observer"];
+use crate::catalogue;
 
 /// The roles of units. Another tool's controller is the unit that a reference goes to, where no unit is known to be one.
 pub fn roles(units: &[DraftUnit], wires: &Wires) -> Vec<Role> {
-    let known = |unit: &DraftUnit| match unit.model.as_deref() {
-        Some("reference") => Some(Role::Reference),
-        Some(model) if CONTROLLERS.contains(&model) || model.starts_with("l1-") => Some(Role::Controller),
-        Some(model) if BETWEEN.contains(&model) => Some(Role::Between),
-        Some("composite") => None,
-        Some(_) => Some(Role::Plant),
+    let known = |unit: &DraftUnit| match unit.role() {
+        Some(catalogue::Role::Reference) => Some(Role::Reference),
+        Some(catalogue::Role::Controller) => Some(Role::Controller),
+        Some(catalogue::Role::Sensor | catalogue::Role::Actuator | catalogue::Role::Observer) => Some(Role::Between),
+        Some(catalogue::Role::Plant) => Some(Role::Plant),
+        Some(catalogue::Role::Composite) => None,
         None if unit.description.variables.iter().any(|variable| variable.causality == "input") => None,
         None => Some(Role::Reference),
     };
@@ -39,8 +37,7 @@ pub fn order(units: &[DraftUnit], roles: &[Role], wires: &Wires) -> Vec<usize> {
         let declared = &description.dependencies;
         let shows = declared.iter().any(|(_, on)| on.as_ref().map_or(untold, |on| on.contains(&input)));
         let outputs = description.variables.iter().filter(|variable| variable.causality == "output").count();
-        let passes_on = matches!(units[unit].model.as_deref(), Some("sensor" | "actuator"));
-        if passes_on || shows || untold && declared.len() < outputs {
+        if units[unit].hands_on() || shows || untold && declared.len() < outputs {
             sources[unit].insert(from.0);
         }
     }

@@ -2,10 +2,11 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use crate::catalogue::Role;
 use crate::error::{Error, Invalid};
 use crate::exporter::{Library, Source, describe, find_description, read_entry};
-use crate::model;
 use crate::simulation::description::Description;
+use crate::{library, model};
 
 /// A unit of a loop.
 #[derive(Debug)]
@@ -19,6 +20,18 @@ pub struct DraftUnit {
     pub(super) description: Description,
     /// The system that it is made of, where it is one of this package.
     pub(super) model: Option<String>,
+}
+
+impl DraftUnit {
+    /// What it does in the loop, where that is known; one of a library of the user's own counts as a plant.
+    pub(super) fn role(&self) -> Option<Role> {
+        self.model.as_deref().map(|model| library::find(model).map_or(Role::Plant, |entry| entry.role))
+    }
+
+    /// Whether it hands on signals of any sort, channel by channel.
+    pub(super) fn hands_on(&self) -> bool {
+        self.role().is_some_and(Role::hands_on)
+    }
 }
 
 /// Finds units for a loop in a folder.

@@ -3,6 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::{DraftUnit, Signal};
+use crate::catalogue::Role;
 use crate::simulation::description::Variable;
 use crate::simulation::units::UnitDefinition;
 
@@ -146,7 +147,7 @@ impl<'a> Search<'a> {
             return Input::Open { reason, offered: Vec::new() };
         }
         // Where there is a sensor or an observer, it is there to be used; it doesn't measure itself.
-        if unit.model.as_deref() != Some("sensor") {
+        if unit.role() != Some(Role::Sensor) {
             let of_ends = STAND_INS.iter().map(|end| self.named(&format!("{name}{end}"), input));
             let stand_ins: Vec<Signal> = of_ends.flatten().collect();
             if !stand_ins.is_empty() {
@@ -214,7 +215,7 @@ impl<'a> Search<'a> {
 
 /// Whether a name is one that every sensor or actuator has for its channels.
 fn says_nothing(unit: &DraftUnit, name: &str) -> bool {
-    matches!(unit.model.as_deref(), Some("sensor" | "actuator")) && (name.starts_with("u[") || name.starts_with("y["))
+    unit.hands_on() && (name.starts_with("u[") || name.starts_with("y["))
 }
 
 /// Why an output can't go to an input, if there is a reason.

@@ -127,7 +127,7 @@ impl Composite {
     }
 
     /// Takes over states that a part changed: e = x − x_m, but not where nothing was changed, since e is the sharper number.
-    pub(super) fn take_own_states(&self, reals: &mut [f64], whole: &Offsets) {
+    pub(super) fn take_own_states<S: Scalar>(&self, reals: &mut [S], whole: &Offsets) {
         let (state, connected) = (whole.real[Section::State as usize], whole.real[Section::Connected as usize]);
         let of_error = |place: usize| self.errors.iter().any(|error| error.states.range().contains(&(place - state)));
         for (states, own) in self.moved(whole) {
@@ -139,15 +139,14 @@ impl Composite {
         for error in &self.errors {
             for (k, (place, model_place)) in error.pairs().enumerate() {
                 let (x, x_m) = (reals[connected + error.own + k], reals[state + model_place]);
-                if x != reals[state + place] + x_m {
-                    reals[state + place] = x - x_m;
-                }
+                let e = reals[state + place];
+                reals[state + place] = S::select(x.equals(e + x_m), e, x - x_m);
             }
         }
     }
 
     /// Before the start, a part's own states have their declared start values.
-    pub(super) fn declared_own_states(&self, reals: &mut [f64], whole: &Offsets) {
+    pub(super) fn declared_own_states<S: Scalar>(&self, reals: &mut [S], whole: &Offsets) {
         self.moved(whole).for_each(|(states, own)| reals.copy_within(states, own));
     }
 }

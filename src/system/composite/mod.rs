@@ -5,20 +5,20 @@
 //! is computed before it is used.
 
 mod connection;
-mod dependence;
 mod errors;
 mod schedule;
 
 use std::ops::Range;
 
-use num_dual::Dual64;
 use serde::Deserialize;
 
 use super::declaration::Declaration;
-use super::erased::{DynSystem, Kind, Registry, read};
+use super::erased::{
+    Compiled, CompiledStart, CompiledWhole, DynSystem, Equations, Happens, Kind, Registry, Starts, read,
+};
 use super::names::Names;
 use super::values::{Offsets, Values};
-use super::{ErrorEstimate, Point, Scalar, Section, Stride};
+use super::{MessageLog, OwnStep, Point, Scalar, Section};
 use crate::error::Invalid;
 use crate::report::DesignReport;
 use errors::ErrorCoordinates;
@@ -86,13 +86,11 @@ impl Part {
     }
 
     /// Calls the part with its own view of a point; what it logs and refuses is told as the part's.
-    fn with<T>(&self, v: &mut Point, call: impl FnOnce(&dyn DynSystem, &mut Point) -> T) -> T {
+    fn with<S: Scalar, T>(&self, v: &mut Point<S>, call: impl FnOnce(&dyn DynSystem, &mut Point<S>) -> T) -> T {
         let offsets = self.offsets(v.offsets);
-        let before = v.log.len();
-        let answer = call(self.system.as_ref(), &mut Point::new(v.reals, v.integers, &offsets, v.log));
-        for message in &mut v.log[before..] {
-            message.text = format!("{}: {}", self.name, message.text);
-        }
+        let mut log = MessageLog::new();
+        let answer = call(self.system.as_ref(), &mut Point::new(v.reals, v.integers, &offsets, &mut log));
+        v.log.take_over(log, &self.name);
         answer
     }
 }
@@ -125,7 +123,6 @@ pub(super) fn declare(
     let errors = errors::apply(&links, &mut parts, d);
     let links = errors::redirect(links, &parts, d).into_iter().chain(open).collect::<Vec<_>>();
     let steps = schedule::schedule(&links, &parts, d)?;
-    d.variables.dependence = dependence::closure(&links, &errors, &parts, &d.variables);
     let mut invalid = Invalid::none();
     for part in &structure.parts {
         for (name, value) in &part.start {
@@ -161,145 +158,123 @@ fn declare_part(
     let kind = Kind::find(registry, &part.model).map_err(|invalid| invalid.within(name))?;
     let (system, base) = d.part(name, |d| kind.declare(part.structure.clone(), &part.names, registry, d));
     let system = system.map_err(|invalid| invalid.within(name))?;
-    let first = before.last().map_or(0, |other| other.indicators.end);
-    let indicators = first..first + system.indicators();
+    let indicators = before.last().map_or(0, |other| other.indicators.end)..d.variables.indicators.len();
     Ok(Part { name: name.clone(), system, base, indicators, own_states: None })
 }
 
 impl Composite {
-    /// Computes all signals: values are handed on and parts evaluated in the order of the schedule.
-    fn signals<S: Scalar>(&self, reals: &mut [S], whole: &Offsets, evaluate: impl Fn(&Part, &mut [S], &Offsets)) {
-        self.give_own_states(reals, whole);
-        for step in &self.steps {
-            match *step {
-                Step::Copy { from: (section, from), to } => {
-                    reals[whole.real[Section::Connected as usize] + to] = reals[whole.real[section as usize] + from];
-                }
-                Step::Evaluate(part) => evaluate(&self.parts[part], reals, &self.parts[part].offsets(whole)),
-            }
-        }
-    }
-
-    fn rates<S: Scalar>(&self, reals: &mut [S], whole: &Offsets, evaluate: impl Fn(&Part, &mut [S], &Offsets)) {
-        self.parts.iter().for_each(|part| evaluate(part, reals, &part.offsets(whole)));
-        let first = whole.real[Section::Derivative as usize];
-        for (state, model_state) in self.errors.iter().flat_map(ErrorCoordinates::pairs) {
-            let rate = reals[first + model_state];
-            reals[first + state] -= rate;
-        }
-    }
-
     /// Calls every part, then takes over what it did to states of its own coordinates.
-    fn each(&self, v: &mut Point, mut call: impl FnMut(&Part, &mut Point)) {
+    fn each<S: Scalar>(&self, v: &mut Point<S>, mut call: impl FnMut(&Part, &mut Point<S>)) {
         self.give_own_states(v.reals, v.offsets);
         self.parts.iter().for_each(|part| call(part, v));
         self.take_own_states(v.reals, v.offsets);
     }
 }
 
-impl DynSystem for Composite {
-    fn indicators(&self) -> usize {
-        self.parts.last().map_or(0, |part| part.indicators.end)
-    }
-
-    fn indicator_name(&self, indicator: usize) -> String {
-        let Some(part) = self.parts.iter().find(|part| part.indicators.contains(&indicator)) else {
-            return String::new();
-        };
-        let own = indicator - part.indicators.start;
-        match part.system.indicator_name(own) {
-            name if name.is_empty() => format!("number {} of {}", own + 1, part.name),
-            name => format!("{}: {name}", part.name),
-        }
-    }
-
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = Invalid::none();
-        for part in &self.parts {
-            if let Err(reasons) = part.with(v, |system, v| system.prepare(v)) {
-                invalid.and(reasons.within(&part.name));
+impl<S: Compiled> Equations<S> for Composite {
+    /// Values are handed on and parts evaluated in the order of the schedule.
+    fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], whole: &Offsets) {
+        self.give_own_states(reals, whole);
+        for step in &self.steps {
+            match *step {
+                Step::Copy { from: (section, from), to } => {
+                    reals[whole.real[Section::Connected as usize] + to] = reals[whole.real[section as usize] + from];
+                }
+                Step::Evaluate(part) => {
+                    let part = &self.parts[part];
+                    S::equations(part.system.as_ref()).outputs(t, reals, integers, &part.offsets(whole));
+                }
             }
         }
-        invalid.into_result()
     }
 
+    fn derivatives(&self, t: S, reals: &mut [S], integers: &[S::Integer], whole: &Offsets) {
+        for part in &self.parts {
+            S::equations(part.system.as_ref()).derivatives(t, reals, integers, &part.offsets(whole));
+        }
+        let first = whole.real[Section::Derivative as usize];
+        for (state, model_state) in self.errors.iter().flat_map(ErrorCoordinates::pairs) {
+            let rate = reals[first + model_state];
+            reals[first + state] -= rate;
+        }
+    }
+}
+
+impl<S: CompiledStart> Starts<S> for Composite {
     /// A part may start from inputs that follow from the start of others: after as many rounds as there are parts, every
     /// value has gone round.
-    fn initialise(&self, t: f64, v: &mut Point) -> Result<(), Invalid> {
+    fn initialise(&self, t: S, v: &mut Point<S>) {
         self.declared_own_states(v.reals, v.offsets);
-        let mut invalid = Invalid::none();
-        for _ in &self.parts {
-            invalid = Invalid::none();
+        for round in 1..=self.parts.len() {
+            let is_last = round == self.parts.len();
             for part in &self.parts {
-                if let Err(reasons) = part.with(v, |system, v| system.initialise(t, v)) {
-                    invalid.and(reasons.within(&part.name));
-                }
+                // Only what the last round refuses is refused: before, inputs may not have gone round.
+                let mut unheard = MessageLog::new();
+                let (offsets, log) = (v.offsets, if is_last { &mut *v.log } else { &mut unheard });
+                let mut v = Point::new(v.reals, v.integers, offsets, log);
+                part.with(&mut v, |system, v| S::start(system).initialise(t, v));
             }
             self.take_own_states(v.reals, v.offsets);
             self.outputs(t, v.reals, v.integers, v.offsets);
         }
-        invalid.into_result()
+    }
+}
+
+impl<S: CompiledWhole> Happens<S> for Composite {
+    fn parameters_changed(&self, t: S, v: &mut Point<S>) {
+        self.each(v, |part, v| part.with(v, |system, v| S::whole(system).parameters_changed(t, v)));
     }
 
-    fn parameters_changed(&self, t: f64, v: &mut Point) {
-        self.each(v, |part, v| part.with(v, |system, v| system.parameters_changed(t, v)));
+    fn check(&self, t: S, v: &mut Point<S>) {
+        self.parts.iter().for_each(|part| part.with(v, |system, v| S::whole(system).check(t, v)));
     }
 
-    fn outputs(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
-        self.signals(reals, offsets, |part, reals, own| part.system.outputs(t, reals, integers, own));
-    }
-
-    fn derivatives(&self, t: f64, reals: &mut [f64], integers: &[i32], offsets: &Offsets) {
-        self.rates(reals, offsets, |part, reals, own| part.system.derivatives(t, reals, integers, own));
-    }
-
-    fn outputs_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
-        self.signals(reals, offsets, |part, reals, own| part.system.outputs_dual(t, reals, integers, own));
-    }
-
-    fn derivatives_dual(&self, t: Dual64, reals: &mut [Dual64], integers: &[i32], offsets: &Offsets) {
-        self.rates(reals, offsets, |part, reals, own| part.system.derivatives_dual(t, reals, integers, own));
-    }
-
-    fn check(&self, t: f64, v: &Values<f64>) -> Result<(), Invalid> {
-        let mut invalid = Invalid::none();
-        for part in &self.parts {
-            if let Err(reasons) = part.system.check(t, &Values { offsets: &part.offsets(v.offsets), ..*v }) {
-                invalid.and(reasons.within(&part.name));
-            }
-        }
-        invalid.into_result()
-    }
-
-    fn next_time_event(&self, v: &Values<f64>) -> Option<f64> {
-        let next = |part: &Part| part.system.next_time_event(&Values { offsets: &part.offsets(v.offsets), ..*v });
+    fn next_time_event(&self, v: &Values<S>) -> S {
+        let next = |part: &Part| {
+            let own = Values { offsets: &part.offsets(v.offsets), ..*v };
+            S::whole(part.system.as_ref()).next_time_event(&own)
+        };
         // One that isn't a number shows, whatever the others are.
-        self.parts.iter().filter_map(next).reduce(|a, b| if a.is_nan() || a <= b { a } else { b })
+        let earlier = |a: S, b: S| S::select(!a.equals(a) | a.at_most(b), a, b);
+        self.parts.iter().map(next).reduce(earlier).unwrap_or(S::from(f64::INFINITY))
     }
 
-    fn event_indicators(&self, t: f64, v: &Values<f64>, z: &mut [f64]) {
+    fn event_indicators(&self, t: S, v: &Values<S>, z: &mut [S]) {
         for part in &self.parts {
             let own = Values { offsets: &part.offsets(v.offsets), ..*v };
-            part.system.event_indicators(t, &own, &mut z[part.indicators.clone()]);
+            S::whole(part.system.as_ref()).event_indicators(t, &own, &mut z[part.indicators.clone()]);
         }
     }
 
     /// Only the parts whose event it is are told of it.
-    fn event(&self, t: f64, crossed: &[bool], v: &mut Point) {
+    fn event(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>) {
         self.each(v, |part, v| {
             let crossed = &crossed[part.indicators.clone()];
             part.with(v, |system, v| {
-                let due = system.next_time_event(&v.values()).is_some_and(|next| next <= t);
-                if due || crossed.contains(&true) {
-                    system.event(t, crossed, v);
-                }
+                let system = S::whole(system);
+                let due = system.next_time_event(&v.values()).at_most(t);
+                let its_own = crossed.iter().fold(due, |any, &one| any | one);
+                v.when(its_own, |v| system.event(t, crossed, v));
             });
         });
     }
 
     /// No part holds the inputs that it has from others.
-    fn step_completed(&self, t: f64, _step: f64, v: &mut Point) {
-        self.each(v, |part, v| part.with(v, |system, v| system.step_completed(t, 0.0, v)));
+    fn step_completed(&self, t: S, _step: S, v: &mut Point<S>) {
+        let none = S::from(0.0);
+        self.each(v, |part, v| part.with(v, |system, v| S::whole(system).step_completed(t, none, v)));
+    }
+}
+
+impl DynSystem for Composite {
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        for part in &self.parts {
+            if let Err(reasons) = part.with(v, |system, v| system.prepare(v)) {
+                invalid.and(reasons.of_part(&part.name));
+            }
+        }
+        invalid.into_result()
     }
 
     /// Of its parts, which take no communication steps.
@@ -312,23 +287,7 @@ impl DynSystem for Composite {
     }
 
     /// A part's own way through a step holds its inputs; the whole is integrated together.
-    fn steps_itself(&self) -> bool {
-        false
-    }
-
-    fn workspace(&self) -> usize {
-        0
-    }
-
-    fn advance(&self, _stride: Stride, _v: &mut Point) -> bool {
-        false
-    }
-
-    fn own_step_pays(&self, _h: f64, _relative_tolerance: f64, _v: &Values<f64>) -> bool {
-        false
-    }
-
-    fn conclude(&self, _whole: &Values<f64>, _tolerance: (&[f64], f64), _v: &mut Point) -> ErrorEstimate {
-        ErrorEstimate { scaled: f64::INFINITY, order: 1 }
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        None
     }
 }

@@ -3,6 +3,7 @@
 use super::Part;
 use super::connection::Link;
 use crate::error::Invalid;
+use crate::recording::{Dependence, Leaf, Recording};
 use crate::system::variable::{Section, Variables};
 use crate::system::{Declaration, Offsets};
 
@@ -30,7 +31,8 @@ pub(super) fn ranges(parts: &[Part], section: Section, d: &Variables) -> Vec<std
 /// What is known at some point of the schedule.
 struct Progress<'a> {
     links: &'a [Link],
-    variables: &'a Variables,
+    /// The connected values that each signal follows from at once.
+    follows_from: Vec<Vec<usize>>,
     inputs: Vec<std::ops::Range<usize>>,
     signals: Vec<std::ops::Range<usize>>,
     known_input: Vec<bool>,
@@ -59,19 +61,16 @@ impl Progress<'_> {
         self.inputs[part].clone().all(|place| self.is_known(place))
     }
 
-    /// A signal of a part that can be computed from what is known.
-    fn computable(&self, part: usize, signal: usize) -> bool {
-        match self.variables.dependence(Section::Signal, signal) {
-            None => self.complete(part),
-            Some(on) => on.iter().all(|&(section, place)| section != Section::Connected || self.is_known(place)),
-        }
+    /// Whether a signal can be computed from what is known.
+    fn computable(&self, signal: usize) -> bool {
+        self.follows_from[signal].iter().all(|&place| self.is_known(place))
     }
 
     /// Evaluates a part; whether a value became known that wasn't.
     fn evaluate(&mut self, part: usize) -> bool {
         let new: Vec<usize> = self.signals[part]
             .clone()
-            .filter(|&signal| !self.known_signal[signal] && self.computable(part, signal))
+            .filter(|&signal| !self.known_signal[signal] && self.computable(signal))
             .collect();
         let wanted = |signal: &usize| self.links.iter().any(|link| link.from == (Section::Signal, *signal));
         let complete = self.complete(part);
@@ -85,15 +84,36 @@ impl Progress<'_> {
     }
 }
 
+/// The connected values that each signal follows from, as the parts' equations have it.
+fn follows_from(parts: &[Part], variables: &mut Variables) -> Vec<Vec<usize>> {
+    variables.place_sections();
+    let layout = variables.layout();
+    let recording = Recording::with(&layout, |t, v| {
+        for part in parts {
+            v.outputs_of(part.system.as_ref(), t, &part.offsets(&layout.offsets));
+        }
+        Vec::new()
+    });
+    let mut search = Dependence::new(&recording.tape);
+    let connected = variables.reals(Section::Connected);
+    let place = |leaf: Leaf| match leaf {
+        Leaf::Real(index) if connected.contains(&(index as usize)) => Some(index as usize - connected.start),
+        _ => None,
+    };
+    let mut of = |signal: usize| search.of(recording.reals[signal]).into_iter().filter_map(place).collect();
+    variables.reals(Section::Signal).map(&mut of).collect()
+}
+
 /// The steps to all signals.
 ///
 /// # Errors
 /// The connections of an algebraic loop.
-pub(super) fn schedule(links: &[Link], parts: &[Part], d: &Declaration) -> Result<Vec<Step>, Invalid> {
+pub(super) fn schedule(links: &[Link], parts: &[Part], d: &mut Declaration) -> Result<Vec<Step>, Invalid> {
+    let follows_from = follows_from(parts, &mut d.variables);
     let variables = &d.variables;
     let mut progress = Progress {
         links,
-        variables,
+        follows_from,
         inputs: ranges(parts, Section::Connected, variables),
         signals: ranges(parts, Section::Signal, variables),
         known_input: vec![false; variables.real_sizes[Section::Connected as usize]],

@@ -1,0 +1,20 @@
+//! What the texts of new references, sensors and actuators share.
+
+use crate::template::{Plant, Request, Signals, Text, texts};
+
+/// Number of channels, and their signals where a plant has them.
+pub fn channels(request: &Request, size: Option<usize>, of: fn(&Plant) -> (usize, &Signals)) -> (usize, Signals) {
+    let own = request.plant.as_ref().map(of);
+    own.map_or((size.unwrap_or(1), Signals::default()), |(len, signals)| (len, signals.clone()))
+}
+
+/// How many they are, and their units.
+pub fn write_channels(text: &mut Text, m: usize, signals: &Signals) {
+    text.table("structure");
+    text.set("channels", m, "how many");
+    if signals.units.is_empty() {
+        text.suggest("units", texts(&vec!["rad/s".to_owned(); m]), "of the channels; 1 where none are given");
+    } else {
+        text.set("units", texts(&signals.units), "of the channels");
+    }
+}

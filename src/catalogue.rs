@@ -1,0 +1,146 @@
+//! The catalogue of kinds: what belongs to a kind of system beside its equations, and stands beside them in its file.
+//!
+//! Whatever goes through kinds reads it here: the schema of descriptions, `new`, roles in a loop, pictures of units, the
+//! tables in the documentation, and start values of tests that go through all units.
+
+use crate::system::{Kind, System};
+use crate::template::Template;
+
+/// What a unit does in a loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Role {
+    /// It makes a control of references and measurements.
+    Controller,
+    /// It estimates what isn't measured.
+    Observer,
+    /// It is controlled.
+    Plant,
+    /// It gives what is to be followed.
+    Reference,
+    /// It hands on each signal of a plant as it is measured.
+    Sensor,
+    /// It hands on each command as what a plant gets of it.
+    Actuator,
+    /// It holds a loop, or parts of one.
+    Composite,
+}
+
+impl Role {
+    /// Whether it hands on signals of any sort, channel by channel: names of its own say nothing of them.
+    pub fn hands_on(self) -> bool {
+        matches!(self, Role::Sensor | Role::Actuator)
+    }
+}
+
+/// Start values by which tests try any unit of a kind, as lines of `[start]`. A number stands for every element of a
+/// vector; a unit takes those that it has.
+#[derive(Debug, Clone, Copy)]
+pub struct Trial {
+    /// With them a unit takes inputs that no plant answers.
+    pub alone: &'static str,
+    /// With them, further, it moves in both interfaces alike, and at any step.
+    pub smooth: &'static str,
+    /// With them it has a steady state.
+    pub steady: &'static str,
+    /// With them it isn't silent, where it would be without inputs.
+    pub moving: &'static str,
+}
+
+impl Trial {
+    /// The kind's own start values do.
+    pub const NONE: Trial = Trial { alone: "", smooth: "", steady: "", moving: "" };
+}
+
+/// A structure of which there is a schema, where there is the command line.
+#[cfg(feature = "cli")]
+pub trait Structured: schemars::JsonSchema {}
+#[cfg(feature = "cli")]
+impl<T: schemars::JsonSchema> Structured for T {}
+
+/// A structure.
+#[cfg(not(feature = "cli"))]
+pub trait Structured {}
+#[cfg(not(feature = "cli"))]
+impl<T> Structured for T {}
+
+/// A system that stands in this package's catalogue.
+pub trait Catalogued: System<Structure: Structured> {
+    /// What it is, in a few words: "L1 adaptive controller".
+    const TITLE: &'static str;
+    /// Its page below `docs`, without an ending; [`System::DOCUMENTATION`] begins with it.
+    const PAGE: &'static str;
+    /// What its units do in a loop.
+    const ROLE: Role = Role::Plant;
+    /// How `new` begins one; nothing where it needs no description but the one that is there.
+    const TEMPLATE: Option<Template> = None;
+    /// The picture of its units, as PNG.
+    const ICON: &'static [u8] = ICON;
+    /// Start values for tests.
+    const TRIAL: Trial = Trial::NONE;
+}
+
+/// The picture of units whose kind has none of its own.
+pub const ICON: &[u8] = include_bytes!("../modelDescription/model.png");
+
+/// A kind in the catalogue.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry {
+    /// The kind, with its name and its documentation.
+    pub kind: Kind,
+    /// See [`Catalogued::TITLE`].
+    pub title: &'static str,
+    /// See [`Catalogued::PAGE`].
+    pub page: &'static str,
+    /// See [`Catalogued::ROLE`].
+    pub role: Role,
+    /// See [`Catalogued::TEMPLATE`].
+    pub template: Option<Template>,
+    /// See [`Catalogued::ICON`].
+    pub icon: &'static [u8],
+    /// See [`Catalogued::TRIAL`].
+    pub trial: Trial,
+    /// The schema of its structure.
+    #[cfg(feature = "cli")]
+    pub schema: fn(schemars::SchemaGenerator) -> schemars::Schema,
+}
+
+impl Entry {
+    /// The entry of a system.
+    pub const fn of<M: Catalogued>() -> Entry {
+        Entry {
+            kind: Kind::of::<M>(),
+            title: M::TITLE,
+            page: M::PAGE,
+            role: M::ROLE,
+            template: M::TEMPLATE,
+            icon: M::ICON,
+            trial: M::TRIAL,
+            #[cfg(feature = "cli")]
+            schema: schemars::SchemaGenerator::into_root_schema_for::<M::Structure>,
+        }
+    }
+
+    /// That of whole loops.
+    pub const COMPOSITE: Entry = Entry {
+        kind: Kind::COMPOSITE,
+        title: "Whole loop as one unit",
+        page: "composite",
+        role: Role::Composite,
+        template: None,
+        icon: ICON,
+        trial: Trial::NONE,
+        #[cfg(feature = "cli")]
+        schema: schemars::SchemaGenerator::into_root_schema_for::<crate::system::CompositeStructure>,
+    };
+
+    /// The kinds alone: what a library needs of the catalogue.
+    pub const fn kinds<const N: usize>(entries: &[Entry]) -> [Kind; N] {
+        let mut kinds = [Kind::COMPOSITE; N];
+        let mut k = 0;
+        while k < N {
+            kinds[k] = entries[k].kind;
+            k += 1;
+        }
+        kinds
+    }
+}

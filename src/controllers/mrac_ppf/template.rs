@@ -1,0 +1,48 @@
+//! The text of a new MRAC.
+
+use super::MracPpf;
+use crate::catalogue::Catalogued;
+use crate::controllers::template::{design, stop_time, write_funnel};
+use crate::error::Invalid;
+use crate::template::{Plant, Request, all, diagonal, named, round_down, rows, write_limits, write_names, write_units};
+
+/// Robust MRAC with prescribed performance: each state follows a reference of its own.
+pub fn write(request: &Request) -> Result<String, Invalid> {
+    let Some(plant) = &request.plant else {
+        request.only(&["states", "inputs"])?;
+        let n = request.sizes.states.or(request.sizes.inputs).unwrap_or(2);
+        let m = request.sizes.inputs.unwrap_or(n);
+        if m != n {
+            return Err(Invalid::new("--inputs", m, format!("must be {n}: each state needs a control of its own")));
+        }
+        let plant = Plant::integrators(n, n, n)?;
+        return write_for(request, &plant);
+    };
+    write_for(request, plant)
+}
+
+fn write_for(request: &Request, plant: &Plant) -> Result<String, Invalid> {
+    let (n, m, _) = plant.sizes();
+    let bandwidth = design::bandwidth(plant, request.bandwidth)?;
+    let step = round_down((0.01 / bandwidth).min(1e-3));
+    let mut text = request.begin(MracPpf::TITLE, MracPpf::PAGE, stop_time(bandwidth), step);
+    text.table("structure");
+    text.comment(
+        "Nominal plant x' = A x + B u: rows of numbers; B has the rank of its rows, so that each state is controlled.",
+    );
+    text.set("A", rows(&plant.A), "");
+    text.set("B", rows(&plant.B), "");
+    write_units(&mut text, &[("x", &plant.x, n), ("u", &plant.u, m)]);
+    let (r, x, u) = (named(&plant.x, "_reference"), named(&plant.x, ""), named(&plant.u, ""));
+    write_names(&mut text, &[("r", r), ("x", x), ("u", u)]);
+    text.table("start");
+    text.set("A_m", diagonal(-bandwidth, n), "1/s, reference model x_m' = A_m (x_m - r)");
+    text.set("x_m0", all(0.0, n), "its state at the start; best where the plant is");
+    write_funnel(&mut text, request.reference, bandwidth, n);
+    text.set("gamma_1", all(5e4, n), "adaptation gain of theta_hat");
+    text.set("gamma_2", all(5e4, n), "adaptation gain of sigma_hat");
+    text.set("K_epsilon", all(0.1, n), "gain of the transformed error");
+    text.set("alpha_bar", all(10.0, n), "gain of its smoothed sign");
+    write_limits(&mut text, Some(plant), m);
+    Ok(text.finish())
+}

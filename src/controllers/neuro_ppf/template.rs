@@ -1,0 +1,49 @@
+//! The text of a new neuro-adaptive controller.
+
+use super::NeuroPpf;
+use crate::catalogue::Catalogued;
+use crate::controllers::template::write_funnel;
+use crate::error::Invalid;
+use crate::template::{Request, Signals, all, diagonal, named, three_digits, write_limits, write_names, write_units};
+
+/// Neuro-adaptive control with prescribed performance: it needs sizes, and no model.
+pub fn write(request: &Request) -> Result<String, Invalid> {
+    request.only(&["states", "inputs"])?;
+    let (m, n, u, x) = match &request.plant {
+        Some(plant) => (plant.sizes().1, plant.sizes().0, plant.u.clone(), plant.x.clone()),
+        None => {
+            let m = request.sizes.inputs.unwrap_or(1);
+            (m, request.sizes.states.unwrap_or(2 * m), Signals::default(), Signals::default())
+        }
+    };
+    let degree = n / m;
+    if n % m != 0 || !(1..=2).contains(&degree) {
+        let allowed = format!("must be {m} or {}: the tracked variables, or they and their rates", 2 * m);
+        return Err(Invalid::new("states", n, allowed));
+    }
+    let mut text = request.begin(NeuroPpf::TITLE, NeuroPpf::PAGE, 10.0, 1e-4);
+    text.table("structure");
+    text.set("relative_degree", degree, "after how many derivatives of a tracked variable the control shows: 1 or 2");
+    text.set("channels", m, "tracked variables, each with a control of its own");
+    text.set("input_gain_network", "false", "true: the input gain is estimated, too");
+    text.set("network", "{ rule = \"quasi_random\", neurons = 30 }", "sigmoid neurons over the state");
+    let tracked = |list: &[String]| list.iter().take(m).cloned().collect::<Vec<_>>();
+    let r = Signals { names: tracked(&x.names), units: tracked(&x.units) };
+    write_units(&mut text, &[("r", &r, m), ("u", &u, m)]);
+    write_names(&mut text, &[("r", named(&r, "_reference")), ("x", named(&x, "")), ("u", named(&u, ""))]);
+    text.table("start");
+    let bandwidth = request.bandwidth.unwrap_or(2.0);
+    write_funnel(&mut text, request.reference, bandwidth, m);
+    if degree == 1 {
+        text.set("A_m", diagonal(-bandwidth, m), "1/s, reference model x_m' = A_m (x_m - r)");
+    } else {
+        text.set("lambda", all(three_digits(0.5 * bandwidth), m), "1/s, weight of the error beside its rate");
+    }
+    text.set("k", "1.0", "1/s, gain of the filtered error");
+    text.set("n_f", "0.2", "gain of the robust term for the estimate of the dynamics");
+    text.set("eta_Gb", "0.2", "gain of the robust term for the control");
+    text.set("network_gain", "0.1", "adaptation gain of the networks");
+    text.set("sigma", "7.5", "leakage of the networks' weights");
+    write_limits(&mut text, request.plant.as_ref(), m);
+    Ok(text.finish())
+}

@@ -1,0 +1,33 @@
+//! What the texts of new controllers share.
+
+pub mod design;
+
+use crate::template::{Plant, Text, all, list, round_up, rows, three_digits};
+
+/// How long a master simulates by default: until what is that slow is over, s.
+pub fn stop_time(bandwidth: f64) -> f64 {
+    round_up(20.0 / bandwidth)
+}
+
+/// The nominal plant, with what its outputs are.
+pub fn write_plant(text: &mut Text, plant: &Plant, outputs: &str) {
+    text.comment("Nominal plant x' = A x + B u, y = C x: rows of numbers, n x n, n x m, m x n.");
+    text.set("A", rows(&plant.A), "");
+    text.set("B", rows(&plant.B), "");
+    text.set("C", rows(&plant.C), outputs);
+}
+
+/// Poles in the two vectors that units have.
+pub fn write_poles(text: &mut Text, prefix: &str, poles: &[nalgebra::Complex<f64>], what: &str) {
+    let part = |of: fn(&nalgebra::Complex<f64>) -> f64| list(&poles.iter().map(of).collect::<Vec<_>>());
+    text.set(&format!("{prefix}pole_real"), part(|pole| pole.re), what);
+    text.set(&format!("{prefix}pole_imag"), part(|pole| pole.im), "rad/s, conjugates side by side");
+}
+
+/// The funnel of a law with prescribed performance.
+pub fn write_funnel(text: &mut Text, reference: f64, bandwidth: f64, channels: usize) {
+    text.set("rho_0", all(2.0 * reference, channels), "bound of the error at the start: it must begin inside");
+    text.set("rho_inf", all(three_digits(0.1 * reference), channels), "and in the end");
+    text.set("decay_rate", all(three_digits(0.5 * bandwidth), channels), "1/s, how fast the bound narrows");
+    text.set("on_funnel_exit", "\"reopen\"", "\"error\": a step in which the error leaves is refused");
+}

@@ -1,0 +1,230 @@
+//! Linear equations of the stiff method by an elimination whose pattern is fixed when the unit is made.
+//!
+//! Rows and columns are exchanged once, such that little fills in, and not again: pivots stay on the diagonal. The matrix
+//! is I/(γh) − J, whose diagonal is there whatever J is; where a pivot comes out of the difference of large numbers all the
+//! same, the elimination says so, and one with pivoting takes its place.
+
+use std::sync::Arc;
+
+use super::sparsity::Sparsity;
+
+/// Where more than this part of the entries is there, nothing is gained.
+const DENSE: f64 = 0.5;
+/// A pivot may be this part of the numbers that it is the sum of, and what the diagonal held this part of the pivot's sum:
+/// so many digits may be lost, and what is lost is 1e-9 of what the matrix held.
+const LOST: f64 = 1e-7;
+
+/// Where a decomposition has entries, and in which order it goes: the same for all instances of a unit.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Pattern {
+    /// Which row and column comes when, and the inverse of that.
+    order: Vec<u32>,
+    places: Vec<u32>,
+    /// Of each row: its places left of the diagonal, and right of it.
+    left: Vec<Vec<u32>>,
+    right: Vec<Vec<u32>>,
+}
+
+/// A decomposition A = L U without exchanges, in storage of its own, over a pattern.
+#[derive(Debug)]
+pub struct Elimination {
+    sparsity: Arc<Sparsity>,
+    /// By rows.
+    a: Vec<f64>,
+    /// The inverse pivots.
+    inverse: Vec<f64>,
+    solution: Vec<f64>,
+}
+
+impl Pattern {
+    /// For the entries of a Jacobian, by columns; nothing where it fills in too much to be worth it.
+    pub fn new(columns: &[Vec<u32>]) -> Option<Self> {
+        let n = columns.len();
+        let most = (DENSE * (n * n) as f64) as usize;
+        let mut neighbours = neighbours(columns);
+        let entries = |sets: &[Vec<bool>]| sets.iter().flatten().filter(|&&there| there).count();
+        if entries(&neighbours) > most {
+            return None;
+        }
+        let order = order(&mut neighbours);
+        let mut places = vec![0; n];
+        order.iter().enumerate().for_each(|(place, &row)| places[row as usize] = place as u32);
+        let there = |i: usize, j: usize| neighbours[order[i] as usize][order[j] as usize];
+        let row = |i: usize, range: std::ops::Range<usize>| range.filter(|&j| there(i, j)).map(|j| j as u32).collect();
+        let left: Vec<Vec<u32>> = (0..n).map(|i| row(i, 0..i)).collect();
+        let right: Vec<Vec<u32>> = (0..n).map(|i| row(i, i + 1..n)).collect();
+        let filled: usize = left.iter().chain(&right).map(Vec::len).sum();
+        (filled + n <= most).then_some(Pattern { order, places, left, right })
+    }
+}
+
+impl Elimination {
+    /// For a unit's Jacobian, where its pattern is worth it.
+    pub fn new(sparsity: &Arc<Sparsity>) -> Option<Self> {
+        let n = sparsity.columns().len();
+        sparsity.pattern().is_some().then(|| Elimination {
+            sparsity: Arc::clone(sparsity),
+            a: vec![0.0; n * n],
+            inverse: vec![0.0; n],
+            solution: vec![0.0; n],
+        })
+    }
+
+    /// Decomposes `diagonal` I − J, J by columns with the pattern that this was made for; whether that is accurate.
+    pub fn decompose(&mut self, diagonal: f64, jacobian: &[f64]) -> bool {
+        let (n, sparsity) = (self.inverse.len(), Arc::clone(&self.sparsity));
+        let Some(pattern) = sparsity.pattern() else { return false };
+        for (i, row) in self.a.chunks_exact_mut(n).enumerate() {
+            pattern.left[i].iter().chain(&pattern.right[i]).for_each(|&j| row[j as usize] = 0.0);
+            row[i] = diagonal;
+        }
+        for (j, rows) in sparsity.columns().iter().enumerate() {
+            let column = pattern.places[j] as usize;
+            for &i in rows {
+                self.a[pattern.places[i as usize] as usize * n + column] -= jacobian[j * n + i as usize];
+            }
+        }
+        (0..n).all(|i| self.eliminate(i, pattern))
+    }
+
+    /// Eliminates what is left of the diagonal in a row; whether its pivot is accurate.
+    fn eliminate(&mut self, i: usize, pattern: &Pattern) -> bool {
+        let n = self.inverse.len();
+        let (above, rest) = self.a.split_at_mut(i * n);
+        let row = &mut rest[..n];
+        let held = row[i].abs();
+        let mut sum = held;
+        for &k in &pattern.left[i] {
+            let k = k as usize;
+            let source = &above[k * n..][..n];
+            let factor = row[k] * self.inverse[k];
+            row[k] = factor;
+            sum += (factor * source[i]).abs();
+            pattern.right[k].iter().for_each(|&j| row[j as usize] -= factor * source[j as usize]);
+        }
+        self.inverse[i] = row[i].recip();
+        sum.is_finite() && row[i].abs() > LOST * sum && held > LOST * sum
+    }
+
+    /// Replaces b by the solution x of A x = b.
+    pub fn solve(&mut self, b: &mut [f64]) {
+        let (n, x) = (self.inverse.len(), &mut self.solution);
+        let Some(Pattern { order, left, right, .. }) = self.sparsity.pattern() else { return };
+        for i in 0..n {
+            let row = &self.a[i * n..][..n];
+            let known = left[i].iter().map(|&k| row[k as usize] * x[k as usize]);
+            x[i] = known.fold(b[order[i] as usize], |sum, known| sum - known);
+        }
+        for i in (0..n).rev() {
+            let row = &self.a[i * n..][..n];
+            let known = right[i].iter().map(|&j| row[j as usize] * x[j as usize]);
+            x[i] = known.fold(x[i], |sum, known| sum - known) * self.inverse[i];
+            b[order[i] as usize] = x[i];
+        }
+    }
+}
+
+/// Which rows and columns meet, in the pattern or its transpose.
+fn neighbours(columns: &[Vec<u32>]) -> Vec<Vec<bool>> {
+    let n = columns.len();
+    let mut sets = vec![vec![false; n]; n];
+    for (j, rows) in columns.iter().enumerate() {
+        sets[j][j] = true;
+        for &i in rows {
+            sets[i as usize][j] = true;
+            sets[j][i as usize] = true;
+        }
+    }
+    sets
+}
+
+/// The row with the fewest neighbours first, whose neighbours then meet each other.
+fn order(neighbours: &mut [Vec<bool>]) -> Vec<u32> {
+    let n = neighbours.len();
+    let mut waits = vec![true; n];
+    let mut order = Vec::with_capacity(n);
+    let mut degrees: Vec<usize> = neighbours.iter().map(|set| set.iter().filter(|&&there| there).count()).collect();
+    for _ in 0..n {
+        let Some(next) = (0..n).filter(|&row| waits[row]).min_by_key(|&row| degrees[row]) else { break };
+        waits[next] = false;
+        order.push(next as u32);
+        let meet: Vec<usize> = (0..n).filter(|&row| waits[row] && neighbours[next][row]).collect();
+        for &row in &meet {
+            meet.iter().for_each(|&other| neighbours[row][other] = true);
+            degrees[row] = (0..n).filter(|&other| waits[other] && neighbours[row][other]).count();
+        }
+    }
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integrator::lu::Lu;
+
+    /// A pattern with so many entries beside the diagonal a column, and a matrix over it, by a small generator.
+    fn random(n: usize, entries: usize, seed: u64) -> (Arc<Sparsity>, Vec<f64>) {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(1_u32 << 31)
+        };
+        let mut columns = vec![Vec::new(); n];
+        let mut matrix = vec![0.0; n * n];
+        for (j, rows) in columns.iter_mut().enumerate() {
+            for i in 0..n {
+                if i == j || next() < entries as f64 / n as f64 {
+                    rows.push(i as u32);
+                    matrix[j * n + i] = (next() - 0.5) * 10.0_f64.powf(4.0 * next());
+                }
+            }
+        }
+        (Arc::new(Sparsity::new(columns)), matrix)
+    }
+
+    #[test]
+    fn solutions_are_those_of_an_elimination_with_pivoting() {
+        let mut accurate = 0;
+        for seed in 0..60 {
+            let n = 5 + (seed as usize * 7) % 40;
+            let (sparsity, jacobian) = random(n, 2, seed);
+            let Some(mut elimination) = Elimination::new(&sparsity) else { continue };
+            for diagonal in [1e5, 300.0, 10.0] {
+                if !elimination.decompose(diagonal, &jacobian) {
+                    continue;
+                }
+                accurate += 1;
+                let mut lu = Lu::new(n);
+                lu.matrix().iter_mut().zip(&jacobian).for_each(|(a, j)| *a = -j);
+                lu.matrix().iter_mut().step_by(n + 1).for_each(|a| *a += diagonal);
+                assert!(lu.decompose());
+                let b: Vec<f64> = (0..n).map(|k| 1.0 + (k as f64).sin()).collect();
+                let (mut x, mut expected) = (b.clone(), b);
+                elimination.solve(&mut x);
+                lu.solve(&mut expected);
+                let size = expected.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
+                for (x, expected) in x.iter().zip(&expected) {
+                    assert!((x - expected).abs() < 1e-6 * size, "n = {n}, seed {seed}, {diagonal}: {x} {expected}");
+                }
+            }
+        }
+        assert!(accurate > 60, "{accurate}");
+    }
+
+    #[test]
+    fn a_lost_pivot_is_noticed() {
+        // Row 2 is row 1 but for the last digits.
+        let sparsity = Arc::new(Sparsity::new(vec![vec![0, 1], vec![0, 1], vec![2], vec![3]]));
+        let mut elimination = Elimination::new(&sparsity).unwrap();
+        let mut jacobian = vec![0.0; 16];
+        (jacobian[1], jacobian[4]) = (1.0, 1.0 - 1e-15);
+        assert!(!elimination.decompose(1.0, &jacobian));
+        assert!(!elimination.decompose(f64::NAN, &jacobian));
+        assert!(elimination.decompose(2.0, &jacobian));
+    }
+
+    #[test]
+    fn a_full_pattern_is_left_to_pivoting() {
+        assert!(Elimination::new(&Arc::new(Sparsity::new(vec![(0..6).collect(); 6]))).is_none());
+    }
+}

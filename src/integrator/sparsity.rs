@@ -1,0 +1,99 @@
+//! Which entries of the exact Jacobian ∂f/∂x are there, whatever the numbers are.
+
+use super::elimination::Pattern;
+use crate::recording::{Dependence, Leaf, Method, Recording};
+use crate::system::{DynSystem, Section, Variables};
+
+/// The pattern of ∂f/∂x, and columns that one direction takes together.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Sparsity {
+    /// The states whose rates depend on each state, in increasing order: by columns.
+    columns: Vec<Vec<u32>>,
+    /// States of which no two move the same rate: one direction a group.
+    groups: Vec<Vec<u32>>,
+    /// The pattern of its elimination, where that is worth it.
+    pattern: Option<Pattern>,
+}
+
+impl Sparsity {
+    /// As the equations of a system have it.
+    pub fn of(system: &dyn DynSystem, variables: &Variables) -> Self {
+        let recording = Recording::of(system, Method::Evaluate, &variables.layout());
+        let mut dependence = Dependence::new(&recording.tape);
+        let (states, rates) = (variables.reals(Section::State), variables.reals(Section::Derivative));
+        let mut columns = vec![Vec::new(); variables.states()];
+        for (row, rate) in rates.enumerate() {
+            for leaf in dependence.of(recording.reals[rate]) {
+                match leaf {
+                    Leaf::Real(place) if states.contains(&(place as usize)) => {
+                        columns[place as usize - states.start].push(row as u32);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Sparsity::new(columns)
+    }
+
+    /// Of a pattern by columns.
+    pub fn new(columns: Vec<Vec<u32>>) -> Self {
+        let mut groups: Vec<Vec<u32>> = Vec::new();
+        let mut taken: Vec<Vec<bool>> = Vec::new();
+        // The fullest columns first: what is left over fits beside them.
+        let mut order: Vec<usize> = (0..columns.len()).collect();
+        order.sort_by_key(|&column| std::cmp::Reverse(columns[column].len()));
+        for column in order {
+            let free = |taken: &Vec<bool>| columns[column].iter().all(|&row| !taken[row as usize]);
+            let group = taken.iter().position(free).unwrap_or_else(|| {
+                groups.push(Vec::new());
+                taken.push(vec![false; columns.len()]);
+                groups.len() - 1
+            });
+            groups[group].push(column as u32);
+            columns[column].iter().for_each(|&row| taken[group][row as usize] = true);
+        }
+        let pattern = Pattern::new(&columns);
+        Sparsity { columns, groups, pattern }
+    }
+
+    /// The rows of each column.
+    pub fn columns(&self) -> &[Vec<u32>] {
+        &self.columns
+    }
+
+    /// The pattern of its elimination, where that is worth it.
+    pub(super) fn pattern(&self) -> Option<&Pattern> {
+        self.pattern.as_ref()
+    }
+
+    /// The columns of each direction.
+    pub fn groups(&self) -> &[Vec<u32>] {
+        &self.groups
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_of_a_group_share_no_row() {
+        // An arrow: a full column and row, and the diagonal.
+        let n = 9;
+        let columns: Vec<Vec<u32>> = (0..n).map(|j| if j == 0 { (0..n).collect() } else { vec![0, j] }).collect();
+        let sparsity = Sparsity::new(columns);
+        let mut all: Vec<u32> = sparsity.groups().concat();
+        all.sort_unstable();
+        assert_eq!(all, (0..n).collect::<Vec<_>>(), "every column once");
+        for group in sparsity.groups() {
+            let mut rows: Vec<u32> =
+                group.iter().flat_map(|&column| sparsity.columns()[column as usize].clone()).collect();
+            let count = rows.len();
+            rows.sort_unstable();
+            rows.dedup();
+            assert_eq!(rows.len(), count, "{group:?}");
+        }
+        let diagonal = Sparsity::new((0..n).map(|j| vec![j]).collect());
+        assert_eq!(diagonal.groups().len(), 1);
+    }
+}

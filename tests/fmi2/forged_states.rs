@@ -1,0 +1,158 @@
+//! Saved states that were changed, with a checksum that fits: whatever they hold, no function hands out what is no finite
+//! number with fmi2OK.
+
+use std::ops::Range;
+
+use adaptive_fmu::fmi2::types::*;
+use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use adaptive_fmu::system::{Causality, Section};
+use common::random::Random;
+use common::systems::SquareIntegral;
+use common::{ERROR, OK, Unit, description, description_names};
+
+const CHECKSUM: Range<usize> = 12..16;
+/// What a buffer holds that isn't written.
+const BLANK: f64 = 7.25;
+
+/// Where in a serialised state the real values begin: integers, and nothing else, follow these.
+fn first_real(unit: &Unit, state: &[u8]) -> usize {
+    let variables = unit.model.variables();
+    state.len() - 8 * variables.reals(Section::Memory).end - 4 * variables.integers(Section::Memory).end
+}
+
+/// Puts a number into a state at a place of the block, and the unit there.
+fn forge(unit: &Unit, state: &[u8], place: usize, value: f64) {
+    let mut state = state.to_vec();
+    let first = first_real(unit, &state) + 8 * place;
+    state[first..first + 8].copy_from_slice(&value.to_le_bytes());
+    let checksum = crc32fast::hash(&state[CHECKSUM.end..]).to_le_bytes();
+    state[CHECKSUM].copy_from_slice(&checksum);
+    let (status, saved) = unit.deserialise(&state);
+    assert_eq!((status, unit.restore(saved)), (OK, OK));
+    assert_eq!(unit.free(saved), OK);
+}
+
+/// Reals that may be asked for: all, and outputs, derivatives of which may be.
+struct Asked {
+    all: Vec<u32>,
+    outputs: Vec<u32>,
+    knowns: Vec<u32>,
+}
+
+impl Asked {
+    fn of(unit: &Unit) -> Self {
+        let reals = |wanted: &dyn Fn(Causality) -> bool| {
+            let visible = unit.model.variables().visible();
+            let reals = visible.filter(|element| element.variable.is_real() && wanted(element.variable.causality));
+            reals.map(|element| unit.reference(&element.name())).collect::<Vec<_>>()
+        };
+        Asked {
+            all: reals(&|_| true),
+            outputs: reals(&|causality| causality == Causality::Output),
+            knowns: reals(&|causality| causality == Causality::Input),
+        }
+    }
+
+    /// Calls every function that hands out reals; the names of those that handed out what is none.
+    fn broken(&self, unit: &Unit) -> Vec<&'static str> {
+        let (c, variables) = (unit.component, unit.model.variables());
+        let (states, indicators) = (variables.states(), unit.model.variables().indicators().len());
+        let mut broken = Vec::new();
+        let mut look = |name, count: usize, call: &dyn Fn(*mut f64) -> Status| {
+            let mut values = vec![BLANK; count];
+            let status = call(values.as_mut_ptr());
+            let good =
+                if status == OK { values.iter().all(|v| v.is_finite()) } else { values.iter().all(|v| *v == BLANK) };
+            if !good {
+                broken.push(name);
+            }
+        };
+        let (orders, seed) = (vec![1; self.outputs.len()], vec![1.0; self.knowns.len()]);
+        let count = self.outputs.len();
+        look("fmi2GetReal", self.all.len(), &|values| unsafe {
+            fmi2GetReal(c, self.all.as_ptr(), self.all.len(), values)
+        });
+        look("fmi2GetReal of outputs", count, &|values| unsafe {
+            fmi2GetReal(c, self.outputs.as_ptr(), count, values)
+        });
+        look("fmi2GetRealOutputDerivatives", count, &|values| unsafe {
+            fmi2GetRealOutputDerivatives(c, self.outputs.as_ptr(), count, orders.as_ptr(), values)
+        });
+        look("fmi2GetDirectionalDerivative", count, &|values| unsafe {
+            let (outputs, knowns) = (self.outputs.as_ptr(), self.knowns.as_ptr());
+            fmi2GetDirectionalDerivative(c, outputs, count, knowns, seed.len(), seed.as_ptr(), values)
+        });
+        look("fmi2GetDerivatives", states, &|values| unsafe { fmi2GetDerivatives(c, values, states) });
+        look("fmi2GetEventIndicators", indicators, &|values| unsafe { fmi2GetEventIndicators(c, values, indicators) });
+        look("fmi2GetContinuousStates", states, &|values| unsafe { fmi2GetContinuousStates(c, values, states) });
+        look("fmi2GetNominalsOfContinuousStates", states, &|values| unsafe {
+            fmi2GetNominalsOfContinuousStates(c, values, states)
+        });
+        let last_time = status_kind::LAST_SUCCESSFUL_TIME;
+        look("fmi2GetRealStatus", 1, &|values| unsafe { fmi2GetRealStatus(c, last_time, values) });
+        broken
+    }
+}
+
+/// Starts a unit, and makes the first step, before which co-simulation starts anew; the time.
+fn running(unit: &Unit, kind: i32, step: f64) -> f64 {
+    unit.start(0.0);
+    if kind == MODEL_EXCHANGE {
+        return 0.0;
+    }
+    unit.run(0.0, 1, step);
+    step
+}
+
+/// Every place of the smaller blocks, and some of each larger one.
+fn places(unit: &Unit) -> Vec<usize> {
+    let end = unit.model.variables().reals(Section::Memory).end;
+    let mut random = Random::new(7);
+    let any = |_| (0.5 * (random.next() + 1.0) * end as f64) as usize % end;
+    if end <= 120 { (0..end).collect() } else { (0..120).map(any).collect() }
+}
+
+#[test]
+fn what_a_forged_state_holds_is_not_handed_out_as_a_number() {
+    for (name, kind) in description_names().iter().flat_map(|name| [(name, CO_SIMULATION), (name, MODEL_EXCHANGE)]) {
+        let unit = Unit::made(REGISTRY, &description(name), kind);
+        let time = running(&unit, kind, unit.model.description().experiment.step);
+        let (state, asked) = (unit.fingerprint(), Asked::of(&unit));
+        // Time, states and their neighbours lie where what follows from them is handed out.
+        let variables = unit.model.variables();
+        let (reals, memory) = (variables.reals(Section::State), variables.reals(Section::Memory));
+        for place in places(&unit).into_iter().chain(reals).chain(memory) {
+            for value in [f64::NAN, f64::INFINITY] {
+                forge(&unit, &state, place, value);
+                let broken = asked.broken(&unit);
+                assert!(broken.is_empty(), "{name}, interface {kind}, place {place}: {broken:?}");
+                // It goes on with numbers, or not at all.
+                if kind == CO_SIMULATION {
+                    unit.step(time, 1e-4);
+                } else if let Ok(event) = unit.try_new_discrete_states() {
+                    assert!(event.next.is_none_or(f64::is_finite), "{name}, place {place}: {event:?}");
+                }
+                let broken = asked.broken(&unit);
+                assert!(broken.is_empty(), "{name}, interface {kind}, place {place}, going on: {broken:?}");
+            }
+        }
+        unit.messages();
+    }
+}
+
+#[test]
+fn an_event_whose_time_is_no_number_is_not_passed_over() {
+    for kind in [CO_SIMULATION, MODEL_EXCHANGE] {
+        let unit = Unit::system::<SquareIntegral>("", kind);
+        let time = running(&unit, kind, 0.1);
+        let (state, edges) = (unit.fingerprint(), unit.reference("edges") as usize);
+        forge(&unit, &state, edges, f64::NAN);
+        let status = match kind {
+            CO_SIMULATION => unit.step(time, 0.1),
+            _ => unit.try_new_discrete_states().map_or_else(|status| status, |_| OK),
+        };
+        assert_eq!(status, ERROR);
+        let message = unit.last_message();
+        assert!(message.contains("NaN") && message.contains("the time of the next event"), "{message}");
+    }
+}

@@ -1,0 +1,110 @@
+//! What outputs and derivatives are told to depend on: nothing else ever changes them. Tools order their calls and build
+//! Jacobians by it.
+
+use std::collections::BTreeSet;
+
+use adaptive_fmu::execution::Execution;
+use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::model::{Block, Description, Model};
+use adaptive_fmu::structure::Place;
+use adaptive_fmu::system::{Causality, Element, Section};
+use common::random::Random;
+use common::{description, description_names};
+
+fn model(name: &str) -> Model {
+    Model::from_description(Description::read(&description(name)).unwrap(), REGISTRY).unwrap()
+}
+
+/// Signals and derivatives at a point.
+fn evaluate(model: &Model, t: f64, point: &Block) -> Block {
+    let mut block = point.clone();
+    model.equations().evaluate(t, &mut block.reals, &block.integers, model.variables().offsets());
+    block
+}
+
+/// What outputs and derivatives depend on as told, and what of it was ever seen to matter.
+#[derive(Default)]
+struct Tally {
+    told: BTreeSet<(usize, usize)>,
+    seen: BTreeSet<(usize, usize)>,
+}
+
+/// Outputs that equations write, and derivatives, with what they are told to depend on.
+fn unknowns(model: &Model) -> Vec<(String, usize, Vec<Place>)> {
+    let variables = model.variables();
+    let wanted = |element: &Element<'_>| {
+        let is_output = element.variable.causality == Causality::Output && element.variable.section == Section::Signal;
+        is_output || element.variable.section == Section::Derivative
+    };
+    let of = |element: Element<'_>| {
+        let index = variables.index(element);
+        (element.name(), index, model.structure().running(Place::Real(index)).to_vec())
+    };
+    variables.visible().filter(wanted).map(of).collect()
+}
+
+fn check(model: &Model, random: &mut Random, tally: &mut Tally) {
+    let variables = model.variables();
+    let unknowns = unknowns(model);
+    let mut execution = Execution::new(Model::from_description(model.description().clone(), REGISTRY).unwrap());
+    execution.initialise().unwrap();
+    let mut point = execution.block().clone();
+    let sources = [Section::Input, Section::State].into_iter().flat_map(|section| variables.reals(section));
+    let sources: Vec<usize> = sources.collect();
+    for &index in &sources {
+        point.reals[index] = 2.0 * random.next();
+    }
+    let t = 10.0 + 10.0 * random.next();
+    let before = evaluate(model, t, &point);
+    for source in sources {
+        for change in [1e-3, 2.0 * random.next(), 200.0 * random.next()] {
+            let mut moved = point.clone();
+            moved.reals[source] += change;
+            let after = evaluate(model, t, &moved);
+            for (name, index, on) in &unknowns {
+                let told = on.contains(&Place::Real(source));
+                tally.told.extend(told.then_some((*index, source)));
+                if before.reals[*index].to_bits() != after.reals[*index].to_bits() {
+                    assert!(told, "in {}, {name} depends on real {source}", model.description().name);
+                    tally.seen.insert((*index, source));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_undeclared_ever_changes_an_output_or_a_derivative() {
+    let mut random = Random::new(1);
+    for name in description_names() {
+        let (model, mut tally) = (model(&name), Tally::default());
+        (0..20).for_each(|_| check(&model, &mut random, &mut tally));
+        println!("{name}: {} dependencies told, {} seen", tally.told.len(), tally.seen.len());
+    }
+}
+
+/// The same with other structures than those of the thesis.
+#[test]
+fn nothing_undeclared_matters_in_controllers_of_other_structures_either() {
+    let two_inputs = |regressor: &str, gain: &str| {
+        format!(
+            "name = \"Two\"\nmodel = \"l1\"\ndescription = \"\"\n[structure]\n\
+             B = [[1.0, 0.2], [0.0, 2.0], [0.5, 0.0]]\nC = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]\n\
+             regressor = \"{regressor}\"\ninput_gain = \"{gain}\"\n[start]\n\
+             A_m = [[-2.0, 1.0, 0.0], [0.0, -3.0, 1.0], [0.0, 0.0, -4.0]]\n{}",
+            if gain == "full" {
+                "omega_min = [[0.5, -1.0], [-1.0, 0.5]]\nomega_max = [[2.0, 1.0], [1.0, 2.0]]\n"
+            } else {
+                "omega_min = [0.5, 0.5]\nomega_max = [2.0, 2.0]\n"
+            }
+        ) + "theta_bound = [5.0, 6.0]\nsigma_bound = [7.0, 8.0]\n"
+    };
+    let mut random = Random::new(2);
+    for regressor in ["state", "infinity_norm"] {
+        for gain in ["full", "diagonal"] {
+            let description = Description::read(&two_inputs(regressor, gain)).unwrap();
+            let model = Model::from_description(description, REGISTRY).unwrap();
+            (0..20).for_each(|_| check(&model, &mut random, &mut Tally::default()));
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! What a user reads is as accurate as the tolerance says, not the states alone: outputs of whole loops.
+
+use adaptive_fmu::execution::Execution;
+use adaptive_fmu::system::{Causality, Section, Variability};
+use common::described::model;
+use common::loops::whole;
+
+const STEP: f64 = 0.01;
+const POINTS: usize = 100;
+
+/// The continuous outputs of a loop as one unit that aren't states, at each point of a second.
+fn outputs(name: &str, method: &str, tolerance: f64) -> Vec<Vec<f64>> {
+    let start = format!("\n[start]\nintegration_method = '{method}'\nrelative_tolerance = {tolerance:e}\n");
+    let mut execution = Execution::new(model(&whole(name).replace("\n[start]\n", &start)).unwrap());
+    execution.initialise().unwrap();
+    let variables = execution.model().variables();
+    let shown = variables.visible().filter(|e| {
+        let (v, continuous) = (e.variable, Variability::Continuous);
+        v.section == Section::Signal && v.is_real() && v.causality == Causality::Output && v.variability == continuous
+    });
+    let places: Vec<_> = shown.map(|element| variables.index(element)).collect();
+    let mut point = |_| {
+        execution.step(execution.time(), STEP).unwrap();
+        places.iter().map(|&place| execution.block().reals[place]).collect()
+    };
+    (0..POINTS).map(&mut point).collect()
+}
+
+/// The largest error of an output, relative to its largest magnitude.
+fn error(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
+    let of = |k: usize| {
+        let size = exact.iter().map(|point| point[k].abs()).fold(0.0, f64::max);
+        let apart = found.iter().zip(exact).map(|(found, exact)| (found[k] - exact[k]).abs()).fold(0.0, f64::max);
+        if size > 0.0 { apart / size } else { apart }
+    };
+    (0..exact[0].len()).map(of).fold(0.0, f64::max)
+}
+
+#[test]
+fn outputs_of_whole_loops_are_within_ten_times_the_tolerance() {
+    for name in ["3.3.1-case2", "3.3.2-case1", "3.3.3", "3.4.2", "4-case1"] {
+        let exact = outputs(name, "stiff", 1e-11);
+        for tolerance in [1e-4, 1e-6, 1e-8] {
+            let error = error(&outputs(name, "automatic", tolerance), &exact);
+            assert!(error < 10.0 * tolerance, "{name}, {tolerance:e}: {error:e}");
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The recorded equations are the equations: carried out on numbers they give every bit that the generic ones give, at
+//! points that reach every branch.
+
+use std::collections::BTreeMap;
+
+use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::model::{Block, Description, Model};
+use adaptive_fmu::recording::{Given, Method, Operation, Recording};
+use adaptive_fmu::system::{Data, MessageLog, Section};
+use common::loops::whole;
+use common::random::Random;
+use common::{description, description_names};
+
+/// The loops of this package, each as one unit.
+fn whole_loops() -> Vec<Model> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/examples");
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    let loops = entries.filter(|entry| entry.path().join("SystemStructure.ssd").is_file());
+    let mut names: Vec<_> = loops.map(|entry| entry.file_name().into_string().unwrap()).collect();
+    names.sort();
+    let model = |name: String| Model::from_description(Description::read(&whole(&name)).unwrap(), REGISTRY).unwrap();
+    names.into_iter().map(model).collect()
+}
+
+/// A place to evaluate a method at.
+struct Draw {
+    time: f64,
+    step: f64,
+    block: Block,
+    crossed: Vec<bool>,
+}
+
+impl Draw {
+    /// Around the start values, and beyond: zeros, small and large numbers, numbers that are equal to each other, limits
+    /// that are tight, all items of all choices.
+    fn new(model: &Model, random: &mut Random) -> Self {
+        let variables = model.variables();
+        let mut block = model.start().clone();
+        let spread = 10_f64.powf(3.0 * random.next());
+        for section in [Section::Parameter, Section::Prepared, Section::Input, Section::State, Section::Discrete] {
+            for index in variables.reals(section) {
+                let before = block.reals[index];
+                let other = block.reals[(random.next().abs() * index as f64) as usize];
+                block.reals[index] = match (random.next() * 4.0 + 4.0) as usize {
+                    0 | 1 => before,
+                    2 | 3 => before * (1.0 + random.next()),
+                    4 => spread * random.next(),
+                    5 => other,
+                    6 => random.next().round(),
+                    _ => random.next(),
+                };
+            }
+        }
+        for variable in variables.iter().filter(|variable| !variable.is_real()) {
+            for element in variable.elements() {
+                let most = match &variable.data {
+                    Data::Choice { items, .. } => (1, items.len() as i32),
+                    Data::Integer { limits: Some((least, most)), .. } => (*least, (*most).min(least + 9)),
+                    Data::Integer { .. } => (0, 3),
+                    _ => (0, 1),
+                };
+                let width = f64::from(most.1 - most.0 + 1);
+                let drawn = most.0 + ((random.next() * 0.5 + 0.5) * width) as i32;
+                block.integers[variables.index(element)] = drawn.min(most.1);
+            }
+        }
+        for flag in variables.integers(Section::Memory) {
+            block.integers[flag] = i32::from(random.next() > 0.0);
+        }
+        // Signals as they follow, so that what reads them meets what it may meet.
+        let prepares = random.next() > 0.0;
+        if prepares {
+            let _ = model.system().prepare(&mut block.point(model, &mut MessageLog::new()));
+        }
+        let time = if random.next() > 0.5 { 0.0 } else { 10.0 * random.next().abs() };
+        let equations = model.equations();
+        equations.evaluate(time, &mut block.reals, &block.integers, variables.offsets());
+        let crossed = variables.indicators().iter().map(|_| random.next() > 0.0).collect();
+        Draw { time, step: 0.1 * random.next().abs(), block, crossed }
+    }
+
+    /// What the generic equations make of it.
+    fn generic(&self, model: &Model, method: Method) -> (Block, Vec<f64>) {
+        let (variables, equations, t) = (model.variables(), model.equations(), self.time);
+        let (mut block, mut results, mut log) = (self.block.clone(), Vec::new(), MessageLog::new());
+        let offsets = variables.offsets();
+        let evaluate = |block: &mut Block| equations.evaluate(t, &mut block.reals, &block.integers, offsets);
+        let (mut same, mut unheard) = (self.block.clone(), MessageLog::new());
+        let point = same.point(model, &mut unheard);
+        let values = point.values();
+        match method {
+            Method::Evaluate => evaluate(&mut block),
+            Method::Start => {
+                equations.initialise(t, &mut block.point(model, &mut log));
+                evaluate(&mut block);
+            }
+            Method::ParametersChanged => equations.parameters_changed(t, &mut block.point(model, &mut log)),
+            Method::Check => equations.check(t, &mut block.point(model, &mut log)),
+            Method::NextTimeEvent => results.push(equations.next_time_event(&values)),
+            Method::Indicators => {
+                results.resize(self.crossed.len(), 1.0);
+                equations.event_indicators(t, &values, &mut results);
+            }
+            Method::Event => equations.event(t, &self.crossed, &mut block.point(model, &mut log)),
+            Method::StepCompleted => equations.step_completed(t, self.step, &mut block.point(model, &mut log)),
+        }
+        (block, results)
+    }
+}
+
+fn same(a: f64, b: f64) -> bool {
+    a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
+}
+
+/// Which selections of a recording went which way.
+#[derive(Default)]
+struct Branches(BTreeMap<usize, [bool; 2]>);
+
+impl Branches {
+    fn see(&mut self, recording: &Recording, values: &[f64]) {
+        for (place, operation) in recording.tape.operations().iter().enumerate() {
+            if let Operation::Select(condition, ..) = operation {
+                self.0.entry(place).or_default()[usize::from(values[condition.index()] != 0.0)] = true;
+            }
+        }
+    }
+
+    fn missed(&self) -> usize {
+        self.0.values().filter(|seen| !(seen[0] && seen[1])).count()
+    }
+}
+
+/// Compares a model's methods; how many selections there are, and how many never went one of both ways.
+fn compare(model: &Model, random: &mut Random, points: usize) -> (usize, usize) {
+    let (mut all, mut missed) = (0, 0);
+    let draws: Vec<_> = (0..points).map(|_| Draw::new(model, random)).collect();
+    for method in Method::ALL {
+        let recording = Recording::of(model.system(), method, &model.variables().layout());
+        let mut branches = Branches::default();
+        for draw in &draws {
+            let Draw { time, step, block, crossed } = draw;
+            let given = Given { time: *time, step: *step, reals: &block.reals, integers: &block.integers, crossed };
+            let (expected, expected_results) = draw.generic(model, method);
+            let (reals, integers, results) = recording.carry_out(&given);
+            branches.see(&recording, &recording.tape.values(&given));
+            let name = &model.description().name;
+            for (place, (found, expected)) in reals.iter().zip(&expected.reals).enumerate() {
+                assert!(same(*found, *expected), "{name}, {method:?}, real {place}: {found:e}, not {expected:e}");
+            }
+            assert_eq!(integers, expected.integers, "{name}, {method:?}");
+            for (found, expected) in results.iter().zip(&expected_results) {
+                assert!(same(*found, *expected), "{name}, {method:?}: {found:e}, not {expected:e}");
+            }
+        }
+        all += branches.0.len();
+        missed += branches.missed();
+        if branches.missed() > 0 {
+            println!(
+                "{}, {method:?}: {} of {} selections",
+                model.description().name,
+                branches.missed(),
+                branches.0.len()
+            );
+        }
+    }
+    (all, missed)
+}
+
+#[test]
+fn recordings_of_all_units_give_the_bits_of_the_equations_in_every_branch() {
+    let mut random = Random::new(24);
+    for name in description_names() {
+        let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
+        let (all, missed) = compare(&model, &mut random, 400);
+        println!("{name}: {missed} of {all} selections went one way only");
+    }
+}
+
+#[test]
+fn recordings_of_all_whole_loops_give_the_bits_of_the_equations() {
+    let mut random = Random::new(25);
+    for model in whole_loops() {
+        let (all, missed) = compare(&model, &mut random, 60);
+        println!("{}: {missed} of {all} selections went one way only", model.description().name);
+    }
+}

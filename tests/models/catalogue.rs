@@ -1,0 +1,199 @@
+//! The catalogue of kinds: nothing else lists them, each has what belongs to it, and the tables of kinds and FMUs in the
+//! documentation follow from it.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use adaptive_fmu::catalogue::{Entry, Trial};
+use adaptive_fmu::library::{CATALOGUE, REGISTRY, find};
+use adaptive_fmu::model::Model;
+use adaptive_fmu::schema::{self, Key};
+use adaptive_fmu::system::{Causality, Element};
+use common::described::model;
+use common::pages::assert_generated;
+use common::{description, description_folder, description_names};
+use serde_json::Value;
+
+const FOLDERS: [&str; 2] = ["src", "plants"];
+/// Names of kinds that are words of their own, too.
+const WORDS: [&str; 2] = ["reference", "composite"];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The Rust files of this package.
+fn sources() -> Vec<(PathBuf, String)> {
+    let mut open: Vec<PathBuf> = FOLDERS.iter().map(|folder| root().join(folder)).collect();
+    let mut files = Vec::new();
+    while let Some(path) = open.pop() {
+        if path.is_dir() {
+            open.extend(fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let text = fs::read_to_string(&path).unwrap();
+            files.push((path, text));
+        }
+    }
+    files
+}
+
+/// The lines that name a kind, where it is one of a file: a line of `const NAME`, or of the composite's kind.
+fn says_its_name(line: &str) -> bool {
+    line.contains("const NAME: &'static str =") || line.trim_start().starts_with("name: \"composite\"")
+}
+
+#[test]
+fn every_kind_that_has_a_file_stands_in_the_catalogue() {
+    let quoted = |line: &str| line.split('"').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    let lines: Vec<String> = sources().iter().flat_map(|(_, text)| text.lines()).map(str::to_owned).collect();
+    // A doc comment shows a model that isn't of this package.
+    let own = lines.iter().filter(|line| says_its_name(line) && !line.starts_with("//!"));
+    let named: BTreeSet<String> = own.flat_map(|line| quoted(line)).collect();
+    let listed: BTreeSet<String> = CATALOGUE.iter().map(|entry| entry.kind.name.to_owned()).collect();
+    assert_eq!(named, listed, "kinds with a file, and kinds with a line in src/library.rs");
+    let registered: Vec<_> = REGISTRY.iter().map(|kind| kind.name).collect();
+    assert_eq!(registered, CATALOGUE.iter().map(|entry| entry.kind.name).collect::<Vec<_>>());
+}
+
+#[test]
+fn nothing_but_its_own_file_names_a_kind() {
+    for (file, text) in sources() {
+        let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+        let lines = code.lines().filter(|line| !says_its_name(line) && !line.trim_start().starts_with("//"));
+        for line in lines {
+            let kinds = CATALOGUE.iter().map(|entry| entry.kind.name).filter(|name| !WORDS.contains(name));
+            let found: Vec<_> = kinds.filter(|name| line.contains(&format!("\"{name}\""))).collect();
+            assert!(found.is_empty(), "{} names {found:?}: {line}", file.display());
+        }
+    }
+}
+
+#[test]
+fn every_kind_has_a_title_a_page_and_a_picture() {
+    let mut titles = BTreeSet::new();
+    for entry in CATALOGUE {
+        let name = entry.kind.name;
+        assert!(!entry.title.is_empty() && titles.insert(entry.title), "{name}: `{}`", entry.title);
+        let page = fs::read_to_string(root().join("docs").join(format!("{}.md", entry.page)));
+        let page = page.unwrap_or_else(|error| panic!("{name}: {}: {error}", entry.page));
+        assert!(entry.kind.documentation.starts_with(&page), "{name}: its documentation begins with {}", entry.page);
+        assert!(entry.icon.starts_with(b"\x89PNG\r\n\x1a\n"), "{name}: a picture as PNG");
+        let Trial { alone, smooth, steady, moving } = entry.trial;
+        for text in [alone, smooth, steady, moving] {
+            text.parse::<toml::Table>().unwrap_or_else(|error| panic!("{name}: {error}"));
+        }
+    }
+}
+
+#[test]
+fn every_kind_has_a_description_among_the_units() {
+    let models = units().map(|(_, model)| model.description().model.clone()).collect::<BTreeSet<_>>();
+    for name in CATALOGUE.iter().map(|entry| entry.kind.name).filter(|name| *name != "composite") {
+        assert!(models.contains(name), "{} has no unit of `{name}`", description_folder().display());
+    }
+}
+
+/// All units of this package, each with the entry of its kind.
+fn units() -> impl Iterator<Item = (&'static Entry, Model)> {
+    let models = description_names().into_iter().map(|name| model(&description(&name)).unwrap());
+    models.map(|model| (find(&model.description().model).unwrap(), model))
+}
+
+/// A text in a cell of a table.
+fn cell(text: &str) -> String {
+    text.replace('|', "\\|")
+}
+
+#[test]
+fn the_readme_has_the_table_of_fmus() {
+    let mut rows: Vec<_> = units().map(|(entry, model)| (entry.role, row_of_unit(entry, &model))).collect();
+    // By what they do in a loop, then by their names.
+    rows.sort_by_key(|(role, _)| *role);
+    let rows: String = rows.into_iter().map(|(_, row)| row).collect();
+    assert_generated(
+        "README.md",
+        "fmus",
+        &format!("| FMU | what it is | inputs | outputs |\n| --- | --- | --- | --- |\n{rows}"),
+    );
+}
+
+fn row_of_unit(entry: &Entry, model: &Model) -> String {
+    let description = model.description();
+    let [inputs, outputs] = [Causality::Input, Causality::Output].map(|causality| ports(model, causality));
+    let (name, what, page) = (&description.name, cell(&description.description), entry.page);
+    format!("| `{name}` | [{what}](docs/{page}.md) | {inputs} | {outputs} |\n")
+}
+
+/// The variables of a causality: `x[1]` … `x[4]`.
+fn ports(model: &Model, causality: Causality) -> String {
+    let elements: Vec<Element> = model.variables().visible().collect();
+    let arrays = elements.chunk_by(|a, b| std::ptr::eq(a.variable, b.variable));
+    let shown = arrays.filter(|array| array[0].variable.causality == causality).map(|array| {
+        let names: Vec<_> = array.iter().map(|element| format!("`{}`", element.name())).collect();
+        match &names[..] {
+            [first, _, .., last] if first.ends_with("[1]`") => format!("{first} … {last}"),
+            names => names.join(", "),
+        }
+    });
+    shown.collect::<Vec<_>>().join(", ")
+}
+
+#[test]
+fn the_page_of_keys_has_the_table_of_kinds() {
+    let rows = CATALOGUE.iter().map(|Entry { kind, title, page, template, .. }| {
+        let begun = if template.is_some() { "yes" } else { "" };
+        format!("| `{}` | [{}]({page}.md) | {begun} |\n", kind.name, cell(title))
+    });
+    let head = "| `model` | what it is | `new` begins one |\n| --- | --- | --- |\n";
+    assert_generated("docs/description.md", "kinds", &(head.to_owned() + &rows.collect::<String>()));
+}
+
+#[test]
+fn the_page_of_keys_has_the_table_of_structures() {
+    let mut rows: Vec<(String, String, Vec<&str>)> = Vec::new();
+    for key in schema::keys() {
+        let Some(model) = key.model else { continue };
+        let text = what_it_is(&key);
+        match rows.iter_mut().find(|(name, known, _)| *name == key.name && *known == text) {
+            Some((_, _, models)) => models.push(model),
+            None => rows.push((key.name, text, vec![model])),
+        }
+    }
+    rows.sort_by(|(one, ..), (other, ..)| one.cmp(other));
+    let row = |(name, text, models): &(String, String, Vec<&str>)| {
+        let models: Vec<_> = models.iter().map(|model| format!("`{model}`")).collect();
+        format!("| `{name}` | {} | {} |\n", models.join(", "), cell(text))
+    };
+    let head = "| key | models | what it is |\n| --- | --- | --- |\n".to_owned();
+    assert_generated("docs/description.md", "structures", &(head + &rows.iter().map(row).collect::<String>()));
+}
+
+/// What a key is: as its doc comment says it, with what is allowed and what it is unless given.
+fn what_it_is(key: &Key) -> String {
+    let mut text = key.text.trim_end_matches('.').to_owned();
+    // A word begins small, a symbol stays.
+    let mut letters = text.chars();
+    if let [Some(first), second] = [letters.next(), letters.next()]
+        && second.is_none_or(|c| c.is_lowercase() || c == ' ')
+    {
+        text.replace_range(..first.len_utf8(), &first.to_lowercase().to_string());
+    }
+    let items = key.schema["oneOf"].as_array().into_iter().flatten().filter_map(|item| item["const"].as_str());
+    let items: Vec<_> = items.map(|item| format!("`\"{item}\"`")).collect();
+    if let [first @ .., last] = &items[..] {
+        text += &format!(": {} or {last}", first.join(", "));
+    }
+    if let Some(keys) = key.schema["items"]["properties"].as_object() {
+        text += &format!(", each `{{ {} }}`", keys.keys().cloned().collect::<Vec<_>>().join(", "));
+    }
+    let default = &key.schema["default"];
+    let says = key.required || ["none is given", "none are given"].iter().any(|words| text.contains(words));
+    let empty = default.as_array().is_some_and(Vec::is_empty);
+    match default {
+        Value::Null => {}
+        _ if says || empty => {}
+        default => text += &format!("; `{default}` unless given"),
+    }
+    text
+}

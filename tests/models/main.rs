@@ -1,0 +1,29 @@
+//! Controllers, plants, sensors, actuators and reference signals, and the descriptions that people write of them.
+
+mod actuated_siso;
+mod actuator;
+mod catalogue;
+mod descriptions;
+mod design_report;
+mod fuzzy_l1;
+mod hostile_descriptions;
+mod l1_descriptions;
+mod limits;
+mod mares_auv;
+mod mimo_plants;
+mod mrac_ppf;
+mod mrac_samples;
+mod names;
+mod neuro_ppf;
+mod observer;
+mod own_units;
+mod quadrotor;
+mod reference;
+mod schema;
+mod sensor;
+mod state_space;
+mod step_flags;
+mod takeover;
+mod two_link_robot;
+mod unmatched;
+mod watched_funnel;

@@ -1,0 +1,15 @@
+//! The program: its commands and files, loops, units of other tools, validation.
+
+mod foreign;
+mod foreign_exchange;
+mod foreign_loops;
+mod foreign_units;
+mod loops;
+mod loops_of_others;
+mod new_loop;
+mod reproduction;
+mod results;
+mod resume;
+mod streams;
+mod structures;
+mod validation;
