@@ -41,15 +41,14 @@ impl Pattern {
     pub fn new(columns: &[Vec<u32>]) -> Option<Self> {
         let n = columns.len();
         let most = (DENSE * (n * n) as f64) as usize;
-        let mut neighbours = neighbours(columns);
-        let entries = |sets: &[Vec<bool>]| sets.iter().flatten().filter(|&&there| there).count();
-        if entries(&neighbours) > most {
+        let mut meetings = Meetings::new(columns);
+        if meetings.entries() > most {
             return None;
         }
-        let order = order(&mut neighbours);
+        let order = meetings.order();
         let mut places = vec![0; n];
         order.iter().enumerate().for_each(|(place, &row)| places[row as usize] = place as u32);
-        let there = |i: usize, j: usize| neighbours[order[i] as usize][order[j] as usize];
+        let there = |i: usize, j: usize| meetings.there(order[i] as usize, order[j] as usize);
         let row = |i: usize, range: std::ops::Range<usize>| range.filter(|&j| there(i, j)).map(|j| j as u32).collect();
         let left: Vec<Vec<u32>> = (0..n).map(|i| row(i, 0..i)).collect();
         let right: Vec<Vec<u32>> = (0..n).map(|i| row(i, i + 1..n)).collect();
@@ -124,37 +123,66 @@ impl Elimination {
     }
 }
 
-/// Which rows and columns meet, in the pattern or its transpose.
-fn neighbours(columns: &[Vec<u32>]) -> Vec<Vec<bool>> {
-    let n = columns.len();
-    let mut sets = vec![vec![false; n]; n];
-    for (j, rows) in columns.iter().enumerate() {
-        sets[j][j] = true;
-        for &i in rows {
-            sets[i as usize][j] = true;
-            sets[j][i as usize] = true;
-        }
-    }
-    sets
+/// Which rows and columns meet, in the pattern or its transpose: a set of bits a row.
+struct Meetings {
+    /// How many words a set takes.
+    words: usize,
+    bits: Vec<u64>,
 }
 
-/// The row with the fewest neighbours first, whose neighbours then meet each other.
-fn order(neighbours: &mut [Vec<bool>]) -> Vec<u32> {
-    let n = neighbours.len();
-    let mut waits = vec![true; n];
-    let mut order = Vec::with_capacity(n);
-    let mut degrees: Vec<usize> = neighbours.iter().map(|set| set.iter().filter(|&&there| there).count()).collect();
-    for _ in 0..n {
-        let Some(next) = (0..n).filter(|&row| waits[row]).min_by_key(|&row| degrees[row]) else { break };
-        waits[next] = false;
-        order.push(next as u32);
-        let meet: Vec<usize> = (0..n).filter(|&row| waits[row] && neighbours[next][row]).collect();
-        for &row in &meet {
-            meet.iter().for_each(|&other| neighbours[row][other] = true);
-            degrees[row] = (0..n).filter(|&other| waits[other] && neighbours[row][other]).count();
+impl Meetings {
+    fn new(columns: &[Vec<u32>]) -> Self {
+        let (n, words) = (columns.len(), columns.len().div_ceil(64));
+        let mut meetings = Meetings { words, bits: vec![0; n * words] };
+        for (j, rows) in columns.iter().enumerate() {
+            meetings.meet(j, j);
+            for &i in rows {
+                meetings.meet(i as usize, j);
+                meetings.meet(j, i as usize);
+            }
         }
+        meetings
     }
-    order
+
+    fn meet(&mut self, i: usize, j: usize) {
+        self.bits[i * self.words + j / 64] |= 1 << (j % 64);
+    }
+
+    fn there(&self, i: usize, j: usize) -> bool {
+        self.bits[i * self.words + j / 64] >> (j % 64) & 1 != 0
+    }
+
+    /// How many of them there are.
+    fn entries(&self) -> usize {
+        self.bits.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    /// How many of a row's are in a set.
+    fn degree(&self, row: usize, set: &[u64]) -> u32 {
+        let own = &self.bits[row * self.words..][..self.words];
+        own.iter().zip(set).map(|(own, set)| (own & set).count_ones()).sum()
+    }
+
+    /// The row with the fewest neighbours first, whose neighbours then meet each other.
+    fn order(&mut self) -> Vec<u32> {
+        let n = self.bits.len() / self.words.max(1);
+        let mut waiting = vec![0_u64; self.words];
+        (0..n).for_each(|row| waiting[row / 64] |= 1 << (row % 64));
+        let mut degrees: Vec<u32> = (0..n).map(|row| self.degree(row, &waiting)).collect();
+        let mut order = Vec::with_capacity(n);
+        let waits = |row: usize, waiting: &[u64]| waiting[row / 64] >> (row % 64) & 1 != 0;
+        while let Some(next) = (0..n).filter(|&row| waits(row, &waiting)).min_by_key(|&row| degrees[row]) {
+            waiting[next / 64] &= !(1 << (next % 64));
+            order.push(next as u32);
+            let own = &self.bits[next * self.words..][..self.words];
+            let meet: Vec<u64> = own.iter().zip(&waiting).map(|(own, waiting)| own & waiting).collect();
+            for row in (0..n).filter(|&row| waits(row, &meet)) {
+                self.bits[row * self.words..][..self.words].iter_mut().zip(&meet).for_each(|(own, meet)| *own |= meet);
+                degrees[row] = self.degree(row, &waiting);
+            }
+        }
+        order
+    }
 }
 
 #[cfg(test)]

@@ -142,7 +142,7 @@ impl Parting<'_> {
 
     fn put(&mut self, operation: &Operation) {
         let own = self.open.carried..self.open.carried + self.open.len as u32;
-        let operands = operation.operands();
+        let operands: Vec<Node> = operation.operands().collect();
         let place = if let Operation::Carried(number) = operation
             && own.contains(number)
         {

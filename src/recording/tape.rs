@@ -121,21 +121,23 @@ pub enum Operation {
 
 impl Operation {
     /// What it is made of.
-    pub fn operands(&self) -> Vec<Node> {
-        match self {
-            Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) => vec![],
+    pub fn operands(&self) -> impl Iterator<Item = Node> + use<'_> {
+        let few = |nodes: [Option<Node>; 3]| (nodes, [&[][..]; 2]);
+        let (few, many) = match self {
+            Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) => few([None; 3]),
             Operation::Unary(_, a)
             | Operation::Powi(a, _)
             | Operation::Powf(a, _)
             | Operation::Not(a)
-            | Operation::Part(a, _) => vec![*a],
+            | Operation::Part(a, _) => few([Some(*a), None, None]),
             Operation::Binary(_, a, b) | Operation::Compare(_, a, b) | Operation::And(a, b) | Operation::Or(a, b) => {
-                vec![*a, *b]
+                few([Some(*a), Some(*b), None])
             }
-            Operation::Select(a, b, c) => vec![*a, *b, *c],
-            Operation::Opaque(_, arguments) => arguments.clone(),
-            Operation::Iterate { start, captured, .. } => [&start[..], captured].concat(),
-        }
+            Operation::Select(a, b, c) => few([Some(*a), Some(*b), Some(*c)]),
+            Operation::Opaque(_, arguments) => ([None; 3], [&arguments[..], &[]]),
+            Operation::Iterate { start, captured, .. } => ([None; 3], [&start[..], captured]),
+        };
+        few.into_iter().flatten().chain(many.into_iter().flatten().copied())
     }
 
     /// The same of other operands.
@@ -325,9 +327,8 @@ impl Tape {
                 }
             }
         }
-        let operands = operation.operands();
-        let known = !operands.is_empty() && operands.iter().all(|&operand| self.constant(operand).is_some());
-        let value = known.then(|| operation.value(|node| self.constant(node).unwrap_or(f64::NAN))).flatten();
+        let is_known = operation.operands().all(|operand| self.constant(operand).is_some());
+        let value = if is_known { operation.value(|node| self.constant(node).unwrap_or(f64::NAN)) } else { None };
         Folded::Operation(value.map_or(operation, |value| Operation::Constant(value.to_bits())))
     }
 }
