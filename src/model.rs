@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Invalid, Number};
 use crate::execution::Controls;
 use crate::integrator::{Sparsity, Work};
+use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
 use crate::structure::Structure;
 use crate::system::{
@@ -226,6 +227,22 @@ impl Model {
     /// What depends on what, found when it is first asked for.
     pub fn structure(&self) -> &Structure {
         self.structure.get_or_init(|| Structure::of(self))
+    }
+
+    /// Checks that a recording says all that the equations say.
+    ///
+    /// # Errors
+    /// The kind, and the methods in which it looks at a number.
+    pub fn check_recorded(&self) -> Result<(), Invalid> {
+        let layout = self.variables.layout();
+        let looks = |method: &Method| Recording::of(self.system(), *method, &layout).tape.has_looked();
+        let looking: Vec<_> = Method::ALL.iter().filter(|method| looks(method)).map(|method| method.name()).collect();
+        if looking.is_empty() {
+            return Ok(());
+        }
+        let how = "what they do at other numbers can't be recorded; write `a.equals(b)`, and select by it";
+        let reason = format!("must not compare numbers by `==` in its {}: {how}", looking.join(", "));
+        Err(Invalid::new("model", &self.description.model, reason))
     }
 
     /// The variables that every model has, and the simulation's memory.

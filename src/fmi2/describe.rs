@@ -48,6 +48,7 @@ enum Reply {
 pub fn reply(description: Option<&str>, registry: Registry, package: &str) -> String {
     let describe = |text| -> Result<Unit, Invalid> {
         let model = Model::from_description(Description::read(text)?, registry)?;
+        model.check_recorded()?;
         let xml = model_description::xml(&model);
         let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
         let report = model.report();

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::fmt;
+use std::mem::ManuallyDrop;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, DivAssign, Mul, MulAssign, Neg, Not, Sub, SubAssign};
 
 use super::opaque::Opaque;
@@ -10,15 +11,17 @@ use crate::error::Invalid;
 use crate::system::{Changed, Flag, Merge, MessageLog, Scalar};
 
 thread_local! {
-    /// The tape of the recording that runs in this thread: arithmetic has no other way to it.
-    static TAPE: RefCell<Tape> = RefCell::new(Tape::default());
+    /// The tape of the recording that runs in this thread: arithmetic has no other way to it. Between recordings it is empty,
+    /// so that nothing is lost where it isn't dropped; a destructor would keep a library in its host until the thread ends.
+    static TAPE: RefCell<ManuallyDrop<Tape>> = RefCell::new(ManuallyDrop::new(Tape::default()));
 }
 
 /// Records what a function does, on a tape of its own.
 pub(super) fn on_tape<T>(record: impl FnOnce() -> T) -> (T, Tape) {
-    let before = TAPE.take();
+    let exchanged = |tape: Tape| ManuallyDrop::into_inner(TAPE.replace(ManuallyDrop::new(tape)));
+    let before = exchanged(Tape::default());
     let result = record();
-    (result, TAPE.replace(before))
+    (result, exchanged(before))
 }
 
 fn add(operation: Operation) -> Node {
@@ -26,12 +29,26 @@ fn add(operation: Operation) -> Node {
 }
 
 /// A number that stands for what it is computed by.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub struct Recorded(pub(super) Node);
 
 /// A condition that stands for what it is computed by.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub struct Condition(pub(super) Node);
+
+/// Whether they are the same number, as nalgebra asks of constants. Of other numbers nobody knows before they are given:
+/// the tape notes that equations looked at them.
+impl PartialEq for Recorded {
+    fn eq(&self, other: &Self) -> bool {
+        TAPE.with_borrow_mut(|tape| match (tape.constant(self.0), tape.constant(other.0)) {
+            (Some(one), Some(other)) => one == other,
+            _ => {
+                tape.looked = true;
+                self.0 == other.0
+            }
+        })
+    }
+}
 
 impl Recorded {
     /// What computes it.

@@ -26,6 +26,20 @@ pub enum Method {
 }
 
 impl Method {
+    /// Its name in [`System`](crate::system::System); what evaluates is `outputs` with `derivatives`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::Evaluate => "outputs or derivatives",
+            Method::Start => "initialise",
+            Method::ParametersChanged => "parameters_changed",
+            Method::Check => "check",
+            Method::NextTimeEvent => "next_time_event",
+            Method::Indicators => "event_indicators",
+            Method::Event => "event",
+            Method::StepCompleted => "step_completed",
+        }
+    }
+
     /// All of them.
     pub const ALL: [Method; 8] = [
         Method::Evaluate,

@@ -262,6 +262,8 @@ pub struct Tape {
     pub(super) notes: Vec<Note>,
     /// How many numbers the iterations carry that are being recorded.
     pub(super) carried: u32,
+    /// Whether equations looked at a number that isn't known before it is given.
+    pub(super) looked: bool,
     /// Conditions of the changes that are being recorded.
     pub(super) conditions: Vec<Node>,
 }
@@ -275,6 +277,11 @@ impl Tape {
     /// One of them.
     pub fn operation(&self, node: Node) -> &Operation {
         &self.operations[node.index()]
+    }
+
+    /// Whether equations looked at a number, by `==`: what they do at other numbers wasn't recorded.
+    pub fn has_looked(&self) -> bool {
+        self.looked
     }
 
     /// What is told and refused.

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
-use adaptive_fmu::recording::{Given, Method, Operation, Recording};
-use adaptive_fmu::system::{Data, MessageLog, Section};
+use adaptive_fmu::recording::{Dependence, Given, Leaf, Method, Node, Operation, Recording};
+use adaptive_fmu::system::*;
 use common::loops::whole;
 use common::random::Random;
 use common::{description, description_names};
@@ -22,7 +22,11 @@ fn whole_loops() -> Vec<Model> {
     names.into_iter().map(model).collect()
 }
 
+/// How often a condition is tried that random points leave as it is.
+const TRIES: usize = 300;
+
 /// A place to evaluate a method at.
+#[derive(Clone)]
 struct Draw {
     time: f64,
     step: f64,
@@ -79,6 +83,44 @@ impl Draw {
         Draw { time, step: 0.1 * random.next().abs(), block, crossed }
     }
 
+    /// The same but for some of what is given: zero, small and large numbers, numbers that are equal to each other.
+    fn changed(&self, model: &Model, leaves: &[Leaf], random: &mut Random) -> Self {
+        let Draw { mut time, step, mut block, mut crossed } = self.clone();
+        for leaf in leaves {
+            if random.next() > 0.5 {
+                continue;
+            }
+            match *leaf {
+                Leaf::Time => time = 10_f64.powf(4.0 * random.next()),
+                Leaf::Crossed(number) => crossed[number as usize] ^= true,
+                Leaf::Step => {}
+                Leaf::Integer(place) => {
+                    let drawn = Draw::new(model, random);
+                    block.integers[place as usize] = drawn.block.integers[place as usize];
+                }
+                Leaf::Real(place) => {
+                    let other = leaves[(random.next().abs() * leaves.len() as f64) as usize];
+                    let before = block.reals[place as usize];
+                    block.reals[place as usize] = match (random.next() * 3.0 + 3.0) as usize {
+                        0 => 0.0,
+                        1 => -before,
+                        2 => 10_f64.powf(12.0 * random.next()),
+                        3 => -(10_f64.powf(6.0 * random.next())),
+                        4 => before * 10_f64.powf(3.0 * random.next()),
+                        _ => {
+                            if let Leaf::Real(other) = other {
+                                block.reals[other as usize]
+                            } else {
+                                time
+                            }
+                        }
+                    };
+                }
+            }
+        }
+        Draw { time, step, block, crossed }
+    }
+
     /// What the generic equations make of it.
     fn generic(&self, model: &Model, method: Method) -> (Block, Vec<f64>) {
         let (variables, equations, t) = (model.variables(), model.equations(), self.time);
@@ -112,55 +154,84 @@ fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
 
-/// Which selections of a recording went which way.
+/// Which selections of a recording went which way, by their conditions.
 #[derive(Default)]
-struct Branches(BTreeMap<usize, [bool; 2]>);
+struct Branches(BTreeMap<Node, [bool; 2]>);
 
 impl Branches {
     fn see(&mut self, recording: &Recording, values: &[f64]) {
-        for (place, operation) in recording.tape.operations().iter().enumerate() {
+        for operation in recording.tape.operations() {
             if let Operation::Select(condition, ..) = operation {
-                self.0.entry(place).or_default()[usize::from(values[condition.index()] != 0.0)] = true;
+                self.0.entry(*condition).or_default()[usize::from(values[condition.index()] != 0.0)] = true;
             }
         }
     }
 
-    fn missed(&self) -> usize {
-        self.0.values().filter(|seen| !(seen[0] && seen[1])).count()
+    /// The conditions that always or never held.
+    fn missed(&self) -> Vec<Node> {
+        self.0.iter().filter(|(_, seen)| !(seen[0] && seen[1])).map(|(condition, _)| *condition).collect()
     }
 }
 
-/// Compares a model's methods; how many selections there are, and how many never went one of both ways.
+/// A method of a model, recorded and generic.
+struct Compared<'a> {
+    model: &'a Model,
+    method: Method,
+    recording: Recording,
+    branches: Branches,
+}
+
+impl<'a> Compared<'a> {
+    fn new(model: &'a Model, method: Method) -> Self {
+        let recording = Recording::of(model.system(), method, &model.variables().layout());
+        Compared { model, method, recording, branches: Branches::default() }
+    }
+
+    fn at(&mut self, draw: &Draw) {
+        let (name, method) = (&self.model.description().name, self.method);
+        let Draw { time, step, block, crossed } = draw;
+        let given = Given { time: *time, step: *step, reals: &block.reals, integers: &block.integers, crossed };
+        let (expected, expected_results) = draw.generic(self.model, method);
+        let (reals, integers, results) = self.recording.carry_out(&given);
+        self.branches.see(&self.recording, &self.recording.tape.values(&given));
+        for (place, (found, expected)) in reals.iter().zip(&expected.reals).enumerate() {
+            assert!(same(*found, *expected), "{name}, {method:?}, real {place}: {found:e}, not {expected:e}");
+        }
+        assert_eq!(integers, expected.integers, "{name}, {method:?}");
+        for (found, expected) in results.iter().zip(&expected_results) {
+            assert!(same(*found, *expected), "{name}, {method:?}: {found:e}, not {expected:e}");
+        }
+    }
+
+    /// Looks for what random points didn't reach: what a condition that always or never held depends on is changed alone.
+    fn at_what_is_missed(&mut self, draws: &[Draw], random: &mut Random) {
+        for condition in self.branches.missed() {
+            let leaves: Vec<_> = Dependence::new(&self.recording.tape).of(condition).into_iter().collect();
+            for attempt in 0..TRIES {
+                if self.branches.0[&condition] == [true, true] {
+                    break;
+                }
+                let draw = draws[attempt % draws.len()].changed(self.model, &leaves, random);
+                self.at(&draw);
+            }
+        }
+    }
+}
+
+/// Compares a model's methods; how many conditions there are, and how many never went one of both ways.
 fn compare(model: &Model, random: &mut Random, points: usize) -> (usize, usize) {
     let (mut all, mut missed) = (0, 0);
     let draws: Vec<_> = (0..points).map(|_| Draw::new(model, random)).collect();
     for method in Method::ALL {
-        let recording = Recording::of(model.system(), method, &model.variables().layout());
-        let mut branches = Branches::default();
-        for draw in &draws {
-            let Draw { time, step, block, crossed } = draw;
-            let given = Given { time: *time, step: *step, reals: &block.reals, integers: &block.integers, crossed };
-            let (expected, expected_results) = draw.generic(model, method);
-            let (reals, integers, results) = recording.carry_out(&given);
-            branches.see(&recording, &recording.tape.values(&given));
-            let name = &model.description().name;
-            for (place, (found, expected)) in reals.iter().zip(&expected.reals).enumerate() {
-                assert!(same(*found, *expected), "{name}, {method:?}, real {place}: {found:e}, not {expected:e}");
-            }
-            assert_eq!(integers, expected.integers, "{name}, {method:?}");
-            for (found, expected) in results.iter().zip(&expected_results) {
-                assert!(same(*found, *expected), "{name}, {method:?}: {found:e}, not {expected:e}");
-            }
-        }
-        all += branches.0.len();
-        missed += branches.missed();
-        if branches.missed() > 0 {
-            println!(
-                "{}, {method:?}: {} of {} selections",
-                model.description().name,
-                branches.missed(),
-                branches.0.len()
-            );
+        let mut compared = Compared::new(model, method);
+        draws.iter().for_each(|draw| compared.at(draw));
+        compared.at_what_is_missed(&draws, random);
+        all += compared.branches.0.len();
+        let left = compared.branches.missed();
+        missed += left.len();
+        for condition in left {
+            let told = compared.recording.tape.operation(condition);
+            println!("{}, {method:?}: {told:?}, {:?}", model.description().name, compared.branches.0[&condition]);
         }
     }
     (all, missed)
@@ -182,5 +253,45 @@ fn recordings_of_all_whole_loops_give_the_bits_of_the_equations() {
     for model in whole_loops() {
         let (all, missed) = compare(&model, &mut random, 60);
         println!("{}: {missed} of {all} selections went one way only", model.description().name);
+    }
+}
+
+/// A system whose equations look at a number.
+struct Looks {
+    x: ScalarOf<State>,
+}
+
+impl System for Looks {
+    type Structure = NoStructure;
+    const NAME: &'static str = "looks";
+    const DOCUMENTATION: &'static str = "It looks.";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Looks { x: d.state(scalar("x", "state").output()) })
+    }
+
+    fn initialise<S: Scalar>(&self, _t: S, _v: &mut Point<S>) {}
+
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let is_zero = v[self.x] == S::from(0.0);
+        dx.set(self.x, if is_zero { [S::from(1.0)] } else { [-v[self.x]] });
+    }
+}
+
+#[test]
+fn equations_that_look_at_a_number_are_refused_by_name() {
+    let refused = Model::new::<Looks>("Looks", &toml::Table::new()).unwrap().check_recorded().unwrap_err().to_string();
+    assert!(refused.contains("looks") && refused.contains("outputs or derivatives"), "{refused}");
+    assert!(refused.contains("equals") && !refused.contains("next_time_event"), "{refused}");
+}
+
+#[test]
+fn no_equations_of_this_package_look_at_a_number() {
+    let units = description_names().into_iter().map(|name| description(&name));
+    let units = units.map(|text| Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap());
+    for model in units.chain(whole_loops()) {
+        assert!(model.check_recorded().is_ok(), "{:?}", model.check_recorded());
     }
 }

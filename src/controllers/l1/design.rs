@@ -203,7 +203,12 @@ impl Design {
 
     /// What turns the command of a channel into its control.
     pub fn inertia<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        self.inertia.map_or(S::from(1.0), |inertia| v[inertia][channel])
+        self.inertias(v).get(channel).copied().unwrap_or(S::from(1.0))
+    }
+
+    /// The same of all channels; none where each is 1.
+    pub fn inertias<'a, S: Scalar>(&self, v: &'a Values<S>) -> &'a [S] {
+        self.inertia.map_or(&[], |inertia| &v[inertia])
     }
 
     /// Poles, P, K_g and what follows from them.
