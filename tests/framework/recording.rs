@@ -227,12 +227,7 @@ fn compare(model: &Model, random: &mut Random, points: usize) -> (usize, usize) 
         draws.iter().for_each(|draw| compared.at(draw));
         compared.at_what_is_missed(&draws, random);
         all += compared.branches.0.len();
-        let left = compared.branches.missed();
-        missed += left.len();
-        for condition in left {
-            let told = compared.recording.tape.operation(condition);
-            println!("{}, {method:?}: {told:?}, {:?}", model.description().name, compared.branches.0[&condition]);
-        }
+        missed += compared.branches.missed().len();
     }
     (all, missed)
 }
@@ -243,7 +238,9 @@ fn recordings_of_all_units_give_the_bits_of_the_equations_in_every_branch() {
     for name in description_names() {
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
         let (all, missed) = compare(&model, &mut random, 400);
-        println!("{name}: {missed} of {all} selections went one way only");
+        println!("{name}: {missed} of {all} conditions went one way only");
+        // What is left can't go the other way: the start within its limits, an item that a law doesn't have.
+        assert!(missed <= 10.max(all / 10), "{name}: {missed} of {all}");
     }
 }
 
@@ -252,7 +249,7 @@ fn recordings_of_all_whole_loops_give_the_bits_of_the_equations() {
     let mut random = Random::new(25);
     for model in whole_loops() {
         let (all, missed) = compare(&model, &mut random, 60);
-        println!("{}: {missed} of {all} selections went one way only", model.description().name);
+        println!("{}: {missed} of {all} conditions went one way only", model.description().name);
     }
 }
 

@@ -274,19 +274,28 @@ impl Law {
         if let Some(K_m) = self.design.K_m(v) {
             add_product(&mut y[self.feedback], K_m, v[self.ports.x].iter().copied());
         }
+        self.filtered(v, y);
         let inertias = self.design.inertias(v);
         for i in 0..self.u_ad.len() {
-            let states = v[self.f].chunks_exact(self.filter.order()).nth(i).unwrap_or(&[]);
-            let filtered = states.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
-            let u_ad = filtered + self.at_once(i, v, |unmatched, k| y[unmatched.eta_hat][k]);
-            let (feedback, inertia) = (y[self.feedback][i], inertias.get(i).copied().unwrap_or(S::from(1.0)));
+            let (u_ad, feedback) = (y[self.u_ad][i], y[self.feedback][i]);
+            let inertia = inertias.get(i).copied().unwrap_or(S::from(1.0));
             let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.ports.u_manual][i]);
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
-            (y[self.u_ad][i], y[self.ports.u][i]) = (u_ad, u);
+            y[self.ports.u][i] = u;
             y[self.v][i] = match self.baseline {
                 Baseline::None | Baseline::Inside => u / inertia,
                 Baseline::Outside => S::branch(active, || u_ad + (u - wanted) / inertia, || u / inertia + feedback),
             };
+        }
+    }
+
+    /// u_ad: what the filter gives, with what it has of η̂_2 at once.
+    fn filtered<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
+        for (i, states) in v[self.f].chunks_exact(self.filter.order()).enumerate() {
+            y[self.u_ad][i] = states.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
+        }
+        if let Some(unmatched) = &self.unmatched {
+            unmatched.add_at_once(self.u_ad, v, y);
         }
     }
 

@@ -143,6 +143,15 @@ impl Unmatched {
         })
     }
 
+    /// Adds it to u_ad of all channels.
+    pub fn add_at_once<S: Scalar>(&self, u_ad: VectorOf<Signal>, v: &Values<S>, y: &mut Signals<S>) {
+        let Some(direct) = self.direct else { return };
+        for (i, row) in v.matrix(direct).row_iter().enumerate() {
+            let at_once = row.iter().zip(&y[self.eta_hat]).fold(S::from(0.0), |sum, (&gain, &eta)| sum - gain * eta);
+            y[u_ad][i] += at_once;
+        }
+    }
+
     /// What the filter's states f get of η̂_2, beside what drives them anyway.
     pub fn drive<S: Scalar>(&self, filter: &Filter, f: VectorOf<State>, v: &Values<S>, dx: &mut Rates<S>) {
         let (eta_hat, input) = (&v[self.eta_hat], v.matrix(self.input));
