@@ -42,10 +42,15 @@ def pytest_sessionstart(session: pytest.Session) -> None:
             pytest.exit("the program can't be built", built.returncode)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_itemcollected(item: pytest.Item) -> None:
     """The tests of a file share what its fixtures make."""
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group("checkout" if item.path.stem in IN_THE_CHECKOUT else item.path.stem))
+    item.add_marker(pytest.mark.xdist_group("checkout" if item.path.stem in IN_THE_CHECKOUT else item.path.stem))
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """xdist tells groups apart by the names of tests: with a pytest in which it can't, what fixtures make is made twice."""
+    if getattr(session.config.option, "loadgroup", False) and hasattr(session.config, "workerinput"):
+        assert all("@" in item.nodeid for item in session.items), "pytest-xdist gives the tests no groups"
 
 
 def adaptive_fmu(*arguments: str | Path, folder: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -8,11 +8,12 @@ use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
 use adaptive_fmu::structure::Place;
 use adaptive_fmu::system::{Causality, Element, Section};
+use common::described::open_description;
 use common::random::Random;
-use common::{description, description_names};
+use common::{description_names, pages};
 
-fn model(name: &str) -> Model {
-    Model::from_description(Description::read(&description(name)).unwrap(), REGISTRY).unwrap()
+fn model(description: &str) -> Model {
+    Model::from_description(Description::read(description).unwrap(), REGISTRY).unwrap()
 }
 
 /// Signals and derivatives at a point.
@@ -76,11 +77,14 @@ fn check(model: &Model, random: &mut Random, tally: &mut Tally) {
 #[test]
 fn nothing_undeclared_ever_changes_an_output_or_a_derivative() {
     let mut random = Random::new(1);
+    let mut table = "| FMU | told | seen |\n| --- | --- | --- |\n".to_owned();
     for name in description_names() {
-        let (model, mut tally) = (model(&name), Tally::default());
+        // With funnels that are wide: where a law has lost its funnel, nothing of it moves.
+        let (model, mut tally) = (model(&open_description(&name)), Tally::default());
         (0..20).for_each(|_| check(&model, &mut random, &mut tally));
-        println!("{name}: {} dependencies told, {} seen", tally.told.len(), tally.seen.len());
+        table.push_str(&format!("| `{name}` | {} | {} |\n", tally.told.len(), tally.seen.len()));
     }
+    pages::assert_generated("docs/dependence.md", "dependence", &table);
 }
 
 /// The same with other structures than those of the thesis.
