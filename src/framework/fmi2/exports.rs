@@ -6,19 +6,16 @@
 /// adaptive_fmu::export_fmi2![VanDerPol];
 /// ```
 ///
-/// The crate has `crate-type = ["cdylib"]` and depends on this one with `default-features = false`: else this
-/// crate's own functions of the same names would be linked too, and the macro refuses to compile; as it does where two
-/// models have the same name.
+/// The crate has `crate-type = ["cdylib"]`. The macro refuses to compile where two models have the same name.
 #[macro_export]
 macro_rules! export_fmi2 {
     ($($system:ty),+ $(,)?) => {
-        const _: () = assert!(
-            !$crate::EXPORTS_ITS_OWN_MODELS,
-            "adaptive-fmu exports its own models: add `default-features = false` to this dependency in Cargo.toml"
-        );
         #[cfg(panic = "abort")]
         compile_error!("remove `panic = \"abort\"` from the profile: a panic must become fmi2Error, not end the host");
-        $crate::define_fmi2_functions!(&[$($crate::system::Kind::of::<$system>(),)+ $crate::system::Kind::COMPOSITE]);
+        $crate::define_fmi2_functions!(
+            &[$($crate::system::Kind::of::<$system>(),)+ $crate::system::Kind::COMPOSITE],
+            $crate::fmi2::build::SOURCE
+        );
     };
 }
 
@@ -30,11 +27,11 @@ macro_rules! bind_old_glibc {
     () => {};
 }
 
-/// The functions themselves, for a registry of kinds.
+/// The functions themselves, for a registry of kinds, and the checksum of the sources that they are made of.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! define_fmi2_functions {
-    ($registry:expr) => {
+    ($registry:expr, $source:expr) => {
         /// The functions of FMI 2.0, as the standard names them.
         #[allow(non_snake_case, missing_docs, clippy::missing_safety_doc, clippy::too_many_arguments, unsafe_code)]
         pub mod fmi2_functions {
@@ -48,20 +45,23 @@ macro_rules! define_fmi2_functions {
 
             $crate::bind_old_glibc!();
 
-            static REGISTRY: $crate::system::Registry = $registry;
+            /// The package that this library is built from.
+            const PACKAGE: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+            static BUILD: [u8; $crate::fmi2::build::length(PACKAGE, $source)] =
+                $crate::fmi2::build::text(PACKAGE, $source);
+            static LIBRARY: $crate::fmi2::build::Library =
+                $crate::fmi2::build::Library { registry: $registry, source: $source, build: &BUILD };
             const _: () = assert!(
                 $crate::system::Kind::have_different_names($registry),
                 "two models have the same NAME (`composite` is taken): a description could not tell them apart"
             );
-            /// The package that this library is built from.
-            const PACKAGE: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
 
             $crate::define_fmi2_functions! { @function
                 // SAFETY of every call below: the master keeps to the standard's rules about pointers, which are
                 // those that the called function states.
                 fn fmi2Instantiate(name: StringPointer, kind: c_int, guid: StringPointer, resources: StringPointer,
                     functions: *const CallbackFunctions, visible: Boolean, logging: Boolean) -> Component
-                { fmi2::instantiate(REGISTRY, name, kind, guid, resources, functions, visible, logging) }
+                { fmi2::instantiate(LIBRARY, name, kind, guid, resources, functions, visible, logging) }
                 fn fmi2FreeInstance(c: Component) -> () { fmi2::free_instance(c) }
                 fn fmi2GetTypesPlatform() -> StringPointer { c"default".as_ptr() }
                 fn fmi2GetVersion() -> StringPointer { c"2.0".as_ptr() }
@@ -136,7 +136,7 @@ macro_rules! define_fmi2_functions {
                 fn fmi2GetNominalsOfContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
                 { fmi2::get_nominals_of_continuous_states(c, x, n) }
                 fn adaptive_fmu_describe(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(REGISTRY, PACKAGE, description, reply, context) }
+                { fmi2::describe(LIBRARY, description, reply, context) }
             }
         }
     };

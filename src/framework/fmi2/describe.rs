@@ -7,9 +7,8 @@ use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model};
 use crate::report::DesignReport;
-use crate::system::Registry;
 
-use super::build::Build;
+use super::build::{Build, Library};
 use super::model_description;
 
 /// The reply to a description.
@@ -44,10 +43,10 @@ enum Reply {
     Failure(String),
 }
 
-/// The reply, as JSON, to a description's text; without one, what the library is: that of a package.
-pub fn reply(description: Option<&str>, registry: Registry, package: &str) -> String {
+/// The reply, as JSON, to a description's text; without one, what the library is.
+pub fn reply(description: Option<&str>, library: Library) -> String {
     let describe = |text| -> Result<Unit, Invalid> {
-        let model = Model::from_description(Description::read(text)?, registry)?;
+        let model = Model::from_description(Description::read(text)?, library.registry)?;
         model.check_recorded()?;
         let xml = model_description::xml(&model);
         let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
@@ -58,8 +57,9 @@ pub fn reply(description: Option<&str>, registry: Registry, package: &str) -> St
     };
     match description.map(describe).transpose() {
         Ok(unit) => {
-            let models = registry.iter().map(|kind| kind.name.to_owned()).collect();
-            write(&Reply::Described(Box::new(Described { build: Build::of(package), models, unit })))
+            let models = library.registry.iter().map(|kind| kind.name.to_owned()).collect();
+            let build = Build::within(library.build).unwrap_or_default();
+            write(&Reply::Described(Box::new(Described { build, models, unit })))
         }
         Err(invalid) => failure(&invalid.to_string()),
     }

@@ -1,10 +1,12 @@
 //! Eigenvalues as a person reads them: with damping and natural frequency.
 
-use nalgebra::DMatrix;
+use nalgebra::linalg::Schur;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
+use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
 
-use crate::control::lyapunov;
+/// Iterations in which the eigenvalues of any matrix that is scaled well enough are found, many times over.
+const MOST_ITERATIONS: usize = 10_000;
 
 /// An eigenvalue of a matrix of rates.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -33,7 +35,7 @@ pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Eigenvalue>, &'static str> {
     balance_parlett_reinsch(&mut balanced);
     // The rounding errors of the algorithm: what is smaller can't be told from zero, nor stable from unstable.
     let noise = 10.0 * a.nrows() as f64 * f64::EPSILON * balanced.norm();
-    let found = lyapunov::eigenvalues(&balanced).ok_or("is too badly scaled: its eigenvalues can't be found")?;
+    let found = complex(&balanced).ok_or("is too badly scaled: its eigenvalues can't be found")?;
     let eigenvalue = |real: f64, imaginary: f64| {
         let frequency = real.hypot(imaginary);
         if frequency <= noise {
@@ -44,6 +46,18 @@ pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Eigenvalue>, &'static str> {
     let mut eigenvalues: Vec<_> = found.iter().map(|value| eigenvalue(value.re, value.im)).collect();
     eigenvalues.sort_by(|p, q| p.frequency.total_cmp(&q.frequency).then(q.imaginary.total_cmp(&p.imaginary)));
     Ok(eigenvalues)
+}
+
+/// The eigenvalues of a square matrix as they are found. `None` when it is too badly scaled.
+pub fn complex(a: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
+    if a.is_empty() {
+        return Some(Vec::new());
+    }
+    // At multiple eigenvalues the iteration may circle within a few roundings; for the transpose it goes other ways.
+    let tolerances = [1.0, 4.0, 16.0, 64.0].map(|roundings| roundings * f64::EPSILON);
+    let attempts = tolerances.into_iter().flat_map(|eps| [(a.clone(), eps), (a.transpose(), eps)]);
+    let schur = attempts.into_iter().find_map(|(a, eps)| Schur::try_new(a, eps, MOST_ITERATIONS))?;
+    Some(schur.complex_eigenvalues().iter().copied().collect())
 }
 
 #[cfg(test)]
@@ -72,5 +86,24 @@ mod tests {
     fn a_system_without_states_has_no_eigenvalues_and_one_that_is_not_finite_is_refused() {
         assert_eq!(eigenvalues(&DMatrix::zeros(0, 0)), Ok(vec![]));
         assert!(eigenvalues(&DMatrix::from_element(2, 2, f64::NAN)).is_err());
+    }
+
+    #[test]
+    fn eigenvalues_of_several_times_over_are_found() {
+        // (s + a)ⁿ in companion form: roundings spread its roots over a circle of radius a ε^(1/n).
+        for n in 2..=14_u32 {
+            for a in [1e-3, 0.7, 1.0, 3.0, 2e4] {
+                let mut companion = DMatrix::from_fn(n as usize, n as usize, |i, j| f64::from(j == i + 1));
+                let mut coefficient = 1.0;
+                for k in 0..n {
+                    coefficient *= f64::from(n - k) / f64::from(k + 1) * a;
+                    companion[(n as usize - 1, (n - 1 - k) as usize)] = -coefficient;
+                }
+                balance_parlett_reinsch(&mut companion);
+                let found = complex(&companion).unwrap_or_else(|| panic!("n = {n}, a = {a}"));
+                let radius = 10.0 * a * f64::EPSILON.powf(1.0 / f64::from(n));
+                assert!(found.iter().all(|lambda| (lambda + a).norm() < radius), "n = {n}, a = {a}: {found:?}");
+            }
+        }
     }
 }

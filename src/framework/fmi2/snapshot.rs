@@ -29,10 +29,10 @@ pub fn serialised_size(block: &Block) -> usize {
     HEADER + 8 * block.reals.len() + 4 * block.integers.len()
 }
 
-/// Which states belong together: those of one unit (by its GUID) and interface in one build, since what a state means
-/// may change with the sources, and a step of co-simulation can't go on from within a master's integrator.
-pub fn identity(guid: [u8; 16], interface: Interface) -> [u8; 16] {
-    let name = [env!("ADAPTIVE_FMU_SOURCE"), interface.describe()].concat();
+/// Which states belong together: those of one unit (by its GUID) and interface in one build, by the checksum of its
+/// sources, since what a state means may change with them, and a step of co-simulation can't go on from within a master's integrator.
+pub fn identity(guid: [u8; 16], interface: Interface, source: &str) -> [u8; 16] {
+    let name = [source, interface.describe()].concat();
     Uuid::new_v5(&Uuid::from_bytes(guid), name.as_bytes()).into_bytes()
 }
 

@@ -8,6 +8,7 @@ use crate::system::Registry;
 use crate::text_file;
 
 use super::access::References;
+use super::build::Library;
 use super::instance::{Answer, Refused};
 use super::model_description;
 use super::resources::DESCRIPTION;
@@ -21,6 +22,8 @@ pub struct Shared {
     pub references: References,
     /// Its GUID, by which the master's description is compared.
     pub guid: [u8; 16],
+    /// Checksum of the sources of its library.
+    pub source: &'static str,
 }
 
 /// A unit that instances of are alive, and what it was made of: a description, by the kinds of a registry.
@@ -37,10 +40,10 @@ impl Shared {
     ///
     /// # Errors
     /// What is wrong with its description.
-    pub fn of(resources: &Path, registry: Registry) -> Answer<Arc<Self>> {
+    pub fn of(resources: &Path, library: Library) -> Answer<Arc<Self>> {
         let file = resources.join(DESCRIPTION);
         let text = text_file::read(&file).map_err(|error| format!("{}: {error}", file.display()))?;
-        let is_this = |known: &&Known| std::ptr::eq(known.registry, registry) && known.description == text;
+        let is_this = |known: &&Known| std::ptr::eq(known.registry, library.registry) && known.description == text;
         let alive = known_units().iter().find(is_this).and_then(|known| known.unit.upgrade());
         if let Some(unit) = alive {
             return Ok(unit);
@@ -48,12 +51,12 @@ impl Shared {
         // Made while others may look: two threads may both make it, and then don't share it.
         let refuse = |reason| Refused(format!("{}: {reason}", file.display()));
         let description = Description::read(&text).map_err(refuse)?;
-        let model = Model::from_description(description, registry).map_err(refuse)?;
+        let model = Model::from_description(description, library.registry).map_err(refuse)?;
         let (references, guid) = (References::new(model.variables()), model_description::guid(&model));
-        let unit = Arc::new(Shared { model: Arc::new(model), references, guid });
+        let unit = Arc::new(Shared { model: Arc::new(model), references, guid, source: library.source });
         let mut known = known_units();
         known.retain(|known| known.unit.strong_count() > 0);
-        known.push(Known { description: text, registry, unit: Arc::downgrade(&unit) });
+        known.push(Known { description: text, registry: library.registry, unit: Arc::downgrade(&unit) });
         Ok(unit)
     }
 }

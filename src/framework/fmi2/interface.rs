@@ -6,6 +6,7 @@ use std::ffi::{CStr, CString, c_char, c_int};
 use std::slice;
 
 use super::access::Type;
+use super::build::Library;
 use super::calls::{Function, Interface};
 use super::instance::{Answer, Instance, Refused};
 use super::logger::{ERROR, Logger};
@@ -21,7 +22,6 @@ use super::types::{
     Boolean, CO_SIMULATION, CallbackFunctions, Component, FmuState, MODEL_EXCHANGE, Status, StringPointer, TRUE,
     ValueReference,
 };
-use crate::system::Registry;
 
 /// Calls into an instance: the table of allowed calls, panics, messages and status, in one place.
 pub(super) fn call(
@@ -119,7 +119,7 @@ pub(super) fn null(function: Function) -> Refused {
 /// Pointers as the standard says: strings with their ends, callbacks of the right signatures.
 #[allow(clippy::too_many_arguments)] // the standard's
 pub unsafe fn instantiate(
-    registry: Registry,
+    library: Library,
     instance_name: StringPointer,
     fmu_type: c_int,
     guid: StringPointer,
@@ -150,7 +150,7 @@ pub unsafe fn instantiate(
         let guid = guid.ok_or("fmi2Instantiate: fmuGUID is NULL")?.to_string_lossy();
         let location = location.map(CStr::to_bytes);
         let folder = resources::folder(location).map_err(|reason| format!("fmi2Instantiate: {reason}"))?;
-        let unit = Shared::of(&folder, registry).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
+        let unit = Shared::of(&folder, library).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
         let mut instance = Instance::new(unit, interface, &guid, logger())?;
         instance.set_debug_logging(logging_on != 0, &[])?;
         Ok(instance)
@@ -474,8 +474,7 @@ pub type Reply = unsafe extern "C-unwind" fn(context: *mut std::ffi::c_void, tex
 /// # Safety
 /// `description` is NULL or a C string; `reply` may be called with `context`.
 pub unsafe fn describe(
-    registry: Registry,
-    package: &str,
+    library: Library,
     description: StringPointer,
     reply: Option<Reply>,
     context: *mut std::ffi::c_void,
@@ -484,7 +483,7 @@ pub unsafe fn describe(
     // SAFETY: as this function asks of its caller.
     let description = unsafe { string(description) };
     let text = panics::contain(|| match description.map(CStr::to_str).transpose() {
-        Ok(description) => super::describe::reply(description, registry, package),
+        Ok(description) => super::describe::reply(description, library),
         Err(error) => super::describe::failure(&format!("the description is not UTF-8: {error}")),
     });
     let text =

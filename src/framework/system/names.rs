@@ -21,7 +21,7 @@ pub type Names = BTreeMap<String, Words>;
 
 /// The words for one variable: for itself where it is a scalar or an element, or for each of its elements.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "must be a name, { name, description }, or a list of these, one an element")]
 pub enum Words {
     /// Of each element, rows first.
@@ -32,7 +32,7 @@ pub enum Words {
 
 /// A name, or a name with a description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "must be a name or { name, description }")]
 pub enum Word {
     /// The name.
@@ -49,7 +49,7 @@ fn of_table<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Described, D::
 
 /// A name with a description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Described {
     /// Name: letters, digits and _, with dots and indices as in `motor.speed` and `joint[1]`.

@@ -61,7 +61,7 @@ mod rosenbrock;
 mod sparsity;
 mod spectrum;
 mod stability;
-pub(crate) mod tableau;
+pub mod tableau;
 mod watch;
 mod work;
 

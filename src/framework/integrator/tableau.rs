@@ -22,6 +22,5 @@ pub const E: [f64; STAGES] =
     [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0];
 
 /// Where each stage stands, in parts of the step, and its weights.
-#[cfg(feature = "cli")]
 pub const TABLEAU: [(f64, &[f64]); STAGES] =
     [(0.0, &[]), (1.0 / 5.0, &A2), (3.0 / 10.0, &A3), (4.0 / 5.0, &A4), (8.0 / 9.0, &A5), (1.0, &A6), (1.0, &A7)];

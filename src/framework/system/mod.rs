@@ -6,6 +6,7 @@
 //! a simulation can be saved, restored, differentiated and run many times over without the model's help.
 //!
 //! ```
+//! # use adaptive_fmu_framework as adaptive_fmu;
 //! use adaptive_fmu::{model::Model, system::*};
 //!
 //! /// Van der Pol oscillator x1' = x2, x2' = mu (1 - x1^2) x2 - x1.
@@ -109,8 +110,7 @@ mod unit;
 mod values;
 mod variable;
 
-#[cfg(feature = "cli")]
-pub(crate) use composite::Structure as CompositeStructure;
+pub use composite::Structure as CompositeStructure;
 pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
 pub use dual::Dual;
 pub use erased::{
@@ -140,7 +140,7 @@ pub use crate::report::{DesignReport, Verdict};
 
 /// The structure of a system that has none to choose: its description's `[structure]` is empty.
 #[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct NoStructure {}
 

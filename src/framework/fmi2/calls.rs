@@ -99,9 +99,8 @@ const ANY: u16 = I | M | V | C | S | F | T | E;
 macro_rules! call_table {
     ($($function:ident: $model_exchange:expr, $co_simulation:expr;)*) => {
         /// The functions that take an instance, but for fmi2FreeInstance, which is always allowed.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
         #[allow(missing_docs)] // named as in the standard
-        #[cfg_attr(feature = "cli", derive(serde::Serialize, serde::Deserialize))]
         pub enum Function {
             $($function,)*
         }

@@ -29,9 +29,9 @@ const MOST_PARTS: usize = 1000;
 
 /// What a composite is made of.
 #[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Structure {
+pub struct Structure {
     /// The systems that it consists of.
     parts: Vec<PartDescription>,
     /// From an output to an input, as `part.variable[i]`.
@@ -41,7 +41,7 @@ pub(crate) struct Structure {
 
 /// A part, in the words of a description.
 #[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PartDescription {
     /// Its name, which stands before those of its variables.
@@ -50,14 +50,14 @@ pub(crate) struct PartDescription {
     model: String,
     /// What its variables depend on.
     #[serde(default)]
-    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     structure: toml::Table,
     /// Names of one's own for its variables.
     #[serde(default)]
     names: Names,
     /// Start values that differ from its own.
     #[serde(default)]
-    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     start: toml::Table,
 }
 

@@ -5,8 +5,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::control::eigenvalues::{Eigenvalue, eigenvalues};
-use crate::control::l1_norm::Bounds;
+use crate::eigenvalues::{Eigenvalue, eigenvalues};
 
 /// How a finding is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -67,14 +66,6 @@ impl From<&DMatrix<f64>> for Value {
 impl From<&DVector<f64>> for Value {
     fn from(vector: &DVector<f64>) -> Self {
         Value::Matrix(vec![vector.iter().copied().collect()])
-    }
-}
-
-impl From<Bounds> for Value {
-    fn from(Bounds { lower, upper }: Bounds) -> Self {
-        // A sum of both is a number only where both are.
-        let both = lower + upper;
-        if both.is_finite() { Value::Between { lower, upper } } else { Value::Text(infinite(both).to_owned()) }
     }
 }
 
@@ -277,7 +268,7 @@ mod tests {
         report.judge("infinite", f64::INFINITY, "", Verdict::NotSound, "");
         report.tell_unlimited("delay margin", "s", "");
         report.tell("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, 1e300]), "1/s", "");
-        report.tell("between", Bounds { lower: 1.0, upper: 2.0 }, "", "");
+        report.tell("between", Value::Between { lower: 1.0, upper: 2.0 }, "", "");
         report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, -2.0]), false);
         report.eigenvalues("A", &DMatrix::from_element(1, 1, f64::NAN), true);
         let back: DesignReport = serde_json::from_str(&serde_json::to_string(&report).unwrap()).unwrap();
@@ -289,13 +280,11 @@ mod tests {
     fn nothing_that_is_no_finite_number_is_ok() {
         let matrix = DMatrix::from_row_slice(1, 2, &[1.0, f64::NEG_INFINITY]);
         let broken = Eigenvalue { real: f64::NAN, imaginary: 0.0, damping: None, frequency: f64::NAN };
-        let bounds = Bounds { lower: f64::NAN, upper: 1.0 };
-        let all: [Value; 6] = [
+        let all: [Value; 5] = [
             f64::INFINITY.into(),
             f64::NAN.into(),
             (&matrix).into(),
-            Bounds::INFINITE.into(),
-            bounds.into(),
+            Value::Between { lower: f64::NAN, upper: 1.0 },
             Value::Eigenvalues(vec![broken]),
         ];
         for value in all {
@@ -315,7 +304,7 @@ mod tests {
         let mut report = DesignReport::new(1e-3);
         report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -25.0, -6.0]), true);
         assert_eq!(report.findings[0].value.lines(), ["-3 ± 4j 1/s, damping 0.6, 5 rad/s"]);
-        assert_eq!(Value::from(Bounds { lower: 0.1, upper: 0.100_000_001 }).lines(), ["0.1"]);
-        assert_eq!(Value::from(Bounds { lower: 0.1, upper: 0.2 }).lines(), ["0.1 … 0.2"]);
+        assert_eq!(Value::Between { lower: 0.1, upper: 0.100_000_001 }.lines(), ["0.1"]);
+        assert_eq!(Value::Between { lower: 0.1, upper: 0.2 }.lines(), ["0.1 … 0.2"]);
     }
 }

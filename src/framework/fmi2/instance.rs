@@ -61,7 +61,7 @@ impl Instance {
     /// # Errors
     /// When the GUID isn't this unit's.
     pub fn new(unit: Arc<Shared>, interface: Interface, guid: &str, logger: Logger) -> Answer<Self> {
-        let own = unit.guid;
+        let (own, source) = (unit.guid, unit.source);
         if guid != model_description::guid_text(own) {
             return Err(Refused(format!(
                 "fmi2Instantiate: the GUID `{guid}` is not that of this unit, {}: modelDescription.xml and \
@@ -76,7 +76,7 @@ impl Instance {
         Ok(Instance {
             unit,
             execution,
-            identity: snapshot::identity(own, interface),
+            identity: snapshot::identity(own, interface, source),
             logger,
             interface,
             phase: Phase::Instantiated,

@@ -181,7 +181,7 @@ impl Kind {
     /// The kind that connects systems of other kinds: a whole loop as one system.
     pub const COMPOSITE: Kind = Kind {
         name: "composite",
-        documentation: include_str!("../../docs/composite.md"),
+        documentation: include_str!("../../../docs/composite.md"),
         declare: super::composite::declare,
     };
 

@@ -17,7 +17,7 @@ use crate::system::{
 
 /// What a person writes about an FMU (`modelDescription/NAME.toml`).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Description {
     /// Name of the FMU: a C identifier.
@@ -31,20 +31,38 @@ pub struct Description {
     pub experiment: Experiment,
     /// What the system's variables depend on.
     #[serde(default)]
-    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     pub structure: toml::Table,
     /// Names of one's own for variables, by the system's names of them.
     #[serde(default)]
     pub names: Names,
     /// Start values that differ from the system's own.
     #[serde(default)]
-    #[cfg_attr(feature = "cli", schemars(with = "std::collections::BTreeMap<String, crate::schema::StartValue>"))]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, StartValue>"))]
     pub start: toml::Table,
+}
+
+/// What a start value may be.
+#[cfg(feature = "schema")]
+#[derive(schemars::JsonSchema)]
+#[schemars(untagged)]
+#[allow(dead_code)] // for the schema alone: what fits a variable is decided where it is declared
+enum StartValue {
+    /// Of a scalar, or of one element.
+    Number(f64),
+    /// True or false.
+    Boolean(bool),
+    /// An item of a choice.
+    Text(String),
+    /// Of a vector.
+    Numbers(Vec<f64>),
+    /// Of a matrix: its rows.
+    Rows(Vec<Vec<f64>>),
 }
 
 /// The default experiment.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Experiment {
     /// Stop time, s.
