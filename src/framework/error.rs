@@ -3,8 +3,6 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::integrator::Mode;
-
 /// A text of a file or another tool as one line that can be shown: control characters escaped.
 pub fn one_line(text: &str) -> String {
     let mut line = String::with_capacity(text.len());
@@ -61,25 +59,17 @@ impl Invalid {
 
     /// As reasons of a part of something larger.
     pub(crate) fn within(self, part: &str) -> Self {
-        Invalid { reasons: self.reasons.into_iter().map(|reason| format!("{part}: {reason}")).collect() }
+        self.reworded(|reason| format!("{part}: {reason}"))
     }
 
-    /// As what a part of a composite refuses.
-    pub(crate) fn of_part(self, part: &str) -> Self {
-        let of_part = |reason| crate::system::of_part(reason, part);
-        Invalid { reasons: self.reasons.into_iter().map(of_part).collect() }
-    }
-
-    /// As it is told to users: with the names of variables that are in force.
-    pub(crate) fn told(self, variables: &crate::system::Variables) -> Self {
-        Invalid { reasons: self.reasons.iter().map(|reason| variables.told(reason)).collect() }
+    /// In other words.
+    pub(crate) fn reworded(self, word: impl Fn(String) -> String) -> Self {
+        Invalid { reasons: self.reasons.into_iter().map(word).collect() }
     }
 
     /// With the time at which they were found, s.
     pub(crate) fn at(self, time: f64) -> Self {
-        Invalid {
-            reasons: self.reasons.into_iter().map(|reason| format!("{reason} (at t = {} s)", Number(time))).collect(),
-        }
+        self.reworded(|reason| format!("{reason} (at t = {} s)", Number(time)))
     }
 
     /// Adds the reasons of another.
@@ -159,7 +149,7 @@ pub enum StepError {
         "{events} events and {substeps} substeps reached only t = {} s of a communication step of {} s, with all the \
          work that work_limit allows. The system changes too fast for so long a step: take a smaller one, or a larger \
          work_limit, or, if it is stiff and integration_method is explicit, another method{}",
-        Number(*.time), Number(*.step), followed.map_or(String::new(), |mode| mode.followed())
+        Number(*.time), Number(*.step), followed
     )]
     TooMuchWork {
         /// How many events there were on the way.
@@ -170,8 +160,8 @@ pub enum StepError {
         time: f64,
         /// The communication step, s.
         step: f64,
-        /// What had to be followed, where that limited the substeps.
-        followed: Option<Mode>,
+        /// What had to be followed, where that limited the substeps, as the end of the message.
+        followed: String,
     },
     /// Events of one indicator accumulate.
     #[error(

@@ -6,6 +6,7 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
+mod controls;
 pub mod eigenvalues;
 pub mod error;
 pub mod execution;

@@ -4,8 +4,8 @@ use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 
+use crate::controls::Controls;
 use crate::error::{Invalid, Number};
-use crate::execution::Controls;
 use crate::integrator::{Sparsity, Work};
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
@@ -244,7 +244,7 @@ impl Model {
 
     /// What depends on what, found when it is first asked for.
     pub fn structure(&self) -> &Structure {
-        self.structure.get_or_init(|| Structure::of(self))
+        self.structure.get_or_init(|| Structure::of(self.system(), &self.variables))
     }
 
     /// Checks that a recording says all that the equations say.
@@ -275,7 +275,7 @@ impl Model {
         // They were prepared when the model was made, so nothing is refused here.
         if self.prepare(&mut block, &mut MessageLog::new()).is_ok() {
             self.system.report(&block.point(self, &mut MessageLog::new()).values(), &mut report);
-            report.told(&self.variables);
+            report.reworded(|text| self.variables.told(text));
         }
         report
     }
@@ -291,7 +291,7 @@ impl Model {
     /// [`Invalid`] with every reason.
     pub fn prepare(&self, block: &mut Block, log: &mut MessageLog) -> Result<(), Invalid> {
         self.check_limits(block)?;
-        self.system.prepare(&mut block.point(self, log)).map_err(|invalid| invalid.told(&self.variables))?;
+        self.system.prepare(&mut block.point(self, log)).map_err(|invalid| self.variables.told_of(invalid))?;
         let prepared = self.variables.reals(Section::Prepared);
         let start = prepared.start;
         let broken = prepared.into_iter().find(|&index| !block.reals[index].is_finite());

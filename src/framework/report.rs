@@ -196,11 +196,11 @@ impl DesignReport {
         self.part = None;
     }
 
-    /// Names variables as users do.
-    pub(crate) fn told(&mut self, variables: &crate::system::Variables) {
+    /// In other words, which name variables as users do.
+    pub(crate) fn reworded(&mut self, word: impl Fn(&str) -> String) {
         for finding in &mut self.findings {
-            finding.name = variables.told(&finding.name);
-            finding.note = variables.told(&finding.note);
+            finding.name = word(&finding.name);
+            finding.note = word(&finding.note);
         }
     }
 

@@ -2,9 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::model::Model;
 use crate::recording::{Dependence, Leaf, Method, Node, Recording};
-use crate::system::{Causality, Element, Section, Variables};
+use crate::system::{Causality, DynSystem, Element, Section, Variables};
 
 /// A value's place in the block: of reals, or of integers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -31,10 +30,9 @@ pub struct Structure {
 }
 
 impl Structure {
-    /// As a model's equations and its start have it.
-    pub fn of(model: &Model) -> Self {
-        let variables = model.variables();
-        let found = |method| Recording::of(model.system(), method, &variables.layout());
+    /// As a system's equations and its start have it.
+    pub fn of(system: &dyn DynSystem, variables: &Variables) -> Self {
+        let found = |method| Recording::of(system, method, &variables.layout());
         let wanted = |element: &Element<'_>| {
             let is_output = element.variable.causality == Causality::Output;
             is_output || matches!(element.variable.section, Section::State | Section::Derivative | Section::Connected)

@@ -1,19 +1,18 @@
 //! One instance of a model in time: its values, its parameters as a transaction, its inputs within a step.
 
-mod controls;
 mod derivatives;
 mod model_exchange;
 
 use std::sync::Arc;
 
-pub use controls::{Controls, InputHandling, OnStepFailure};
+pub use crate::controls::{InputHandling, OnStepFailure};
 pub use model_exchange::Update;
 
+use crate::controls::TIGHTEST_TOLERANCE;
 use crate::error::{Invalid, StepError};
 use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings};
 use crate::model::{Block, Model};
 use crate::system::{Causality, Dual, Handle, Message, MessageLog, Point, Section, Values};
-use controls::TIGHTEST_TOLERANCE;
 
 /// An instance of a model.
 #[derive(Debug)]
@@ -429,7 +428,7 @@ impl Execution {
 
     /// What the system has refused since it was last asked, with the names of variables that are in force.
     fn accepted(&mut self) -> Result<(), Invalid> {
-        self.log.accepted().map_err(|invalid| invalid.told(self.model.variables()))
+        self.log.accepted().map_err(|invalid| self.model.variables().told_of(invalid))
     }
 
     /// Takes the messages that wait to be logged, as they are told to users.

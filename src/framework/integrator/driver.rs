@@ -158,6 +158,7 @@ impl Driver {
     ) -> StepError {
         let followed = self.methods.followed(pace);
         if followed.is_none_or(|mode| mode.growth * step < ESCAPES) {
+            let followed = followed.map_or(String::new(), |mode| mode.followed());
             return StepError::TooMuchWork { events, substeps, time, step, followed };
         }
         let sizes = problem.states().iter().zip(&self.nominals).map(|(x, nominal)| x.abs() / nominal);

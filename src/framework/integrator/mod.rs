@@ -209,7 +209,7 @@ impl<'a> Problem<'a> {
     /// Whether the equations hold at t, where the problem stands evaluated.
     fn check(&mut self, t: f64) -> Result<(), Invalid> {
         self.equations().check(t, &mut self.point());
-        self.log.accepted().map_err(|invalid| invalid.told(self.variables).at(t))
+        self.log.accepted().map_err(|invalid| self.variables.told_of(invalid).at(t))
     }
 
     fn next_time_event(&self) -> f64 {

@@ -49,7 +49,7 @@ pub struct Mode {
 
 impl Mode {
     /// For a message: that it had to be followed.
-    pub(crate) fn followed(&self) -> String {
+    pub(super) fn followed(&self) -> String {
         let rounded = |x: f64| format!("{x:.3e}").parse::<f64>().unwrap_or(x);
         let (growth, frequency) = (Number(rounded(self.growth)), Number(rounded(self.frequency)));
         let does = if self.growth > 0.0 { format!("grows at {growth} 1/s") } else { String::from("is hardly damped") };

@@ -116,7 +116,6 @@ pub use dual::Dual;
 pub use erased::{
     Compiled, CompiledStart, CompiledWhole, DIRECTIONS, DynSystem, Equations, Happens, Kind, Registry, Starts, Wide,
 };
-pub(crate) use names::of_part;
 pub use names::{Described, Named, Names, Word, Words};
 pub use point::{Message, MessageLog, Point};
 pub use scalar::{Changed, Flag, Merge, Scalar, any, larger, smaller};

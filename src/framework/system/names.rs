@@ -265,7 +265,7 @@ pub(super) fn reference(is_real: bool, is_whole: bool, index: usize) -> String {
 }
 
 /// A text of a composite's part: variables are named with the part's name, other texts begin with it.
-pub(crate) fn of_part(text: String, part: &str) -> String {
+pub(super) fn of_part(text: String, part: &str) -> String {
     if text.contains(BEGIN) { text } else { format!("{part}: {text}") }
 }
 
@@ -280,6 +280,11 @@ impl Variables {
             told.push_str(rest);
         }
         told
+    }
+
+    /// What is refused, as it is told to users: with the names of variables that are in force.
+    pub(crate) fn told_of(&self, invalid: Invalid) -> Invalid {
+        invalid.reworded(|reason| self.told(&reason))
     }
 
     fn referred(&self, reference: &str) -> String {

@@ -44,8 +44,9 @@ impl MessageLog {
     /// Takes over what was told and refused to a part of a composite, as the part's.
     pub(super) fn take_over(&mut self, other: MessageLog, part: &str) {
         let of_part = |message: Message| Message { text: super::names::of_part(message.text, part), ..message };
+        let refused = other.refused.reworded(|reason| super::names::of_part(reason, part));
         self.messages.extend(other.messages.into_iter().map(of_part));
-        self.refused.and(other.refused.of_part(part));
+        self.refused.and(refused);
     }
 
     /// Takes the reasons out for which what was asked for is refused.

@@ -16,7 +16,7 @@ use super::declaration::Declaration;
 use super::erased::{
     Compiled, CompiledStart, CompiledWhole, DynSystem, Equations, Happens, Kind, Registry, Starts, read,
 };
-use super::names::Names;
+use super::names::{Names, of_part};
 use super::values::{Offsets, Values};
 use super::{MessageLog, OwnStep, Point, Scalar, Section};
 use crate::error::Invalid;
@@ -271,7 +271,7 @@ impl DynSystem for Composite {
         let mut invalid = Invalid::none();
         for part in &self.parts {
             if let Err(reasons) = part.with(v, |system, v| system.prepare(v)) {
-                invalid.and(reasons.of_part(&part.name));
+                invalid.and(reasons.reworded(|reason| of_part(reason, &part.name)));
             }
         }
         invalid.into_result()

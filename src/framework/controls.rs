@@ -7,7 +7,7 @@ use crate::system::{
 };
 
 /// Tolerances below this only add up rounding errors.
-pub(super) const TIGHTEST_TOLERANCE: f64 = 1e-12;
+pub(crate) const TIGHTEST_TOLERANCE: f64 = 1e-12;
 
 /// What inputs do within a communication step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,38 +57,38 @@ impl Choice for OnStepFailure {
 /// The variables that every model has beside its own, and the memory of its simulation.
 #[derive(Debug)]
 pub struct Controls {
-    pub(super) relative_tolerance: Option<ScalarOf<Parameter>>,
-    pub(super) integration_method: Option<ChoiceOf<Parameter, IntegrationMethod>>,
-    pub(super) work_limit: ScalarOf<Parameter>,
-    pub(super) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
-    pub(super) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
-    pub(super) time: ScalarOf<Memory>,
+    pub(crate) relative_tolerance: Option<ScalarOf<Parameter>>,
+    pub(crate) integration_method: Option<ChoiceOf<Parameter, IntegrationMethod>>,
+    pub(crate) work_limit: ScalarOf<Parameter>,
+    pub(crate) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
+    pub(crate) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
+    pub(crate) time: ScalarOf<Memory>,
     /// The master's tolerance; 0 where it gave none.
-    pub(super) tolerance: ScalarOf<Memory>,
-    pub(super) pace: PaceMemory,
-    pub(super) last_step: ScalarOf<Memory>,
+    pub(crate) tolerance: ScalarOf<Memory>,
+    pub(crate) pace: PaceMemory,
+    pub(crate) last_step: ScalarOf<Memory>,
     /// Rates of the inputs that the master gave for the next step.
-    pub(super) given_slopes: Option<VectorOf<Memory>>,
+    pub(crate) given_slopes: Option<VectorOf<Memory>>,
     /// Rates of the inputs in the last step.
-    pub(super) slopes: Option<VectorOf<Memory>>,
+    pub(crate) slopes: Option<VectorOf<Memory>>,
     /// Inputs as set for the last step, and as they were at its end.
-    pub(super) previous_inputs: Option<VectorOf<Memory>>,
-    pub(super) last_inputs: Option<VectorOf<Memory>>,
+    pub(crate) previous_inputs: Option<VectorOf<Memory>>,
+    pub(crate) last_inputs: Option<VectorOf<Memory>>,
     /// The parameters of the last valid set.
-    pub(super) valid_reals: Option<VectorOf<Memory>>,
-    pub(super) valid_integers: usize,
+    pub(crate) valid_reals: Option<VectorOf<Memory>>,
+    pub(crate) valid_integers: usize,
     /// What is known of the event indicators where the last step ended.
-    pub(super) indicators: Option<VectorOf<Memory>>,
+    pub(crate) indicators: Option<VectorOf<Memory>>,
     /// Integer and Boolean inputs in the last step; in model exchange those in force while others wait.
-    pub(super) last_integer_inputs: usize,
-    pub(super) integer_inputs_wait: BooleanOf<Memory>,
-    pub(super) started: BooleanOf<Memory>,
+    pub(crate) last_integer_inputs: usize,
+    pub(crate) integer_inputs_wait: BooleanOf<Memory>,
+    pub(crate) started: BooleanOf<Memory>,
     /// In model exchange: when the master's integrator completed its last step, and whether states have jumped at the
     /// present event.
-    pub(super) completed: ScalarOf<Memory>,
-    pub(super) states_jumped: BooleanOf<Memory>,
-    pub(super) parameters_set: BooleanOf<Memory>,
-    pub(super) slopes_given: BooleanOf<Memory>,
+    pub(crate) completed: ScalarOf<Memory>,
+    pub(crate) states_jumped: BooleanOf<Memory>,
+    pub(crate) parameters_set: BooleanOf<Memory>,
+    pub(crate) slopes_given: BooleanOf<Memory>,
 }
 
 impl Controls {
@@ -159,7 +159,7 @@ impl Controls {
 
 /// Where the [`Pace`] of the integration lies between steps.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PaceMemory {
+pub(crate) struct PaceMemory {
     substep: ScalarOf<Memory>,
     own_substep: ScalarOf<Memory>,
     stiff: BooleanOf<Memory>,
@@ -186,7 +186,7 @@ impl PaceMemory {
         }
     }
 
-    pub(super) fn read(self, v: &Values<f64>) -> Pace {
+    pub(crate) fn read(self, v: &Values<f64>) -> Pace {
         let [stable, explicit, stiff, growth, frequency] = self.limits.map(|limit| v[limit]);
         Pace {
             substep: v[self.substep],
@@ -201,11 +201,11 @@ impl PaceMemory {
     }
 
     /// Has eigenvalues looked at before the next substep: the equations are others.
-    pub(super) fn look_again(self, v: &mut Point) {
+    pub(crate) fn look_again(self, v: &mut Point) {
         v[self.until_look] = 0.0;
     }
 
-    pub(super) fn write(self, pace: Pace, v: &mut Point) {
+    pub(crate) fn write(self, pace: Pace, v: &mut Point) {
         v[self.substep] = pace.substep;
         v[self.own_substep] = pace.own_substep;
         v.put(self.stiff, pace.stiff);
