@@ -32,7 +32,7 @@ pub mod tuning;
 pub mod validation;
 
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, model, recording, report, structure, system, text_file,
+    eigenvalues, error, execution, fmi2, integrator, model, recording, report, scalar, structure, system, text_file,
 };
 
 // For a library that holds models of this package beside others: without the feature `library`, whose functions have the

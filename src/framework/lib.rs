@@ -16,6 +16,7 @@ pub mod integrator;
 pub mod model;
 pub mod recording;
 pub mod report;
+pub mod scalar;
 pub mod structure;
 pub mod system;
 pub mod text_file;

@@ -1,7 +1,7 @@
 //! A recording, carried out on numbers: the referee of every other form that is made of it.
 
 use super::iteration;
-use super::record::Recording;
+use super::method::Recording;
 use super::tape::{Leaf, Node, Tape};
 
 /// What is given to a recording.

@@ -182,7 +182,7 @@ mod tests {
     use super::super::node::{Recorded, on_tape};
     use super::super::structure::Dependence;
     use super::*;
-    use crate::system::Scalar;
+    use crate::scalar::Scalar;
 
     /// The values of what a function records of some numbers, and the tape with its results.
     fn recorded<const N: usize>(

@@ -9,16 +9,16 @@
 
 mod evaluate;
 mod iteration;
+mod method;
 mod node;
-mod opaque;
-mod record;
 mod structure;
 mod tape;
 
+pub use crate::scalar::Opaque;
 pub use evaluate::Given;
 pub use iteration::Body;
+pub use method::{Method, Recording};
+pub(crate) use node::on_tape;
 pub use node::{Condition, Recorded};
-pub use opaque::Opaque;
-pub use record::{Layout, Method, Recording};
 pub use structure::Dependence;
 pub use tape::{Binary, Comparison, Leaf, Node, Note, Operation, Tape, Unary};

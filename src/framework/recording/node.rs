@@ -5,10 +5,9 @@ use std::fmt;
 use std::mem::ManuallyDrop;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, DivAssign, Mul, MulAssign, Neg, Not, Sub, SubAssign};
 
-use super::opaque::Opaque;
 use super::tape::{Binary, Comparison, Node, Note, Operation, Tape, Unary};
 use crate::error::Invalid;
-use crate::system::{Changed, Flag, Merge, MessageLog, Scalar};
+use crate::scalar::{Changed, Flag, Merge, MessageLog, Opaque, Scalar};
 
 thread_local! {
     /// The tape of the recording that runs in this thread: arithmetic has no other way to it. Between recordings it is empty,
@@ -17,7 +16,7 @@ thread_local! {
 }
 
 /// Records what a function does, on a tape of its own.
-pub(super) fn on_tape<T>(record: impl FnOnce() -> T) -> (T, Tape) {
+pub(crate) fn on_tape<T>(record: impl FnOnce() -> T) -> (T, Tape) {
     let exchanged = |tape: Tape| ManuallyDrop::into_inner(TAPE.replace(ManuallyDrop::new(tape)));
     let before = exchanged(Tape::default());
     let result = record();
@@ -57,11 +56,11 @@ impl Recorded {
     }
 
     /// As a condition: whether it isn't 0.
-    pub(super) fn holds(self) -> Condition {
+    pub(crate) fn holds(self) -> Condition {
         Condition(self.0)
     }
 
-    pub(super) fn of(operation: Operation) -> Self {
+    pub(crate) fn of(operation: Operation) -> Self {
         Recorded(add(operation))
     }
 

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::iteration::Body;
-use super::opaque::Opaque;
 use crate::error::Invalid;
+use crate::scalar::Opaque;
 
 /// An operation's place on its tape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -4,13 +4,13 @@ use std::marker::PhantomData;
 
 use serde::de::DeserializeOwned;
 
-use super::dual::Dual;
 use super::names::{self, Names};
 use super::values::{Offsets, Values, Written};
 use super::{Declaration, OwnStep, Point, Scalar, Section, System};
 use crate::error::Invalid;
 use crate::recording::Recorded;
 use crate::report::DesignReport;
+use crate::scalar::Dual;
 
 /// How many directions one pass over [`Wide`] numbers takes.
 pub const DIRECTIONS: usize = 8;

@@ -99,11 +99,10 @@
 
 mod composite;
 mod declaration;
-mod dual;
 mod erased;
 mod names;
 mod point;
-mod scalar;
+mod record;
 mod spec;
 mod start;
 mod unit;
@@ -112,13 +111,12 @@ mod variable;
 
 pub use composite::Structure as CompositeStructure;
 pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
-pub use dual::Dual;
 pub use erased::{
     Compiled, CompiledStart, CompiledWhole, DIRECTIONS, DynSystem, Equations, Happens, Kind, Registry, Starts, Wide,
 };
 pub use names::{Described, Named, Names, Word, Words};
-pub use point::{Message, MessageLog, Point};
-pub use scalar::{Changed, Flag, Merge, Scalar, any, larger, smaller};
+pub use point::Point;
+pub use record::Layout;
 pub use spec::{
     DiscreteSpec, Grid, Many, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector,
 };
@@ -136,6 +134,7 @@ use serde::de::DeserializeOwned;
 
 pub use crate::error::{Invalid, Number};
 pub use crate::report::{DesignReport, Verdict};
+pub use crate::scalar::{Changed, Dual, Flag, Merge, Message, MessageLog, Scalar, any, larger, smaller};
 
 /// The structure of a system that has none to choose: its description's `[structure]` is empty.
 #[derive(Debug, Default, Deserialize)]

@@ -1,75 +1,15 @@
 //! Full access to an instance's values, for what happens outside the equations.
 
-use std::ops::{Deref, DerefMut, Index, IndexMut};
+use std::ops::{Index, IndexMut};
 
 use nalgebra::{DMatrixView, DMatrixViewMut};
 
 use super::declaration::Warning;
 use super::erased::Equations;
 use super::names::Named;
-use super::scalar::{Changed, Scalar};
 use super::values::{Class, DiscreteHandle, Handle, MatrixOf, Offsets, ScalarOf, Span, Values, VectorOf};
 use crate::error::Invalid;
-
-/// A message of a system, for the log.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Message {
-    /// Log category.
-    pub category: &'static str,
-    /// The text.
-    pub text: String,
-}
-
-/// Messages that wait to be logged, and why what was asked for is refused. Empty, it holds no memory.
-#[derive(Debug, Default)]
-pub struct MessageLog {
-    messages: Vec<Message>,
-    refused: Invalid,
-}
-
-impl MessageLog {
-    /// An empty one.
-    pub fn new() -> Self {
-        MessageLog::default()
-    }
-
-    pub(super) fn tell(&mut self, category: &'static str, text: String) {
-        self.messages.push(Message { category, text });
-    }
-
-    pub(super) fn refuse(&mut self, reason: Invalid) {
-        self.refused.and(reason);
-    }
-
-    /// Takes over what was told and refused to a part of a composite, as the part's.
-    pub(super) fn take_over(&mut self, other: MessageLog, part: &str) {
-        let of_part = |message: Message| Message { text: super::names::of_part(message.text, part), ..message };
-        let refused = other.refused.reworded(|reason| super::names::of_part(reason, part));
-        self.messages.extend(other.messages.into_iter().map(of_part));
-        self.refused.and(refused);
-    }
-
-    /// Takes the reasons out for which what was asked for is refused.
-    ///
-    /// # Errors
-    /// These, where there are any.
-    pub(crate) fn accepted(&mut self) -> Result<(), Invalid> {
-        std::mem::take(&mut self.refused).into_result()
-    }
-}
-
-impl Deref for MessageLog {
-    type Target = Vec<Message>;
-    fn deref(&self) -> &Vec<Message> {
-        &self.messages
-    }
-}
-
-impl DerefMut for MessageLog {
-    fn deref_mut(&mut self) -> &mut Vec<Message> {
-        &mut self.messages
-    }
-}
+use crate::scalar::{Changed, MessageLog, Scalar};
 
 /// All values of an instance at one point in time, to read and write.
 #[derive(Debug)]

@@ -7,8 +7,8 @@ use nalgebra::DMatrixView;
 use serde::Serialize;
 
 use super::names::Named;
-use super::scalar::Changed;
 use super::{Scalar, Section};
+use crate::scalar::Changed;
 
 /// What a variable is in the equations; it decides where in the block the value lies.
 pub trait Class: Copy + 'static {

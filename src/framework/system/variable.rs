@@ -5,8 +5,8 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
+use super::Layout;
 use super::values::Offsets;
-use crate::recording::Layout;
 
 /// The sections of the flat block, in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]

@@ -90,7 +90,7 @@ impl Part {
         let offsets = self.offsets(v.offsets);
         let mut log = MessageLog::new();
         let answer = call(self.system.as_ref(), &mut Point::new(v.reals, v.integers, &offsets, &mut log));
-        v.log.take_over(log, &self.name);
+        v.log.take_over(log, |text| of_part(text, &self.name));
         answer
     }
 }

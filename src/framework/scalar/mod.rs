@@ -3,10 +3,16 @@
 //! A scalar is a number, a dual number that carries exact derivatives, or a node of a [recording](crate::recording). Equations
 //! can't look at its value: what depends on one is *selected* by a flag, so that the same text serves all three.
 
+mod dual;
+mod messages;
+mod opaque;
+
 use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, DivAssign, Mul, MulAssign, Neg, Not, Sub, SubAssign};
 
-use super::dual::Dual;
-use super::point::MessageLog;
+pub use dual::Dual;
+pub use messages::{Message, MessageLog};
+pub use opaque::Opaque;
+
 use crate::error::{self, Invalid};
 
 /// A condition over scalars: `bool`, or a node of a recording. Combined by `&`, `|` and `!`.
@@ -29,7 +35,8 @@ impl Flag for bool {}
 ///
 /// Beside arithmetic and elementary functions it has *selection*. A condition is a [`Scalar::Flag`]; what depends on one is
 /// chosen by [`Scalar::select`] between values that stand, by [`Scalar::branch`] between two ways of computing them, or
-/// carried out by [`super::Point::when`]. For numbers these are ordinary branches, and cost what these cost.
+/// carried out by [`Point::when`](crate::system::Point::when). For numbers these are ordinary branches, and cost what these
+/// cost.
 pub trait Scalar:
     nalgebra::Scalar
     + Copy
@@ -163,8 +170,8 @@ pub trait Scalar:
     /// changes is the state alone.
     fn iterate(state: &mut [Self], most: usize, goes_on: impl Fn(&[Self]) -> Self::Flag, step: impl Fn(&mut [Self]));
 
-    /// A function that is no arithmetic, one of [`Opaque`](crate::recording::Opaque). Its derivative is zero.
-    fn opaque(function: crate::recording::Opaque, arguments: &[Self]) -> Self;
+    /// A function that is no arithmetic, one of [`Opaque`]. Its derivative is zero.
+    fn opaque(function: Opaque, arguments: &[Self]) -> Self;
 
     #[doc(hidden)]
     fn carry_out<P: Changed<Self>>(flag: Self::Flag, place: &mut P, change: impl FnOnce(&mut P));
@@ -310,7 +317,7 @@ macro_rules! of_numbers {
                 step(state);
             }
         }
-        fn opaque(function: crate::recording::Opaque, arguments: &[Self]) -> Self {
+        fn opaque(function: Opaque, arguments: &[Self]) -> Self {
             Self::from(function.of(arguments.iter().map(|argument| argument.number())))
         }
         #[inline]

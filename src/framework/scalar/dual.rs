@@ -167,7 +167,7 @@ impl<const N: usize> num_traits::One for Dual<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::system::Scalar;
+    use crate::scalar::Scalar;
     use num_dual::{Dual64, DualNum};
 
     /// Every function and operation against those of a library, at random places.
