@@ -1,54 +1,22 @@
-//! What `info` tells about a build, and linker flags of the shared library.
+//! What the program and the library of this package hold beside their code, and linker flags of the shared library.
 
-use std::hash::{DefaultHasher, Hasher};
+#[path = "src/framework/build/sources.rs"]
+mod sources;
+
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::{env, fs};
 
+use sources::entries;
+
 fn main() {
-    println!("cargo::rustc-env=ADAPTIVE_FMU_TARGET={}", env::var("TARGET").unwrap_or_default());
-    println!("cargo::rustc-env=ADAPTIVE_FMU_COMPILER={}", compiler());
-    let optimised = env::var("OPT_LEVEL").is_ok_and(|level| level != "0" && level != "1");
-    println!("cargo::rustc-env=ADAPTIVE_FMU_OPTIMISED={optimised}");
-    let mut hasher = DefaultHasher::new();
     embed();
-    for folder in ["src", "plants", "docs", "Cargo.toml"] {
-        println!("cargo::rerun-if-changed={folder}");
-        hash(Path::new(folder), &mut hasher);
-    }
-    println!("cargo::rustc-env=ADAPTIVE_FMU_SOURCE={:016x}", hasher.finish());
+    // The framework lies within src.
+    sources::tell(&["src", "plants", "docs", "Cargo.toml"]);
     // A fuzzer's library leaves symbols of its sanitizer to the program that loads it.
     let fuzzing = env::var_os("CARGO_CFG_FUZZING").is_some();
-    println!("cargo::rustc-check-cfg=cfg(old_glibc)");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("linux") && !fuzzing {
         // An undefined symbol is an error here, not in a user's tool.
         println!("cargo::rustc-link-arg-cdylib=-Wl,-z,defs");
-        if links_glibc() {
-            println!("cargo::rustc-cfg=old_glibc");
-        }
-    }
-}
-
-/// Whether a library of this target is linked with glibc, as it is loaded, on a processor that src/fmi2/old_glibc.rs knows.
-fn links_glibc() -> bool {
-    let of_target = |name: &str| env::var(format!("CARGO_CFG_TARGET_{name}")).unwrap_or_default();
-    let within = of_target("FEATURE").split(',').any(|feature| feature == "crt-static");
-    of_target("ENV") == "gnu" && ["x86_64", "aarch64"].contains(&of_target("ARCH").as_str()) && !within
-}
-
-fn compiler() -> String {
-    let rustc = env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
-    let version = Command::new(rustc).arg("--version").output().map(|output| output.stdout).unwrap_or_default();
-    String::from_utf8_lossy(&version).trim().to_owned()
-}
-
-/// Contents of files in the order of their names.
-fn hash(path: &Path, hasher: &mut DefaultHasher) {
-    if path.is_dir() {
-        entries(path).iter().for_each(|path| hash(path, hasher));
-    } else {
-        hasher.write(path.to_string_lossy().as_bytes());
-        hasher.write(&fs::read(path).unwrap_or_default());
     }
 }
 
@@ -77,12 +45,6 @@ fn texts(folder: &Path, extensions: &[&str], key: fn(&Path) -> String) -> String
     let has = |path: &PathBuf| path.extension().is_some_and(|e| extensions.iter().any(|extension| e == *extension));
     let files = entries(folder).into_iter().filter(has);
     files.map(|path| format!("({:?}, include_str!({path:?})),\n", key(&path))).collect()
-}
-
-fn entries(folder: &Path) -> Vec<PathBuf> {
-    let mut paths: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    paths.sort();
-    paths
 }
 
 fn name(path: &Path) -> String {

@@ -8,6 +8,7 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use adaptive_fmu::fmi2::build::{Library, SOURCE};
 use adaptive_fmu::fmi2::types::{CO_SIMULATION, CallbackFunctions, Component, FALSE, Status};
 use adaptive_fmu::fmi2::{access::References, interface, model_description};
 use adaptive_fmu::model::{Description, Model};
@@ -72,7 +73,8 @@ impl Unit {
         let (guid, location) = (guid.as_ptr(), location.as_ptr());
         let component = unsafe {
             let name = c"unit".as_ptr();
-            interface::instantiate(REGISTRY, name, CO_SIMULATION, guid, location, &callbacks, FALSE, FALSE)
+            let library = Library { registry: REGISTRY, source: SOURCE, build: &[] };
+            interface::instantiate(library, name, CO_SIMULATION, guid, location, &callbacks, FALSE, FALSE)
         };
         assert!(!component.is_null());
         assert_eq!(interface::setup_experiment(component, FALSE, 0.0, 0.0, FALSE, 0.0), Status::Ok);

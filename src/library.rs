@@ -39,6 +39,12 @@ pub const CATALOGUE: &[Entry] = &[
 /// Their kinds, from which the library makes units.
 pub static REGISTRY: Registry = &Entry::kinds::<{ CATALOGUE.len() }>(CATALOGUE);
 
+/// This package, as its library tells it.
+pub const PACKAGE: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+
+/// Checksum of all that its library and its program are made of.
+pub const SOURCE: &str = env!("ADAPTIVE_FMU_SOURCE");
+
 /// The entry of this name, where there is one.
 pub fn find(name: &str) -> Option<&'static Entry> {
     CATALOGUE.iter().find(|entry| entry.kind.name == name)
@@ -71,4 +77,4 @@ pub fn begin(request: &Request) -> Result<String, Invalid> {
 }
 
 #[cfg(feature = "library")]
-crate::define_fmi2_functions!(crate::library::REGISTRY);
+adaptive_fmu_framework::define_fmi2_functions!(crate::library::REGISTRY, crate::library::SOURCE);

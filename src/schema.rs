@@ -10,23 +10,6 @@ use crate::model::Description;
 /// Name of the file that it is written to.
 pub const FILE: &str = "description.schema.json";
 
-/// What a start value may be.
-#[derive(JsonSchema)]
-#[schemars(untagged)]
-#[allow(dead_code)] // for the schema alone: what fits a variable is decided where it is declared
-pub(crate) enum StartValue {
-    /// Of a scalar, or of one element.
-    Number(f64),
-    /// True or false.
-    Boolean(bool),
-    /// An item of a choice.
-    Text(String),
-    /// Of a vector.
-    Numbers(Vec<f64>),
-    /// Of a matrix: its rows.
-    Rows(Vec<Vec<f64>>),
-}
-
 fn generator() -> SchemaGenerator {
     let mut settings = SchemaSettings::draft07();
     settings.inline_subschemas = true;

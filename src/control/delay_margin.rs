@@ -7,7 +7,7 @@ use nalgebra::linalg::Schur;
 use nalgebra::{Complex, DMatrix};
 
 use crate::control::filter::Filter;
-use crate::control::lyapunov::eigenvalues;
+use crate::eigenvalues::complex as eigenvalues;
 
 /// Points of the grid of frequencies in a decade.
 const PER_DECADE: f64 = 60.0;

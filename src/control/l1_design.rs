@@ -8,7 +8,8 @@ use nalgebra::{Complex, DMatrix};
 
 use crate::control::filter::Filter;
 use crate::control::l1_norm::{Bounds, L1Norms};
-use crate::control::lyapunov::{eigenvalues, require_hurwitz};
+use crate::control::lyapunov::require_hurwitz;
+use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
 
 /// Points at most of a grid over the bounds of the input gain.

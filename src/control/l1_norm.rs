@@ -5,8 +5,10 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-use crate::control::lyapunov::{eigenvalues, gramian, require_hurwitz};
+use crate::control::lyapunov::{gramian, require_hurwitz};
+use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
+use crate::report::Value;
 
 /// What the bound on the rest of an impulse response may be when it is cut off, relative to the bound at its start.
 const TAIL: f64 = 1e-10;
@@ -46,6 +48,14 @@ impl Bounds {
     /// Of a sum.
     pub fn plus(self, other: Bounds) -> Bounds {
         Bounds { lower: self.lower + other.lower, upper: self.upper + other.upper }
+    }
+}
+
+impl From<Bounds> for Value {
+    fn from(Bounds { lower, upper }: Bounds) -> Self {
+        // A sum of both is a number only where both are.
+        let both = lower + upper;
+        if both.is_finite() { Value::Between { lower, upper } } else { both.into() }
     }
 }
 
@@ -352,5 +362,12 @@ mod tests {
         let message =
             L1Norms::within(1e-7).of(&A, &DMatrix::identity(2, 2), &DMatrix::identity(2, 2)).unwrap_err().to_string();
         assert!(message.contains("eigenvalues of A") && message.contains("Hurwitz"), "{message}");
+    }
+
+    #[test]
+    fn a_report_shows_both_bounds_or_says_that_there_are_none() {
+        assert_eq!(Value::from(Bounds { lower: 0.1, upper: 0.2 }), Value::Between { lower: 0.1, upper: 0.2 });
+        assert_eq!(Value::from(Bounds::INFINITE).lines(), ["infinite"]);
+        assert_eq!(Value::from(Bounds { lower: f64::NAN, upper: 1.0 }).lines(), ["not a number"]);
     }
 }

@@ -1,16 +1,13 @@
 //! The Lyapunov equation Aᵀ P + P A = −Q.
 
-use nalgebra::linalg::Schur;
 use nalgebra::{Complex, DMatrix};
 
+use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
 
 /// Doublings after which P of a Hurwitz matrix stands to rounding, whatever the spread of its eigenvalues in
 /// floating point.
 const DOUBLINGS: usize = 60;
-
-/// Iterations in which the eigenvalues of any matrix that is scaled well enough are found, many times over.
-const MOST_ITERATIONS: usize = 10_000;
 
 /// Solves Aᵀ P + P A = −Q for a Hurwitz matrix A and a symmetric positive definite Q.
 ///
@@ -80,18 +77,6 @@ fn slowest_decay(name: &str, a: &DMatrix<f64>) -> Result<f64, Invalid> {
     Err(Invalid::new(format!("eigenvalues of {name}"), list.join(", "), allowed))
 }
 
-/// The eigenvalues of a square matrix. `None` when it is too badly scaled.
-pub(crate) fn eigenvalues(a: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
-    if a.is_empty() {
-        return Some(Vec::new());
-    }
-    // At multiple eigenvalues the iteration may circle within a few roundings; for the transpose it goes other ways.
-    let tolerances = [1.0, 4.0, 16.0, 64.0].map(|roundings| roundings * f64::EPSILON);
-    let attempts = tolerances.into_iter().flat_map(|eps| [(a.clone(), eps), (a.transpose(), eps)]);
-    let schur = attempts.into_iter().find_map(|(a, eps)| Schur::try_new(a, eps, MOST_ITERATIONS))?;
-    Some(schur.complex_eigenvalues().iter().copied().collect())
-}
-
 /// An eigenvalue for a message.
 pub(crate) fn eigenvalue_text(lambda: &Complex<f64>) -> String {
     format!("{} + {}j", short(lambda.re), short(lambda.im))
@@ -116,8 +101,6 @@ pub fn require_positive_definite(name: &str, q: &DMatrix<f64>) -> Result<(), Inv
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::linalg::balancing::balance_parlett_reinsch;
-
     use super::*;
 
     fn residual(a: &DMatrix<f64>, p: &DMatrix<f64>, q: &DMatrix<f64>) -> f64 {
@@ -166,24 +149,5 @@ mod tests {
         let a = -DMatrix::<f64>::identity(2, 2);
         let q = DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0]);
         assert!(solve(&a, &q).unwrap_err().to_string().contains("positive definite"));
-    }
-
-    #[test]
-    fn eigenvalues_of_several_times_over_are_found() {
-        // (s + a)ⁿ in companion form: roundings spread its roots over a circle of radius a ε^(1/n).
-        for n in 2..=14_u32 {
-            for a in [1e-3, 0.7, 1.0, 3.0, 2e4] {
-                let mut companion = DMatrix::from_fn(n as usize, n as usize, |i, j| f64::from(j == i + 1));
-                let mut coefficient = 1.0;
-                for k in 0..n {
-                    coefficient *= f64::from(n - k) / f64::from(k + 1) * a;
-                    companion[(n as usize - 1, (n - 1 - k) as usize)] = -coefficient;
-                }
-                balance_parlett_reinsch(&mut companion);
-                let found = eigenvalues(&companion).unwrap_or_else(|| panic!("n = {n}, a = {a}"));
-                let radius = 10.0 * a * f64::EPSILON.powf(1.0 / f64::from(n));
-                assert!(found.iter().all(|lambda| (lambda + a).norm() < radius), "n = {n}, a = {a}: {found:?}");
-            }
-        }
     }
 }

@@ -11,7 +11,8 @@ use nalgebra::allocator::Allocator;
 use nalgebra::{Complex, DMatrix, DVector, DefaultAllocator, Dim, OMatrix, RowDVector};
 
 use crate::control::filter::Filter;
-use crate::control::lyapunov::{eigenvalue_text, eigenvalues};
+use crate::control::lyapunov::eigenvalue_text;
+use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
 
 /// Smallest size of a term, relative to the standard deviation [`Equation`] keeps of it, that is told from rounding.

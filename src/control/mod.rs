@@ -1,7 +1,6 @@
 //! What controllers share: limits, the projection operator, fuzzy inference and the mathematics of their design.
 
 pub mod delay_margin;
-pub mod eigenvalues;
 pub mod exponential;
 pub mod feedforward;
 pub mod filter;

@@ -14,6 +14,8 @@ const BEGINNINGS: [&str; 6] = ["license", "licence", "copying", "copyright", "no
 #[derive(Deserialize)]
 struct Metadata {
     packages: Vec<Package>,
+    /// The packages of this workspace, by their ids: they are under its own licence.
+    workspace_members: BTreeSet<String>,
     resolve: Resolve,
 }
 
@@ -56,11 +58,11 @@ struct Kind {
 /// # Errors
 /// When cargo doesn't tell the packages.
 pub fn of_dependencies(source: &Path, target: &str) -> Result<Vec<(String, String)>, Error> {
-    let Metadata { packages, resolve } = metadata(source, target)?;
+    let Metadata { packages, workspace_members, resolve } = metadata(source, target)?;
     let linked = linked(&resolve);
     let packages: BTreeMap<_, _> = packages
         .iter()
-        .filter(|package| linked.contains(package.id.as_str()) && package.id != resolve.root)
+        .filter(|package| linked.contains(package.id.as_str()) && !workspace_members.contains(&package.id))
         .map(|package| ((&package.name, &package.version), package))
         .collect();
     let mut table =

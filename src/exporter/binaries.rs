@@ -12,7 +12,8 @@ use super::asked::Glibc;
 use super::library::LIBRARIES;
 use super::platform::Platform;
 use crate::error::Error;
-use crate::fmi2::build::Build;
+use crate::fmi2::build::{self, Build};
+use crate::library::{PACKAGE, SOURCE};
 use crate::text_file;
 
 /// A library for a platform.
@@ -87,13 +88,19 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
-    let own = Binary { platform: Platform::own(), build: Build::own(), glibc: None, file: file.clone() };
+    let own = Binary { platform: Platform::own(), build: own_build(), glibc: None, file: file.clone() };
     let mut programs = Binaries::of(own);
     for program in of_names(places, |platform| platform.program_name().to_owned()) {
         // What is of other sources is told of where the libraries are taken.
         let _ = programs.take(program);
     }
     Ok(programs.of)
+}
+
+/// How this program was built. It holds that as a text, so that the same program for another platform can tell it.
+fn own_build() -> Build {
+    static TEXT: [u8; build::length(PACKAGE, SOURCE)] = build::text(PACKAGE, SOURCE);
+    Build::within(&TEXT).unwrap_or_default()
 }
 
 /// Where cargo leaves what it builds for targets that it is told, from where it leaves a program.
@@ -215,7 +222,7 @@ mod tests {
         let binary = |target: &&str| {
             let file = folder.path().join(target);
             std::fs::write(&file, target).unwrap();
-            let build = Build { target: (*target).to_owned(), ..Build::own() };
+            let build = Build { target: (*target).to_owned(), ..own_build() };
             Binary { platform: Platform::of_target(target).unwrap(), file, build, glibc: None }
         };
         let mut all = targets.iter().map(binary);

@@ -125,7 +125,7 @@ pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf,
 
 /// The picture of a unit: that of its kind where it is one of this package, not of another by the same name.
 fn icon(source: &Source, build: &Build) -> &'static [u8] {
-    let is_own = build.package == concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+    let is_own = build.package == own::PACKAGE;
     let model = Description::read(&source.text).ok().filter(|_| is_own).map(|description| description.model);
     model.and_then(|model| own::find(&model)).map_or(catalogue::ICON, |entry| entry.icon)
 }

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::fmi2::build::TARGET;
+
 /// A platform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Platform {
@@ -32,7 +34,7 @@ impl Platform {
 
     /// Where this program runs; what isn't known counts as Linux.
     pub fn own() -> Self {
-        Self::of_target(env!("ADAPTIVE_FMU_TARGET")).unwrap_or(KNOWN[0].2)
+        Self::of_target(TARGET).unwrap_or(KNOWN[0].2)
     }
 
     /// Of a target as Rust names it, say `x86_64-pc-windows-gnu`.

@@ -12,7 +12,7 @@ use super::fmu::{Fmu, Instance};
 use super::model_structure::ModelStructure;
 use super::plan::{DIFFERENCE, Derivatives, Plan, references};
 use super::{responses, steady_state};
-use crate::control::eigenvalues::{Eigenvalue, eigenvalues};
+use crate::eigenvalues::{Eigenvalue, eigenvalues};
 use crate::error::Error;
 use crate::exporter::read_entry;
 

@@ -6,15 +6,18 @@ use std::cell::RefCell;
 use std::ffi::CString;
 
 use adaptive_fmu::fmi2::access::References;
+use adaptive_fmu::fmi2::build::Library;
 use adaptive_fmu::fmi2::interface;
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu::library::{REGISTRY, SOURCE};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::Causality;
 use common::{OK, description, description_names, guid};
 
 const STEPS: i32 = 20;
+/// That of the exported functions, whose units are compared with those of the others.
+const LIBRARY: Library = Library { registry: REGISTRY, source: SOURCE, build: &[] };
 
 /// Control and flags of SSE, and control of the x87 unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -134,7 +137,7 @@ impl Life {
         life.component = life.call(
             "fmi2Instantiate",
             |_| unsafe { fmi2Instantiate(unit, kind, guid, place, &callbacks, FALSE, FALSE) },
-            |_| unsafe { interface::instantiate(REGISTRY, unit, kind, guid, place, &callbacks, FALSE, FALSE) },
+            |_| unsafe { interface::instantiate(LIBRARY, unit, kind, guid, place, &callbacks, FALSE, FALSE) },
         );
         assert!(!life.component.is_null(), "{name}, {way:x?}");
         life

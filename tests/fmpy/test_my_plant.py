@@ -188,10 +188,15 @@ def test_models_of_another_library_are_not_found_in_this_one(library, tmp_path) 
     assert "van-der-pol, rooms" in fails("export", "NonlinearSiso", "--library", library, "--out", tmp_path)
 
 
-def crate(folder: Path, features: str, models: str) -> subprocess.CompletedProcess[str]:
-    """Checks a copy of the crate with other features of its dependency, and other models in the macro's line."""
+FRAMEWORK = f'package = "adaptive-fmu-framework", path = "{ROOT / "src" / "framework"}"'
+# A package of models itself, whose own library has functions of the same names.
+MODELS = f'path = "{ROOT}", default-features = false, features = ["library"]'
+
+
+def crate(folder: Path, package: str, models: str) -> subprocess.CompletedProcess[str]:
+    """Checks a copy of the crate with another dependency, and other models in the macro's line."""
     shutil.copytree(CRATE, folder, ignore=shutil.ignore_patterns("target"))
-    dependency = f'adaptive-fmu = {{ path = "{ROOT}", default-features = false, features = [{features}] }}'
+    dependency = f"adaptive-fmu = {{ {package} }}"
     manifest = (folder / "Cargo.toml").read_text()
     line = next(line for line in manifest.splitlines() if line.startswith("adaptive-fmu"))
     (folder / "Cargo.toml").write_text(manifest.replace(line, dependency))
@@ -202,17 +207,16 @@ def crate(folder: Path, features: str, models: str) -> subprocess.CompletedProce
 
 
 @pytest.mark.parametrize(
-    ("features", "models", "told"),
+    ("package", "models", "told"),
     [
-        # That feature is among the default ones, which a crate gets that says nothing of them.
-        ('"library"', "[VanDerPol, Rooms, Ball]", "add `default-features = false` to this dependency in Cargo.toml"),
-        ("", "[VanDerPol, Rooms, VanDerPol]", "two models have the same NAME"),
-        ("", "[]", "expected"),
+        (MODELS, "[VanDerPol, Rooms, Ball]", 'cfg(not(feature = "library"))'),
+        (FRAMEWORK, "[VanDerPol, Rooms, VanDerPol]", "two models have the same NAME"),
+        (FRAMEWORK, "[]", "expected"),
     ],
     ids=["models of adaptive-fmu beside one's own", "one model twice", "no model"],
 )
-def test_the_macro_refuses_what_would_make_a_wrong_library(tmp_path, features: str, models: str, told: str) -> None:
-    answer = crate(tmp_path / "my_plant", features, models)
+def test_the_macro_refuses_what_would_make_a_wrong_library(tmp_path, package: str, models: str, told: str) -> None:
+    answer = crate(tmp_path / "my_plant", package, models)
     assert answer.returncode != 0 and told in answer.stderr, answer.stderr
 
 

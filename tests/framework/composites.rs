@@ -8,7 +8,7 @@ use adaptive_fmu::fmi2::model_description;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::simulation::{LoopFiles, Structure};
-use adaptive_fmu::structure::{self, Place};
+use adaptive_fmu::structure::Place;
 use adaptive_fmu::system::*;
 use common::loops::whole as whole_loop;
 use common::models::Run;
@@ -240,7 +240,7 @@ fn a_whole_loop_of_this_package_starts_and_depends_on_what_it_says() {
         let is_held =
             |e: &Element| e.variable.section == Section::State && names.iter().any(|name| e.name().starts_with(name));
         let held: Vec<Place> = variables.visible().filter(is_held).map(|e| Place::of(variables, e)).collect();
-        let dependence = structure::Structure::of(&model);
+        let dependence = model.structure();
         let moves = |rate: Element| {
             let on = dependence.running(Place::of(variables, rate));
             rate.name().starts_with("der(plant.") && held.iter().any(|held| on.contains(held))

@@ -6,6 +6,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 use crate::control::filter::{Filter, FilterDescription};
 use crate::control::l1_design::L1Design;
 use crate::control::{feedforward, lyapunov, pole_placement};
+use crate::eigenvalues;
 use crate::error::Invalid;
 use crate::template::{Plant, round_down, round_up, three_digits};
 
@@ -49,7 +50,7 @@ pub fn bandwidth(plant: &Plant, wanted: Option<f64>) -> Result<f64, Invalid> {
 }
 
 fn eigenvalues(A: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, Invalid> {
-    lyapunov::eigenvalues(A).ok_or_else(|| Invalid::because("A is too badly scaled: its eigenvalues can't be found"))
+    eigenvalues::complex(A).ok_or_else(|| Invalid::because("A is too badly scaled: its eigenvalues can't be found"))
 }
 
 /// Poles of a closed loop: the plant's own, none slower than the bandwidth, all of them damped.

@@ -2,6 +2,7 @@
 
 use adaptive_fmu::fmi2::calls::Interface;
 use adaptive_fmu::fmi2::{model_description, snapshot};
+use adaptive_fmu::library::SOURCE;
 use adaptive_fmu::model::Block;
 use adaptive_fmu::system::{Causality, Data, Element};
 
@@ -91,7 +92,7 @@ impl Unit {
 
     /// All values.
     pub fn block(&self) -> Block {
-        let identity = snapshot::identity(model_description::guid(&self.model), Interface::CoSimulation);
+        let identity = snapshot::identity(model_description::guid(&self.model), Interface::CoSimulation, SOURCE);
         snapshot::deserialise(&self.fingerprint(), identity, self.model.start()).unwrap().block
     }
 }

@@ -24,10 +24,11 @@ use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
 
 use adaptive_fmu::catalogue::Trial;
+use adaptive_fmu::fmi2::build::Library;
 use adaptive_fmu::fmi2::interface;
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::fmi2::{access::References, model_description};
-use adaptive_fmu::library::{self, REGISTRY, fmi2_functions::*};
+use adaptive_fmu::library::{self, REGISTRY, SOURCE, fmi2_functions::*};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::{Data, Registry};
 
@@ -90,7 +91,8 @@ impl Request {
             .map(|text| text.as_ref().map(|text| CString::new(text.as_str()).unwrap()));
         let [name, guid, location] =
             strings.each_ref().map(|text| text.as_ref().map_or(std::ptr::null(), |t| t.as_ptr()));
-        unsafe { interface::instantiate(self.registry, name, self.kind, guid, location, callbacks, FALSE, FALSE) }
+        let library = Library { registry: self.registry, source: SOURCE, build: &[] };
+        unsafe { interface::instantiate(library, name, self.kind, guid, location, callbacks, FALSE, FALSE) }
     }
 }
 

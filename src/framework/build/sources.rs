@@ -1,0 +1,32 @@
+//! The checksum of what a crate is made of, which its libraries tell. Part of the build scripts of two packages.
+
+use std::fs;
+use std::hash::{DefaultHasher, Hasher};
+use std::path::{Path, PathBuf};
+
+/// Tells a crate, as `ADAPTIVE_FMU_SOURCE`, the checksum of files and of all files in folders.
+pub fn tell(places: &[&str]) {
+    let mut hasher = DefaultHasher::new();
+    for place in places {
+        println!("cargo::rerun-if-changed={place}");
+        hash(Path::new(place), &mut hasher);
+    }
+    println!("cargo::rustc-env=ADAPTIVE_FMU_SOURCE={:016x}", hasher.finish());
+}
+
+/// Contents of files in the order of their names.
+fn hash(path: &Path, hasher: &mut DefaultHasher) {
+    if path.is_dir() {
+        entries(path).iter().for_each(|path| hash(path, hasher));
+    } else {
+        hasher.write(path.to_string_lossy().as_bytes());
+        hasher.write(&fs::read(path).unwrap_or_default());
+    }
+}
+
+/// What lies in a folder, in the order of the names.
+pub fn entries(folder: &Path) -> Vec<PathBuf> {
+    let mut paths: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    paths
+}

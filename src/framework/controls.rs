@@ -1,0 +1,220 @@
+//! The variables that every model has beside its own, and the memory of its simulation.
+
+use crate::integrator::{Driver, IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
+use crate::system::{
+    BooleanOf, Choice, ChoiceOf, Declaration, IntegerOf, Memory, Parameter, Point, ScalarOf, Section, Values, VectorOf,
+    boolean, choice, integer, scalar, vector,
+};
+
+/// Tolerances below this only add up rounding errors.
+pub(crate) const TIGHTEST_TOLERANCE: f64 = 1e-12;
+
+/// What inputs do within a communication step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputHandling {
+    /// They are held.
+    Hold,
+    /// They go on as between the last two communication points.
+    Extrapolate,
+    /// They ramp from the previous value to the present one.
+    Interpolate,
+}
+
+impl Choice for InputHandling {
+    const TYPE: &'static str = "InputHandling";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Hold, "hold", "held during a communication step"),
+        (Self::Extrapolate, "extrapolate", "continued along the line through the last two values"),
+        (
+            Self::Interpolate,
+            "interpolate",
+            "ramp from the previous to the present value: for masters that step the plant first",
+        ),
+    ];
+}
+
+/// What a step that can't be finished is answered with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OnStepFailure {
+    /// An error: many masters take a discarded step for success.
+    Error,
+    /// The standard's own way.
+    Discard,
+}
+
+impl Choice for OnStepFailure {
+    const TYPE: &'static str = "OnStepFailure";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Error, "error", "fmi2Error: no master overlooks it"),
+        (
+            Self::Discard,
+            "discard",
+            "fmi2Discard with the last successful time, for masters that then take a smaller step",
+        ),
+    ];
+}
+
+/// The variables that every model has beside its own, and the memory of its simulation.
+#[derive(Debug)]
+pub struct Controls {
+    pub(crate) relative_tolerance: Option<ScalarOf<Parameter>>,
+    pub(crate) integration_method: Option<ChoiceOf<Parameter, IntegrationMethod>>,
+    pub(crate) work_limit: ScalarOf<Parameter>,
+    pub(crate) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
+    pub(crate) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
+    pub(crate) time: ScalarOf<Memory>,
+    /// The master's tolerance; 0 where it gave none.
+    pub(crate) tolerance: ScalarOf<Memory>,
+    pub(crate) pace: PaceMemory,
+    pub(crate) last_step: ScalarOf<Memory>,
+    /// Rates of the inputs that the master gave for the next step.
+    pub(crate) given_slopes: Option<VectorOf<Memory>>,
+    /// Rates of the inputs in the last step.
+    pub(crate) slopes: Option<VectorOf<Memory>>,
+    /// Inputs as set for the last step, and as they were at its end.
+    pub(crate) previous_inputs: Option<VectorOf<Memory>>,
+    pub(crate) last_inputs: Option<VectorOf<Memory>>,
+    /// The parameters of the last valid set.
+    pub(crate) valid_reals: Option<VectorOf<Memory>>,
+    pub(crate) valid_integers: usize,
+    /// What is known of the event indicators where the last step ended.
+    pub(crate) indicators: Option<VectorOf<Memory>>,
+    /// Integer and Boolean inputs in the last step; in model exchange those in force while others wait.
+    pub(crate) last_integer_inputs: usize,
+    pub(crate) integer_inputs_wait: BooleanOf<Memory>,
+    pub(crate) started: BooleanOf<Memory>,
+    /// In model exchange: when the master's integrator completed its last step, and whether states have jumped at the
+    /// present event.
+    pub(crate) completed: ScalarOf<Memory>,
+    pub(crate) states_jumped: BooleanOf<Memory>,
+    pub(crate) parameters_set: BooleanOf<Memory>,
+    pub(crate) slopes_given: BooleanOf<Memory>,
+}
+
+impl Controls {
+    /// Declares them; a system without states has no tolerance and no method to choose, one without inputs no handling
+    /// of them.
+    pub(crate) fn declare(d: &mut Declaration) -> Self {
+        d.begin_controls();
+        let inputs = d.size(Section::Input);
+        let integer_inputs = d.integer_size(Section::Input);
+        let relative_tolerance = (d.size(Section::State) > 0).then(|| {
+            let text = "error tolerated in each integration step of co-simulation, relative to a state's magnitude or nominal value";
+            d.parameter(
+                scalar("relative_tolerance", text).start(1e-6).min(TIGHTEST_TOLERANCE).max(1e-2).nominal(1e-6).fixed(),
+            )
+        });
+        let integration_method = IntegrationMethod::offered(d.size(Section::State)).then(|| {
+            let text = "method that integrates the equations within a communication step of co-simulation";
+            d.parameter(choice::<IntegrationMethod>("integration_method", text).fixed())
+        });
+        let work_limit = {
+            let text = "work that a communication step of co-simulation may take before it ends with an error, in elementary \
+                        operations (about 1 ns each)";
+            d.parameter(scalar("work_limit", text).start(WORK_LIMIT).min(1e3).max(1e15).nominal(WORK_LIMIT).fixed())
+        };
+        let input_handling = (inputs > 0).then(|| {
+            d.parameter(
+                choice::<InputHandling>(
+                    "input_handling",
+                    "what inputs do within a communication step of co-simulation, from the second one on",
+                )
+                .fixed(),
+            )
+        });
+        let on_step_failure = d.parameter(
+            choice::<OnStepFailure>("on_step_failure", "answer to a communication step that cannot be finished")
+                .fixed(),
+        );
+        let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
+        let indicators = Driver::kept_of(d.indicator_count());
+        let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
+        Controls {
+            relative_tolerance,
+            integration_method,
+            work_limit,
+            input_handling,
+            on_step_failure,
+            given_slopes: memory("#given slopes", inputs),
+            slopes: memory("#slopes", inputs),
+            previous_inputs: memory("#previous inputs", inputs),
+            last_inputs: memory("#last inputs", inputs),
+            valid_reals: memory("#valid parameters", reals),
+            indicators: memory("#indicators", indicators),
+            last_integer_inputs: d.integer_memory(integer_inputs),
+            valid_integers: d.integer_memory(integers),
+            time: d.memory(scalar("#time", "")),
+            tolerance: d.memory(scalar("#tolerance", "")),
+            pace: PaceMemory::declare(d),
+            last_step: d.memory(scalar("#last step", "")),
+            started: d.memory(boolean("#started", "")),
+            completed: d.memory(scalar("#completed", "")),
+            states_jumped: d.memory(boolean("#states jumped", "")),
+            parameters_set: d.memory(boolean("#parameters set", "")),
+            slopes_given: d.memory(boolean("#slopes given", "")),
+            integer_inputs_wait: d.memory(boolean("#integer inputs wait", "")),
+        }
+    }
+}
+
+/// Where the [`Pace`] of the integration lies between steps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PaceMemory {
+    substep: ScalarOf<Memory>,
+    own_substep: ScalarOf<Memory>,
+    stiff: BooleanOf<Memory>,
+    evidence: IntegerOf<Memory>,
+    /// Limits of the explicit method for stability and growth, of the stiff one; the mode that grows: rate, frequency.
+    limits: [ScalarOf<Memory>; 5],
+    jacobian_size: ScalarOf<Memory>,
+    until_look: ScalarOf<Memory>,
+    interval: ScalarOf<Memory>,
+}
+
+impl PaceMemory {
+    fn declare(d: &mut Declaration) -> Self {
+        PaceMemory {
+            substep: d.memory(scalar("#substep", "")),
+            own_substep: d.memory(scalar("#own substep", "")),
+            stiff: d.memory(boolean("#stiff", "")),
+            evidence: d.memory(integer("#evidence", "")),
+            limits: ["#stable", "#explicit", "#stiff limit", "#growth", "#frequency"]
+                .map(|name| d.memory(scalar(name, ""))),
+            jacobian_size: d.memory(scalar("#Jacobian", "")),
+            until_look: d.memory(scalar("#until look", "")),
+            interval: d.memory(scalar("#interval", "")),
+        }
+    }
+
+    pub(crate) fn read(self, v: &Values<f64>) -> Pace {
+        let [stable, explicit, stiff, growth, frequency] = self.limits.map(|limit| v[limit]);
+        Pace {
+            substep: v[self.substep],
+            own_substep: v[self.own_substep],
+            stiff: v.get(self.stiff),
+            evidence: v.get(self.evidence),
+            limits: Limits { stable, explicit, stiff, mode: Mode { growth, frequency } },
+            jacobian_size: v[self.jacobian_size],
+            until_look: v[self.until_look],
+            interval: v[self.interval],
+        }
+    }
+
+    /// Has eigenvalues looked at before the next substep: the equations are others.
+    pub(crate) fn look_again(self, v: &mut Point) {
+        v[self.until_look] = 0.0;
+    }
+
+    pub(crate) fn write(self, pace: Pace, v: &mut Point) {
+        v[self.substep] = pace.substep;
+        v[self.own_substep] = pace.own_substep;
+        v.put(self.stiff, pace.stiff);
+        v.put(self.evidence, pace.evidence);
+        let Limits { stable, explicit, stiff, mode } = pace.limits;
+        let limits = [stable, explicit, stiff, mode.growth, mode.frequency];
+        self.limits.iter().zip(limits).for_each(|(&handle, limit)| v[handle] = limit);
+        v[self.jacobian_size] = pace.jacobian_size;
+        v[self.until_look] = pace.until_look;
+        v[self.interval] = pace.interval;
+    }
+}

@@ -1,0 +1,452 @@
+//! What the functions of the standard do with an instance, in safe Rust.
+
+use std::sync::Arc;
+
+use crate::error::{Number, StepError};
+use crate::execution::{Execution, OnStepFailure};
+use crate::system::Data;
+
+use super::access::{Access, NoValue, Type, element};
+use super::calls::{Function, Interface, Phase};
+use super::logger::Logger;
+use super::model_description;
+use super::resources::DESCRIPTION;
+use super::shared::Shared;
+use super::snapshot::{self, Slots};
+use super::types::Status;
+
+/// How far, in parts of the step, a master's communication point may lie from where the instance stands.
+pub(super) const COMMUNICATION_POINT_SLACK: f64 = 1e-6;
+/// Log category of what could not be done, but may be tried otherwise.
+pub const DISCARDED: &str = "logStatusDiscard";
+/// Debug messages about accepted parameters and events.
+pub const EVENTS: &str = "logEvents";
+
+/// Why a call is refused, for the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refused(pub String);
+
+impl<T: Into<String>> From<T> for Refused {
+    fn from(text: T) -> Self {
+        Refused(text.into())
+    }
+}
+
+fn refused_start(function: Function, error: &StepError) -> Refused {
+    Refused(format!("{}: {error}", function.name()))
+}
+
+/// The answer to a call.
+pub type Answer<T = ()> = Result<T, Refused>;
+
+/// One instance of a unit.
+#[derive(Debug)]
+pub struct Instance {
+    pub(super) execution: Execution,
+    /// What it has in common with the other instances of its unit.
+    unit: Arc<Shared>,
+    /// Which saved states are its own: those of the same unit and interface in the same build.
+    pub(super) identity: [u8; 16],
+    /// Where messages go.
+    pub logger: Logger,
+    pub(super) interface: Interface,
+    pub(super) phase: Phase,
+    pub(super) stop_time: Option<f64>,
+    pub(super) slots: Slots,
+}
+
+impl Instance {
+    /// An instance of a unit, of which the master has read the description with this GUID.
+    ///
+    /// # Errors
+    /// When the GUID isn't this unit's.
+    pub fn new(unit: Arc<Shared>, interface: Interface, guid: &str, logger: Logger) -> Answer<Self> {
+        let (own, source) = (unit.guid, unit.source);
+        if guid != model_description::guid_text(own) {
+            return Err(Refused(format!(
+                "fmi2Instantiate: the GUID `{guid}` is not that of this unit, {}: modelDescription.xml and \
+                 resources/{DESCRIPTION} don't belong together",
+                model_description::guid_text(own)
+            )));
+        }
+        let mut execution = Execution::new(Arc::clone(&unit.model));
+        if interface == Interface::ModelExchange {
+            execution.hand_over_integration();
+        }
+        Ok(Instance {
+            unit,
+            execution,
+            identity: snapshot::identity(own, interface, source),
+            logger,
+            interface,
+            phase: Phase::Instantiated,
+            stop_time: None,
+            slots: Slots::default(),
+        })
+    }
+
+    /// Where in the state machine it is.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// After a panic nothing can be relied on.
+    pub fn poison(&mut self) {
+        self.phase = Phase::Poisoned;
+    }
+
+    /// Refuses a call that the table doesn't allow now.
+    ///
+    /// # Errors
+    /// With what is allowed.
+    #[inline]
+    pub fn check(&self, function: Function) -> Answer {
+        if function.allowed_in(self.interface, self.phase) {
+            return Ok(());
+        }
+        Err(Refused(function.refusal(self.interface, self.phase)))
+    }
+
+    /// Sends the messages that the model left.
+    pub fn flush_log(&mut self) {
+        for message in self.execution.take_messages() {
+            self.logger.log(Status::Warning, message.category, &message.text);
+        }
+    }
+
+    /// fmi2SetDebugLogging
+    ///
+    /// # Errors
+    /// For a category that doesn't exist.
+    pub fn set_debug_logging(&mut self, on: bool, categories: &[&str]) -> Answer {
+        let known: Vec<&str> = self.categories().map(|(name, _)| name).collect();
+        if let Some(unknown) = categories.iter().find(|category| !known.contains(category) && **category != "logAll") {
+            let known = known.join(", ");
+            return Err(Refused(format!("fmi2SetDebugLogging: there is no category `{unknown}`; there are {known}")));
+        }
+        let all = categories.is_empty() || categories.contains(&"logAll");
+        let wanted = if all { &known[..] } else { categories };
+        let wanted = if on { wanted.iter().map(|category| (*category).to_owned()).collect() } else { Vec::new() };
+        self.logger.enable(wanted);
+        Ok(())
+    }
+
+    /// The log categories with their descriptions.
+    pub fn categories(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
+        model_description::log_categories(self.execution.model())
+    }
+
+    /// fmi2SetupExperiment
+    ///
+    /// # Errors
+    /// For values that are no times or no tolerance.
+    pub fn setup_experiment(&mut self, tolerance: Option<f64>, start: f64, stop: Option<f64>) -> Answer {
+        if let Some(tolerance) = tolerance.filter(|tolerance| !(tolerance.is_finite() && *tolerance > 0.0)) {
+            return Err(Refused(format!(
+                "fmi2SetupExperiment: tolerance = {} must be finite and above 0",
+                Number(tolerance)
+            )));
+        }
+        if !start.is_finite() {
+            return Err(Refused(format!("fmi2SetupExperiment: startTime = {} must be finite", Number(start))));
+        }
+        if let Some(stop) = stop.filter(|stop| !(stop.is_finite() && *stop >= start)) {
+            return Err(Refused(format!(
+                "fmi2SetupExperiment: stopTime = {} must be finite, and at least startTime = {}",
+                Number(stop),
+                Number(start)
+            )));
+        }
+        self.execution.set_tolerance(tolerance.unwrap_or(0.0));
+        self.execution.set_time(start);
+        self.stop_time = stop;
+        Ok(())
+    }
+
+    /// fmi2EnterInitializationMode
+    pub fn enter_initialization_mode(&mut self) {
+        self.phase = Phase::Initialization;
+    }
+
+    /// fmi2ExitInitializationMode
+    ///
+    /// # Errors
+    /// For parameters or inputs from which nothing can start; they can be set anew.
+    pub fn exit_initialization_mode(&mut self) -> Answer {
+        self.compute_start(Function::ExitInitializationMode)?;
+        self.phase = match self.interface {
+            Interface::ModelExchange => {
+                let started = self.execution.begin_model_exchange();
+                started.map_err(|error| refused_start(Function::ExitInitializationMode, &error))?;
+                Phase::Event
+            }
+            Interface::CoSimulation => Phase::StepComplete,
+        };
+        Ok(())
+    }
+
+    fn compute_start(&mut self, function: Function) -> Answer {
+        self.execution.initialise().map_err(|error| refused_start(function, &error))
+    }
+
+    /// Brings what is calculated up to date: in Initialization Mode to what is set at present, in model exchange to
+    /// the present time, states and inputs. In co-simulation it changes with steps only.
+    ///
+    /// # Errors
+    /// When nothing can start from what is set.
+    pub(super) fn evaluate(&mut self, function: Function) -> Answer {
+        match (self.phase, self.interface) {
+            (Phase::Initialization, _) => self.compute_start(function),
+            (_, Interface::ModelExchange) => {
+                self.execution.evaluate();
+                Ok(())
+            }
+            (_, Interface::CoSimulation) => Ok(()),
+        }
+    }
+
+    /// fmi2Terminate
+    pub fn terminate(&mut self) {
+        self.phase = Phase::Terminated;
+    }
+
+    /// fmi2Reset
+    pub fn reset(&mut self) {
+        self.execution.reset();
+        self.phase = Phase::Instantiated;
+        self.stop_time = None;
+    }
+
+    /// The place of a value, and what may be done with it.
+    pub(super) fn place(&self, function: Function, reference: u32, wanted: Type) -> Answer<(usize, Access)> {
+        self.unit.references.find(reference, wanted).map_err(|no_value| {
+            let name = function.name();
+            match no_value {
+                NoValue::Unknown => Refused(format!("{name}: there is no variable with value reference {reference}")),
+                NoValue::Other(is) => {
+                    let variable = self.name(reference);
+                    Refused(format!("{name}: `{variable}` (value reference {reference}) is of type {is:?}"))
+                }
+            }
+        })
+    }
+
+    pub(super) fn name(&self, reference: u32) -> String {
+        element(self.execution.model().variables(), reference).map_or(String::new(), |element| element.name())
+    }
+
+    /// The items of a choice, with their numbers.
+    fn items(&self, reference: u32) -> String {
+        let element = element(self.execution.model().variables(), reference);
+        let Some(Data::Choice { items, .. }) = element.map(|element| &element.variable.data) else {
+            return String::new();
+        };
+        let items: Vec<_> = items.iter().enumerate().map(|(k, (name, _))| format!("{} {name}", k + 1)).collect();
+        items.join(", ")
+    }
+
+    /// Refuses to set what can't be set now.
+    fn check_settable(&self, function: Function, reference: u32, access: Access) -> Answer {
+        let before = matches!(self.phase, Phase::Instantiated | Phase::Initialization);
+        let what = match access {
+            Access::Tunable if self.phase == Phase::ContinuousTime => {
+                "a tunable parameter, which in model exchange can only be set in Event Mode"
+            }
+            Access::Input | Access::Tunable => return Ok(()),
+            Access::Fixed if before => return Ok(()),
+            Access::Fixed => "a fixed parameter, which can only be set before the simulation starts",
+            Access::Calculated { .. } | Access::Hidden => "calculated by the unit and can't be set",
+        };
+        Err(Refused(format!("{}: `{}` (value reference {reference}) is {what}", function.name(), self.name(reference))))
+    }
+
+    /// Brings up to date what is read, where any of it is calculated.
+    fn evaluate_for(&mut self, function: Function, is: Type, references: &[u32]) -> Answer {
+        let mut calculated = false;
+        for &reference in references {
+            calculated |= matches!(self.place(function, reference, is)?.1, Access::Calculated { .. });
+        }
+        if calculated { self.evaluate(function) } else { Ok(()) }
+    }
+
+    /// Answers a question for a value that is no number at the present point. fmi2Discard, since a solver that only
+    /// probed may come back with a smaller step; with fmi2Error it would have to give up.
+    pub(super) fn not_finite(&mut self, function: Function, what: &str, value: f64) -> Status {
+        let (name, value, time) = (function.name(), Number(value), Number(self.execution.time()));
+        let cause = self.execution.unsound().map_or(String::new(), |reasons| format!(": {reasons}"));
+        self.discard(&format!("{name}: {what} is {value} at t = {time} s, which is no finite number{cause}"))
+    }
+
+    fn discard(&mut self, reason: &str) -> Status {
+        self.logger.log(Status::Discard, DISCARDED, reason);
+        Status::Discard
+    }
+
+    /// fmi2GetReal
+    ///
+    /// # Errors
+    /// For value references that aren't those of reals.
+    pub fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Answer<Status> {
+        self.evaluate_for(Function::GetReal, Type::Real, references)?;
+        let reals = &self.execution.block().reals;
+        let broken = hand_out(references.iter().map(|&reference| reals[reference as usize]), values);
+        Ok(broken.map_or(Status::Ok, |(k, value)| {
+            let what = format!("`{}`", self.name(references[k]));
+            self.not_finite(Function::GetReal, &what, value)
+        }))
+    }
+
+    /// fmi2SetReal
+    ///
+    /// # Errors
+    /// For value references or values that can't be set; nothing is changed.
+    pub fn set_real(&mut self, references: &[u32], values: &[f64]) -> Answer {
+        for (&reference, value) in references.iter().zip(values) {
+            let (_, access) = self.place(Function::SetReal, reference, Type::Real)?;
+            self.check_settable(Function::SetReal, reference, access)?;
+            if !value.is_finite() {
+                let name = self.name(reference);
+                return Err(Refused(format!("fmi2SetReal: `{name}` = {} must be a finite number", Number(*value))));
+            }
+        }
+        for (&reference, &value) in references.iter().zip(values) {
+            let (place, _) = self.place(Function::SetReal, reference, Type::Real)?;
+            self.execution.set_real(place, value);
+        }
+        Ok(())
+    }
+
+    /// fmi2GetInteger, fmi2GetBoolean
+    ///
+    /// # Errors
+    /// For value references of another type.
+    pub fn get_integer(&mut self, function: Function, is: Type, references: &[u32], values: &mut [i32]) -> Answer {
+        self.evaluate_for(function, is, references)?;
+        for (value, &reference) in values.iter_mut().zip(references) {
+            let (place, _) = self.place(function, reference, is)?;
+            *value = self.execution.block().integers[place];
+        }
+        Ok(())
+    }
+
+    /// fmi2SetInteger, fmi2SetBoolean
+    ///
+    /// # Errors
+    /// For value references or values that can't be set; nothing is changed.
+    pub fn set_integer(&mut self, function: Function, is: Type, references: &[u32], values: &[i32]) -> Answer {
+        for (&reference, &value) in references.iter().zip(values) {
+            let (place, access) = self.place(function, reference, is)?;
+            self.check_settable(function, reference, access)?;
+            if !self.unit.references.holds(place, value) {
+                let items = self.items(reference);
+                let name = self.name(reference);
+                return Err(Refused(format!("{}: `{name}` = {value} is no item; there are {items}", function.name())));
+            }
+        }
+        for (&reference, &value) in references.iter().zip(values) {
+            let (place, _) = self.place(function, reference, is)?;
+            let value = if is == Type::Boolean { i32::from(value != 0) } else { value };
+            if self.phase == Phase::ContinuousTime {
+                // Parameters were refused, so this is an input.
+                self.execution.set_integer_input_between_events(place, value);
+            } else {
+                self.execution.set_integer(place, value);
+            }
+        }
+        Ok(())
+    }
+
+    /// fmi2DoStep
+    ///
+    /// # Errors
+    /// When the step is refused (nothing changed), or can't be finished (values as before, and the instance in error).
+    pub fn do_step(&mut self, point: f64, step: f64) -> Answer<Status> {
+        self.check_step(point, step)?;
+        match self.execution.step(point, step) {
+            Ok(taken_over) => {
+                self.log_taken_over(taken_over, point);
+                Ok(Status::Ok)
+            }
+            Err(error) => self.failed_step(error, point, step),
+        }
+    }
+
+    pub(super) fn log_taken_over(&mut self, taken_over: bool, time: f64) {
+        if taken_over && self.logger.is_enabled(EVENTS) {
+            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {} s", Number(time)));
+        }
+    }
+
+    fn failed_step(&mut self, error: StepError, point: f64, step: f64) -> Answer<Status> {
+        let reason = format!("fmi2DoStep from t = {} s by {} s: {error}", Number(point), Number(step));
+        match error {
+            // As with any refused argument, the instance can go on.
+            StepError::Parameters(_) => Err(Refused(reason)),
+            // A smaller step would not start either, so this is never discarded.
+            StepError::Invalid(_) => {
+                self.phase = Phase::Error;
+                Err(Refused(reason))
+            }
+            _ if self.execution.on_step_failure() == OnStepFailure::Discard => {
+                self.phase = Phase::StepFailed;
+                Ok(self.discard(&reason))
+            }
+            _ => {
+                self.phase = Phase::Error;
+                Err(Refused(reason))
+            }
+        }
+    }
+
+    fn check_step(&self, point: f64, step: f64) -> Answer {
+        if !(step.is_finite() && step > 0.0) {
+            return Err(Refused(format!(
+                "fmi2DoStep: communicationStepSize = {} must be finite and above 0",
+                Number(step)
+            )));
+        }
+        let time = self.execution.time();
+        let slack = COMMUNICATION_POINT_SLACK * step + 4.0 * f64::EPSILON * time.abs();
+        if !(point.is_finite() && (point - time).abs() <= slack) {
+            return Err(Refused(format!(
+                "fmi2DoStep: currentCommunicationPoint = {} s, but the instance stands at t = {} s; to go back, restore a \
+                 saved state",
+                Number(point),
+                Number(time)
+            )));
+        }
+        if point + step <= point {
+            return Err(Refused(format!(
+                "fmi2DoStep: communicationStepSize = {} is too small to change t = {} s",
+                Number(step),
+                Number(point)
+            )));
+        }
+        match self.stop_time {
+            Some(stop) if point + step > stop + slack => Err(Refused(format!(
+                "fmi2DoStep: {} s + {} s goes beyond stopTime = {} s, which fmi2SetupExperiment was given",
+                Number(point),
+                Number(step),
+                Number(stop)
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Time up to which values are valid, s; fmi2Discard where it is no number.
+    pub fn last_successful_time(&mut self, time: &mut f64) -> Status {
+        let broken = hand_out(std::iter::once(self.execution.time()), std::slice::from_mut(time));
+        broken.map_or(Status::Ok, |(_, value)| {
+            self.not_finite(Function::GetRealStatus, "the last successful time", value)
+        })
+    }
+}
+
+/// Hands out numbers, all of them or, where one isn't finite, none: then its place, and what it is.
+pub(super) fn hand_out(found: impl Iterator<Item = f64> + Clone, values: &mut [f64]) -> Option<(usize, f64)> {
+    let broken = found.clone().enumerate().find(|(_, number)| !number.is_finite());
+    if broken.is_none() {
+        values.iter_mut().zip(found).for_each(|(value, number)| *value = number);
+    }
+    broken
+}

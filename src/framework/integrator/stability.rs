@@ -1,0 +1,237 @@
+//! How long a substep may be for what the equations' modes do: what decays must not be amplified, and what grows must
+//! grow as it does.
+//!
+//! Error control sees what is larger than the tolerance. A mode that starts far below it, in a loop at rest or started
+//! on its trajectory, is at the mercy of the method: its amplitude is multiplied by |R(λh)| in each substep, R being the
+//! method's stability function (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.3), in place of
+//! e^(Re λ h). An L-stable method takes R near zero for all fast modes, those that grow included, and an explicit
+//! one damps slow growth of oscillations as well. So whatever the eigenvalues λ of the exact Jacobian say to grow is
+//! resolved: each method has its longest substep at which |R| grows at the right rate.
+
+use nalgebra::Complex;
+
+use super::spectrum::Spectrum;
+use super::{dormand_prince, rosenbrock};
+use crate::error::Number;
+
+/// Growth of a mode is followed with an error of this part of its rate.
+const GROWTH_ACCURACY: f64 = 0.01;
+/// Below this part of its frequency, the growth of a mode can't be told from none.
+const LEAST_GROWTH: f64 = 1e-8;
+/// In a substep nothing may grow by more than e to this: where growth is that of the way to a pole, the next substep sees
+/// how much faster it has become.
+const GROWTH_IN_A_SUBSTEP: f64 = 0.5;
+/// What was followed is forgotten by this factor from one look to the next.
+const FORGOTTEN: f64 = 0.5;
+/// A mode that decays more slowly than this part of its frequency may soon grow: the stiff method follows it, with an
+/// error of its growth of this part of its frequency too.
+const HARDLY_DAMPED: f64 = 1e-6;
+/// The explicit method's substep stays at this part of its limit of stability. At the limit, errors of the tolerance's
+/// size stay for ever.
+const STABLE_PART: f64 = 0.8;
+/// Stability along a ray is looked for from λh of this magnitude, in such steps, up to the farthest point.
+const RAY: (f64, f64, f64) = (0.4, 0.1, 3.8);
+/// Magnitude of λh from which the search for a resolved substep goes down, and where it ends.
+const RESOLVED: (f64, f64) = (8.0, 1e-3);
+/// Factor from one trial of that search to the next.
+const TRIAL: f64 = 0.85;
+/// So many shorter substeps in a row must be resolved too: the error may pass zero at one of them.
+const IN_A_ROW: usize = 3;
+
+/// A pair of eigenvalues, or a real one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Mode {
+    /// Its growth rate, 1/s.
+    pub growth: f64,
+    /// Its frequency, rad/s.
+    pub frequency: f64,
+}
+
+impl Mode {
+    /// For a message: that it had to be followed.
+    pub(super) fn followed(&self) -> String {
+        let rounded = |x: f64| format!("{x:.3e}").parse::<f64>().unwrap_or(x);
+        let (growth, frequency) = (Number(rounded(self.growth)), Number(rounded(self.frequency)));
+        let does = if self.growth > 0.0 { format!("grows at {growth} 1/s") } else { String::from("is hardly damped") };
+        let of = if self.frequency > 0.0 { format!(" of {frequency} rad/s") } else { String::new() };
+        format!(". A mode{of} that {does} had to be followed")
+    }
+}
+
+/// What eigenvalues allow, as the reciprocals of substeps, 1/s; 0 where they set no limit.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Limits {
+    /// For the explicit method, that what decays does.
+    pub stable: f64,
+    /// For the explicit method, that what grows does so at its rate.
+    pub explicit: f64,
+    /// The same for the stiff one.
+    pub stiff: f64,
+    /// The mode that sets the limit of growth.
+    pub mode: Mode,
+}
+
+impl Limits {
+    /// The limits for the eigenvalues that were found.
+    pub fn of(spectrum: &Spectrum) -> Self {
+        let mut limits = Limits::default();
+        for (value, noise) in spectrum.values().filter(|(value, _)| value.im >= 0.0) {
+            limits.add(value, noise);
+        }
+        limits
+    }
+
+    /// Adds what an eigenvalue asks for whose rounding error may be as large as `noise`.
+    fn add(&mut self, value: Complex<f64>, noise: f64) {
+        let (size, growth) = (value.norm(), value.re);
+        if size <= noise {
+            // Whatever it is, it may grow as fast as that.
+            return self.follow(noise / GROWTH_IN_A_SUBSTEP, value);
+        }
+        if growth <= 0.0 && self.stable * RAY.0 < size {
+            self.stable = self.stable.max(size / (STABLE_PART * stable_way(value / size)));
+        }
+        let stiff = |allowed| size / resolved_way(rosenbrock::stability, value / size, allowed);
+        if growth > (LEAST_GROWTH * size).max(noise) {
+            let allowed = GROWTH_ACCURACY * growth / size;
+            self.explicit = self.explicit.max(size / resolved_way(dormand_prince::stability, value / size, allowed));
+            self.follow(stiff(allowed), value);
+        } else if growth > -(HARDLY_DAMPED * size).max(noise) {
+            self.follow(stiff(HARDLY_DAMPED), value);
+        }
+    }
+
+    /// The stiff method follows a mode by substeps of the reciprocal of `limit`, 1/s.
+    fn follow(&mut self, limit: f64, value: Complex<f64>) {
+        if limit > self.stiff {
+            (self.stiff, self.mode) = (limit, Mode { growth: value.re, frequency: value.im });
+        }
+    }
+
+    /// Keeps what was followed before, for substeps twice as long: where equations change faster than a substep sees,
+    /// modes that grow come and go.
+    pub fn remember(&mut self, before: &Limits) {
+        if self.stiff < FORGOTTEN * before.stiff {
+            (self.stiff, self.mode) = (FORGOTTEN * before.stiff, before.mode);
+        }
+    }
+
+    /// The limit of a method, as the reciprocal of its substep, 1/s.
+    pub fn of_method(&self, stiff: bool) -> f64 {
+        if stiff { self.stiff } else { self.stable.max(self.explicit) }
+    }
+}
+
+/// How far the explicit method is stable in a direction of the complex plane.
+fn stable_way(direction: Complex<f64>) -> f64 {
+    let stable = |way: f64| dormand_prince::stability(direction * way).norm() <= 1.0 + 1e-9;
+    let (mut low, step, far) = RAY;
+    while low < far && stable(low + step) {
+        low += step;
+    }
+    let mut high = low + step;
+    for _ in 0..6 {
+        let middle = 0.5 * (low + high);
+        *(if stable(middle) { &mut low } else { &mut high }) = middle;
+    }
+    low
+}
+
+/// How far a method goes in a direction of the complex plane with a growth rate whose error is at most `allowed`, all
+/// in units of |λ|.
+fn resolved_way(stability: fn(Complex<f64>) -> Complex<f64>, direction: Complex<f64>, allowed: f64) -> f64 {
+    let (far, least) = RESOLVED;
+    let mut way = if direction.re > 0.0 { far.min(GROWTH_IN_A_SUBSTEP / direction.re) } else { far };
+    let (mut found, mut in_a_row) = (least, 0);
+    while way > least && in_a_row < IN_A_ROW {
+        let growth = stability(direction * way).norm().max(f64::MIN_POSITIVE).ln() / way;
+        if (growth - direction.re).abs() <= allowed {
+            if in_a_row == 0 {
+                found = way;
+            }
+            in_a_row += 1;
+        } else {
+            (found, in_a_row) = (least, 0);
+        }
+        way *= TRIAL;
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Growth rate of a method at substeps of length h, 1/s.
+    fn growth(stability: fn(Complex<f64>) -> Complex<f64>, value: Complex<f64>, h: f64) -> f64 {
+        stability(value * h).norm().ln() / h
+    }
+
+    fn limits(eigenvalues: &[(f64, f64)]) -> Limits {
+        let n: usize = eigenvalues.iter().map(|&(_, im)| if im == 0.0 { 1 } else { 2 }).sum();
+        let mut a = vec![0.0; n * n];
+        let mut k = 0;
+        for &(re, im) in eigenvalues {
+            a[k * n + k] = re;
+            k += 1;
+            if im != 0.0 {
+                (a[k * n + k], a[(k - 1) * n + k], a[k * n + k - 1]) = (re, im, -im);
+                k += 1;
+            }
+        }
+        let mut spectrum = Spectrum::new(n);
+        assert!(spectrum.find(&a));
+        Limits::of(&spectrum)
+    }
+
+    #[test]
+    fn both_methods_have_order_five() {
+        for stability in [dormand_prince::stability, rosenbrock::stability] {
+            for z in [Complex::new(0.02, 0.03), Complex::new(-0.04, 0.0), Complex::new(0.0, 0.05)] {
+                assert!((stability(z) - z.exp()).norm() < 1e-2 * z.norm().powi(6));
+            }
+        }
+        assert!(rosenbrock::stability(Complex::new(-1e9, 1e3)).norm() < 1e-6, "L-stable");
+    }
+
+    #[test]
+    fn what_grows_grows_at_its_rate_at_any_substep_within_the_limit() {
+        for growth_rate in [1e-3, 0.1, 3.0, 1e3, 1e5] {
+            for frequency in [0.0, 0.1, 10.0, 2e3, 1e5] {
+                if growth_rate < 1e-7 * frequency {
+                    continue;
+                }
+                let limits = limits(&[(growth_rate, frequency), (-1e7, 0.0)]);
+                let value = Complex::new(growth_rate, frequency);
+                let methods = [(dormand_prince::stability as fn(_) -> _, limits.explicit)];
+                for (stability, limit) in
+                    methods.into_iter().chain([(rosenbrock::stability as fn(_) -> _, limits.stiff)])
+                {
+                    for part in [1.0, 0.9, 0.7, 0.5, 0.2] {
+                        let off = growth(stability, value, part / limit) / growth_rate - 1.0;
+                        assert!(off.abs() < 1.5e-2, "{growth_rate}, {frequency}: off by {off:e} at {part}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_damped_sets_the_stiff_method_no_limit_and_the_explicit_one_that_of_stability() {
+        let of = limits(&[(-40.0, 1.2e4), (-3e6, 0.0), (-1.0, 2.0)]);
+        assert_eq!([of.stiff, of.explicit], [0.0, 0.0]);
+        assert!((3e6 / 3.31 / STABLE_PART..3e6 / 3.2 / STABLE_PART).contains(&of.stable), "{of:?}");
+        // Along the imaginary axis the method is stable up to about 1.
+        let fast = limits(&[(-31.0, 4e4)]);
+        assert!((4e4 / 1.5..4e4 / 0.6).contains(&fast.stable), "{fast:?}");
+    }
+
+    #[test]
+    fn an_undamped_mode_is_followed_by_the_stiff_method() {
+        let of = limits(&[(0.0, 2e3), (-1e6, 0.0)]);
+        assert!(of.stiff > 2e3 && of.explicit == 0.0, "{of:?}");
+        assert_eq!(of.mode.frequency, 2e3);
+        // Zero is no mode: an integrator neither grows nor oscillates.
+        assert_eq!(limits(&[(0.0, 0.0), (-1.0, 0.0)]).stiff, 0.0);
+    }
+}

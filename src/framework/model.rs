@@ -1,0 +1,377 @@
+//! A model: a system made from its description, with all its variables, ready to be run.
+
+use std::sync::{Arc, OnceLock};
+
+use serde::{Deserialize, Serialize};
+
+use crate::controls::Controls;
+use crate::error::{Invalid, Number};
+use crate::integrator::{Sparsity, Work};
+use crate::recording::{Method, Recording};
+use crate::report::DesignReport;
+use crate::structure::Structure;
+use crate::system::{
+    Data, Declaration, DynSystem, Happens, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variables,
+    Word, Words,
+};
+
+/// What a person writes about an FMU (`modelDescription/NAME.toml`).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// Name of the FMU: a C identifier.
+    pub name: String,
+    /// Which system it is made of.
+    pub model: String,
+    /// What it is, in a line.
+    pub description: String,
+    /// What a simulation of it takes by default.
+    #[serde(default)]
+    pub experiment: Experiment,
+    /// What the system's variables depend on.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
+    pub structure: toml::Table,
+    /// Names of one's own for variables, by the system's names of them.
+    #[serde(default)]
+    pub names: Names,
+    /// Start values that differ from the system's own.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, StartValue>"))]
+    pub start: toml::Table,
+}
+
+/// What a start value may be.
+#[cfg(feature = "schema")]
+#[derive(schemars::JsonSchema)]
+#[schemars(untagged)]
+#[allow(dead_code)] // for the schema alone: what fits a variable is decided where it is declared
+enum StartValue {
+    /// Of a scalar, or of one element.
+    Number(f64),
+    /// True or false.
+    Boolean(bool),
+    /// An item of a choice.
+    Text(String),
+    /// Of a vector.
+    Numbers(Vec<f64>),
+    /// Of a matrix: its rows.
+    Rows(Vec<Vec<f64>>),
+}
+
+/// The default experiment.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+pub struct Experiment {
+    /// Stop time, s.
+    pub stop_time: f64,
+    /// Communication step, s.
+    pub step: f64,
+}
+
+impl Default for Experiment {
+    fn default() -> Self {
+        Experiment { stop_time: 10.0, step: 1e-3 }
+    }
+}
+
+impl Description {
+    /// Reads a description.
+    ///
+    /// # Errors
+    /// One line: what is wrong, where, and what is allowed.
+    pub fn read(text: &str) -> Result<Self, Invalid> {
+        let description: Description = toml::from_str(text).map_err(|error| {
+            let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
+            let quoted: String = text.lines().nth(line).unwrap_or("").trim().chars().take(80).collect();
+            Invalid::because(format!("line {}, `{quoted}`: {}", line + 1, error.message()))
+        })?;
+        let mut invalid = Invalid::none();
+        for table in [&description.structure, &description.start] {
+            table.values().for_each(|value| check_texts(value, &mut invalid));
+        }
+        check_text(&description.description, &mut invalid);
+        let words = description.names.values().flat_map(Words::each);
+        words.filter_map(Word::description).for_each(|text| check_text(text, &mut invalid));
+        let name = &description.name;
+        let starts_well = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+        if !starts_well || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') || name.len() > 100 {
+            let allowed = "must be a C identifier of at most 100 characters (letters, digits, _)";
+            invalid.and(Invalid::new("name", format!("`{}`", name.escape_debug()), allowed));
+        }
+        let Experiment { stop_time, step } = description.experiment;
+        for (key, value) in [("experiment.stop_time", stop_time), ("experiment.step", step)] {
+            if !(value.is_finite() && value > 0.0) {
+                invalid.and(Invalid::new(key, Number(value), "must be a finite number above 0"));
+            }
+        }
+        invalid.into_result()?;
+        Ok(description)
+    }
+}
+
+/// Refuses texts that XML can't hold: control characters and noncharacters.
+fn check_text(text: &str, invalid: &mut Invalid) {
+    let bad = |c: &char| c.is_control() && !matches!(c, '\t' | '\n' | '\r') || matches!(c, '\u{fffe}' | '\u{ffff}');
+    if text.chars().any(|c| bad(&c)) {
+        let shown: String = text.escape_default().take(80).collect();
+        invalid.and(Invalid::because(format!("the text `{shown}` holds a control character, which XML can't hold")));
+    }
+}
+
+fn check_texts(value: &toml::Value, invalid: &mut Invalid) {
+    match value {
+        toml::Value::String(text) => check_text(text, invalid),
+        toml::Value::Array(values) => values.iter().for_each(|value| check_texts(value, invalid)),
+        toml::Value::Table(table) => table.values().for_each(|value| check_texts(value, invalid)),
+        _ => {}
+    }
+}
+
+/// The values of one instance. A copy of it is a copy of the instance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Block {
+    /// Real values.
+    pub reals: Vec<f64>,
+    /// Integers, Booleans and choices.
+    pub integers: Vec<i32>,
+}
+
+impl Block {
+    /// Takes over the values of another block of the same model.
+    pub fn copy_from(&mut self, other: &Block) {
+        self.reals.copy_from_slice(&other.reals);
+        self.integers.copy_from_slice(&other.integers);
+    }
+}
+
+/// A system made from its description.
+pub struct Model {
+    description: Description,
+    documentation: String,
+    system: Box<dyn DynSystem>,
+    variables: Variables,
+    controls: Controls,
+    /// The start values, which every instance begins with.
+    start: Block,
+    sparsity: OnceLock<Arc<Sparsity>>,
+    structure: OnceLock<Structure>,
+}
+
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Model({})", self.description.name)
+    }
+}
+
+impl Model {
+    /// Makes the model that a description asks for.
+    ///
+    /// # Errors
+    /// [`Invalid`] naming key, value and what is allowed.
+    pub fn from_description(description: Description, registry: Registry) -> Result<Model, Invalid> {
+        let kind = Kind::find(registry, &description.model)?;
+        Model::build(description, kind, registry)
+    }
+
+    /// A model of one system under a name, with start values of your own.
+    ///
+    /// # Errors
+    /// As [`Model::from_description`].
+    pub fn new<M: System<Structure = NoStructure>>(name: &str, start: &toml::Table) -> Result<Model, Invalid> {
+        let description = Description {
+            name: name.to_owned(),
+            model: M::NAME.to_owned(),
+            description: String::new(),
+            experiment: Experiment::default(),
+            structure: toml::Table::new(),
+            names: Names::new(),
+            start: start.clone(),
+        };
+        Model::build(description, &Kind::of::<M>(), &[])
+    }
+
+    fn build(description: Description, kind: &Kind, registry: Registry) -> Result<Model, Invalid> {
+        let mut declaration = Declaration::default();
+        let system = kind.declare(description.structure.clone(), &description.names, registry, &mut declaration)?;
+        let mut documentation = declaration.documentation();
+        let controls = Controls::declare(&mut declaration);
+        let mut variables = declaration.finish()?;
+        set_start_values(&mut variables, &description.start)?;
+        if variables.states() > 0 {
+            documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
+        }
+        let start = start_block(&variables);
+        let (sparsity, structure) = (OnceLock::new(), OnceLock::new());
+        let model = Model { description, documentation, system, variables, controls, start, sparsity, structure };
+        // Start values that the system refuses make no model.
+        model.prepare(&mut model.start.clone(), &mut MessageLog::new())?;
+        Ok(model)
+    }
+
+    /// The description.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// What it is, its equations and source, in Markdown.
+    pub fn documentation(&self) -> &str {
+        &self.documentation
+    }
+
+    /// The variables.
+    pub fn variables(&self) -> &Variables {
+        &self.variables
+    }
+
+    /// The system.
+    pub fn system(&self) -> &dyn DynSystem {
+        self.system.as_ref()
+    }
+
+    /// Its equations over numbers.
+    pub fn equations(&self) -> &dyn Happens<f64> {
+        self.system.as_ref()
+    }
+
+    /// The pattern of its Jacobian, found when it is first asked for.
+    pub fn sparsity(&self) -> &Arc<Sparsity> {
+        let found = || Arc::new(Sparsity::of(self.system.as_ref(), &self.variables));
+        self.sparsity.get_or_init(found)
+    }
+
+    /// What depends on what, found when it is first asked for.
+    pub fn structure(&self) -> &Structure {
+        self.structure.get_or_init(|| Structure::of(self.system(), &self.variables))
+    }
+
+    /// Checks that a recording says all that the equations say.
+    ///
+    /// # Errors
+    /// The kind, and the methods in which it looks at a number.
+    pub fn check_recorded(&self) -> Result<(), Invalid> {
+        let layout = self.variables.layout();
+        let looks = |method: &Method| Recording::of(self.system(), *method, &layout).tape.has_looked();
+        let looking: Vec<_> = Method::ALL.iter().filter(|method| looks(method)).map(|method| method.name()).collect();
+        if looking.is_empty() {
+            return Ok(());
+        }
+        let how = "what they do at other numbers can't be recorded; write `a.equals(b)`, and select by it";
+        let reason = format!("must not compare numbers by `==` in its {}: {how}", looking.join(", "));
+        Err(Invalid::new("model", &self.description.model, reason))
+    }
+
+    /// The variables that every model has, and the simulation's memory.
+    pub(crate) fn controls(&self) -> &Controls {
+        &self.controls
+    }
+
+    /// What a designer should know of the start values.
+    pub fn report(&self) -> DesignReport {
+        let mut report = DesignReport::new(self.description.experiment.step);
+        let mut block = self.start.clone();
+        // They were prepared when the model was made, so nothing is refused here.
+        if self.prepare(&mut block, &mut MessageLog::new()).is_ok() {
+            self.system.report(&block.point(self, &mut MessageLog::new()).values(), &mut report);
+            report.reworded(|text| self.variables.told(text));
+        }
+        report
+    }
+
+    /// The start values.
+    pub fn start(&self) -> &Block {
+        &self.start
+    }
+
+    /// Checks every parameter against its limits, then prepares what depends on them.
+    ///
+    /// # Errors
+    /// [`Invalid`] with every reason.
+    pub fn prepare(&self, block: &mut Block, log: &mut MessageLog) -> Result<(), Invalid> {
+        self.check_limits(block)?;
+        self.system.prepare(&mut block.point(self, log)).map_err(|invalid| self.variables.told_of(invalid))?;
+        let prepared = self.variables.reals(Section::Prepared);
+        let start = prepared.start;
+        let broken = prepared.into_iter().find(|&index| !block.reals[index].is_finite());
+        let element = broken.and_then(|index| self.variables.real_at(Section::Prepared, index - start));
+        element.map_or(Ok(()), |element| {
+            let allowed = "follows from the parameters and must be finite: they are too large or too small";
+            Err(Invalid::new(element.name(), Number(block.reals[self.variables.index(element)]), allowed))
+        })
+    }
+
+    fn check_limits(&self, block: &Block) -> Result<(), Invalid> {
+        let mut invalid = Invalid::none();
+        let parameters = self.variables.iter().filter(|variable| variable.section == Section::Parameter);
+        for element in parameters.flat_map(|variable| variable.elements()) {
+            let index = self.variables.index(element);
+            match &element.variable.data {
+                Data::Real { min, above_min, max, .. } => {
+                    let value = block.reals[index];
+                    let too_small = min.is_some_and(|min| value < min || (*above_min && value <= min));
+                    if too_small || max.is_some_and(|max| value > max) || !value.is_finite() {
+                        invalid.and(Invalid::new(element.name(), Number(value), allowed(*min, *above_min, *max)));
+                    }
+                }
+                Data::Integer { limits: Some((min, max)), .. } => {
+                    let value = block.integers[index];
+                    if !(*min..=*max).contains(&value) {
+                        invalid.and(Invalid::new(element.name(), value, format!("must be within {min} … {max}")));
+                    }
+                }
+                _ => {}
+            }
+        }
+        invalid.into_result()
+    }
+}
+
+impl Block {
+    /// The values as the system's own methods see them.
+    pub fn point<'a>(&'a mut self, model: &'a Model, log: &'a mut MessageLog) -> crate::system::Point<'a> {
+        crate::system::Point::new(&mut self.reals, &mut self.integers, model.variables.offsets(), log)
+    }
+}
+
+fn allowed(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
+    match (min.map(Number), max.map(Number)) {
+        (Some(min), Some(max)) => format!("must be within {min} … {max}"),
+        (Some(min), None) if above_min => format!("must be above {min}"),
+        (Some(min), None) => format!("must be at least {min}"),
+        (None, Some(max)) => format!("must be at most {max}"),
+        (None, None) => "must be finite".to_owned(),
+    }
+}
+
+fn start_block(variables: &Variables) -> Block {
+    let mut reals = vec![0.0; variables.reals(Section::Memory).end];
+    let mut integers = vec![0; variables.integers(Section::Memory).end];
+    for element in variables.iter().flat_map(|variable| variable.elements()) {
+        let index = variables.index(element);
+        match &element.variable.data {
+            Data::Real { .. } => reals[index] = element.start(),
+            Data::Integer { start, .. } | Data::Choice { start, .. } => integers[index] = *start,
+            Data::Boolean { start } => integers[index] = i32::from(*start),
+        }
+    }
+    Block { reals, integers }
+}
+
+/// The most reasons that a person wants to read at a time.
+const MOST_REASONS: usize = 20;
+
+/// Puts the `[start]` table of a description in place of a system's own start values.
+fn set_start_values(variables: &mut Variables, start: &toml::Table) -> Result<(), Invalid> {
+    let mut invalid = Invalid::none();
+    for (name, value) in start {
+        if let Err(reason) = variables.set_start(name, value) {
+            invalid.and(Invalid::new(format!("[start] {name}"), value, reason));
+        }
+        if invalid.reasons().len() == MOST_REASONS {
+            break;
+        }
+    }
+    invalid.into_result()
+}

@@ -1,0 +1,48 @@
+//! A recording, carried out on numbers: the referee of every other form that is made of it.
+
+use super::iteration;
+use super::method::Recording;
+use super::tape::{Leaf, Node, Tape};
+
+/// What is given to a recording.
+#[derive(Debug, Clone, Copy)]
+pub struct Given<'a> {
+    /// Time, s.
+    pub time: f64,
+    /// Length of the communication step that was completed, s.
+    pub step: f64,
+    /// The block's real values.
+    pub reals: &'a [f64],
+    /// The block's integers.
+    pub integers: &'a [i32],
+    /// Which event indicators changed sides.
+    pub crossed: &'a [bool],
+}
+
+impl Given<'_> {
+    fn leaf(&self, leaf: Leaf) -> f64 {
+        match leaf {
+            Leaf::Time => self.time,
+            Leaf::Step => self.step,
+            Leaf::Real(place) => self.reals[place as usize],
+            Leaf::Integer(place) => f64::from(self.integers[place as usize]),
+            Leaf::Crossed(indicator) => f64::from(u8::from(self.crossed[indicator as usize])),
+        }
+    }
+}
+
+impl Tape {
+    /// The value of every operation.
+    pub fn values(&self, given: &Given) -> Vec<f64> {
+        iteration::values(self.operations(), &|leaf| given.leaf(leaf), &|_| f64::NAN)
+    }
+}
+
+impl Recording {
+    /// What becomes of the block's real values and integers, and the method's results.
+    pub fn carry_out(&self, given: &Given) -> (Vec<f64>, Vec<i32>, Vec<f64>) {
+        let values = self.tape.values(given);
+        let of = |nodes: &[Node]| nodes.iter().map(|node| values[node.index()]).collect::<Vec<f64>>();
+        (of(&self.reals), of(&self.integers).into_iter().map(|value| value as i32).collect(), of(&self.results))
+    }
+}

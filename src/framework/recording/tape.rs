@@ -1,0 +1,346 @@
+//! What was done, one operation after the other.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::iteration::Body;
+use crate::error::Invalid;
+use crate::scalar::Opaque;
+
+/// An operation's place on its tape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Node(pub(super) u32);
+
+impl Node {
+    /// Its place among all operations.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// What a recording begins with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Leaf {
+    /// Time.
+    Time,
+    /// Length of the communication step that was completed.
+    Step,
+    /// A real value, by its place in the block.
+    Real(u32),
+    /// An integer, by its place in the block.
+    Integer(u32),
+    /// Whether an event indicator has changed sides.
+    Crossed(u32),
+}
+
+/// A function of one number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[allow(missing_docs)] // each has the name of its function
+pub enum Unary {
+    Neg,
+    Sin,
+    Cos,
+    Tan,
+    Cosh,
+    Tanh,
+    Exp,
+    Ln,
+    Ln1p,
+    Sqrt,
+    Atan,
+    Recip,
+    Abs,
+    Signum,
+    Floor,
+    Round,
+}
+
+/// An operation on two numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[allow(missing_docs)] // each has the name of its operation
+pub enum Binary {
+    Add,
+    Sub,
+    Mul,
+    Div,
+    Pow,
+}
+
+/// A comparison of two numbers; where one is no number, none holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[allow(missing_docs)] // each has the name of its comparison
+pub enum Comparison {
+    Below,
+    AtMost,
+    Equals,
+}
+
+/// An operation. Conditions and integers are numbers too: 1 and 0, and whole numbers.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum Operation {
+    /// A number, by its bits.
+    Constant(u64),
+    /// What is given.
+    Leaf(Leaf),
+    /// A function of one number.
+    Unary(Unary, Node),
+    /// Of two.
+    Binary(Binary, Node, Node),
+    /// A power with a whole exponent.
+    Powi(Node, i32),
+    /// A power, its exponent by its bits.
+    Powf(Node, u64),
+    /// A comparison.
+    Compare(Comparison, Node, Node),
+    /// Whether a condition doesn't hold.
+    Not(Node),
+    /// Whether both conditions hold.
+    And(Node, Node),
+    /// Whether one condition holds.
+    Or(Node, Node),
+    /// The second where the first holds, else the third.
+    Select(Node, Node, Node),
+    /// A function that is called as it is.
+    Opaque(Opaque, Vec<Node>),
+    /// A step that is carried out on a state again and again; the state that it reaches is read by [`Operation::Part`].
+    Iterate {
+        /// The step, and whether it goes on.
+        body: Arc<Body>,
+        /// The most steps.
+        most: usize,
+        /// The state at the start.
+        start: Vec<Node>,
+        /// What the body reads beside the state.
+        captured: Vec<Node>,
+    },
+    /// A number of the state that an iteration reaches.
+    Part(Node, u32),
+    /// In the body of an iteration: a number of its state or, behind these, of what it reads beside it.
+    Carried(u32),
+}
+
+impl Operation {
+    /// What it is made of.
+    pub fn operands(&self) -> impl Iterator<Item = Node> + use<'_> {
+        let few = |nodes: [Option<Node>; 3]| (nodes, [&[][..]; 2]);
+        let (few, many) = match self {
+            Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) => few([None; 3]),
+            Operation::Unary(_, a)
+            | Operation::Powi(a, _)
+            | Operation::Powf(a, _)
+            | Operation::Not(a)
+            | Operation::Part(a, _) => few([Some(*a), None, None]),
+            Operation::Binary(_, a, b) | Operation::Compare(_, a, b) | Operation::And(a, b) | Operation::Or(a, b) => {
+                few([Some(*a), Some(*b), None])
+            }
+            Operation::Select(a, b, c) => few([Some(*a), Some(*b), Some(*c)]),
+            Operation::Opaque(_, arguments) => ([None; 3], [&arguments[..], &[]]),
+            Operation::Iterate { start, captured, .. } => ([None; 3], [&start[..], captured]),
+        };
+        few.into_iter().flatten().chain(many.into_iter().flatten().copied())
+    }
+
+    /// The same of other operands.
+    pub(super) fn over(&self, of: impl Fn(Node) -> Node) -> Operation {
+        let all = |nodes: &[Node]| nodes.iter().map(|&node| of(node)).collect();
+        match self {
+            Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) => self.clone(),
+            Operation::Unary(function, a) => Operation::Unary(*function, of(*a)),
+            Operation::Binary(operation, a, b) => Operation::Binary(*operation, of(*a), of(*b)),
+            Operation::Powi(a, exponent) => Operation::Powi(of(*a), *exponent),
+            Operation::Powf(a, exponent) => Operation::Powf(of(*a), *exponent),
+            Operation::Compare(comparison, a, b) => Operation::Compare(*comparison, of(*a), of(*b)),
+            Operation::Not(a) => Operation::Not(of(*a)),
+            Operation::And(a, b) => Operation::And(of(*a), of(*b)),
+            Operation::Or(a, b) => Operation::Or(of(*a), of(*b)),
+            Operation::Select(a, b, c) => Operation::Select(of(*a), of(*b), of(*c)),
+            Operation::Opaque(function, arguments) => Operation::Opaque(*function, all(arguments)),
+            Operation::Iterate { body, most, start, captured } => {
+                Operation::Iterate { body: body.clone(), most: *most, start: all(start), captured: all(captured) }
+            }
+            Operation::Part(a, number) => Operation::Part(of(*a), *number),
+        }
+    }
+
+    /// Its value, where those of its operands are found by a function; nothing for what is given, and for iterations.
+    #[inline]
+    pub fn value(&self, of: impl Fn(Node) -> f64) -> Option<f64> {
+        let flag = |holds: bool| f64::from(u8::from(holds));
+        Some(match self {
+            Operation::Constant(bits) => f64::from_bits(*bits),
+            Operation::Leaf(_) | Operation::Iterate { .. } | Operation::Part(..) | Operation::Carried(_) => {
+                return None;
+            }
+            Operation::Unary(function, a) => function.of(of(*a)),
+            Operation::Binary(operation, a, b) => operation.of(of(*a), of(*b)),
+            Operation::Powi(a, exponent) => of(*a).powi(*exponent),
+            Operation::Powf(a, bits) => of(*a).powf(f64::from_bits(*bits)),
+            Operation::Compare(comparison, a, b) => flag(comparison.holds(of(*a), of(*b))),
+            Operation::Not(a) => flag(of(*a) == 0.0),
+            Operation::And(a, b) => flag(of(*a) != 0.0 && of(*b) != 0.0),
+            Operation::Or(a, b) => flag(of(*a) != 0.0 || of(*b) != 0.0),
+            Operation::Select(condition, yes, no) => of(if of(*condition) != 0.0 { *yes } else { *no }),
+            Operation::Opaque(function, arguments) => function.of(arguments.iter().map(|&argument| of(argument))),
+        })
+    }
+}
+
+impl Unary {
+    /// Its value, by the function that equations over numbers call.
+    pub fn of(self, x: f64) -> f64 {
+        match self {
+            Unary::Neg => -x,
+            Unary::Sin => x.sin(),
+            Unary::Cos => x.cos(),
+            Unary::Tan => x.tan(),
+            Unary::Cosh => x.cosh(),
+            Unary::Tanh => x.tanh(),
+            Unary::Exp => x.exp(),
+            Unary::Ln => x.ln(),
+            Unary::Ln1p => x.ln_1p(),
+            Unary::Sqrt => x.sqrt(),
+            Unary::Atan => x.atan(),
+            Unary::Recip => x.recip(),
+            Unary::Abs => x.abs(),
+            Unary::Signum => x.signum(),
+            Unary::Floor => x.floor(),
+            Unary::Round => x.round(),
+        }
+    }
+}
+
+impl Binary {
+    /// Its value.
+    pub fn of(self, a: f64, b: f64) -> f64 {
+        match self {
+            Binary::Add => a + b,
+            Binary::Sub => a - b,
+            Binary::Mul => a * b,
+            Binary::Div => a / b,
+            Binary::Pow => a.powf(b),
+        }
+    }
+}
+
+impl Comparison {
+    /// Whether it holds.
+    pub fn holds(self, a: f64, b: f64) -> bool {
+        match self {
+            Comparison::Below => a < b,
+            Comparison::AtMost => a <= b,
+            Comparison::Equals => a == b,
+        }
+    }
+}
+
+/// What is told or refused where a condition holds.
+#[derive(Debug, Clone)]
+pub enum Note {
+    /// A message of a category.
+    Message {
+        /// Where it is told.
+        condition: Node,
+        /// Its log category.
+        category: &'static str,
+        /// The text, with references to nodes and variables in it.
+        text: String,
+    },
+    /// Why a start or a point is refused.
+    Refusal {
+        /// Where it is refused.
+        condition: Node,
+        /// The reasons, with references to nodes and variables in them.
+        reason: Invalid,
+    },
+}
+
+/// A list of operations.
+#[derive(Debug, Default, Clone)]
+pub struct Tape {
+    pub(super) operations: Vec<Operation>,
+    pub(super) known: HashMap<Operation, Node>,
+    pub(super) notes: Vec<Note>,
+    /// How many numbers the iterations carry that are being recorded.
+    pub(super) carried: u32,
+    /// Whether equations looked at a number that isn't known before it is given.
+    pub(super) looked: bool,
+    /// Conditions of the changes that are being recorded.
+    pub(super) conditions: Vec<Node>,
+}
+
+impl Tape {
+    /// All operations, in an order in which each comes after its operands.
+    pub fn operations(&self) -> &[Operation] {
+        &self.operations
+    }
+
+    /// One of them.
+    pub fn operation(&self, node: Node) -> &Operation {
+        &self.operations[node.index()]
+    }
+
+    /// Whether equations looked at a number, by `==`: what they do at other numbers wasn't recorded.
+    pub fn has_looked(&self) -> bool {
+        self.looked
+    }
+
+    /// What is told and refused.
+    pub fn notes(&self) -> &[Note] {
+        &self.notes
+    }
+
+    /// The number that a node is, where it is known.
+    pub fn constant(&self, node: Node) -> Option<f64> {
+        match self.operation(node) {
+            Operation::Constant(bits) => Some(f64::from_bits(*bits)),
+            _ => None,
+        }
+    }
+
+    /// Adds an operation, unless it is there already or its value is known.
+    pub(super) fn add(&mut self, operation: Operation) -> Node {
+        let operation = self.folded(operation);
+        let operation = match operation {
+            Folded::Same(node) => return node,
+            Folded::Operation(operation) => operation,
+        };
+        if let Some(&node) = self.known.get(&operation) {
+            return node;
+        }
+        let node = Node(u32::try_from(self.operations.len()).expect("a recording is smaller than 4 GB"));
+        self.operations.push(operation.clone());
+        self.known.insert(operation, node);
+        node
+    }
+
+    /// What an operation comes down to where operands are constants. No number is changed by it, a zero's sign included.
+    fn folded(&self, operation: Operation) -> Folded {
+        if let Operation::Select(condition, yes, no) = operation {
+            if let Some(known) = self.constant(condition) {
+                return Folded::Same(if known != 0.0 { yes } else { no });
+            }
+            if yes == no {
+                return Folded::Same(yes);
+            }
+        }
+        // A condition with a known part.
+        if let Operation::And(a, b) | Operation::Or(a, b) = operation {
+            let neutral = if matches!(operation, Operation::And(..)) { 1.0 } else { 0.0 };
+            for (one, other) in [(a, b), (b, a)] {
+                match self.constant(one) {
+                    Some(known) if known == neutral => return Folded::Same(other),
+                    Some(_) => return Folded::Same(one),
+                    None => {}
+                }
+            }
+        }
+        let is_known = operation.operands().all(|operand| self.constant(operand).is_some());
+        let value = if is_known { operation.value(|node| self.constant(node).unwrap_or(f64::NAN)) } else { None };
+        Folded::Operation(value.map_or(operation, |value| Operation::Constant(value.to_bits())))
+    }
+}
+
+enum Folded {
+    Same(Node),
+    Operation(Operation),
+}

@@ -1,0 +1,310 @@
+//! A design report: what a designer should know of a system's parameters before using it.
+//!
+//! A [`System`](crate::system::System) tells its findings; whether all of them together are sound is decided here alone.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use crate::eigenvalues::{Eigenvalue, eigenvalues};
+
+/// How a finding is judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Nothing against it.
+    Ok,
+    /// It works, with a disadvantage that its note names.
+    Warning,
+    /// What the design rests on doesn't hold, or can't be shown.
+    NotSound,
+}
+
+impl Verdict {
+    /// For people.
+    pub fn text(self) -> &'static str {
+        match self {
+            Verdict::Ok => "ok",
+            Verdict::Warning => "warning",
+            Verdict::NotSound => "not sound",
+        }
+    }
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// A finite number.
+    Number(f64),
+    /// A matrix, row by row.
+    Matrix(Vec<Vec<f64>>),
+    /// Eigenvalues, the slowest first.
+    Eigenvalues(Vec<Eigenvalue>),
+    /// Two numbers between which it lies.
+    Between {
+        /// Not above it.
+        lower: f64,
+        /// Not below it.
+        upper: f64,
+    },
+    /// Words; also numbers that aren't finite.
+    Text(String),
+}
+
+impl From<f64> for Value {
+    fn from(number: f64) -> Self {
+        if number.is_finite() { Value::Number(number) } else { Value::Text(infinite(number).to_owned()) }
+    }
+}
+
+impl From<&DMatrix<f64>> for Value {
+    fn from(matrix: &DMatrix<f64>) -> Self {
+        Value::Matrix(matrix.row_iter().map(|row| row.iter().copied().collect()).collect())
+    }
+}
+
+impl From<&DVector<f64>> for Value {
+    fn from(vector: &DVector<f64>) -> Self {
+        Value::Matrix(vec![vector.iter().copied().collect()])
+    }
+}
+
+impl From<String> for Value {
+    fn from(text: String) -> Self {
+        Value::Text(text)
+    }
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Value::Text(text.to_owned())
+    }
+}
+
+const INFINITE: &str = "infinite";
+const NOT_A_NUMBER: &str = "not a number";
+
+fn infinite(number: f64) -> &'static str {
+    if number.is_nan() { NOT_A_NUMBER } else { INFINITE }
+}
+
+impl Value {
+    /// Whether every number in it is finite.
+    fn is_finite(&self) -> bool {
+        match self {
+            Value::Number(number) => number.is_finite(),
+            Value::Matrix(rows) => rows.iter().flatten().all(|number| number.is_finite()),
+            Value::Eigenvalues(all) => all.iter().all(|value| value.real.is_finite() && value.imaginary.is_finite()),
+            Value::Between { lower, upper } => lower.is_finite() && upper.is_finite(),
+            Value::Text(text) => text != INFINITE && text != NOT_A_NUMBER,
+        }
+    }
+
+    /// For people: a line, or a line a row or an eigenvalue.
+    pub fn lines(&self) -> Vec<String> {
+        match self {
+            Value::Number(value) => vec![number(*value)],
+            Value::Matrix(rows) => rows.iter().map(|row| list(row)).collect(),
+            Value::Eigenvalues(all) => all.iter().filter(|value| value.imaginary >= 0.0).map(eigenvalue).collect(),
+            Value::Between { lower, upper } if number(*lower) == number(*upper) => vec![number(*upper)],
+            Value::Between { lower, upper } => vec![format!("{} … {}", number(*lower), number(*upper))],
+            Value::Text(text) => vec![text.clone()],
+        }
+    }
+}
+
+fn list(numbers: &[f64]) -> String {
+    numbers.iter().map(|value| number(*value)).collect::<Vec<_>>().join(", ")
+}
+
+/// One of a conjugate pair stands for both.
+fn eigenvalue(value: &Eigenvalue) -> String {
+    let imaginary = if value.imaginary > 0.0 { format!(" ± {}j", number(value.imaginary)) } else { String::new() };
+    let rest = value
+        .damping
+        .map_or(String::new(), |damping| format!(", damping {}, {} rad/s", number(damping), number(value.frequency)));
+    format!("{}{imaginary} 1/s{rest}", number(value.real))
+}
+
+/// Seven digits, as short as can be.
+pub fn number(value: f64) -> String {
+    let short = format!("{value:.6e}").parse().unwrap_or(value);
+    if short == 0.0 || (1e-3..1e6).contains(&f64::abs(short)) {
+        format!("{}", short + 0.0)
+    } else {
+        format!("{short:e}")
+    }
+}
+
+/// One thing that was found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// What it belongs to.
+    pub section: String,
+    /// What it is.
+    pub name: String,
+    /// Its value.
+    pub value: Value,
+    /// Unit of the value; empty where it has none, and for eigenvalues, which have theirs.
+    pub unit: String,
+    /// How it is judged.
+    pub verdict: Verdict,
+    /// What it means or how it was found; where it isn't ok, what would mend it, with numbers.
+    pub note: String,
+}
+
+/// The findings of a system, in their order.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct DesignReport {
+    /// Communication step of the default experiment, s; 0 within a larger system, whose parts take none.
+    pub step: f64,
+    /// What was found; nothing where a system has nothing to report.
+    pub findings: Vec<Finding>,
+    /// What the section of the next findings is called.
+    #[serde(skip)]
+    section: String,
+    /// Name of the part of a larger system whose findings follow.
+    #[serde(skip)]
+    part: Option<String>,
+}
+
+impl DesignReport {
+    /// Without findings, for this communication step, s.
+    pub fn new(step: f64) -> Self {
+        DesignReport { step, ..DesignReport::default() }
+    }
+
+    /// The worst verdict: the design is sound where it isn't [`Verdict::NotSound`].
+    pub fn verdict(&self) -> Verdict {
+        self.findings.iter().map(|finding| finding.verdict).max().unwrap_or(Verdict::Ok)
+    }
+
+    /// Whether everything that the design rests on holds.
+    pub fn is_sound(&self) -> bool {
+        self.verdict() != Verdict::NotSound
+    }
+
+    /// What to call the section of the next findings.
+    pub fn section(&mut self, title: &str) {
+        self.section = self.part.as_ref().map_or(title.to_owned(), |part| format!("{part}: {title}"));
+    }
+
+    /// Calls for the findings of a part.
+    pub(crate) fn of_part(&mut self, name: &str, tell: impl FnOnce(&mut DesignReport)) {
+        self.part = Some(name.to_owned());
+        tell(self);
+        self.part = None;
+    }
+
+    /// In other words, which name variables as users do.
+    pub(crate) fn reworded(&mut self, word: impl Fn(&str) -> String) {
+        for finding in &mut self.findings {
+            finding.name = word(&finding.name);
+            finding.note = word(&finding.note);
+        }
+    }
+
+    /// A finding that nothing speaks against.
+    pub fn tell(&mut self, name: &str, value: impl Into<Value>, unit: &str, note: &str) {
+        self.judge(name, value, unit, Verdict::Ok, note);
+    }
+
+    /// A limit that nothing is beyond, which is as good as can be.
+    pub fn tell_unlimited(&mut self, name: &str, unit: &str, note: &str) {
+        self.tell(name, "unlimited", unit, note);
+    }
+
+    /// A finding, its verdict, and what would mend it. No number that isn't finite is ok: nothing is shown by it.
+    pub fn judge(
+        &mut self,
+        name: &str,
+        value: impl Into<Value>,
+        unit: &str,
+        verdict: Verdict,
+        note: impl Into<String>,
+    ) {
+        let (name, unit) = (name.to_owned(), unit.to_owned());
+        let (section, value, mut note) = (self.section.clone(), value.into(), note.into());
+        let mut verdict = verdict;
+        if verdict == Verdict::Ok && !value.is_finite() {
+            verdict = Verdict::NotSound;
+            note = format!("no finite number, so that nothing is shown by it: {note}");
+        }
+        self.findings.push(Finding { section, name, value, unit, verdict, note });
+    }
+
+    /// The eigenvalues of a matrix whose modes must decay, where that is asked for.
+    pub fn eigenvalues(&mut self, name: &str, matrix: &DMatrix<f64>, must_decay: bool) {
+        match eigenvalues(matrix) {
+            Err(reason) => self.judge(name, "not found", "", Verdict::NotSound, format!("{name}: {reason}")),
+            Ok(found) if must_decay && found.iter().any(|value| value.real >= 0.0) => {
+                let note = "every eigenvalue needs a negative real part";
+                self.judge(name, Value::Eigenvalues(found), "", Verdict::NotSound, note);
+            }
+            Ok(found) => self.tell(name, Value::Eigenvalues(found), "", ""),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_finding_decides() {
+        let mut report = DesignReport::new(1e-3);
+        assert!(report.is_sound() && report.verdict() == Verdict::Ok);
+        report.tell("a", 1.0, "s", "");
+        report.judge("b", 2.0, "", Verdict::Warning, "a disadvantage");
+        assert!(report.is_sound() && report.verdict() == Verdict::Warning);
+        report.judge("c", f64::INFINITY, "", Verdict::NotSound, "what helps");
+        assert!(!report.is_sound());
+    }
+
+    #[test]
+    fn a_report_survives_its_way_to_a_script_and_back() {
+        let mut report = DesignReport::new(1e-3);
+        report.section("numbers");
+        report.judge("infinite", f64::INFINITY, "", Verdict::NotSound, "");
+        report.tell_unlimited("delay margin", "s", "");
+        report.tell("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, 1e300]), "1/s", "");
+        report.tell("between", Value::Between { lower: 1.0, upper: 2.0 }, "", "");
+        report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, -2.0]), false);
+        report.eigenvalues("A", &DMatrix::from_element(1, 1, f64::NAN), true);
+        let back: DesignReport = serde_json::from_str(&serde_json::to_string(&report).unwrap()).unwrap();
+        assert_eq!(back.findings, report.findings);
+        assert!(!report.is_sound());
+    }
+
+    #[test]
+    fn nothing_that_is_no_finite_number_is_ok() {
+        let matrix = DMatrix::from_row_slice(1, 2, &[1.0, f64::NEG_INFINITY]);
+        let broken = Eigenvalue { real: f64::NAN, imaginary: 0.0, damping: None, frequency: f64::NAN };
+        let all: [Value; 5] = [
+            f64::INFINITY.into(),
+            f64::NAN.into(),
+            (&matrix).into(),
+            Value::Between { lower: f64::NAN, upper: 1.0 },
+            Value::Eigenvalues(vec![broken]),
+        ];
+        for value in all {
+            let mut report = DesignReport::new(1e-3);
+            report.tell("norm", value.clone(), "", "from here to there");
+            let [Finding { verdict, note, .. }] = &report.findings[..] else { panic!("one finding") };
+            assert!(*verdict == Verdict::NotSound && note.ends_with("from here to there"), "{value:?}: {note}");
+        }
+        let mut report = DesignReport::new(1e-3);
+        report.tell_unlimited("delay margin", "s", "");
+        report.tell("words", "symmetric", "", "");
+        assert_eq!(report.verdict(), Verdict::Ok);
+    }
+
+    #[test]
+    fn people_see_one_of_a_pair_and_short_numbers() {
+        let mut report = DesignReport::new(1e-3);
+        report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -25.0, -6.0]), true);
+        assert_eq!(report.findings[0].value.lines(), ["-3 ± 4j 1/s, damping 0.6, 5 rad/s"]);
+        assert_eq!(Value::Between { lower: 0.1, upper: 0.100_000_001 }.lines(), ["0.1"]);
+        assert_eq!(Value::Between { lower: 0.1, upper: 0.2 }.lines(), ["0.1 … 0.2"]);
+    }
+}

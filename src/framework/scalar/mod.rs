@@ -1,0 +1,431 @@
+//! What equations are written over.
+//!
+//! A scalar is a number, a dual number that carries exact derivatives, or a node of a [recording](crate::recording). Equations
+//! can't look at its value: what depends on one is *selected* by a flag, so that the same text serves all three.
+
+mod dual;
+mod messages;
+mod opaque;
+
+use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, DivAssign, Mul, MulAssign, Neg, Not, Sub, SubAssign};
+
+pub use dual::Dual;
+pub use messages::{Message, MessageLog};
+pub use opaque::Opaque;
+
+use crate::error::{self, Invalid};
+
+/// A condition over scalars: `bool`, or a node of a recording. Combined by `&`, `|` and `!`.
+pub trait Flag:
+    Copy
+    + Send
+    + Sync
+    + 'static
+    + std::fmt::Debug
+    + From<bool>
+    + Not<Output = Self>
+    + BitAnd<Output = Self>
+    + BitOr<Output = Self>
+{
+}
+
+impl Flag for bool {}
+
+/// What equations are written over: `f64`, dual numbers that carry exact derivatives, and nodes of a recording.
+///
+/// Beside arithmetic and elementary functions it has *selection*. A condition is a [`Scalar::Flag`]; what depends on one is
+/// chosen by [`Scalar::select`] between values that stand, by [`Scalar::branch`] between two ways of computing them, or
+/// carried out by [`Point::when`](crate::system::Point::when). For numbers these are ordinary branches, and cost what these
+/// cost.
+pub trait Scalar:
+    nalgebra::Scalar
+    + Copy
+    + Send
+    + Sync
+    + From<f64>
+    + num_traits::Zero
+    + num_traits::One
+    + std::fmt::Display
+    + Neg<Output = Self>
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Add<f64, Output = Self>
+    + Sub<f64, Output = Self>
+    + Mul<f64, Output = Self>
+    + Div<f64, Output = Self>
+    + AddAssign
+    + SubAssign
+    + MulAssign
+    + DivAssign
+    + AddAssign<f64>
+    + SubAssign<f64>
+    + MulAssign<f64>
+    + DivAssign<f64>
+{
+    /// A condition.
+    type Flag: Flag;
+    /// An integer, a Boolean as 0 or 1, or a choice by the number of its item.
+    type Integer: Copy + Send + Sync + std::fmt::Debug + PartialEq + 'static;
+
+    /// Sine.
+    fn sin(self) -> Self;
+    /// Cosine.
+    fn cos(self) -> Self;
+    /// Tangent.
+    fn tan(self) -> Self;
+    /// Hyperbolic cosine.
+    fn cosh(self) -> Self;
+    /// Hyperbolic tangent.
+    fn tanh(self) -> Self;
+    /// Exponential function.
+    fn exp(self) -> Self;
+    /// Natural logarithm.
+    fn ln(self) -> Self;
+    /// ln(1 + x), sharp near 0.
+    fn ln_1p(self) -> Self;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// Arc tangent.
+    fn atan(self) -> Self;
+    /// 1/x.
+    fn recip(self) -> Self;
+    /// Power with a whole exponent.
+    fn powi(self, exponent: i32) -> Self;
+    /// Power.
+    fn powf(self, exponent: f64) -> Self;
+    /// Power of a number that isn't negative, with an exponent of the equations.
+    fn powd(self, exponent: Self) -> Self;
+    /// Magnitude.
+    fn abs(self) -> Self;
+    /// 1 with the sign of the number.
+    fn signum(self) -> Self;
+    /// The largest whole number that is not above.
+    fn floor(self) -> Self;
+    /// The nearest whole number, halves away from zero.
+    fn round(self) -> Self;
+
+    /// Whether it is below another; so with the others. Where one of both is no number, no comparison holds.
+    fn below(self, other: Self) -> Self::Flag;
+    /// Whether it is above another.
+    fn above(self, other: Self) -> Self::Flag {
+        other.below(self)
+    }
+    /// Whether it is at most as large as another.
+    fn at_most(self, other: Self) -> Self::Flag;
+    /// Whether it is at least as large as another.
+    fn at_least(self, other: Self) -> Self::Flag {
+        other.at_most(self)
+    }
+    /// Whether it equals another.
+    fn equals(self, other: Self) -> Self::Flag;
+    /// Whether it is no number and no infinity.
+    fn is_finite(self) -> Self::Flag {
+        self.abs().below(Self::from(f64::INFINITY))
+    }
+
+    /// A condition as a number, 1 or 0.
+    fn from_flag(flag: Self::Flag) -> Self {
+        Self::select(flag, Self::from(1.0), Self::from(0.0))
+    }
+    /// An integer as a number.
+    fn from_integer(integer: Self::Integer) -> Self;
+    /// The integer that a whole number is.
+    fn to_integer(self) -> Self::Integer;
+    /// A known integer.
+    fn integer(value: i32) -> Self::Integer;
+    /// Whether two integers are equal.
+    fn same(one: Self::Integer, other: Self::Integer) -> Self::Flag;
+    /// One of two integers.
+    fn select_integer(flag: Self::Flag, yes: Self::Integer, no: Self::Integer) -> Self::Integer;
+
+    /// The number in a text, with all its digits.
+    fn told(self) -> String;
+    /// The number in a text, rounded to what a person reads.
+    fn rounded(self) -> String;
+    /// The number in a text, with an exponent and so many digits behind the point.
+    fn scientific(self, digits: usize) -> String;
+    /// The number in a text, with so many digits behind the point.
+    fn fixed(self, digits: usize) -> String;
+
+    /// One of two values.
+    fn select(flag: Self::Flag, yes: Self, no: Self) -> Self;
+    /// What one of two ways leads to; for numbers only that way is gone.
+    fn branch<T: Merge<Self>>(flag: Self::Flag, yes: impl FnOnce() -> T, no: impl FnOnce() -> T) -> T;
+
+    /// The value at a place among some, counted from 0: of a fraction its whole part, beyond an end the one at that end, and
+    /// the first where the place is no number.
+    ///
+    /// # Panics
+    /// When there are no values.
+    fn element(values: &[Self], place: Self) -> Self;
+    /// Puts a value at such a place.
+    ///
+    /// # Panics
+    /// As [`Scalar::element`].
+    fn put_element(values: &mut [Self], place: Self, value: Self);
+
+    /// Carries out a step on a state again and again: while a condition holds on it, and at most so many times. What it
+    /// changes is the state alone.
+    fn iterate(state: &mut [Self], most: usize, goes_on: impl Fn(&[Self]) -> Self::Flag, step: impl Fn(&mut [Self]));
+
+    /// A function that is no arithmetic, one of [`Opaque`]. Its derivative is zero.
+    fn opaque(function: Opaque, arguments: &[Self]) -> Self;
+
+    #[doc(hidden)]
+    fn carry_out<P: Changed<Self>>(flag: Self::Flag, place: &mut P, change: impl FnOnce(&mut P));
+    #[doc(hidden)]
+    fn log(flag: Self::Flag, log: &mut MessageLog, category: &'static str, text: impl FnOnce() -> String);
+    #[doc(hidden)]
+    fn refuse(flag: Self::Flag, log: &mut MessageLog, reason: impl FnOnce() -> Invalid);
+}
+
+/// What one of two ways may lead to: scalars, and arrays and tuples of them.
+pub trait Merge<S: Scalar> {
+    /// One of two.
+    fn merge(flag: S::Flag, yes: Self, no: Self) -> Self;
+}
+
+impl<S: Scalar> Merge<S> for S {
+    fn merge(flag: S::Flag, yes: S, no: S) -> S {
+        S::select(flag, yes, no)
+    }
+}
+
+impl<S: Scalar, T: Merge<S>, const N: usize> Merge<S> for [T; N] {
+    fn merge(flag: S::Flag, yes: Self, no: Self) -> Self {
+        let mut no = no.into_iter();
+        yes.map(|yes| T::merge(flag, yes, no.next().expect("both have N")))
+    }
+}
+
+macro_rules! merge_tuples {
+    ($($name:ident $yes:ident $no:ident),*) => {
+        impl<S: Scalar, $($name: Merge<S>),*> Merge<S> for ($($name,)*) {
+            fn merge(flag: S::Flag, ($($yes,)*): Self, ($($no,)*): Self) -> Self {
+                ($($name::merge(flag, $yes, $no),)*)
+            }
+        }
+    };
+}
+merge_tuples!(A a b, B c d);
+merge_tuples!(A a b, B c d, C e f);
+
+/// What a conditional change may change: values that can be copied before, and merged after it.
+#[doc(hidden)]
+pub trait Changed<S: Scalar> {
+    /// The values as they are.
+    fn copied(&self) -> (Vec<S>, Vec<S::Integer>);
+    /// The values, to write.
+    fn places(&mut self) -> (&mut [S], &mut [S::Integer]);
+}
+
+impl<S: Scalar> Changed<S> for &mut [S] {
+    fn copied(&self) -> (Vec<S>, Vec<S::Integer>) {
+        (self.to_vec(), Vec::new())
+    }
+    fn places(&mut self) -> (&mut [S], &mut [S::Integer]) {
+        (self, &mut [])
+    }
+}
+
+/// The smaller of two; the first where they are equal.
+pub fn smaller<S: Scalar>(a: S, b: S) -> S {
+    S::select(b.below(a), b, a)
+}
+
+/// The larger of two; the first where they are equal.
+pub fn larger<S: Scalar>(a: S, b: S) -> S {
+    S::select(b.above(a), b, a)
+}
+
+/// Whether any condition holds.
+pub fn any<S: Scalar>(flags: impl IntoIterator<Item = S::Flag>) -> S::Flag {
+    flags.into_iter().fold(false.into(), |any, flag| any | flag)
+}
+
+/// What all kinds of numbers have in common: conditions are decided by the value.
+macro_rules! of_numbers {
+    () => {
+        type Flag = bool;
+        type Integer = i32;
+
+        fn floor(self) -> Self {
+            Self::from(self.number().floor())
+        }
+        fn round(self) -> Self {
+            Self::from(self.number().round())
+        }
+        fn below(self, other: Self) -> bool {
+            self.number() < other.number()
+        }
+        fn at_most(self, other: Self) -> bool {
+            self.number() <= other.number()
+        }
+        fn equals(self, other: Self) -> bool {
+            self.number() == other.number()
+        }
+        fn from_integer(integer: i32) -> Self {
+            Self::from(f64::from(integer))
+        }
+        fn to_integer(self) -> i32 {
+            self.number() as i32
+        }
+        fn integer(value: i32) -> i32 {
+            value
+        }
+        fn same(one: i32, other: i32) -> bool {
+            one == other
+        }
+        fn select_integer(flag: bool, yes: i32, no: i32) -> i32 {
+            if flag { yes } else { no }
+        }
+        fn told(self) -> String {
+            error::Number(self.number()).to_string()
+        }
+        fn rounded(self) -> String {
+            crate::report::number(self.number())
+        }
+        fn scientific(self, digits: usize) -> String {
+            format!("{:.digits$e}", self.number())
+        }
+        fn fixed(self, digits: usize) -> String {
+            format!("{:.digits$}", self.number())
+        }
+        #[inline]
+        fn select(flag: bool, yes: Self, no: Self) -> Self {
+            if flag { yes } else { no }
+        }
+        #[inline]
+        fn branch<R: Merge<Self>>(flag: bool, yes: impl FnOnce() -> R, no: impl FnOnce() -> R) -> R {
+            if flag { yes() } else { no() }
+        }
+        fn element(values: &[Self], place: Self) -> Self {
+            // A cast keeps to the numbers that there are, and makes 0 of what is none.
+            values[(place.number() as usize).min(values.len() - 1)]
+        }
+        fn put_element(values: &mut [Self], place: Self, value: Self) {
+            values[(place.number() as usize).min(values.len() - 1)] = value;
+        }
+        #[inline]
+        fn iterate(state: &mut [Self], most: usize, goes_on: impl Fn(&[Self]) -> bool, step: impl Fn(&mut [Self])) {
+            for _ in 0..most {
+                if !goes_on(state) {
+                    break;
+                }
+                step(state);
+            }
+        }
+        fn opaque(function: Opaque, arguments: &[Self]) -> Self {
+            Self::from(function.of(arguments.iter().map(|argument| argument.number())))
+        }
+        #[inline]
+        fn carry_out<P: Changed<Self>>(flag: bool, place: &mut P, change: impl FnOnce(&mut P)) {
+            if flag {
+                change(place);
+            }
+        }
+        #[inline]
+        fn log(flag: bool, log: &mut MessageLog, category: &'static str, text: impl FnOnce() -> String) {
+            if flag {
+                log.tell(category, text());
+            }
+        }
+        #[inline]
+        fn refuse(flag: bool, log: &mut MessageLog, reason: impl FnOnce() -> Invalid) {
+            if flag {
+                log.refuse(reason());
+            }
+        }
+    };
+}
+
+/// The value that conditions are decided by.
+trait Number: Copy {
+    fn number(self) -> f64;
+}
+
+impl Number for f64 {
+    fn number(self) -> f64 {
+        self
+    }
+}
+
+impl<const N: usize> Number for Dual<N> {
+    fn number(self) -> f64 {
+        self.value
+    }
+}
+
+macro_rules! functions_of_numbers {
+    ($($name:ident)*) => {$(
+        #[inline]
+        fn $name(self) -> f64 {
+            f64::$name(self)
+        }
+    )*};
+}
+
+impl Scalar for f64 {
+    functions_of_numbers!(sin cos tan cosh tanh exp ln ln_1p sqrt atan recip abs signum);
+    #[inline]
+    fn powi(self, exponent: i32) -> f64 {
+        f64::powi(self, exponent)
+    }
+    #[inline]
+    fn powf(self, exponent: f64) -> f64 {
+        f64::powf(self, exponent)
+    }
+    #[inline]
+    fn powd(self, exponent: f64) -> f64 {
+        f64::powf(self, exponent)
+    }
+    of_numbers!();
+}
+
+macro_rules! functions_with_slopes {
+    ($($name:ident $x:ident $value:ident: $slope:expr),* $(,)?) => {$(
+        fn $name(self) -> Self {
+            let $x = self.value;
+            let $value = $x.$name();
+            self.chained($value, $slope)
+        }
+    )*};
+}
+
+/// f(x) and f'(x).
+impl<const N: usize> Scalar for Dual<N> {
+    functions_with_slopes!(
+        sin x _y: x.cos(),
+        cos x _y: -x.sin(),
+        tan x y: 1.0 + y * y,
+        cosh x _y: x.sinh(),
+        tanh x _y: x.cosh().recip().powi(2),
+        exp x y: y,
+        ln x _y: x.recip(),
+        ln_1p x _y: (x + 1.0).recip(),
+        sqrt x y: 0.5 / y,
+        atan x _y: (1.0 + x * x).recip(),
+        recip x y: -y * y,
+        abs x _y: x.signum(),
+        signum x _y: 0.0,
+    );
+    fn powi(self, exponent: i32) -> Self {
+        let slope = if exponent == 0 { 0.0 } else { self.value.powi(exponent - 1) * f64::from(exponent) };
+        self.chained(self.value.powi(exponent), slope)
+    }
+    fn powf(self, exponent: f64) -> Self {
+        let slope = if exponent == 0.0 { 0.0 } else { self.value.powf(exponent - 1.0) * exponent };
+        self.chained(self.value.powf(exponent), slope)
+    }
+    fn powd(self, exponent: Self) -> Self {
+        let value = self.value.powf(exponent.value);
+        let by_base = exponent.value * self.value.powf(exponent.value - 1.0);
+        let by_exponent = if self.value > 0.0 { value * self.value.ln() } else { 0.0 };
+        let derivatives =
+            std::array::from_fn(|k| by_base * self.derivatives[k] + by_exponent * exponent.derivatives[k]);
+        Dual { value, derivatives }
+    }
+    of_numbers!();
+}

@@ -1,0 +1,127 @@
+//! What depends on what in a model, as its recorded equations have it (FMI 2.0.4, section 2.2.8).
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::recording::{Dependence, Leaf, Method, Node, Recording};
+use crate::system::{Causality, DynSystem, Element, Section, Variables};
+
+/// A value's place in the block: of reals, or of integers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Place {
+    /// Among the reals.
+    Real(usize),
+    /// Among the integers.
+    Integer(usize),
+}
+
+impl Place {
+    /// Of an element.
+    pub fn of(variables: &Variables, element: Element<'_>) -> Self {
+        let index = variables.index(element);
+        if element.variable.is_real() { Place::Real(index) } else { Place::Integer(index) }
+    }
+}
+
+/// What outputs and derivatives depend on: while a simulation runs, and at its start.
+#[derive(Debug, Clone)]
+pub struct Structure {
+    running: BTreeMap<Place, Vec<Place>>,
+    start: BTreeMap<Place, Vec<Place>>,
+}
+
+impl Structure {
+    /// As a system's equations and its start have it.
+    pub fn of(system: &dyn DynSystem, variables: &Variables) -> Self {
+        let found = |method| Recording::of(system, method, &variables.layout());
+        let wanted = |element: &Element<'_>| {
+            let is_output = element.variable.causality == Causality::Output;
+            is_output || matches!(element.variable.section, Section::State | Section::Derivative | Section::Connected)
+        };
+        let unknowns: Vec<Place> =
+            variables.visible().filter(wanted).map(|element| Place::of(variables, element)).collect();
+        Structure {
+            running: dependence(&found(Method::Evaluate), &unknowns, |leaf| running(leaf, variables)),
+            start: dependence(&found(Method::Start), &unknowns, |leaf| start(leaf, variables)),
+        }
+    }
+
+    /// The inputs and states that an output, a derivative or a connected value depends on while a simulation runs.
+    pub fn running(&self, place: Place) -> &[Place] {
+        self.running.get(&place).map_or(&[], Vec::as_slice)
+    }
+
+    /// The inputs and parameters that the start value of an output, a state or a derivative depends on.
+    pub fn start(&self, place: Place) -> &[Place] {
+        self.start.get(&place).map_or(&[], Vec::as_slice)
+    }
+}
+
+fn dependence(
+    recording: &Recording,
+    unknowns: &[Place],
+    knowns: impl Fn(Leaf) -> Vec<Place>,
+) -> BTreeMap<Place, Vec<Place>> {
+    let mut search = Dependence::new(&recording.tape);
+    let node = |place: &Place| -> Node {
+        match *place {
+            Place::Real(index) => recording.reals[index],
+            Place::Integer(index) => recording.integers[index],
+        }
+    };
+    let mut of = |place: &Place| -> Vec<Place> {
+        let places: BTreeSet<_> = search.of(node(place)).into_iter().flat_map(&knowns).collect();
+        places.into_iter().collect()
+    };
+    unknowns.iter().map(|place| (*place, of(place))).collect()
+}
+
+/// What a leaf of the equations is to a master: an input or a state.
+fn running(leaf: Leaf, variables: &Variables) -> Vec<Place> {
+    let is_known = |place: usize, ranges: &[std::ops::Range<usize>]| ranges.iter().any(|range| range.contains(&place));
+    match leaf {
+        Leaf::Real(place) => {
+            let known = [variables.reals(Section::State), variables.reals(Section::Input)];
+            is_known(place as usize, &known).then_some(Place::Real(place as usize)).into_iter().collect()
+        }
+        Leaf::Integer(place) => {
+            let known = [variables.integers(Section::Input)];
+            is_known(place as usize, &known).then_some(Place::Integer(place as usize)).into_iter().collect()
+        }
+        Leaf::Time | Leaf::Step | Leaf::Crossed(_) => Vec::new(),
+    }
+}
+
+/// What a leaf of the start is to a master: an input, a parameter, or the parameters that something was prepared from.
+fn start(leaf: Leaf, variables: &Variables) -> Vec<Place> {
+    match leaf {
+        Leaf::Real(place) => {
+            let place = place as usize;
+            let known = [variables.reals(Section::Parameter), variables.reals(Section::Input)];
+            if known.iter().any(|range| range.contains(&place)) {
+                vec![Place::Real(place)]
+            } else if variables.reals(Section::Prepared).contains(&place) {
+                prepared_from(place, variables)
+            } else {
+                Vec::new()
+            }
+        }
+        Leaf::Integer(place) => {
+            let place = place as usize;
+            let known = [variables.integers(Section::Parameter), variables.integers(Section::Input)];
+            let is_known = known.iter().any(|range| range.contains(&place));
+            is_known.then_some(Place::Integer(place)).into_iter().collect()
+        }
+        Leaf::Time | Leaf::Step | Leaf::Crossed(_) => Vec::new(),
+    }
+}
+
+/// A design is made of numbers and not recorded: each of its results counts as made from all parameters of its system.
+fn prepared_from(place: usize, variables: &Variables) -> Vec<Place> {
+    let first = variables.reals(Section::Prepared).start;
+    // Variables of a composite's part begin with its name.
+    let part = |name: &str| name.split_once('.').map(|(part, _)| part.to_owned());
+    let of = variables.real_at(Section::Prepared, place - first).and_then(|element| part(&element.variable.name));
+    let of_part = variables.iter().filter(|v| v.section == Section::Parameter && part(&v.name) == of);
+    let shown = of_part.filter(|v| v.causality == Causality::Parameter && !variables.is_control(v));
+    shown.flat_map(|v| v.elements().map(|element| Place::of(variables, element)).collect::<Vec<_>>()).collect()
+}

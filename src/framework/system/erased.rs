@@ -1,0 +1,259 @@
+//! The same system behind an object-safe interface: its equations compiled for every scalar that they are evaluated over.
+
+use std::marker::PhantomData;
+
+use serde::de::DeserializeOwned;
+
+use super::names::{self, Names};
+use super::values::{Offsets, Values, Written};
+use super::{Declaration, OwnStep, Point, Scalar, Section, System};
+use crate::error::Invalid;
+use crate::recording::Recorded;
+use crate::report::DesignReport;
+use crate::scalar::Dual;
+
+/// How many directions one pass over [`Wide`] numbers takes.
+pub const DIRECTIONS: usize = 8;
+/// Dual numbers that carry exact derivatives in several directions.
+pub type Wide = Dual<DIRECTIONS>;
+
+/// The equations of a system over one scalar.
+pub trait Equations<S: Scalar> {
+    /// Writes the signals of a block.
+    fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets);
+    /// Writes the derivatives of a block whose signals stand.
+    fn derivatives(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets);
+    /// Writes both: one call through a table instead of two, which small systems feel.
+    fn evaluate(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets) {
+        self.outputs(t, reals, integers, offsets);
+        self.derivatives(t, reals, integers, offsets);
+    }
+}
+
+/// The start of a system over one scalar.
+pub trait Starts<S: Scalar>: Equations<S> {
+    /// See [`System::initialise`].
+    fn initialise(&self, t: S, v: &mut Point<S>);
+}
+
+/// What happens beside the equations, over one scalar.
+pub trait Happens<S: Scalar>: Starts<S> {
+    /// See [`System::parameters_changed`].
+    fn parameters_changed(&self, t: S, v: &mut Point<S>);
+    /// See [`System::check`].
+    fn check(&self, t: S, v: &mut Point<S>);
+    /// See [`System::next_time_event`].
+    fn next_time_event(&self, v: &Values<S>) -> S;
+    /// See [`System::event_indicators`].
+    fn event_indicators(&self, t: S, v: &Values<S>, z: &mut [S]);
+    /// See [`System::event`].
+    fn event(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>);
+    /// See [`System::step_completed`].
+    fn step_completed(&self, t: S, step: S, v: &mut Point<S>);
+}
+
+/// A [`System`] whose type was erased. Every `System` is one: all of it over numbers and recordings, what has derivatives
+/// over dual numbers.
+pub trait DynSystem: Happens<f64> + Happens<Recorded> + Starts<Dual> + Equations<Wide> + Send + Sync {
+    /// See [`System::prepare`].
+    ///
+    /// # Errors
+    /// As there.
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid>;
+    /// See [`System::report`].
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport);
+    /// See [`System::own_step`].
+    fn own_step(&self) -> Option<&dyn OwnStep>;
+}
+
+/// A scalar that equations are compiled for.
+pub trait Compiled: Scalar {
+    /// The equations of a system over it.
+    fn equations(system: &dyn DynSystem) -> &dyn Equations<Self>;
+}
+
+/// A scalar that the start is compiled for.
+pub trait CompiledStart: Compiled {
+    /// The start of a system over it.
+    fn start(system: &dyn DynSystem) -> &dyn Starts<Self>;
+}
+
+/// A scalar that everything is compiled for.
+pub trait CompiledWhole: CompiledStart {
+    /// All of a system over it.
+    fn whole(system: &dyn DynSystem) -> &dyn Happens<Self>;
+}
+
+macro_rules! compiled {
+    ($($scalar:ty: $compiled:ident $method:ident $is:ident),* $(,)?) => {$(
+        impl $compiled for $scalar {
+            fn $method(system: &dyn DynSystem) -> &dyn $is<Self> {
+                system
+            }
+        }
+    )*};
+}
+compiled!(
+    f64: Compiled equations Equations,
+    f64: CompiledStart start Starts,
+    f64: CompiledWhole whole Happens,
+    Recorded: Compiled equations Equations,
+    Recorded: CompiledStart start Starts,
+    Recorded: CompiledWhole whole Happens,
+    Dual: Compiled equations Equations,
+    Dual: CompiledStart start Starts,
+    Wide: Compiled equations Equations,
+);
+
+impl<M: System, S: Scalar> Equations<S> for M {
+    fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets) {
+        let (known, section) = reals.split_at_mut(offsets.real[Section::Signal as usize]);
+        let v = Values { reals: known, integers, offsets };
+        System::outputs(self, t, &v, &mut Written { section, class: PhantomData });
+    }
+    fn derivatives(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets) {
+        let (known, section) = reals.split_at_mut(offsets.real[Section::Derivative as usize]);
+        let v = Values { reals: known, integers, offsets };
+        System::derivatives(self, t, &v, &mut Written { section, class: PhantomData });
+    }
+}
+
+impl<M: System, S: Scalar> Starts<S> for M {
+    fn initialise(&self, t: S, v: &mut Point<S>) {
+        System::initialise(self, t, v);
+    }
+}
+
+impl<M: System, S: Scalar> Happens<S> for M {
+    fn parameters_changed(&self, t: S, v: &mut Point<S>) {
+        System::parameters_changed(self, t, v);
+    }
+    fn check(&self, t: S, v: &mut Point<S>) {
+        System::check(self, t, v);
+    }
+    fn next_time_event(&self, v: &Values<S>) -> S {
+        System::next_time_event(self, v)
+    }
+    fn event_indicators(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        System::event_indicators(self, t, v, z);
+    }
+    fn event(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>) {
+        System::event(self, t, crossed, v);
+    }
+    fn step_completed(&self, t: S, step: S, v: &mut Point<S>) {
+        System::step_completed(self, t, step, v);
+    }
+}
+
+impl<M: System> DynSystem for M {
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        System::prepare(self, v)
+    }
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        System::report(self, v, report);
+    }
+    fn own_step(&self) -> Option<&dyn OwnStep> {
+        System::own_step(self)
+    }
+}
+
+type DeclareFunction = fn(toml::Table, Registry, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>;
+
+/// A kind of system that a library knows how to make from a description.
+#[derive(Clone, Copy)]
+pub struct Kind {
+    /// Its [`System::NAME`].
+    pub name: &'static str,
+    /// Its [`System::DOCUMENTATION`].
+    pub documentation: &'static str,
+    declare: DeclareFunction,
+}
+
+/// The kinds of a library.
+pub type Registry = &'static [Kind];
+
+impl Kind {
+    /// The kind of a system.
+    pub const fn of<M: System>() -> Kind {
+        Kind { name: M::NAME, documentation: M::DOCUMENTATION, declare: declare::<M> }
+    }
+
+    /// The kind that connects systems of other kinds: a whole loop as one system.
+    pub const COMPOSITE: Kind = Kind {
+        name: "composite",
+        documentation: include_str!("../../../docs/composite.md"),
+        declare: super::composite::declare,
+    };
+
+    /// Whether no two kinds have the same name.
+    #[doc(hidden)]
+    pub const fn have_different_names(kinds: &[Kind]) -> bool {
+        let mut k = 0;
+        while k < kinds.len() {
+            let mut other = 0;
+            while other < k {
+                if same(kinds[k].name.as_bytes(), kinds[other].name.as_bytes()) {
+                    return false;
+                }
+                other += 1;
+            }
+            k += 1;
+        }
+        true
+    }
+
+    /// The kind of this name.
+    ///
+    /// # Errors
+    /// [`Invalid`] with the names that there are.
+    pub fn find<'a>(registry: &'a [Kind], name: &str) -> Result<&'a Kind, Invalid> {
+        registry.iter().find(|kind| kind.name == name).ok_or_else(|| {
+            let known: Vec<_> = registry.iter().map(|kind| kind.name).collect();
+            Invalid::new("model", format!("`{name}`"), format!("must be one of {}", known.join(", ")))
+        })
+    }
+
+    /// Declares its variables for a structure, under the user's names; the registry is where a composite finds its parts.
+    ///
+    /// # Errors
+    /// [`Invalid`] for keys that don't exist, are missing, of a wrong type, or contradict each other.
+    pub fn declare(
+        &self,
+        structure: toml::Table,
+        names: &Names,
+        registry: Registry,
+        d: &mut Declaration,
+    ) -> Result<Box<dyn DynSystem>, Invalid> {
+        d.document(self.documentation);
+        let (first, part) = d.declared();
+        let system = (self.declare)(structure, registry, d)?;
+        names::apply(names, first, part.as_deref(), d)?;
+        Ok(system)
+    }
+}
+
+/// Whether two texts are equal, when compiling.
+const fn same(one: &[u8], other: &[u8]) -> bool {
+    let mut equal = 0;
+    while equal < one.len() && equal < other.len() && one[equal] == other[equal] {
+        equal += 1;
+    }
+    equal == one.len() && equal == other.len()
+}
+
+impl std::fmt::Debug for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Kind({})", self.name)
+    }
+}
+
+fn declare<M: System>(structure: toml::Table, _: Registry, d: &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid> {
+    let structure = read::<M::Structure>(structure)?;
+    Ok(Box::new(M::declare(structure, d)?))
+}
+
+pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
+    toml::Value::Table(structure)
+        .try_into()
+        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {error}")))
+}

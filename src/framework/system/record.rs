@@ -1,0 +1,73 @@
+//! A system's methods, run over the scalar that records.
+
+use super::{DynSystem, Happens, MessageLog, Offsets, Point};
+use crate::recording::{Leaf, Method, Operation, Recorded, Recording, on_tape};
+
+/// A system's values: how many there are, and where sections begin.
+#[derive(Debug, Clone, Copy)]
+pub struct Layout {
+    /// Number of real values.
+    pub reals: usize,
+    /// Number of integers.
+    pub integers: usize,
+    /// Where sections begin.
+    pub offsets: Offsets,
+    /// Number of event indicators.
+    pub indicators: usize,
+}
+
+impl Recording {
+    /// Records a method.
+    pub fn of(system: &dyn DynSystem, method: Method, layout: &Layout) -> Self {
+        Recording::with(layout, |t, v| record(system, method, layout, t, v))
+    }
+
+    /// Records what a function does with the values of a block, and its results.
+    pub fn with(layout: &Layout, record: impl FnOnce(Recorded, &mut Point<Recorded>) -> Vec<Recorded>) -> Self {
+        let ((reals, integers, results), tape) = on_tape(|| {
+            let mut reals: Vec<_> = (0..layout.reals as u32).map(|place| leaf(Leaf::Real(place))).collect();
+            let mut integers: Vec<_> = (0..layout.integers as u32).map(|place| leaf(Leaf::Integer(place))).collect();
+            let mut log = MessageLog::new();
+            let t = leaf(Leaf::Time);
+            let results = record(t, &mut Point::new(&mut reals, &mut integers, &layout.offsets, &mut log));
+            (reals, integers, results)
+        });
+        let nodes = |values: Vec<Recorded>| values.into_iter().map(Recorded::node).collect();
+        Recording { tape, reals: nodes(reals), integers: nodes(integers), results: nodes(results) }
+    }
+}
+
+fn leaf(leaf: Leaf) -> Recorded {
+    Recorded::of(Operation::Leaf(leaf))
+}
+
+fn record(
+    system: &dyn DynSystem,
+    method: Method,
+    layout: &Layout,
+    t: Recorded,
+    v: &mut Point<Recorded>,
+) -> Vec<Recorded> {
+    let equations: &dyn Happens<Recorded> = system;
+    let mut results = Vec::new();
+    match method {
+        Method::Evaluate => v.evaluate(equations, t),
+        Method::Start => {
+            equations.initialise(t, v);
+            v.evaluate(equations, t);
+        }
+        Method::ParametersChanged => equations.parameters_changed(t, v),
+        Method::Check => equations.check(t, v),
+        Method::NextTimeEvent => results.push(equations.next_time_event(&v.values())),
+        Method::Indicators => {
+            results.resize(layout.indicators, Recorded::from(1.0));
+            equations.event_indicators(t, &v.values(), &mut results);
+        }
+        Method::Event => {
+            let crossed: Vec<_> = (0..layout.indicators as u32).map(|k| leaf(Leaf::Crossed(k)).holds()).collect();
+            equations.event(t, &crossed, v);
+        }
+        Method::StepCompleted => equations.step_completed(t, leaf(Leaf::Step), v),
+    }
+    results
+}

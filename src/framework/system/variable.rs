@@ -1,0 +1,371 @@
+//! The declared variables of a system: the one list that getters, setters, the model description and
+//! messages read.
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+
+use super::Layout;
+use super::values::Offsets;
+
+/// The sections of the flat block, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+pub enum Section {
+    /// Parameters.
+    Parameter,
+    /// Prepared from parameters.
+    Prepared,
+    /// Inputs.
+    Input,
+    /// Continuous states.
+    State,
+    /// Discrete variables.
+    Discrete,
+    /// Inputs of a composite's parts, each taken from an output of another part or from an input of the composite.
+    Connected,
+    /// Outputs and local signals.
+    Signal,
+    /// Derivatives of the states, in their order.
+    Derivative,
+    /// The simulation's own memory.
+    Memory,
+}
+
+impl Section {
+    /// Number of sections.
+    pub const COUNT: usize = 9;
+}
+
+/// The role of a variable towards the outside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Causality {
+    /// Set by the user.
+    Parameter,
+    /// Comes from outside.
+    Input,
+    /// Gets connected.
+    Output,
+    /// For inspection.
+    Local,
+    /// Not shown at all.
+    Hidden,
+}
+
+/// When a variable may change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Variability {
+    /// Before the simulation only.
+    Fixed,
+    /// Between communication steps, by the user.
+    Tunable,
+    /// At events.
+    Discrete,
+    /// Always.
+    Continuous,
+}
+
+/// Type and limits of a variable's values.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub enum Data {
+    /// Real numbers with unit and limits, a value an element where there are several.
+    Real {
+        /// Start values.
+        start: Vec<f64>,
+        /// Units; one for all, or one an element.
+        unit: Vec<&'static str>,
+        /// Smallest value allowed.
+        min: Option<f64>,
+        /// Whether `min` itself is excluded.
+        above_min: bool,
+        /// Largest value allowed.
+        max: Option<f64>,
+        /// Magnitudes: what an absolute tolerance is measured with; one for all, or one an element.
+        nominal: Vec<f64>,
+    },
+    /// Integers.
+    Integer {
+        /// Start value.
+        start: i32,
+        /// Smallest and largest value allowed.
+        limits: Option<(i32, i32)>,
+    },
+    /// True or false.
+    Boolean {
+        /// Start value.
+        start: bool,
+    },
+    /// One of several named items, counted from 1.
+    Choice {
+        /// Name of the type.
+        type_name: String,
+        /// Names and descriptions.
+        items: Vec<(String, String)>,
+        /// Start value.
+        start: i32,
+    },
+}
+
+/// How elements of a variable are named.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Naming {
+    /// `name`
+    Scalar,
+    /// `name[i]`
+    Vector(usize),
+    /// `name[i,j]`
+    Matrix(usize, usize),
+    /// `name[i,i]`: a matrix that is diagonal by law.
+    Diagonal(usize),
+}
+
+/// A declared variable: a scalar, a vector or a matrix.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Variable {
+    /// Name without indices.
+    pub name: String,
+    /// A user's own names of its elements, as they are stored; empty where none has one.
+    pub given: Vec<Option<String>>,
+    /// What it is; one text for all, or one an element.
+    pub description: Vec<String>,
+    /// Its class.
+    pub section: Section,
+    /// First place in its section.
+    pub start: usize,
+    /// Shape.
+    pub naming: Naming,
+    /// Role.
+    pub causality: Causality,
+    /// When it changes.
+    pub variability: Variability,
+    /// Type, start value, unit, limits.
+    pub data: Data,
+}
+
+impl Variable {
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        match self.naming {
+            Naming::Scalar => 1,
+            Naming::Vector(n) | Naming::Diagonal(n) => n,
+            Naming::Matrix(rows, columns) => rows.saturating_mul(columns),
+        }
+    }
+
+    /// Never: a declared variable has at least one element.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether its values are real numbers.
+    pub fn is_real(&self) -> bool {
+        matches!(self.data, Data::Real { .. })
+    }
+
+    /// Its elements, rows first.
+    pub fn elements(&self) -> impl Iterator<Item = Element<'_>> {
+        let rows = |k: usize, columns: usize, rows: usize| (k / columns) + (k % columns) * rows;
+        (0..self.len()).map(move |k| match self.naming {
+            Naming::Matrix(r, c) => Element { variable: self, offset: rows(k, c, r) },
+            _ => Element { variable: self, offset: k },
+        })
+    }
+
+    /// The element at a place of its storage.
+    pub fn element(&self, offset: usize) -> Element<'_> {
+        Element { variable: self, offset }
+    }
+}
+
+/// One element of a declared variable.
+#[derive(Debug, Clone, Copy)]
+pub struct Element<'a> {
+    /// The variable.
+    pub variable: &'a Variable,
+    /// Place among its elements, as they are stored.
+    pub offset: usize,
+}
+
+impl<'a> Element<'a> {
+    /// Full name, with indices; that of a derivative is `der(…)`.
+    pub fn name(&self) -> String {
+        let name = self.indexed_name();
+        if self.variable.section == Section::Derivative { format!("der({name})") } else { name }
+    }
+
+    fn indexed_name(&self) -> String {
+        let (name, k) = (&self.variable.name, self.offset);
+        if let Some(Some(given)) = self.variable.given.get(k) {
+            return given.clone();
+        }
+        match self.variable.naming {
+            Naming::Scalar => name.clone(),
+            Naming::Vector(_) => format!("{name}[{}]", k + 1),
+            Naming::Diagonal(_) => format!("{name}[{0},{0}]", k + 1),
+            Naming::Matrix(rows, _) => format!("{name}[{},{}]", k % rows + 1, k / rows + 1),
+        }
+    }
+
+    /// What it is.
+    pub fn description(&self) -> &'a str {
+        pick(&self.variable.description, self.offset).map_or("", String::as_str)
+    }
+
+    /// Place in its section.
+    pub fn place(&self) -> usize {
+        self.variable.start + self.offset
+    }
+
+    /// Unit of a real number; empty when it has none.
+    pub fn unit(&self) -> &'static str {
+        match &self.variable.data {
+            Data::Real { unit, .. } => pick(unit, self.offset).copied().unwrap_or(""),
+            _ => "",
+        }
+    }
+
+    /// Magnitude of a real number.
+    pub fn nominal(&self) -> f64 {
+        match &self.variable.data {
+            Data::Real { nominal, .. } => pick(nominal, self.offset).copied().unwrap_or(1.0),
+            _ => 1.0,
+        }
+    }
+
+    /// Start value of a real number.
+    pub fn start(&self) -> f64 {
+        match &self.variable.data {
+            Data::Real { start, .. } => pick(start, self.offset).copied().unwrap_or(0.0),
+            _ => 0.0,
+        }
+    }
+}
+
+/// The element's own entry, or the one for all.
+fn pick<T>(entries: &[T], index: usize) -> Option<&T> {
+    if entries.len() == 1 { entries.first() } else { entries.get(index) }
+}
+
+/// All variables of a system.
+#[derive(Debug, Clone, Default)]
+pub struct Variables {
+    pub(super) list: Vec<Variable>,
+    /// What each event indicator watches; an empty text where it has no name.
+    pub(super) indicators: Vec<String>,
+    /// Warnings: category and description. Each has a flag in the integers' memory.
+    pub(super) warnings: Vec<(&'static str, &'static str)>,
+    /// The flag in the integers' memory that tells a system that it is stepped, if it asked for it.
+    pub(super) stepped: Option<usize>,
+    /// How many variables are the system's own; those that every model has come after them.
+    pub(super) own: usize,
+    pub(super) real_sizes: [usize; Section::COUNT],
+    pub(super) integer_sizes: [usize; Section::COUNT],
+    pub(super) offsets: Offsets,
+    by_name: HashMap<String, (usize, usize)>,
+}
+
+impl Variables {
+    /// Fixes offsets once everything is declared.
+    pub(super) fn finish(&mut self) {
+        self.place_sections();
+        for (index, variable) in self.list.iter().enumerate() {
+            for element in variable.elements() {
+                self.by_name.insert(element.name(), (index, element.offset));
+            }
+        }
+    }
+
+    /// Places sections one after the other, as large as they are now.
+    pub(super) fn place_sections(&mut self) {
+        let running = |sizes: &[usize; Section::COUNT]| {
+            let mut sum = 0;
+            sizes.map(|size| {
+                sum += size;
+                sum - size
+            })
+        };
+        self.offsets = Offsets { real: running(&self.real_sizes), integer: running(&self.integer_sizes) };
+    }
+
+    /// Place, among all integers, of the flag that tells the system that it is stepped by a master of co-simulation.
+    pub fn stepped(&self) -> Option<usize> {
+        self.stepped.map(|place| self.integers(Section::Memory).start + place)
+    }
+
+    /// Whether a variable is one that every model has: how it is simulated, not what it is.
+    pub fn is_control(&self, variable: &Variable) -> bool {
+        self.list[self.own..].iter().any(|own| std::ptr::eq(own, variable))
+    }
+
+    /// The variables, in the order of their declaration.
+    pub fn iter(&self) -> impl Iterator<Item = &Variable> {
+        self.list.iter()
+    }
+
+    /// Every element that is shown outside.
+    pub fn visible(&self) -> impl Iterator<Item = Element<'_>> {
+        self.list.iter().filter(|v| v.causality != Causality::Hidden).flat_map(Variable::elements)
+    }
+
+    /// The element of this full name.
+    pub fn find(&self, name: &str) -> Option<Element<'_>> {
+        self.by_name.get(name).map(|&(index, offset)| self.list[index].element(offset))
+    }
+
+    /// Index of an element in the block: of reals for real variables, else of integers.
+    pub fn index(&self, element: Element<'_>) -> usize {
+        let offsets = if element.variable.is_real() { &self.offsets.real } else { &self.offsets.integer };
+        offsets[element.variable.section as usize] + element.place()
+    }
+
+    /// How many values there are, and where sections begin.
+    pub fn layout(&self) -> Layout {
+        let (reals, integers) = (self.reals(Section::Memory).end, self.integers(Section::Memory).end);
+        Layout { reals, integers, offsets: self.offsets, indicators: self.indicators.len() }
+    }
+
+    /// Where sections begin.
+    pub fn offsets(&self) -> &Offsets {
+        &self.offsets
+    }
+
+    /// Range of a section in the block of reals.
+    pub fn reals(&self, section: Section) -> std::ops::Range<usize> {
+        let start = self.offsets.real[section as usize];
+        start..start + self.real_sizes[section as usize]
+    }
+
+    /// Range of a section in the block of integers.
+    pub fn integers(&self, section: Section) -> std::ops::Range<usize> {
+        let start = self.offsets.integer[section as usize];
+        start..start + self.integer_sizes[section as usize]
+    }
+
+    /// Number of continuous states.
+    pub fn states(&self) -> usize {
+        self.real_sizes[Section::State as usize]
+    }
+
+    /// The element at a place of a section of reals.
+    pub fn real_at(&self, section: Section, place: usize) -> Option<Element<'_>> {
+        self.list
+            .iter()
+            .filter(|v| v.section == section && v.is_real())
+            .find(|v| (v.start..v.start + v.len()).contains(&place))
+            .map(|v| v.element(place - v.start))
+    }
+
+    /// Everything that was declared: variables, event indicators, warnings.
+    pub fn declared(&self) -> impl Serialize {
+        (&self.list, &self.indicators, &self.warnings)
+    }
+
+    /// What each event indicator watches; an empty text where it has no name.
+    pub fn indicators(&self) -> &[String] {
+        &self.indicators
+    }
+
+    /// Warnings: category and description.
+    pub fn warnings(&self) -> &[(&'static str, &'static str)] {
+        &self.warnings
+    }
+}
