@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::recording::{Dependence, Leaf, Method, Node, Recording};
+use crate::recording::{Leaf, Method, Node, Recording};
 use crate::system::{Causality, DynSystem, Element, Section, Variables};
 
 /// A value's place in the block: of reals, or of integers.
@@ -61,18 +61,17 @@ fn dependence(
     unknowns: &[Place],
     knowns: impl Fn(Leaf) -> Vec<Place>,
 ) -> BTreeMap<Place, Vec<Place>> {
-    let mut search = Dependence::new(&recording.tape);
-    let node = |place: &Place| -> Node {
-        match *place {
-            Place::Real(index) => recording.reals[index],
-            Place::Integer(index) => recording.integers[index],
-        }
+    let node = |place: &Place| match *place {
+        Place::Real(index) => recording.reals[index],
+        Place::Integer(index) => recording.integers[index],
     };
-    let mut of = |place: &Place| -> Vec<Place> {
-        let places: BTreeSet<_> = search.of(node(place)).into_iter().flat_map(&knowns).collect();
+    let nodes: Vec<Node> = unknowns.iter().map(node).collect();
+    let on = recording.tape.dependence(&nodes, |leaf| !knowns(leaf).is_empty());
+    let places = |leaves: Vec<Leaf>| {
+        let places: BTreeSet<_> = leaves.into_iter().flat_map(&knowns).collect();
         places.into_iter().collect()
     };
-    unknowns.iter().map(|place| (*place, of(place))).collect()
+    unknowns.iter().copied().zip(on.into_iter().map(places)).collect()
 }
 
 /// What a leaf of the equations is to a master: an input or a state.

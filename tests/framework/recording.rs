@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
-use adaptive_fmu::recording::{Dependence, Given, Leaf, Method, Node, Operation, Recording};
+use adaptive_fmu::recording::{Given, Leaf, Method, Node, Operation, Recording};
 use adaptive_fmu::system::*;
 use common::loops::whole;
 use common::random::Random;
@@ -206,7 +206,7 @@ impl<'a> Compared<'a> {
     /// Looks for what random points didn't reach: what a condition that always or never held depends on is changed alone.
     fn at_what_is_missed(&mut self, draws: &[Draw], random: &mut Random) {
         for condition in self.branches.missed() {
-            let leaves: Vec<_> = Dependence::new(&self.recording.tape).of(condition).into_iter().collect();
+            let leaves = self.recording.tape.dependence(&[condition], |_| true).concat();
             for attempt in 0..TRIES {
                 if self.branches.0[&condition] == [true, true] {
                     break;

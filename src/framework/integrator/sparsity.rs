@@ -1,7 +1,7 @@
 //! Which entries of the exact Jacobian ∂f/∂x are there, whatever the numbers are.
 
 use super::elimination::Pattern;
-use crate::recording::{Dependence, Leaf, Method, Recording};
+use crate::recording::{Leaf, Method, Recording};
 use crate::system::{DynSystem, Section, Variables};
 
 /// The pattern of ∂f/∂x, and columns that one direction takes together.
@@ -19,18 +19,15 @@ impl Sparsity {
     /// As the equations of a system have it.
     pub fn of(system: &dyn DynSystem, variables: &Variables) -> Self {
         let recording = Recording::of(system, Method::Evaluate, &variables.layout());
-        let mut dependence = Dependence::new(&recording.tape);
         let (states, rates) = (variables.reals(Section::State), variables.reals(Section::Derivative));
+        let state = |leaf: Leaf| match leaf {
+            Leaf::Real(place) => (place as usize).checked_sub(states.start).filter(|&state| state < states.len()),
+            _ => None,
+        };
         let mut columns = vec![Vec::new(); variables.states()];
-        for (row, rate) in rates.enumerate() {
-            for leaf in dependence.of(recording.reals[rate]) {
-                match leaf {
-                    Leaf::Real(place) if states.contains(&(place as usize)) => {
-                        columns[place as usize - states.start].push(row as u32);
-                    }
-                    _ => {}
-                }
-            }
+        let on = recording.tape.dependence(&recording.reals[rates], |leaf| state(leaf).is_some());
+        for (row, leaves) in on.into_iter().enumerate() {
+            leaves.into_iter().filter_map(state).for_each(|column| columns[column].push(row as u32));
         }
         Sparsity::new(columns)
     }

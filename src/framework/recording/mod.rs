@@ -20,5 +20,4 @@ pub use iteration::Body;
 pub use method::{Method, Recording};
 pub(crate) use node::on_tape;
 pub use node::{Condition, Recorded};
-pub use structure::Dependence;
 pub use tape::{Binary, Comparison, Leaf, Node, Note, Operation, Tape, Unary};

@@ -3,49 +3,49 @@
 //! A parameter that is zero today counts. What doesn't: a product with a constant zero of the system's structure, and the
 //! exponent zero.
 
-use std::collections::BTreeSet;
-
 use super::tape::{Binary, Leaf, Node, Operation, Tape};
 
-/// Finds what nodes of a tape depend on.
-#[derive(Debug)]
-pub struct Dependence<'a> {
-    tape: &'a Tape,
-    /// In which search an operation was last met.
-    met: Vec<u32>,
-    search: u32,
-    waiting: Vec<Node>,
-}
+/// How many leaves are followed at once: a bit each.
+const AT_ONCE: usize = u64::BITS as usize;
 
-impl<'a> Dependence<'a> {
-    /// For a tape.
-    pub fn new(tape: &'a Tape) -> Self {
-        Dependence { tape, met: vec![0; tape.operations().len()], search: 0, waiting: Vec::new() }
-    }
-
-    /// The leaves that a node depends on.
-    pub fn of(&mut self, node: Node) -> BTreeSet<Leaf> {
-        let mut leaves = BTreeSet::new();
-        self.search += 1;
-        self.waiting.push(node);
-        while let Some(node) = self.waiting.pop() {
-            if std::mem::replace(&mut self.met[node.index()], self.search) == self.search {
-                continue;
-            }
-            match self.tape.operation(node) {
-                Operation::Leaf(leaf) => {
-                    leaves.insert(*leaf);
-                }
-                operation if self.is_zero(operation) => {}
-                operation => self.waiting.extend(operation.operands()),
+impl Tape {
+    /// Those of the wanted leaves that each of some nodes depends on, in increasing order.
+    pub fn dependence(&self, nodes: &[Node], wanted: impl Fn(Leaf) -> bool) -> Vec<Vec<Leaf>> {
+        let leaf = |(place, operation): (usize, &Operation)| match operation {
+            Operation::Leaf(leaf) if wanted(*leaf) => Some((*leaf, place)),
+            _ => None,
+        };
+        let mut leaves: Vec<(Leaf, usize)> = self.operations().iter().enumerate().filter_map(leaf).collect();
+        leaves.sort_unstable();
+        let mut found = vec![Vec::new(); nodes.len()];
+        let mut reached = vec![0_u64; self.operations().len()];
+        for followed in leaves.chunks(AT_ONCE) {
+            reached.fill(0);
+            followed.iter().enumerate().for_each(|(bit, &(_, place))| reached[place] = 1 << bit);
+            self.follow(&mut reached);
+            for (node, found) in nodes.iter().zip(&mut found) {
+                let bits = reached[node.index()];
+                let leaves = followed.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 != 0);
+                found.extend(leaves.map(|(_, (leaf, _))| *leaf));
             }
         }
-        leaves
+        found
+    }
+
+    /// Carries on what leaves have reached.
+    fn follow(&self, reached: &mut [u64]) {
+        // Operands come before what they are operands of.
+        for (place, operation) in self.operations().iter().enumerate() {
+            if !matches!(operation, Operation::Leaf(_)) {
+                let bits = operation.operands().fold(0, |bits, operand| bits | reached[operand.index()]);
+                reached[place] = if bits != 0 && self.is_fixed(operation) { 0 } else { bits };
+            }
+        }
     }
 
     /// Whether an operation is zero or one whatever the numbers are that it is given.
-    fn is_zero(&self, operation: &Operation) -> bool {
-        let zero = |node: &Node| self.tape.constant(*node) == Some(0.0);
+    fn is_fixed(&self, operation: &Operation) -> bool {
+        let zero = |node: &Node| self.constant(*node) == Some(0.0);
         match operation {
             Operation::Binary(Binary::Mul, a, b) => zero(a) || zero(b),
             Operation::Binary(Binary::Div, a, _) => zero(a),

@@ -3,7 +3,7 @@
 use super::Part;
 use super::connection::Link;
 use crate::error::Invalid;
-use crate::recording::{Dependence, Leaf, Recording};
+use crate::recording::{Leaf, Recording};
 use crate::system::variable::{Section, Variables};
 use crate::system::{Declaration, Offsets};
 
@@ -94,14 +94,14 @@ fn follows_from(parts: &[Part], variables: &mut Variables) -> Vec<Vec<usize>> {
         }
         Vec::new()
     });
-    let mut search = Dependence::new(&recording.tape);
     let connected = variables.reals(Section::Connected);
     let place = |leaf: Leaf| match leaf {
         Leaf::Real(index) if connected.contains(&(index as usize)) => Some(index as usize - connected.start),
         _ => None,
     };
-    let mut of = |signal: usize| search.of(recording.reals[signal]).into_iter().filter_map(place).collect();
-    variables.reals(Section::Signal).map(&mut of).collect()
+    let signals = &recording.reals[variables.reals(Section::Signal)];
+    let on = recording.tape.dependence(signals, |leaf| place(leaf).is_some());
+    on.into_iter().map(|leaves| leaves.into_iter().filter_map(place).collect()).collect()
 }
 
 /// The steps to all signals.
