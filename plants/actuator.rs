@@ -3,7 +3,7 @@
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels};
 use crate::catalogue::{Catalogued, Role};
-use crate::control::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     Declaration, Input, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit,
     Values, VectorOf, scalar, vector,

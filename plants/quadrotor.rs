@@ -2,7 +2,7 @@
 
 use super::attitude::{Attitude, require_regular};
 use crate::catalogue::{Catalogued, Trial};
-use crate::control::limits::within;
+use crate::mathematics::limits::within;
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf,
     Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,

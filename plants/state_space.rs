@@ -5,8 +5,8 @@ use nalgebra::DMatrix;
 use serde::Deserialize;
 
 use crate::catalogue::Catalogued;
-use crate::control::limits::{self, UNLIMITED, within};
-use crate::control::matrices::rows;
+use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::mathematics::matrices::rows;
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, Signal, Signals, State, System, Unit,
     Values, VectorOf, matrix, vector,

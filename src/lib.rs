@@ -6,13 +6,13 @@
 #![deny(unsafe_code)]
 
 pub mod catalogue;
-pub mod control;
 pub mod controllers;
 #[cfg(feature = "cli")]
 pub mod distribution;
 #[cfg(feature = "cli")]
 pub mod exporter;
 pub mod library;
+pub mod mathematics;
 #[cfg(feature = "cli")]
 pub mod output;
 #[cfg(feature = "cli")]

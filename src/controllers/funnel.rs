@@ -3,8 +3,8 @@
 
 #![allow(non_snake_case)] // R is the thesis' name
 
-use crate::control::performance::{self, Bounds, Performance};
 use crate::error::Number;
+use crate::mathematics::performance::{self, Bounds, Performance};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar,
     Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, larger, vector,

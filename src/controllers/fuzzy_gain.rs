@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::control::fuzzy::{SETS, Triangle, infer};
+use crate::mathematics::fuzzy::{SETS, Triangle, infer};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Scalar, ScalarOf,
     Signal, Signals, Values, VectorOf, boolean, choice, matrix, scalar, smaller, vector,

@@ -4,7 +4,7 @@ use super::fuzzy_gain::FuzzyGain;
 use super::l1::{self, L1Structure, Law, Ports};
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
-use crate::control::limits;
+use crate::mathematics::limits;
 use crate::system::{
     Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride, System,
     Unit, Values, VectorOf, vector,

@@ -7,7 +7,7 @@ use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
-use crate::control::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     Declaration, DesignReport, ErrorEstimate, Input, Invalid, Many, OwnStep, Parameter, Point, Rates, Scalar, Signal,
     Signals, Spec, Stride, System, Values, VectorOf, boolean, vector,

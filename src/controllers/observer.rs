@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::l1::{controllability, dot, input_and_output, nominal_dynamics, of_motion, squared};
 use super::template::{design, stop_time, write_plant, write_poles};
 use crate::catalogue::{Catalogued, Role};
-use crate::control::{lyapunov, pole_placement};
+use crate::mathematics::{lyapunov, pole_placement};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, boolean, matrix, scalar, vector,

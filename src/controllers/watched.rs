@@ -5,7 +5,7 @@ use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
 use crate::catalogue::{Catalogued, Role, Trial};
-use crate::control::performance::{self, Performance};
+use crate::mathematics::performance::{self, Performance};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Number, OwnStep, Parameter, Point, Rates,
     Scalar, ScalarOf, Signal, Signals, System, Values, VectorOf, Warning, boolean, integer, scalar, smaller, vector,

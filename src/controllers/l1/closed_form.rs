@@ -15,7 +15,7 @@ use super::estimates::Estimate;
 use super::law::Law;
 use super::unmatched::Zeros;
 use super::{Baseline, Regressor, largest};
-use crate::control::{exponential, projection};
+use crate::mathematics::{exponential, projection};
 use crate::system::{Class, ErrorEstimate, Handle, MatrixOf, Point, Section, State, Stride, Values, VectorOf};
 
 /// The relative tolerance for which `closed_form_phase` is given, and the order of the general method: its steps grow

@@ -5,7 +5,7 @@ use nalgebra::{Complex, DMatrix, DMatrixView};
 
 use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, Plant, Symbols};
 use super::tracking::{self, BY_GAIN};
-use crate::control::{feedforward, lyapunov, pole_placement};
+use crate::mathematics::{feedforward, lyapunov, pole_placement};
 use crate::system::{
     Declaration, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal,
     matrix, scalar, vector,

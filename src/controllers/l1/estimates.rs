@@ -1,8 +1,8 @@
 //! The estimates of an L1 controller, one by one, with their bounds.
 
 use super::law::Law;
-use crate::control::limits::within;
-use crate::control::projection;
+use crate::mathematics::limits::within;
+use crate::mathematics::projection;
 use crate::system::{Point, Scalar, ScalarOf, State, Values};
 
 /// An estimate.

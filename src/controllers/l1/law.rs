@@ -8,11 +8,11 @@ use super::ports::Ports;
 use super::structure::{Baseline, L1Structure, Plant, Regressor};
 use super::unmatched::Unmatched;
 use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
-use crate::control::filter::Filter;
-use crate::control::limits::within;
-use crate::control::projection::projection;
 use crate::controllers::at_limit::AtLimit;
 use crate::controllers::moves::Moves;
+use crate::mathematics::filter::Filter;
+use crate::mathematics::limits::within;
+use crate::mathematics::projection::projection;
 use crate::system::{
     BooleanOf, ChoiceOf, Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, larger, matrix,

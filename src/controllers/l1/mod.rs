@@ -17,7 +17,7 @@ use nalgebra::DMatrixView;
 
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
-use crate::control::limits;
+use crate::mathematics::limits;
 use crate::system::{
     Choice, Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride,
     System, Values, VectorOf, larger, vector,

@@ -1,8 +1,8 @@
 //! By which signals an L1 law is connected: a unit's own, or a part of them where the law is one part of a unit.
 
 use super::structure::Symbols;
-use crate::control::limits::UNLIMITED;
 use crate::controllers::at_limit::Limited;
+use crate::mathematics::limits::UNLIMITED;
 use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, boolean, vector};
 
 /// The measured state, the control with its limits, and manual control.

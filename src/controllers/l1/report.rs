@@ -6,12 +6,12 @@ use nalgebra::DMatrix;
 
 use super::law::Law;
 use super::{Baseline, Regressor};
-use crate::control::delay_margin::{Crossing, NominalLoop};
-use crate::control::l1_advice::{Advice, Stabilising};
-use crate::control::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
-use crate::control::l1_norm::Bounds;
-use crate::control::prediction_error::Uncertainty;
-use crate::control::{lyapunov, pole_placement};
+use crate::mathematics::delay_margin::{Crossing, NominalLoop};
+use crate::mathematics::l1_advice::{Advice, Stabilising};
+use crate::mathematics::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
+use crate::mathematics::l1_norm::Bounds;
+use crate::mathematics::prediction_error::Uncertainty;
+use crate::mathematics::{lyapunov, pole_placement};
 use crate::report::number;
 use crate::system::{DesignReport, Parameter, Values, VectorOf, Verdict};
 

@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::control::filter::{Filter, FilterDescription};
-use crate::control::matrices::rows;
+use crate::mathematics::filter::{Filter, FilterDescription};
+use crate::mathematics::matrices::rows;
 use crate::system::{Invalid, Unit};
 
 /// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.

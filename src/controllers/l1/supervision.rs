@@ -6,7 +6,7 @@ use nalgebra::DMatrixView;
 use super::law::Law;
 use super::unmatched::Unmatched;
 use super::{dot, infinity_norm};
-use crate::control::limits::within;
+use crate::mathematics::limits::within;
 use crate::system::{Point, Scalar, Values};
 
 impl Law {

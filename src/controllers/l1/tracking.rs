@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, DMatrixView};
 
 use super::law::Law;
-use crate::control::limits::UNLIMITED;
+use crate::mathematics::limits::UNLIMITED;
 use crate::system::{DesignReport, Invalid, Number, Parameter, Rates, Scalar, Values, VectorOf, Verdict};
 
 /// What `tracking_time` is where it follows from K.

@@ -8,8 +8,8 @@ use nalgebra::DMatrix;
 
 use super::dot;
 use super::structure::Plant;
-use crate::control::filter::Filter;
-use crate::control::matched_equivalent::{FilteredPolynomial, MatchedEquivalent};
+use crate::mathematics::filter::Filter;
+use crate::mathematics::matched_equivalent::{FilteredPolynomial, MatchedEquivalent};
 use crate::system::{
     Declaration, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, State,
     Values, VectorOf, matrix, scalar, vector,

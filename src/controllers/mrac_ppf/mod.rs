@@ -12,8 +12,8 @@ use serde::Deserialize;
 use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
 use crate::catalogue::{Catalogued, Role, Trial};
-use crate::control::limits::{self, UNLIMITED, within};
-use crate::control::lyapunov;
+use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::mathematics::lyapunov;
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf,
     Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,

@@ -10,8 +10,8 @@
 //! F increases, from −∞ to ∞, so it has one root.
 
 use super::MracPpf;
-use crate::control::limits::within;
-use crate::control::performance::{Bounds, Performance};
+use crate::mathematics::limits::within;
+use crate::mathematics::performance::{Bounds, Performance};
 use crate::system::{Point, Scalar, Values};
 
 /// Beyond this the transformation is flat in every digit.

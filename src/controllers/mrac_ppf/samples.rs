@@ -5,7 +5,7 @@
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::MracPpf;
-use crate::control::exponential::{exponential, workspace};
+use crate::mathematics::exponential::{exponential, workspace};
 use crate::system::{
     Declaration, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, State, Values, VectorOf,
     larger, scalar, smaller, vector,

@@ -12,7 +12,7 @@ use serde::Deserialize;
 use super::funnel::{self, Funnel};
 use super::moves::Moves;
 use crate::catalogue::{Catalogued, Role, Trial};
-use crate::control::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, boolean, matrix, scalar, vector,

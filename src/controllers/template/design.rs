@@ -3,11 +3,11 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
-use crate::control::filter::{Filter, FilterDescription};
-use crate::control::l1_design::L1Design;
-use crate::control::{feedforward, lyapunov, pole_placement};
 use crate::eigenvalues;
 use crate::error::Invalid;
+use crate::mathematics::filter::{Filter, FilterDescription};
+use crate::mathematics::l1_design::L1Design;
+use crate::mathematics::{feedforward, lyapunov, pole_placement};
 use crate::template::{Plant, round_down, round_up, three_digits};
 
 /// Bounds of the input gain: a third to three times the nominal one.

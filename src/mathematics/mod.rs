@@ -1,4 +1,4 @@
-//! What controllers share: limits, the projection operator, fuzzy inference and the mathematics of their design.
+//! Mathematics that controllers and plants share: limits, the projection operator, fuzzy inference, and what designs are made of.
 
 pub mod delay_margin;
 pub mod exponential;

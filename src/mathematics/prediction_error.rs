@@ -43,7 +43,7 @@ impl Uncertainty {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::lyapunov;
+    use crate::mathematics::lyapunov;
 
     /// |x̃| of x' = −2x + u + θ x + σ under the adaptive law without projection, started at its worst estimates.
     fn largest_error(gamma: f64, theta: f64, sigma: &dyn Fn(f64) -> f64, start: [f64; 2], until: f64) -> f64 {

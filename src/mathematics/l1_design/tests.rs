@@ -1,6 +1,6 @@
 use super::*;
-use crate::control::filter::FilterDescription;
-use crate::control::pole_placement::place;
+use crate::mathematics::filter::FilterDescription;
+use crate::mathematics::pole_placement::place;
 
 const MATCHED: Lipschitz = Lipschitz { matched: 1.0, unmatched: 0.0 };
 

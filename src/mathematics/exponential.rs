@@ -4,7 +4,7 @@
 //! Computing the matrix exponential with an optimized Taylor polynomial approximation, Mathematics 7 (2019) 1174),
 //! after balancing: positions, rates and estimates that differ by orders of magnitude would cost squarings.
 
-use crate::control::limits::within;
+use crate::mathematics::limits::within;
 use crate::system::{Scalar, larger};
 
 /// The largest norm that goes without scaling: the polynomial's error is then below 3e-14 of the norm.

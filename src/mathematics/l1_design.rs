@@ -6,11 +6,11 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use crate::control::filter::Filter;
-use crate::control::l1_norm::{Bounds, L1Norms};
-use crate::control::lyapunov::require_hurwitz;
 use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
+use crate::mathematics::filter::Filter;
+use crate::mathematics::l1_norm::{Bounds, L1Norms};
+use crate::mathematics::lyapunov::require_hurwitz;
 
 /// Points at most of a grid over the bounds of the input gain.
 const GRID: usize = 128;

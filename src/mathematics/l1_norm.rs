@@ -5,9 +5,9 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-use crate::control::lyapunov::{gramian, require_hurwitz};
 use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
+use crate::mathematics::lyapunov::{gramian, require_hurwitz};
 use crate::report::Value;
 
 /// What the bound on the rest of an impulse response may be when it is cut off, relative to the bound at its start.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::control::filter::FilterDescription;
+use crate::mathematics::filter::FilterDescription;
 
 fn matrix<const M: usize, const N: usize>(rows: [[f64; N]; M]) -> DMatrix<f64> {
     DMatrix::from_row_slice(M, N, rows.as_flattened())

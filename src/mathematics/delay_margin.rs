@@ -6,8 +6,8 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::linalg::Schur;
 use nalgebra::{Complex, DMatrix};
 
-use crate::control::filter::Filter;
 use crate::eigenvalues::complex as eigenvalues;
+use crate::mathematics::filter::Filter;
 
 /// Points of the grid of frequencies in a decade.
 const PER_DECADE: f64 = 60.0;
@@ -167,7 +167,7 @@ impl NominalLoop {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::filter::FilterDescription;
+    use crate::mathematics::filter::FilterDescription;
 
     fn scalar(x: f64) -> DMatrix<f64> {
         DMatrix::from_element(1, 1, x)

@@ -3,9 +3,9 @@
 
 use nalgebra::DMatrix;
 
-use crate::control::l1_design::{L1Design, Lipschitz};
-use crate::control::l1_norm::Bounds;
 use crate::error::Invalid;
+use crate::mathematics::l1_design::{L1Design, Lipschitz};
+use crate::mathematics::l1_norm::Bounds;
 
 /// What λ is to be at most, for a little room to rounding.
 const AIM: f64 = 0.99;

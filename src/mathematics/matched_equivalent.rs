@@ -10,10 +10,10 @@
 use nalgebra::allocator::Allocator;
 use nalgebra::{Complex, DMatrix, DVector, DefaultAllocator, Dim, OMatrix, RowDVector};
 
-use crate::control::filter::Filter;
-use crate::control::lyapunov::eigenvalue_text;
 use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
+use crate::mathematics::filter::Filter;
+use crate::mathematics::lyapunov::eigenvalue_text;
 
 /// Smallest size of a term, relative to the standard deviation [`Equation`] keeps of it, that is told from rounding.
 const ROUNDING: f64 = 1e-12;
