@@ -10,6 +10,7 @@ mod moves;
 pub mod mrac_ppf;
 pub mod neuro_ppf;
 pub mod observer;
+pub mod pid;
 mod position_loop;
 mod template;
 pub mod watched;

@@ -1,0 +1,324 @@
+//! PID control in two degrees of freedom (Åström and Hägglund).
+#![allow(non_snake_case)] // gains have the names of the field
+
+mod report;
+mod template;
+#[cfg(test)]
+mod tests;
+mod units;
+
+use nalgebra::DMatrix;
+use serde::Deserialize;
+
+use super::at_limit::{AtLimit, Limited};
+use super::l1::dot;
+use super::moves::Moves;
+use super::watched::Tracking;
+use crate::catalogue::{Catalogued, Role};
+use crate::control::limits::{self, UNLIMITED, within};
+use crate::system::{
+    BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
+    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,
+};
+use crate::template::{Sizes, Template};
+use units::{Symbols, Units};
+
+/// Largest number of channels.
+const MOST_CHANNELS: usize = 200;
+/// What `tracking_time` is where it follows from the gains.
+const BY_GAINS: f64 = -1.0;
+/// The least time that is given, s.
+const LEAST_TIME: f64 = 1e-9;
+/// The least singular value of a decoupling matrix, in parts of the largest one.
+const LEAST_DIRECTION: f64 = 1e-12;
+
+/// The description of a PID controller's structure.
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct PidStructure {
+    /// How many tracked variables, each with a control of its own.
+    channels: usize,
+    /// Units of the signals.
+    #[serde(default)]
+    units: Units,
+}
+
+/// v = K_p (b r − y) + I + K_d N ((c r − y) − w) in each channel, and u = S v within its limits.
+#[derive(Debug)]
+pub struct Pid {
+    K_p: VectorOf<Parameter>,
+    K_i: VectorOf<Parameter>,
+    K_d: VectorOf<Parameter>,
+    b: VectorOf<Parameter>,
+    c: VectorOf<Parameter>,
+    N: VectorOf<Parameter>,
+    S: MatrixOf<Parameter>,
+    S_inverse: MatrixOf<Prepared>,
+    tracking_time: VectorOf<Parameter>,
+    /// What `tracking_time` comes to; 0 where nothing is tracked.
+    T_t: VectorOf<Prepared>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    r: VectorOf<Input>,
+    y: VectorOf<Input>,
+    units_of_y: Vec<&'static str>,
+    enabled: BooleanOf<Input>,
+    u_manual: VectorOf<Input>,
+    I: VectorOf<State>,
+    w: VectorOf<State>,
+    P: VectorOf<Signal>,
+    D: VectorOf<Signal>,
+    v: VectorOf<Signal>,
+    u: VectorOf<Signal>,
+    /// u − S v
+    cut: VectorOf<Signal>,
+    /// What `enabled` was when it was last looked at: between events.
+    active: BooleanOf<Discrete>,
+    moves: Moves,
+    at_limit: AtLimit,
+    step_too_long: BooleanOf<Discrete>,
+    long_step: Warning,
+}
+
+impl Tracking for Pid {
+    fn error_units(&self) -> Vec<&'static str> {
+        self.units_of_y.clone()
+    }
+
+    fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        v[self.r][channel] - v[self.y][channel]
+    }
+}
+
+impl System for Pid {
+    type Structure = PidStructure;
+    const NAME: &'static str = "pid";
+    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/pid.md");
+
+    fn declare(structure: PidStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let m = structure.channels;
+        if !(1..=MOST_CHANNELS).contains(&m) {
+            return Err(Invalid::new("channels", m, format!("must be within 1 … {MOST_CHANNELS}")));
+        }
+        let units = structure.units.symbols(m)?;
+        let Symbols { y, v, u, .. } = &units;
+        let gain = |name: &str, text: &str| vector(name, m, text).min(0.0);
+        let weight = |name: &str, text: &str| vector(name, m, text).start(1.0);
+        let limit = "control that the actuator can give; 1e15 is no limit";
+        let tracking = "time with which the integral follows what the limits leave, so that it doesn't wind up; -1 s: by \
+                        the gains, 0: off";
+        let enabled = "whether the controller is in command; it takes over without a jump";
+        let limited = Limited {
+            u: d.output(vector("u", m, "control").units(u)),
+            u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(u)),
+            u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(u)),
+        };
+        d.indicators(["who is in command"]);
+        Ok(Pid {
+            K_p: d.parameter(gain("K_p", "proportional gain").start(1.0).units(&units.K_p)),
+            K_i: d.parameter(gain("K_i", "integral gain").units(&units.K_i)),
+            K_d: d.parameter(gain("K_d", "derivative gain").units(&units.K_d)),
+            b: d.parameter(weight("b", "weight of the reference in the proportional part")),
+            c: d.parameter(weight("c", "weight of the reference in the derivative part; 0 where it jumps")),
+            N: d.parameter(
+                vector("N", m, "rate of the derivative's filter, its bandwidth").unit("rad/s").start(100.0).positive(),
+            ),
+            S: d.parameter(
+                matrix("S", m, m, "decoupling: what a channel asks for, in controls; must have an inverse")
+                    .identity()
+                    .units(&units.S),
+            ),
+            S_inverse: d.prepared(matrix("#inverse of S", m, m, "").hidden()),
+            tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAINS)),
+            T_t: d.prepared(vector("T_t", m, "tracking time in force; 0 where the integral doesn't track").unit("s")),
+            r: d.input(vector("r", m, "reference").units(y)),
+            y: d.input(vector("y", m, "measured output of the plant").units(y)),
+            enabled: d.input(boolean("enabled", enabled).start(true)),
+            u_manual: d.input(vector("u_manual", m, "control while the controller is not enabled").units(u)),
+            I: d.state(vector("I", m, "integral part").units(v)),
+            w: d.state(vector("w", m, "c r - y behind the derivative's filter").units(y)),
+            P: d.local(vector("P", m, "proportional part").units(v)),
+            D: d.local(vector("D", m, "derivative part").units(v)),
+            v: d.local(vector("v", m, "what the channel asks for, P + I + D").units(v)),
+            cut: d.local(vector("#u - S v", m, "").hidden()),
+            active: d.discrete(boolean("#active", "").start(true).hidden()),
+            moves: {
+                let is_stepped = d.is_stepped();
+                Moves::declare(d, m, is_stepped)
+            },
+            at_limit: AtLimit::declare(d, limited),
+            step_too_long: d.discrete(
+                boolean("step_too_long", "whether the communication step is too long for the control").output(),
+            ),
+            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
+            u: limited.u,
+            u_min: limited.u_min,
+            u_max: limited.u_max,
+            units_of_y: units.y,
+        })
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
+        invalid.and(self.check_times(&v.values()));
+        match inverse(&v.matrix(self.S).into_owned()) {
+            Ok(inverse) => v.matrix_mut(self.S_inverse).copy_from(&inverse),
+            Err(least) => {
+                let text = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
+                let name = format!("{}: least singular value in parts of the largest", v.name(self.S));
+                invalid.and(Invalid::new(name, Number(least), text));
+            }
+        }
+        for i in 0..self.I.len() {
+            v[self.T_t][i] = self.time_in_force(i, &v.values());
+        }
+        invalid.into_result()
+    }
+
+    /// I = 0, and the filter at rest: the derivative begins without a kick.
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.put(self.active, enabled);
+        for i in 0..self.I.len() {
+            v[self.I][i] = S::from(0.0);
+            v[self.w][i] = self.weighted(self.c, i, &v.values());
+        }
+    }
+
+    /// v = P + I + D in each channel; u = S v, or the manual control, within the limits.
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        for i in 0..self.v.len() {
+            let [P, D] = self.parts(i, v);
+            (y[self.P][i], y[self.D][i], y[self.v][i]) = (P, D, P + v[self.I][i] + D);
+        }
+        let active = v.get(self.active);
+        for j in 0..self.u.len() {
+            let wanted = dot(v.matrix(self.S).row(j).iter(), &y[self.v]);
+            let wanted = S::select(active, wanted, v[self.u_manual][j]);
+            let u = within(wanted, v[self.u_min][j], v[self.u_max][j]);
+            (y[self.u][j], y[self.cut][j]) = (u, u - wanted);
+        }
+    }
+
+    /// I' = K_i (r − y) + [S⁻¹ (u − S v)]_i/T_t, held under manual control; w' = N ((c r − y) − w) always.
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let active = v.get(self.active);
+        for i in 0..self.I.len() {
+            let integral = || v[self.K_i][i] * self.tracking_error(i, v) + self.tracked(i, v);
+            dx[self.I][i] = S::branch(active, integral, || S::from(0.0));
+            dx[self.w][i] = v[self.N][i] * (self.weighted(self.c, i, v) - v[self.w][i]);
+        }
+    }
+
+    /// Negative when `enabled` has changed.
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
+        let is_same = (enabled & active) | (!enabled & !active);
+        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+    }
+
+    /// Takes over, or hands over, where `enabled` has changed.
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.when(enabled & !v.get(self.active), |v| self.take_over(v));
+        v.put(self.active, enabled);
+    }
+
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        // No desired dynamics say when a loop should have settled: the time is told, without a warning.
+        self.at_limit.look(t, S::from(f64::INFINITY), v);
+        let active = v.get(self.active);
+        v.when(active, |v| self.judge_step(step, v));
+        v.when(!active, |v| {
+            self.moves.begin(v);
+            v.put(self.step_too_long, false.into());
+        });
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
+    }
+}
+
+impl Pid {
+    /// The reference with a weight, minus the output.
+    fn weighted<S: Scalar>(&self, weight: VectorOf<Parameter>, i: usize, v: &Values<S>) -> S {
+        v[weight][i] * v[self.r][i] - v[self.y][i]
+    }
+
+    /// P and D of a channel.
+    fn parts<S: Scalar>(&self, i: usize, v: &Values<S>) -> [S; 2] {
+        let P = v[self.K_p][i] * self.weighted(self.b, i, v);
+        let D = v[self.K_d][i] * v[self.N][i] * (self.weighted(self.c, i, v) - v[self.w][i]);
+        [P, D]
+    }
+
+    /// [S⁻¹ (u − S v)]_i/T_t: exactly 0 within the limits.
+    fn tracked<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let time = v[self.T_t][i];
+        let left = || dot(v.matrix(self.S_inverse).row(i).iter(), &v[self.cut]) / time;
+        S::branch(time.above(S::from(0.0)), left, || S::from(0.0))
+    }
+
+    /// I := S⁻¹ u − P − D: the control stays where the manual one is, within the limits.
+    fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
+        for i in 0..self.I.len() {
+            let values = v.values();
+            let [P, D] = self.parts(i, &values);
+            let manual = |j: usize| within(v[self.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
+            let shares = (0..self.u.len()).map(|j| v[self.S_inverse.at(i, j)] * manual(j));
+            v[self.I][i] = shares.fold(S::from(0.0), |sum, share| sum + share) - P - D;
+        }
+    }
+
+    /// Tells whether the control moved too far in a communication step.
+    fn judge_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
+        let moved = self.moves.look(self.u, step, v);
+        v.put(self.step_too_long, moved.flag);
+        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
+    }
+
+    /// T_t of a channel: √(K_d/K_i) unless it is given; K_p/K_i without derivative, and 1/N with the integral alone. 0, none,
+    /// where it is off or there is nothing to wind up.
+    fn time_in_force(&self, i: usize, v: &Values<f64>) -> f64 {
+        let [K_p, K_i, K_d] = [self.K_p, self.K_i, self.K_d].map(|gain| v[gain][i]);
+        match v[self.tracking_time][i] {
+            _ if K_i == 0.0 => 0.0,
+            given if given != BY_GAINS => given,
+            _ if K_d > 0.0 => (K_d / K_i).sqrt(),
+            _ if K_p > 0.0 => K_p / K_i,
+            _ => 1.0 / v[self.N][i],
+        }
+    }
+
+    /// What is wrong with given tracking times.
+    fn check_times(&self, v: &Values<f64>) -> Invalid {
+        let mut invalid = Invalid::none();
+        for (i, &time) in v[self.tracking_time].iter().enumerate() {
+            if time != BY_GAINS && time != 0.0 && time < LEAST_TIME {
+                let allowed =
+                    format!("must be {BY_GAINS} (by the gains), 0 (off), or at least {} s", Number(LEAST_TIME));
+                invalid.and(Invalid::new(v.name(self.tracking_time.at(i)), Number(time), allowed));
+            }
+        }
+        invalid
+    }
+}
+
+/// S⁻¹; or how small the least singular value is against the largest one, where there is none.
+fn inverse(S: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
+    let sizes = S.singular_values();
+    let least = if sizes.max() > 0.0 { sizes.min() / sizes.max() } else { 0.0 };
+    S.clone().try_inverse().filter(|_| least > LEAST_DIRECTION).ok_or(least)
+}
+
+impl Catalogued for Pid {
+    const TITLE: &'static str = "PID controller in two degrees of freedom";
+    const PAGE: &'static str = "controllers/pid";
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        tried: &[Sizes::inputs(3), Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 2), Sizes::plant(6, 3)],
+    });
+}

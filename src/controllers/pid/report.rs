@@ -1,0 +1,85 @@
+//! What a designer should know of a PID controller: what its filter does with noise and with the derivative, and the time in
+//! which it leaves a limit.
+#![allow(non_snake_case)] // gains have the names of the field
+
+use super::{BY_GAINS, Pid};
+use crate::control::limits::UNLIMITED;
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+
+/// What should be left of a derivative, through which a step holds the output.
+const KEPT: f64 = 0.8;
+/// N H at which so much is left.
+const LONGEST: f64 = 0.43;
+/// How far the filter's rate should lie above K_p/K_d, from which on the derivative acts.
+const APART: f64 = 2.0;
+
+impl Pid {
+    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        for i in 0..self.I.len() {
+            report.section(&format!("Channel {}", i + 1));
+            self.tell_derivative(i, v, report);
+            self.tell_limits(i, v, report);
+        }
+    }
+
+    fn tell_derivative(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
+        let [K_p, K_d, N] = [self.K_p, self.K_d, self.N].map(|parameter| v[parameter][i]);
+        let [of_K_p, of_K_d, of_N] = [self.K_p, self.K_d, self.N].map(|parameter| v.name(parameter.at(i)));
+        let note = format!("{of_K_p} + {of_K_d} {of_N}: by which noise of {} shows", v.name(self.y.at(i)));
+        report.tell("gain at high frequencies", K_p + K_d * N, "", &note);
+        if K_d == 0.0 {
+            return;
+        }
+        let note = format!("of {of_K_p} and {of_K_d}: the derivative acts from there up to {of_N}");
+        if N < APART * K_p / K_d {
+            let least = number(APART * K_p / K_d);
+            let note = format!("{note}, which leaves it hardly any effect: {of_N} of {least} rad/s or more mends it");
+            report.judge("corner frequency", K_p / K_d, "rad/s", Verdict::Warning, note);
+        } else {
+            report.tell("corner frequency", K_p / K_d, "rad/s", &note);
+        }
+        // Within a larger system nothing is held.
+        if report.step > 0.0 {
+            self.tell_held(i, v, report);
+        }
+    }
+
+    fn tell_held(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
+        let (N, H, kept) = (v[self.N][i], report.step, kept(v[self.N][i] * report.step));
+        let (of_D, of_N) = (v.name(self.D.at(i)), v.name(self.N.at(i)));
+        let note = format!("part of {of_D} that is left at the end of a communication step of {} s", number(H));
+        if kept >= KEPT {
+            report.tell("derivative held", kept, "", &note);
+            return;
+        }
+        let (step, rate) = (number(LONGEST / N), number(LONGEST / H));
+        let note = format!(
+            "{note}, through which the output is held. A step of {step} s or less, or {of_N} of {rate} rad/s or less, \
+             leaves {KEPT}; input_handling = interpolate leaves all of it"
+        );
+        report.judge("derivative held", kept, "", Verdict::Warning, note);
+    }
+
+    /// Of a controller that has limits.
+    fn tell_limits(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
+        let limited =
+            v[self.u_min].iter().any(|&min| min > -UNLIMITED) || v[self.u_max].iter().any(|&max| max < UNLIMITED);
+        if !limited || v[self.K_i][i] == 0.0 {
+            return;
+        }
+        let (time, name, of_I) = (v[self.T_t][i], v.name(self.T_t.at(i)), v.name(self.I.at(i)));
+        if time > 0.0 {
+            report.tell(&name, time, "s", &format!("with which {of_I} follows what the limits leave"));
+        } else {
+            let given = v.name(self.tracking_time.at(i));
+            let note = format!("{of_I} winds up while a control is at its limit: {given} = {BY_GAINS} mends it");
+            report.judge(&name, "off", "s", Verdict::Warning, note);
+        }
+    }
+}
+
+/// What is left of the derivative of a ramp that comes in steps, at the end of each: x/(eˣ − 1) with x = N H.
+fn kept(x: f64) -> f64 {
+    x / x.exp_m1()
+}
