@@ -15,7 +15,7 @@ use super::l1::dot;
 use super::moves::Moves;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
-use crate::control::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
     Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,

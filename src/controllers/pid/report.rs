@@ -3,7 +3,7 @@
 #![allow(non_snake_case)] // gains have the names of the field
 
 use super::{BY_GAINS, Pid};
-use crate::control::limits::UNLIMITED;
+use crate::mathematics::limits::UNLIMITED;
 use crate::report::number;
 use crate::system::{DesignReport, Values, Verdict};
 

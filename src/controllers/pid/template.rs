@@ -5,8 +5,8 @@ use nalgebra::{DMatrix, RowDVector};
 
 use super::{Pid, inverse};
 use crate::catalogue::Catalogued;
-use crate::control::lyapunov;
 use crate::controllers::template::{design, stop_time};
+use crate::eigenvalues;
 use crate::error::Invalid;
 use crate::template::{
     Plant, Request, all, list, named, number, round_down, rows, three_digits, write_limits, write_names, write_units,
@@ -172,6 +172,6 @@ fn is_stable(plant: &Plant, S: &DMatrix<f64>, gains: &Gains) -> bool {
         M.view_mut((of_w, 0), (1, n)).copy_from(&(output * -*N));
         M[(of_w, of_w)] = -N;
     }
-    let poles = lyapunov::eigenvalues(&M);
+    let poles = eigenvalues::complex(&M);
     poles.is_some_and(|poles| poles.iter().all(|pole| pole.re < -1e-9 * pole.norm()))
 }
