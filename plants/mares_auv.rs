@@ -5,6 +5,7 @@ use nalgebra::{DMatrixView, Matrix6};
 
 use super::attitude::{Attitude, require_regular};
 use crate::catalogue::Catalogued;
+use crate::mathematics::matrices::cholesky;
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Naming, NoStructure, Number, Parameter, Point, Prepared, Rates, Scalar,
     ScalarOf, Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
@@ -196,7 +197,7 @@ impl Hull {
         let lever = m * v[self.z_g];
         // −m S(r_g) and its transpose, r_g = (0, 0, z_g).
         ((M[(0, 4)], M[(4, 0)]), (M[(1, 3)], M[(3, 1)])) = ((lever, lever), (-lever, -lever));
-        let Some(factors) = M.cholesky() else {
+        let Some(factors) = cholesky(M) else {
             let reason = "with it the inertia matrix is not positive definite; must be smaller";
             return Err(Invalid::new(v.name(self.z_g), Number(v[self.z_g]), reason));
         };

@@ -2,6 +2,7 @@
 
 use nalgebra::{Complex, DMatrix};
 
+use super::matrices::cholesky;
 use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
 
@@ -93,7 +94,7 @@ fn short(x: f64) -> String {
 /// [`Invalid`] naming it.
 pub fn require_positive_definite(name: &str, q: &DMatrix<f64>) -> Result<(), Invalid> {
     let symmetric = (q - q.transpose()).norm() <= 1e-12 * q.norm();
-    if symmetric && q.clone().cholesky().is_some() {
+    if symmetric && cholesky(q.clone()).is_some() {
         return Ok(());
     }
     Err(Invalid::new(name, "as set", "must be symmetric and positive definite"))

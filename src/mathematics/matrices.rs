@@ -1,6 +1,7 @@
-//! Matrices as descriptions give them.
+//! Matrices as descriptions give them, and their factors.
 
-use nalgebra::DMatrix;
+use nalgebra::allocator::Allocator;
+use nalgebra::{Cholesky, DMatrix, DefaultAllocator, Dim, OMatrix};
 
 use crate::error::Invalid;
 
@@ -24,4 +25,14 @@ pub fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
         }
     }
     Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
+}
+
+/// The Cholesky factor of a symmetric matrix, where it is positive definite.
+pub fn cholesky<D: Dim>(matrix: OMatrix<f64, D, D>) -> Option<Cholesky<f64, D>>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    // A substitute of zero is never taken. Without one the compiled code takes the root of whatever stands in its place, and
+    // drops it: an invalid operation that nobody asked for.
+    Cholesky::new_with_substitute(matrix, 0.0)
 }
