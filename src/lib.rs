@@ -14,6 +14,8 @@ pub mod exporter;
 pub mod library;
 pub mod mathematics;
 #[cfg(feature = "cli")]
+pub mod model_description;
+#[cfg(feature = "cli")]
 pub mod output;
 #[cfg(feature = "cli")]
 pub mod parallel;

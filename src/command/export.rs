@@ -7,7 +7,7 @@ use std::sync::Once;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Binary, Glibc, Library, Platform};
-use adaptive_fmu::simulation::{Component, LoopFiles, Structure, pack};
+use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
 use serde_json::json;
 
 #[derive(clap::Args)]
@@ -99,7 +99,7 @@ fn export_with_values(names: &[String], values: &Path, library: &Library, out: &
         return Err(Error::Loop { file: values.to_owned(), reason });
     };
     warn_of(library)?;
-    exporter::export(&exporter::with_values(exporter::find_description(name)?, values, library)?, library, out)
+    exporter::export(&with_values(exporter::find_description(name)?, values, library)?, library, out)
 }
 
 /// What is to be known of the libraries that are packed.
@@ -127,7 +127,7 @@ fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
 /// Writes a loop as one FMU into a folder; its path, and what is to be told of it.
 pub fn export_whole(structure: &Structure, library: &Library, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
     warn_of(library)?;
-    let (source, notes) = exporter::composite(structure, library)?;
+    let (source, notes) = composite(structure, library)?;
     Ok((exporter::export(&source, library, out)?, notes))
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use adaptive_fmu::error::{Error, one_line};
 use adaptive_fmu::exporter::{self, Asked};
 use adaptive_fmu::fmi2::build::Build;
-use adaptive_fmu::simulation::{Description, Variable};
+use adaptive_fmu::model_description::{ModelDescription, Variable};
 use serde_json::{Value, json};
 
 #[derive(clap::Args)]
@@ -23,7 +23,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let fmu = &arguments.fmu;
     let xml = exporter::read_entry(fmu, "modelDescription.xml")?;
     let refuse = |reason| Error::Archive { file: fmu.to_owned(), reason };
-    let description = Description::read(&xml).map_err(refuse)?;
+    let description = ModelDescription::read(&xml).map_err(refuse)?;
     let contents = Contents::read(fmu)?;
     if arguments.json {
         say!("{}", as_json(&description, &contents));
@@ -69,7 +69,7 @@ impl Contents {
     }
 }
 
-fn as_json(description: &Description, contents: &Contents) -> Value {
+fn as_json(description: &ModelDescription, contents: &Contents) -> Value {
     let variable = |v: &Variable| {
         json!({ "name": v.name, "valueReference": v.reference, "causality": v.causality, "variability": v.variability,
                 "type": v.kind, "unit": v.unit, "start": v.start, "min": v.min, "max": v.max,
@@ -87,12 +87,12 @@ fn as_json(description: &Description, contents: &Contents) -> Value {
     })
 }
 
-fn interfaces(description: &Description) -> Vec<&'static str> {
+fn interfaces(description: &ModelDescription) -> Vec<&'static str> {
     let known = [(description.co_simulation, "co-simulation"), (description.model_exchange, "model exchange")];
     known.into_iter().filter_map(|(has, name)| has.then_some(name)).collect()
 }
 
-fn print(description: &Description, contents: &Contents) {
+fn print(description: &ModelDescription, contents: &Contents) {
     // What others wrote may hold line ends and control characters.
     let line = |text: String| say!("{}", one_line(&text));
     let or = |list: String, none: &str| if list.is_empty() { none.to_owned() } else { list };

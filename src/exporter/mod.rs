@@ -3,7 +3,6 @@
 mod archive;
 mod asked;
 mod binaries;
-mod composite;
 #[allow(unsafe_code)]
 mod library;
 mod page;
@@ -15,7 +14,6 @@ use std::path::{Path, PathBuf};
 pub use archive::{BUILD, Entry, entries, read_bytes, read_entry, unpack, write_entries, write_program};
 pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
-pub use composite::{composite, composite_name, with_values};
 pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library};
 pub(crate) use page::escaped;

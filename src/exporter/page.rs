@@ -8,7 +8,7 @@ use pulldown_latex::{RenderConfig, Storage, config::DisplayMode, push_mathml};
 use super::report;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::Unit;
-use crate::simulation::Description;
+use crate::model_description::ModelDescription;
 
 const STYLE: &str = "
   body { font: 16px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #1b1b1b; }
@@ -25,7 +25,7 @@ const STYLE: &str = "
 /// The page of a unit.
 pub fn html(unit: &Unit, build: &Build) -> String {
     let name = escaped(&unit.name);
-    let description = Description::read(&unit.model_description).ok();
+    let description = ModelDescription::read(&unit.model_description).ok();
     let summary = description.as_ref().map_or(String::new(), |description| escaped(&description.description));
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -46,7 +46,7 @@ pub fn html(unit: &Unit, build: &Build) -> String {
     page
 }
 
-fn push_variables(page: &mut String, description: &Description) {
+fn push_variables(page: &mut String, description: &ModelDescription) {
     for (causality, title) in
         [("input", "Inputs"), ("output", "Outputs"), ("parameter", "Parameters"), ("local", "Local variables")]
     {

@@ -9,10 +9,10 @@ use super::inputs::Inputs;
 use super::linearise::set_starts;
 use super::model_structure::ModelStructure;
 use super::port::{Ports, signals};
-use super::units::Affine;
 use crate::error::Error;
 use crate::exporter::read_entry;
 use crate::fmi2::calls::Interface;
+use crate::model_description::Affine;
 
 /// What is run, and how.
 #[derive(Debug)]

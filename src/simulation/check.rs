@@ -2,12 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use super::description::{Description, Variable};
 use super::feedthrough::Feedthrough;
 use super::fmu::Value;
 use super::ssp::{Component, Connection, Connector, StartValue, Structure};
-use super::units::{Affine, UnitDefinition};
 use crate::error::Error;
+use crate::model_description::{Affine, UnitDefinition};
+use crate::model_description::{ModelDescription, Variable};
 
 /// The most connections whose units are told of in a note.
 const MOST_DOUBTS: usize = 5;
@@ -63,14 +63,14 @@ impl<'a> End<'a> {
 
 struct Check<'a> {
     structure: &'a Structure,
-    descriptions: &'a [&'a Description],
+    descriptions: &'a [&'a ModelDescription],
 }
 
 /// Checks a loop against the descriptions of its components' FMUs, one each, in their order.
 ///
 /// # Errors
 /// What doesn't fit, by name and line.
-pub fn check(structure: &Structure, descriptions: &[&Description], circles: Circles) -> Result<Wiring, Error> {
+pub fn check(structure: &Structure, descriptions: &[&ModelDescription], circles: Circles) -> Result<Wiring, Error> {
     let check = Check { structure, descriptions };
     check.connectors()?;
     let (links, doubts) = check.links()?;
@@ -86,7 +86,7 @@ pub fn check(structure: &Structure, descriptions: &[&Description], circles: Circ
 }
 
 impl<'a> Check<'a> {
-    fn components(&self) -> impl Iterator<Item = (&'a Component, &'a Description)> {
+    fn components(&self) -> impl Iterator<Item = (&'a Component, &'a ModelDescription)> {
         self.structure.components.iter().zip(self.descriptions.iter().copied())
     }
 
@@ -233,7 +233,7 @@ impl<'a> Check<'a> {
 /// For a value of a variable that isn't there, can't be set, is connected, or is of another type or dimension.
 pub fn start_values(
     component: &Component,
-    description: &Description,
+    description: &ModelDescription,
     is_connected: impl Fn(usize) -> bool,
 ) -> Result<Vec<(usize, Value)>, Error> {
     let value_of = |start: &StartValue| {

@@ -3,12 +3,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::description::Variable;
 use super::fmu::{Instance, Messages};
 use super::port::Ports;
 use super::settling::Settling;
-use super::units::Affine;
 use crate::error::Error;
+use crate::model_description::Affine;
+use crate::model_description::Variable;
 use crate::report::number;
 
 /// When units see each other's new outputs.

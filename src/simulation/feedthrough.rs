@@ -1,7 +1,7 @@
 //! Algebraic loops: connections that close a circle without a delay in any unit.
 
 use super::check::Link;
-use super::description::Description;
+use crate::model_description::ModelDescription;
 
 /// Which link follows which through a unit, without a delay.
 #[derive(Debug)]
@@ -13,7 +13,7 @@ pub(super) struct Feedthrough {
 }
 
 impl Feedthrough {
-    pub fn new(links: &[Link], descriptions: &[&Description]) -> Self {
+    pub fn new(links: &[Link], descriptions: &[&ModelDescription]) -> Self {
         let mut leaving = vec![Vec::new(); descriptions.len()];
         links.iter().enumerate().for_each(|(k, link)| leaving[link.from.0].push(k));
         let of = |link: &Link, wanted: Option<bool>| {

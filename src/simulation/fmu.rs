@@ -28,12 +28,12 @@ pub use messages::Messages;
 use own_process::OwnProcess;
 use unit::Unit;
 
-use super::description::Description;
 use crate::error::Error;
 use crate::exporter::{Platform, read_entry, unpack};
 #[cfg(unix)]
 use crate::fmi2::build::Build;
 use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
+use crate::model_description::ModelDescription;
 
 /// The command by which this package's program runs a unit for another process of it.
 pub const UNIT_PROCESS: &str = "unit-process";
@@ -79,7 +79,7 @@ pub struct Fmu {
     file: PathBuf,
     folder: tempfile::TempDir,
     /// What it says of itself.
-    pub description: Description,
+    pub description: ModelDescription,
     /// Where instances for co-simulation run, and those for model exchange, where it is for these.
     co_simulation: Option<Place>,
     /// One that can't be had says why when it is asked for: the other interface may do.
@@ -115,7 +115,7 @@ impl Fmu {
     /// When it is no FMU 2.0 on this platform.
     pub fn open_any(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
-        let description = Description::read(&read_entry(file, "modelDescription.xml")?).map_err(refuse)?;
+        let description = ModelDescription::read(&read_entry(file, "modelDescription.xml")?).map_err(refuse)?;
         let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
         unpack(file, folder.path())?;
         let own = Platform::own();
@@ -170,7 +170,7 @@ impl Fmu {
         name: &str,
     ) -> Result<Instance, Error> {
         let resources = file_uri(&self.folder.path().join("resources"));
-        let Description { guid, generation_tool, .. } = &self.description;
+        let ModelDescription { guid, generation_tool, .. } = &self.description;
         // Those of this package tell of errors and warnings in any case.
         let logs = !generation_tool.starts_with("adaptive-fmu");
         let plan = Plan { kind, name: name.to_owned(), guid: guid.clone(), resources, logs };

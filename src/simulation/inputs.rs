@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use super::description::{Description, Variable};
 use super::exchange::Side;
 use super::fmu::Instance;
 use crate::error::Error;
+use crate::model_description::{ModelDescription, Variable};
 use crate::text_file;
 
 /// Values of input variables at some times.
@@ -37,7 +37,7 @@ impl Inputs {
     ///
     /// # Errors
     /// What is wrong, with its line; a name that is no input of the unit.
-    pub fn read(file: &Path, description: &Description) -> Result<Self, Error> {
+    pub fn read(file: &Path, description: &ModelDescription) -> Result<Self, Error> {
         let text = text_file::read(file).map_err(Error::file(file))?;
         // Spreadsheets begin a file with this mark.
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);

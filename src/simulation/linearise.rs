@@ -7,7 +7,6 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 
 use super::check::typed;
-use super::description::Variable;
 use super::fmu::{Fmu, Instance};
 use super::model_structure::ModelStructure;
 use super::plan::{DIFFERENCE, Derivatives, Plan, references};
@@ -15,6 +14,7 @@ use super::{responses, steady_state};
 use crate::eigenvalues::{Eigenvalue, eigenvalues};
 use crate::error::Error;
 use crate::exporter::read_entry;
+use crate::model_description::Variable;
 
 const DIRECTIONAL: &str = "providesDirectionalDerivative";
 

@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use super::check::{Circles, Link, check};
 use super::closed_loop::ClosedLoop;
-use super::description::{Description, Variable};
 use super::fmu::{Fmu, Hosting, Value};
 use super::port::signals;
 use super::ssp::{Component, Structure};
 use crate::error::Error;
+use crate::model_description::{ModelDescription, Variable};
 
 /// A loop that is ready to be instantiated.
 #[derive(Debug)]
@@ -66,7 +66,7 @@ impl LoadedLoop {
             Ok(fmu)
         };
         let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-        let descriptions: Vec<&Description> = opened.iter().map(|fmu| &fmu.description).collect();
+        let descriptions: Vec<&ModelDescription> = opened.iter().map(|fmu| &fmu.description).collect();
         let wiring = check(structure, &descriptions, Circles::Exchanged)?;
         let parts = structure.components.iter().zip(opened).zip(wiring.values);
         let units = parts.map(|((component, fmu), values)| {

@@ -5,7 +5,6 @@ mod chart;
 mod check;
 mod closed_loop;
 mod comparison;
-pub(crate) mod description;
 mod draft;
 mod exchange;
 mod feedthrough;
@@ -26,15 +25,13 @@ mod settling;
 mod ssp;
 mod steady_state;
 mod thinned;
-mod units;
-pub(crate) mod xml;
+mod whole;
 
 pub use alone::Alone;
 pub use chart::{COLOURS, padded_range, svg, svg_over, terminal};
 pub use check::{Circles, Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use comparison::Comparison;
-pub use description::{Description, Variable};
 pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
 #[cfg(unix)]
 pub use fmu::serve_unit;
@@ -49,4 +46,4 @@ pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, S
 pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, STRUCTURE, Statistic};
 pub use ssp::{SquareTerm, TunedParameter, Tuning};
 pub use thinned::thinned;
-pub use units::{Affine, UnitDefinition};
+pub use whole::{composite, composite_name, with_values};

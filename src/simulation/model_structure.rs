@@ -2,8 +2,8 @@
 
 use roxmltree::Node;
 
-use super::description::{attribute, child, elements};
-use super::xml;
+use crate::model_description::xml;
+use crate::model_description::{attribute, child, elements};
 
 /// Which variables are states, derivatives and outputs: by their places among the variables.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,10 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::description::{Description, Variable};
 use super::fmu::Instance;
 use super::model_structure::ModelStructure;
 use crate::error::Error;
+use crate::model_description::{ModelDescription, Variable};
 
 /// How derivatives are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +42,7 @@ pub(super) fn references(variables: &[&Variable]) -> Vec<u32> {
 }
 
 impl<'a> Plan<'a> {
-    pub fn new(description: &'a Description, structure: &ModelStructure, by: Derivatives) -> Self {
+    pub fn new(description: &'a ModelDescription, structure: &ModelStructure, by: Derivatives) -> Self {
         let variables = &description.variables;
         let is_input = |v: &&Variable| v.causality == "input" && v.kind == "Real" && v.variability == "continuous";
         let outputs = variables.iter().filter(|v| v.causality == "output" && v.kind == "Real");

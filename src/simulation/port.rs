@@ -1,9 +1,9 @@
 //! Variables of a unit that are read or set together, and where their values stand in the row of signals.
 
-use super::description::{Description, Variable};
 use super::fmu::Instance;
-use super::units::Affine;
 use crate::error::Error;
+use crate::model_description::Affine;
+use crate::model_description::{ModelDescription, Variable};
 
 /// Variables by type; values of all types stand in the row as numbers, a Boolean as 0 or 1.
 #[derive(Debug, Default)]
@@ -23,7 +23,7 @@ struct Port {
 }
 
 /// The outputs that can stand in a row: all but texts.
-pub(super) fn signals(description: &Description) -> impl Iterator<Item = (usize, &Variable)> {
+pub(super) fn signals(description: &ModelDescription) -> impl Iterator<Item = (usize, &Variable)> {
     let outputs = description.variables.iter().enumerate();
     outputs.filter(|(_, variable)| variable.causality == "output" && variable.kind != "String")
 }

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::description::Variable;
 use super::fmu::{Fmu, Instance};
 use super::linearise::{OperatingPoint, prepared, simulated};
 use super::logarithm::logarithm;
 use super::plan::{Plan, references};
 use crate::error::Error;
+use crate::model_description::Variable;
 
 /// Communication steps for which an input is changed, and for which it is back.
 const STEPS: usize = 250;

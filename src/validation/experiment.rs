@@ -8,7 +8,7 @@ use super::findings::{Findings, Lines};
 use super::text::{boolean, double};
 use super::variables::Variable;
 use super::{Interface, Interfaces};
-use crate::simulation::description::{child, elements};
+use crate::model_description::{child, elements};
 
 /// Steps of an experiment that names no communication step.
 const USUAL_STEPS: f64 = 100.0;

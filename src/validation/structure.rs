@@ -7,7 +7,7 @@ use roxmltree::Node;
 use super::findings::{At, Findings, Lines, short};
 use super::text::one_of;
 use super::variables::Variable;
-use crate::simulation::description::{child, elements};
+use crate::model_description::{child, elements};
 
 const SECTION: &str = "2.2.8";
 

@@ -7,7 +7,7 @@ use roxmltree::Node;
 use super::findings::{At, Findings, Lines, short};
 use super::text::double;
 use super::variables::{SECTION, Variable};
-use crate::simulation::description::{child, elements};
+use crate::model_description::{child, elements};
 
 /// The types of a description by their names, each with the element of its kind.
 pub(super) type Types<'a, 'input> = HashMap<&'a str, Node<'a, 'input>>;

@@ -6,7 +6,7 @@ use super::findings::{At, Findings, Lines};
 use super::text::double;
 use super::types::{Types, types};
 use super::variables::{SECTION, Variable};
-use crate::simulation::description::elements;
+use crate::model_description::elements;
 
 /// Checks variables and types.
 pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings: &mut Findings) {

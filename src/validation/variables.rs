@@ -7,7 +7,7 @@ use roxmltree::Node;
 use super::findings::{At, Findings, Lines, short};
 use super::text::{boolean, one_of};
 use super::types::Types;
-use crate::simulation::description::{child, elements};
+use crate::model_description::{child, elements};
 
 /// The section of the standard that defines variables.
 pub(super) const SECTION: &str = "2.2.7";

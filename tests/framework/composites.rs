@@ -7,7 +7,7 @@ use adaptive_fmu::exporter::{self, Library};
 use adaptive_fmu::fmi2::model_description;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
-use adaptive_fmu::simulation::{LoopFiles, Structure};
+use adaptive_fmu::simulation::{LoopFiles, Structure, composite};
 use adaptive_fmu::structure::Place;
 use adaptive_fmu::system::*;
 use common::loops::whole as whole_loop;
@@ -283,11 +283,11 @@ fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
         (to_plant, &scaled, "hands on values as they are"),
     ];
     for (old, new, word) in cases {
-        let told = exporter::composite(&changed(old, new), &library).unwrap_err().to_string();
+        let told = composite(&changed(old, new), &library).unwrap_err().to_string();
         assert!(told.contains(word) && told.contains("SystemStructure.ssd: line "), "{told}");
     }
     let foreign = changed("resources/NonlinearSiso.fmu", "resources/Pump.fmu");
-    let told = exporter::composite(&foreign, &library).unwrap_err().to_string();
+    let told = composite(&foreign, &library).unwrap_err().to_string();
     assert!(told.contains("`Pump`") && told.contains("NonlinearSiso"), "{told}");
 }
 
@@ -299,7 +299,7 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
     for value in ["reference.signal=2", "plant.x0[1]=0.25", "controller.relative_tolerance=1e-9"] {
         structure.set(value).unwrap();
     }
-    let (source, notes) = exporter::composite(&structure, &library).unwrap();
+    let (source, notes) = composite(&structure, &library).unwrap();
     let mut execution =
         Execution::new(Model::from_description(Description::read(&source.text).unwrap(), REGISTRY).unwrap());
     execution.initialise().unwrap();
@@ -307,7 +307,7 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
     assert_eq!((run.get("plant.x[1]"), run.get("reference.r[1]")), (0.25, 1.0));
     assert!(notes.len() == 1 && notes[0].contains("`controller.relative_tolerance` is left out"), "{notes:?}");
     structure.set("reference.signal=3").unwrap();
-    let told = exporter::composite(&structure, &library).unwrap_err().to_string();
+    let told = composite(&structure, &library).unwrap_err().to_string();
     assert!(told.contains("`reference.signal` = 3") && told.contains("cosine (1), square (2)"), "{told}");
 }
 
@@ -315,7 +315,7 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
 fn an_input_that_nothing_is_connected_to_is_told_and_stays_one() {
     let connection =
         r#"<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>"#;
-    let (source, notes) = exporter::composite(&changed(connection, ""), &Library::beside_program().unwrap()).unwrap();
+    let (source, notes) = composite(&changed(connection, ""), &Library::beside_program().unwrap()).unwrap();
     assert!(notes.len() == 1 && notes[0].contains("`plant.u[1]` is not connected"), "{notes:?}");
     let model = Model::from_description(Description::read(&source.text).unwrap(), REGISTRY).unwrap();
     assert_eq!(model.variables().find("plant.u[1]").unwrap().variable.causality, Causality::Input);

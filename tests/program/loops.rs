@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use adaptive_fmu::simulation::{Circles, Description, LoadedLoop, Value, check};
+use adaptive_fmu::model_description::ModelDescription;
+use adaptive_fmu::simulation::{Circles, LoadedLoop, Value, check};
 
 use crate::structures::{Folder, UNIT, assert_tells, binding, connection, connection_with, gain, set, start, wiring};
 
@@ -40,7 +41,7 @@ fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_told() {
     assert_tells(told[0], &["`one` does not tell", "one.alarm → one.enabled → one.alarm", "last exchange"]);
     assert!(wiring.circular);
     // What is integrated as one unit exchanges nothing.
-    let (structure, unit) = (folder.structure().unwrap(), Description::read(UNIT).unwrap());
+    let (structure, unit) = (folder.structure().unwrap(), ModelDescription::read(UNIT).unwrap());
     let refusal = check(&structure, &[&unit, &unit], Circles::Refused).unwrap_err().to_string();
     assert_tells(&refusal, &["algebraic loop", "one.alarm → one.enabled → one.alarm"]);
     assert!(!refusal.contains("--accept"), "{refusal}");

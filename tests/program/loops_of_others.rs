@@ -1,12 +1,13 @@
 //! Loops as others write them: units by their texts alone, systems within systems, mappings of parameters.
 
-use adaptive_fmu::simulation::{Circles, Description, Value, Wiring, check};
+use adaptive_fmu::model_description::ModelDescription;
+use adaptive_fmu::simulation::{Circles, Value, Wiring, check};
 
 use crate::structures::{CONNECTORS, Folder, UNIT, assert_tells, binding, connection, gain, set, start};
 
 /// A unit with an output `y` and an input `u`; both ends of a connection are of this kind.
-fn measured(output: &str, input: &str, definitions: &str) -> Description {
-    Description::read(&format!(
+fn measured(output: &str, input: &str, definitions: &str) -> ModelDescription {
+    ModelDescription::read(&format!(
         "<fmiModelDescription fmiVersion='2.0' modelName='A' guid='g'><CoSimulation modelIdentifier='A'/>\
          <UnitDefinitions>{definitions}</UnitDefinitions><TypeDefinitions><SimpleType name='Difference'>\
          <Real unit='degC' relativeQuantity='true'/></SimpleType></TypeDefinitions><ModelVariables>\
@@ -142,7 +143,7 @@ fn systems_within_hand_values_on_and_give_them_to_their_units() {
     let structure = folder(joined).structure().unwrap();
     let names: Vec<_> = structure.components.iter().map(|component| component.name.as_str()).collect();
     assert_eq!(names, ["one", "two", "in.three"]);
-    let unit = Description::read(UNIT).unwrap();
+    let unit = ModelDescription::read(UNIT).unwrap();
     let wiring = check(&structure, &[&unit, &unit, &unit], Circles::Exchanged).unwrap();
     let place = |name: &str| unit.place(name).unwrap();
     let mut found: Vec<_> = wiring.links.iter().map(|link| (link.from, link.to, link.conversion.of(1.0))).collect();

@@ -10,6 +10,7 @@ mod new_loop;
 mod reproduction;
 mod results;
 mod resume;
+mod rooms;
 mod streams;
 mod structures;
 mod validation;

@@ -2,7 +2,8 @@
 
 use std::fs;
 
-use adaptive_fmu::simulation::{Circles, Description, LoopFiles, Structure, Value, Wiring, check};
+use adaptive_fmu::model_description::ModelDescription;
+use adaptive_fmu::simulation::{Circles, LoopFiles, Structure, Value, Wiring, check};
 use tempfile::TempDir;
 
 /// A unit with inputs and outputs of all types: y follows u without delay, z and `length` do not.
@@ -104,7 +105,7 @@ impl Folder {
 }
 
 pub fn wiring(structure: &Structure) -> Result<Wiring, String> {
-    let description = Description::read(UNIT).unwrap();
+    let description = ModelDescription::read(UNIT).unwrap();
     check(structure, &[&description, &description], Circles::Exchanged).map_err(|error| error.to_string())
 }
 
@@ -145,6 +146,6 @@ pub fn assert_tells(told: &str, words: &[&str]) {
 
 /// The start value of a variable of the first unit.
 pub fn start(wiring: &Wiring, name: &str) -> Value {
-    let place = Description::read(UNIT).unwrap().place(name).unwrap();
+    let place = ModelDescription::read(UNIT).unwrap().place(name).unwrap();
     wiring.values[0].iter().find(|(known, _)| *known == place).map(|(_, value)| value.clone()).unwrap()
 }

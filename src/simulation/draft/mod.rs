@@ -12,9 +12,9 @@ pub use unit::{DraftUnit, Found};
 use wiring::{Input, Wires};
 
 use super::check::{Circles, check};
-use super::description::{Description, Variable};
 use super::ssp::{LoopFiles, Structure};
 use crate::error::Error;
+use crate::model_description::{ModelDescription, Variable};
 
 /// Where no unit proposes one: communication step and stop time, s.
 const STEP: f64 = 1e-3;
@@ -116,7 +116,7 @@ impl Draft {
     /// When it is no structure, as of two different descriptions of one name.
     pub fn check(&self, text: &str, folder: &Path) -> Result<Checked, Error> {
         let structure = Structure::parse(text, &LoopFiles::within(folder))?;
-        let descriptions: Vec<&Description> = self.units.iter().map(|unit| &unit.description).collect();
+        let descriptions: Vec<&ModelDescription> = self.units.iter().map(|unit| &unit.description).collect();
         Ok(match check(&structure, &descriptions, Circles::Exchanged) {
             // Inputs without a connection are told of already.
             Ok(wiring) => {

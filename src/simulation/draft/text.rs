@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use super::wiring::Input;
 use super::{Draft, Role, Signal};
 use crate::exporter;
-use crate::simulation::description::Variable;
-use crate::simulation::units::Affine;
+use crate::model_description::Affine;
+use crate::model_description::Variable;
 
 const HEAD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon""#;

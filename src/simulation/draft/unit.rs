@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use crate::catalogue::Role;
 use crate::error::{Error, Invalid};
 use crate::exporter::{Library, Source, describe, find_description, read_entry};
-use crate::simulation::description::Description;
+use crate::model_description::ModelDescription;
 use crate::{library, model};
 
 /// A unit of a loop.
@@ -17,7 +17,7 @@ pub struct DraftUnit {
     pub(super) stem: String,
     /// What the loop names as its source.
     pub(super) source: String,
-    pub(super) description: Description,
+    pub(super) description: ModelDescription,
     /// The system that it is made of, where it is one of this package.
     pub(super) model: Option<String>,
 }
@@ -64,7 +64,7 @@ impl<'a> Found<'a> {
 
     fn of_archive(&self, path: &Path) -> Result<DraftUnit, Error> {
         let xml = read_entry(path, "modelDescription.xml")?;
-        let description = Description::read(&xml).and_then(Description::for_co_simulation);
+        let description = ModelDescription::read(&xml).and_then(ModelDescription::for_co_simulation);
         let description = description.map_err(|reason| Error::Archive { file: path.to_owned(), reason })?;
         // What an FMU of this package is, it tells itself.
         let own = description.generation_tool.starts_with("adaptive-fmu");
@@ -82,7 +82,7 @@ impl<'a> Found<'a> {
         }
         let Some(library) = &self.library else { return Err(refuse("there is no library".to_owned())) };
         let (unit, _) = describe(source, library)?;
-        let description = Description::read(&unit.model_description).map_err(refuse)?;
+        let description = ModelDescription::read(&unit.model_description).map_err(refuse)?;
         Ok(DraftUnit { given: None, stem: told.name, source: place, description, model: Some(told.model) })
     }
 }

@@ -4,8 +4,8 @@ use std::collections::{HashMap, HashSet};
 
 use super::{DraftUnit, Signal};
 use crate::catalogue::Role;
-use crate::simulation::description::Variable;
-use crate::simulation::units::UnitDefinition;
+use crate::model_description::UnitDefinition;
+use crate::model_description::Variable;
 
 /// The most outputs that are offered for an input, and the most inputs for which some are looked for by their units.
 const MOST_OFFERED: usize = 8;

@@ -9,7 +9,7 @@ use super::messages::Messages;
 use super::unit::{Answer, Call, DISCARD, OK, Unit, WARNING, no_event_info};
 use crate::error::{Error, Number};
 use crate::fmi2::calls::Function;
-use crate::simulation::description::Description;
+use crate::model_description::ModelDescription;
 
 /// Communication step of an FMU that proposes none, s.
 const STEP: f64 = 1e-3;
@@ -54,7 +54,7 @@ impl Instance {
     }
 
     /// The description of its FMU.
-    pub fn description(&self) -> &Description {
+    pub fn description(&self) -> &ModelDescription {
         &self.fmu.description
     }
 

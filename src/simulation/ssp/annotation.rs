@@ -4,8 +4,8 @@ use roxmltree::Node;
 
 use super::reader::Reader;
 use crate::error::Error;
+use crate::model_description::attribute;
 use crate::simulation::closed_loop::Order;
-use crate::simulation::description::attribute;
 
 /// Type of our annotation.
 pub(super) const ANNOTATION: &str = "adaptive-fmu.closed-loop";

@@ -9,8 +9,8 @@ use super::source::UnitFile;
 use super::{Component, Connection, Plot, Structure};
 use crate::exporter::read_entry;
 use crate::model;
+use crate::model_description::ModelDescription;
 use crate::simulation::closed_loop::Order;
-use crate::simulation::description::Description;
 use crate::text_file;
 
 /// Where neither the structure nor a unit proposes one: communication step and stop time, s.
@@ -34,7 +34,7 @@ impl Structure {
     fn experiment(&self, component: &Component) -> Experiment {
         if let UnitFile::Archive { path, .. } = &component.file {
             let description =
-                read_entry(path, "modelDescription.xml").ok().and_then(|xml| Description::read(&xml).ok());
+                read_entry(path, "modelDescription.xml").ok().and_then(|xml| ModelDescription::read(&xml).ok());
             return description.map_or((None, None), |description| (description.step, description.stop_time));
         }
         let text = match &component.file {

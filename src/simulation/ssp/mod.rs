@@ -22,9 +22,9 @@ pub use tuning::{SquareTerm, TunedParameter, Tuning};
 
 use super::closed_loop::{Order, Settings};
 use super::fmu::Fmu;
-use super::units::{Affine, UnitDefinition};
 use crate::error::Error;
 use crate::exporter::{Source, find_description};
+use crate::model_description::{Affine, UnitDefinition};
 
 /// Name of the file that every loop has.
 pub const STRUCTURE: &str = "SystemStructure.ssd";

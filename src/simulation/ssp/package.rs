@@ -10,8 +10,8 @@ use super::reader::parse;
 use super::{Component, STRUCTURE, StartValue, Structure};
 use crate::error::Error;
 use crate::exporter::{escaped, read_entry, write_entries};
+use crate::model_description::{ModelDescription, Variable, attribute, child, elements};
 use crate::simulation::check::{Circles, Wiring, check};
-use crate::simulation::description::{Description, Variable, attribute, child, elements};
 use crate::simulation::fmu::Value;
 
 /// Namespaces that the annotations below stand in. Other masters read prefixes as they stand, and some take an
@@ -90,11 +90,11 @@ fn with_sources(text: &str, file: &Path, structure: &Structure) -> Result<String
 }
 
 /// The descriptions of the components' FMUs, one each, in their order.
-fn descriptions(structure: &Structure, fmus: &Path) -> Result<Vec<Description>, Error> {
+fn descriptions(structure: &Structure, fmus: &Path) -> Result<Vec<ModelDescription>, Error> {
     let read = |component: &Component| {
         let file = component.path_in(fmus);
         let xml = read_entry(&file, "modelDescription.xml")?;
-        let description = Description::read(&xml).and_then(Description::for_co_simulation);
+        let description = ModelDescription::read(&xml).and_then(ModelDescription::for_co_simulation);
         description.map_err(|reason| Error::Archive { file, reason })
     };
     structure.components.iter().map(read).collect()
@@ -111,7 +111,7 @@ struct Choice<'a> {
 }
 
 /// The choices that a loop makes.
-fn choices<'a>(structure: &'a Structure, descriptions: &'a [Description], wiring: &Wiring) -> Vec<Choice<'a>> {
+fn choices<'a>(structure: &'a Structure, descriptions: &'a [ModelDescription], wiring: &Wiring) -> Vec<Choice<'a>> {
     let mut choices = Vec::new();
     for ((component, description), values) in structure.components.iter().zip(descriptions).zip(&wiring.values) {
         for (place, value) in values {

@@ -10,8 +10,8 @@ use super::reader::{Reader, parse};
 use super::source::UnitFile;
 use super::{Component, Origin, StartValue, Structure};
 use crate::error::Error;
-use crate::simulation::description::{attribute, child, elements};
-use crate::simulation::units::UnitDefinition;
+use crate::model_description::UnitDefinition;
+use crate::model_description::{attribute, child, elements};
 use crate::text_file;
 
 const PARAMETER_SET: &str = "application/x-ssp-parameter-set";

@@ -6,9 +6,9 @@ use roxmltree::{Document, Node};
 
 use super::Origin;
 use crate::error::Error;
-use crate::simulation::description::{attribute, child, elements};
-use crate::simulation::units::UnitDefinition;
-use crate::simulation::xml;
+use crate::model_description::UnitDefinition;
+use crate::model_description::xml;
+use crate::model_description::{attribute, child, elements};
 
 /// A document, with its file for messages.
 pub(super) struct Reader<'a> {

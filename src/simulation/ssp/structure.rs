@@ -15,9 +15,9 @@ use super::{Component, Connection, Connector, Structure};
 use crate::error::Error;
 use crate::exporter::Source;
 use crate::model;
+use crate::model_description::{Affine, UnitDefinition};
+use crate::model_description::{attribute, child, elements};
 use crate::simulation::closed_loop::Order;
-use crate::simulation::description::{attribute, child, elements};
-use crate::simulation::units::{Affine, UnitDefinition};
 use crate::text_file;
 
 const FMU: &str = "application/x-fmu-sharedlibrary";

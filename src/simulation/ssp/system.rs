@@ -8,8 +8,8 @@ use super::files::LoopFiles;
 use super::reader::Reader;
 use super::{Component, Connection, StartValue};
 use crate::error::Error;
-use crate::simulation::description::{child, elements};
-use crate::simulation::units::{Affine, UnitDefinition};
+use crate::model_description::{Affine, UnitDefinition};
+use crate::model_description::{child, elements};
 
 /// How deep systems may lie within each other.
 const DEEPEST: usize = 20;

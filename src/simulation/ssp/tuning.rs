@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::reader::Reader;
 use crate::error::Error;
-use crate::simulation::description::{attribute, elements};
+use crate::model_description::{attribute, elements};
 
 /// What is searched, and by what it is judged.
 #[derive(Debug, Clone, PartialEq)]

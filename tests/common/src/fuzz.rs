@@ -10,7 +10,8 @@ use adaptive_fmu::exporter::{entries, read_entry};
 use adaptive_fmu::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::Model;
-use adaptive_fmu::simulation::{self, LoopFiles};
+use adaptive_fmu::model_description::ModelDescription;
+use adaptive_fmu::simulation::LoopFiles;
 
 use super::sequences::{Subject, Tally};
 use super::{OK, Unit};
@@ -87,7 +88,7 @@ pub fn structure(bytes: &[u8]) {
         read.err().into_iter().for_each(|error| one_line(&error.to_string()));
     });
     if let Ok(text) = std::str::from_utf8(bytes) {
-        simulation::Description::read(text).err().into_iter().for_each(|reason| one_line(&reason));
+        ModelDescription::read(text).err().into_iter().for_each(|reason| one_line(&reason));
     }
 }
 

@@ -1,7 +1,7 @@
 //! The closed loop of example 3.2.1, as a master runs it.
 
-use adaptive_fmu::exporter::{self, Library};
-use adaptive_fmu::simulation::LoopFiles;
+use adaptive_fmu::exporter::Library;
+use adaptive_fmu::simulation::{LoopFiles, composite};
 
 use super::{OK, Unit};
 
@@ -10,7 +10,7 @@ pub const STEP: f64 = 1e-3;
 /// The description of one of this package's loops as one unit.
 pub fn whole(name: &str) -> String {
     let structure = LoopFiles::find(name).unwrap().structure().unwrap();
-    exporter::composite(&structure, &Library::beside_program().unwrap()).unwrap().0.text
+    composite(&structure, &Library::beside_program().unwrap()).unwrap().0.text
 }
 
 /// Reference, plant and controller.

@@ -1,4 +1,7 @@
-//! modelDescription.xml, read.
+//! modelDescription.xml, read: of FMUs from anywhere.
+
+mod units;
+pub(crate) mod xml;
 
 use std::collections::HashMap;
 use std::path::{Component, Path};
@@ -6,12 +9,11 @@ use std::sync::Arc;
 
 use roxmltree::{Document, Node};
 
-use super::units::UnitDefinition;
-use super::xml;
+pub use units::{Affine, UnitDefinition};
 
 /// What a master needs of a modelDescription.xml.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Description {
+pub struct ModelDescription {
     /// Name of the model.
     pub name: String,
     /// What it is.
@@ -75,7 +77,7 @@ pub struct Variable {
     pub items: Vec<(String, i32)>,
 }
 
-impl Description {
+impl ModelDescription {
     /// Reads a modelDescription.xml of FMI 2.0.
     ///
     /// # Errors
@@ -103,7 +105,7 @@ impl Description {
         let outputs = child(root, "ModelStructure").and_then(|node| child(node, "Outputs"));
         let outputs = outputs.into_iter().flat_map(|node| elements(node, "Unknown"));
         let categories = child(root, "LogCategories").into_iter().flat_map(|node| elements(node, "Category"));
-        Ok(Description {
+        Ok(ModelDescription {
             name: required(root, "modelName")?,
             description: attribute(root, "description").unwrap_or_default(),
             co_simulation: co_simulation.is_some(),

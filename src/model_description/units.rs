@@ -2,7 +2,7 @@
 
 use roxmltree::Node;
 
-use super::description::{attribute, child};
+use super::{attribute, child};
 use crate::system::{BASE_UNITS, Base};
 
 /// A unit: a value in base units is factor · value + offset.
@@ -51,7 +51,7 @@ impl UnitDefinition {
     }
 
     /// Reads a Unit element of FMI or SSP; the reason when a number is none. What it doesn't tell, its name does.
-    pub(super) fn read(node: Node) -> Result<Self, String> {
+    pub(crate) fn read(node: Node) -> Result<Self, String> {
         let name = attribute(node, "name").ok_or("a Unit has no name")?;
         let Some(base) = child(node, "BaseUnit") else {
             return Ok(UnitDefinition::named(&name));
@@ -76,7 +76,7 @@ impl UnitDefinition {
 
     /// The unit of differences of values in this one.
     #[must_use]
-    pub(super) fn relative(self) -> Self {
+    pub(crate) fn relative(self) -> Self {
         UnitDefinition { offset: 0.0, ..self }
     }
 
@@ -94,7 +94,7 @@ impl UnitDefinition {
     }
 
     /// Why a person should look at what [`to`](Self::to) does between two units, if there is a reason.
-    pub(super) fn doubt(&self, other: &UnitDefinition) -> Option<&'static str> {
+    pub(crate) fn doubt(&self, other: &UnitDefinition) -> Option<&'static str> {
         if self.dimension.is_none() || other.dimension.is_none() {
             return (self.name != other.name).then_some("a unit that isn't known is taken as it is");
         }

@@ -5,12 +5,11 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
-use super::{Library, Source, describe};
+use super::{Circles, Component, StartValue, Structure, UnitFile, check, start_values};
 use crate::error::{Error, Invalid};
+use crate::exporter::{Library, Source, describe};
 use crate::model;
-use crate::simulation::{
-    self, Affine, Circles, Component, Description, StartValue, Structure, UnitFile, Variable, check, start_values,
-};
+use crate::model_description::{Affine, ModelDescription, Variable};
 use crate::system::Kind;
 
 /// Parameters about communication steps, of which a whole has none inside.
@@ -102,9 +101,9 @@ pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Resu
 }
 
 /// The description of a unit's FMU, as its master would read it.
-fn fmu_description(source: &Source, library: &Library) -> Result<Description, Error> {
+fn fmu_description(source: &Source, library: &Library) -> Result<ModelDescription, Error> {
     let xml = describe(source, library)?.0.model_description;
-    Description::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })
+    ModelDescription::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })
 }
 
 /// The text of the whole's description.
@@ -131,7 +130,7 @@ fn source(structure: &Structure, parts: Vec<Value>, start: Table) -> Source {
 fn part(
     name: &str,
     source: &Source,
-    values: &[(&Variable, &simulation::Value)],
+    values: &[(&Variable, &super::Value)],
     connected: &BTreeSet<&str>,
 ) -> Result<Table, Error> {
     let refuse = |reason: Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
@@ -166,15 +165,15 @@ fn unconnected(name: String, value: Value, connected: &BTreeSet<&str>) -> Vec<(S
 /// A value as a description has it: an enumeration's by the name of the item.
 fn in_description<V: From<f64> + From<i64> + From<bool> + From<String>>(
     variable: &Variable,
-    value: &simulation::Value,
+    value: &super::Value,
 ) -> V {
     match value {
-        simulation::Value::Real(number) => (*number).into(),
-        simulation::Value::Integer(number) => {
+        super::Value::Real(number) => (*number).into(),
+        super::Value::Integer(number) => {
             let item = variable.items.iter().find(|(_, item)| item == number);
             item.map_or_else(|| i64::from(*number).into(), |(name, _)| name.clone().into())
         }
-        simulation::Value::Boolean(value) => (*value).into(),
-        simulation::Value::String(text) => text.clone().into(),
+        super::Value::Boolean(value) => (*value).into(),
+        super::Value::String(text) => text.clone().into(),
     }
 }

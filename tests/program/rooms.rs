@@ -1,0 +1,96 @@
+//! No two rooms of the sources know each other, through others neither.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{read_dir, read_to_string};
+use std::path::{Path, PathBuf};
+
+type Rooms = BTreeMap<String, BTreeSet<String>>;
+
+/// The Rust files in a folder, or a file itself.
+fn files(path: &Path) -> Vec<PathBuf> {
+    if path.is_dir() {
+        return read_dir(path).unwrap().flat_map(|entry| files(&entry.unwrap().path())).collect();
+    }
+    path.extension().is_some_and(|extension| extension == "rs").then(|| path.to_owned()).into_iter().collect()
+}
+
+/// The names behind `crate::` in a text, outside of its comments and of its own tests.
+fn known(text: &str) -> BTreeSet<String> {
+    let own = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
+    let lines: Vec<_> = own.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    let text = lines.join("\n");
+    let names = text.split("crate::").skip(1).flat_map(|behind| {
+        let many = behind.strip_prefix('{').map(|list| list.split(['}', ';']).next().unwrap_or_default());
+        many.unwrap_or(behind).split(',').take(if many.is_some() { usize::MAX } else { 1 })
+    });
+    let plain = |c: char| c.is_alphanumeric() || c == '_';
+    names.map(|name| name.trim_start().split(|c| !plain(c)).next().unwrap_or_default().to_owned()).collect()
+}
+
+/// The rooms in some folders, and the names that each knows; what isn't a room is left out.
+fn rooms(folders: &[&str], without: &[&str]) -> Rooms {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let entries = folders.iter().flat_map(|folder| {
+        let path = root.join(folder);
+        if *folder == "plants" {
+            vec![path]
+        } else {
+            read_dir(path).unwrap().map(|entry| entry.unwrap().path()).collect()
+        }
+    });
+    let mut rooms = Rooms::new();
+    for entry in entries {
+        let name = entry.file_stem().unwrap().to_str().unwrap().to_owned();
+        let of_tests = |file: &PathBuf| file.iter().any(|part| part == "tests" || part == "tests.rs");
+        let sources = files(&entry).into_iter().filter(|file| !of_tests(file));
+        let names = sources.flat_map(|file| known(&read_to_string(file).unwrap()));
+        rooms.entry(name).or_default().extend(names);
+    }
+    rooms.retain(|name, _| !without.contains(&name.as_str()));
+    let names: BTreeSet<_> = rooms.keys().cloned().collect();
+    for (name, known) in &mut rooms {
+        known.retain(|known| known != name && names.contains(known));
+    }
+    rooms
+}
+
+/// A way from a room back to itself.
+fn circle(rooms: &Rooms) -> Option<Vec<String>> {
+    fn follow(rooms: &Rooms, way: &mut Vec<String>) -> bool {
+        let last = way.last().unwrap().clone();
+        rooms[&last].iter().any(|next| {
+            way.push(next.clone());
+            let closed = *next == way[0] || (!way[..way.len() - 1].contains(next) && follow(rooms, way));
+            if !closed {
+                way.pop();
+            }
+            closed
+        })
+    }
+    rooms.keys().find_map(|name| {
+        let mut way = vec![name.clone()];
+        follow(rooms, &mut way).then_some(way)
+    })
+}
+
+#[test]
+fn no_two_rooms_know_each_other() {
+    let framework = rooms(&["src/framework"], &["lib", "build"]);
+    let package = rooms(&["src", "plants"], &["lib", "main", "framework"]);
+    assert!(framework.len() > 8 && framework["fmi2"].contains("system"), "{framework:?}");
+    assert!(package.len() > 12 && package["simulation"].contains("exporter"), "{package:?}");
+    assert_eq!([circle(&framework), circle(&package)], [None, None]);
+}
+
+#[test]
+fn a_circle_through_others_is_found() {
+    let known = |names: &[&str]| names.iter().map(ToString::to_string).collect::<BTreeSet<_>>();
+    let mut rooms = Rooms::from([("a".into(), known(&["b"])), ("b".into(), known(&["c"])), ("c".into(), known(&[]))]);
+    assert_eq!(circle(&rooms), None);
+    rooms.insert("c".into(), known(&["b"]));
+    assert_eq!(circle(&rooms).unwrap(), ["b", "c", "b"]);
+    assert_eq!(
+        super::rooms::known("use crate::{error, system::{A, B}};\n// crate::no\ncrate::fmi2::x"),
+        known(&["error", "system", "B", "fmi2"])
+    );
+}
