@@ -65,18 +65,15 @@ impl System for Actuator {
         })
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
-        if let Err(reasons) = self.line.prepare(v) {
-            invalid.and(reasons);
-        }
-        v[self.samples] = f64::from(u8::from(self.line.is_used(&v.values())));
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        self.line.relate(v);
+        v[self.samples] = S::from_flag(self.line.is_used(&v.values()));
         for i in 0..self.u.len() {
-            let (own, limited) = (v[self.time_constant][i], v[self.rate_limit][i] < UNLIMITED);
-            let working = if own == 0.0 && limited { v[self.clock.sample_time] } else { own };
-            v[self.working_time_constant][i] = working;
+            let (own, limited) = (v[self.time_constant][i], v[self.rate_limit][i].below(S::from(UNLIMITED)));
+            let has_none = own.equals(S::from(0.0)) & limited;
+            v[self.working_time_constant][i] = S::select(has_none, v[self.clock.sample_time], own);
         }
-        invalid.into_result()
     }
 
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {

@@ -2,10 +2,9 @@
 
 use serde::Deserialize;
 
-use crate::report::number;
 use crate::system::{
-    Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit,
-    Values, VectorOf, any, larger, matrix, scalar, vector,
+    Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit, Values,
+    VectorOf, any, larger, matrix, scalar, vector,
 };
 
 /// Numbers that all delay lines of a unit may hold together.
@@ -119,29 +118,24 @@ impl DelayLine {
         }
     }
 
-    /// Counts the delays in samples.
-    ///
-    /// # Errors
-    /// Delays that aren't so many whole samples as the line holds.
-    pub fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = Invalid::none();
+    /// Counts the delays in samples, and refuses those that aren't so many whole samples as the line holds.
+    pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         let (sample_time, most) = (v[self.clock.sample_time], (self.line.shape().0 - 1) as f64);
         for i in 0..self.delay.len() {
             let delay = v[self.delay][i];
             let samples = (delay / sample_time).round();
-            if samples > most || (delay / sample_time - samples).abs() > 1e-6 {
-                let longest = most * sample_time;
+            let is_multiple = (delay / sample_time - samples).abs().at_most(S::from(1e-6));
+            v.refuse(!(samples.at_most(S::from(most)) & is_multiple), |v| {
                 let allowed = format!(
                     "must be a multiple of {} = {} within 0 … {} (delay_samples = {most})",
                     v.name(self.clock.sample_time),
-                    Number(sample_time),
-                    number(longest)
+                    sample_time.told(),
+                    (sample_time * most).rounded()
                 );
-                invalid.and(Invalid::new(v.name(self.delay.at(i)), Number(delay), allowed));
-            }
+                Invalid::new(v.name(self.delay.at(i)), delay.told(), allowed)
+            });
             v[self.samples][i] = samples;
         }
-        invalid.into_result()
     }
 
     /// Whether any channel is delayed, now and from the start on: delays are fixed.

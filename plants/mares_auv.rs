@@ -1,14 +1,13 @@
 //! MARES, an autonomous underwater vehicle: example 3.3.3.
 #![allow(non_snake_case)] // matrices have the names of their source
 
-use nalgebra::{DMatrixView, Matrix6};
+use nalgebra::DMatrixView;
 
 use super::attitude::{Attitude, require_regular};
 use crate::catalogue::Catalogued;
-use crate::mathematics::matrices::cholesky;
 use crate::system::{
-    Declaration, Input, Invalid, MatrixOf, Naming, NoStructure, Number, Parameter, Point, Prepared, Rates, Scalar,
-    ScalarOf, Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
+    Declaration, Input, Invalid, MatrixOf, Naming, NoStructure, Parameter, Point, Prepared, Rates, Scalar, ScalarOf,
+    Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
 };
 
 /// From this ratio of length to diameter on, Lamb's formulas are not a difference of nearly equal numbers.
@@ -84,8 +83,8 @@ impl System for MaresAuv {
         })
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        self.hull.prepare(v)
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        self.hull.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
@@ -174,36 +173,53 @@ impl Hull {
         }
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         let (length, diameter, m) = (v[self.length], v[self.diameter], v[self.m]);
-        if length < SMALLEST_FINENESS * diameter {
-            let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {} m", Number(diameter));
-            return Err(Invalid::new(v.name(self.length), Number(length), allowed));
-        }
-        let (a, b) = (0.5 * length, 0.5 * diameter);
-        let lateral = 0.2 * m * (a * a + b * b);
-        let inertia = [0.4 * m * b * b, lateral, lateral];
-        let [along, across, turning] = lamb(a, b, v[self.rho]);
+        let is_long = length.at_least(diameter * SMALLEST_FINENESS);
+        v.refuse(!is_long, |v| {
+            let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {} m", diameter.told());
+            Invalid::new(v.name(self.length), length.told(), allowed)
+        });
+        let (a, b) = (length * 0.5, diameter * 0.5);
+        let lateral = m * 0.2 * (a * a + b * b);
+        let inertia = [m * 0.4 * b * b, lateral, lateral];
+        let none = || [S::from(0.0); 3];
+        let [along, across, turning] = S::branch(is_long, || lamb(a, b, v[self.rho]), none);
         let added_mass = [along, across, across, v[self.roll_added_inertia] * inertia[0], turning, turning];
-        let frontal = 0.5 * v[self.rho] * v[self.axial_drag] * std::f64::consts::PI * b * b;
-        let broadside = 0.5 * v[self.rho] * v[self.cross_flow_drag] * length * diameter;
+        let frontal = v[self.rho] * 0.5 * v[self.axial_drag] * std::f64::consts::PI * b * b;
+        let broadside = v[self.rho] * 0.5 * v[self.cross_flow_drag] * length * diameter;
         // Strips at a distance x from the middle move across at q |x|: the integral of |x|³ over the length.
         let turned = broadside * length.powi(3) / 32.0;
         v.set(self.quadratic_damping, [frontal, broadside, broadside, v[self.roll_damping], turned, turned]);
         v.set(self.inertia, inertia);
         v.set(self.added_mass, added_mass);
         let own = [m, m, m, inertia[0], inertia[1], inertia[2]];
-        let mut M = Matrix6::from_fn(|i, j| if i == j { own[i] + added_mass[i] } else { 0.0 });
-        let lever = m * v[self.z_g];
-        // −m S(r_g) and its transpose, r_g = (0, 0, z_g).
-        ((M[(0, 4)], M[(4, 0)]), (M[(1, 3)], M[(3, 1)])) = ((lever, lever), (-lever, -lever));
-        let Some(factors) = cholesky(M) else {
+        let is_definite = self.relate_inertia(std::array::from_fn(|i| own[i] + added_mass[i]), v);
+        v.refuse(is_long & !is_definite, |v| {
             let reason = "with it the inertia matrix is not positive definite; must be smaller";
-            return Err(Invalid::new(v.name(self.z_g), Number(v[self.z_g]), reason));
-        };
-        v.matrix_mut(self.M).copy_from(&M);
-        v.matrix_mut(self.inverse).copy_from(&factors.inverse());
-        Ok(())
+            Invalid::new(v.name(self.z_g), v[self.z_g].told(), reason)
+        });
+    }
+
+    /// M of its diagonal, and M⁻¹; whether M is positive definite.
+    fn relate_inertia<S: Scalar>(&self, diagonal: [S; 6], v: &mut Point<S>) -> S::Flag {
+        let lever = v[self.m] * v[self.z_g];
+        v[self.M.elements()].fill(S::from(0.0));
+        v[self.inverse.elements()].fill(S::from(0.0));
+        for (i, own) in diagonal.into_iter().enumerate() {
+            (v[self.M.at(i, i)], v[self.inverse.at(i, i)]) = (own, own.recip());
+        }
+        // −m S(r_g) and its transpose, r_g = (0, 0, z_g), couple surge with pitch and sway with roll.
+        let couplings = [(0, 4, lever), (1, 3, -lever)].map(|(i, j, coupling)| {
+            let part = coupling / diagonal[i];
+            let rest = diagonal[j] - coupling * part;
+            (v[self.M.at(i, j)], v[self.M.at(j, i)]) = (coupling, coupling);
+            v[self.inverse.at(i, i)] += part * part / rest;
+            v[self.inverse.at(j, j)] = rest.recip();
+            (v[self.inverse.at(i, j)], v[self.inverse.at(j, i)]) = (-part / rest, -part / rest);
+            rest.above(S::from(0.0))
+        });
+        couplings[0] & couplings[1]
     }
 
     /// C(ν) ν by Fossen's parametrisation from M: with M ν = (h1, h2) it is (ν2 × h1, ν1 × h1 + ν2 × h2).
@@ -239,14 +255,15 @@ fn texts<const N: usize>(texts: &[String; N]) -> [&str; N] {
 
 /// Added mass along and across a prolate spheroid of semi-axes a > b in water of density ρ, and added moment of inertia
 /// of its turning about an axis across, by Lamb's formulas.
-fn lamb(a: f64, b: f64, rho: f64) -> [f64; 3] {
-    let displaced = 4.0 / 3.0 * std::f64::consts::PI * rho * a * b * b;
-    let e = (1.0 - (b / a).powi(2)).sqrt();
-    let alpha = 2.0 * (1.0 - e * e) / e.powi(3) * (e.atanh() - e);
-    let beta = 1.0 / (e * e) - (1.0 - e * e) / e.powi(3) * e.atanh();
+fn lamb<S: Scalar>(a: S, b: S, rho: S) -> [S; 3] {
+    let displaced = rho * (4.0 / 3.0 * std::f64::consts::PI) * a * b * b;
+    let e = (-(b / a).powi(2) + 1.0).sqrt();
+    let (rest, atanh) = (-e * e + 1.0, (e * 2.0 / (-e + 1.0)).ln_1p() * 0.5);
+    let alpha = rest * 2.0 / e.powi(3) * (atanh - e);
+    let beta = (e * e).recip() - rest / e.powi(3) * atanh;
     let (difference, sum) = (a * a - b * b, a * a + b * b);
-    let turning = difference.powi(2) * (beta - alpha) / (2.0 * difference - sum * (beta - alpha));
-    [alpha / (2.0 - alpha) * displaced, beta / (2.0 - beta) * displaced, 0.2 * displaced * turning]
+    let turning = difference.powi(2) * (beta - alpha) / (difference * 2.0 - sum * (beta - alpha));
+    [alpha / (-alpha + 2.0) * displaced, beta / (-beta + 2.0) * displaced, displaced * 0.2 * turning]
 }
 
 /// Parts of three.

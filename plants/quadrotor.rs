@@ -4,8 +4,8 @@ use super::attitude::{Attitude, require_regular};
 use crate::catalogue::{Catalogued, Trial};
 use crate::mathematics::limits::within;
 use crate::system::{
-    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Number, Parameter, Point, Rates, Scalar, ScalarOf,
-    Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
+    BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
+    Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
 };
 
 /// Where the pitch angle stands in the state.
@@ -91,13 +91,8 @@ impl System for Quadrotor {
         })
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let (min, max) = (v[self.thrust_min], v[self.thrust_max]);
-        if min <= max {
-            return Ok(());
-        }
-        let allowed = format!("must not be above {} = {}", v.name(self.thrust_max), Number(max));
-        Err(Invalid::new(v.name(self.thrust_min), Number(min), allowed))
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        v.require_at_most(self.thrust_min, self.thrust_max);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {

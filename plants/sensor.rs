@@ -6,7 +6,7 @@ use crate::catalogue::{Catalogued, Role};
 use crate::recording::Opaque;
 use crate::system::{
     Declaration, Discrete, Input, IntegerOf, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
-    Signals, System, Values, VectorOf, integer, scalar, vector,
+    Signals, System, Values, VectorOf, any, integer, scalar, vector,
 };
 use crate::template::{Request, Sizes, Template, all, named, write_names};
 
@@ -65,12 +65,11 @@ impl System for Sensor {
         })
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        self.line.prepare(v)?;
-        let any = |handle: VectorOf<Parameter>| v[handle].iter().any(|&value| value > 0.0);
-        let samples = self.line.is_used(&v.values()) || any(self.noise_deviation) || any(self.resolution);
-        v[self.samples] = f64::from(u8::from(samples));
-        Ok(())
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        self.line.relate(v);
+        let acts = |handle: VectorOf<Parameter>| any::<S>(v[handle].iter().map(|value| value.above(S::from(0.0))));
+        let samples = self.line.is_used(&v.values()) | acts(self.noise_deviation) | acts(self.resolution);
+        v[self.samples] = S::from_flag(samples);
     }
 
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {

@@ -107,8 +107,8 @@ impl System for StateSpace {
         })
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        limits::check(self.u_min, self.u_max, &v.values()).into_result()
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {

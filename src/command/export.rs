@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Binary, Glibc, Library, Platform};
+use adaptive_fmu::exporter::{self, Binary, Form, Glibc, Library, Platform};
 use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
 use serde_json::json;
 
@@ -33,6 +33,18 @@ pub struct Arguments {
     /// Parameter set (.ssv) with values that the one FMU named is to start with
     #[arg(long, value_name = "FILE.ssv", requires = "names", conflicts_with_all = ["all", "composite", "ssp"])]
     values: Option<PathBuf>,
+    /// With C sources, for tools that compile FMUs themselves and for targets (docs/source_units.md)
+    #[arg(long)]
+    source: bool,
+    /// With C sources alone, without libraries
+    #[arg(long)]
+    source_only: bool,
+    /// With C sources, and libraries that are compiled from them by the C compiler that is found
+    #[arg(long, conflicts_with_all = ["source_only", "library"])]
+    compile: bool,
+    /// Platforms to compile for, by zig (`pip install ziglang`); this one where none is named
+    #[arg(long, value_name = "PLATFORM,…", value_delimiter = ',', requires = "compile")]
+    platforms: Vec<String>,
     /// Then closes this loop through the FMUs
     #[arg(long, value_name = "LOOP")]
     run: Option<String>,
@@ -43,17 +55,17 @@ pub struct Arguments {
 
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, all: every, composite, ssp, out, library, values, run, json } = arguments;
-    let library = chosen(library)?;
+    let Arguments { names, all: every, composite, ssp, out, library, values, run, json, .. } = arguments;
+    let (library, form) = (chosen(library)?, arguments.form()?);
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
     let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
     let mut fmus = match values {
-        Some(values) => vec![export_with_values(&names, values, &library, out)?],
-        None => export(&names, &library, out)?,
+        Some(values) => vec![export_with_values(&names, values, &library, out, &form)?],
+        None => export_named(&names, &library, out, &form)?,
     };
     for name in composite {
-        let (file, warnings) = export_whole(&LoopFiles::find(name)?.structure()?, &library, out)?;
+        let (file, warnings) = export_whole_as(&LoopFiles::find(name)?.structure()?, &library, out, &form)?;
         warnings.iter().for_each(|warning| tell!("warning: {warning}"));
         fmus.push(file);
     }
@@ -67,6 +79,26 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     let close = |name: &String| super::run::execute(&super::run::Arguments::of(name, out, *json));
     run.as_ref().map_or(Ok(ExitCode::SUCCESS), close)
+}
+
+impl Arguments {
+    /// What the FMUs are to hold.
+    fn form(&self) -> Result<Form, Error> {
+        let named = |name: &String| {
+            Platform::named(name).ok_or_else(|| {
+                let known = Platform::all().map(|platform| platform.folder).collect::<Vec<_>>().join(", ");
+                Error::Unknown { what: "platform", name: name.clone(), known }
+            })
+        };
+        let platforms = self.platforms.iter().map(named).collect::<Result<Vec<_>, _>>()?;
+        Ok(if self.compile {
+            Form::Compiled { platforms: if platforms.is_empty() { vec![Platform::own()] } else { platforms } }
+        } else if self.source || self.source_only {
+            Form::Source { with_library: !self.source_only }
+        } else {
+            Form::Generic
+        })
+    }
 }
 
 /// The libraries named, or those built with this program; that of this platform is its own where none is named.
@@ -86,20 +118,26 @@ fn all() -> Vec<String> {
     exporter::descriptions().iter().map(|(name, _)| (*name).to_owned()).collect()
 }
 
-/// Writes FMUs into a folder; their paths.
-pub fn export(names: &[String], library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
+/// Writes FMUs into a folder, in a form; their paths.
+fn export_named(names: &[String], library: &Library, out: &Path, form: &Form) -> Result<Vec<PathBuf>, Error> {
     warn_of(library)?;
-    names.iter().map(|name| exporter::export(&exporter::find_description(name)?, library, out)).collect()
+    names.iter().map(|name| exporter::export_as(&exporter::find_description(name)?, library, out, form)).collect()
 }
 
 /// Writes one FMU that starts with the values of a parameter set.
-fn export_with_values(names: &[String], values: &Path, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+fn export_with_values(
+    names: &[String],
+    values: &Path,
+    library: &Library,
+    out: &Path,
+    form: &Form,
+) -> Result<PathBuf, Error> {
     let [name] = names else {
         let reason = format!("its values can't be those of {} FMUs: name one", names.len());
         return Err(Error::Loop { file: values.to_owned(), reason });
     };
     warn_of(library)?;
-    exporter::export(&with_values(exporter::find_description(name)?, values, library)?, library, out)
+    exporter::export_as(&with_values(exporter::find_description(name)?, values, library)?, library, out, form)
 }
 
 /// What is to be known of the libraries that are packed.
@@ -126,9 +164,18 @@ fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
 
 /// Writes a loop as one FMU into a folder; its path, and what is to be told of it.
 pub fn export_whole(structure: &Structure, library: &Library, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
+    export_whole_as(structure, library, out, &Form::Generic)
+}
+
+fn export_whole_as(
+    structure: &Structure,
+    library: &Library,
+    out: &Path,
+    form: &Form,
+) -> Result<(PathBuf, Vec<String>), Error> {
     warn_of(library)?;
     let (source, notes) = composite(structure, library)?;
-    Ok((exporter::export(&source, library, out)?, notes))
+    Ok((exporter::export_as(&source, library, out, form)?, notes))
 }
 
 /// Writes the FMUs of a loop into a folder.

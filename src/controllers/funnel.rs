@@ -3,7 +3,6 @@
 
 #![allow(non_snake_case)] // R is the thesis' name
 
-use crate::error::Number;
 use crate::mathematics::performance::{self, Bounds, Performance};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar,
@@ -136,17 +135,9 @@ impl Funnel {
         }
     }
 
-    /// # Errors
-    /// [`Invalid`] for bounds that widen.
-    pub fn prepare(&self, v: &Point) -> Invalid {
-        let mut invalid = Invalid::none();
-        for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
-            if rho_inf >= rho_0 {
-                let allowed = format!("must be below {} = {}", v.name(self.rho_0.at(i)), Number(*rho_0));
-                invalid.and(Invalid::new(v.name(self.rho_inf.at(i)), Number(*rho_inf), allowed));
-            }
-        }
-        invalid
+    /// Refuses bounds that widen.
+    pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        (0..self.rho_0.len()).for_each(|i| v.require_below(self.rho_inf.at(i), self.rho_0.at(i)));
     }
 
     /// Tells of the funnels.

@@ -5,8 +5,8 @@ use nalgebra::DMatrix;
 
 use crate::mathematics::fuzzy::{SETS, Triangle, infer};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Scalar, ScalarOf,
-    Signal, Signals, Values, VectorOf, boolean, choice, matrix, scalar, smaller, vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, Signal,
+    Signals, Values, VectorOf, boolean, choice, matrix, scalar, smaller, vector,
 };
 
 /// Intervals of the grid of errors and rates on which the range of the gain is looked for.
@@ -83,15 +83,9 @@ impl Sets {
     }
 
     /// Each set has a width; by the bounds of single corners the others are in order.
-    fn prepare(&self, v: &Point) -> Invalid {
-        let mut invalid = Invalid::none();
-        for (low, high) in [(self.VS_l, self.S_l), (self.VL_l, self.VL_c)] {
-            if v[low] >= v[high] {
-                let allowed = format!("must be below {} = {}", v.name(high), Number(v[high]));
-                invalid.and(Invalid::new(v.name(low), Number(v[low]), allowed));
-            }
-        }
-        invalid
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        v.require_below(self.VS_l, self.S_l);
+        v.require_below(self.VL_l, self.VL_c);
     }
 
     /// Zero, very small, small, large, very large.
@@ -142,26 +136,20 @@ impl FuzzyGain {
         }
     }
 
-    /// # Errors
-    /// Sets without a width or out of order, and a K that is no diagonal.
-    pub fn prepare(&self, feedback_gain: MatrixOf<Parameter>, v: &Point) -> Result<(), Invalid> {
-        let mut invalid = self.sets.prepare(v);
-        for (k, pair) in v[self.input_centre].windows(2).enumerate() {
-            if pair[0] >= pair[1] {
-                let [below, above] = [k, k + 1].map(|k| v.name(self.input_centre.at(k)));
-                invalid.and(Invalid::new(
-                    below,
-                    Number(pair[0]),
-                    format!("must be below {above} = {}", Number(pair[1])),
-                ));
-            }
+    /// Refuses sets without a width or out of order, and a K that is no diagonal.
+    pub fn relate<S: Scalar>(&self, feedback_gain: MatrixOf<Parameter>, v: &mut Point<S>) {
+        self.sets.relate(v);
+        for k in 1..SETS {
+            v.require_below(self.input_centre.at(k - 1), self.input_centre.at(k));
         }
-        let (K, m) = (v.matrix(feedback_gain), self.k_f.len());
-        for (i, j) in (0..m * m).map(|k| (k / m, k % m)).filter(|&(i, j)| i != j && K[(i, j)] != 0.0) {
-            let allowed = "must be 0: each channel has a fuzzy gain of its own";
-            invalid.and(Invalid::new(v.name(feedback_gain.at(i, j)), Number(K[(i, j)]), allowed));
+        let m = self.k_f.len();
+        for (i, j) in (0..m * m).map(|k| (k / m, k % m)).filter(|&(i, j)| i != j) {
+            let K_ij = v[feedback_gain.at(i, j)];
+            v.refuse(!K_ij.equals(S::from(0.0)), |v| {
+                let allowed = "must be 0: each channel has a fuzzy gain of its own";
+                Invalid::new(v.name(feedback_gain.at(i, j)), K_ij.told(), allowed)
+            });
         }
-        invalid.into_result()
     }
 
     /// K with the constant gain, and with the least and the largest fuzzy one on a grid of errors and rates.

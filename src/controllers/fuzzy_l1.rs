@@ -66,10 +66,13 @@ impl System for FuzzyL1 {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(self.ports.u_min, self.ports.u_max, &v.values());
-        self.gain.prepare(self.law.feedback_gain(), v).unwrap_or_else(|reasons| invalid.and(reasons));
-        self.law.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
-        invalid.into_result()
+        self.law.prepare(v)
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.ports.u_min, self.ports.u_max, v);
+        self.gain.relate(self.law.feedback_gain(), v);
+        self.law.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {

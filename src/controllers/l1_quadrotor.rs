@@ -85,9 +85,12 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
-        self.attitude.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
-        invalid.into_result()
+        self.attitude.prepare(v)
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        self.attitude.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {

@@ -160,20 +160,21 @@ impl System for Pid {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
-        invalid.and(self.check_times(&v.values()));
-        match inverse(&v.matrix(self.S).into_owned()) {
-            Ok(inverse) => v.matrix_mut(self.S_inverse).copy_from(&inverse),
-            Err(least) => {
-                let text = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
-                let name = format!("{}: least singular value in parts of the largest", v.name(self.S));
-                invalid.and(Invalid::new(name, Number(least), text));
-            }
-        }
+        let inverse = inverse(&v.matrix(self.S).into_owned()).map_err(|least| {
+            let text = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
+            let name = format!("{}: least singular value in parts of the largest", v.name(self.S));
+            Invalid::new(name, Number(least), text)
+        })?;
+        v.matrix_mut(self.S_inverse).copy_from(&inverse);
+        Ok(())
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
         for i in 0..self.I.len() {
+            self.check_time(i, v);
             v[self.T_t][i] = self.time_in_force(i, &v.values());
         }
-        invalid.into_result()
     }
 
     /// I = 0, and the filter at rest: the derivative begins without a kick.
@@ -281,28 +282,23 @@ impl Pid {
 
     /// T_t of a channel: √(K_d/K_i) unless it is given; K_p/K_i without derivative, and 1/N with the integral alone. 0, none,
     /// where it is off or there is nothing to wind up.
-    fn time_in_force(&self, i: usize, v: &Values<f64>) -> f64 {
+    fn time_in_force<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let [K_p, K_i, K_d] = [self.K_p, self.K_i, self.K_d].map(|gain| v[gain][i]);
-        match v[self.tracking_time][i] {
-            _ if K_i == 0.0 => 0.0,
-            given if given != BY_GAINS => given,
-            _ if K_d > 0.0 => (K_d / K_i).sqrt(),
-            _ if K_p > 0.0 => K_p / K_i,
-            _ => 1.0 / v[self.N][i],
-        }
+        let (given, none) = (v[self.tracking_time][i], S::from(0.0));
+        let without_derivative = || S::branch(K_p.above(none), || K_p / K_i, || v[self.N][i].recip());
+        let by_gains = || S::branch(K_d.above(none), || (K_d / K_i).sqrt(), without_derivative);
+        let in_force = || S::branch(given.equals(S::from(BY_GAINS)), by_gains, || given);
+        S::branch(K_i.equals(none), || none, in_force)
     }
 
-    /// What is wrong with given tracking times.
-    fn check_times(&self, v: &Values<f64>) -> Invalid {
-        let mut invalid = Invalid::none();
-        for (i, &time) in v[self.tracking_time].iter().enumerate() {
-            if time != BY_GAINS && time != 0.0 && time < LEAST_TIME {
-                let allowed =
-                    format!("must be {BY_GAINS} (by the gains), 0 (off), or at least {} s", Number(LEAST_TIME));
-                invalid.and(Invalid::new(v.name(self.tracking_time.at(i)), Number(time), allowed));
-            }
-        }
-        invalid
+    /// Refuses a given tracking time that is none.
+    fn check_time<S: Scalar>(&self, i: usize, v: &mut Point<S>) {
+        let time = v[self.tracking_time][i];
+        let is_known = time.equals(S::from(BY_GAINS)) | time.equals(S::from(0.0));
+        v.refuse(!is_known & time.below(S::from(LEAST_TIME)), |v| {
+            let allowed = format!("must be {BY_GAINS} (by the gains), 0 (off), or at least {} s", Number(LEAST_TIME));
+            Invalid::new(v.name(self.tracking_time.at(i)), time.told(), allowed)
+        });
     }
 }
 

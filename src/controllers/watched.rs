@@ -7,8 +7,8 @@ use serde::{Deserialize, Deserializer};
 use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::performance::{self, Performance};
 use crate::system::{
-    BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Number, OwnStep, Parameter, Point, Rates,
-    Scalar, ScalarOf, Signal, Signals, System, Values, VectorOf, Warning, boolean, integer, scalar, smaller, vector,
+    BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, OwnStep, Parameter, Point, Rates, Scalar,
+    ScalarOf, Signal, Signals, System, Values, VectorOf, Warning, boolean, integer, scalar, smaller, vector,
 };
 use crate::template::Template;
 
@@ -106,15 +106,8 @@ impl Funnel {
         }
     }
 
-    fn prepare(&self, v: &Point) -> Invalid {
-        let mut invalid = Invalid::none();
-        for (i, (rho_0, rho_inf)) in v[self.rho_0].iter().zip(&v[self.rho_inf]).enumerate() {
-            if rho_inf > rho_0 {
-                let allowed = format!("must not be above {} = {}", v.name(self.rho_0.at(i)), Number(*rho_0));
-                invalid.and(Invalid::new(v.name(self.rho_inf.at(i)), Number(*rho_inf), allowed));
-            }
-        }
-        invalid
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        (0..self.rho_0.len()).for_each(|i| v.require_at_most(self.rho_inf.at(i), self.rho_0.at(i)));
     }
 
     fn rho<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> S {
@@ -170,9 +163,14 @@ impl<C: Tracking> System for Watched<C> {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = self.funnel.as_ref().map_or(Invalid::none(), |funnel| funnel.prepare(v));
-        self.controller.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
-        invalid.into_result()
+        self.controller.prepare(v)
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        if let Some(funnel) = &self.funnel {
+            funnel.relate(v);
+        }
+        self.controller.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {

@@ -33,19 +33,39 @@ pub struct Entry {
 /// Name of what tells, within an FMU, how its library was built.
 pub const BUILD: &str = "resources/build.json";
 
-/// Writes an FMU with its description, its page and its picture; a file of that name is replaced at the end, or not at all.
+/// What an FMU holds beside its libraries.
+pub struct Contents<'a> {
+    /// The unit.
+    pub unit: &'a Unit,
+    /// How the library was built that described it.
+    pub build: &'a Build,
+    /// Its description, which the library reads.
+    pub description: &'a str,
+    /// Its page and its picture.
+    pub page: &'a str,
+    /// The same.
+    pub icon: &'a [u8],
+    /// Files of C: names and texts.
+    pub sources: &'a [(String, String)],
+}
+
+/// What of libraries an FMU holds.
+pub enum Libraries<'a> {
+    /// One library for all units, for its platforms.
+    Common(&'a Library),
+    /// Libraries of its own: places in the archive, and bytes.
+    Own(&'a [(String, Vec<u8>)]),
+}
+
+/// Writes an FMU; a file of that name is replaced at the end, or not at all.
 ///
 /// # Errors
 /// When files can't be read or written.
-pub fn write(
-    file: &Path,
-    (unit, build): (&Unit, &Build),
-    (description, page, icon): (&str, &str, &[u8]),
-    library: &Library,
-) -> Result<(), Error> {
+pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<(), Error> {
+    let Contents { unit, build, description, page, icon, sources } = contents;
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
     let resource = format!("resources/{DESCRIPTION}");
-    let entries: [(&str, &[u8]); 8] = [
+    let mut entries: Vec<(&str, &[u8])> = vec![
         ("modelDescription.xml", unit.model_description.as_bytes()),
         ("model.png", icon),
         ("documentation/index.html", page.as_bytes()),
@@ -55,8 +75,16 @@ pub fn write(
         (&resource, description.as_bytes()),
         (BUILD, build.as_bytes()),
     ];
+    let places: Vec<String> = sources.iter().map(|(name, _)| format!("sources/{name}")).collect();
+    entries.extend(places.iter().zip(*sources).map(|(place, (_, text))| (place.as_str(), text.as_bytes())));
     let mut zip = zipped(&entries).map_err(refused(file))?;
-    library.packed().write(&unit.name, &mut zip)?;
+    match libraries {
+        Libraries::Common(library) => library.packed().write(&unit.name, &mut zip)?,
+        Libraries::Own(own) => {
+            let own: Vec<(&str, &[u8])> = own.iter().map(|(place, bytes)| (place.as_str(), &bytes[..])).collect();
+            add(&mut zip, &own, 0o755).map_err(refused(file))?;
+        }
+    }
     replace(file, zip)
 }
 

@@ -7,7 +7,7 @@ use super::Source;
 use super::binaries::{self, Binaries, Binary};
 use super::platform::Platform;
 use crate::error::Error;
-use crate::fmi2::describe::{self, Described};
+use crate::fmi2::describe::{self, Described, SourceUnit};
 use crate::text_file;
 
 /// Folder of the libraries in an archive for users without Rust, one folder a platform in it.
@@ -107,24 +107,43 @@ impl Library {
             Some(source) => Error::Description { file: source.file.clone(), reason },
             None => Error::Library(reason),
         };
+        let reply = self.ask(b"adaptive_fmu_describe", description)?;
+        describe::read(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
+    }
+
+    /// The unit of a description as C source.
+    ///
+    /// # Errors
+    /// As [`Library::describe`], and for a kind that can't be recorded.
+    pub fn source(&self, description: &Source) -> Result<SourceUnit, Error> {
+        let refuse = |reason| Error::Description { file: description.file.clone(), reason };
+        let reply = self.ask(b"adaptive_fmu_source", Some(description))?;
+        describe::read_source(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
+    }
+
+    fn unknown(&self, reason: &str) -> Error {
+        let advice = "it was built with another version of adaptive-fmu; build it anew";
+        Error::Library(format!("{}: its reply can't be read ({reason}): {advice}", self.path.display()))
+    }
+
+    /// The library's reply to a question about a description.
+    fn ask(&self, question: &[u8], description: Option<&Source>) -> Result<String, Error> {
         let text = description.map(|source| CString::new(source.text.as_str())).transpose();
-        let text = text.map_err(|_| refuse("holds a NUL character".to_owned()))?;
+        let text = text.map_err(|_| {
+            let file = description.map(|source| source.file.clone()).unwrap_or_default();
+            Error::Description { file, reason: "holds a NUL character".to_owned() }
+        })?;
         let missing =
             |_| Error::Library(format!("{} exports no models: it needs the line export_fmi2!", self.path.display()));
         let mut reply: Option<String> = None;
-        // SAFETY: a library that exports this symbol was made by `export_fmi2`, so it has this type; the text and the
+        // SAFETY: a library that exports these symbols was made by `export_fmi2`, so they have this type; the text and the
         // reply's place live longer than the call.
         unsafe {
-            let function = self.loaded.get::<DescribeFunction>(b"adaptive_fmu_describe").map_err(missing)?;
+            let function = self.loaded.get::<DescribeFunction>(question).map_err(missing)?;
             let text = text.as_ref().map_or(std::ptr::null(), |text| text.as_ptr());
             function(text, Some(keep), std::ptr::from_mut(&mut reply).cast());
         }
-        let reply = reply.ok_or_else(|| Error::Library(format!("{} gave no reply", self.path.display())))?;
-        let unknown = |reason| {
-            let advice = "it was built with another version of adaptive-fmu; build it anew";
-            Error::Library(format!("{}: its reply can't be read ({reason}): {advice}", self.path.display()))
-        };
-        describe::read(&reply).map_err(unknown)?.map_err(refuse)
+        reply.ok_or_else(|| Error::Library(format!("{} gave no reply", self.path.display())))
     }
 }
 

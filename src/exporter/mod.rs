@@ -3,11 +3,13 @@
 mod archive;
 mod asked;
 mod binaries;
+mod compiler;
 #[allow(unsafe_code)]
 mod library;
 mod page;
 mod platform;
 mod report;
+mod source;
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +20,9 @@ pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library};
 pub(crate) use page::escaped;
 pub use platform::Platform;
+pub use source::{Form, export_as};
+
+use archive::{Contents, Libraries};
 
 use crate::error::Error;
 use crate::fmi2::build::Build;
@@ -117,7 +122,9 @@ pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf,
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
     let file = out.join(format!("{}.fmu", unit.name));
     let page = page::html(&unit, &build);
-    archive::write(&file, (&unit, &build), (&source.text, &page, icon(source, &build)), library)?;
+    let icon = icon(source, &build);
+    let contents = Contents { unit: &unit, build: &build, description: &source.text, page: &page, icon, sources: &[] };
+    archive::write(&file, &contents, &Libraries::Common(library))?;
     Ok(file)
 }
 

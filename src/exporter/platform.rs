@@ -17,12 +17,13 @@ pub struct Platform {
 
 /// FMI 2.0.4, section 2.3, keeps its own names for x86; any other processor has that of FMI 3.0. Which master looks where
 /// is in docs/platforms.md.
-const KNOWN: [(&str, &str, Platform); 7] = [
+const KNOWN: [(&str, &str, Platform); 8] = [
     ("x86_64", "linux", Platform::of_x86("linux64", ".so")),
     ("i686", "linux", Platform::of_x86("linux32", ".so")),
     ("aarch64", "linux", Platform { folder: "aarch64-linux", other_folder: Some("linux64"), suffix: ".so" }),
     ("x86_64", "windows", Platform::of_x86("win64", ".dll")),
     ("i686", "windows", Platform::of_x86("win32", ".dll")),
+    ("aarch64", "windows", Platform { folder: "aarch64-windows", other_folder: None, suffix: ".dll" }),
     ("x86_64", "darwin", Platform::of_x86("darwin64", ".dylib")),
     ("aarch64", "darwin", Platform { folder: "aarch64-darwin", other_folder: Some("darwin64"), suffix: ".dylib" }),
 ];
@@ -45,6 +46,12 @@ impl Platform {
         // Masters are linked with glibc; what is linked with another C library can't be loaded by them.
         let fits = |(known, system, _): &&(&str, &str, Platform)| *known == processor && has(system) && !has("musl");
         KNOWN.iter().find(fits).map(|(.., platform)| *platform)
+    }
+
+    /// Processor and system, as compilers name them.
+    pub fn target(&self) -> (&'static str, &'static str) {
+        let known = KNOWN.iter().find(|(.., platform)| platform == self);
+        known.map_or((KNOWN[0].0, KNOWN[0].1), |(processor, system, _)| (processor, system))
     }
 
     /// By its folder.

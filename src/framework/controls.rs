@@ -2,12 +2,15 @@
 
 use crate::integrator::{Driver, IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, IntegerOf, Memory, Parameter, Point, ScalarOf, Section, Values, VectorOf,
-    boolean, choice, integer, scalar, vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, DiscreteHandle, Handle, IntegerOf, Memory, Parameter, Point, ScalarOf,
+    Section, Span, Values, VectorOf, boolean, choice, integer, scalar, vector,
 };
 
 /// Tolerances below this only add up rounding errors.
 pub(crate) const TIGHTEST_TOLERANCE: f64 = 1e-12;
+
+/// The most steps of fixed length in a communication step.
+const MOST_FIXED_STEPS: i32 = 10_000;
 
 /// What inputs do within a communication step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +62,7 @@ impl Choice for OnStepFailure {
 pub struct Controls {
     pub(crate) relative_tolerance: Option<ScalarOf<Parameter>>,
     pub(crate) integration_method: Option<ChoiceOf<Parameter, IntegrationMethod>>,
+    pub(crate) fixed_steps: Option<IntegerOf<Parameter>>,
     pub(crate) work_limit: ScalarOf<Parameter>,
     pub(crate) input_handling: Option<ChoiceOf<Parameter, InputHandling>>,
     pub(crate) on_step_failure: ChoiceOf<Parameter, OnStepFailure>,
@@ -108,6 +112,10 @@ impl Controls {
             let text = "method that integrates the equations within a communication step of co-simulation";
             d.parameter(choice::<IntegrationMethod>("integration_method", text).fixed())
         });
+        let fixed_steps = integration_method.map(|_| {
+            let text = "integration steps of a communication step of co-simulation, with integration_method = fixed";
+            d.parameter(integer("fixed_steps", text).start(1).within(1, MOST_FIXED_STEPS).fixed())
+        });
         let work_limit = {
             let text = "work that a communication step of co-simulation may take before it ends with an error, in elementary \
                         operations (about 1 ns each)";
@@ -132,6 +140,7 @@ impl Controls {
         Controls {
             relative_tolerance,
             integration_method,
+            fixed_steps,
             work_limit,
             input_handling,
             on_step_failure,
@@ -154,6 +163,54 @@ impl Controls {
             slopes_given: d.memory(boolean("#slopes given", "")),
             integer_inputs_wait: d.memory(boolean("#integer inputs wait", "")),
         }
+    }
+
+    /// Where the reals lie, by names in capitals; nothing where a unit has none.
+    pub(crate) fn reals(&self) -> Vec<(&'static str, Option<Span>)> {
+        let of = |scalar: ScalarOf<Memory>| Some(scalar.span());
+        let each = |vector: Option<VectorOf<Memory>>| vector.map(|vector| vector.span());
+        let pace = &self.pace;
+        vec![
+            ("RELATIVE_TOLERANCE", self.relative_tolerance.map(|scalar| scalar.span())),
+            ("WORK_LIMIT", Some(self.work_limit.span())),
+            ("TIME", of(self.time)),
+            ("TOLERANCE", of(self.tolerance)),
+            ("LAST_STEP", of(self.last_step)),
+            ("COMPLETED", of(self.completed)),
+            ("SUBSTEP", of(pace.substep)),
+            ("OWN_SUBSTEP", of(pace.own_substep)),
+            // Five in a row.
+            ("LIMITS", of(pace.limits[0])),
+            ("JACOBIAN_SIZE", of(pace.jacobian_size)),
+            ("UNTIL_LOOK", of(pace.until_look)),
+            ("INTERVAL", of(pace.interval)),
+            ("GIVEN_SLOPES", each(self.given_slopes)),
+            ("SLOPES", each(self.slopes)),
+            ("PREVIOUS_INPUTS", each(self.previous_inputs)),
+            ("LAST_INPUTS", each(self.last_inputs)),
+            ("VALID_PARAMETERS", each(self.valid_reals)),
+            ("INDICATORS", each(self.indicators)),
+        ]
+    }
+
+    /// The same of integers: section, and place there.
+    pub(crate) fn integers(&self) -> Vec<(&'static str, Option<(Section, usize)>)> {
+        let kept = |place: usize| Some((Section::Memory, place));
+        vec![
+            ("INTEGRATION_METHOD", self.integration_method.map(|choice| choice.place())),
+            ("FIXED_STEPS", self.fixed_steps.map(|steps| steps.place())),
+            ("INPUT_HANDLING", self.input_handling.map(|choice| choice.place())),
+            ("ON_STEP_FAILURE", Some(self.on_step_failure.place())),
+            ("STIFF", Some(self.pace.stiff.place())),
+            ("EVIDENCE", Some(self.pace.evidence.place())),
+            ("STARTED", Some(self.started.place())),
+            ("STATES_JUMPED", Some(self.states_jumped.place())),
+            ("PARAMETERS_SET", Some(self.parameters_set.place())),
+            ("SLOPES_GIVEN", Some(self.slopes_given.place())),
+            ("INTEGER_INPUTS_WAIT", Some(self.integer_inputs_wait.place())),
+            ("VALID_INTEGERS", kept(self.valid_integers)),
+            ("LAST_INTEGER_INPUTS", kept(self.last_integer_inputs)),
+        ]
     }
 }
 

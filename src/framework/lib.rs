@@ -7,6 +7,7 @@
 #![deny(unsafe_code)]
 
 mod controls;
+mod designed;
 pub mod eigenvalues;
 pub mod error;
 pub mod execution;

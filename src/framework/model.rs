@@ -1,18 +1,20 @@
 //! A model: a system made from its description, with all its variables, ready to be run.
 
+use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 
 use crate::controls::Controls;
+use crate::designed::designed;
 use crate::error::{Invalid, Number};
 use crate::integrator::{Sparsity, Work};
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
-use crate::structure::Structure;
+use crate::structure::{Place, Structure};
 use crate::system::{
-    Data, Declaration, DynSystem, Happens, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variables,
-    Word, Words,
+    Data, Declaration, DynSystem, Happens, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variable,
+    Variables, Word, Words,
 };
 
 /// What a person writes about an FMU (`modelDescription/NAME.toml`).
@@ -40,6 +42,9 @@ pub struct Description {
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, StartValue>"))]
     pub start: toml::Table,
+    /// Parameters that are constants of this unit: those that its design was computed from. Written by an export with sources.
+    #[serde(default)]
+    pub designed: Option<Vec<String>>,
 }
 
 /// What a start value may be.
@@ -189,6 +194,7 @@ impl Model {
             structure: toml::Table::new(),
             names: Names::new(),
             start: start.clone(),
+            designed: None,
         };
         Model::build(description, &Kind::of::<M>(), &[])
     }
@@ -200,6 +206,7 @@ impl Model {
         let controls = Controls::declare(&mut declaration);
         let mut variables = declaration.finish()?;
         set_start_values(&mut variables, &description.start)?;
+        variables.make_constant(description.designed.as_deref().unwrap_or_default())?;
         if variables.states() > 0 {
             documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
         }
@@ -247,6 +254,21 @@ impl Model {
         self.structure.get_or_init(|| Structure::of(self.system(), &self.variables))
     }
 
+    /// The names of the parameters that its design is computed from.
+    pub fn designed_names(&self) -> Vec<String> {
+        let designed = self.designed();
+        let is_designed =
+            |v: &&Variable| v.elements().any(|element| designed.contains(&Place::of(&self.variables, element)));
+        let parameters = self.variables.iter().filter(|v| v.section == Section::Parameter);
+        parameters.filter(is_designed).map(|v| v.name.clone()).collect()
+    }
+
+    /// The parameters that the design reads, [`System::prepare`]: in a unit of C sources they are fixed. It is found by
+    /// trying many values, which takes a while.
+    pub fn designed(&self) -> BTreeSet<Place> {
+        designed(self.system(), &self.variables, (&self.start.reals, &self.start.integers))
+    }
+
     /// Checks that a recording says all that the equations say.
     ///
     /// # Errors
@@ -285,13 +307,17 @@ impl Model {
         &self.start
     }
 
-    /// Checks every parameter against its limits, then prepares what depends on them.
+    /// Checks every parameter against its limits, then prepares what depends on them: what is designed, and what follows.
     ///
     /// # Errors
     /// [`Invalid`] with every reason.
     pub fn prepare(&self, block: &mut Block, log: &mut MessageLog) -> Result<(), Invalid> {
         self.check_limits(block)?;
-        self.system.prepare(&mut block.point(self, log)).map_err(|invalid| self.variables.told_of(invalid))?;
+        let designed = self.system.prepare(&mut block.point(self, log));
+        self.equations().relate(&mut block.point(self, log));
+        let mut invalid = log.accepted().err().unwrap_or_default();
+        designed.unwrap_or_else(|reasons| invalid.and(reasons));
+        invalid.into_result().map_err(|invalid| self.variables.told_of(invalid))?;
         let prepared = self.variables.reals(Section::Prepared);
         let start = prepared.start;
         let broken = prepared.into_iter().find(|&index| !block.reals[index].is_finite());
@@ -310,14 +336,13 @@ impl Model {
             match &element.variable.data {
                 Data::Real { min, above_min, max, .. } => {
                     let value = block.reals[index];
-                    let too_small = min.is_some_and(|min| value < min || (*above_min && value <= min));
-                    if too_small || max.is_some_and(|max| value > max) || !value.is_finite() {
+                    if !element.variable.data.allows(value) {
                         invalid.and(Invalid::new(element.name(), Number(value), allowed(*min, *above_min, *max)));
                     }
                 }
                 Data::Integer { limits: Some((min, max)), .. } => {
                     let value = block.integers[index];
-                    if !(*min..=*max).contains(&value) {
+                    if !element.variable.data.allows(f64::from(value)) {
                         invalid.and(Invalid::new(element.name(), value, format!("must be within {min} … {max}")));
                     }
                 }

@@ -86,7 +86,7 @@ fn running(leaf: Leaf, variables: &Variables) -> Vec<Place> {
             let known = [variables.integers(Section::Input)];
             is_known(place as usize, &known).then_some(Place::Integer(place as usize)).into_iter().collect()
         }
-        Leaf::Time | Leaf::Step | Leaf::Crossed(_) => Vec::new(),
+        _ => Vec::new(),
     }
 }
 
@@ -110,7 +110,7 @@ fn start(leaf: Leaf, variables: &Variables) -> Vec<Place> {
             let is_known = known.iter().any(|range| range.contains(&place));
             is_known.then_some(Place::Integer(place)).into_iter().collect()
         }
-        Leaf::Time | Leaf::Step | Leaf::Crossed(_) => Vec::new(),
+        _ => Vec::new(),
     }
 }
 

@@ -116,9 +116,7 @@ impl MatchedEquivalent {
             return Err(Invalid::new("D(s): relative degree", relative_degree, allowed));
         }
         // D(s) s^j = C_f (sI − A_f)⁻¹ A_f^j B_f + Σ C_f A_f^i B_f s^(j−1−i) over i < j, where only i = ρ − 1 is left.
-        let inputs: Vec<_> = std::iter::successors(Some(filter.B_f.clone()), |input| Some(&filter.A_f * input))
-            .take(degree + 1)
-            .collect();
+        let inputs = filter.inputs(degree);
         let direct = if degree == relative_degree { (&filter.C_f * &inputs[degree - 1])[0] } else { 0.0 };
         Ok(FilteredPolynomial { inputs, direct })
     }

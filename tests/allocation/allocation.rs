@@ -109,16 +109,17 @@ fn a_step_with_changing_inputs_allocates_nothing() {
 }
 
 #[test]
-fn a_step_by_the_stiff_method_allocates_nothing() {
-    for name in description_names() {
+fn a_step_by_the_stiff_method_or_of_fixed_length_allocates_nothing() {
+    for (name, method) in description_names().into_iter().flat_map(|name| [(name.clone(), 3), (name, 4)]) {
         let unit = Unit::from_text(&open_description(&name));
         if unit.model.variables().find("integration_method").is_none() {
             continue;
         }
-        assert_eq!(unit.set_integer("integration_method", 3), OK);
+        assert_eq!(unit.set_integer("integration_method", method), OK);
+        assert_eq!(unit.set_integer("fixed_steps", 10), OK);
         unit.start(0.0);
         let step = unit.model.description().experiment.step;
-        assert_eq!(allocations(&unit, step, 100), [0; 3], "{name}");
+        assert_eq!(allocations(&unit, step, 100), [0; 3], "{name}, method {method}");
     }
 }
 

@@ -228,3 +228,11 @@ fn the_ball_of_the_example_comes_to_rest_in_model_exchange_too() {
     unit.integrate(0.0, 4.0, 1e-4, next);
     assert_eq!((unit.get("height"), unit.get("speed"), unit.get_integer("bounces")), (0.0, 0.0, 24));
 }
+
+#[test]
+fn by_steps_of_fixed_length_a_ball_bounces_at_their_ends_and_comes_to_rest() {
+    let mut run = Run::of::<ball::Ball>("integration_method = 'fixed'\nfixed_steps = 10", 0.0);
+    run.run(300, 0.01);
+    assert_eq!(run.get("height"), 0.0);
+    assert!(run.integer("bounces") > 3, "{}", run.integer("bounces"));
+}

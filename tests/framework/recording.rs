@@ -12,7 +12,7 @@ use common::random::Random;
 use common::{description, description_names};
 
 /// The loops of this package, each as one unit.
-fn whole_loops() -> Vec<Model> {
+pub fn whole_loops() -> Vec<Model> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/examples");
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
     let loops = entries.filter(|entry| entry.path().join("SystemStructure.ssd").is_file());
@@ -27,17 +27,17 @@ const TRIES: [usize; 2] = [300, 10];
 
 /// A place to evaluate a method at.
 #[derive(Clone)]
-struct Draw {
-    time: f64,
-    step: f64,
-    block: Block,
-    crossed: Vec<bool>,
+pub struct Draw {
+    pub time: f64,
+    pub step: f64,
+    pub block: Block,
+    pub crossed: Vec<bool>,
 }
 
 impl Draw {
     /// Around the start values, and beyond: zeros, small and large numbers, numbers that are equal to each other, limits
     /// that are tight, all items of all choices.
-    fn new(model: &Model, random: &mut Random) -> Self {
+    pub fn new(model: &Model, random: &mut Random) -> Self {
         let variables = model.variables();
         let mut block = model.start().clone();
         let spread = 10_f64.powf(3.0 * random.next());
@@ -74,7 +74,9 @@ impl Draw {
         // Signals as they follow, so that what reads them meets what it may meet.
         let prepares = random.next() > 0.0;
         if prepares {
-            let _ = model.system().prepare(&mut block.point(model, &mut MessageLog::new()));
+            let mut log = MessageLog::new();
+            let _ = model.system().prepare(&mut block.point(model, &mut log));
+            model.equations().relate(&mut block.point(model, &mut log));
         }
         let time = if random.next() > 0.5 { 0.0 } else { 10.0 * random.next().abs() };
         let equations = model.equations();
@@ -93,7 +95,7 @@ impl Draw {
             match *leaf {
                 Leaf::Time => time = 10_f64.powf(4.0 * random.next()),
                 Leaf::Crossed(number) => crossed[number as usize] ^= true,
-                Leaf::Step => {}
+                Leaf::Step | Leaf::TimeChange | Leaf::Change(_) | Leaf::Slope(_) => {}
                 Leaf::Integer(place) => {
                     let drawn = Draw::new(model, random);
                     block.integers[place as usize] = drawn.block.integers[place as usize];
@@ -122,7 +124,7 @@ impl Draw {
     }
 
     /// What the generic equations make of it.
-    fn generic(&self, model: &Model, method: Method) -> (Block, Vec<f64>) {
+    pub fn generic(&self, model: &Model, method: Method) -> (Block, Vec<f64>) {
         let (variables, equations, t) = (model.variables(), model.equations(), self.time);
         let (mut block, mut results, mut log) = (self.block.clone(), Vec::new(), MessageLog::new());
         let offsets = variables.offsets();
@@ -131,6 +133,7 @@ impl Draw {
         let point = same.point(model, &mut unheard);
         let values = point.values();
         match method {
+            Method::Relate => equations.relate(&mut block.point(model, &mut log)),
             Method::Evaluate => evaluate(&mut block),
             Method::Start => {
                 equations.initialise(t, &mut block.point(model, &mut log));
@@ -150,7 +153,7 @@ impl Draw {
     }
 }
 
-fn same(a: f64, b: f64) -> bool {
+pub fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
 

@@ -5,6 +5,7 @@ mod actuator;
 mod catalogue;
 mod descriptions;
 mod design_report;
+mod designed;
 mod fuzzy_l1;
 mod hostile_descriptions;
 mod l1_descriptions;

@@ -65,14 +65,10 @@ where it rises above it by as much.";
         })
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        v.require_below(self.hysteresis, self.set_point);
         let (set_point, hysteresis) = (v[self.set_point], v[self.hysteresis]);
-        if hysteresis >= set_point {
-            let allowed = format!("must be below {} = {set_point}", v.name(self.set_point));
-            return Err(Invalid::new(v.name(self.hysteresis), hysteresis, allowed));
-        }
         v.set(self.band, [set_point - hysteresis, set_point + hysteresis]);
-        Ok(())
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {

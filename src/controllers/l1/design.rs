@@ -3,12 +3,13 @@
 
 use nalgebra::{Complex, DMatrix, DMatrixView};
 
+use super::squared;
 use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, Plant, Symbols};
 use super::tracking::{self, BY_GAIN};
 use crate::mathematics::{feedforward, lyapunov, pole_placement};
 use crate::system::{
-    Declaration, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal,
-    matrix, scalar, vector,
+    Declaration, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, Values, VectorOf, diagonal, matrix,
+    scalar, vector,
 };
 
 /// After so many time constants 2 % are left.
@@ -213,12 +214,18 @@ impl Design {
 
     /// Poles, P, K_g and what follows from them.
     pub fn prepare(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = self.check_bounds(v);
-        invalid.and(tracking::check(self.tracking_time, &v.values()));
-        if let Err(reasons) = self.dynamics.prepare(plant, v).and_then(|()| self.prepare_laws(plant, v)) {
-            invalid.and(reasons);
+        self.dynamics.prepare(plant, v)?;
+        self.prepare_laws(plant, v)
+    }
+
+    /// Bounds and times, and what follows from K alone.
+    pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        for k in 0..self.omega_min.len() {
+            v.require_at_most(self.omega_min.at(k), self.omega_max.at(k));
         }
-        invalid.into_result()
+        tracking::check(self.tracking_time, v);
+        let channels = self.feedback_gain.shape().0 as f64;
+        v[self.follow_rate] = squared(&v[self.feedback_gain.elements()]).sqrt() / channels.sqrt();
     }
 
     /// P, K_g and what follows from them.
@@ -245,22 +252,8 @@ impl Design {
         v.matrix_mut(self.K_g).copy_from(&K_g);
         v.matrix_mut(self.P).copy_from(&P);
         v.matrix_mut(self.PB).copy_from(&(P * plant.all_directions()));
-        let K: DMatrix<f64> = v.matrix(self.feedback_gain).into_owned();
         v[self.settling_time] = (SETTLED / decay).min(f64::MAX);
-        v[self.follow_rate] = K.norm() / (K.nrows() as f64).sqrt();
         Ok(())
-    }
-
-    fn check_bounds(&self, v: &Point) -> Invalid {
-        let mut invalid = Invalid::none();
-        for k in 0..self.omega_min.len() {
-            let (lo, hi) = (v[self.omega_min][k], v[self.omega_max][k]);
-            if lo > hi {
-                let allowed = format!("must not be above {} = {}", v.name(self.omega_max.at(k)), Number(hi));
-                invalid.and(Invalid::new(v.name(self.omega_min.at(k)), Number(lo), allowed));
-            }
-        }
-        invalid
     }
 }
 

@@ -159,9 +159,16 @@ impl Law {
     pub fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         self.design.prepare(&self.plant, v)?;
         let Some(unmatched) = &self.unmatched else { return Ok(()) };
-        let (A_m, K) = (self.design.A_m(&v.values()).into_owned(), v.matrix(self.design.feedback_gain).into_owned());
-        let name = self.design.name_of_A_m(&v.values());
-        unmatched.prepare((&name, &A_m), &K, &self.plant, &self.filter, v)
+        let (name, A_m) = (self.design.name_of_A_m(&v.values()), self.design.A_m(&v.values()).into_owned());
+        unmatched.prepare((&name, &A_m), &self.plant, &self.filter, v)
+    }
+
+    /// What follows from parameters by arithmetic, and the relations that they keep.
+    pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        self.design.relate(v);
+        if let Some(unmatched) = &self.unmatched {
+            unmatched.relate(self.design.feedback_gain, v);
+        }
     }
 
     /// The predictor starts at the measured state; ω̂ at the identity, which its bounds must hold, the other estimates

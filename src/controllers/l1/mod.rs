@@ -77,9 +77,12 @@ impl System for L1 {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(self.law.ports.u_min, self.law.ports.u_max, &v.values());
-        self.law.prepare(v).unwrap_or_else(|reasons| invalid.and(reasons));
-        invalid.into_result()
+        self.law.prepare(v)
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.law.ports.u_min, self.law.ports.u_max, v);
+        self.law.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {

@@ -10,23 +10,23 @@ use nalgebra::{DMatrix, DMatrixView};
 
 use super::law::Law;
 use crate::mathematics::limits::UNLIMITED;
-use crate::system::{DesignReport, Invalid, Number, Parameter, Rates, Scalar, Values, VectorOf, Verdict};
+use crate::system::{DesignReport, Invalid, Number, Parameter, Point, Rates, Scalar, Values, VectorOf, Verdict};
 
 /// What `tracking_time` is where it follows from K.
 pub(super) const BY_GAIN: f64 = -1.0;
 /// The least time that is given, s.
 const LEAST: f64 = 1e-9;
 
-/// What is wrong with given times.
-pub(super) fn check(times: VectorOf<Parameter>, v: &Values<f64>) -> Invalid {
-    let mut invalid = Invalid::none();
-    for (i, &time) in v[times].iter().enumerate() {
-        if time != BY_GAIN && time != 0.0 && time < LEAST {
+/// Refuses given times that are none.
+pub(super) fn check<S: Scalar>(times: VectorOf<Parameter>, v: &mut Point<S>) {
+    for i in 0..times.len() {
+        let time = v[times][i];
+        let is_known = time.equals(S::from(BY_GAIN)) | time.equals(S::from(0.0));
+        v.refuse(!is_known & time.below(S::from(LEAST)), |v| {
             let allowed = format!("must be {BY_GAIN} (1/K), 0 (off), or at least {} s", Number(LEAST));
-            invalid.and(Invalid::new(v.name(times.at(i)), Number(time), allowed));
-        }
+            Invalid::new(v.name(times.at(i)), time.told(), allowed)
+        });
     }
-    invalid
 }
 
 impl Law {

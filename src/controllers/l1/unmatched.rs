@@ -4,12 +4,12 @@
 //! y, the control cancels it through H_m⁻¹(s) H_um(s), which the filter makes proper.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::dot;
 use super::structure::Plant;
 use crate::mathematics::filter::Filter;
-use crate::mathematics::matched_equivalent::{FilteredPolynomial, MatchedEquivalent};
+use crate::mathematics::matched_equivalent::MatchedEquivalent;
 use crate::system::{
     Declaration, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, State,
     Values, VectorOf, matrix, scalar, vector,
@@ -29,6 +29,11 @@ pub(super) struct Unmatched {
     pub input: MatrixOf<Prepared>,
     /// What it adds to u_ad at once, where the product with D(s) isn't strictly proper.
     pub direct: Option<MatrixOf<Prepared>>,
+    /// The coefficients h_j of H_m⁻¹ H_um, as many as D(s) makes proper, and A_f^j B_f.
+    polynomial: Vec<MatrixOf<Prepared>>,
+    filter_inputs: Vec<DVector<f64>>,
+    /// What the last of them has at once in the output of D(s).
+    filter_direct: f64,
     pub zeros: Option<Zeros>,
 }
 
@@ -38,6 +43,7 @@ pub(super) struct Zeros {
     pub z: VectorOf<State>,
     pub A_z: MatrixOf<Prepared>,
     pub B_z: MatrixOf<Prepared>,
+    C_z: MatrixOf<Prepared>,
     /// K C_z: what the filter takes in.
     pub KC_z: MatrixOf<Prepared>,
 }
@@ -59,7 +65,8 @@ impl Unmatched {
             return Err(Invalid::because(reason));
         };
         let equivalent = MatchedEquivalent::new(("A", A), &plant.B, &plant.C, &plant.B_um)?;
-        let direct = equivalent.behind(filter)?.direct != 0.0;
+        let filter_direct = equivalent.behind(filter)?.direct;
+        let (direct, relative_degree) = (filter_direct != 0.0, filter.relative_degree());
         let bound = "bound on the magnitude of";
         let hidden = |name: &str, rows, columns| matrix(name, rows, columns, "").hidden();
         let order = equivalent.A_z.nrows();
@@ -76,26 +83,31 @@ impl Unmatched {
             norm: d.local(scalar("#norm of x", "").hidden()),
             input: d.prepared(hidden("#D H_m^-1 H_um: input", m * filter.order(), k)),
             direct: direct.then(|| d.prepared(hidden("#D H_m^-1 H_um: direct", m, k))),
+            polynomial: (0..=relative_degree)
+                .map(|power| d.prepared(hidden(&format!("#H_m^-1 H_um: s^{power}"), m, k)))
+                .collect(),
+            filter_inputs: filter.inputs(relative_degree),
+            filter_direct,
             zeros: (order > 0).then(|| Zeros {
                 z: d.state(vector("inverse_state", order, "state of H_m^-1 H_um, at the zeros of H_m")),
                 A_z: d.prepared(hidden("#A_z", order, order)),
                 B_z: d.prepared(hidden("#B_z", order, k)),
+                C_z: d.prepared(hidden("#C_z", m, order)),
                 KC_z: d.prepared(hidden("#K C_z", m, order)),
             }),
         }))
     }
 
-    /// D(s) H_m⁻¹(s) H_um(s) for the desired dynamics, which messages call by a name, with K.
+    /// H_m⁻¹(s) H_um(s) for the desired dynamics, which messages call by a name.
     pub fn prepare(
         &self,
         A_m: (&str, &DMatrix<f64>),
-        K: &DMatrix<f64>,
         plant: &Plant,
         filter: &Filter,
         v: &mut Point,
     ) -> Result<(), Invalid> {
         let equivalent = MatchedEquivalent::new(A_m, &plant.B, &plant.C, &plant.B_um)?;
-        let FilteredPolynomial { inputs, direct } = equivalent.behind(filter)?;
+        let direct = equivalent.behind(filter)?.direct;
         let (order, declared) = (equivalent.A_z.nrows(), self.zeros.as_ref().map_or(0, |zeros| zeros.z.len()));
         if order != declared || (direct != 0.0 && self.direct.is_none()) {
             let text = format!(
@@ -105,21 +117,36 @@ impl Unmatched {
             );
             return Err(Invalid::because(text));
         }
-        let mut input = DMatrix::zeros(self.input.shape().0, self.input.shape().1);
-        for (power, gain) in inputs.iter().zip(&equivalent.polynomial) {
-            input += (K * gain).kronecker(power);
+        for (power, &coefficient) in self.polynomial.iter().enumerate() {
+            match equivalent.polynomial.get(power) {
+                Some(known) => v.matrix_mut(coefficient).copy_from(known),
+                None => v[coefficient.elements()].fill(0.0),
+            }
         }
-        v.matrix_mut(self.input).copy_from(&input);
-        if let Some(at_once) = self.direct {
-            let highest = &equivalent.polynomial[equivalent.degree()];
-            v.matrix_mut(at_once).copy_from(&(K * highest * direct));
-        }
-        if let Some(Zeros { A_z, B_z, KC_z, .. }) = &self.zeros {
+        if let Some(Zeros { A_z, B_z, C_z, .. }) = &self.zeros {
             v.matrix_mut(*A_z).copy_from(&equivalent.A_z);
             v.matrix_mut(*B_z).copy_from(&equivalent.B_z);
-            v.matrix_mut(*KC_z).copy_from(&(K * &equivalent.C_z));
+            v.matrix_mut(*C_z).copy_from(&equivalent.C_z);
         }
         Ok(())
+    }
+
+    /// D(s) K H_m⁻¹(s) H_um(s).
+    pub fn relate<S: Scalar>(&self, K: MatrixOf<Parameter>, v: &mut Point<S>) {
+        let (rows, columns) = self.input.shape();
+        let order = self.filter_inputs[0].len();
+        for (row, k) in (0..rows).flat_map(|row| (0..columns).map(move |k| (row, k))) {
+            let parts = self.polynomial.iter().zip(&self.filter_inputs);
+            v[self.input.at(row, k)] = parts.fold(S::from(0.0), |sum, (&coefficient, input)| {
+                sum + product(K, coefficient, (row / order, k), v) * input[row % order]
+            });
+        }
+        if let (Some(direct), Some(&highest)) = (self.direct, self.polynomial.last()) {
+            set_product(direct, K, highest, self.filter_direct, v);
+        }
+        if let Some(Zeros { C_z, KC_z, .. }) = &self.zeros {
+            set_product(*KC_z, K, *C_z, 1.0, v);
+        }
     }
 
     /// η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2.
@@ -171,5 +198,24 @@ impl Unmatched {
         for i in 0..z.len() {
             dx[*z][i] = dot(A_z.row(i).iter(), &v[*z]) + dot(B_z.row(i).iter(), &v[self.eta_hat]);
         }
+    }
+}
+
+/// An element of K M.
+fn product<S: Scalar>(K: MatrixOf<Parameter>, M: MatrixOf<Prepared>, (row, column): (usize, usize), v: &Point<S>) -> S {
+    (0..M.shape().0).fold(S::from(0.0), |sum, j| sum + v[K.at(row, j)] * v[M.at(j, column)])
+}
+
+/// Writes K M, times a factor.
+fn set_product<S: Scalar>(
+    to: MatrixOf<Prepared>,
+    K: MatrixOf<Parameter>,
+    M: MatrixOf<Prepared>,
+    factor: f64,
+    v: &mut Point<S>,
+) {
+    let (rows, columns) = to.shape();
+    for (i, j) in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
+        v[to.at(i, j)] = product(K, M, (i, j), v) * factor;
     }
 }

@@ -177,12 +177,13 @@ impl System for MracPpf {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
-        invalid.and(self.funnel.prepare(v));
-        invalid.and(self.samples.prepare(v));
-        let A_m = v.matrix(self.A_m).into_owned();
-        lyapunov::require_hurwitz(&v.name(self.A_m), &A_m).unwrap_or_else(|reasons| invalid.and(reasons));
-        invalid.into_result()
+        lyapunov::require_hurwitz(&v.name(self.A_m), &v.matrix(self.A_m).into_owned())
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        self.funnel.relate(v);
+        self.samples.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {

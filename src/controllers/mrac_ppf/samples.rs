@@ -54,15 +54,14 @@ impl Samples {
         }
     }
 
-    /// # Errors
-    /// [`Invalid`] for a sample time that is next to nothing.
-    pub fn prepare(&self, v: &Point) -> Invalid {
+    /// Refuses a sample time that is next to nothing.
+    pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         let asked = v[self.sample_time];
-        if asked == 0.0 || asked >= SHORTEST {
-            return Invalid::none();
-        }
-        let allowed = format!("must be {SHORTEST:e} or more, or 0 for the length of the first communication step");
-        Invalid::new(v.name(self.sample_time), asked, allowed)
+        let is_known = asked.equals(S::from(0.0)) | asked.at_least(S::from(SHORTEST));
+        v.refuse(!is_known, |v| {
+            let allowed = format!("must be {SHORTEST:e} or more, or 0 for the length of the first communication step");
+            Invalid::new(v.name(self.sample_time), asked.told(), allowed)
+        });
     }
 
     /// The time that the latest sample belongs to.

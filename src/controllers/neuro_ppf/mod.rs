@@ -142,10 +142,9 @@ impl System for NeuroPpf {
         })
     }
 
-    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let mut invalid = limits::check(self.u_min, self.u_max, &v.values());
-        invalid.and(self.funnel.prepare(v));
-        invalid.into_result()
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        self.funnel.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {

@@ -297,8 +297,9 @@ impl Execution {
         let relative_tolerance = if asked > 0.0 { own.min(asked.max(TIGHTEST_TOLERANCE)) } else { own };
         let method =
             controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle).item());
+        let fixed_steps = controls.fixed_steps.map_or(1, |handle| self.values().get(handle));
         let most_work = self.values()[controls.work_limit];
-        Settings { method, relative_tolerance, most_work, ..Settings::default() }
+        Settings { method, fixed_steps, relative_tolerance, most_work, ..Settings::default() }
     }
 
     /// Takes over the parameters that were set since the last step, then advances from t by one communication step;

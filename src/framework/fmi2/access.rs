@@ -19,6 +19,8 @@ pub enum Type {
 pub enum Access {
     /// Not shown outside.
     Hidden,
+    /// A constant: a parameter that the unit was designed with.
+    Designed,
     /// Set before the simulation.
     Fixed,
     /// Set between steps.
@@ -60,6 +62,7 @@ impl References {
         };
         for element in variables.visible() {
             let access = match (element.variable.causality, element.variable.variability) {
+                (_, Variability::Constant) => Access::Designed,
                 (Causality::Parameter, Variability::Fixed) => Access::Fixed,
                 (Causality::Parameter, _) => Access::Tunable,
                 (Causality::Input, _) => Access::Input,

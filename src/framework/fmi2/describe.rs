@@ -35,26 +35,30 @@ pub struct Unit {
     pub report: DesignReport,
 }
 
+/// A unit as C source.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SourceUnit {
+    /// The unit, in which parameters of its design are constants.
+    pub unit: Unit,
+    /// The names of these.
+    pub designed: Vec<String>,
+    /// Its own files: names and texts.
+    pub files: Vec<(String, String)>,
+}
+
 #[derive(Debug, Serialize, Deserialize)]
 enum Reply {
     #[serde(rename = "described")]
     Described(Box<Described>),
+    #[serde(rename = "source")]
+    Source(Box<SourceUnit>),
     #[serde(rename = "failure")]
     Failure(String),
 }
 
 /// The reply, as JSON, to a description's text; without one, what the library is.
 pub fn reply(description: Option<&str>, library: Library) -> String {
-    let describe = |text| -> Result<Unit, Invalid> {
-        let model = Model::from_description(Description::read(text)?, library.registry)?;
-        model.check_recorded()?;
-        let xml = model_description::xml(&model);
-        let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
-        let report = model.report();
-        // A unit that can't start from its own start values is not worth packing.
-        Execution::new(model).initialise().map_err(Invalid::because)?;
-        Ok(Unit { name, model_description: xml, documentation, report })
-    };
+    let describe = |text| unit(Model::from_description(Description::read(text)?, library.registry)?);
     match description.map(describe).transpose() {
         Ok(unit) => {
             let models = library.registry.iter().map(|kind| kind.name.to_owned()).collect();
@@ -63,6 +67,31 @@ pub fn reply(description: Option<&str>, library: Library) -> String {
         }
         Err(invalid) => failure(&invalid.to_string()),
     }
+}
+
+/// A model's unit.
+fn unit(model: Model) -> Result<Unit, Invalid> {
+    model.check_recorded()?;
+    let xml = model_description::xml(&model);
+    let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
+    let report = model.report();
+    // A unit that can't start from its own start values is not worth packing.
+    Execution::new(model).initialise().map_err(Invalid::because)?;
+    Ok(Unit { name, model_description: xml, documentation, report })
+}
+
+/// The reply, as JSON, to a description's text: the unit as C source.
+pub fn source(description: Option<&str>, library: Library) -> String {
+    let made = || -> Result<SourceUnit, Invalid> {
+        let text = description.ok_or_else(|| Invalid::because("a unit's source needs its description"))?;
+        let mut description = Description::read(text)?;
+        let designed = Model::from_description(description.clone(), library.registry)?.designed_names();
+        description.designed = Some(designed.clone());
+        let model = Model::from_description(description, library.registry)?;
+        let files = super::source::files(&model)?;
+        Ok(SourceUnit { unit: unit(model)?, designed, files })
+    };
+    made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Source(Box::new(made))))
 }
 
 /// A reply that tells of a failure.
@@ -82,6 +111,20 @@ pub fn read(reply: &str) -> Result<Result<Described, String>, String> {
     match serde_json::from_str(reply) {
         Ok(Reply::Described(described)) => Ok(Ok(*described)),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),
+        Ok(Reply::Source(_)) => Err("a source where a description was asked for".to_owned()),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Reads a reply: a unit as C source, or why there is none.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_source(reply: &str) -> Result<Result<SourceUnit, String>, String> {
+    match serde_json::from_str(reply) {
+        Ok(Reply::Source(source)) => Ok(Ok(*source)),
+        Ok(Reply::Failure(reason)) => Ok(Err(reason)),
+        Ok(Reply::Described(_)) => Err("a description where a source was asked for".to_owned()),
         Err(error) => Err(error.to_string()),
     }
 }

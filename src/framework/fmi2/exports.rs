@@ -136,7 +136,9 @@ macro_rules! define_fmi2_functions {
                 fn fmi2GetNominalsOfContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
                 { fmi2::get_nominals_of_continuous_states(c, x, n) }
                 fn adaptive_fmu_describe(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(LIBRARY, description, reply, context) }
+                { fmi2::describe(LIBRARY, $crate::fmi2::describe::reply, description, reply, context) }
+                fn adaptive_fmu_source(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
+                { fmi2::describe(LIBRARY, $crate::fmi2::describe::source, description, reply, context) }
             }
         }
     };

@@ -255,6 +255,7 @@ impl Instance {
             Access::Input | Access::Tunable => return Ok(()),
             Access::Fixed if before => return Ok(()),
             Access::Fixed => "a fixed parameter, which can only be set before the simulation starts",
+            Access::Designed => "a constant, which the unit was designed with: export it anew to change it",
             Access::Calculated { .. } | Access::Hidden => "calculated by the unit and can't be set",
         };
         Err(Refused(format!("{}: `{}` (value reference {reference}) is {what}", function.name(), self.name(reference))))

@@ -469,12 +469,13 @@ pub fn cancel_step(c: Component) -> Status {
 /// What receives the reply of [`describe`].
 pub type Reply = unsafe extern "C-unwind" fn(context: *mut std::ffi::c_void, text: StringPointer);
 
-/// Describes the FMU that a description asks for; see [`super::describe`].
+/// Answers a question about what a description asks for; see [`super::describe`].
 ///
 /// # Safety
 /// `description` is NULL or a C string; `reply` may be called with `context`.
 pub unsafe fn describe(
     library: Library,
+    answer: fn(Option<&str>, Library) -> String,
     description: StringPointer,
     reply: Option<Reply>,
     context: *mut std::ffi::c_void,
@@ -483,7 +484,7 @@ pub unsafe fn describe(
     // SAFETY: as this function asks of its caller.
     let description = unsafe { string(description) };
     let text = panics::contain(|| match description.map(CStr::to_str).transpose() {
-        Ok(description) => super::describe::reply(description, library),
+        Ok(description) => answer(description, library),
         Err(error) => super::describe::failure(&format!("the description is not UTF-8: {error}")),
     });
     let text =

@@ -26,6 +26,7 @@ pub mod panics;
 pub mod resources;
 pub mod shared;
 pub mod snapshot;
+pub mod source;
 mod states;
 #[allow(unsafe_code)]
 mod status;

@@ -13,16 +13,23 @@ use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, V
 use super::access::References;
 use super::instance::{DISCARDED, EVENTS};
 
+/// The file of a source unit that is compiled; it includes all others.
+pub const SOURCE: &str = "all.c";
+
 type Xml = Writer<Vec<u8>>;
 type Attributes<'a> = Vec<(&'a str, String)>;
 
 /// The GUID of a model: a name-based UUID of its description and of all that its system declares, which is what the XML
 /// tells of it. So the same unit always has the same GUID, and another one another.
 pub fn guid(model: &Model) -> [u8; 16] {
-    let Description { name, model: system, description, experiment, structure, .. } = model.description();
+    let Description { name, model: system, description, experiment, structure, designed, .. } = model.description();
     let own = (name, system, description, experiment, structure);
     // Not the XML itself: an instance checks its GUID when it is made, and the XML of a large unit takes milliseconds.
-    let identity = serde_json::to_vec(&(own, model.variables().declared()));
+    let identity = match designed {
+        None => serde_json::to_vec(&(own, model.variables().declared())),
+        // A unit with sources is another one than that without, even if its variables are the same.
+        Some(_) => serde_json::to_vec(&(own, SOURCE, model.variables().declared())),
+    };
     // Numbers and texts in lists and tables can be written to memory.
     debug_assert!(identity.is_ok());
     Uuid::new_v5(&Uuid::NAMESPACE_OID, &identity.unwrap_or_default()).into_bytes()
@@ -142,8 +149,18 @@ fn write_interfaces(xml: &mut Xml, model: &Model) -> io::Result<()> {
         flag("canInterpolateInputs", !model.variables().reals(Section::Input).is_empty()),
         ("maxOutputDerivativeOrder", "1".to_owned()),
     ];
-    empty(xml, "ModelExchange", [&model_exchange[..], &common].concat())?;
-    empty(xml, "CoSimulation", [&co_simulation[..], &common].concat())
+    let is_source = model.description().designed.is_some();
+    for (name, own) in [("ModelExchange", &model_exchange[..]), ("CoSimulation", &co_simulation)] {
+        let attributes = [own, &common].concat();
+        if is_source {
+            element(xml, name, attributes, |xml| {
+                element(xml, "SourceFiles", vec![], |xml| empty(xml, "File", vec![("name", SOURCE.to_owned())]))
+            })?;
+        } else {
+            empty(xml, name, attributes)?;
+        }
+    }
+    Ok(())
 }
 
 fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
@@ -221,13 +238,16 @@ fn index_of_states(variables: &Variables) -> Vec<usize> {
 
 fn write_variable(xml: &mut Xml, variables: &Variables, element: Element<'_>, states: &[usize]) -> io::Result<()> {
     let variable = element.variable;
+    let is_designed = variable.variability == Variability::Constant;
     let (causality, initial) = match variable.causality {
+        _ if is_designed => ("local", Some("exact")),
         Causality::Parameter => ("parameter", Some("exact")),
         Causality::Input => ("input", None),
         Causality::Output => ("output", Some("calculated")),
         Causality::Local | Causality::Hidden => ("local", Some("calculated")),
     };
     let variability = match variable.variability {
+        Variability::Constant => "constant",
         Variability::Fixed => "fixed",
         Variability::Tunable => "tunable",
         Variability::Discrete => "discrete",
@@ -236,7 +256,7 @@ fn write_variable(xml: &mut Xml, variables: &Variables, element: Element<'_>, st
     let mut attributes = vec![
         ("name", element.name()),
         ("valueReference", References::of(variables, element).to_string()),
-        ("description", element.description().to_owned()),
+        ("description", [element.description(), if is_designed { " (designed at export)" } else { "" }].concat()),
         ("causality", causality.to_owned()),
         ("variability", variability.to_owned()),
     ];

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::events::EventCount;
+use super::fixed::RungeKutta;
 use super::indicators::Indicators;
 use super::methods::Methods;
 use super::outputs::Outputs;
@@ -27,6 +28,7 @@ pub(super) const SHORTEST: f64 = f64::MIN_POSITIVE;
 /// Integrates one instance; holds its workspace, and nothing that a continuation depends on.
 pub struct Driver {
     pub(super) methods: Methods,
+    pub(super) runge_kutta: RungeKutta,
     pub(super) nominals: Vec<f64>,
     pub(super) start: Start,
     outputs: Outputs,
@@ -49,6 +51,7 @@ impl Driver {
         let nominals: Vec<_> = (0..states).map(nominal).collect();
         Driver {
             methods: Methods::new(system, variables, sparsity, nominals.clone()),
+            runge_kutta: RungeKutta::new(states),
             nominals,
             outputs: Outputs::new(variables),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
@@ -74,7 +77,11 @@ impl Driver {
         settings: &Settings,
         pace: &mut Pace,
     ) -> Result<(), StepError> {
-        self.integrate(problem, (t0, t1), settings, pace).map_err(|error| {
+        let reached = match settings.method {
+            IntegrationMethod::Fixed => self.integrate_fixed(problem, (t0, t1), settings),
+            _ => self.integrate(problem, (t0, t1), settings, pace),
+        };
+        reached.map_err(|error| {
             let reason = match error {
                 StepError::StepTooSmall { step, .. } => self.check_ahead(problem, step),
                 StepError::Diverged { time, .. }

@@ -42,7 +42,7 @@ impl Pattern {
         let n = columns.len();
         let most = (DENSE * (n * n) as f64) as usize;
         let mut meetings = Meetings::new(columns);
-        if meetings.entries() > most {
+        if n == 0 || meetings.entries() > most {
             return None;
         }
         let order = meetings.order();
@@ -54,6 +54,16 @@ impl Pattern {
         let right: Vec<Vec<u32>> = (0..n).map(|i| row(i, i + 1..n)).collect();
         let filled: usize = left.iter().chain(&right).map(Vec::len).sum();
         (filled + n <= most).then_some(Pattern { order, places, left, right })
+    }
+
+    /// Which row and column comes when.
+    pub fn order(&self) -> &[u32] {
+        &self.order
+    }
+
+    /// Of each row: its places left of the diagonal, and right of it.
+    pub fn rows(&self) -> impl Iterator<Item = (&[u32], &[u32])> {
+        self.left.iter().zip(&self.right).map(|(left, right)| (&left[..], &right[..]))
     }
 }
 

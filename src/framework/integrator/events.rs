@@ -32,13 +32,17 @@ pub(super) struct EventCount {
 impl EventCount {
     /// For the step from t0 to t1.
     pub fn new((t0, t1): (f64, f64), settings: &Settings) -> Self {
-        let slack = settings.event_slack * (t1 - t0);
-        EventCount { slack, limit: settings.max_events, count: 0, last: t0, clock: 0.0, total: 0 }
+        EventCount::near(t0, settings.event_slack * (t1 - t0), settings)
     }
 
     /// For the events at t, in model exchange.
     fn at(t: f64, settings: &Settings) -> Self {
-        EventCount { slack: rounding(t), limit: settings.max_events, count: 0, last: t, clock: 0.0, total: 0 }
+        EventCount::near(t, rounding(t), settings)
+    }
+
+    /// For the events at t, and time events that lie at most so far behind it.
+    pub fn near(t: f64, slack: f64, settings: &Settings) -> Self {
+        EventCount { slack, limit: settings.max_events, count: 0, last: t, clock: 0.0, total: 0 }
     }
 
     fn another(&mut self, t: f64, is_clock: bool) -> Result<(), StepError> {
@@ -84,10 +88,15 @@ impl Driver {
     /// did. Inputs, parameters and states that were set may have taken an indicator across.
     pub(super) fn jumped(&mut self, problem: &mut Problem, t: f64) -> bool {
         problem.evaluate(t);
+        self.crossed(problem, t)
+    }
+
+    /// The same where the problem stands evaluated.
+    pub(super) fn crossed(&mut self, problem: &Problem, t: f64) -> bool {
         problem.event_indicators(t, &mut self.indicators.after);
-        let jumped = self.indicators.note_crossed();
+        let crossed = self.indicators.note_crossed();
         self.indicators.take_over();
-        jumped
+        crossed
     }
 
     /// Handles the state event that was noted, and time events until none is due. `moved`: the motion has brought it,

@@ -29,6 +29,8 @@ pub enum IntegrationMethod {
     Explicit,
     /// Rosenbrock's.
     Stiff,
+    /// The classical Runge–Kutta method, by steps of fixed length.
+    Fixed,
 }
 
 impl Choice for IntegrationMethod {
@@ -49,6 +51,11 @@ impl Choice for IntegrationMethod {
             Self::Stiff,
             "stiff",
             "L-stable Rosenbrock method of order 5 with exact Jacobians: long steps of stiff systems",
+        ),
+        (
+            Self::Fixed,
+            "fixed",
+            "so many Runge-Kutta steps of order 4 as fixed_steps says, for targets: no error control",
         ),
     ];
 }
@@ -219,7 +226,7 @@ impl Methods {
             && self.own_step_pays(problem, way, tolerance, pace);
         match asked {
             IntegrationMethod::Automatic if self.by_itself => return Ok(0.0),
-            IntegrationMethod::Explicit => pace.stiff = false,
+            IntegrationMethod::Explicit | IntegrationMethod::Fixed => pace.stiff = false,
             IntegrationMethod::Stiff => pace.stiff = self.stiff.is_some(),
             IntegrationMethod::Automatic if pace.evidence < if pace.stiff { EVIDENCE } else { self.trial } => {}
             IntegrationMethod::Automatic => self.change(pace),

@@ -35,7 +35,8 @@
 //! | diffsol 0.18 bdf | 2800 | 2.2 | 2.6e-9 |
 //! | diffsol 0.18 esdirk34 | 3200 | 0.1 | 1.3e-7 |
 //!
-//! So the methods are our own; each is one file behind [`OneStepMethod`], and `methods` chooses between them.
+//! So the methods are our own; each is one file behind [`OneStepMethod`], and `methods` chooses between them. Beside these
+//! stands one without error control, for targets (`fixed`).
 //!
 //! The choice between both looks at the eigenvalues of that Jacobian (`stability`): what grows is followed at its rate,
 //! by either method, and what is damped decides whether the explicit one pays.
@@ -51,6 +52,7 @@ mod dormand_prince;
 mod driver;
 mod elimination;
 mod events;
+mod fixed;
 mod indicators;
 mod jacobian;
 mod lu;
@@ -83,6 +85,8 @@ pub const WORK_LIMIT: f64 = 1e9;
 pub struct Settings {
     /// Which method integrates.
     pub method: IntegrationMethod,
+    /// How many substeps a communication step has with [`IntegrationMethod::Fixed`].
+    pub fixed_steps: i32,
     /// Error tolerated in each substep, relative to the larger of a state's magnitude and its nominal value.
     pub relative_tolerance: f64,
     /// Work that one communication step may take, in elementary operations.
@@ -100,6 +104,7 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             method: IntegrationMethod::Automatic,
+            fixed_steps: 1,
             relative_tolerance: 1e-6,
             most_work: WORK_LIMIT,
             max_events: 10_000,

@@ -59,7 +59,7 @@ impl Sparsity {
     }
 
     /// The pattern of its elimination, where that is worth it.
-    pub(super) fn pattern(&self) -> Option<&Pattern> {
+    pub(crate) fn pattern(&self) -> Option<&Pattern> {
         self.pattern.as_ref()
     }
 

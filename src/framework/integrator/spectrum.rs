@@ -67,7 +67,8 @@ impl Spectrum {
 
     /// Finds the eigenvalues of a matrix, by columns or by rows; whether it could.
     pub fn find(&mut self, matrix: &[f64]) -> bool {
-        self.a.copy_from_slice(matrix);
+        // Zeros have no sign here: reflections would go by it.
+        self.a.iter_mut().zip(matrix).for_each(|(a, entry)| *a = entry + 0.0);
         // The shifts need squares of the entries.
         if !self.a.iter().map(|a| a * a).sum::<f64>().is_finite() {
             return false;

@@ -27,6 +27,8 @@ impl Given<'_> {
             Leaf::Real(place) => self.reals[place as usize],
             Leaf::Integer(place) => f64::from(self.integers[place as usize]),
             Leaf::Crossed(indicator) => f64::from(u8::from(self.crossed[indicator as usize])),
+            // Nothing changes in a point.
+            Leaf::TimeChange | Leaf::Change(_) | Leaf::Slope(_) => 0.0,
         }
     }
 }

@@ -5,6 +5,8 @@ use super::tape::{Node, Tape};
 /// What is recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
+    /// What follows from parameters, and the relations that they keep.
+    Relate,
     /// Signals and derivatives.
     Evaluate,
     /// The start: states and discrete values, then signals and derivatives.
@@ -27,6 +29,7 @@ impl Method {
     /// Its name in [`System`](crate::system::System); what evaluates is `outputs` with `derivatives`.
     pub fn name(self) -> &'static str {
         match self {
+            Method::Relate => "relate",
             Method::Evaluate => "outputs or derivatives",
             Method::Start => "initialise",
             Method::ParametersChanged => "parameters_changed",
@@ -39,7 +42,8 @@ impl Method {
     }
 
     /// All of them.
-    pub const ALL: [Method; 8] = [
+    pub const ALL: [Method; 9] = [
+        Method::Relate,
         Method::Evaluate,
         Method::Start,
         Method::ParametersChanged,

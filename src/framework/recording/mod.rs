@@ -12,6 +12,7 @@ mod iteration;
 mod method;
 mod node;
 mod structure;
+mod tangent;
 mod tape;
 
 pub use crate::scalar::Opaque;
@@ -20,4 +21,5 @@ pub use iteration::Body;
 pub use method::{Method, Recording};
 pub(crate) use node::on_tape;
 pub use node::{Condition, Recorded};
+pub(crate) use tangent::needed;
 pub use tape::{Binary, Comparison, Leaf, Node, Note, Operation, Tape, Unary};

@@ -270,12 +270,18 @@ impl Scalar for Recorded {
             *now = Self::select(flag, *now, before);
         }
     }
-    fn log(flag: Condition, _log: &mut MessageLog, category: &'static str, text: impl FnOnce() -> String) {
-        let text = text();
+    fn log(flag: Condition, log: &mut MessageLog, category: &'static str, text: impl FnOnce() -> String) {
+        if log.is_unheard() {
+            return;
+        }
+        let text = log.worded(text());
         note(flag, |condition| Note::Message { condition, category, text });
     }
-    fn refuse(flag: Condition, _log: &mut MessageLog, reason: impl FnOnce() -> Invalid) {
-        let reason = reason();
+    fn refuse(flag: Condition, log: &mut MessageLog, reason: impl FnOnce() -> Invalid) {
+        if log.is_unheard() {
+            return;
+        }
+        let reason = reason().reworded(|text| log.worded(text));
         note(flag, |condition| Note::Refusal { condition, reason });
     }
 }

@@ -12,6 +12,11 @@ use crate::scalar::Opaque;
 pub struct Node(pub(super) u32);
 
 impl Node {
+    /// The operation at a place of its tape.
+    pub(crate) fn at(place: usize) -> Self {
+        Node(place as u32)
+    }
+
     /// Its place among all operations.
     pub fn index(self) -> usize {
         self.0 as usize
@@ -31,6 +36,12 @@ pub enum Leaf {
     Integer(u32),
     /// Whether an event indicator has changed sides.
     Crossed(u32),
+    /// The change of time, in a direction in which derivatives are taken.
+    TimeChange,
+    /// The change of a real value, by its place in the block.
+    Change(u32),
+    /// The rate of a real input, by its number.
+    Slope(u32),
 }
 
 /// A function of one number.
@@ -42,6 +53,7 @@ pub enum Unary {
     Cos,
     Tan,
     Cosh,
+    Sinh,
     Tanh,
     Exp,
     Ln,
@@ -194,6 +206,7 @@ impl Unary {
             Unary::Cos => x.cos(),
             Unary::Tan => x.tan(),
             Unary::Cosh => x.cosh(),
+            Unary::Sinh => x.sinh(),
             Unary::Tanh => x.tanh(),
             Unary::Exp => x.exp(),
             Unary::Ln => x.ln(),
@@ -252,6 +265,15 @@ pub enum Note {
         /// The reasons, with references to nodes and variables in them.
         reason: Invalid,
     },
+}
+
+impl Note {
+    /// Where it is told or refused.
+    pub fn condition(&self) -> Node {
+        match self {
+            Note::Message { condition, .. } | Note::Refusal { condition, .. } => *condition,
+        }
+    }
 }
 
 /// A list of operations.
@@ -334,9 +356,23 @@ impl Tape {
                 }
             }
         }
+        if let Some(same) = self.unchanged(&operation) {
+            return Folded::Same(same);
+        }
         let is_known = operation.operands().all(|operand| self.constant(operand).is_some());
         let value = if is_known { operation.value(|node| self.constant(node).unwrap_or(f64::NAN)) } else { None };
         Folded::Operation(value.map_or(operation, |value| Operation::Constant(value.to_bits())))
+    }
+
+    /// The operand that an operation leaves as it is, whatever that is: a product with 1, a quotient by 1, less 0.
+    fn unchanged(&self, operation: &Operation) -> Option<Node> {
+        let is = |node: Node, value: f64| self.constant(node).is_some_and(|known| known.to_bits() == value.to_bits());
+        match *operation {
+            Operation::Binary(Binary::Mul, a, b) if is(a, 1.0) => Some(b),
+            Operation::Binary(Binary::Mul | Binary::Div, a, b) if is(b, 1.0) => Some(a),
+            Operation::Binary(Binary::Sub, a, b) if is(b, 0.0) => Some(a),
+            _ => None,
+        }
     }
 }
 

@@ -94,14 +94,13 @@ impl<const N: usize> Mul for Dual<N> {
     }
 }
 
-// The quotient rule multiplies and subtracts.
+// The quotient rule multiplies and subtracts. By a number that doesn't change it gives what division by that gives.
 #[allow(clippy::suspicious_arithmetic_impl)]
 impl<const N: usize> Div for Dual<N> {
     type Output = Self;
     fn div(self, other: Self) -> Self {
-        let inverse = other.value.recip();
-        let square = inverse * inverse;
-        self.with(other, self.value / other.value, |a, b| (a * other.value - self.value * b) * square)
+        let quotient = self.value / other.value;
+        self.with(other, quotient, |a, b| (a - quotient * b) / other.value)
     }
 }
 

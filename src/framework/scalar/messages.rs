@@ -1,6 +1,7 @@
 //! What equations tell while they run, and why they refuse.
 
 use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
 
 use crate::error::Invalid;
 
@@ -13,17 +14,47 @@ pub struct Message {
     pub text: String,
 }
 
+/// Where a reference to a variable begins and ends in a text: characters that no text of a model holds.
+pub(crate) const REFERENCE: [char; 2] = ['\u{e000}', '\u{e001}'];
+
 /// Messages that wait to be logged, and why what was asked for is refused. Empty, it holds no memory.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, PartialEq)]
 pub struct MessageLog {
     messages: Vec<Message>,
     refused: Invalid,
+    /// The part of a composite that tells and refuses.
+    part: Option<Arc<str>>,
+    /// Whether nobody hears what is told and refused.
+    unheard: bool,
 }
 
 impl MessageLog {
     /// An empty one.
     pub fn new() -> Self {
         MessageLog::default()
+    }
+
+    /// One for a part of a composite.
+    pub(crate) fn of_part(name: &Arc<str>, around: &MessageLog) -> Self {
+        MessageLog { part: Some(Arc::clone(name)), unheard: around.unheard, ..MessageLog::default() }
+    }
+
+    /// One that nobody reads.
+    pub(crate) fn unheard() -> Self {
+        MessageLog { unheard: true, ..MessageLog::default() }
+    }
+
+    /// A text as the part's that tells it.
+    pub(crate) fn worded(&self, text: String) -> String {
+        match &self.part {
+            Some(name) => of_part(text, name),
+            None => text,
+        }
+    }
+
+    /// Whether nobody hears what is told and refused.
+    pub(crate) fn is_unheard(&self) -> bool {
+        self.unheard
     }
 
     pub(crate) fn tell(&mut self, category: &'static str, text: String) {
@@ -34,11 +65,13 @@ impl MessageLog {
         self.refused.and(reason);
     }
 
-    /// Takes over what was told and refused to a part of a composite, in other words.
-    pub(crate) fn take_over(&mut self, other: MessageLog, word: impl Fn(String) -> String) {
-        let reworded = |message: Message| Message { text: word(message.text), ..message };
-        self.messages.extend(other.messages.into_iter().map(reworded));
-        self.refused.and(other.refused.reworded(&word));
+    /// Takes over what was told and refused to a part of a composite, as the part's.
+    pub(crate) fn take_over(&mut self, other: MessageLog) {
+        let MessageLog { messages, refused, part, .. } = other;
+        let Some(name) = part else { return };
+        let reworded = |message: Message| Message { text: of_part(message.text, &name), ..message };
+        self.messages.extend(messages.into_iter().map(reworded));
+        self.refused.and(refused.reworded(|text| of_part(text, &name)));
     }
 
     /// Takes the reasons out for which what was asked for is refused.
@@ -48,6 +81,11 @@ impl MessageLog {
     pub(crate) fn accepted(&mut self) -> Result<(), Invalid> {
         std::mem::take(&mut self.refused).into_result()
     }
+}
+
+/// A text of a composite's part: variables are named with the part's name, other texts begin with it.
+pub(crate) fn of_part(text: String, part: &str) -> String {
+    if text.contains(REFERENCE[0]) { text } else { format!("{part}: {text}") }
 }
 
 impl Deref for MessageLog {

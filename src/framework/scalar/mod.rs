@@ -11,6 +11,7 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, DivAssign, Mul, MulAssign, Ne
 
 pub use dual::Dual;
 pub use messages::{Message, MessageLog};
+pub(crate) use messages::{REFERENCE, of_part};
 pub use opaque::Opaque;
 
 use crate::error::{self, Invalid};

@@ -139,7 +139,7 @@ impl Declaration {
         spec.role(Causality::Parameter).declare(self)
     }
 
-    /// A quantity computed from parameters by `prepare`, shown as a local variable.
+    /// A quantity computed from parameters by `prepare` or `relate`, shown as a local variable.
     pub fn prepared<V: Declarable>(&mut self, spec: V) -> V::Handle<class::Prepared> {
         spec.role(Causality::Local).declare(self)
     }

@@ -38,6 +38,8 @@ pub trait Starts<S: Scalar>: Equations<S> {
 
 /// What happens beside the equations, over one scalar.
 pub trait Happens<S: Scalar>: Starts<S> {
+    /// See [`System::relate`].
+    fn relate(&self, v: &mut Point<S>);
     /// See [`System::parameters_changed`].
     fn parameters_changed(&self, t: S, v: &mut Point<S>);
     /// See [`System::check`].
@@ -125,6 +127,9 @@ impl<M: System, S: Scalar> Starts<S> for M {
 }
 
 impl<M: System, S: Scalar> Happens<S> for M {
+    fn relate(&self, v: &mut Point<S>) {
+        System::relate(self, v);
+    }
     fn parameters_changed(&self, t: S, v: &mut Point<S>) {
         System::parameters_changed(self, t, v);
     }

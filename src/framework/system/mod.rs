@@ -50,7 +50,8 @@
 //! | --- | --- | --- |
 //! | [`System::declare`] | once an instance | allocate, refuse the structure |
 //! | [`System::prepare`] | before the start, and before the first step after a tunable was set | allocate, refuse the parameters |
-//! | [`System::initialise`] | after `prepare`, from parameters and present inputs; again at the first step, when every master has set its inputs | refuse the inputs |
+//! | [`System::relate`] | right after `prepare`, whether that refused or not | refuse the parameters |
+//! | [`System::initialise`] | after these, from parameters and present inputs; again at the first step, when every master has set its inputs | refuse the inputs |
 //! | [`System::outputs`] | many times a step | not allocate |
 //! | [`System::derivatives`] | right after `outputs` at the same point, so it may read signals | not allocate |
 //! | [`System::next_time_event`], [`System::event_indicators`], [`System::event`] | several times a step | not allocate |
@@ -183,14 +184,22 @@ pub trait System: Sized + Send + Sync + 'static {
     /// [`Invalid`] when the structure contradicts itself (sizes that don't fit, say).
     fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid>;
 
-    /// Computes what depends on parameters alone into prepared variables. Limits of single values
-    /// (`min`, `max`) were checked before; what relates several values is checked here.
+    /// Designs what depends on parameters alone, by whatever it takes: poles that are placed, equations of matrices that are
+    /// solved. What it gives is a constant of a recording, so a unit of C sources can't tune the parameters that it reads:
+    /// what follows by arithmetic alone belongs into [`System::relate`]. Limits of single values (`min`, `max`) were checked
+    /// before.
     ///
     /// # Errors
     /// [`Invalid`] with every reason; the parameters set before stay in force.
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let _ = v;
         Ok(())
+    }
+
+    /// Computes the prepared variables that follow from parameters, and from what was designed, by arithmetic alone, and
+    /// checks the relations that parameters must keep: by [`Point::refuse`] it says which they don't.
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        let _ = v;
     }
 
     /// Sets states and discrete variables at the start time; those that it leaves alone have their declared start

@@ -12,6 +12,7 @@ use super::declaration::Declaration;
 use super::values::{BooleanOf, ChoiceOf, Class, DiscreteHandle, IntegerOf, MatrixOf, Offsets, ScalarOf, VectorOf};
 use super::variable::{Causality, Naming, Section, Variable, Variables};
 use crate::error::Invalid;
+use crate::scalar::REFERENCE;
 
 /// Longest name.
 const LONGEST: usize = 100;
@@ -253,20 +254,14 @@ impl Offsets {
     }
 }
 
-/// Where a reference to a variable begins and ends in a text: characters that no text of a model holds.
-const BEGIN: char = '\u{e000}';
-const END: char = '\u{e001}';
+const BEGIN: char = REFERENCE[0];
+const END: char = REFERENCE[1];
 
 /// A reference to a variable, for texts: of an element, or of a whole variable that begins at this place of the block.
 pub(super) fn reference(is_real: bool, is_whole: bool, index: usize) -> String {
     let kind = if is_real { 'r' } else { 'i' };
     let extent = if is_whole { 'w' } else { 'e' };
     format!("{BEGIN}{kind}{extent}{index}{END}")
-}
-
-/// A text of a composite's part: variables are named with the part's name, other texts begin with it.
-pub(super) fn of_part(text: String, part: &str) -> String {
-    if text.contains(BEGIN) { text } else { format!("{part}: {text}") }
 }
 
 impl Variables {

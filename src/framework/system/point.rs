@@ -122,6 +122,25 @@ impl<'a, S: Scalar> Point<'a, S> {
         S::log(true.into(), self.log, warning.category, || text(&values));
     }
 
+    /// Refuses a number that isn't below another.
+    pub fn require_below<C: Class, D: Class>(&mut self, low: ScalarOf<C>, high: ScalarOf<D>) {
+        let is_below = self[low].below(self[high]);
+        self.require_order(is_below, "must be below", low, high);
+    }
+
+    /// Refuses a number that is above another.
+    pub fn require_at_most<C: Class, D: Class>(&mut self, low: ScalarOf<C>, high: ScalarOf<D>) {
+        let is_at_most = self[low].at_most(self[high]);
+        self.require_order(is_at_most, "must not be above", low, high);
+    }
+
+    fn require_order<C: Class, D: Class>(&mut self, holds: S::Flag, must: &str, low: ScalarOf<C>, high: ScalarOf<D>) {
+        self.refuse(!holds, |v| {
+            let allowed = format!("{must} {} = {}", v.name(high), v[high].told());
+            Invalid::new(v.name(low), v[low].told(), allowed)
+        });
+    }
+
     /// Refuses what was asked for, where a condition holds: a start, say.
     pub fn refuse(&mut self, flag: S::Flag, reason: impl FnOnce(&Values<S>) -> Invalid) {
         let values = Values { reals: self.reals, integers: self.integers, offsets: self.offsets };

@@ -19,14 +19,29 @@ pub struct Layout {
 impl Recording {
     /// Records a method.
     pub fn of(system: &dyn DynSystem, method: Method, layout: &Layout) -> Self {
-        Recording::with(layout, |t, v| record(system, method, layout, t, v))
+        Recording::with(layout, &|_| None, |t, v| record(system, method, layout, t, v))
     }
 
-    /// Records what a function does with the values of a block, and its results.
-    pub fn with(layout: &Layout, record: impl FnOnce(Recorded, &mut Point<Recorded>) -> Vec<Recorded>) -> Self {
+    /// Records a method where some values of the block are known: leaves that are constants.
+    pub fn of_known(
+        system: &dyn DynSystem,
+        method: Method,
+        layout: &Layout,
+        known: &dyn Fn(Leaf) -> Option<f64>,
+    ) -> Self {
+        Recording::with(layout, known, |t, v| record(system, method, layout, t, v))
+    }
+
+    /// Records what a function does with the values of a block, of which some may be known, and its results.
+    pub fn with(
+        layout: &Layout,
+        known: &dyn Fn(Leaf) -> Option<f64>,
+        record: impl FnOnce(Recorded, &mut Point<Recorded>) -> Vec<Recorded>,
+    ) -> Self {
+        let given = |place: Leaf| known(place).map_or_else(|| leaf(place), Recorded::from);
         let ((reals, integers, results), tape) = on_tape(|| {
-            let mut reals: Vec<_> = (0..layout.reals as u32).map(|place| leaf(Leaf::Real(place))).collect();
-            let mut integers: Vec<_> = (0..layout.integers as u32).map(|place| leaf(Leaf::Integer(place))).collect();
+            let mut reals: Vec<_> = (0..layout.reals as u32).map(|place| given(Leaf::Real(place))).collect();
+            let mut integers: Vec<_> = (0..layout.integers as u32).map(|place| given(Leaf::Integer(place))).collect();
             let mut log = MessageLog::new();
             let t = leaf(Leaf::Time);
             let results = record(t, &mut Point::new(&mut reals, &mut integers, &layout.offsets, &mut log));
@@ -51,6 +66,7 @@ fn record(
     let equations: &dyn Happens<Recorded> = system;
     let mut results = Vec::new();
     match method {
+        Method::Relate => equations.relate(v),
         Method::Evaluate => v.evaluate(equations, t),
         Method::Start => {
             equations.initialise(t, v);

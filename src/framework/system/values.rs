@@ -33,7 +33,7 @@ pub mod class {
     classes! {
         /// A number of the user's: tunable, or fixed for a simulation.
         Parameter,
-        /// What depends on parameters alone; written by `prepare`.
+        /// What depends on parameters alone; written by `prepare` and `relate`.
         Prepared,
         /// What comes from outside.
         Input,

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::Layout;
 use super::values::Offsets;
+use crate::error::Invalid;
 
 /// The sections of the flat block, in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -54,6 +55,8 @@ pub enum Causality {
 /// When a variable may change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Variability {
+    /// Never: a parameter that a unit was designed with.
+    Constant,
     /// Before the simulation only.
     Fixed,
     /// Between communication steps, by the user.
@@ -103,6 +106,24 @@ pub enum Data {
         /// Start value.
         start: i32,
     },
+}
+
+impl Data {
+    /// Whether a number, an integer, or an item by its number is within the limits.
+    pub fn allows(&self, value: f64) -> bool {
+        match self {
+            Data::Real { min, above_min, max, .. } => {
+                let too_small = min.is_some_and(|min| value < min || (*above_min && value <= min));
+                !too_small && max.is_none_or(|max| value <= max) && value.is_finite()
+            }
+            Data::Integer { limits, .. } => {
+                let (least, most) = limits.unwrap_or((i32::MIN, i32::MAX));
+                (f64::from(least)..=f64::from(most)).contains(&value)
+            }
+            Data::Boolean { .. } => value == 0.0 || value == 1.0,
+            Data::Choice { items, .. } => (1.0..=items.len() as f64).contains(&value),
+        }
+    }
 }
 
 /// How elements of a variable are named.
@@ -289,6 +310,21 @@ impl Variables {
     /// Place, among all integers, of the flag that tells the system that it is stepped by a master of co-simulation.
     pub fn stepped(&self) -> Option<usize> {
         self.stepped.map(|place| self.integers(Section::Memory).start + place)
+    }
+
+    /// Makes constants of parameters: of all elements that they have.
+    ///
+    /// # Errors
+    /// For what is no parameter of the system.
+    pub(crate) fn make_constant(&mut self, names: &[String]) -> Result<(), Invalid> {
+        for name in names {
+            let is_it = |v: &&mut Variable| v.name == *name && v.causality == Causality::Parameter;
+            let Some(variable) = self.list[..self.own].iter_mut().find(is_it) else {
+                return Err(Invalid::new("designed", format!("`{name}`"), "must be the name of a parameter"));
+            };
+            variable.variability = Variability::Constant;
+        }
+        Ok(())
     }
 
     /// Whether a variable is one that every model has: how it is simulated, not what it is.

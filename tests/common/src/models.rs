@@ -23,6 +23,11 @@ impl Run {
         self.0.block().reals[variables.index(variables.find(name).unwrap())]
     }
 
+    pub fn integer(&self, name: &str) -> i32 {
+        let variables = self.0.model().variables();
+        self.0.block().integers[variables.index(variables.find(name).unwrap())]
+    }
+
     pub fn set(&mut self, name: &str, value: f64) {
         let variables = self.0.model().variables();
         let index = variables.index(variables.find(name).unwrap());

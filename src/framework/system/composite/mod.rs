@@ -9,6 +9,7 @@ mod errors;
 mod schedule;
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use serde::Deserialize;
 
@@ -16,11 +17,12 @@ use super::declaration::Declaration;
 use super::erased::{
     Compiled, CompiledStart, CompiledWhole, DynSystem, Equations, Happens, Kind, Registry, Starts, read,
 };
-use super::names::{Names, of_part};
+use super::names::Names;
 use super::values::{Offsets, Values};
 use super::{MessageLog, OwnStep, Point, Scalar, Section};
 use crate::error::Invalid;
 use crate::report::DesignReport;
+use crate::scalar::of_part;
 use errors::ErrorCoordinates;
 use schedule::Step;
 
@@ -63,7 +65,7 @@ pub(crate) struct PartDescription {
 
 /// A part, and where its values lie.
 struct Part {
-    name: String,
+    name: Arc<str>,
     system: Box<dyn DynSystem>,
     /// Where its values begin in the composite's sections.
     base: Offsets,
@@ -88,9 +90,9 @@ impl Part {
     /// Calls the part with its own view of a point; what it logs and refuses is told as the part's.
     fn with<S: Scalar, T>(&self, v: &mut Point<S>, call: impl FnOnce(&dyn DynSystem, &mut Point<S>) -> T) -> T {
         let offsets = self.offsets(v.offsets);
-        let mut log = MessageLog::new();
+        let mut log = MessageLog::of_part(&self.name, v.log);
         let answer = call(self.system.as_ref(), &mut Point::new(v.reals, v.integers, &offsets, &mut log));
-        v.log.take_over(log, |text| of_part(text, &self.name));
+        v.log.take_over(log);
         answer
     }
 }
@@ -149,7 +151,7 @@ fn declare_part(
         let allowed = "must be letters, digits and _, and not begin with a digit";
         return Err(Invalid::new("name of a part", format!("`{}`", name.escape_debug()), allowed));
     }
-    if before.iter().any(|other| other.name == *name) {
+    if before.iter().any(|other| *other.name == **name) {
         return Err(Invalid::because(format!("two parts are named `{name}`")));
     }
     if part.model == Kind::COMPOSITE.name {
@@ -159,7 +161,7 @@ fn declare_part(
     let (system, base) = d.part(name, |d| kind.declare(part.structure.clone(), &part.names, registry, d));
     let system = system.map_err(|invalid| invalid.within(name))?;
     let indicators = before.last().map_or(0, |other| other.indicators.end)..d.variables.indicators.len();
-    Ok(Part { name: name.clone(), system, base, indicators, own_states: None })
+    Ok(Part { name: name.as_str().into(), system, base, indicators, own_states: None })
 }
 
 impl Composite {
@@ -209,7 +211,7 @@ impl<S: CompiledStart> Starts<S> for Composite {
             let is_last = round == self.parts.len();
             for part in &self.parts {
                 // Only what the last round refuses is refused: before, inputs may not have gone round.
-                let mut unheard = MessageLog::new();
+                let mut unheard = MessageLog::unheard();
                 let (offsets, log) = (v.offsets, if is_last { &mut *v.log } else { &mut unheard });
                 let mut v = Point::new(v.reals, v.integers, offsets, log);
                 part.with(&mut v, |system, v| S::start(system).initialise(t, v));
@@ -221,6 +223,10 @@ impl<S: CompiledStart> Starts<S> for Composite {
 }
 
 impl<S: CompiledWhole> Happens<S> for Composite {
+    fn relate(&self, v: &mut Point<S>) {
+        self.parts.iter().for_each(|part| part.with(v, |system, v| S::whole(system).relate(v)));
+    }
+
     fn parameters_changed(&self, t: S, v: &mut Point<S>) {
         self.each(v, |part, v| part.with(v, |system, v| S::whole(system).parameters_changed(t, v)));
     }

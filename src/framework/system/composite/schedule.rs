@@ -88,7 +88,7 @@ impl Progress<'_> {
 fn follows_from(parts: &[Part], variables: &mut Variables) -> Vec<Vec<usize>> {
     variables.place_sections();
     let layout = variables.layout();
-    let recording = Recording::with(&layout, |t, v| {
+    let recording = Recording::with(&layout, &|_| None, |t, v| {
         for part in parts {
             v.outputs_of(part.system.as_ref(), t, &part.offsets(&layout.offsets));
         }

@@ -1,0 +1,87 @@
+//! FMUs with C sources, and with libraries that are compiled from these.
+
+use std::path::{Path, PathBuf};
+
+use super::archive::{self, Contents, Libraries};
+use super::library::Library;
+use super::platform::Platform;
+use super::{Source, compiler, describe, export, icon, page};
+use crate::error::Error;
+use crate::fmi2::describe::SourceUnit;
+use crate::fmi2::source::RUNTIME;
+
+/// What an FMU holds of the forms of a unit.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Form {
+    /// The library of all units, with a description.
+    #[default]
+    Generic,
+    /// C sources; and that library too.
+    Source {
+        /// Whether the library is there.
+        with_library: bool,
+    },
+    /// C sources, and libraries that are compiled from them.
+    Compiled {
+        /// For which platforms.
+        platforms: Vec<Platform>,
+    },
+}
+
+/// Writes the FMU of a description into a folder, in a form; its path.
+///
+/// # Errors
+/// As [`export`]; for a kind that can't be recorded, with what can't; where a compiler is missing or refuses.
+pub fn export_as(source: &Source, library: &Library, out: &Path, form: &Form) -> Result<PathBuf, Error> {
+    if *form == Form::Generic {
+        return export(source, library, out);
+    }
+    let SourceUnit { unit, designed, files } = library.source(source)?;
+    let source = with_designed(source, &designed)?;
+    let (_, build) = describe(&source, library)?;
+    std::fs::create_dir_all(out).map_err(Error::file(out))?;
+    let file = out.join(format!("{}.fmu", unit.name));
+    let page = page::html(&unit, &build);
+    let sources = with_runtime(files);
+    let icon = icon(&source, &build);
+    let contents =
+        Contents { unit: &unit, build: &build, description: &source.text, page: &page, icon, sources: &sources };
+    match form {
+        Form::Generic | Form::Source { with_library: true } => {
+            archive::write(&file, &contents, &Libraries::Common(library))?;
+        }
+        Form::Source { with_library: false } => archive::write(&file, &contents, &Libraries::Own(&[]))?,
+        Form::Compiled { platforms } => {
+            archive::write(&file, &contents, &Libraries::Own(&compiled(&unit.name, &sources, platforms)?))?;
+        }
+    }
+    Ok(file)
+}
+
+/// A unit's own files, with those that all units share.
+fn with_runtime(files: Vec<(String, String)>) -> Vec<(String, String)> {
+    let shared = RUNTIME.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
+    files.into_iter().chain(shared).collect()
+}
+
+/// The description of a unit in which parameters of its design are constants.
+fn with_designed(source: &Source, designed: &[String]) -> Result<Source, Error> {
+    let refuse = |error: toml_edit::TomlError| Error::Description {
+        file: source.file.clone(),
+        reason: error.message().to_owned(),
+    };
+    let mut text: toml_edit::DocumentMut = source.text.parse().map_err(refuse)?;
+    text["designed"] = toml_edit::value(designed.iter().collect::<toml_edit::Array>());
+    Ok(Source { text: text.to_string(), ..source.clone() })
+}
+
+/// Libraries compiled from sources: their places in an FMU, and their bytes.
+fn compiled(name: &str, sources: &[(String, String)], platforms: &[Platform]) -> Result<Vec<(String, Vec<u8>)>, Error> {
+    let folder = tempfile::tempdir().map_err(Error::file("a temporary folder"))?;
+    for (name, text) in sources {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).map_err(Error::file(&file))?;
+    }
+    let library = |platform: &Platform| Ok((platform.binary(name), compiler::compile(folder.path(), *platform)?));
+    platforms.iter().map(library).collect()
+}

@@ -1,0 +1,216 @@
+//! The equations of a unit as C functions, one for each of the system's methods.
+
+use std::collections::HashMap;
+
+use super::Unit;
+use super::expression::{Expression, Kind};
+use super::function::Function;
+use super::message::{Told, quoted};
+use super::names::Names;
+use crate::recording::{Leaf, Method, Node, Note, Operation, Tape};
+use crate::system::Section;
+
+/// A C function: what it does, and its declaration.
+pub(super) struct Head {
+    pub what: &'static str,
+    pub declaration: &'static str,
+}
+
+/// Where a computed value goes.
+pub(super) struct Target {
+    pub node: Node,
+    /// As C writes it, up to the value.
+    pub place: String,
+    pub kind: Kind,
+    /// The variable that it is.
+    pub variable: Option<String>,
+}
+
+impl Target {
+    /// A result, to be written so.
+    pub fn result(place: String, node: Node) -> Self {
+        Target { node, place, kind: Kind::Real, variable: None }
+    }
+}
+
+/// What an evaluation writes: signals, and rates too.
+const SIGNALS: [Section; 2] = [Section::Connected, Section::Signal];
+pub(super) const SIGNALS_AND_RATES: [Section; 3] = [Section::Connected, Section::Signal, Section::Derivative];
+/// What the start writes; the rest follows when it is evaluated.
+const STARTED: [Section; 4] = [Section::Prepared, Section::State, Section::Discrete, Section::Memory];
+/// What other methods may write: signals too, where they evaluate them.
+const ANY: [Section; 7] = [
+    Section::Prepared,
+    Section::State,
+    Section::Discrete,
+    Section::Memory,
+    Section::Connected,
+    Section::Signal,
+    Section::Derivative,
+];
+
+/// Methods that change values, tell and refuse.
+const METHODS: [(Method, Head); 6] = [
+    (
+        Method::Relate,
+        Head {
+            what: "What follows from parameters, and the relations that they must keep.",
+            declaration: "static void unit_prepare(real *v, int *n, Log *log)",
+        },
+    ),
+    (
+        Method::Start,
+        Head {
+            what: "The start: states and discrete variables.",
+            declaration: "static void unit_initialise(real t, real *v, int *n, Log *log)",
+        },
+    ),
+    (
+        Method::ParametersChanged,
+        Head {
+            what: "What happens when tunable parameters have changed.",
+            declaration: "static void unit_parameters_changed(real t, real *v, int *n, Log *log)",
+        },
+    ),
+    (
+        Method::Check,
+        Head {
+            what: "Whether the equations hold where the unit stands.",
+            declaration: "static void unit_check(real t, real *v, int *n, Log *log)",
+        },
+    ),
+    (
+        Method::Event,
+        Head {
+            what: "An event, of time or of the indicators that crossed zero.",
+            declaration: "static void unit_event(real t, const unsigned char *crossed, real *v, int *n, Log *log)",
+        },
+    ),
+    (
+        Method::StepCompleted,
+        Head {
+            what: "The end of a communication step.",
+            declaration: "static void unit_step_completed(real t, real step, real *v, int *n, Log *log)",
+        },
+    ),
+];
+
+/// All of them.
+pub(super) fn write(unit: &Unit) -> String {
+    let evaluate = unit.record(Method::Evaluate);
+    let head = |what, declaration| Head { what, declaration };
+    let outputs = head(
+        "The output equation: connected values, outputs and other signals.",
+        "static void unit_outputs(real t, real *v, const int *n)",
+    );
+    let both = head(
+        "The output equation and the state equation: signals, and the rates of the states.",
+        "static void unit_evaluate(real t, real *v, const int *n)",
+    );
+    let mut text = function(unit, &outputs, &evaluate.tape, &unit.changed(&evaluate, &SIGNALS), &[]);
+    text += &function(unit, &both, &evaluate.tape, &unit.changed(&evaluate, &SIGNALS_AND_RATES), &[]);
+    for (method, head) in &METHODS {
+        let recording = unit.record(*method);
+        let sections = if *method == Method::Start { &STARTED[..] } else { &ANY };
+        text += &function(unit, head, &recording.tape, &unit.changed(&recording, sections), recording.tape.notes());
+    }
+    let next = unit.record(Method::NextTimeEvent);
+    let targets: Vec<_> = next.results.iter().map(|node| Target::result("return".to_owned(), *node)).collect();
+    let of_next = head(
+        "The time of the next event that is known in advance.",
+        "static real unit_next_time_event(const real *v, const int *n)",
+    );
+    text += &function(unit, &of_next, &next.tape, &targets, &[]);
+    if unit.model.variables().indicators().is_empty() {
+        return text;
+    }
+    let indicators = unit.record(Method::Indicators);
+    let results = indicators.results.iter().enumerate();
+    let targets: Vec<_> = results.map(|(k, node)| Target::result(format!("z[{k}] ="), *node)).collect();
+    let of_indicators = head(
+        "The event indicators: a change of sign is an event.",
+        "static void unit_event_indicators(real t, const real *v, const int *n, real *z)",
+    );
+    text + &function(unit, &of_indicators, &indicators.tape, &targets, &[])
+}
+
+/// A function that computes nodes of a tape, tells and refuses what is noted, and writes what it has computed.
+pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target], notes: &[Note]) -> String {
+    let mut names = Names::default();
+    let mut function = Function::new(&mut names);
+    let told: Vec<(Node, Told)> = notes.iter().map(|note| (note.condition(), unit.told(note))).collect();
+    let of_notes = told.iter().flat_map(|(condition, told)| std::iter::once(*condition).chain(told.numbers.clone()));
+    let wanted: Vec<Node> = targets.iter().map(|target| target.node).chain(of_notes).collect();
+    let given = read(unit, tape, &wanted, &mut function);
+    let variables: HashMap<Node, &String> =
+        targets.iter().rev().filter_map(|target| Some((target.node, target.variable.as_ref()?))).collect();
+    let named = |node| variables.get(&node).map(|name| (*name).clone());
+    let found = function.compute(tape, &wanted, named, &|leaf| given[&leaf].clone());
+    let mut numbers = found[targets.len()..].iter();
+    for (note, (_, told)) in notes.iter().zip(&told) {
+        let condition = numbers.next().expect("each note has a condition").condition();
+        let values: Vec<String> = numbers.by_ref().take(told.numbers.len()).map(|value| value.real().text).collect();
+        say(unit, note, told, &condition.text, &values, &mut function);
+    }
+    for (target, found) in targets.iter().zip(&found) {
+        let value = if target.kind == Kind::Real { found.real() } else { found.whole() };
+        function.line(&format!("{} {};", target.place, value.text));
+    }
+    framed(head, &function.lines())
+}
+
+/// Reads what the wanted nodes are made of into names.
+fn read(unit: &Unit, tape: &Tape, wanted: &[Node], function: &mut Function) -> HashMap<Leaf, Expression> {
+    let needed = tape.needed(wanted);
+    let leaf = |(place, operation): (usize, &Operation)| match operation {
+        Operation::Leaf(leaf) if needed[place] => Some(*leaf),
+        _ => None,
+    };
+    let mut leaves: Vec<Leaf> = tape.operations().iter().enumerate().filter_map(leaf).collect();
+    leaves.sort_unstable();
+    let mut expression = |leaf| match leaf {
+        Leaf::Time => Expression::atom("t", Kind::Real),
+        Leaf::Step => Expression::atom("step", Kind::Real),
+        Leaf::TimeChange => Expression::atom("dt", Kind::Real),
+        Leaf::Real(place) => function.read("v", place as usize, Kind::Real, unit.real_name(place as usize)),
+        Leaf::Integer(place) => function.read("n", place as usize, Kind::Whole, unit.integer_name(place as usize)),
+        Leaf::Crossed(indicator) => Expression::atom(format!("crossed[{indicator}]"), Kind::Whole),
+        Leaf::Change(place) => {
+            let name = format!("d_{}", unit.real_name(place as usize));
+            function.read("d", place as usize, Kind::Real, &name)
+        }
+        Leaf::Slope(input) => Expression::atom(format!("(slopes == NULL ? R(0.0) : slopes[{input}])"), Kind::Real),
+    };
+    leaves.into_iter().map(|leaf| (leaf, expression(leaf))).collect()
+}
+
+/// Tells or refuses, where a condition holds.
+fn say(unit: &Unit, note: &Note, told: &Told, condition: &str, values: &[String], function: &mut Function) {
+    let given = match note {
+        Note::Message { category, .. } => format!("tell(log, {}, ", unit.category(category)),
+        Note::Refusal { .. } => "refuse(log, ".to_owned(),
+    };
+    function.line(&format!("if ({condition}) {{"));
+    let array = if values.is_empty() { "NULL" } else { "values" };
+    if !values.is_empty() {
+        function.line(&format!("    const real values[] = {{ {} }};", values.join(", ")));
+    }
+    function.whole_line(&format!("    {given}{}, {array}, {});", quoted(&told.text), values.len()));
+    function.line("}");
+}
+
+/// A function with its declaration; what it doesn't use of its parameters is left alone.
+fn framed(head: &Head, lines: &str) -> String {
+    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let parameters = head.declaration.split_once('(').map_or("", |(_, parameters)| parameters.trim_end_matches(')'));
+    let names = parameters.split(", ").map(|parameter| parameter.rsplit([' ', '*']).next().unwrap_or_default());
+    let code: Vec<&str> = lines.lines().map(|line| line.split("/*").next().unwrap_or_default()).collect();
+    // Texts within quotes are every other piece.
+    let words = |line: &str| {
+        line.split('"').step_by(2).flat_map(|code| code.split(|c| !is_word(c))).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let used: std::collections::HashSet<String> = code.into_iter().flat_map(words).collect();
+    let is_used = |name: &&str| used.contains(*name);
+    let unused: String = names.filter(|name| !is_used(name)).map(|name| format!("    (void){name};\n")).collect();
+    format!("/* {} */\n{}\n{{\n{unused}{lines}}}\n\n", head.what, head.declaration)
+}

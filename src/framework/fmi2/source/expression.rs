@@ -1,0 +1,259 @@
+//! Single operations as C writes them.
+
+use crate::recording::{Binary, Comparison, Unary};
+
+/// How strongly an expression's outermost operator binds, as C has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Binding {
+    /// a ? b : c
+    Selection,
+    /// a || b
+    Or,
+    /// a && b
+    And,
+    /// a == b
+    Equality,
+    /// a < b
+    Relation,
+    /// a + b, a - b
+    Sum,
+    /// a * b, a / b
+    Product,
+    /// -a, !a, (real)a
+    Unary,
+    /// A name, a number, a call.
+    Atom,
+}
+
+/// The type of an expression.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `real`
+    Real,
+    /// `int`: whole numbers and conditions.
+    Whole,
+}
+
+/// An expression.
+#[derive(Debug, Clone)]
+pub struct Expression {
+    /// As C writes it.
+    pub text: String,
+    /// Its outermost operator.
+    pub binding: Binding,
+    /// Its type.
+    pub kind: Kind,
+    /// The number that it is, where that is known.
+    pub known: Option<f64>,
+    /// How many operations it has.
+    pub size: usize,
+}
+
+impl Expression {
+    fn new(text: String, binding: Binding, kind: Kind, size: usize) -> Self {
+        Expression { text, binding, kind, known: None, size }
+    }
+
+    /// A name, or an element of an array.
+    pub fn atom(text: impl Into<String>, kind: Kind) -> Self {
+        Expression::new(text.into(), Binding::Atom, kind, 0)
+    }
+
+    /// A number that is known.
+    pub fn number(value: f64) -> Self {
+        let text = number(value);
+        let binding = if text.starts_with('-') { Binding::Unary } else { Binding::Atom };
+        Expression { known: Some(value), ..Expression::new(text, binding, Kind::Real, 0) }
+    }
+
+    /// In parentheses where it binds less than that.
+    fn at_least(&self, binding: Binding) -> String {
+        if self.binding >= binding { self.text.clone() } else { format!("({})", self.text) }
+    }
+
+    /// In parentheses where it doesn't bind more than that.
+    fn above(&self, binding: Binding) -> String {
+        if self.binding > binding { self.text.clone() } else { format!("({})", self.text) }
+    }
+
+    fn is_whole_number(&self) -> bool {
+        self.known.is_some_and(|value| value == value.trunc() && value.abs() < 1e9)
+    }
+
+    /// As a `real`.
+    pub fn real(&self) -> Self {
+        match self.kind {
+            Kind::Real => self.clone(),
+            Kind::Whole => {
+                let text = format!("(real){}", self.at_least(Binding::Unary));
+                Expression::new(text, Binding::Unary, Kind::Real, self.size)
+            }
+        }
+    }
+
+    /// As an `int`.
+    pub fn whole(&self) -> Self {
+        match (self.kind, self.known) {
+            (Kind::Whole, _) => self.clone(),
+            (_, Some(value)) if self.is_whole_number() => {
+                let binding = if value < 0.0 { Binding::Unary } else { Binding::Atom };
+                Expression::new(format!("{}", value as i64), binding, Kind::Whole, 0)
+            }
+            _ => Expression::new(format!("whole({})", self.text), Binding::Atom, Kind::Whole, self.size + 1),
+        }
+    }
+
+    /// As a condition.
+    pub fn condition(&self) -> Self {
+        match (self.kind, self.known) {
+            (Kind::Whole, _) => self.clone(),
+            (_, Some(value)) => Expression::atom(if value != 0.0 { "1" } else { "0" }, Kind::Whole),
+            _ => {
+                let text = format!("{} != R(0.0)", self.above(Binding::Equality));
+                Expression::new(text, Binding::Equality, Kind::Whole, self.size + 1)
+            }
+        }
+    }
+
+    /// A call of a function of one number.
+    pub fn unary(function: Unary, x: &Self) -> Self {
+        let (x, size) = (x.real(), x.size + 1);
+        let call = |name: &str| Expression::new(format!("{name}({})", x.text), Binding::Atom, Kind::Real, size);
+        let of_library = |name: &str| call(&format!("F({name})"));
+        match function {
+            Unary::Neg => {
+                let operand =
+                    if x.text.starts_with('-') { format!("({})", x.text) } else { x.at_least(Binding::Unary) };
+                Expression::new(format!("-{operand}"), Binding::Unary, Kind::Real, size)
+            }
+            Unary::Recip => Expression::binary(Binary::Div, &Expression::number(1.0), &x),
+            Unary::Signum => call("sign"),
+            Unary::Sin => of_library("sin"),
+            Unary::Cos => of_library("cos"),
+            Unary::Tan => of_library("tan"),
+            Unary::Cosh => of_library("cosh"),
+            Unary::Sinh => of_library("sinh"),
+            Unary::Tanh => of_library("tanh"),
+            Unary::Exp => of_library("exp"),
+            Unary::Ln => of_library("log"),
+            Unary::Ln1p => of_library("log1p"),
+            Unary::Sqrt => of_library("sqrt"),
+            Unary::Atan => of_library("atan"),
+            Unary::Abs => of_library("fabs"),
+            Unary::Floor => of_library("floor"),
+            Unary::Round => of_library("round"),
+        }
+    }
+
+    /// An operation on two numbers. Operations are carried out in the order of the recording: numbers that are rounded don't
+    /// associate.
+    pub fn binary(operation: Binary, a: &Self, b: &Self) -> Self {
+        let (a, b) = (a.real(), b.real());
+        let size = a.size + b.size + 1;
+        let joined = |sign: &str, binding| {
+            let text = format!("{} {sign} {}", a.at_least(binding), b.above(binding));
+            Expression::new(text, binding, Kind::Real, size)
+        };
+        match operation {
+            Binary::Add => joined("+", Binding::Sum),
+            Binary::Sub => joined("-", Binding::Sum),
+            Binary::Mul => joined("*", Binding::Product),
+            Binary::Div => joined("/", Binding::Product),
+            Binary::Pow => Expression::new(format!("F(pow)({}, {})", a.text, b.text), Binding::Atom, Kind::Real, size),
+        }
+    }
+
+    /// A power with a whole exponent; small ones are written out, in the order in which squares are multiplied.
+    pub fn powi(x: &Self, exponent: i32) -> Self {
+        let (x, size) = (x.real(), x.size + 2);
+        let factor = x.above(Binding::Product);
+        match exponent {
+            1 => x,
+            2 => Expression::new(format!("{factor} * {factor}"), Binding::Product, Kind::Real, size),
+            _ => Expression::new(format!("power({}, {exponent})", x.text), Binding::Atom, Kind::Real, size),
+        }
+    }
+
+    /// A power.
+    pub fn powf(x: &Self, exponent: f64) -> Self {
+        Expression::binary(Binary::Pow, x, &Expression::number(exponent))
+    }
+
+    /// A comparison; of whole numbers, as such.
+    pub fn compare(comparison: Comparison, a: &Self, b: &Self) -> Self {
+        let is_whole = |e: &Self| e.kind == Kind::Whole || e.is_whole_number();
+        let whole = is_whole(a) && is_whole(b) && (a.kind == Kind::Whole || b.kind == Kind::Whole);
+        let [a, b] = [a, b].map(|e| if whole { e.whole() } else { e.real() });
+        let (sign, binding) = match comparison {
+            Comparison::Below => ("<", Binding::Relation),
+            Comparison::AtMost => ("<=", Binding::Relation),
+            Comparison::Equals => ("==", Binding::Equality),
+        };
+        // Compilers ask for parentheses around comparisons of comparisons.
+        let text = format!("{} {sign} {}", a.above(Binding::Relation), b.above(Binding::Relation));
+        Expression::new(text, binding, Kind::Whole, a.size + b.size + 1)
+    }
+
+    /// Whether a condition doesn't hold.
+    pub fn not(a: &Self) -> Self {
+        let a = a.condition();
+        Expression::new(format!("!{}", a.at_least(Binding::Unary)), Binding::Unary, Kind::Whole, a.size + 1)
+    }
+
+    /// Whether both conditions hold.
+    pub fn and(a: &Self, b: &Self) -> Self {
+        let (a, b) = (a.condition(), b.condition());
+        let text = format!("{} && {}", a.at_least(Binding::And), b.at_least(Binding::And));
+        Expression::new(text, Binding::And, Kind::Whole, a.size + b.size + 1)
+    }
+
+    /// Whether one condition holds; what both hold in is in parentheses, as compilers ask for.
+    pub fn or(a: &Self, b: &Self) -> Self {
+        let (a, b) = (a.condition(), b.condition());
+        let side = |e: &Self| if e.binding == Binding::Or { e.text.clone() } else { e.above(Binding::And) };
+        Expression::new(format!("{} || {}", side(&a), side(&b)), Binding::Or, Kind::Whole, a.size + b.size + 1)
+    }
+
+    /// One of two.
+    pub fn select(condition: &Self, yes: &Self, no: &Self) -> Self {
+        let is_flag = |e: &Self| e.known.is_some_and(|value| value == 0.0 && value.is_sign_positive() || value == 1.0);
+        let fits = |e: &Self| e.kind == Kind::Whole || is_flag(e);
+        let kind = if fits(yes) && fits(no) && (yes.kind == Kind::Whole || no.kind == Kind::Whole) {
+            Kind::Whole
+        } else {
+            Kind::Real
+        };
+        let condition = condition.condition();
+        let [yes, no] = [yes, no].map(|e| if kind == Kind::Whole { e.whole() } else { e.real() });
+        let size = condition.size + yes.size + no.size + 1;
+        let part = |e: &Self| e.above(Binding::Selection);
+        let text = format!("{} ? {} : {}", part(&condition), part(&yes), part(&no));
+        Expression::new(text, Binding::Selection, kind, size)
+    }
+
+    /// A call of a function of the runtime.
+    pub fn call(name: &str, arguments: &[Self]) -> Self {
+        let size = arguments.iter().map(|argument| argument.size).sum::<usize>() + 1;
+        let arguments: Vec<String> = arguments.iter().map(|argument| argument.real().text).collect();
+        Expression::new(format!("{name}({})", arguments.join(", ")), Binding::Atom, Kind::Real, size)
+    }
+}
+
+/// A number as C writes it: with the digits that tell it from every other one.
+pub fn number(value: f64) -> String {
+    if value.is_nan() {
+        return "(real)NAN".to_owned();
+    }
+    if value.is_infinite() {
+        return if value > 0.0 { "(real)INFINITY" } else { "-(real)INFINITY" }.to_owned();
+    }
+    let sign = if value.is_sign_negative() { "-" } else { "" };
+    let magnitude = value.abs();
+    // Numbers that float can't hold are the largest and the smallest that it can.
+    let wrap = match magnitude {
+        m if m > f64::from(f32::MAX) => "LARGE",
+        m if m > 0.0 && m < f64::from(f32::MIN_POSITIVE) => "SMALL",
+        _ => "R",
+    };
+    format!("{sign}{wrap}({magnitude:?})")
+}

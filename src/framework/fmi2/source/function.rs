@@ -1,0 +1,231 @@
+//! Straight-line C of a recording: what is used once stands where it is used, what is used more often has a name.
+
+use std::fmt::Write;
+
+use super::expression::{Expression, Kind};
+use super::names::Names;
+use crate::recording::{Body, Leaf, Node, Operation, Tape, needed};
+use crate::scalar::Opaque;
+
+/// Expressions of more operations get a name, so that a person can follow them.
+const LARGEST: usize = 12;
+/// Lines are broken before this column.
+const WIDTH: usize = 118;
+
+/// Lines of C that compute some operations.
+#[derive(Debug)]
+pub struct Function<'a> {
+    names: &'a mut Names,
+    lines: String,
+    indent: usize,
+}
+
+/// Operations of a tape, or of an iteration's body, and their expressions so far.
+struct Scope {
+    /// How often each is used.
+    uses: Vec<u32>,
+    found: Vec<Option<Expression>>,
+}
+
+impl Scope {
+    fn of(&self, node: Node) -> &Expression {
+        self.found[node.index()].as_ref().expect("operands are computed before what they are operands of")
+    }
+}
+
+/// What a function is given, by what the recording calls it.
+pub type Given<'a> = dyn Fn(Leaf) -> Expression + 'a;
+
+impl<'a> Function<'a> {
+    /// Empty lines.
+    pub fn new(names: &'a mut Names) -> Self {
+        Function { names, lines: String::new(), indent: 1 }
+    }
+
+    /// The lines.
+    pub fn lines(self) -> String {
+        self.lines
+    }
+
+    /// Adds a line as it is.
+    pub fn whole_line(&mut self, text: &str) {
+        let _ = writeln!(self.lines, "{}{text}", "    ".repeat(self.indent));
+    }
+
+    /// Adds a line, broken where it is too long.
+    pub fn line(&mut self, text: &str) {
+        let indent = "    ".repeat(self.indent);
+        let mut column = indent.len();
+        self.lines.push_str(&indent);
+        for (k, word) in text.split(' ').enumerate() {
+            if k > 0 && column + 1 + word.len() > WIDTH {
+                let _ = write!(self.lines, "\n{indent}    ");
+                column = indent.len() + 4;
+            } else if k > 0 {
+                self.lines.push(' ');
+                column += 1;
+            }
+            self.lines.push_str(word);
+            column += word.len();
+        }
+        self.lines.push('\n');
+    }
+
+    /// Computes nodes of a tape; the expressions that they are. Those that are to have a name are given it.
+    pub fn compute(
+        &mut self,
+        tape: &Tape,
+        wanted: &[Node],
+        named: impl Fn(Node) -> Option<String>,
+        given: &Given,
+    ) -> Vec<Expression> {
+        let needed = tape.needed(wanted);
+        let leaf = |operation: &Operation| match operation {
+            Operation::Leaf(leaf) => given(*leaf),
+            _ => Expression::number(f64::NAN),
+        };
+        self.statements(tape.operations(), &needed, wanted, &named, &leaf)
+    }
+
+    fn statements(
+        &mut self,
+        operations: &[Operation],
+        needed: &[bool],
+        wanted: &[Node],
+        named: &dyn Fn(Node) -> Option<String>,
+        given: &dyn Fn(&Operation) -> Expression,
+    ) -> Vec<Expression> {
+        let uses = uses(operations, needed, wanted);
+        let mut scope = Scope { uses, found: vec![None; operations.len()] };
+        for place in (0..operations.len()).filter(|&place| needed[place]) {
+            let operation = &operations[place];
+            let found = match operation {
+                Operation::Leaf(_) | Operation::Carried(_) => given(operation),
+                Operation::Iterate { body, most, start, captured } => {
+                    self.iteration(body, *most, (start, captured), place, &scope)
+                }
+                _ => self.kept(place, expression(operation, &scope), &scope, named),
+            };
+            scope.found[place] = Some(found);
+        }
+        wanted.iter().map(|&node| scope.of(node).clone()).collect()
+    }
+
+    /// An expression as it is, or by the name that it gets.
+    fn kept(
+        &mut self,
+        place: usize,
+        found: Expression,
+        scope: &Scope,
+        named: &dyn Fn(Node) -> Option<String>,
+    ) -> Expression {
+        let own = named(Node::at(place));
+        let is_short = scope.uses[place] <= 1 && found.size <= LARGEST;
+        if found.known.is_some() || own.is_none() && (found.size == 0 || is_short) {
+            return found;
+        }
+        let name = match own {
+            Some(variable) => self.names.of(&variable),
+            None => self.names.numbered(if found.kind == Kind::Real { "a" } else { "c" }, place),
+        };
+        let of = if found.kind == Kind::Real { "real" } else { "int" };
+        self.line(&format!("const {of} {name} = {};", found.text));
+        Expression::atom(name, found.kind)
+    }
+
+    /// A loop; what it reaches stands in an array, of which the expression is the name.
+    fn iteration(
+        &mut self,
+        body: &Body,
+        most: usize,
+        (start, captured): (&[Node], &[Node]),
+        place: usize,
+        scope: &Scope,
+    ) -> Expression {
+        let array = self.names.numbered("s", place);
+        let counter = self.names.numbered("k", place);
+        let start: Vec<String> = start.iter().map(|&node| scope.of(node).real().text).collect();
+        let captured: Vec<Expression> = captured.iter().map(|&node| scope.of(node).clone()).collect();
+        self.line(&format!("real {array}[{}] = {{ {} }};", start.len(), start.join(", ")));
+        self.line(&format!("for (int {counter} = 0; {counter} < {most}; ++{counter}) {{"));
+        self.indent += 1;
+        let carried = |operation: &Operation| match operation {
+            Operation::Carried(number) if (*number as usize) < start.len() => {
+                Expression::atom(format!("{array}[{number}]"), Kind::Real)
+            }
+            Operation::Carried(number) => captured[*number as usize - start.len()].clone(),
+            _ => Expression::number(f64::NAN),
+        };
+        let unnamed = |_| None;
+        let condition = self.part_of_body(body, &[body.goes_on], &unnamed, &carried);
+        self.line(&format!("if (!({})) break;", condition[0].condition().text));
+        let next = self.part_of_body(body, &body.next, &unnamed, &carried);
+        let next: Vec<String> = next.iter().map(|value| value.real().text).collect();
+        // All of the new state follows from the old one.
+        let new = self.names.numbered("next", place);
+        self.line(&format!("const real {new}[{}] = {{ {} }};", next.len(), next.join(", ")));
+        for k in 0..next.len() {
+            self.line(&format!("{array}[{k}] = {new}[{k}];"));
+        }
+        self.indent -= 1;
+        self.line("}");
+        Expression::atom(array, Kind::Real)
+    }
+
+    /// A part of what an iteration does: its condition, or its step.
+    fn part_of_body(
+        &mut self,
+        body: &Body,
+        wanted: &[Node],
+        named: &dyn Fn(Node) -> Option<String>,
+        given: &dyn Fn(&Operation) -> Expression,
+    ) -> Vec<Expression> {
+        let needed = needed(&body.operations, wanted);
+        self.statements(&body.operations, &needed, wanted, named, given)
+    }
+}
+
+/// How often operations are used: by others, and by what is wanted. What a loop reads, and a square, is used more than once.
+fn uses(operations: &[Operation], needed: &[bool], wanted: &[Node]) -> Vec<u32> {
+    let mut uses = vec![0; operations.len()];
+    wanted.iter().for_each(|node| uses[node.index()] += 1);
+    for (operation, _) in operations.iter().zip(needed).filter(|(_, needed)| **needed) {
+        let often = if matches!(operation, Operation::Iterate { .. } | Operation::Powi(..)) { 2 } else { 1 };
+        operation.operands().for_each(|operand| uses[operand.index()] += often);
+    }
+    uses
+}
+
+fn expression(operation: &Operation, scope: &Scope) -> Expression {
+    let of = |node: &Node| scope.of(*node);
+    match operation {
+        Operation::Constant(bits) => Expression::number(f64::from_bits(*bits)),
+        Operation::Unary(function, a) => Expression::unary(*function, of(a)),
+        Operation::Binary(operation, a, b) => Expression::binary(*operation, of(a), of(b)),
+        Operation::Powi(a, exponent) => Expression::powi(of(a), *exponent),
+        Operation::Powf(a, bits) => Expression::powf(of(a), f64::from_bits(*bits)),
+        Operation::Compare(comparison, a, b) => Expression::compare(*comparison, of(a), of(b)),
+        Operation::Not(a) => Expression::not(of(a)),
+        Operation::And(a, b) => Expression::and(of(a), of(b)),
+        Operation::Or(a, b) => Expression::or(of(a), of(b)),
+        Operation::Select(condition, yes, no) => Expression::select(of(condition), of(yes), of(no)),
+        Operation::Opaque(Opaque::Noise, arguments) => {
+            let arguments: Vec<Expression> = arguments.iter().map(|argument| of(argument).clone()).collect();
+            Expression::call("noise", &arguments)
+        }
+        Operation::Part(iteration, number) => Expression::atom(format!("{}[{number}]", of(iteration).text), Kind::Real),
+        // Handled where statements are made.
+        Operation::Leaf(_) | Operation::Carried(_) | Operation::Iterate { .. } => Expression::number(f64::NAN),
+    }
+}
+
+impl Function<'_> {
+    /// What stands at a place of an array, by a name of its own, in a line with what it is.
+    pub fn read(&mut self, array: &str, place: usize, kind: Kind, variable: &str) -> Expression {
+        let name = self.names.of(variable);
+        let of = if kind == Kind::Real { "real" } else { "int" };
+        let comment = if name == variable { String::new() } else { format!(" /* {variable} */") };
+        let _ = writeln!(self.lines, "    const {of} {name} = {array}[{place}];{comment}");
+        Expression::atom(name, kind)
+    }
+}

@@ -1,0 +1,73 @@
+//! Texts with numbers in them, as generated C holds them.
+
+use std::fmt::Write;
+
+use crate::recording::Node;
+
+/// A text with marks where numbers go: the byte 1, then how a number is written.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Told {
+    /// The text.
+    pub text: String,
+    /// The numbers, in the order of their marks.
+    pub numbers: Vec<Node>,
+}
+
+impl Told {
+    /// A text of a recording, in which numbers are referred to as `{node 12}`, with how they are written behind.
+    pub fn of(text: &str) -> Self {
+        let mut pieces = text.split("{node ");
+        let mut told = Told { text: pieces.next().unwrap_or_default().to_owned(), numbers: Vec::new() };
+        for piece in pieces {
+            let (reference, rest) = piece.split_once('}').unwrap_or((piece, ""));
+            let (number, how) = reference.split_once(' ').unwrap_or((reference, ""));
+            told.numbers.push(Node::at(number.parse().unwrap_or_default()));
+            told.text.push('\u{1}');
+            told.text += &mark(how);
+            told.text += rest;
+        }
+        told
+    }
+}
+
+/// How a number is written: `n` with all its digits, `r` rounded for a person, `e` and `f` with so many digits behind the point.
+fn mark(how: &str) -> String {
+    match how.strip_prefix('.') {
+        Some(digits) if digits.ends_with('e') => format!("e{}", digits.trim_end_matches('e')),
+        Some(digits) => format!("f{}", digits.trim_end_matches('f')),
+        None if how == "rounded" => "r".to_owned(),
+        None => "n".to_owned(),
+    }
+}
+
+/// A text as C writes it, whatever a compiler takes its source to be encoded in.
+pub fn quoted(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for byte in text.bytes() {
+        match byte {
+            b'\\' => quoted.push_str("\\\\"),
+            // A quote is written by its number, so that quotes in C are those of texts; ?? would begin a trigraph.
+            b' '..=b'~' if !matches!(byte, b'"' | b'?') => quoted.push(byte as char),
+            _ => _ = write!(quoted, "\\{byte:03o}"),
+        }
+    }
+    quoted.push('"');
+    quoted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_marked_in_their_order() {
+        let told = Told::of("x = {node 12}, about {node 3 rounded}, {node 7 .3e} or {node 8 .2f} {m}");
+        assert_eq!(told.text, "x = \u{1}n, about \u{1}r, \u{1}e3 or \u{1}f2 {m}");
+        assert_eq!(told.numbers, [12, 3, 7, 8].map(Node::at));
+    }
+
+    #[test]
+    fn any_text_is_a_text_of_c() {
+        assert_eq!(quoted("a \"b\" \\ ??= 1 … 2\n\u{1}n"), r#""a \042b\042 \\ \077\077= 1 \342\200\246 2\012\001n""#);
+    }
+}

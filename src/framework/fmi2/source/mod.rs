@@ -1,0 +1,165 @@
+//! A unit as C99: its recorded equations as straight-line functions, and its tables. A runtime, the same for all units, is
+//! compiled with them and has the functions of the standard.
+//!
+//! What only the design of a unit reads (`System::prepare`) is a constant of its source; what the equations read stays a
+//! variable. The same description gives the same bytes.
+
+mod derivatives;
+mod equations;
+mod expression;
+mod function;
+mod header;
+mod message;
+mod names;
+mod tables;
+
+use crate::error::Invalid;
+use crate::fmi2::model_description::log_categories;
+use crate::model::{Block, Model};
+use crate::recording::{Leaf, Method, Node, Note, Operation, Recording};
+use crate::system::{MessageLog, Section, Variability, Variable, Variables};
+use equations::Target;
+use expression::Kind;
+use message::Told;
+
+macro_rules! runtime {
+    ($($name:literal)*) => {
+        /// The files that all units share: names and texts.
+        pub const RUNTIME: &[(&str, &str)] = &[$(($name, include_str!(concat!("runtime/", $name)))),*];
+    };
+}
+
+runtime!(
+    "access.c" "all.c" "calls.c" "choice.c" "derivatives.c" "digits.c" "driver.c" "elimination.c" "events.c"
+    "exchange.c" "exchange_calls.c" "execution.c" "explicit.c" "failures.c" "fixed.c" "fmi2.c" "fmi2.h"
+    "indicators.c" "instance.h" "law.c" "law.h" "memory.c" "numbers.h" "problem.c" "problem.h" "real.h" "runtime.h"
+    "spectrum.c" "stability.c" "states.c" "stepping.c" "stiff.c" "text.c" "text.h"
+);
+
+/// A source file: its name and its text.
+pub type SourceFile = (String, String);
+
+/// A unit that is written.
+struct Unit<'a> {
+    model: &'a Model,
+    /// The block that instances begin with, prepared.
+    start: Block,
+    /// Names of what lies in the block.
+    real_names: Vec<String>,
+    integer_names: Vec<String>,
+    categories: Vec<&'static str>,
+    /// Which reals and integers are known: parameters of the design, and what was prepared from them.
+    known_reals: Vec<bool>,
+    known_integers: Vec<bool>,
+}
+
+/// The files of a unit that are its own.
+///
+/// # Errors
+/// When its equations can't be recorded, or its start values don't fit together.
+pub fn files(model: &Model) -> Result<Vec<SourceFile>, Invalid> {
+    model.check_recorded()?;
+    let mut start = model.start().clone();
+    model.prepare(&mut start, &mut MessageLog::new())?;
+    let variables = model.variables();
+    let (real_names, integer_names) = (names(variables, true), names(variables, false));
+    let categories = log_categories(model).map(|(name, _)| name).collect();
+    let known_integers = known(variables, start.integers.len(), false);
+    let mut known_reals = known(variables, start.reals.len(), true);
+    let related = Recording::of(model.system(), Method::Relate, &variables.layout());
+    let is_leaf = |node: Node, leaf| *related.tape.operation(node) == Operation::Leaf(leaf);
+    for place in variables.reals(Section::Prepared) {
+        known_reals[place] = is_leaf(related.reals[place], Leaf::Real(place as u32));
+    }
+    let unit = Unit { model, start, real_names, integer_names, categories, known_reals, known_integers };
+    let body = [tables::write(&unit), equations::write(&unit), derivatives::write(&unit)].concat();
+    Ok(vec![("unit.h".to_owned(), header::write(&unit)), ("unit.c".to_owned(), body)])
+}
+
+/// Which values of the block are parameters that the unit was designed with.
+fn known(variables: &Variables, size: usize, real: bool) -> Vec<bool> {
+    let mut known = vec![false; size];
+    let designed = variables.iter().filter(|v| v.is_real() == real && v.variability == Variability::Constant);
+    designed.flat_map(Variable::elements).for_each(|element| known[variables.index(element)] = true);
+    known
+}
+
+/// Names of all that lies in the block: of reals, or of integers.
+fn names(variables: &Variables, real: bool) -> Vec<String> {
+    let size = if real { variables.reals(Section::Memory).end } else { variables.integers(Section::Memory).end };
+    let mut names = vec![String::new(); size];
+    for element in variables.iter().filter(|variable| variable.is_real() == real).flat_map(|v| v.elements()) {
+        names[variables.index(element)] = element.name().trim_start_matches('#').to_owned();
+    }
+    let unnamed = names.iter_mut().enumerate().filter(|(_, name)| name.is_empty());
+    unnamed.for_each(|(place, name)| *name = format!("kept[{place}]"));
+    names
+}
+
+impl Unit<'_> {
+    fn real_name(&self, place: usize) -> &str {
+        &self.real_names[place]
+    }
+
+    fn integer_name(&self, place: usize) -> &str {
+        &self.integer_names[place]
+    }
+
+    /// The number of a log category.
+    fn category(&self, name: &str) -> usize {
+        self.categories.iter().position(|known| *known == name).unwrap_or_default()
+    }
+
+    /// What was computed, or given, when the unit was designed.
+    fn known(&self, leaf: Leaf) -> Option<f64> {
+        match leaf {
+            Leaf::Real(place) => self.known_reals[place as usize].then(|| self.start.reals[place as usize]),
+            Leaf::Integer(place) => {
+                self.known_integers[place as usize].then(|| f64::from(self.start.integers[place as usize]))
+            }
+            _ => None,
+        }
+    }
+
+    fn record(&self, method: Method) -> Recording {
+        let layout = self.model.variables().layout();
+        Recording::of_known(self.model.system(), method, &layout, &|leaf| self.known(leaf))
+    }
+
+    /// What a method makes of values of some sections, where that is anything.
+    fn changed(&self, recording: &Recording, sections: &[Section]) -> Vec<Target> {
+        let variables = self.model.variables();
+        let is_same = |node: Node, leaf: Leaf| match recording.tape.operation(node) {
+            Operation::Leaf(found) => *found == leaf,
+            Operation::Constant(bits) => self.known(leaf).is_some_and(|known| known.to_bits() == *bits),
+            _ => false,
+        };
+        let mut targets = Vec::new();
+        for &section in sections {
+            for place in variables.reals(section) {
+                let node = recording.reals[place];
+                if !is_same(node, Leaf::Real(place as u32)) {
+                    let variable = Some(self.real_names[place].clone());
+                    targets.push(Target { node, place: format!("v[{place}] ="), kind: Kind::Real, variable });
+                }
+            }
+            for place in variables.integers(section) {
+                let node = recording.integers[place];
+                if !is_same(node, Leaf::Integer(place as u32)) {
+                    let variable = Some(self.integer_names[place].clone());
+                    targets.push(Target { node, place: format!("n[{place}] ="), kind: Kind::Whole, variable });
+                }
+            }
+        }
+        targets
+    }
+
+    /// A message or a refusal, in the names that users know.
+    fn told(&self, note: &Note) -> Told {
+        let variables = self.model.variables();
+        match note {
+            Note::Message { text, .. } => Told::of(&variables.told(text)),
+            Note::Refusal { reason, .. } => Told::of(&variables.told(&reason.to_string())),
+        }
+    }
+}

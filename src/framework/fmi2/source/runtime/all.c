@@ -1,0 +1,42 @@
+/* The unit: the only file that is compiled. Nothing but the functions of the standard has a name outside it. */
+
+#ifndef FMI2_STATIC_INSTANCES
+#include <stdlib.h>
+#include <time.h>
+#endif
+
+#include "fmi2.h"
+#include "runtime.h"
+#include "problem.h"
+#include "text.h"
+#include "instance.h"
+
+#include "unit.c"
+
+#include "digits.c"
+#include "text.c"
+
+#include "problem.c"
+#include "explicit.c"
+#include "elimination.c"
+#include "spectrum.c"
+#include "stiff.c"
+#include "stability.c"
+#include "choice.c"
+#include "indicators.c"
+#include "events.c"
+#include "fixed.c"
+#include "driver.c"
+#include "failures.c"
+
+#include "execution.c"
+#include "exchange.c"
+
+#include "calls.c"
+#include "memory.c"
+#include "access.c"
+#include "derivatives.c"
+#include "stepping.c"
+#include "exchange_calls.c"
+#include "states.c"
+#include "fmi2.c"

@@ -1,0 +1,238 @@
+/* The methods of a unit, and the choice between them.
+ *
+ * The eigenvalues of the exact Jacobian choose, and work. A substep of the explicit method speaks for the stiff one where
+ * its stability limits it, for one mode or another that is damped, and the stiff method need not follow a mode that isn't.
+ * One that goes the whole way can't be beaten. A substep of the stiff method speaks for the explicit one where that would
+ * take less work within its own limits. The stiff method is tried when the explicit one has worked as long as a trial
+ * takes, so that a trial never costs more than what it may save.
+ *
+ * Eigenvalues are looked at now and then. How often depends on work alone, so that a restored instance looks at the same
+ * substeps. The stiff method has the Jacobian anyway, takes long substeps, and is the one that could pass over growth or a
+ * pole, so it looks more often. */
+
+/* Work in elementary operations of about 1 ns: of an evaluation, by what it may read, and in the choice between methods,
+ * that by the number of states alone. */
+#define CALL_WORK R(30.0)
+#define EVALUATION_WORK (CALL_WORK + (real)(FIRST_RATE + UNIT_STATES))
+#define TYPICAL_EVALUATION (CALL_WORK + R(20.0) * STATES)
+#define STATES ((real)UNIT_STATES)
+/* Of a substep that is tried by either method, of a Jacobian (over dual numbers), and of its eigenvalues. */
+#define EXPLICIT_WORK(evaluation) (R(7.0) * (evaluation) + R(50.0) * STATES)
+#define STIFF_WORK(evaluation)                                                                                              \
+    (R(9.0) * (evaluation) + R(2.0) / R(3.0) * (STATES * STATES * STATES) + R(16.0) * (STATES * STATES) + R(80.0) * STATES)
+#define JACOBIAN_WORK(evaluation) ((STATES + R(1.0)) * R(2.5) * (evaluation))
+#define EIGENVALUES_WORK (R(20.0) * (STATES * STATES * STATES) + R(100.0) * STATES)
+
+#if UNIT_HAS_STIFF
+
+/* Work of a stiff substep in explicit ones. */
+#define RELATIVE_WORK                                                                                                       \
+    ((STIFF_WORK(TYPICAL_EVALUATION) + JACOBIAN_WORK(TYPICAL_EVALUATION)) / EXPLICIT_WORK(TYPICAL_EVALUATION))
+/* How many more substeps must speak for the explicit method than against it before it is taken. */
+#define EVIDENCE 15
+/* The same for the stiff one: they take as long as a trial that ends with the evidence for the explicit method. */
+#define EVIDENCE_TO_TRY ((int)(RELATIVE_WORK * (real)EVIDENCE))
+/* After a change back to the explicit method, the next trial takes so many times the evidence more. */
+#define TRIAL_PATIENCE 4
+
+#endif
+
+#if UNIT_HAS_SPECTRUM
+
+/* A substep above this part of what stability allows counts as limited by it. */
+#define LIMITED R(0.5)
+/* Work of the explicit method between looks, in what a look takes. Far from any limit it may wait longer. */
+#define LOOK_WORK (JACOBIAN_WORK(TYPICAL_EVALUATION))
+#define EXPLICIT_INTERVAL (R(20.0) * (EIGENVALUES_WORK + LOOK_WORK))
+#define FAR_FROM_LIMIT R(10.0)
+#define PATIENCE R(4.0)
+/* The same of the stiff method, whose substeps are long, and its shortest wait as a part of that. */
+#define STIFF_INTERVAL (R(3.0) * EIGENVALUES_WORK)
+#define LEAST_INTERVAL R(1e-3)
+/* A Jacobian that became so many times larger or smaller is looked at, whatever it takes. */
+#define CHANGE R(1.25)
+
+/* What eigenvalues limit a method to, as the reciprocal of its substep, 1/s. */
+static real limit_of(const Limits *limits, int stiff) {
+    return stiff ? limits->stiff : larger(limits->stable, limits->explicit_rate);
+}
+
+/* Looks at the eigenvalues of the Jacobian. */
+static void look(Driver *driver, Pace *pace) {
+    memset(driver->matrix, 0, sizeof driver->matrix);
+    for (int column = 0; column < UNIT_STATES; column++) {
+        for (int entry = unit_columns[column]; entry < unit_columns[column + 1]; entry++) {
+            /* Zeros have no sign here: reflections would go by it. */
+            driver->matrix[column * UNIT_STATES + unit_rows[entry]] = driver->jacobian[entry] + R(0.0);
+        }
+    }
+    if (find_spectrum(driver)) {
+        find_limits(driver, &pace->limits);
+    } else {
+        memset(&pace->limits, 0, sizeof pace->limits);
+    }
+}
+
+/* How large the Jacobian is, with states in units of their nominal values: its largest sum of a row, 1/s. */
+static real jacobian_size(Driver *driver) {
+    real *sums = driver->solution, size = R(0.0);
+    memset(sums, 0, sizeof driver->solution);
+    for (int column = 0; column < UNIT_STATES; column++) {
+        for (int entry = unit_columns[column]; entry < unit_columns[column + 1]; entry++) {
+            sums[unit_rows[entry]] += magnitude(driver->jacobian[entry]) * unit_nominals[column];
+        }
+    }
+    for (int i = 0; i < UNIT_STATES; i++) {
+        size = larger(size, sums[i] / unit_nominals[i]);
+    }
+    return size;
+}
+
+/* The stiff method looks at the Jacobian of its substep, if that is due or it has changed; whether it did. */
+static int look_for_stiff(Driver *driver, real way, Pace *pace) {
+    real size = jacobian_size(driver);
+    int changed = size > CHANGE * pace->jacobian_size || pace->jacobian_size > CHANGE * size;
+    if (pace->until_look > R(0.0) && !changed) {
+        return 0;
+    }
+    Limits before = pace->limits;
+    look(driver, pace);
+    remember_limits(&pace->limits, &before);
+    pace->jacobian_size = size;
+    /* Growth that has to be followed may come and go: it is looked for in each substep, then ever more rarely. */
+    int follows = limit_of(&pace->limits, 1) * way > R(1.0);
+    real longer = clamped(R(2.0) * pace->interval, LEAST_INTERVAL * STIFF_INTERVAL, STIFF_INTERVAL);
+    pace->interval = follows ? R(0.0) : longer;
+    pace->until_look = pace->interval;
+    return 1;
+}
+
+/* The explicit method looks where that is due, at a Jacobian that is made for that; the work that it was. */
+static real look_for_explicit(Driver *driver, const Problem *problem, real way, Pace *pace) {
+    int state;
+    if (pace->until_look > R(0.0)) {
+        return R(0.0);
+    }
+    if (!evaluate_jacobian(driver, problem, &state)) {
+        memset(&pace->limits, 0, sizeof pace->limits);
+        pace->until_look = EXPLICIT_INTERVAL;
+        return JACOBIAN_WORK(EVALUATION_WORK);
+    }
+    look(driver, pace);
+    int far = way * limit_of(&pace->limits, 0) * FAR_FROM_LIMIT < R(1.0);
+    pace->until_look = EXPLICIT_INTERVAL * (far ? PATIENCE : R(1.0));
+    return JACOBIAN_WORK(EVALUATION_WORK) + EIGENVALUES_WORK;
+}
+
+/* Counts the accepted substep h for or against the method in force. `whole`: it went all the way to where it had to end. */
+static void judge(real h, int whole, Pace *pace) {
+    real explicit_limit = limit_of(&pace->limits, 0), stiff_limit = limit_of(&pace->limits, 1);
+    int against;
+    if (pace->stiff) {
+        /* Half the work: a system at the border stays with what it has. */
+        against = h * explicit_limit < R(0.5) * RELATIVE_WORK;
+    } else {
+        against = !whole && h * pace->limits.stable > LIMITED && stiff_limit * RELATIVE_WORK < explicit_limit;
+    }
+    if (against) {
+        pace->evidence += 1;
+    } else if (pace->evidence > 0) {
+        pace->evidence -= 1;
+    }
+}
+
+#endif
+
+#if UNIT_STATES > 0
+
+/* The longest substep that the eigenvalues allow the method in force, s. */
+static real longest_substep(const Pace *pace) {
+#if UNIT_HAS_SPECTRUM
+    real limit = limit_of(&pace->limits, pace->stiff);
+    return limit > R(0.0) ? R(1.0) / limit : (real)INFINITY;
+#else
+    (void)pace;
+    return (real)INFINITY;
+#endif
+}
+
+#endif
+
+#if UNIT_HAS_STIFF
+
+static void change_method(Pace *pace) {
+    pace->evidence = pace->stiff ? -TRIAL_PATIENCE * EVIDENCE_TO_TRY : 0;
+    pace->stiff = !pace->stiff;
+    /* The other method's limits are looked at before it goes anywhere. */
+    pace->until_look = R(0.0);
+}
+
+/* Prepares a substep of the stiff method; whether it can go. */
+static int begin_stiff(Driver *driver, const Problem *problem, real way, Pace *pace, int *state) {
+    if (!evaluate_jacobian(driver, problem, state)) {
+        return 0;
+    }
+#if UNIT_HAS_SPECTRUM
+    int looked = look_for_stiff(driver, way, pace);
+#else
+    int looked = 0;
+    (void)way;
+    (void)pace;
+#endif
+    driver->work += JACOBIAN_WORK(EVALUATION_WORK) + (looked ? EIGENVALUES_WORK : R(0.0));
+    return 1;
+}
+
+#endif
+
+#if UNIT_MOVES
+
+/* Decides by which method the substep goes that begins where the problem stands, with so long a way to go, and prepares
+ * it. */
+static int begin_substep(Driver *driver, const Problem *problem, int method, real way, Pace *pace, StepError *error) {
+#if UNIT_HAS_STIFF
+    int state = 0;
+    if (method != METHOD_AUTOMATIC) {
+        pace->stiff = method == METHOD_STIFF;
+    } else if (pace->evidence >= (pace->stiff ? EVIDENCE : EVIDENCE_TO_TRY)) {
+        change_method(pace);
+    }
+    if (pace->stiff) {
+        if (begin_stiff(driver, problem, way, pace, &state)) {
+            return 1;
+        }
+        if (method != METHOD_AUTOMATIC) {
+            return step_fails(error, STEP_NO_JACOBIAN, FIRST_STATE + state, driver->start.time);
+        }
+        change_method(pace);
+    }
+#else
+    (void)method;
+    (void)error;
+#endif
+#if UNIT_HAS_SPECTRUM
+    driver->work += look_for_explicit(driver, problem, way, pace);
+#else
+    (void)driver;
+    (void)problem;
+    (void)way;
+    (void)pace;
+#endif
+    return 1;
+}
+
+/* Tries a substep of length h by the method in force, from where the last one ended. */
+static Estimate attempt(Driver *driver, Problem *problem, real h, real relative_tolerance, Pace *pace) {
+#if UNIT_HAS_STIFF
+    if (pace->stiff) {
+        driver->work += STIFF_WORK(EVALUATION_WORK);
+        pace->until_look -= STIFF_WORK(TYPICAL_EVALUATION) + JACOBIAN_WORK(TYPICAL_EVALUATION);
+        return stiff_attempt(driver, problem, h, relative_tolerance);
+    }
+#endif
+    driver->work += EXPLICIT_WORK(EVALUATION_WORK);
+    pace->until_look -= EXPLICIT_WORK(TYPICAL_EVALUATION);
+    return explicit_attempt(driver, problem, h, relative_tolerance);
+}
+
+#endif

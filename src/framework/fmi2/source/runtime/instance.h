@@ -1,0 +1,91 @@
+/* One instance of the unit: its values, its parameters as a transaction, its inputs within a step, its saved states. */
+
+#ifndef ADAPTIVE_FMU_INSTANCE_H
+#define ADAPTIVE_FMU_INSTANCE_H
+
+/* With FMI2_STATIC_INSTANCES: how many states each instance may save, and bytes of its name. */
+#ifndef FMI2_STATIC_STATES
+#define FMI2_STATIC_STATES 1
+#endif
+#ifndef FMI2_STATIC_NAME
+#define FMI2_STATIC_NAME 64
+#endif
+
+/* The state of an instance. */
+typedef enum {
+    PHASE_INSTANTIATED,    /* after fmi2Instantiate or fmi2Reset */
+    PHASE_INITIALIZATION,  /* between fmi2EnterInitializationMode and fmi2ExitInitializationMode */
+    PHASE_EVENT,           /* model exchange: at an event, or right after initialisation */
+    PHASE_CONTINUOUS_TIME, /* model exchange: being integrated by the master */
+    PHASE_STEP_COMPLETE,   /* co-simulation: initialised; the last step, if any, is complete */
+    PHASE_STEP_FAILED,     /* co-simulation: the last step was discarded */
+    PHASE_TERMINATED,      /* after fmi2Terminate */
+    PHASE_ERROR,           /* a step or an event failed; values are those before it */
+    PHASES
+} Phase;
+
+/* The items of choices that every unit has. */
+enum { INPUTS_HOLD = 1, INPUTS_EXTRAPOLATE, INPUTS_INTERPOLATE };
+enum { ON_FAILURE_ERROR = 1, ON_FAILURE_DISCARD };
+/* Log categories that every unit has; its warnings have others. */
+enum { CATEGORY_ERROR, CATEGORY_DISCARD, CATEGORY_EVENTS };
+
+/* Tolerances below this only add up rounding errors. */
+#define TIGHTEST_TOLERANCE R(1e-12)
+/* How far, in parts of the step, a master's communication point may lie from where the instance stands. */
+#define COMMUNICATION_POINT_SLACK 1e-6
+
+/* All values. A copy of them is a copy of the instance. */
+typedef struct {
+    real v[UNIT_REALS];
+    int n[AT_LEAST_ONE(UNIT_INTEGERS)];
+} Block;
+
+/* Everything that a continuation depends on. */
+typedef struct {
+    Block block;
+    Phase phase;
+    int has_stop_time;
+    double stop_time;
+} Snapshot;
+
+/* A saved state. What the master holds is its slot and the slot's generation, never an address. */
+typedef struct {
+    size_t generation;
+    Snapshot *saved; /* NULL where the slot is free */
+} Slot;
+
+typedef struct {
+    Block block;
+    Block saved;  /* as before the step that is being tried; a place to compute with other values, when none is */
+    int fresh;    /* whether nothing was changed since everything was computed */
+    Driver driver;
+    real changes[UNIT_REALS]; /* directions go in, derivatives come out */
+#if UNIT_INPUTS > 0
+    real ramp_values[UNIT_INPUTS];
+    real ramp_slopes[UNIT_INPUTS];
+#endif
+    Log log;
+
+    fmi2Type interface;
+    Phase phase;
+    int has_stop_time;
+    double stop_time;
+
+    fmi2CallbackFunctions callbacks;
+    char *name;
+    int logs_events; /* whether debug messages are wanted */
+    int sending;     /* how many calls are sending messages: the master's logger may call in again */
+    int is_freed;
+
+    size_t salt; /* mixed into generations, so that a state of another instance isn't taken for one of its own */
+    Slot *slots;
+    size_t slot_count;
+#ifdef FMI2_STATIC_INSTANCES
+    Slot slot_room[FMI2_STATIC_STATES];
+    Snapshot snapshots[FMI2_STATIC_STATES];
+    char name_room[FMI2_STATIC_NAME];
+#endif
+} Instance;
+
+#endif

@@ -1,0 +1,57 @@
+/* What the files of a source unit share. Everything is compiled as one translation unit (all.c), so that nothing but the
+ * functions of the standard has a name outside it: several units can be linked into one program. */
+
+#ifndef ADAPTIVE_FMU_RUNTIME_H
+#define ADAPTIVE_FMU_RUNTIME_H
+
+#include <limits.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "real.h"
+
+/* Types of variables, and what may be done with one. */
+enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN };
+enum { ACCESS_HIDDEN, ACCESS_FIXED, ACCESS_TUNABLE, ACCESS_INPUT, ACCESS_LOCAL, ACCESS_OUTPUT, ACCESS_DESIGNED };
+/* Which limits a variable has. */
+enum { LIMIT_MIN = 1, LIMIT_ABOVE_MIN = 2, LIMIT_MAX = 4 };
+
+/* A real variable, by its place in the block. */
+typedef struct {
+    const char *name; /* as users know it; NULL where it isn't shown */
+    unsigned char access;
+    unsigned char limits;
+    real min;
+    real max;
+} RealVariable;
+
+/* An integer, a Boolean or a choice, by its place in the block. */
+typedef struct {
+    const char *name;
+    unsigned char access;
+    unsigned char type;
+    unsigned char has_limits; /* of an integer, or the items of a choice */
+    int min;
+    int max;
+    const char *items; /* "1 hold, 2 extrapolate" of a choice; NULL elsewhere */
+} IntegerVariable;
+
+/* A continuous output that isn't a state, and its magnitude. */
+typedef struct {
+    int place;
+    real nominal;
+} Output;
+
+/* Messages that the equations leave, until they are sent: the texts are constants with marks where numbers go. A mark is
+ * the byte 1, then n (all digits), r (rounded for a person), e or f (with an exponent, or without) and for these two the
+ * number of digits behind the point, as a digit. */
+typedef struct Log Log;
+/* Tells a message of a log category (its place in unit_categories). */
+static void tell(Log *log, int category, const char *text, const real *values, int count);
+/* Refuses what was asked for: a start, a point, parameters. */
+static void refuse(Log *log, const char *reason, const real *values, int count);
+
+#include "unit.h"
+#include "numbers.h"
+
+#endif

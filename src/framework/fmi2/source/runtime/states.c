@@ -1,0 +1,234 @@
+/* Saved states: slots that a master names by a number, and bytes that it may keep. */
+
+/* A free slot with room for a state, or NULL. A slot whose generations are used up is not used again: a number never
+ * names two states. */
+static Slot *make_slot(Instance *instance) {
+    size_t k = 0;
+    for (;;) {
+        while (k < instance->slot_count) {
+            Slot *slot = &instance->slots[k];
+            if (slot->saved == NULL && slot->generation < SIZE_MAX >> SLOT_BITS) {
+                slot->saved = snapshot_room(instance, k);
+                slot->generation += slot->saved != NULL;
+                return slot->saved != NULL ? slot : NULL;
+            }
+            k++;
+        }
+        if (!add_slots(instance)) {
+            return NULL;
+        }
+    }
+}
+
+/* The number of a slot's state: never 0, and never an address. */
+static fmi2FMUstate name_of_slot(const Instance *instance, const Slot *slot) {
+    size_t index = (size_t)(slot - instance->slots);
+    return (fmi2FMUstate)(uintptr_t)((slot->generation ^ instance->salt) << SLOT_BITS | (index + 1));
+}
+
+/* The slot of a saved state; NULL, refused, where there is none of this name. */
+static Slot *find_slot(Call *call, fmi2FMUstate name) {
+    Instance *instance = call->instance;
+    size_t number = (size_t)(uintptr_t)name, index = (number & (((size_t)1 << SLOT_BITS) - 1)) - 1;
+    if (index < instance->slot_count) {
+        Slot *slot = &instance->slots[index];
+        if (slot->saved != NULL && (slot->generation ^ instance->salt) == number >> SLOT_BITS) {
+            return slot;
+        }
+    }
+    refused(call, ": this is not a saved state of this instance (never was, or freed before)");
+    return NULL;
+}
+
+static fmi2Status refused_for_room(Call *call) {
+    return refused(call, ": there is no room for another saved state: free some");
+}
+
+static fmi2Status get_state(Call *call, fmi2FMUstate *name) {
+    Instance *instance = call->instance;
+    Slot *slot = *name != NULL ? find_slot(call, *name) : make_slot(instance);
+    if (slot == NULL) {
+        return *name != NULL ? fmi2Error : refused_for_room(call);
+    }
+    slot->saved->block = instance->block;
+    slot->saved->phase = instance->phase;
+    slot->saved->has_stop_time = instance->has_stop_time;
+    slot->saved->stop_time = instance->stop_time;
+    *name = name_of_slot(instance, slot);
+    return fmi2OK;
+}
+
+static fmi2Status set_state(Call *call, fmi2FMUstate name) {
+    Instance *instance = call->instance;
+    const Slot *slot = find_slot(call, name);
+    if (slot == NULL) {
+        return fmi2Error;
+    }
+    instance->block = slot->saved->block;
+    instance->phase = slot->saved->phase;
+    instance->has_stop_time = slot->saved->has_stop_time;
+    instance->stop_time = slot->saved->stop_time;
+    instance->fresh = 0;
+    return fmi2OK;
+}
+
+static fmi2Status free_state(Call *call, fmi2FMUstate *name) {
+    if (name == NULL || *name == NULL) {
+        return fmi2OK;
+    }
+    Slot *slot = find_slot(call, *name);
+    if (slot == NULL) {
+        return fmi2Error;
+    }
+    forget(call->instance, slot);
+    *name = NULL;
+    return fmi2OK;
+}
+
+/* A state as bytes: magic, version, checksum, identity, phase, stop time with its flag, the numbers of reals and of
+ * integers, and these. The least significant byte comes first. */
+enum {
+    OFFSET_VERSION = 8,
+    OFFSET_CHECKSUM = OFFSET_VERSION + 4,
+    OFFSET_IDENTITY = OFFSET_CHECKSUM + 4,
+    OFFSET_PHASE = OFFSET_IDENTITY + 16,
+    OFFSET_HAS_STOP_TIME = OFFSET_PHASE + 1,
+    OFFSET_STOP_TIME = OFFSET_HAS_STOP_TIME + 1,
+    OFFSET_SIZES = OFFSET_STOP_TIME + 8,
+    OFFSET_REALS = OFFSET_SIZES + 16,
+    OFFSET_INTEGERS = OFFSET_REALS + (int)sizeof(real) * UNIT_REALS,
+    SERIALISED_SIZE = OFFSET_INTEGERS + 4 * UNIT_INTEGERS,
+    FORMAT_VERSION = 1
+};
+static const char state_magic[8] = {'A', 'F', 'M', 'U', 'S', 'T', 'A', 'T'};
+/* Which states belong together: those of one unit and interface, of the same sources. */
+static const unsigned char state_identities[2][16] = UNIT_IDENTITY;
+
+static uint32_t checksum(const unsigned char *bytes, size_t count) {
+    uint32_t sum = 0xFFFFFFFFU;
+    for (size_t k = 0; k < count; k++) {
+        sum ^= bytes[k];
+        for (int bit = 0; bit < 8; bit++) {
+            sum = sum >> 1 ^ (sum & 1 ? 0xEDB88320U : 0);
+        }
+    }
+    return ~sum;
+}
+
+static void put_bytes(unsigned char *bytes, uint64_t value, size_t count) {
+    for (size_t k = 0; k < count; k++) {
+        bytes[k] = (unsigned char)(value >> 8 * k & 0xFF);
+    }
+}
+
+static uint64_t take_bytes(const unsigned char *bytes, size_t count) {
+    uint64_t value = 0;
+    for (size_t k = count; k-- > 0;) {
+        value = value << 8 | bytes[k];
+    }
+    return value;
+}
+
+#ifdef UNIT_FLOAT
+typedef uint32_t RealBits;
+#else
+typedef uint64_t RealBits;
+#endif
+
+static fmi2Status serialised_size(Call *call, fmi2FMUstate name, size_t *size) {
+    if (find_slot(call, name) == NULL) {
+        return fmi2Error;
+    }
+    *size = SERIALISED_SIZE;
+    return fmi2OK;
+}
+
+static fmi2Status serialise(Call *call, fmi2FMUstate name, unsigned char *bytes, size_t size) {
+    const Slot *slot = find_slot(call, name);
+    if (slot == NULL) {
+        return fmi2Error;
+    }
+    if (size < SERIALISED_SIZE) {
+        text_add(why(call), ": ");
+        text_integer(&call->why, (long long)size);
+        text_add(&call->why, " bytes are given, ");
+        text_integer(&call->why, SERIALISED_SIZE);
+        text_add(&call->why, " needed");
+        return fmi2Error;
+    }
+    const Snapshot *saved = slot->saved;
+    uint64_t stop_time = 0;
+    memcpy(&stop_time, &saved->stop_time, sizeof stop_time);
+    memcpy(bytes, state_magic, sizeof state_magic);
+    put_bytes(bytes + OFFSET_VERSION, FORMAT_VERSION, 4);
+    memcpy(bytes + OFFSET_IDENTITY, state_identities[call->instance->interface], 16);
+    bytes[OFFSET_PHASE] = (unsigned char)saved->phase;
+    bytes[OFFSET_HAS_STOP_TIME] = saved->has_stop_time != 0;
+    put_bytes(bytes + OFFSET_STOP_TIME, stop_time, 8);
+    put_bytes(bytes + OFFSET_SIZES, UNIT_REALS, 8);
+    put_bytes(bytes + OFFSET_SIZES + 8, UNIT_INTEGERS, 8);
+    for (size_t k = 0; k < UNIT_REALS; k++) {
+        RealBits bits;
+        memcpy(&bits, &saved->block.v[k], sizeof bits);
+        put_bytes(bytes + OFFSET_REALS + k * sizeof bits, bits, sizeof bits);
+    }
+    for (size_t k = 0; k < UNIT_INTEGERS; k++) {
+        put_bytes(bytes + OFFSET_INTEGERS + 4 * k, (uint32_t)saved->block.n[k], 4);
+    }
+    put_bytes(bytes + OFFSET_CHECKSUM, checksum(bytes + OFFSET_IDENTITY, SERIALISED_SIZE - OFFSET_IDENTITY), 4);
+    return fmi2OK;
+}
+
+/* Whether these are bytes of a state of this unit and interface. */
+static int check_bytes(Call *call, const unsigned char *bytes, size_t size) {
+    const char *reason = NULL;
+    if (size != SERIALISED_SIZE) {
+        text_add(why(call), ": ");
+        text_integer(&call->why, (long long)size);
+        text_add(&call->why, " bytes; a state of this unit has ");
+        text_integer(&call->why, SERIALISED_SIZE);
+        return 0;
+    }
+    if (memcmp(bytes, state_magic, sizeof state_magic) != 0) {
+        reason = ": these are not bytes of a serialised state";
+    } else if (take_bytes(bytes + OFFSET_VERSION, 4) != FORMAT_VERSION) {
+        reason = ": written in another format";
+    } else if (take_bytes(bytes + OFFSET_CHECKSUM, 4) != checksum(bytes + OFFSET_IDENTITY, SERIALISED_SIZE - OFFSET_IDENTITY)) {
+        reason = ": corrupted: the checksum does not fit";
+    } else if (memcmp(bytes + OFFSET_IDENTITY, state_identities[call->instance->interface], 16) != 0) {
+        reason = ": a state of another unit, of another version of this one, or of its other interface";
+    } else if (bytes[OFFSET_PHASE] >= PHASES) {
+        reason = ": corrupted: no such phase";
+    } else if (take_bytes(bytes + OFFSET_SIZES, 8) != UNIT_REALS || take_bytes(bytes + OFFSET_SIZES + 8, 8) != UNIT_INTEGERS) {
+        reason = ": corrupted: its sizes are not those of this unit";
+    }
+    if (reason != NULL) {
+        refused(call, reason);
+    }
+    return reason == NULL;
+}
+
+static fmi2Status deserialise(Call *call, const unsigned char *bytes, size_t size, fmi2FMUstate *name) {
+    if (!check_bytes(call, bytes, size)) {
+        return fmi2Error;
+    }
+    Slot *slot = make_slot(call->instance);
+    if (slot == NULL) {
+        return refused_for_room(call);
+    }
+    Snapshot *saved = slot->saved;
+    uint64_t stop_time = take_bytes(bytes + OFFSET_STOP_TIME, 8);
+    saved->phase = (Phase)bytes[OFFSET_PHASE];
+    saved->has_stop_time = bytes[OFFSET_HAS_STOP_TIME] != 0;
+    memcpy(&saved->stop_time, &stop_time, sizeof stop_time);
+    for (size_t k = 0; k < UNIT_REALS; k++) {
+        RealBits bits = (RealBits)take_bytes(bytes + OFFSET_REALS + k * sizeof bits, sizeof bits);
+        memcpy(&saved->block.v[k], &bits, sizeof bits);
+    }
+    for (size_t k = 0; k < UNIT_INTEGERS; k++) {
+        uint32_t bits = (uint32_t)take_bytes(bytes + OFFSET_INTEGERS + 4 * k, 4);
+        memcpy(&saved->block.n[k], &bits, sizeof bits);
+    }
+    *name = name_of_slot(call->instance, slot);
+    return fmi2OK;
+}

@@ -1,0 +1,174 @@
+//! Tables of a unit: its variables, its start values, what of its outputs is watched, the pattern of its Jacobian.
+
+use std::fmt::Write;
+
+use super::Unit;
+use super::expression::number;
+use super::message::quoted;
+use crate::fmi2::access::{Access, References, Type};
+use crate::model::Model;
+use crate::system::{Causality, Data, Element, Section, Variability, Variable, Variables};
+
+/// Entries in a line.
+const IN_A_LINE: usize = 8;
+
+/// All of them.
+pub fn write(unit: &Unit) -> String {
+    let (model, variables) = (unit.model, unit.model.variables());
+    let description = model.description();
+    let mut text =
+        format!("/* {}: {}. Generated from its recorded equations. */\n\n", description.name, description.description);
+    text = text.replace("*/ */", "*/");
+    text += "#include \"runtime.h\"\n\n";
+    text += &real_variables(unit);
+    text += &integer_variables(unit);
+    text += &list("real unit_start_reals[UNIT_REALS]", unit.start.reals.iter().map(|value| number(*value)));
+    let integers = unit.start.integers.iter().map(ToString::to_string);
+    text += &list("int unit_start_integers[AT_LEAST_ONE(UNIT_INTEGERS)]", integers);
+    let nominals = (0..variables.states()).map(|k| variables.real_at(Section::State, k).map_or(1.0, |e| e.nominal()));
+    text += &list("real unit_nominals[AT_LEAST_ONE(UNIT_STATES)]", nominals.map(number));
+    let outputs = watched(variables);
+    let outputs = outputs.iter().map(|y| format!("{{ {}, {} }}", variables.index(*y), number(y.nominal())));
+    text += &list("Output unit_watched[AT_LEAST_ONE(UNIT_OUTPUTS)]", outputs);
+    let outputs = real_outputs(variables).into_iter().map(|y| variables.index(y).to_string());
+    text += &format!(
+        "#ifdef UNIT_LAW\n{}#endif\n\n",
+        list("int unit_real_outputs[AT_LEAST_ONE(UNIT_REAL_OUTPUTS)]", outputs)
+    );
+    let names = variables.indicators().iter().map(|name| quoted(name));
+    text += &list("char *const unit_indicator_names[AT_LEAST_ONE(UNIT_INDICATORS)]", names);
+    let categories = unit.categories.iter().map(|name| quoted(name));
+    text += &list("char *const unit_categories[UNIT_CATEGORIES]", categories);
+    let columns = model.sparsity().columns();
+    let ends = columns.iter().scan(0, |sum, rows| {
+        *sum += rows.len();
+        Some(*sum)
+    });
+    let ends = std::iter::once(0).chain(ends).map(|end| end.to_string());
+    text += &list("int unit_columns[UNIT_STATES + 1]", ends);
+    text += &list("int unit_rows[AT_LEAST_ONE(UNIT_NONZEROS)]", columns.iter().flatten().map(ToString::to_string));
+    text + &elimination(model)
+}
+
+/// The pattern of the elimination, where that is worth it: in which order it takes rows and columns, and the places in each
+/// row that fill in beside the diagonal, with where a row's begin and where those right of the diagonal do.
+fn elimination(model: &Model) -> String {
+    let Some(pattern) = model.sparsity().pattern() else { return String::new() };
+    let (mut begin, mut right_begin, mut filled) = (vec![0], Vec::new(), Vec::<u32>::new());
+    for (left, right) in pattern.rows() {
+        filled.extend(left);
+        right_begin.push(filled.len());
+        filled.extend(right);
+        begin.push(filled.len());
+    }
+    let order = list("int unit_order[UNIT_STATES]", pattern.order().iter().map(ToString::to_string));
+    let begin = list("int unit_filled_rows[UNIT_STATES + 1]", begin.iter().map(ToString::to_string));
+    let right = list("int unit_filled_right[UNIT_STATES]", right_begin.iter().map(ToString::to_string));
+    let filled = list("int unit_filled[AT_LEAST_ONE(UNIT_FILLED)]", filled.iter().map(ToString::to_string));
+    [order, begin, right, filled].concat()
+}
+
+/// A constant array. One without elements has a zero in C.
+pub fn list(declaration: &str, entries: impl Iterator<Item = String>) -> String {
+    let entries: Vec<String> = entries.collect();
+    let mut text = format!("static const {declaration} = {{");
+    for (k, entry) in entries.iter().enumerate() {
+        let _ = write!(text, "{}{entry},", if k % IN_A_LINE == 0 { "\n    " } else { " " });
+    }
+    if entries.is_empty() {
+        let nothing = if declaration.starts_with("Output") { "{ 0, R(0.0) }" } else { "0" };
+        let _ = write!(text, "\n    {nothing}");
+    }
+    text + "\n};\n\n"
+}
+
+/// Continuous outputs that aren't states: their error is controlled too.
+pub fn watched(variables: &Variables) -> Vec<Element<'_>> {
+    let is_watched = |v: &&Variable| {
+        v.section == Section::Signal
+            && v.is_real()
+            && v.causality == Causality::Output
+            && v.variability == Variability::Continuous
+    };
+    variables.iter().filter(is_watched).flat_map(Variable::elements).collect()
+}
+
+/// Real outputs, in the order of modelDescription.xml.
+pub fn real_outputs(variables: &Variables) -> Vec<Element<'_>> {
+    let is_output = |y: &Element| y.variable.is_real() && y.variable.causality == Causality::Output;
+    variables.visible().filter(is_output).collect()
+}
+
+/// As the runtime names what may be done with a value.
+fn access(access: Access) -> &'static str {
+    match access {
+        Access::Hidden => "ACCESS_HIDDEN",
+        Access::Designed => "ACCESS_DESIGNED",
+        Access::Fixed => "ACCESS_FIXED",
+        Access::Tunable => "ACCESS_TUNABLE",
+        Access::Input => "ACCESS_INPUT",
+        Access::Calculated { output: false } => "ACCESS_LOCAL",
+        Access::Calculated { output: true } => "ACCESS_OUTPUT",
+    }
+}
+
+/// Limits as the runtime has them: which there are, and the numbers.
+fn limits(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
+    let which =
+        [(min.is_some(), "LIMIT_MIN"), (min.is_some() && above_min, "LIMIT_ABOVE_MIN"), (max.is_some(), "LIMIT_MAX")];
+    let which: Vec<&str> = which.into_iter().filter(|(is, _)| *is).map(|(_, name)| name).collect();
+    let which = if which.is_empty() { "0".to_owned() } else { which.join(" | ") };
+    format!("{which}, {}, {}", number(min.unwrap_or(0.0)), number(max.unwrap_or(0.0)))
+}
+
+fn real_variables(unit: &Unit) -> String {
+    let variables = unit.model.variables();
+    let references = References::new(variables);
+    let hidden = "{ NULL, ACCESS_HIDDEN, 0, R(0.0), R(0.0) }".to_owned();
+    let mut rows = vec![hidden; unit.start.reals.len()];
+    for element in variables.visible().filter(|element| element.variable.is_real()) {
+        let place = variables.index(element);
+        let found = references.find(References::of(variables, element), Type::Real);
+        let (Ok((_, can)), Data::Real { min, above_min, max, .. }) = (found, &element.variable.data) else { continue };
+        let can = access(can);
+        rows[place] = format!("{{ {}, {can}, {} }}", quoted(&element.name()), limits(*min, *above_min, *max));
+    }
+    table("RealVariable unit_real_variables[UNIT_REALS]", rows)
+}
+
+fn integer_variables(unit: &Unit) -> String {
+    let variables = unit.model.variables();
+    let references = References::new(variables);
+    let hidden = "{ NULL, ACCESS_HIDDEN, TYPE_INTEGER, 0, 0, 0, NULL }".to_owned();
+    let mut rows = vec![hidden; unit.start.integers.len()];
+    for element in variables.visible().filter(|element| !element.variable.is_real()) {
+        let place = variables.index(element);
+        let reference = References::of(variables, element);
+        let is = if matches!(element.variable.data, Data::Boolean { .. }) { Type::Boolean } else { Type::Integer };
+        let Ok((_, can)) = references.find(reference, is) else { continue };
+        let can = access(can);
+        let kind = if is == Type::Boolean { "TYPE_BOOLEAN" } else { "TYPE_INTEGER" };
+        let rest = match &element.variable.data {
+            Data::Integer { limits: Some((min, max)), .. } => format!("1, {min}, {max}, NULL"),
+            Data::Choice { items, .. } => {
+                let named = items.iter().enumerate().map(|(k, (name, _))| format!("{} {name}", k + 1));
+                format!("1, 1, {}, {}", items.len(), quoted(&named.collect::<Vec<_>>().join(", ")))
+            }
+            _ => "0, 0, 0, NULL".to_owned(),
+        };
+        rows[place] = format!("{{ {}, {can}, {kind}, {rest} }}", quoted(&element.name()));
+    }
+    if rows.is_empty() {
+        rows.push("{ NULL, ACCESS_HIDDEN, TYPE_INTEGER, 0, 0, 0, NULL }".to_owned());
+    }
+    table("IntegerVariable unit_integer_variables[AT_LEAST_ONE(UNIT_INTEGERS)]", rows)
+}
+
+/// A table, with the place before each row.
+fn table(declaration: &str, rows: Vec<String>) -> String {
+    let mut text = format!("static const {declaration} = {{\n");
+    for (place, row) in rows.iter().enumerate() {
+        let _ = writeln!(text, "    /* {place} */ {row},");
+    }
+    text + "};\n\n"
+}

@@ -1,0 +1,246 @@
+"""Units as C source: compiled, they are the units of the generic form."""
+
+import ctypes
+import math
+import os
+import random
+import shutil
+import struct
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import pytest
+from conftest import PROGRAM, ROOT, adaptive_fmu
+from fmpy.build import build_platform_binary
+from lxml import etree
+from master import Fmu, Unit, refused
+
+# One of each family, small and large, with states and without, with events of time and of state.
+NAMES = [
+    "Actuator",
+    "FuzzyL1ActuatedSiso",
+    "L1CoupledMimo",
+    "L1TwoLinkRobot",
+    "MracPpfCoupledMimo",
+    "NeuroPpfCoupledMimo",
+    "NonlinearSiso",
+    "ObserverQuadrotor",
+    "PidNonlinearSiso",
+    "Quadrotor",
+    "Reference",
+    "Sensor",
+    "StateSpace",
+    "TwoLinkRobot",
+]
+# Steps of fixed length that are short enough for fast adaptation; and for that at inputs that jump.
+FIXED_STEPS, MOST_FIXED_STEPS = 1000, 10_000
+WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
+COMPILERS = [compiler for compiler in ["gcc", "clang"] if shutil.which(compiler)]
+
+
+@pytest.fixture(scope="module")
+def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """FMUs with libraries that are compiled from their sources."""
+    folder = tmp_path_factory.mktemp("compiled")
+    exported = adaptive_fmu("export", "--compile", *NAMES, "--composite", "3.2.1-cosine", "--out", folder)
+    assert exported.returncode == 0, exported.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The folder `sources` of a unit."""
+    folder = tmp_path_factory.mktemp("sources")
+
+    def unpacked(name: str) -> Path:
+        if not (folder / name).is_dir():
+            exported = adaptive_fmu("export", "--source-only", name, "--out", folder)
+            assert exported.returncode == 0, exported.stderr
+            zipfile.ZipFile(folder / f"{name}.fmu").extractall(folder / name)
+        return folder / name / "sources"
+
+    return unpacked
+
+
+def outputs_of(unit: Unit, names: list[str], method: str, steps: int, step: float) -> list[bytes]:
+    """All that some variables have been, bit by bit, at random inputs."""
+    numbers, taken = random.Random(25), []
+    inputs = [n for n in unit.fmu.named(causality="input") if unit.fmu.variables[n].type == "Real"]
+    if "integration_method" in unit.fmu.variables:
+        unit["integration_method"] = unit.fmu.item("integration_method", method)
+        unit["fixed_steps"] = MOST_FIXED_STEPS
+    unit.start()
+    for k in range(steps):
+        for name in inputs:
+            unit[name] = numbers.uniform(-0.1, 0.1)
+        unit.slave.doStep(k * step, step)
+        taken.append(struct.pack(f"{len(names)}d", *(unit[name] for name in names)))
+    return taken
+
+
+@pytest.mark.parametrize("method", ["explicit", "stiff", "fixed"])
+@pytest.mark.parametrize("name", NAMES)
+def test_compiled_units_give_the_bits_of_the_generic_ones(name, method, compiled_folder, fmu, tmp_path) -> None:
+    generic, compiled = fmu(name), Fmu(compiled_folder / f"{name}.fmu", tmp_path)
+    if method != "explicit" and "integration_method" not in generic.variables:
+        pytest.skip("no states: nothing is integrated")
+    names = [v.name for v in generic.variables.values() if v.type == "Real" and v.causality in ("output", "local")]
+    names = [name for name in names if compiled.variables[name].variability != "constant"]
+    runs = []
+    for made in (generic, compiled):
+        unit = Unit(made, name)
+        runs.append(outputs_of(unit, names, method, 30, 1e-3))
+        unit.free()
+    assert runs[0] == runs[1]
+
+
+def test_a_whole_loop_compiled_gives_the_bits_of_the_generic_one(compiled_folder, tmp_path) -> None:
+    exported = adaptive_fmu("export", "--composite", "3.2.1-cosine", "--out", tmp_path)
+    assert exported.returncode == 0, exported.stderr
+    name = "Loop_3_2_1_cosine.fmu"
+    runs = []
+    for folder in (tmp_path, compiled_folder):
+        made = Fmu(folder / name, tmp_path / f"unpacked {len(runs)}")
+        unit = Unit(made, "loop")
+        runs.append(outputs_of(unit, made.named(causality="output"), "explicit", 100, 1e-2))
+        unit.free()
+    assert runs[0] == runs[1]
+
+
+def test_the_description_names_the_sources_and_what_the_design_has_fixed(compiled_folder, tmp_path) -> None:
+    made = Fmu(compiled_folder / "L1TwoLinkRobot.fmu", tmp_path)
+    described = etree.parse(tmp_path / "modelDescription.xml")
+    for interface in ("CoSimulation", "ModelExchange"):
+        assert described.xpath(f"/fmiModelDescription/{interface}/SourceFiles/File/@name") == ["all.c"]
+    designed = made.variables["Q[1,1]"]
+    assert (designed.causality, designed.variability, designed.initial) == ("local", "constant", "exact")
+    assert designed.description.endswith("(designed at export)")
+    assert made.variables["adaptation_gain"].variability == "tunable"
+    assert fmpy.validation.validate_fmu(str(made.path)) == []
+    unit = Unit(made, "designed")
+    reference = designed.valueReference
+    refused(lambda: unit.slave.setReal([reference], [1.0]))
+    unit.start()
+    assert math.isclose(unit.slave.getReal([reference])[0], float(designed.start))
+    unit.free()
+
+
+def test_fmpy_compiles_the_sources(sources, fmu, tmp_path, monkeypatch) -> None:
+    sources("NonlinearSiso")
+    unpacked = tmp_path / "NonlinearSiso"
+    shutil.copytree(sources("NonlinearSiso").parent, unpacked)
+    # CMake stands beside Python, as FMPy finds it in an environment that is active.
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    build_platform_binary(unpacked)
+    settings = {"stop_time": 1.0, "output_interval": 0.01, "start_values": {"integration_method": 2}}
+    results = [fmpy.simulate_fmu(str(file), fmi_type="CoSimulation", **settings) for file in (unpacked, fmu("NonlinearSiso").path)]
+    assert all((results[0][name] == results[1][name]).all() for name in results[0].dtype.names)
+
+
+@pytest.mark.parametrize("define", ["", "-DUNIT_FLOAT", "-DFMI2_STATIC_INSTANCES=2", "-DFMI2_FUNCTION_PREFIX=Unit_"])
+@pytest.mark.parametrize("name", ["L1TwoLinkRobot", "Sensor", "Reference"])
+def test_sources_are_compiled_without_a_warning(name, define, sources, tmp_path) -> None:
+    for compiler in COMPILERS:
+        command = [compiler, *WARNINGS, *filter(None, [define]), "-c", sources(name) / "all.c", "-o", tmp_path / "all.o"]
+        compiled = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert compiled.returncode == 0, compiled.stderr
+
+
+def test_static_instances_take_no_memory(sources, tmp_path) -> None:
+    command = ["gcc", "-std=c99", "-O2", "-DFMI2_STATIC_INSTANCES=2", "-c", sources("L1TwoLinkRobot") / "all.c"]
+    subprocess.run([*command, "-o", tmp_path / "all.o"], check=True)
+    asked = subprocess.run(["nm", "-u", tmp_path / "all.o"], capture_output=True, text=True, check=True).stdout
+    assert not {"malloc", "calloc", "realloc", "free", "printf", "snprintf"} & set(asked.split()), asked
+
+
+@pytest.mark.parametrize("name", ["L1TwoLinkRobot", "FuzzyL1ActuatedSiso", "PidNonlinearSiso"])
+def test_the_bare_law_gives_what_the_unit_gives_at_fixed_steps(name, sources, fmu, tmp_path) -> None:
+    folder, library = sources(name), tmp_path / "law.so"
+    flags = [*WARNINGS, "-O2", "-ffp-contract=off", "-fPIC", "-shared", f"-DUNIT_LAW_STEPS={FIXED_STEPS}"]
+    subprocess.run(["gcc", *flags, folder / "law.c", "-lm", "-o", library], check=True)
+    header = dict(line.split(maxsplit=2)[1:] for line in (folder / "unit.h").read_text().splitlines() if line.count(" ") > 1)
+    period = float(header["UNIT_LAW_PERIOD"].removeprefix("R(").removesuffix(")"))
+    law, size = ctypes.CDLL(str(library)), 8 * int(header["UNIT_REALS"]) + 4 * int(header["UNIT_INTEGERS"])
+    state = ctypes.create_string_buffer(size + 8)
+    unit = Unit(fmu(name), name)
+    unit["integration_method"] = unit.fmu.item("integration_method", "fixed")
+    unit["fixed_steps"] = FIXED_STEPS
+    unit.start()
+    variables = unit.fmu.variables.values()
+    inputs = [v.name for v in variables if v.causality == "input" and v.type == "Real"]
+    outputs = [v.name for v in variables if v.causality == "output" and v.type == "Real"]
+    numbers, found = random.Random(9), (ctypes.c_double * len(outputs))()
+    law.law_init(state)
+    for k in range(40):
+        given = [numbers.uniform(-0.1, 0.1) for _ in inputs]
+        for input_name, value in zip(inputs, given, strict=True):
+            unit[input_name] = value
+        unit.slave.doStep(k * period, period)
+        assert law.law_step(state, (ctypes.c_double * len(inputs))(*given), found) == 1
+        # But for rounding: where equations don't read time, each step of the law begins at 0.
+        assert list(found) == pytest.approx([unit[output] for output in outputs], rel=1e-10, abs=1e-12), k
+    unit.free()
+
+
+def test_the_program_of_the_page_is_compiled(sources, tmp_path) -> None:
+    page = (ROOT / "docs" / "source_units.md").read_text()
+    (tmp_path / "main.c").write_text(page.split("```c\n")[1].split("```")[0])
+    command = ["gcc", *WARNINGS, f"-I{sources('L1TwoLinkRobot')}", "-c", tmp_path / "main.c", "-o", tmp_path / "main.o"]
+    compiled = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert compiled.returncode == 0, compiled.stderr
+
+
+def test_three_units_run_in_one_program_under_sanitizers(sources, unit, tmp_path) -> None:
+    names = ["NonlinearSiso", "L1NonlinearSiso", "ReferenceNonlinearSiso"]
+    flags = ["-std=c99", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    for name in names:
+        prefix = f"-DFMI2_FUNCTION_PREFIX={name}_"
+        subprocess.run(["gcc", *flags, prefix, "-c", sources(name) / "all.c", "-o", tmp_path / f"{name}.o"], check=True)
+    defines = [f"-D{name}_GUID={quoted_guid(sources(name))}" for name in names]
+    for name in names:
+        variables = fmpy.read_model_description(str(sources(name).parent)).modelVariables
+        references = {v.name: v.valueReference for v in variables}
+        shown = {"r": "r[1]", "u": "u[1]", "x1": "x[1]", "x2": "x[2]", "method": "integration_method"}
+        defines += [f"-D{name}_{short}={references[full]}" for short, full in shown.items() if full in references]
+    main = ROOT / "tests" / "fmpy" / "three_units.c"
+    objects = [tmp_path / f"{name}.o" for name in names]
+    program = tmp_path / "program"
+    subprocess.run(["gcc", *flags, *defines, f"-I{sources(names[0])}", main, *objects, "-lm", "-o", program], check=True)
+    told = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stderr
+    assert float(told.stdout) == largest_error_of_generic_units(unit)
+
+
+def largest_error_of_generic_units(unit: Callable[..., Unit]) -> float:
+    """What three_units.c does, by the units of the generic form."""
+    reference, plant, controller = unit("ReferenceNonlinearSiso"), unit("NonlinearSiso"), unit("L1NonlinearSiso")
+    for integrated in (plant, controller):
+        integrated["integration_method"] = integrated.fmu.item("integration_method", "explicit")
+    for made in (reference, plant, controller):
+        made.start()
+    largest = 0.0
+    for k in range(4000):
+        controller["r[1]"], controller["x[1]"], controller["x[2]"] = reference["r[1]"], plant["x[1]"], plant["x[2]"]
+        plant["u[1]"] = controller["u[1]"]
+        if k >= 2000:
+            largest = max(largest, abs(plant["x[1]"] - reference["r[1]"]))
+        reference.step(1e-3 * k, 1e-3)
+        controller.step(1e-3 * k, 1e-3)
+        plant["u[1]"] = controller["u[1]"]
+        plant.step(1e-3 * k, 1e-3)
+    return largest
+
+
+def quoted_guid(folder: Path) -> str:
+    """A unit's GUID as C has it."""
+    return next(line.split(maxsplit=2)[2] for line in (folder / "unit.h").read_text().splitlines() if "UNIT_GUID" in line)
+
+
+def test_the_same_description_gives_the_same_bytes(sources, tmp_path) -> None:
+    first = (sources("Quadrotor") / "unit.c").read_bytes()
+    subprocess.run([PROGRAM, "export", "--source-only", "Quadrotor", "--out", tmp_path], check=True, capture_output=True)
+    assert zipfile.ZipFile(tmp_path / "Quadrotor.fmu").read("sources/unit.c") == first

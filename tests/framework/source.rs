@@ -1,0 +1,169 @@
+//! A unit's C source says what its equations say: compiled, it gives the same bits.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use adaptive_fmu::fmi2::source;
+use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::model::{Block, Description, Model};
+use adaptive_fmu::recording::Method;
+use adaptive_fmu::system::*;
+use common::random::Random;
+use common::{description, description_names};
+use libloading::Library;
+
+use crate::recording::{Draw, same, whole_loops};
+
+const WARNINGS: &[&str] =
+    &["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"];
+
+/// The runtime, and names for the functions of a unit's source, which has none outside.
+const INCLUDED: [&str; 2] = ["src/framework/fmi2/source/runtime", "tests/framework/source"];
+
+/// Writes the files of a unit and compiles them with a compiler; the library.
+fn compiled(model: &Model, folder: &Path, optimised: &str) -> PathBuf {
+    std::fs::create_dir_all(folder).unwrap();
+    for (name, text) in source::files(model).unwrap() {
+        std::fs::write(folder.join(name), text).unwrap();
+    }
+    let library = folder.join("unit.so");
+    let mut command = Command::new("cc");
+    command.args(WARNINGS).args([optimised, "-ffp-contract=off", "-fPIC", "-shared", "-I"]).arg(folder);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    INCLUDED.iter().for_each(|included| _ = command.arg("-I").arg(root.join(included)));
+    command.arg(root.join("tests/framework/source/harness.c")).arg("-o").arg(&library).arg("-lm");
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}: {}", folder.display(), String::from_utf8_lossy(&output.stderr));
+    library
+}
+
+type Carry = unsafe extern "C" fn(i32, f64, f64, *const u8, *mut f64, *mut i32, *mut f64);
+
+/// Functions of the harness beside those of methods, by their numbers.
+const DIRECTIONAL: i32 = 9;
+const JACOBIAN: i32 = 11;
+
+/// What the C functions make of a point, and of results to begin with.
+fn carried(library: &Library, function: i32, draw: &Draw, mut results: Vec<f64>) -> (Block, Vec<f64>) {
+    let mut block = draw.block.clone();
+    let crossed: Vec<u8> = draw.crossed.iter().map(|crossed| u8::from(*crossed)).collect();
+    // SAFETY: the harness has this signature, and the arrays have the unit's sizes.
+    unsafe {
+        let carry = library.get::<Carry>(b"carry_out").unwrap();
+        let (reals, integers) = (block.reals.as_mut_ptr(), block.integers.as_mut_ptr());
+        carry(function, draw.time, draw.step, crossed.as_ptr(), reals, integers, results.as_mut_ptr());
+    }
+    (block, results)
+}
+
+/// The methods that give what the generic equations give, by the sections that they write.
+const COMPARED: [Method; 6] = [
+    Method::Evaluate,
+    Method::ParametersChanged,
+    Method::NextTimeEvent,
+    Method::Indicators,
+    Method::Event,
+    Method::StepCompleted,
+];
+
+/// A folder of its own.
+fn folder() -> tempfile::TempDir {
+    let mut folder = tempfile::tempdir().unwrap();
+    folder.disable_cleanup(std::env::var_os("KEEP_SOURCES").is_some());
+    folder
+}
+
+fn compare(model: &Model, (points, optimised): (usize, &str), random: &mut Random, folder: &Path) {
+    let name = &model.description().name;
+    let library = compiled(model, &folder.join(name), optimised);
+    // SAFETY: it has no code that runs when it is loaded.
+    let library = unsafe { Library::new(library) }.unwrap();
+    for _ in 0..points {
+        let mut draw = Draw::new(model, random);
+        // What the source has as constants.
+        let mut prepared = model.start().clone();
+        model.prepare(&mut prepared, &mut MessageLog::new()).unwrap();
+        let range = model.variables().reals(Section::Prepared);
+        draw.block.reals[range.clone()].copy_from_slice(&prepared.reals[range]);
+        for method in COMPARED {
+            let (expected, results) = draw.generic(model, method);
+            let results_before = vec![1.0; draw.crossed.len().max(1)];
+            let (found, found_results) = carried(&library, method as i32, &draw, results_before);
+            for (place, (found, expected)) in found.reals.iter().zip(&expected.reals).enumerate() {
+                assert!(same(*found, *expected), "{name}, {method:?}, real {place}: {found:e}, not {expected:e}");
+            }
+            assert_eq!(found.integers, expected.integers, "{name}, {method:?}");
+            for (found, expected) in found_results.iter().zip(&results) {
+                assert!(same(*found, *expected), "{name}, {method:?}: {found:e}, not {expected:e}");
+            }
+        }
+        compare_derivatives(model, &library, &draw, random);
+    }
+}
+
+/// Derivatives against those by dual numbers: in a random direction, and column by column.
+fn compare_derivatives(model: &Model, library: &Library, draw: &Draw, random: &mut Random) {
+    let (name, variables) = (&model.description().name, model.variables());
+    let mut seed = vec![0.0; draw.block.reals.len()];
+    let moved = [variables.reals(Section::Input), variables.reals(Section::State)];
+    moved.iter().cloned().flatten().for_each(|place| seed[place] = random.next());
+    let expected = dual(model, draw, &seed, draw.step);
+    let (_, found) = carried(library, DIRECTIONAL, draw, seed);
+    for place in variables.reals(Section::Signal).chain(variables.reals(Section::Derivative)) {
+        let expected = expected[place].derivative();
+        assert!(close(found[place], expected), "{name}, change of {place}: {:e}, not {expected:e}", found[place]);
+    }
+    let columns = model.sparsity().columns();
+    let nonzeros = columns.iter().map(Vec::len).sum::<usize>();
+    if columns.is_empty() {
+        return;
+    }
+    let (_, jacobian) = carried(library, JACOBIAN, draw, vec![0.0; nonzeros + columns.len()]);
+    let mut entries = jacobian.iter();
+    for (column, rows) in columns.iter().enumerate().take(10) {
+        let mut seed = vec![0.0; draw.block.reals.len()];
+        seed[variables.reals(Section::State).start + column] = 1.0;
+        let expected = dual(model, draw, &seed, 0.0);
+        for &row in rows {
+            let expected = expected[variables.reals(Section::Derivative).start + row as usize].derivative();
+            let found = entries.next().unwrap();
+            assert!(close(*found, expected), "{name}, Jacobian {row}, {column}: {found:e}, not {expected:e}");
+        }
+    }
+}
+
+/// The equations over dual numbers, in a direction in which time moves too.
+fn dual(model: &Model, draw: &Draw, seed: &[f64], of_time: f64) -> Vec<Dual> {
+    let mut block: Vec<Dual> = draw.block.reals.iter().zip(seed).map(|(&v, &d)| Dual::new(v, d)).collect();
+    let (t, offsets) = (Dual::new(draw.time, of_time), model.variables().offsets());
+    Dual::equations(model.system()).evaluate(t, &mut block, &draw.block.integers, offsets);
+    block
+}
+
+/// Equal but for rounding. Dual numbers multiply what is infinite by changes of zero, which a recording leaves out: they give
+/// no number where it may give one.
+fn close(found: f64, expected: f64) -> bool {
+    expected.is_nan()
+        || !found.is_finite() && !expected.is_finite()
+        || (found - expected).abs() <= 1e-11 * (1e-12 + expected.abs())
+}
+
+#[test]
+fn the_source_of_all_units_gives_the_bits_of_the_equations() {
+    let mut random = Random::new(26);
+    let folder = folder();
+    for name in description_names() {
+        let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
+        compare(&model, (100, "-O1"), &mut random, folder.path());
+    }
+}
+
+#[test]
+fn the_source_of_all_whole_loops_gives_the_bits_of_the_equations() {
+    let mut random = Random::new(27);
+    let folder = folder();
+    for model in whole_loops() {
+        // Large sources take a compiler long to optimise.
+        compare(&model, (20, "-O0"), &mut random, folder.path());
+    }
+}
