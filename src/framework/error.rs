@@ -118,8 +118,8 @@ pub enum StepError {
     },
     /// No step size meets the tolerance: the equations jump without an event, or have a pole.
     #[error(
-        "no step size reaches the relative tolerance {tolerance:e} at t = {} s (last tried {step:e} s; {variable} \
-         has the largest error). The equations may be singular there",
+        "no step size reaches the relative tolerance {tolerance:e} from {variable} = {value:e} at t = {} s (last tried \
+         {step:e} s). The equations may be singular there, or the simulation diverges",
         Number(*.time)
     )]
     StepTooSmall {
@@ -131,6 +131,8 @@ pub enum StepError {
         tolerance: f64,
         /// The state with the largest error.
         variable: String,
+        /// Its value.
+        value: f64,
     },
     /// The stiff method was asked for where it can't go.
     #[error(

@@ -47,9 +47,9 @@ def glibc(library: Path) -> tuple[int, ...]:
     return max(tuple(map(int, version.split("."))) for version in versions)
 
 
-def test_the_library_exports_the_functions_of_the_standard_and_one_that_describes_it(library: Path) -> None:
+def test_the_library_exports_the_functions_of_the_standard_and_those_that_describe_it(library: Path) -> None:
     symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
-    assert symbols == {f"fmi2{name}" for name in STANDARD} | {"adaptive_fmu_describe"}
+    assert symbols == {f"fmi2{name}" for name in STANDARD} | {"adaptive_fmu_describe", "adaptive_fmu_source"}
 
 
 def test_the_library_needs_the_system_alone_and_lacks_nothing(library: Path) -> None:

@@ -215,8 +215,9 @@ impl Driver {
             }
             *suggested = h;
             if h <= smallest {
-                let (variable, tolerance) = (state_name(problem, state), settings.relative_tolerance);
-                return Err(StepError::StepTooSmall { time: *t, step: h, tolerance, variable });
+                let (variable, value) = (state_name(problem, state), self.start.states[state]);
+                let tolerance = settings.relative_tolerance;
+                return Err(StepError::StepTooSmall { time: *t, step: h, tolerance, variable, value });
             }
         }
     }

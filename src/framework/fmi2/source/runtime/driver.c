@@ -119,6 +119,7 @@ static int substep(Driver *driver, Problem *problem, real *t, real target, const
         pace->substep = h;
         if (h <= smallest) {
             step_fails(error, STEP_TOO_SMALL, FIRST_STATE + estimate.state, *t);
+            error->value = driver->start.states[estimate.state];
             error->step = h;
             error->tolerance = tolerance;
             return 0;

@@ -61,12 +61,14 @@ static void text_numeric_error(Text *text, const StepError *error) {
     case STEP_TOO_SMALL:
         text_add(text, "no step size reaches the relative tolerance ");
         text_scientific(text, error->tolerance);
+        text_add(text, " from ");
+        text_variable(text, error->variable);
+        text_add(text, " = ");
+        text_scientific(text, error->value);
         text_time(text, error->time);
         text_add(text, " (last tried ");
         text_scientific(text, error->step);
-        text_add(text, " s; ");
-        text_variable(text, error->variable);
-        text_add(text, " has the largest error). The equations may be singular there");
+        text_add(text, " s). The equations may be singular there, or the simulation diverges");
         break;
     case STEP_NO_JACOBIAN:
         text_add(text, "a derivative of der(");

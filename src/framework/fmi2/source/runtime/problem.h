@@ -80,7 +80,7 @@ typedef struct {
 /* Why a step can't be finished. */
 enum {
     STEP_DIVERGED = 1,   /* variable, value, time */
-    STEP_TOO_SMALL,      /* variable, step, tolerance, time */
+    STEP_TOO_SMALL,      /* variable, value, step, tolerance, time */
     STEP_NO_JACOBIAN,    /* variable, time */
     STEP_TOO_MUCH_WORK,  /* events, substeps, step, time; the mode that was followed */
     STEP_ACCUMULATION,   /* variable, events, close, time */
