@@ -78,6 +78,11 @@ int fmi2SetReal(void *c, const unsigned *references, size_t n, const double *val
     return OK;
 }
 
+int fmi2SetInteger(void *c, const unsigned *references, size_t n, const int *values) {
+    (void)references, (void)values;
+    return c && n == 0 ? OK : ERROR;
+}
+
 int fmi2DoStep(void *c, double point, double h, int no_set_prior) {
     Instance *s = c;
     (void)no_set_prior;

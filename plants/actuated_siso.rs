@@ -87,11 +87,18 @@ impl System for ActuatedSiso {
             ),
             terms: Terms::declare(d),
             u: d.input(vector("u", 1, "control, the actuator's command")),
-            x: d.state(vector("x", 2, "").each(&["x1", "x2, the rate of x1"]).units(&["1", "1/s"]).output()),
-            mu: d.state(scalar("mu", "output of the actuator")),
+            x: d.state(
+                vector("x", 2, "")
+                    .each(&["x1", "x2, the rate of x1"])
+                    .units(&["1", "1/s"])
+                    .output()
+                    .source("Hashim, chapter 4"),
+            ),
+            mu: d.state(scalar("mu", "output of the actuator").source("Hashim, chapter 4")),
             z: d.state(
                 vector("z", 2, "")
-                    .each(&["output of the unmodeled dynamics", "second state of the unmodeled dynamics"]),
+                    .each(&["output of the unmodeled dynamics", "second state of the unmodeled dynamics"])
+                    .source("Hashim, chapter 4"),
             ),
             y: d.output(vector("y", 1, "tracked output, C x")),
         })

@@ -61,7 +61,7 @@ impl System for CoupledMimo {
             ),
             disturbance,
             u: d.input(vector("u", 3, "control")),
-            x: d.state(vector("x", 3, "state").output()),
+            x: d.state(vector("x", 3, "state").output().source("Hashim, example 6.5.1")),
             y: d.output(vector("y", 3, "tracked output, the state")),
         })
     }

@@ -77,7 +77,7 @@ impl System for MaresAuv {
                     .nominals(&[10.0, 10.0, 10.0, 1.0, 1.0, 1.0]),
             ),
             eta: d.state(state_like("eta", 0, 6, &pose)),
-            nu: d.state(state_like("nu", 6, 12, &motion)),
+            nu: d.state(state_like("nu", 6, 12, &motion).source("Fossen (1994), in the frame of the vehicle")),
             y: d.output(state_like("y", 0, 6, &texts(&tracked))),
             x: d.output(state_like("x", 0, 12, &state)),
         })

@@ -33,7 +33,11 @@ impl System for NonlinearSiso {
             omega_variation: d.parameter(scalar("omega_variation", "amplitude of the input gain's sine").start(0.2)),
             u: d.input(vector("u", 1, "control")),
             x: d.state(
-                vector("x", 2, "").each(&["x1, the controlled output", "x2, its rate"]).units(&["1", "1/s"]).output(),
+                vector("x", 2, "")
+                    .each(&["x1, the controlled output", "x2, its rate"])
+                    .units(&["1", "1/s"])
+                    .output()
+                    .source("Hashim, example 3.2.1"),
             ),
             y: d.output(vector("y", 1, "tracked output, x1")),
         })

@@ -83,7 +83,7 @@ impl System for Quadrotor {
                     .units(&["N", "N.m", "N.m", "N.m"])
                     .nominals(&[5.0, 0.01, 0.01, 0.01]),
             ),
-            x: d.state(vector("x", 12, "").each(&texts).units(&units).output()),
+            x: d.state(vector("x", 12, "").each(&texts).units(&units).output().source("Hashim, example 3.3.2")),
             y: d.output(
                 vector("y", 4, "").each(&outputs.each_ref().map(String::as_str)).units(&["m", "m", "m", "rad"]),
             ),
@@ -185,7 +185,13 @@ impl Uncertainty {
                     .starts(&[1.0, 2.0, 3.0, 3.0, 2.0]),
             ),
             disturbance0: d.parameter(vector("disturbance0", 5, "").each(&initial).units(&units).fixed()),
-            disturbance: d.state(vector("disturbance", 5, "").each(&states).units(&units).nominal(0.1)),
+            disturbance: d.state(
+                vector("disturbance", 5, "")
+                    .each(&states)
+                    .units(&units)
+                    .nominal(0.1)
+                    .source("Hashim, example 3.3.2, case 2"),
+            ),
         }
     }
 

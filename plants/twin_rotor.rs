@@ -82,7 +82,7 @@ impl System for TwinRotor {
             ),
             k_gy: d.parameter(scalar("K_gy", "coefficient of the gyroscopic torque").unit("s/rad").start(0.05)),
             u: d.input(vector("u", 2, "").each(&["voltage of the main rotor", "voltage of the tail rotor"]).unit("V")),
-            x: d.state(vector("x", 6, "").each(&states).units(&units).output()),
+            x: d.state(vector("x", 6, "").each(&states).units(&units).output().source("Hashim, example 3.4.2")),
             reaction: Reaction::declare(d),
             y: d.output(vector("y", 2, "").each(&["tracked output, psi", "tracked output, phi"]).unit("rad")),
             m: d.local(
@@ -181,7 +181,7 @@ impl Reaction {
             t_p: d.parameter(
                 scalar("T_p", "lag time constant of the main rotor's reaction").unit("s").start(2.0).positive(),
             ),
-            lag: d.state(torque("m1_lag", "torque of the main rotor, lagged by T_p")),
+            lag: d.state(torque("m1_lag", "torque of the main rotor, lagged by T_p").source("Hashim, example 3.4.2")),
             torque: d.local(torque("M_R", "reaction of the main rotor about the axis of phi")),
         }
     }

@@ -69,7 +69,7 @@ impl System for TwoLinkRobot {
             ),
             rate_weight: d.parameter(scalar("rate_weight", "weight of the rates in the output y").unit("s")),
             u: d.input(vector("u", 2, "").each(&["torque of joint 1", "torque of joint 2"]).unit("N.m")),
-            x: d.state(vector("x", 4, "").each(&states).units(&state_units).output()),
+            x: d.state(vector("x", 4, "").each(&states).units(&state_units).output().source("Hashim, example 3.3.1")),
             y: d.output(
                 vector("y", 2, "").each(&["output, q1 + rate_weight q1'", "output, q2 + rate_weight q2'"]).unit("rad"),
             ),

@@ -86,7 +86,7 @@ impl System for UnmatchedMimo {
                 "whether sec x2 stands in place of sech x2, as printed; then the motion ends where x2 reaches +-pi/2",
             )),
             u: d.input(vector("u", 2, "control")),
-            x: d.state(vector("x", 3, "state").output()),
+            x: d.state(vector("x", 3, "state").output().source("Hashim, example 3.4.1")),
             oscillator: Oscillator::declare(d),
             filter: Filter::declare(d),
             y: d.output(vector("y", 2, "").each(&["tracked output, x1", "tracked output, x2"])),
@@ -180,7 +180,10 @@ impl Oscillator {
                 scalar("van_der_pol_damping", "damping of the Van der Pol oscillator").unit("1/s").start(0.8),
             ),
             gain: d.parameter(scalar("van_der_pol_gain", "gain of the Van der Pol oscillator in z").start(0.1)),
-            x: d.state(vector("x_z", 2, "state of the Van der Pol oscillator in the unmodeled dynamics")),
+            x: d.state(
+                vector("x_z", 2, "state of the Van der Pol oscillator in the unmodeled dynamics")
+                    .source("Hashim, example 3.4.1"),
+            ),
         }
     }
 
@@ -207,7 +210,8 @@ impl Filter {
                 vector("z_u", 2, "")
                     .each(&["z_u, the filtered part of the unmodeled dynamics", "second state of the filter z_u(s)"])
                     .units(&units)
-                    .nominals(&[1.0, 0.1]),
+                    .nominals(&[1.0, 0.1])
+                    .source("Hashim, example 3.4.1"),
             ),
         }
     }

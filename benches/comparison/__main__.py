@@ -7,6 +7,7 @@ import tempfile
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import compiled
 import loops
 import steps
 from machine import Workshop
@@ -25,6 +26,10 @@ def measure(workshop: Workshop) -> list[Row]:
         steps.lives,
         steps.exports,
         steps.growth,
+        compiled.van_der_pol,
+        compiled.controllers,
+        compiled.whole_loops,
+        compiled.separate_units,
     ]
     rows = []
     for k, part in enumerate(parts):

@@ -7,6 +7,7 @@ use std::sync::Once;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Binary, Form, Glibc, Library, Platform};
+use adaptive_fmu::parallel;
 use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
 use serde_json::json;
 
@@ -27,7 +28,7 @@ pub struct Arguments {
     #[arg(long, default_value = "fmus")]
     out: PathBuf,
     /// Shared library to pack instead of those built with this program (repeatable, one a platform; one of them must be
-    /// for this platform, if it holds models of your own)
+    /// for this platform, if it holds models of your own; with --source-only and --compile it isn't packed)
     #[arg(long, value_name = "[PLATFORM=]FILE")]
     library: Vec<String>,
     /// Parameter set (.ssv) with values that the one FMU named is to start with
@@ -40,7 +41,7 @@ pub struct Arguments {
     #[arg(long)]
     source_only: bool,
     /// With C sources, and libraries that are compiled from them by the C compiler that is found
-    #[arg(long, conflicts_with_all = ["source_only", "library"])]
+    #[arg(long, conflicts_with = "source_only")]
     compile: bool,
     /// Platforms to compile for, by zig (`pip install ziglang`); this one where none is named
     #[arg(long, value_name = "PLATFORM,…", value_delimiter = ',', requires = "compile")]
@@ -121,7 +122,8 @@ fn all() -> Vec<String> {
 /// Writes FMUs into a folder, in a form; their paths.
 fn export_named(names: &[String], library: &Library, out: &Path, form: &Form) -> Result<Vec<PathBuf>, Error> {
     warn_of(library)?;
-    names.iter().map(|name| exporter::export_as(&exporter::find_description(name)?, library, out, form)).collect()
+    let one = |(): &(), k: usize| exporter::export_as(&exporter::find_description(&names[k])?, library, out, form);
+    parallel::each(&vec![(); parallel::cores()], names.len(), one).into_iter().collect()
 }
 
 /// Writes one FMU that starts with the values of a parameter set.

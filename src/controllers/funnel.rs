@@ -126,10 +126,13 @@ impl Funnel {
             began_inside: d.discrete(boolean("#began_inside", "").hidden()),
             reopened: d.discrete(integer("funnel_reopened", "how often a funnel was re-opened").output()),
             e: d.local(signal("e", "error that is kept within the funnel")),
-            rho: d.local(signal("rho", "performance function")),
-            epsilon: d.local(vector("epsilon", m, "transformed error, which is infinite at the funnel's bounds")),
-            lower: d.local(signal("funnel_lower", "lower bound of the error")),
-            upper: d.local(signal("funnel_upper", "upper bound of the error")),
+            rho: d.local(signal("rho", "performance function").source("Hashim (5.3), (6.7)")),
+            epsilon: d.local(
+                vector("epsilon", m, "transformed error, which is infinite at the funnel's bounds")
+                    .source("Hashim (5.6), (6.10), of e/rho"),
+            ),
+            lower: d.local(signal("funnel_lower", "lower bound of the error").source("Hashim (5.4), (5.5)")),
+            upper: d.local(signal("funnel_upper", "upper bound of the error").source("Hashim (5.4), (5.5)")),
             left: d.warning("logFunnel", "an error that left its funnel, which re-opened"),
             indicator: d.indicators(vec![""; m]),
         }

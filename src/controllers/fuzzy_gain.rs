@@ -120,9 +120,9 @@ impl FuzzyGain {
             ),
             sets: Sets::declare(d),
             k_f: if m == 1 {
-                vec![d.output(scalar("k_f", gain))]
+                vec![d.output(scalar("k_f", gain).source("Hashim, section 4.3"))]
             } else {
-                let all = d.output(vector("k_f", m, gain));
+                let all = d.output(vector("k_f", m, gain).source("Hashim, section 4.3"));
                 (0..m).map(|i| all.at(i)).collect()
             },
             is_fuzzy: (0..m).map(|i| d.discrete(boolean(&format!("#is_fuzzy[{}]", i + 1), "").hidden())).collect(),

@@ -131,11 +131,15 @@ impl System for Observer {
             delta0: d.parameter(scalar("delta0", "initial value of delta").start(1.0).positive().fixed()),
             y: d.input(vector("y", m, "measured output of the plant").units(&y)),
             u: d.input(vector("u", m, "input of the plant, used with known_input").units(&u)),
-            x_obs: d.state(vector("x_obs", n, "estimate of the plant's state").units(&x).output()),
-            beta: d.state(scalar("beta", "adaptive gain of the output error").output()),
-            delta: d.state(scalar("delta", "bound on the effect of unmodeled dynamics").output()),
+            x_obs: d
+                .state(vector("x_obs", n, "estimate of the plant's state").units(&x).output().source("Hashim (7.7)")),
+            beta: d.state(scalar("beta", "adaptive gain of the output error").output().source("Hashim (7.9)")),
+            delta: d
+                .state(scalar("delta", "bound on the effect of unmodeled dynamics").output().source("Hashim (7.11)")),
             y_tilde: d.local(vector("y_tilde", m, "output error, estimated minus measured").units(&y)),
-            beta_l: d.local(scalar("beta_l", "growth of the uncertainty with output, estimate and delta")),
+            beta_l: d.local(
+                scalar("beta_l", "growth of the uncertainty with output, estimate and delta").source("Hashim (7.10)"),
+            ),
             A,
             B,
             C,

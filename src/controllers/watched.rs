@@ -101,7 +101,7 @@ impl Funnel {
             ),
             left: d.discrete(boolean("funnel_left", "whether an error is outside of its funnel").output()),
             e: d.local(signal("e", "tracking error, r - y")),
-            rho: d.local(signal("rho", "performance function: the funnel is -rho < e < rho")),
+            rho: d.local(signal("rho", "performance function: the funnel is -rho < e < rho").source("Hashim (6.7)")),
             warning: d.warning("logFunnel", "an error that left its funnel"),
         }
     }

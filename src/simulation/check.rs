@@ -6,6 +6,7 @@ use super::feedthrough::Feedthrough;
 use super::fmu::Value;
 use super::ssp::{Component, Connection, Connector, StartValue, Structure};
 use crate::error::Error;
+use crate::fmi2::model_description::DESIGNED;
 use crate::model_description::{Affine, UnitDefinition};
 use crate::model_description::{ModelDescription, Variable};
 
@@ -247,13 +248,22 @@ pub fn start_values(
             return Err(refuse(format!("`{name}` is connected: its values come from there")));
         }
         if variable.start.is_none() || variable.variability == "constant" {
-            let (variability, causality) = (&variable.variability, &variable.causality);
-            return Err(refuse(format!("`{name}` can't be set: it is a {variability} {causality}")));
+            return Err(refuse(format!("`{name}` can't be set: {}", kept(variable))));
         }
         let value = value(start, variable, variable.measure.as_deref());
         Ok((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?))
     };
     component.values.iter().map(value_of).collect()
+}
+
+/// Why a variable keeps its start value, or has none.
+fn kept(variable: &Variable) -> String {
+    if variable.description.ends_with(DESIGNED) {
+        return "the FMU was designed with the value that it has; `adaptive-fmu export --values FILE.ssv` designs one with \
+                others"
+            .to_owned();
+    }
+    format!("it is a {} {}", variable.variability, variable.causality)
 }
 
 fn name((unit, variable): &(String, String)) -> String {

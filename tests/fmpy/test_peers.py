@@ -23,8 +23,10 @@ PARTS = [
     "`export L1MaresAuv`",
     "`export --all`",
     "number of states",
+    "one unit, stiff, compiled",
+    "compiled units",
 ]
-PEERS = ["C (gcc", "a loop in Python around its calls", "PythonFMU", "RK4 steps every", "general explicit method"]
+PEERS = ["C (gcc", "a loop in Python around its calls", "PythonFMU", "RK4 steps every", "general explicit method", "the generic form"]
 
 
 @pytest.fixture(scope="module")

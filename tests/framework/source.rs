@@ -167,3 +167,21 @@ fn the_source_of_all_whole_loops_gives_the_bits_of_the_equations() {
         compare(&model, (20, "-O0"), &mut random, folder.path());
     }
 }
+
+#[test]
+fn equations_stand_beside_where_they_are_from() {
+    for name in description_names() {
+        let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
+        let files = source::files(&model).unwrap();
+        let unit = &files.iter().find(|(file, _)| file == "unit.c").unwrap().1;
+        let evaluate = unit.split("static void unit_evaluate(").nth(1).unwrap().split("\n}\n").next().unwrap();
+        let cited: Vec<&str> =
+            model.variables().iter().map(|variable| variable.source).filter(|s| !s.is_empty()).collect();
+        cited.iter().for_each(|source| assert!(evaluate.contains(&format!("; /* {source} */")), "{name}: {source}"));
+        let laws = ["L1", "Fuzzy", "Mrac", "Neuro", "Observer"];
+        assert!(
+            !laws.iter().any(|law| name.starts_with(law)) || cited.iter().any(|s| s.starts_with("Hashim (")),
+            "{name}"
+        );
+    }
+}

@@ -97,18 +97,26 @@ impl Law {
             u_ad_start: d
                 .parameter(choice::<AdaptiveStart>("u_ad_start", "what the adaptive control starts with").fixed()),
             ports,
-            x_hat: d.state(vector("x_hat", n, "state of the predictor").units(&units.x)),
+            x_hat: d.state(
+                vector("x_hat", n, "state of the predictor").units(&units.x).source("Hashim (3.2), (3.19), (3.60)"),
+            ),
             omega_hat: if full {
-                d.state(matrix("omega_hat", m, m, omega_hat)).elements()
+                d.state(matrix("omega_hat", m, m, omega_hat).source("Hashim (3.3), (3.21), (3.61)")).elements()
             } else {
-                d.state(diagonal("omega_hat", m, omega_hat))
+                d.state(diagonal("omega_hat", m, omega_hat).source("Hashim (3.3), (3.21), (3.61)"))
             },
-            theta_hat: d.state(matrix("theta_hat", m, columns, theta_hat)),
-            sigma_hat: d.state(vector("sigma_hat", m, "estimate of the disturbance sigma")),
+            theta_hat: d.state(matrix("theta_hat", m, columns, theta_hat).source("Hashim (3.3), (3.21), (3.61)")),
+            sigma_hat: d.state(
+                vector("sigma_hat", m, "estimate of the disturbance sigma").source("Hashim (3.3), (3.21), (3.61)"),
+            ),
             f: if is_state {
-                d.state(vector("u_ad", m, u_ad).units(&units.command))
+                d.state(vector("u_ad", m, u_ad).units(&units.command).source("Hashim (3.4), (3.22), (3.62)"))
             } else {
-                d.state(matrix("filter_state", filter.order(), m, "state of the filter D(s) of a channel")).elements()
+                d.state(
+                    matrix("filter_state", filter.order(), m, "state of the filter D(s) of a channel")
+                        .source("Hashim (3.4), (3.22), (3.62)"),
+                )
+                .elements()
             },
             u_ad: d.local(if is_state {
                 vector("#u_ad", m, "").hidden()
@@ -116,7 +124,10 @@ impl Law {
                 vector("u_ad", m, u_ad).units(&units.command)
             }),
             u_ad_is_state: is_state,
-            eta_hat: d.local(vector("eta_hat", m, "estimate of the matched uncertainty with the control's own effect")),
+            eta_hat: d.local(
+                vector("eta_hat", m, "estimate of the matched uncertainty with the control's own effect")
+                    .source("Hashim (3.4), (3.22), (3.62)"),
+            ),
             excess: d.local(vector("#eta_hat - K_g r", m, "").hidden()),
             adaptation_frequency: d.local(scalar("adaptation_frequency", frequency).unit("rad/s")),
             feedback: d.local(vector("#feedback", m, "").hidden()),

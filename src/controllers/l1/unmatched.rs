@@ -68,18 +68,19 @@ impl Unmatched {
         let filter_direct = equivalent.behind(filter)?.direct;
         let (direct, relative_degree) = (filter_direct != 0.0, filter.relative_degree());
         let bound = "bound on the magnitude of";
+        let theta_hat = "estimate of theta_2, the unmatched uncertainty's dependence on the state's norm";
         let hidden = |name: &str, rows, columns| matrix(name, rows, columns, "").hidden();
         let order = equivalent.A_z.nrows();
         Ok(Some(Unmatched {
             theta_bound: d.parameter(vector("theta_bound_unmatched", k, &format!("{bound} theta_2")).min(0.0)),
             sigma_bound: d.parameter(vector("sigma_bound_unmatched", k, &format!("{bound} sigma_2")).min(0.0)),
-            theta_hat: d.state(vector(
-                "theta_hat_unmatched",
-                k,
-                "estimate of theta_2, the unmatched uncertainty's dependence on the state's norm",
-            )),
-            sigma_hat: d.state(vector("sigma_hat_unmatched", k, "estimate of the unmatched disturbance sigma_2")),
-            eta_hat: d.local(vector("eta_hat_unmatched", k, "estimate of the unmatched uncertainty")),
+            theta_hat: d.state(vector("theta_hat_unmatched", k, theta_hat).source("Hashim (3.61)")),
+            sigma_hat: d.state(
+                vector("sigma_hat_unmatched", k, "estimate of the unmatched disturbance sigma_2")
+                    .source("Hashim (3.61)"),
+            ),
+            eta_hat: d
+                .local(vector("eta_hat_unmatched", k, "estimate of the unmatched uncertainty").source("Hashim (3.60)")),
             norm: d.local(scalar("#norm of x", "").hidden()),
             input: d.prepared(hidden("#D H_m^-1 H_um: input", m * filter.order(), k)),
             direct: direct.then(|| d.prepared(hidden("#D H_m^-1 H_um: direct", m, k))),
@@ -89,7 +90,10 @@ impl Unmatched {
             filter_inputs: filter.inputs(relative_degree),
             filter_direct,
             zeros: (order > 0).then(|| Zeros {
-                z: d.state(vector("inverse_state", order, "state of H_m^-1 H_um, at the zeros of H_m")),
+                z: d.state(
+                    vector("inverse_state", order, "state of H_m^-1 H_um, at the zeros of H_m")
+                        .source("Hashim, section 3.4"),
+                ),
                 A_z: d.prepared(hidden("#A_z", order, order)),
                 B_z: d.prepared(hidden("#B_z", order, k)),
                 C_z: d.prepared(hidden("#C_z", m, order)),

@@ -123,7 +123,7 @@ impl System for MracPpf {
             |name: &str, size: &str| vector(name, m, &format!("{size} control, 1e15 is no limit")).units(&unit_u);
         let (x, x_m) = (
             d.input(vector("x", n, "measured state of the plant").units(&unit_x)),
-            d.state(vector("x_m", n, "state of the reference model").units(&unit_x)),
+            d.state(vector("x_m", n, "state of the reference model").units(&unit_x).source("Hashim (6.2)")),
         );
         let is_stepped = d.is_stepped();
         Ok(MracPpf {
@@ -153,10 +153,10 @@ impl System for MracPpf {
             u_max: d.parameter(limit("u_max", "largest").start(UNLIMITED)),
             funnel: Funnel::declare(d, &unit_x, [2.0, 0.05, 1.5]),
             r: d.input(vector("r", n, "reference").units(&unit_x)),
-            theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each channel")),
-            integral: d.state(matrix("sigma_integral", n, n, "integral part of sigma_hat, a column for each channel")),
-            sigma_hat: d.local(matrix("sigma_hat", n, n, "estimate of the disturbance's bound, a column for each channel")),
-            u: d.output(vector("u", m, "control").units(&unit_u)),
+            theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each channel").source("Hashim (6.20)")),
+            integral: d.state(matrix("sigma_integral", n, n, "integral part of sigma_hat, a column for each channel").source("Hashim (6.21)")),
+            sigma_hat: d.local(matrix("sigma_hat", n, n, "estimate of the disturbance's bound, a column for each channel").source("Hashim (6.21)")),
+            u: d.output(vector("u", m, "control").units(&unit_u).source("Hashim (6.19), (6.24)")),
             e: d.tracking_error(x, x_m, ERROR_NOMINAL),
             is_stepped,
             moves: Moves::declare(d, m, is_stepped),

@@ -37,10 +37,12 @@ impl InputGainNetwork {
                 scalar("delta_d", "what keeps the inverse of the estimated input gain finite").start(0.1).positive(),
             ),
             g_network_initial: d.parameter(scalar("g_network_initial", initial).fixed()),
-            theta_G: d.state(matrix("theta_G", neurons, m * m, weights)),
+            theta_G: d.state(matrix("theta_G", neurons, m * m, weights).source("Hashim (5.26)")),
             theta_G0: d.discrete(vector("#theta_G0", neurons, "").hidden()),
-            F_G: d.local(matrix("F_G", m, m, "estimate of the input gain")),
-            nu_a: d.local(vector("nu_a", m, "control that inverts the estimated input gain").units(units)),
+            F_G: d.local(matrix("F_G", m, m, "estimate of the input gain").source("Hashim (5.19)")),
+            nu_a: d.local(
+                vector("nu_a", m, "control that inverts the estimated input gain").units(units).source("Hashim (5.23)"),
+            ),
         }
     }
 

@@ -104,6 +104,7 @@ impl System for NeuroPpf {
         let x: Vec<_> = r.iter().copied().chain(r.iter().map(|unit| Unit::per_second(unit))).take(m * degree).collect();
         let state = if degree == 1 { "measured state of the plant" } else { "measured coordinates, then their rates" };
         let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
+        let weight = "weight of a neuron in the estimate of a channel's dynamics";
         let limit = "control that the actuator can give; 1e15 is no limit";
         Ok(NeuroPpf {
             funnel: Funnel::declare(d, &r, FUNNEL),
@@ -117,17 +118,15 @@ impl System for NeuroPpf {
             r: d.input(vector("r", m, "reference").units(&r)),
             order: if degree == 1 { Order::first(d, &r) } else { Order::second(d, &r) },
             x: d.input(vector("x", x.len(), state).units(&x)),
-            theta_f: d.state(matrix(
-                "theta_f",
-                neurons,
-                m,
-                "weight of a neuron in the estimate of a channel's dynamics",
-            )),
+            theta_f: d.state(matrix("theta_f", neurons, m, weight).source("Hashim (5.26)")),
             input_gain: structure.input_gain_network.then(|| InputGainNetwork::declare(d, neurons, &u)),
-            u: d.output(vector("u", m, "control").units(&u)),
-            E: d.local(vector("E", m, "filtered error: the transformed error, for relative degree 2 with its rate")),
-            F_f: d.local(vector("F_f", m, "estimate of the plant's dynamics")),
-            nu_b: d.local(vector("nu_b", m, "control for an input gain of 1")),
+            u: d.output(vector("u", m, "control").units(&u).source("Hashim (5.22)")),
+            E: d.local(
+                vector("E", m, "filtered error: the transformed error, for relative degree 2 with its rate")
+                    .source("Hashim (5.10)"),
+            ),
+            F_f: d.local(vector("F_f", m, "estimate of the plant's dynamics").source("Hashim (5.18)")),
+            nu_b: d.local(vector("nu_b", m, "control for an input gain of 1").source("Hashim (5.24)")),
             Z: d.local(vector("#Z", neurons, "").hidden()),
             RE: d.local(vector("#RE", m, "").hidden()),
             moves: {

@@ -13,6 +13,9 @@ use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, V
 use super::access::References;
 use super::instance::{DISCARDED, EVENTS};
 
+/// How the description of a constant ends that a unit was designed with.
+pub const DESIGNED: &str = " (designed at export)";
+
 /// The file of a source unit that is compiled; it includes all others.
 pub const SOURCE: &str = "all.c";
 
@@ -256,7 +259,7 @@ fn write_variable(xml: &mut Xml, variables: &Variables, element: Element<'_>, st
     let mut attributes = vec![
         ("name", element.name()),
         ("valueReference", References::of(variables, element).to_string()),
-        ("description", [element.description(), if is_designed { " (designed at export)" } else { "" }].concat()),
+        ("description", [element.description(), if is_designed { DESIGNED } else { "" }].concat()),
         ("causality", causality.to_owned()),
         ("variability", variability.to_owned()),
     ];

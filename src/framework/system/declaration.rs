@@ -65,7 +65,7 @@ impl<D: Shape> Declarable for Spec<D> {
             max: self.max,
             nominal: self.nominal,
         };
-        let start = d.add::<C>(self.name, self.description, naming, self.causality, self.fixed, data);
+        let start = d.add::<C>(self.name, (self.description, self.source), naming, self.causality, self.fixed, data);
         self.shape.handle(start)
     }
 }
@@ -79,8 +79,8 @@ impl<T: DiscreteValue> Declarable for DiscreteSpec<T> {
     }
 
     fn declare<C: Class>(self, d: &mut Declaration) -> T::Handle<C> {
-        let description = vec![self.description];
-        T::handle(d.add::<C>(self.name, description, Naming::Scalar, self.causality, self.fixed, self.data))
+        let told = (vec![self.description], "");
+        T::handle(d.add::<C>(self.name, told, Naming::Scalar, self.causality, self.fixed, self.data))
     }
 }
 
@@ -326,7 +326,7 @@ impl Declaration {
     fn add<C: Class>(
         &mut self,
         name: String,
-        description: Vec<String>,
+        (description, source): (Vec<String>, &'static str),
         naming: Naming,
         causality: Option<Causality>,
         fixed: bool,
@@ -350,7 +350,8 @@ impl Declaration {
         let sizes = if real { &self.variables.real_sizes } else { &self.variables.integer_sizes };
         let start = sizes[section as usize];
         let given = Vec::new();
-        let variable = Variable { name, given, description, section, start, naming, causality, variability, data };
+        let variable =
+            Variable { name, given, description, source, section, start, naming, causality, variability, data };
         if self.has_room(&variable) {
             let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
             sizes[section as usize] += variable.len();

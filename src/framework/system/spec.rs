@@ -12,6 +12,7 @@ pub struct Spec<D> {
     pub(super) shape: D,
     pub(super) name: String,
     pub(super) description: Vec<String>,
+    pub(super) source: &'static str,
     pub(super) causality: Option<Causality>,
     pub(super) fixed: bool,
     pub(super) start: Vec<f64>,
@@ -102,6 +103,7 @@ impl<D: Shape> Spec<D> {
             shape,
             name: name.to_owned(),
             description: vec![description.to_owned()],
+            source: "",
             causality: None,
             fixed: false,
             start: vec![0.0],
@@ -155,6 +157,12 @@ impl<D: Shape> Spec<D> {
     /// Descriptions, one an element, in place of the common one.
     pub fn each(mut self, descriptions: &[&str]) -> Self {
         self.description = descriptions.iter().map(|text| (*text).to_owned()).collect();
+        self
+    }
+
+    /// Where the equation of it, or of its rate, is from: "Hashim (3.2)". C sources cite it there.
+    pub fn source(mut self, source: &'static str) -> Self {
+        self.source = source;
         self
     }
 

@@ -148,6 +148,9 @@ pub struct Variable {
     pub given: Vec<Option<String>>,
     /// What it is; one text for all, or one an element.
     pub description: Vec<String>,
+    /// Where the equation of it, or of its rate, is from; empty where none is told.
+    #[serde(skip)]
+    pub source: &'static str,
     /// Its class.
     pub section: Section,
     /// First place in its section.

@@ -55,11 +55,9 @@ fn directional(
     let targets: Vec<Target> = places
         .iter()
         .zip(tangents)
-        .map(|(&place, tangent)| Target {
-            node: tangent.unwrap_or(zero),
-            place: format!("d[{place}] ="),
-            kind: Kind::Real,
-            variable: tangent.map(|_| format!("d_{}", unit.real_name(place))),
+        .map(|(&place, tangent)| {
+            let variable = tangent.map(|_| format!("d_{}", unit.real_name(place)));
+            Target::of(format!("d[{place}] ="), tangent.unwrap_or(zero), Kind::Real, variable)
         })
         .collect();
     function(unit, head, tape, &targets, &[])

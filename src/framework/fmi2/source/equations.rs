@@ -24,12 +24,19 @@ pub(super) struct Target {
     pub kind: Kind,
     /// The variable that it is.
     pub variable: Option<String>,
+    /// Where its equation is from; empty where none is told.
+    pub source: &'static str,
 }
 
 impl Target {
     /// A result, to be written so.
     pub fn result(place: String, node: Node) -> Self {
-        Target { node, place, kind: Kind::Real, variable: None }
+        Target::of(place, node, Kind::Real, None)
+    }
+
+    /// A value of this kind, of a variable.
+    pub fn of(place: String, node: Node, kind: Kind, variable: Option<String>) -> Self {
+        Target { node, place, kind, variable, source: "" }
     }
 }
 
@@ -155,6 +162,9 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
     for (target, found) in targets.iter().zip(&found) {
         let value = if target.kind == Kind::Real { found.real() } else { found.whole() };
         function.line(&format!("{} {};", target.place, value.text));
+        if !target.source.is_empty() {
+            function.comment(target.source);
+        }
     }
     framed(head, &function.lines())
 }

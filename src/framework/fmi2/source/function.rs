@@ -71,6 +71,12 @@ impl<'a> Function<'a> {
         self.lines.push('\n');
     }
 
+    /// Adds a comment behind the last line.
+    pub fn comment(&mut self, text: &str) {
+        self.lines.truncate(self.lines.trim_end().len());
+        let _ = writeln!(self.lines, " /* {text} */");
+    }
+
     /// Computes nodes of a tape; the expressions that they are. Those that are to have a name are given it.
     pub fn compute(
         &mut self,

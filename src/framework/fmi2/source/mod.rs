@@ -47,6 +47,8 @@ struct Unit<'a> {
     /// Names of what lies in the block.
     real_names: Vec<String>,
     integer_names: Vec<String>,
+    /// Where the equations of reals are from, where that is told.
+    sources: Vec<&'static str>,
     categories: Vec<&'static str>,
     /// Which reals and integers are known: parameters of the design, and what was prepared from them.
     known_reals: Vec<bool>,
@@ -71,7 +73,8 @@ pub fn files(model: &Model) -> Result<Vec<SourceFile>, Invalid> {
     for place in variables.reals(Section::Prepared) {
         known_reals[place] = is_leaf(related.reals[place], Leaf::Real(place as u32));
     }
-    let unit = Unit { model, start, real_names, integer_names, categories, known_reals, known_integers };
+    let sources = sources(variables, start.reals.len());
+    let unit = Unit { model, start, real_names, integer_names, sources, categories, known_reals, known_integers };
     let body = [tables::write(&unit), equations::write(&unit), derivatives::write(&unit)].concat();
     Ok(vec![("unit.h".to_owned(), header::write(&unit)), ("unit.c".to_owned(), body)])
 }
@@ -82,6 +85,17 @@ fn known(variables: &Variables, size: usize, real: bool) -> Vec<bool> {
     let designed = variables.iter().filter(|v| v.is_real() == real && v.variability == Variability::Constant);
     designed.flat_map(Variable::elements).for_each(|element| known[variables.index(element)] = true);
     known
+}
+
+/// Where the equations of reals are from.
+fn sources(variables: &Variables, size: usize) -> Vec<&'static str> {
+    let mut sources = vec![""; size];
+    let equations =
+        variables.iter().filter(|v| matches!(v.section, Section::Signal | Section::Derivative) && v.is_real());
+    for variable in equations {
+        variable.elements().for_each(|element| sources[variables.index(element)] = variable.source);
+    }
+    sources
 }
 
 /// Names of all that lies in the block: of reals, or of integers.
@@ -140,14 +154,17 @@ impl Unit<'_> {
                 let node = recording.reals[place];
                 if !is_same(node, Leaf::Real(place as u32)) {
                     let variable = Some(self.real_names[place].clone());
-                    targets.push(Target { node, place: format!("v[{place}] ="), kind: Kind::Real, variable });
+                    targets.push(Target {
+                        source: self.sources[place],
+                        ..Target::of(format!("v[{place}] ="), node, Kind::Real, variable)
+                    });
                 }
             }
             for place in variables.integers(section) {
                 let node = recording.integers[place];
                 if !is_same(node, Leaf::Integer(place as u32)) {
                     let variable = Some(self.integer_names[place].clone());
-                    targets.push(Target { node, place: format!("n[{place}] ="), kind: Kind::Whole, variable });
+                    targets.push(Target::of(format!("n[{place}] ="), node, Kind::Whole, variable));
                 }
             }
         }
