@@ -16,6 +16,7 @@ import fmpy
 import pytest
 from conftest import PROGRAM, ROOT, adaptive_fmu
 from fmpy.build import build_platform_binary
+from laws import WARNINGS
 from lxml import etree
 from master import Fmu, Unit, refused
 
@@ -38,7 +39,6 @@ NAMES = [
 ]
 # Steps of fixed length that are short enough for fast adaptation; and for that at inputs that jump.
 FIXED_STEPS, MOST_FIXED_STEPS = 1000, 10_000
-WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
 COMPILERS = [compiler for compiler in ["gcc", "clang"] if shutil.which(compiler)]
 
 

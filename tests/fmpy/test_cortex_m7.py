@@ -1,0 +1,186 @@
+"""Laws of controllers on a Cortex-M7, by an emulator: what they give there, and what they take.
+
+docs/source_units.md tells in two tables what they take. The numbers are there alone; the tests hold the laws to them.
+"""
+
+import functools
+import re
+import shutil
+import struct
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from laws import SAME_BITS, WARNINGS, Laws, built, table
+
+COMPILER, SIZES, SYMBOLS, EMULATOR = "arm-none-eabi-gcc", "arm-none-eabi-size", "arm-none-eabi-nm", "qemu-system-arm"
+
+
+def has_newlib() -> bool:
+    """Whether the compiler finds a mathematical library: it tells a path only of a file that is there."""
+    found = subprocess.run([COMPILER, "-print-file-name=libm.a"], capture_output=True, text=True, check=False)
+    return "/" in found.stdout
+
+
+TOOLS = [COMPILER, SIZES, SYMBOLS, EMULATOR, "gcc"]
+LACKING = [tool for tool in TOOLS if not shutil.which(tool)] or ([] if has_newlib() else ["newlib for it"])
+pytestmark = pytest.mark.skipif(bool(LACKING), reason=f"nothing was run on a Cortex-M7: no {', no '.join(LACKING)}")
+
+BOARD = ROOT / "tests" / "cortex_m7"
+MACHINE = ["-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"]
+# Each instruction takes 2^10 ns of the emulated clock, of which a tick of the timer takes 40: the count is exact.
+SHIFT, TICK = 10, 40
+# Other compilers' code is a little larger, or smaller.
+OTHER_COMPILERS = 1.1
+# The loop that a controller's inputs are recorded in, and over how many of its steps.
+LOOPS = {
+    "L1TwoLinkRobot": ("3.3.1-case1", 100),
+    "FuzzyL1ActuatedSiso": ("4-case1-fuzzy", 1000),
+    "MracPpfCoupledMimo": ("6.5.1-mrac", 1000),
+    "L1QuadrotorObserved": ("7.5.3-case1", 1000),
+}
+# What firmware doesn't have.
+FORBIDDEN = {"malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "printf", "snprintf", "exit", "abort"}
+
+
+def number(cell: str) -> int:
+    """A number as the page shows it: blanks set thousands apart."""
+    return int(re.sub(r"\s", "", cell))
+
+
+each_law = pytest.mark.parametrize("row", table("law"), ids=lambda row: f"{row['law']} {row['substeps']}")
+each_unit = pytest.mark.parametrize("row", table("unit"), ids=lambda row: row["unit"])
+
+
+@dataclass
+class Told:
+    """What a run on the target told."""
+
+    instructions: np.ndarray
+    outputs: np.ndarray
+    stack: int
+
+
+def output_of(*command: str | Path) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def sizes(file: Path) -> tuple[int, int]:
+    """What a file takes of the flash memory, where initial values lie too, and of the RAM."""
+    text, data, bss = map(int, output_of(SIZES, file).splitlines()[1].split()[:3])
+    return text + data, data + bss
+
+
+@pytest.fixture(scope="module")
+def laws(tmp_path_factory: pytest.TempPathFactory) -> Laws:
+    """The controllers' sources."""
+    return Laws(tmp_path_factory.mktemp("laws"), list(LOOPS))
+
+
+def header(inputs: np.ndarray) -> str:
+    """recorded.h of main.c: hexadecimal floating point keeps all bits."""
+    rows = ",\n".join("    {" + ", ".join(value.hex() for value in row) + "}" for row in inputs.tolist())
+    size = f"[{len(inputs)}][{inputs.shape[1]}]"
+    return f"#define RECORDED_STEPS {len(inputs)}\n\nstatic const real recorded{size} = {{\n{rows},\n}};\n"
+
+
+@pytest.fixture(scope="module")
+def law_object(laws: Laws, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Path]:
+    """law.c of a controller, compiled for the target once."""
+
+    @functools.cache
+    def compiled(name: str, steps: int) -> Path:
+        made = tmp_path_factory.mktemp("law") / "law.o"
+        flags = [*WARNINGS, *MACHINE, *SAME_BITS, f"-DUNIT_LAW_STEPS={steps}"]
+        built(COMPILER, *flags, "-c", laws.sources(name) / "law.c", "-o", made)
+        return made
+
+    return compiled
+
+
+@pytest.fixture(scope="module")
+def on_target(laws: Laws, law_object, tmp_path_factory) -> Callable[[str, int], Told]:
+    """Runs a controller's law on the emulated target over its recorded inputs, once."""
+
+    @functools.cache
+    def run(name: str, steps: int) -> Told:
+        made = tmp_path_factory.mktemp("target")
+        (made / "recorded.h").write_text(header(laws.inputs(name, *LOOPS[name])))
+        return emulated(program(laws.sources(name), law_object(name, steps), made))
+
+    return run
+
+
+def program(folder: Path, law: Path, made: Path) -> Path:
+    """The program of tests/cortex_m7, with a law and its inputs."""
+    flags = [*WARNINGS, *MACHINE, *SAME_BITS, f"-I{folder}", f"-I{made}", "-nostartfiles", "-T", BOARD / "board.ld"]
+    built(COMPILER, *flags, BOARD / "startup.c", BOARD / "main.c", law, "-lm", "-o", made / "program.elf")
+    return made / "program.elf"
+
+
+def emulated(made: Path) -> Told:
+    machine = ["-M", "mps2-an500", "-display", "none", "-serial", "none", "-monitor", "none"]
+    counting = ["-icount", f"shift={SHIFT}", "-semihosting-config", "enable=on,target=native"]
+    command = [EMULATOR, *machine, *counting, "-kernel", made]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert run.returncode == 0, run
+    # What a program tells comes out as QEMU's errors do.
+    lines = [line.split() for line in run.stderr.splitlines()]
+    steps = [words[1:] for words in lines if words[0] == "step"]
+    told = {words[0]: int(words[1], 16) for words in lines if words[0] in ("empty", "stack")}
+    ticks = np.array([int(words[0], 16) for words in steps])
+    outputs = [[struct.unpack(">d", bytes.fromhex(bits))[0] for bits in words[1:]] for words in steps]
+    return Told(np.rint((ticks - told["empty"]) * TICK / 2**SHIFT), np.array(outputs), told["stack"])
+
+
+def as_told(measured: float, cell: str) -> bool:
+    return number(cell) / OTHER_COMPILERS <= measured <= number(cell) * OTHER_COMPILERS
+
+
+@each_law
+def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_target) -> None:
+    name, steps = row["law"], number(row["substeps"])
+    inputs = laws.inputs(name, *LOOPS[name])
+    expected = laws.outputs(name, steps, inputs)
+    found = on_target(name, steps).outputs
+    assert found.shape == expected.shape and np.ptp(found, axis=0).max() > 0
+    # Functions of <math.h> may differ by a rounding: newlib's aren't those of the host.
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+@each_law
+def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
+    told = on_target(row["law"], number(row["substeps"]))
+    most, mean = told.instructions.max(), told.instructions.mean()
+    assert most <= number(row["a step, at most"]) <= 1.2 * most
+    assert as_told(mean, row["a step, mean"])
+    assert as_told(mean / number(row["substeps"]), row["instructions a substep"])
+    assert told.stack <= OTHER_COMPILERS * number(row["stack"])
+
+
+@each_law
+def test_a_law_takes_the_memory_that_the_page_tells_and_allocates_none(row, laws, law_object, tmp_path) -> None:
+    folder, whole = laws.sources(row["law"]), tmp_path / "whole.o"
+    (tmp_path / "state.c").write_text('#include "law.h"\n\nlaw controller;\n')
+    # With all that it takes of the libraries, and nothing else.
+    flags = [*WARNINGS, *MACHINE, f"-I{folder}", "-r", "-nostdlib"]
+    law = law_object(row["law"], number(row["substeps"]))
+    built(COMPILER, *flags, tmp_path / "state.c", law, "-lm", "-lc", "-lgcc", "-o", whole)
+    flash, memory = sizes(whole)
+    assert as_told(flash, row["flash"]) and as_told(memory, row["RAM"]), (flash, memory)
+    symbols = [line.split() for line in output_of(SYMBOLS, whole).splitlines()]
+    assert not FORBIDDEN & {words[-1] for words in symbols}
+    assert not [words for words in symbols if words[-2] == "U"]
+
+
+@each_unit
+def test_whole_units_are_compiled_for_the_target_without_a_warning(row, laws, tmp_path) -> None:
+    flags, made = [*WARNINGS, *MACHINE, *SAME_BITS, "-DFMI2_STATIC_INSTANCES=1"], tmp_path / "all.o"
+    built(COMPILER, *flags, "-c", laws.sources(row["unit"]) / "all.c", "-o", made)
+    flash, memory = sizes(made)
+    assert as_told(flash, row["flash"]) and as_told(memory, row["RAM"]), (flash, memory)
+    assert not FORBIDDEN & {line.split()[-1] for line in output_of(SYMBOLS, made).splitlines()}
