@@ -43,7 +43,8 @@ pub struct Arguments {
     /// With C sources, and libraries that are compiled from them by the C compiler that is found
     #[arg(long, conflicts_with = "source_only")]
     compile: bool,
-    /// Platforms to compile for, by zig (`pip install ziglang`); this one where none is named
+    /// Platforms to compile for, by zig (`pip install ziglang`), Linux against glibc 2.17; for this machine alone, by its own
+    /// compiler, where none is named
     #[arg(long, value_name = "PLATFORM,…", value_delimiter = ',', requires = "compile")]
     platforms: Vec<String>,
     /// Then closes this loop through the FMUs
@@ -92,8 +93,10 @@ impl Arguments {
             })
         };
         let platforms = self.platforms.iter().map(named).collect::<Result<Vec<_>, _>>()?;
-        Ok(if self.compile {
-            Form::Compiled { platforms: if platforms.is_empty() { vec![Platform::own()] } else { platforms } }
+        Ok(if !platforms.is_empty() {
+            Form::CompiledFor { platforms }
+        } else if self.compile {
+            Form::Compiled
         } else if self.source || self.source_only {
             Form::Source { with_library: !self.source_only }
         } else {

@@ -18,26 +18,31 @@ struct Compiler {
 }
 
 impl Compiler {
-    /// One for a platform: the system's own for this machine, zig for any.
-    fn find(platform: Platform) -> Result<Self, Error> {
-        let own = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
-        if platform == Platform::own() && answers(&own, &["--version"]) {
-            return Ok(Compiler { program: own, arguments: Vec::new() });
-        }
-        let zigs: [(&str, &[&str]); 3] =
-            [("zig", &[]), ("python3", &["-m", "ziglang"]), ("python", &["-m", "ziglang"])];
-        let found = zigs.into_iter().find(|(program, first)| answers(program, &[first, &["version"][..]].concat()));
-        let Some((program, first)) = found else {
-            let needed = if platform == Platform::own() { "a C compiler (cc) or zig" } else { "zig" };
-            let reason = format!(
+    /// For this machine alone the system's own compiler, or zig where there is none; else zig, for all platforms alike.
+    fn find(platform: Platform, portable: bool) -> Result<Self, Error> {
+        let own = if portable { None } else { Self::own() };
+        own.or_else(|| Self::zig(platform)).ok_or_else(|| {
+            let needed = if portable { "zig" } else { "a C compiler (cc) or zig" };
+            Error::Library(format!(
                 "libraries for {} are compiled by {needed}, which isn't found: `pip install ziglang` installs zig; or export \
                  with --source, without --compile",
                 platform.folder
-            );
-            return Err(Error::Library(reason));
-        };
+            ))
+        })
+    }
+
+    fn own() -> Option<Self> {
+        let program = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
+        answers(&program, &["--version"]).then_some(Compiler { program, arguments: Vec::new() })
+    }
+
+    fn zig(platform: Platform) -> Option<Self> {
+        let zigs: [(&str, &[&str]); 3] =
+            [("zig", &[]), ("python3", &["-m", "ziglang"]), ("python", &["-m", "ziglang"])];
+        let answering = |(program, first): &(&str, &[&str])| answers(program, &[first, &["version"][..]].concat());
+        let (program, first) = zigs.into_iter().find(answering)?;
         let arguments = first.iter().map(|argument| (*argument).to_owned()).chain(zig_target(platform)).collect();
-        Ok(Compiler { program: program.to_owned(), arguments })
+        Some(Compiler { program: program.to_owned(), arguments })
     }
 }
 
@@ -57,17 +62,22 @@ fn answers(program: &str, arguments: &[&str]) -> bool {
     Command::new(program).args(arguments).output().is_ok_and(|output| output.status.success())
 }
 
-/// The library for a platform of a unit whose sources lie in a folder: its bytes.
+/// The library for a platform of a unit whose sources lie in a folder: its bytes. `portable`: it is to run on older systems
+/// than this one, too.
 ///
 /// # Errors
 /// When there is no compiler, or it refuses.
-pub fn compile(folder: &Path, platform: Platform) -> Result<Vec<u8>, Error> {
-    let Compiler { program, arguments } = Compiler::find(platform)?;
+pub fn compile(folder: &Path, platform: Platform, portable: bool) -> Result<Vec<u8>, Error> {
+    let Compiler { program, arguments } = Compiler::find(platform, portable)?;
     let library = folder.join(format!("{}{}", platform.folder, platform.suffix));
     let mut command = Command::new(&program);
     command.args(arguments).args(OPTIONS);
     if platform.suffix != ".dll" {
         command.arg("-fPIC");
+    }
+    if platform.suffix == ".dylib" {
+        // Its own name, in place of where it is written.
+        command.arg("-Wl,-install_name,@rpath/unit.dylib");
     }
     command.arg(folder.join("all.c")).arg("-o").arg(&library).arg("-lm");
     let output = command.output().map_err(Error::file(&program))?;

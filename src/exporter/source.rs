@@ -21,8 +21,10 @@ pub enum Form {
         /// Whether the library is there.
         with_library: bool,
     },
-    /// C sources, and libraries that are compiled from them.
-    Compiled {
+    /// C sources, and a library for this machine that its compiler makes of them.
+    Compiled,
+    /// C sources, and libraries for platforms, older systems among them, that zig makes of them.
+    CompiledFor {
         /// For which platforms.
         platforms: Vec<Platform>,
     },
@@ -51,8 +53,13 @@ pub fn export_as(source: &Source, library: &Library, out: &Path, form: &Form) ->
             archive::write(&file, &contents, &Libraries::Common(library))?;
         }
         Form::Source { with_library: false } => archive::write(&file, &contents, &Libraries::Own(&[]))?,
-        Form::Compiled { platforms } => {
-            archive::write(&file, &contents, &Libraries::Own(&compiled(&unit.name, &sources, platforms)?))?;
+        Form::Compiled => {
+            let own = compiled(&unit.name, &sources, &[Platform::own()], false)?;
+            archive::write(&file, &contents, &Libraries::Own(&own))?;
+        }
+        Form::CompiledFor { platforms } => {
+            let all = compiled(&unit.name, &sources, platforms, true)?;
+            archive::write(&file, &contents, &Libraries::Own(&all))?;
         }
     }
     Ok(file)
@@ -76,12 +83,17 @@ fn with_designed(source: &Source, designed: &[String]) -> Result<Source, Error> 
 }
 
 /// Libraries compiled from sources: their places in an FMU, and their bytes.
-fn compiled(name: &str, sources: &[(String, String)], platforms: &[Platform]) -> Result<Vec<(String, Vec<u8>)>, Error> {
+fn compiled(
+    name: &str,
+    sources: &[(String, String)],
+    platforms: &[Platform],
+    portable: bool,
+) -> Result<Vec<(String, Vec<u8>)>, Error> {
     let folder = tempfile::tempdir().map_err(Error::file("a temporary folder"))?;
     for (name, text) in sources {
         let file = folder.path().join(name);
         std::fs::write(&file, text).map_err(Error::file(&file))?;
     }
-    let library = |platform: &Platform| Ok((platform.binary(name), compiler::compile(folder.path(), *platform)?));
-    platforms.iter().map(library).collect()
+    let compile = |platform: &Platform| compiler::compile(folder.path(), *platform, portable);
+    platforms.iter().map(|platform| Ok((platform.binary(name), compile(platform)?))).collect()
 }

@@ -21,6 +21,8 @@ static Value value_of(fmi2ValueReference reference) {
         value.type = variable->type;
         value.access = variable->access;
         value.place = (int)(reference - UNIT_REALS);
+    } else {
+        /* There is no such place: it stays hidden. */
     }
     if (value.access == ACCESS_HIDDEN) {
         value.name = NULL;
@@ -88,6 +90,8 @@ static int check_settable(Call *call, fmi2ValueReference reference, const Value 
             return 1;
         }
         what = "a fixed parameter, which can only be set before the simulation starts";
+    } else {
+        /* A local value or an output. */
     }
     refused_value(call, value->name, " (value reference ");
     text_integer(&call->why, reference);
@@ -113,6 +117,8 @@ static int bring_up_to_date(Call *call) {
         }
     } else if (call->instance->interface == fmi2ModelExchange) {
         evaluate(call->instance);
+    } else {
+        /* What the last step left holds. */
     }
     return 1;
 }

@@ -1,15 +1,15 @@
 /* Which function may be called when: the state machines of model exchange and of co-simulation (FMI 2.0.4, sections
  * 3.2.3 and 4.2.4) as one table. And what is common to all calls. */
 
-#define I 1 << PHASE_INSTANTIATED
-#define M 1 << PHASE_INITIALIZATION
-#define V 1 << PHASE_EVENT
-#define C 1 << PHASE_CONTINUOUS_TIME
-#define S 1 << PHASE_STEP_COMPLETE
-#define D 1 << PHASE_STEP_FAILED
-#define T 1 << PHASE_TERMINATED
-#define E 1 << PHASE_ERROR
-#define ANY (1 << PHASES) - 1
+#define I (1U << PHASE_INSTANTIATED)
+#define M (1U << PHASE_INITIALIZATION)
+#define V (1U << PHASE_EVENT)
+#define C (1U << PHASE_CONTINUOUS_TIME)
+#define S (1U << PHASE_STEP_COMPLETE)
+#define D (1U << PHASE_STEP_FAILED)
+#define T (1U << PHASE_TERMINATED)
+#define E (1U << PHASE_ERROR)
+#define ANY ((1U << PHASES) - 1U)
 
 /* Function, in model exchange, in co-simulation. */
 #define CALL_TABLE(ROW)                                                              \
@@ -67,7 +67,7 @@ static const char *const function_names[FUNCTIONS] = {CALL_TABLE(FUNCTION_NAME)}
 #undef FUNCTION_NAME
 
 /* In which phases each is allowed, by interface. */
-#define FUNCTION_PHASES(function, model_exchange, co_simulation) {model_exchange, co_simulation},
+#define FUNCTION_PHASES(function, model_exchange, co_simulation) {(model_exchange), (co_simulation)},
 static const unsigned short function_phases[FUNCTIONS][2] = {CALL_TABLE(FUNCTION_PHASES)};
 #undef FUNCTION_PHASES
 
@@ -103,7 +103,7 @@ typedef struct {
 } Call;
 
 static int is_allowed(const Call *call, int phase) {
-    return (function_phases[call->function][call->instance->interface] >> phase & 1) != 0;
+    return (function_phases[call->function][call->instance->interface] >> phase & 1U) != 0;
 }
 
 /* Tells why the instance may not be called now. */

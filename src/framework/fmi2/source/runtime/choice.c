@@ -138,6 +138,8 @@ static void judge(real h, int whole, Pace *pace) {
         pace->evidence += 1;
     } else if (pace->evidence > 0) {
         pace->evidence -= 1;
+    } else {
+        /* There was none to take back. */
     }
 }
 
@@ -196,6 +198,8 @@ static int begin_substep(Driver *driver, const Problem *problem, int method, rea
         pace->stiff = method == METHOD_STIFF;
     } else if (pace->evidence >= (pace->stiff ? EVIDENCE : EVIDENCE_TO_TRY)) {
         change_method(pace);
+    } else {
+        /* The method in force goes on. */
     }
     if (pace->stiff) {
         if (begin_stiff(driver, problem, way, pace, &state)) {

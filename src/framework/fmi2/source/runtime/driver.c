@@ -247,13 +247,12 @@ static int check_ahead(const Start *start, Problem *problem, real shortest, Step
 static int driver_advance(Driver *driver, Problem *problem, real t0, real t1, const Settings *settings, Pace *pace,
                           StepError *error) {
 #if UNIT_STATES > 0
-    if (settings->method == METHOD_FIXED) {
-        if (fixed_advance(driver, problem, t0, t1, settings, error)) {
-            return 1;
-        }
-    } else
+    int arrived = settings->method == METHOD_FIXED ? fixed_advance(driver, problem, t0, t1, settings, error)
+                                                   : integrate(driver, problem, t0, t1, settings, pace, error);
+#else
+    int arrived = integrate(driver, problem, t0, t1, settings, pace, error);
 #endif
-    if (integrate(driver, problem, t0, t1, settings, pace, error)) {
+    if (arrived) {
         return 1;
     }
     /* Where the unit itself says that its equations don't hold, that is the reason. */
@@ -261,6 +260,8 @@ static int driver_advance(Driver *driver, Problem *problem, real t0, real t1, co
         check_ahead(&driver->start, problem, error->step, error);
     } else if (error->kind == STEP_DIVERGED || error->kind == STEP_NO_JACOBIAN || error->kind == STEP_TOO_MUCH_WORK) {
         problem_check(problem, error->time, error);
+    } else {
+        /* Events and parameters have reasons of their own. */
     }
     return 0;
 }

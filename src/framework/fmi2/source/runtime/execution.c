@@ -30,12 +30,17 @@ static void put_at_time(Instance *instance, real t) {
     instance->fresh = 0;
 }
 
+/* Whether a place is one of so many from the first on. */
+static int is_among(int place, int first, int count) {
+    return place >= first && place < first + count;
+}
+
 /* Sets a value by its place in the block. Parameters that are set in a running simulation are prepared together before
  * the next step. */
 static void set_real(Instance *instance, int place, real value) {
     instance->block.v[place] = value;
     instance->fresh = 0;
-    if (place >= FIRST_PARAMETER && place < FIRST_PARAMETER + UNIT_PARAMETERS) {
+    if (is_among(place, FIRST_PARAMETER, UNIT_PARAMETERS)) {
         instance->block.n[AT_PARAMETERS_SET] = 1;
     }
 }
@@ -43,7 +48,7 @@ static void set_real(Instance *instance, int place, real value) {
 static void set_integer(Instance *instance, int place, int value) {
     instance->block.n[place] = value;
     instance->fresh = 0;
-    if (place >= FIRST_INTEGER_PARAMETER && place < FIRST_INTEGER_PARAMETER + UNIT_INTEGER_PARAMETERS) {
+    if (is_among(place, FIRST_INTEGER_PARAMETER, UNIT_INTEGER_PARAMETERS)) {
         instance->block.n[AT_PARAMETERS_SET] = 1;
     }
 }
@@ -292,6 +297,8 @@ static int prepare_inputs(Instance *instance, real step, int first) {
         } else if (handling != INPUTS_HOLD) {
             slope = (present[k] - previous[k]) / duration;
             value = handling == INPUTS_INTERPOLATE ? previous[k] : value;
+        } else {
+            /* Held: no slope. */
         }
         instance->ramp_values[k] = value;
         instance->ramp_slopes[k] = slope;

@@ -43,6 +43,14 @@ static const char *check_instantiation(Text *why, fmi2String name, int type, fmi
     return why->at;
 }
 
+/* Tells the master why there is no instance. */
+static void tell_no_instance(const fmi2CallbackFunctions *functions, const char *name, const char *reason) {
+    if (functions->logger != NULL) {
+        functions->logger(functions->componentEnvironment, name != NULL ? name : "", fmi2Error,
+                          unit_categories[CATEGORY_ERROR], reason);
+    }
+}
+
 FMI2_FUNCTION(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                               const fmi2CallbackFunctions *functions, fmi2Boolean visible,
                                               fmi2Boolean logging) {
@@ -55,11 +63,7 @@ FMI2_FUNCTION(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fm
     const char *reason = check_instantiation(&text, name, (int)type, guid);
     Instance *instance = reason == NULL ? make_instance(functions, name) : NULL;
     if (instance == NULL) {
-        reason = reason != NULL ? reason : "fmi2Instantiate: there is no memory for another instance";
-        if (functions->logger != NULL) {
-            functions->logger(functions->componentEnvironment, name != NULL ? name : "", fmi2Error,
-                              unit_categories[CATEGORY_ERROR], reason);
-        }
+        tell_no_instance(functions, name, reason != NULL ? reason : "fmi2Instantiate: there is no memory for another instance");
         return NULL;
     }
     instance->interface = type;

@@ -74,7 +74,8 @@ static Complex complex_weighted(const real *weights, const Complex *u, int stage
 
 /* The same of the stiff method: its stages on that equation. */
 static Complex stiff_stability(Complex z) {
-    Complex u[STIFF_STAGES], x = {R(1.0), R(0.0)}, denominator = {-z.re + R(1.0) / GAMMA, -z.im};
+    Complex u[STIFF_STAGES] = {{R(0.0), R(0.0)}};
+    Complex x = {R(1.0), R(0.0)}, denominator = {-z.re + R(1.0) / GAMMA, -z.im};
     for (int i = 0; i < STIFF_STAGES; i++) {
         if (i < STIFF_STAGES - 2) {
             x = complex_weighted(STATE_WEIGHTS[i], u, i);
@@ -165,6 +166,8 @@ static void add_limit(Limits *limits, Mode value, real noise) {
         follow(limits, size / resolved_way(1, direction, allowed), value);
     } else if (growth > -larger(HARDLY_DAMPED * size, noise)) {
         follow(limits, size / resolved_way(1, direction, HARDLY_DAMPED), value);
+    } else {
+        /* What decays well sets no limit to the stiff method. */
     }
 }
 

@@ -123,8 +123,8 @@ static void put_bytes(unsigned char *bytes, uint64_t value, size_t count) {
 
 static uint64_t take_bytes(const unsigned char *bytes, size_t count) {
     uint64_t value = 0;
-    for (size_t k = count; k-- > 0;) {
-        value = value << 8 | bytes[k];
+    for (size_t k = 0; k < count; k++) {
+        value |= (uint64_t)bytes[k] << 8 * k;
     }
     return value;
 }
@@ -201,6 +201,8 @@ static int check_bytes(Call *call, const unsigned char *bytes, size_t size) {
         reason = ": corrupted: no such phase";
     } else if (take_bytes(bytes + OFFSET_SIZES, 8) != UNIT_REALS || take_bytes(bytes + OFFSET_SIZES + 8, 8) != UNIT_INTEGERS) {
         reason = ": corrupted: its sizes are not those of this unit";
+    } else {
+        /* Nothing is wrong with them. */
     }
     if (reason != NULL) {
         refused(call, reason);

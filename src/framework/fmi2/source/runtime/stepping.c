@@ -110,10 +110,11 @@ static fmi2Status failed_step(Call *call, const StepError *error, double point, 
         /* A smaller step would not start either, so this is never discarded. */
         instance->phase = PHASE_ERROR;
     } else if (error->kind != STEP_PARAMETERS) {
-        /* Refused parameters are as any refused argument: the instance can go on. */
         int discards = instance->block.n[AT_ON_STEP_FAILURE] == ON_FAILURE_DISCARD;
         instance->phase = discards ? PHASE_STEP_FAILED : PHASE_ERROR;
         status = discards ? fmi2Discard : fmi2Error;
+    } else {
+        /* Refused parameters are as any refused argument: the instance can go on. */
     }
     refused_times(call, " from t = \1n s by \1n s: ", point, step, 0);
     tell_failure(call, error);

@@ -178,19 +178,24 @@ static void text_rounded(Text *text, real value) {
 }
 
 static void text_marked(Text *text, const char *marked, const real *values, int count) {
-    for (int next = 0; *marked != '\0'; marked++) {
+    int next = 0;
+    while (*marked != '\0') {
         if (*marked != '\1') {
             text_character(text, *marked);
+            marked++;
             continue;
         }
-        char form = *++marked;
-        real value = next < count ? values[next++] : 0;
+        const char form = marked[1];
+        real value = next < count ? values[next] : 0;
+        next++;
+        marked += 2;
         if (form == 'n') {
             text_number(text, value);
         } else if (form == 'r') {
             text_rounded(text, value);
         } else {
-            text_with_digits(text, value, form, *++marked - '0');
+            text_with_digits(text, value, form, *marked - '0');
+            marked++;
         }
     }
 }
