@@ -86,7 +86,7 @@ def separate_units(workshop: Workshop) -> list[Row]:
 
     def seconds(loop: str, folder: Path) -> float:
         out = workshop.folder / "separate" / folder.name
-        ended[folder] = told("run", loop, "--until", workshop.stop, "--fmus", folder, "--out", out)
+        ended[folder] = told("run", loop, "--until", workshop.stop, "--fmus", folder, "--in-process", "--out", out)
         return ended[folder]["seconds"]
 
     rows = []

@@ -71,7 +71,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         warnings.iter().for_each(|warning| tell!("warning: {warning}"));
         fmus.push(file);
     }
-    let loops = ssp.iter().map(|name| pack_loop(name, &library, out)).collect::<Result<Vec<_>, _>>()?;
+    let loops = ssp.iter().map(|name| pack_loop(name, &library, out, &form)).collect::<Result<Vec<_>, _>>()?;
     if *json && ssp.is_empty() {
         say!("{}", json!({ "fmus": fmus }));
     } else if *json {
@@ -192,12 +192,12 @@ pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Res
 }
 
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
-fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+fn pack_loop(name: &str, library: &Library, out: &Path, form: &Form) -> Result<PathBuf, Error> {
     let files = LoopFiles::find(name)?;
     let new = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
     let structure = files.structure()?;
     if structure.components.iter().any(Component::is_exported) {
-        export_with_choices(&structure, library, new.path())?;
+        export_with_choices(&structure, library, new.path(), form)?;
     }
     let (file, warnings) = pack(&files, new.path(), out)?;
     warnings.iter().for_each(|warning| tell!("warning: {warning}"));
@@ -205,13 +205,13 @@ fn pack_loop(name: &str, library: &Library, out: &Path) -> Result<PathBuf, Error
 }
 
 /// Writes the FMUs of a loop into a folder, started as the loop chooses from enumerations: other masters can't set them.
-fn export_with_choices(structure: &Structure, library: &Library, out: &Path) -> Result<(), Error> {
+fn export_with_choices(structure: &Structure, library: &Library, out: &Path, form: &Form) -> Result<(), Error> {
     warn_of(library)?;
     let exported = structure.components.iter().filter(|component| component.is_exported());
     let needed: BTreeSet<&String> = exported.map(|component| &component.fmu).collect();
     for fmu in needed {
         let source = structure.description_of(fmu)?.with_start(choices(structure, fmu))?;
-        exporter::export(&source, library, out)?;
+        exporter::export_as(&source, library, out, form)?;
     }
     Ok(())
 }

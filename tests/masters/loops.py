@@ -9,9 +9,10 @@ from masters import RECORDED, TOLERANCE, in_fmpy, largest, points, run_in, steps
 from package import Package
 
 
-def pack(out: Path, *loops: str | Path) -> list[Path]:
-    """Loops as .ssp files, by the command that a user has."""
-    packed = adaptive_fmu("export", *(word for loop in loops for word in ("--ssp", loop)), "--out", out, "--json")
+def pack(out: Path, *loops: str | Path, form: str = "") -> list[Path]:
+    """Loops as .ssp files, by the command that a user has; their units in a form."""
+    words = [word for loop in loops for word in ("--ssp", loop)] + [form] * bool(form)
+    packed = adaptive_fmu("export", *words, "--out", out, "--json")
     # Nothing that another master would leave out.
     assert (packed.returncode, packed.stderr) == (0, ""), packed
     return [Path(file) for file in json.loads(packed.stdout)["ssps"]]

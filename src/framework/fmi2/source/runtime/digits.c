@@ -6,16 +6,27 @@
 /* Words of the whole numbers: those of the smallest numbers are powers of two up to about 1100. */
 enum { WORDS = 36, MOST_DIGITS = 330 };
 
+/* Of which so many are in use: the last of them isn't zero, and all behind it are. */
 typedef struct {
+    int words;
     uint32_t word[WORDS];
 } Whole;
 
+static void whole_trim(Whole *a) {
+    while (a->words > 0 && a->word[a->words - 1] == 0) {
+        a->words--;
+    }
+}
+
 static void whole_multiply(Whole *a, uint32_t factor) {
     uint64_t carry = 0;
-    for (int i = 0; i < WORDS; i++) {
+    for (int i = 0; i < a->words; i++) {
         carry += (uint64_t)a->word[i] * factor;
         a->word[i] = (uint32_t)carry;
         carry >>= 32;
+    }
+    if (carry != 0) {
+        a->word[a->words++] = (uint32_t)carry;
     }
 }
 
@@ -24,12 +35,17 @@ static Whole whole_power_of_two(uint64_t factor, int power) {
     memset(&a, 0, sizeof a);
     a.word[power / 32] = (uint32_t)factor;
     a.word[power / 32 + 1] = (uint32_t)(factor >> 32);
+    a.words = power / 32 + 2;
+    whole_trim(&a);
     whole_multiply(&a, (uint32_t)1 << power % 32);
     return a;
 }
 
 static int whole_compare(const Whole *a, const Whole *b) {
-    for (int i = WORDS - 1; i >= 0; i--) {
+    if (a->words != b->words) {
+        return a->words < b->words ? -1 : 1;
+    }
+    for (int i = a->words - 1; i >= 0; i--) {
         if (a->word[i] != b->word[i]) {
             return a->word[i] < b->word[i] ? -1 : 1;
         }
@@ -40,11 +56,16 @@ static int whole_compare(const Whole *a, const Whole *b) {
 /* Compares a + b with c. */
 static int whole_compare_sum(const Whole *a, const Whole *b, const Whole *c) {
     Whole sum;
+    memset(&sum, 0, sizeof sum);
     uint64_t carry = 0;
-    for (int i = 0; i < WORDS; i++) {
+    sum.words = a->words > b->words ? a->words : b->words;
+    for (int i = 0; i < sum.words; i++) {
         carry += (uint64_t)a->word[i] + b->word[i];
         sum.word[i] = (uint32_t)carry;
         carry >>= 32;
+    }
+    if (carry != 0) {
+        sum.word[sum.words++] = (uint32_t)carry;
     }
     return whole_compare(&sum, c);
 }
@@ -54,11 +75,12 @@ static int whole_divide(Whole *a, const Whole *b) {
     int digit = 0;
     while (whole_compare(a, b) >= 0) {
         uint64_t borrow = 0;
-        for (int i = 0; i < WORDS; i++) {
+        for (int i = 0; i < a->words; i++) {
             uint64_t difference = (uint64_t)a->word[i] - b->word[i] - borrow;
             a->word[i] = (uint32_t)difference;
             borrow = difference >> 63;
         }
+        whole_trim(a);
         digit++;
     }
     return digit;

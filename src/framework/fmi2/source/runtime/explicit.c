@@ -35,6 +35,8 @@ static const real EXPLICIT_MIDDLE[EXPLICIT_STAGES] = {
     R(187940372067.0) / R(3189068634112.0), R(-1776094331.0) / R(39487288512.0),
     R(11237099.0) / R(470086768.0),
 };
+/* What errors are added to. */
+static const real NO_STATES[UNIT_STATES] = {R(0.0)};
 /* Below this scaled error there is nothing to look for: what a kink hides is tolerated too. */
 #define CLOSE R(1e-3)
 /* The disagreement with Simpson's rule is about so many times the error of a step with a kink. */
@@ -57,21 +59,51 @@ static Estimate scaled_error(const real *errors, const real *before, const real 
     return worst;
 }
 
-/* Weighted sum of the stages up to the newest, of state i. */
-static real stages_sum(const Driver *driver, const real *weights, int newest, int i) {
-    real sum = R(0.0);
-    for (int j = 0; j <= newest; j++) {
-        sum += weights[j] * driver->stages[j][i];
+/* The stages' weighted sums, of each state: the sum is one expression, so that compilers form it for several states at once. */
+#define STAGE(j) (weights[j] * stages[j][i])
+#define SUM_1 (R(0.0) + STAGE(0))
+#define SUM_2 (SUM_1 + STAGE(1))
+#define SUM_3 (SUM_2 + STAGE(2))
+#define SUM_4 (SUM_3 + STAGE(3))
+#define SUM_5 (SUM_4 + STAGE(4))
+#define SUM_6 (SUM_5 + STAGE(5))
+#define SUM_7 (SUM_6 + STAGE(6))
+#define OF_EACH_STATE(sum)                  \
+    for (int i = 0; i < UNIT_STATES; i++) { \
+        to[i] = from[i] + h * (sum);        \
     }
-    return sum;
+
+/* to = from + h times the weighted sum of the first stages. */
+static void add_stages(real *restrict to, const real *restrict from, real h, const real *restrict weights,
+                       real (*restrict stages)[UNIT_STATES], int count) {
+    switch (count) {
+    case 1:
+        OF_EACH_STATE(SUM_1)
+        break;
+    case 2:
+        OF_EACH_STATE(SUM_2)
+        break;
+    case 3:
+        OF_EACH_STATE(SUM_3)
+        break;
+    case 4:
+        OF_EACH_STATE(SUM_4)
+        break;
+    case 5:
+        OF_EACH_STATE(SUM_5)
+        break;
+    case 6:
+        OF_EACH_STATE(SUM_6)
+        break;
+    default:
+        OF_EACH_STATE(SUM_7)
+    }
 }
 
 /* Takes over the derivatives of the newest stage, which the problem holds, and evaluates it at a part c of the step. */
 static void explicit_stage(Driver *driver, Problem *problem, int newest, real h, real c, const real *weights) {
-    for (int i = 0; i < UNIT_STATES; i++) {
-        driver->stages[newest][i] = problem->v[FIRST_RATE + i];
-        problem->v[FIRST_STATE + i] = driver->start.states[i] + h * stages_sum(driver, weights, newest, i);
-    }
+    copy(driver->stages[newest], problem->v + FIRST_RATE, UNIT_STATES);
+    add_stages(problem->v + FIRST_STATE, driver->start.states, h, weights, driver->stages, newest + 1);
     problem_evaluate(problem, driver->start.time + c * h);
 }
 
@@ -99,10 +131,8 @@ static Estimate explicit_attempt(Driver *driver, Problem *problem, real h, real 
     for (int stage = 0; stage < EXPLICIT_STAGES - 1; stage++) {
         explicit_stage(driver, problem, stage, h, EXPLICIT_NODES[stage], EXPLICIT_WEIGHTS[stage]);
     }
-    for (int i = 0; i < UNIT_STATES; i++) {
-        driver->stages[EXPLICIT_STAGES - 1][i] = problem->v[FIRST_RATE + i];
-        driver->errors[i] = h * stages_sum(driver, EXPLICIT_ERROR, EXPLICIT_STAGES - 1, i);
-    }
+    copy(driver->stages[EXPLICIT_STAGES - 1], problem->v + FIRST_RATE, UNIT_STATES);
+    add_stages(driver->errors, NO_STATES, h, EXPLICIT_ERROR, driver->stages, EXPLICIT_STAGES);
     const real *before = driver->start.states, *after = problem->v + FIRST_STATE;
     Estimate estimate = scaled_error(driver->errors, before, after, relative_tolerance);
     if (estimate.scaled >= CLOSE && estimate.scaled <= R(1.0)) {
