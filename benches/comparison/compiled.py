@@ -16,7 +16,7 @@ CONTROLLERS = {
     "L1UnmatchedMimo": {"r[1]": 0.9, "x[1]": 0.88, "x[2]": 0.1},
     "L1TwinRotor": {"r[1]": 0.3, "x[1]": 0.28, "x[3]": 0.1},
 }
-WHOLE_LOOPS = ["3.2.1-cosine", "3.3.1-case1", "3.3.2-case1", "3.3.3", "3.4.2", "7.5.3"]
+WHOLE_LOOPS = ["3.2.1-cosine", "3.3.1-case1", "3.3.2-case1", "3.3.3", "3.4.2", "7.5.3-case1"]
 SEPARATE = {"3.2.1-cosine": "NonlinearSiso", "3.3.1-case1": "TwoLinkRobot", "3.3.2-case1": "Quadrotor"}
 METHODS = {"explicit": 2, "stiff": 3}
 STEP = 1e-3
