@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import zipfile
 from collections import Counter
 from pathlib import Path
@@ -172,7 +173,7 @@ def test_libraries_of_all_platforms_offer_the_functions_of_the_standard(platform
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_libraries_name_no_folder_of_the_machine(platform: str, of_six_platforms: Path) -> None:
     library = library_of(of_six_platforms, platform).read_bytes()
-    folders = [os.environ.get("TMPDIR", "/tmp"), str(ROOT), str(Path.home())]
+    folders = [tempfile.gettempdir(), str(ROOT), str(Path.home())]
     assert [folder for folder in folders if f"{folder}/".encode() in library] == []
 
 
