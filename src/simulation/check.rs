@@ -260,7 +260,7 @@ pub fn start_values(
 fn kept(variable: &Variable) -> String {
     if variable.description.ends_with(DESIGNED) {
         return "the FMU was designed with the value that it has; `adaptive-fmu export --values FILE.ssv` designs one with \
-                others"
+                others, which the loop then leaves unset"
             .to_owned();
     }
     format!("it is a {} {}", variable.variability, variable.causality)
