@@ -5,6 +5,8 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
+#[cfg(feature = "cli")]
+mod cache;
 pub mod catalogue;
 pub mod controllers;
 #[cfg(feature = "cli")]
@@ -34,7 +36,8 @@ pub mod tuning;
 pub mod validation;
 
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, model, recording, report, scalar, structure, system, text_file,
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, recording, report, scalar, structure, system,
+    text_file,
 };
 
 // For a library that holds models of this package beside others: without the feature `library`, whose functions have the

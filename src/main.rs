@@ -64,7 +64,13 @@ const LONGEST_MESSAGE: usize = 4000;
 
 fn main() -> ExitCode {
     let code = match Arguments::try_parse() {
-        Ok(arguments) => run(arguments.command),
+        Ok(arguments) => {
+            let code = run(arguments.command);
+            if let Some(note) = simulation::without_compiler() {
+                tell!("{note}");
+            }
+            code
+        }
         // Also help and the version, which were asked for.
         Err(told) => {
             let printed = told.print();

@@ -28,6 +28,8 @@ pub struct Entry {
     pub name: String,
     /// Its size in bytes, unpacked.
     pub size: u64,
+    /// Its checksum (CRC-32).
+    pub checksum: u32,
 }
 
 /// Name of what tells, within an FMU, how its library was built.
@@ -176,7 +178,7 @@ pub fn entries(file: &Path) -> Result<Vec<Entry>, Error> {
     let entry = |index| {
         let entry = archive.by_index_raw(index)?;
         let name = entry.name()?.into_owned();
-        Ok(entry.is_file().then_some(Entry { size: entry.size(), name }))
+        Ok(entry.is_file().then_some(Entry { size: entry.size(), checksum: entry.crc32(), name }))
     };
     let entries: zip::result::ZipResult<Vec<_>> = (0..count).map(entry).collect();
     let entries = entries.map_err(|error| Error::Archive { file: file.to_owned(), reason: error.to_string() })?;
@@ -217,6 +219,14 @@ pub fn read_bytes(file: &Path, name: &str) -> Result<Vec<u8>, Error> {
 /// # Errors
 /// When the archive is broken or hostile, or files can't be written.
 pub fn unpack(file: &Path, folder: &Path) -> Result<(), Error> {
+    unpack_but(file, folder, None)
+}
+
+/// Unpacks an archive likewise, but for files of one size and checksum.
+///
+/// # Errors
+/// As [`unpack`].
+pub fn unpack_but(file: &Path, folder: &Path, left: Option<(u64, u32)>) -> Result<(), Error> {
     let mut archive = open(file)?;
     let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
     for index in 0..archive.len() {
@@ -228,6 +238,9 @@ pub fn unpack(file: &Path, folder: &Path) -> Result<(), Error> {
         let failed = |error: std::io::Error| refuse(format!("{}: {error}", name.display()));
         if entry.is_dir() {
             std::fs::create_dir_all(&target).map_err(failed)?;
+            continue;
+        }
+        if left == Some((entry.size(), entry.crc32())) {
             continue;
         }
         if let Some(parent) = target.parent() {

@@ -11,6 +11,7 @@ use super::archive::{options, refused};
 use super::asked::Glibc;
 use super::library::LIBRARIES;
 use super::platform::Platform;
+use crate::cache;
 use crate::error::Error;
 use crate::fmi2::build::{self, Build};
 use crate::library::{PACKAGE, SOURCE};
@@ -204,12 +205,25 @@ impl Binaries {
     }
 }
 
+/// A library as an archive of one entry. Compressing takes most of the time of an export, so what came of it is kept.
 fn packed(file: &Path) -> Result<Vec<u8>, Error> {
     let bytes = std::fs::read(file).map_err(Error::file(file))?;
+    let kept = cache::Entry::of("zip", &[&bytes]);
+    let whole = |archive: &Vec<u8>| {
+        let size = ZipArchive::new(Cursor::new(archive)).and_then(|mut zip| Ok(zip.by_index_raw(0)?.size()));
+        size.is_ok_and(|size| size == bytes.len() as u64)
+    };
+    if let Some(archive) = kept.as_ref().and_then(cache::Entry::read).filter(whole) {
+        return Ok(archive);
+    }
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     zip.start_file("library", options(0o755)).map_err(refused(file))?;
     zip.write_all(&bytes).map_err(Error::file(file))?;
-    Ok(zip.finish().map_err(refused(file))?.into_inner())
+    let archive = zip.finish().map_err(refused(file))?.into_inner();
+    if let Some(kept) = kept {
+        kept.write(&archive);
+    }
+    Ok(archive)
 }
 
 #[cfg(test)]

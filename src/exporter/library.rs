@@ -32,11 +32,9 @@ impl Library {
     /// # Errors
     /// When there is none.
     pub fn beside_program() -> Result<Self, Error> {
-        let folder = program_folder()?;
-        let name = Platform::own().library_name();
-        let of_archive = folder.join(LIBRARIES).join(Platform::own().folder);
-        let places = [folder.join("deps"), of_archive, folder.to_owned()].map(|place| place.join(&name));
+        let places = places(&program_folder()?);
         let found = places.iter().find(|place| place.is_file()).ok_or_else(|| {
+            let name = Platform::own().library_name();
             Error::Library(format!(
                 "{name} is neither in {} nor in {}; `cargo install` installs the program alone: run it with `cargo run \
                  --release --` in the source folder, or give --library FILE",
@@ -145,6 +143,17 @@ impl Library {
         }
         reply.ok_or_else(|| Error::Library(format!("{} gave no reply", self.path.display())))
     }
+}
+
+/// The file of the library built together with this program, where there is one.
+pub fn own_library() -> Option<PathBuf> {
+    places(&program_folder().ok()?).into_iter().find(|place| place.is_file())
+}
+
+/// Where the library may lie that is built together with a program in this folder.
+fn places(folder: &Path) -> [PathBuf; 3] {
+    let of_archive = folder.join(LIBRARIES).join(Platform::own().folder);
+    [folder.join("deps"), of_archive, folder.to_owned()].map(|place| place.join(Platform::own().library_name()))
 }
 
 fn program_folder() -> Result<PathBuf, Error> {

@@ -13,11 +13,11 @@ mod source;
 
 use std::path::{Path, PathBuf};
 
-pub use archive::{BUILD, Entry, entries, read_bytes, read_entry, unpack, write_entries, write_program};
+pub use archive::{BUILD, Entry, entries, read_bytes, read_entry, unpack, unpack_but, write_entries, write_program};
 pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
 pub(crate) use library::with_causes;
-pub use library::{LIBRARIES, Library};
+pub use library::{LIBRARIES, Library, own_library};
 pub(crate) use page::escaped;
 pub use platform::Platform;
 pub use source::{Form, export_as};

@@ -87,8 +87,12 @@ impl Platform {
 
     /// The library of this platform in the folder of an FMU: in its own place, or in that which other tools use.
     pub fn find_binary(&self, fmu: &Path, name: &str) -> Option<PathBuf> {
-        let places = [Some(self.binary(name)), self.other_binary(name)];
-        places.into_iter().flatten().map(|place| fmu.join(place)).find(|path| path.is_file())
+        self.binaries(name).map(|place| fmu.join(place)).find(|path| path.is_file())
+    }
+
+    /// Where the library of this platform may lie in an FMU: in its own place, or in that which other tools use.
+    pub fn binaries(&self, name: &str) -> impl Iterator<Item = String> {
+        [Some(self.binary(name)), self.other_binary(name)].into_iter().flatten()
     }
 
     fn binary_in(&self, folder: &str, name: &str) -> String {

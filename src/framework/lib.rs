@@ -14,6 +14,7 @@ pub mod execution;
 #[macro_use]
 pub mod fmi2;
 pub mod integrator;
+pub mod kernel;
 pub mod model;
 pub mod recording;
 pub mod report;

@@ -5,6 +5,7 @@
 mod guest;
 mod in_process;
 mod instance;
+mod kernel;
 mod messages;
 #[cfg(unix)]
 mod own_process;
@@ -16,22 +17,24 @@ mod wire;
 
 use std::ffi::c_int;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 #[cfg(unix)]
 pub use guest::serve as serve_unit;
 use in_process::{Binary, InProcess, Plan};
 pub use instance::{Event, Instance};
+use kernel::Awaited;
+pub use kernel::without_compiler;
 pub use messages::Messages;
 #[cfg(unix)]
 use own_process::OwnProcess;
 use unit::Unit;
 
 use crate::error::Error;
-use crate::exporter::{Platform, read_entry, unpack};
-#[cfg(unix)]
+use crate::exporter::{Entry, Platform, entries, own_library, read_entry, unpack_but};
 use crate::fmi2::build::Build;
+use crate::fmi2::resources::DESCRIPTION;
 use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use crate::model_description::ModelDescription;
 
@@ -89,13 +92,13 @@ pub struct Fmu {
 /// Where its instances run.
 #[derive(Debug, Clone)]
 enum Place {
-    Here(Arc<Binary>),
-    #[cfg(unix)]
-    OwnProcess {
-        library: PathBuf,
-        program: PathBuf,
-        patience: Duration,
+    Here {
+        binary: Arc<Binary>,
+        /// Its compiled equations, where it is of this crate.
+        kernel: Option<Awaited>,
     },
+    #[cfg(unix)]
+    OwnProcess { library: PathBuf, program: PathBuf, patience: Duration },
 }
 
 impl Fmu {
@@ -117,12 +120,18 @@ impl Fmu {
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
         let description = ModelDescription::read(&read_entry(file, "modelDescription.xml")?).map_err(refuse)?;
         let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-        unpack(file, folder.path())?;
-        let own = Platform::own();
+        let (own, entries, common) = (Platform::own(), entries(file)?, OwnLibrary::loaded());
+        // The library beside this program isn't unpacked: it is loaded already.
+        unpack_but(file, folder.path(), common.map(|common| common.mark))?;
+        let resources = folder.path().join("resources");
         let place = |identifier: &str| {
+            let held = own.binaries(identifier).find_map(|place| entries.iter().find(|entry| entry.name == place));
+            if let Some(common) = common.filter(|common| held.is_some_and(|held| common.is_entry(held))) {
+                return Ok(Place::here(&common.binary, Some(&common.build), &resources));
+            }
             let missing = || format!("holds no {}: it can't run on this platform", own.binary(identifier));
             let library = own.find_binary(folder.path(), identifier).ok_or_else(missing)?;
-            Place::of(library, hosting)
+            Place::of(library, &resources, hosting)
         };
         let first = place(&description.model_identifier).map_err(refuse)?;
         let exchange = match &description.exchange_identifier {
@@ -141,7 +150,7 @@ impl Fmu {
     /// Whether each instance has a process of its own.
     pub fn has_own_processes(&self) -> bool {
         let exchange = self.exchange.iter().filter_map(|place| place.as_ref().ok());
-        self.co_simulation.iter().chain(exchange).all(|place| !matches!(place, Place::Here(_)))
+        self.co_simulation.iter().chain(exchange).all(|place| !matches!(place, Place::Here { .. }))
     }
 
     /// An instance for co-simulation.
@@ -181,22 +190,29 @@ impl Fmu {
 }
 
 impl Place {
-    /// Where the instances of a library run; the reason where it can't be loaded.
-    fn of(library: PathBuf, hosting: &Hosting) -> Result<Self, String> {
+    /// Where the instances of a library run, whose resources lie in a folder; the reason where it can't be loaded.
+    fn of(library: PathBuf, resources: &Path, hosting: &Hosting) -> Result<Self, String> {
+        let build = build_of(&library)?;
         #[cfg(unix)]
         if let Hosting::OwnProcess { program, patience } = hosting
-            && !is_of_this_crate(&library)?
+            && build.is_none()
         {
             return Ok(Place::OwnProcess { library, program: program.clone(), patience: *patience });
         }
         #[cfg(not(unix))]
         let _ = hosting;
-        Ok(Place::Here(Arc::new(Binary::load(&library)?)))
+        Ok(Place::here(&Arc::new(Binary::load(&library)?), build.as_ref(), resources))
+    }
+
+    /// In this process, by compiled equations where a library of this crate has them.
+    fn here(binary: &Arc<Binary>, build: Option<&Build>, resources: &Path) -> Self {
+        let kernel = build.and_then(|build| Awaited::of(binary, build, &resources.join(DESCRIPTION)));
+        Place::Here { binary: Arc::clone(binary), kernel }
     }
 
     fn unit(&self, plan: &Plan) -> Result<Box<dyn Unit>, String> {
         Ok(match self {
-            Place::Here(binary) => Box::new(InProcess::new(binary, plan)?),
+            Place::Here { binary, kernel } => Box::new(InProcess::new(binary, kernel.clone(), plan)?),
             #[cfg(unix)]
             Place::OwnProcess { library, program, patience } => {
                 Box::new(OwnProcess::new(program, *patience, library, plan)?)
@@ -205,11 +221,36 @@ impl Place {
     }
 }
 
-/// Whether a library was built with this crate, whoever wrote its models.
-#[cfg(unix)]
-fn is_of_this_crate(library: &Path) -> Result<bool, String> {
+/// The library that was built together with this program, as most FMUs hold it: loaded once.
+struct OwnLibrary {
+    binary: Arc<Binary>,
+    build: Build,
+    /// Size and checksum.
+    mark: (u64, u32),
+}
+
+impl OwnLibrary {
+    /// Where there is one.
+    fn loaded() -> Option<&'static Self> {
+        static OWN: OnceLock<Option<OwnLibrary>> = OnceLock::new();
+        let load = || {
+            let file = own_library()?;
+            let bytes = std::fs::read(&file).ok()?;
+            let mark = (bytes.len() as u64, crc32fast::hash(&bytes));
+            Some(OwnLibrary { binary: Arc::new(Binary::load(&file).ok()?), build: Build::within(&bytes)?, mark })
+        };
+        OWN.get_or_init(load).as_ref()
+    }
+
+    fn is_entry(&self, entry: &Entry) -> bool {
+        self.mark == (entry.size, entry.checksum)
+    }
+}
+
+/// How a library was built, if with this crate, whoever wrote its models.
+fn build_of(library: &Path) -> Result<Option<Build>, String> {
     let bytes = std::fs::read(library).map_err(|error| format!("its library can't be read: {error}"))?;
-    Ok(Build::within(&bytes).is_some())
+    Ok(Build::within(&bytes))
 }
 
 /// A `file:` URI of a path.

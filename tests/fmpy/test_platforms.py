@@ -49,7 +49,8 @@ def glibc(library: Path) -> tuple[int, ...]:
 
 def test_the_library_exports_the_functions_of_the_standard_and_those_that_describe_it(library: Path) -> None:
     symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
-    assert symbols == {f"fmi2{name}" for name in STANDARD} | {"adaptive_fmu_describe", "adaptive_fmu_source"}
+    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "kernel_text", "take_kernel")}
+    assert symbols == {f"fmi2{name}" for name in STANDARD} | own
 
 
 def test_the_library_needs_the_system_alone_and_lacks_nothing(library: Path) -> None:

@@ -15,6 +15,7 @@ mod honesty;
 mod integration;
 mod interfaces_agree;
 mod jumps;
+mod kernel;
 mod output_derivatives;
 mod outputs;
 mod recording;

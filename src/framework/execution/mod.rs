@@ -11,6 +11,7 @@ pub use model_exchange::Update;
 use crate::controls::TIGHTEST_TOLERANCE;
 use crate::error::{Invalid, StepError};
 use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings};
+use crate::kernel::Kernel;
 use crate::model::{Block, Model};
 use crate::system::{Causality, Dual, Handle, Message, MessageLog, Point, Section, Values};
 
@@ -32,6 +33,7 @@ pub struct Execution {
     dual: Vec<Dual>,
     dual_integers: Vec<i32>,
     event_indicators: Vec<f64>,
+    kernel: Option<Kernel>,
     /// Messages that wait to be logged.
     pub log: MessageLog,
 }
@@ -54,6 +56,7 @@ impl Execution {
             ramp_slopes: vec![0.0; inputs],
             block,
             model,
+            kernel: None,
             log: MessageLog::new(),
         };
         execution.mark_stepped();
@@ -70,6 +73,15 @@ impl Execution {
     /// The model.
     pub fn model(&self) -> &Model {
         &self.model
+    }
+
+    /// Takes compiled equations in place of the generic ones, from now on; whether they are those of its model.
+    pub fn take_kernel(&mut self, kernel: Kernel) -> bool {
+        let fits = kernel.fits(self.model.variables(), self.model.sparsity().entries());
+        if fits {
+            self.kernel = Some(kernel);
+        }
+        fits
     }
 
     /// From now on the master integrates, in model exchange.
@@ -416,6 +428,7 @@ impl Execution {
             ramp,
             held: !ramped,
             log: &mut self.log,
+            kernel: self.kernel.as_ref(),
         };
         (&mut self.driver, problem)
     }

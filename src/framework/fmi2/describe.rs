@@ -52,6 +52,8 @@ enum Reply {
     Described(Box<Described>),
     #[serde(rename = "source")]
     Source(Box<SourceUnit>),
+    #[serde(rename = "kernel")]
+    Kernel(String),
     #[serde(rename = "failure")]
     Failure(String),
 }
@@ -94,6 +96,15 @@ pub fn source(description: Option<&str>, library: Library) -> String {
     made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Source(Box::new(made))))
 }
 
+/// The reply, as JSON, to a description's text: its equations as C, to be compiled to a [`Kernel`](crate::kernel::Kernel).
+pub fn kernel(description: Option<&str>, library: Library) -> String {
+    let made = || -> Result<String, Invalid> {
+        let text = description.ok_or_else(|| Invalid::because("a kernel needs the description of its unit"))?;
+        super::source::kernel::text(&Model::from_description(Description::read(text)?, library.registry)?)
+    };
+    made().map_or_else(|invalid| failure(&invalid.to_string()), |text| write(&Reply::Kernel(text)))
+}
+
 /// A reply that tells of a failure.
 pub fn failure(reason: &str) -> String {
     write(&Reply::Failure(reason.to_owned()))
@@ -111,7 +122,7 @@ pub fn read(reply: &str) -> Result<Result<Described, String>, String> {
     match serde_json::from_str(reply) {
         Ok(Reply::Described(described)) => Ok(Ok(*described)),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),
-        Ok(Reply::Source(_)) => Err("a source where a description was asked for".to_owned()),
+        Ok(_) => Err("another reply than a description".to_owned()),
         Err(error) => Err(error.to_string()),
     }
 }
@@ -124,7 +135,20 @@ pub fn read_source(reply: &str) -> Result<Result<SourceUnit, String>, String> {
     match serde_json::from_str(reply) {
         Ok(Reply::Source(source)) => Ok(Ok(*source)),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),
-        Ok(Reply::Described(_)) => Err("a description where a source was asked for".to_owned()),
+        Ok(_) => Err("another reply than a source".to_owned()),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Reads a reply: the text of a kernel, or why there is none.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_kernel(reply: &str) -> Result<Result<String, String>, String> {
+    match serde_json::from_str(reply) {
+        Ok(Reply::Kernel(text)) => Ok(Ok(text)),
+        Ok(Reply::Failure(reason)) => Ok(Err(reason)),
+        Ok(_) => Err("another reply than a kernel".to_owned()),
         Err(error) => Err(error.to_string()),
     }
 }

@@ -95,6 +95,11 @@ impl Instance {
         self.phase = Phase::Poisoned;
     }
 
+    /// Takes compiled equations; whether they are those of its model.
+    pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel) -> bool {
+        self.execution.take_kernel(kernel)
+    }
+
     /// Refuses a call that the table doesn't allow now.
     ///
     /// # Errors

@@ -12,6 +12,8 @@ pub mod floating_point;
 pub mod instance;
 #[allow(unsafe_code)]
 pub mod interface;
+#[allow(unsafe_code)]
+mod kernel_interface;
 pub mod logger;
 pub mod model_description;
 pub mod model_exchange;

@@ -15,6 +15,8 @@ const FEW: usize = 3;
 pub struct Jacobian {
     sparsity: Arc<Sparsity>,
     block: Block,
+    /// What is there of ∂f/∂x, as a kernel writes it.
+    entries: Vec<f64>,
     /// ∂f/∂x, by columns.
     by_states: Vec<f64>,
     /// ∂f/∂t, with the change of the inputs in it.
@@ -34,7 +36,8 @@ impl Jacobian {
         let (n, size) = (variables.states(), variables.reals(Section::Derivative).end);
         let few = sparsity.groups().len() < FEW;
         let block = if few { Block::Narrow(vec![0.0.into(); size]) } else { Block::Wide(vec![0.0.into(); size]) };
-        Jacobian { sparsity: Arc::clone(sparsity), block, by_states: vec![0.0; n * n], by_time: vec![0.0; n] }
+        let entries = vec![0.0; sparsity.entries()];
+        Jacobian { sparsity: Arc::clone(sparsity), block, entries, by_states: vec![0.0; n * n], by_time: vec![0.0; n] }
     }
 
     /// ∂f/∂x, by columns.
@@ -52,13 +55,32 @@ impl Jacobian {
     /// # Errors
     /// The state whose rate has a derivative that is no number.
     pub fn evaluate(&mut self, problem: &Problem, t: f64) -> Result<(), usize> {
-        let (sparsity, results) = (&self.sparsity, (&mut self.by_states[..], &mut self.by_time[..]));
-        match &mut self.block {
-            Block::Narrow(block) => evaluate::<1>(block, sparsity, problem, t, results),
-            Block::Wide(block) => evaluate::<DIRECTIONS>(block, sparsity, problem, t, results),
+        if !self.by_kernel(problem, t) {
+            let (sparsity, results) = (&self.sparsity, (&mut self.by_states[..], &mut self.by_time[..]));
+            match &mut self.block {
+                Block::Narrow(block) => evaluate::<1>(block, sparsity, problem, t, results),
+                Block::Wide(block) => evaluate::<DIRECTIONS>(block, sparsity, problem, t, results),
+            }
         }
         let broken = self.by_states.iter().chain(&self.by_time).position(|derivative| !derivative.is_finite());
         broken.map_or(Ok(()), |place| Err(place % self.by_time.len()))
+    }
+
+    /// Evaluates both by compiled equations, where there are any; whether it did.
+    fn by_kernel(&mut self, problem: &Problem, t: f64) -> bool {
+        let Some(kernel) = problem.kernel else { return false };
+        let slopes = (!problem.held).then_some(problem.ramp.slopes);
+        let block = (&*problem.reals, &*problem.integers);
+        if !kernel.jacobian(t, block, slopes, &mut self.entries, &mut self.by_time) {
+            return false;
+        }
+        let (n, mut entries) = (self.by_time.len(), self.entries.iter());
+        for (column, rows) in self.sparsity.columns().iter().enumerate() {
+            for (&row, entry) in rows.iter().zip(&mut entries) {
+                self.by_states[column * n + row as usize] = *entry;
+            }
+        }
+        true
     }
 
     /// How large ∂f/∂x is, with states in units of their nominal values: its largest sum of a row, 1/s.

@@ -75,6 +75,7 @@ pub use stability::{Limits, Mode};
 pub use work::Work;
 
 use crate::error::Invalid;
+use crate::kernel::Kernel;
 use crate::system::{DynSystem, ErrorEstimate, Happens, MessageLog, Offsets, Point, Section, Values, Variables};
 
 /// Work that one communication step may take by default, in elementary operations of about 1 ns.
@@ -141,6 +142,8 @@ pub struct Problem<'a> {
     pub held: bool,
     /// Where messages go.
     pub log: &'a mut MessageLog,
+    /// Its equations, compiled, where they were handed over.
+    pub kernel: Option<&'a Kernel>,
 }
 
 impl std::fmt::Debug for Problem<'_> {
@@ -161,13 +164,19 @@ impl<'a> Problem<'a> {
     /// Brings inputs, signals and derivatives to time t.
     pub fn evaluate(&mut self, t: f64) {
         self.follow_ramp(t);
-        self.equations().evaluate(t, self.reals, self.integers, self.variables.offsets());
+        match self.kernel {
+            Some(kernel) => kernel.evaluate(t, self.reals, self.integers),
+            None => self.equations().evaluate(t, self.reals, self.integers, self.variables.offsets()),
+        }
     }
 
     /// Brings inputs and signals to time t.
     fn evaluate_signals(&mut self, t: f64) {
         self.follow_ramp(t);
-        self.equations().outputs(t, self.reals, self.integers, self.variables.offsets());
+        match self.kernel {
+            Some(kernel) => kernel.outputs(t, self.reals, self.integers),
+            None => self.equations().outputs(t, self.reals, self.integers, self.variables.offsets()),
+        }
     }
 
     /// Brings inputs to time t.

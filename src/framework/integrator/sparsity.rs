@@ -63,6 +63,11 @@ impl Sparsity {
         self.pattern.as_ref()
     }
 
+    /// How many entries there are.
+    pub fn entries(&self) -> usize {
+        self.columns.iter().map(Vec::len).sum()
+    }
+
     /// The columns of each direction.
     pub fn groups(&self) -> &[Vec<u32>] {
         &self.groups

@@ -32,7 +32,7 @@ pub fn serve() -> io::Result<()> {
     let beginning: Beginning = receive(&stream, &mut buffer)?;
     let made = Binary::load(&beginning.library)
         .map_err(|reason| format!("its library can't be loaded: {reason}"))
-        .and_then(|binary| InProcess::new(&Arc::new(binary), &beginning.plan));
+        .and_then(|binary| InProcess::new(&Arc::new(binary), None, &beginning.plan));
     let (answer, mut unit) = match made {
         Ok(unit) => (Ok(OK), Some(unit)),
         Err(reason) => (Err(reason), None),

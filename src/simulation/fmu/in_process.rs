@@ -1,5 +1,6 @@
 //! Units whose library is loaded into this process, as any master loads it.
 
+use std::cell::RefCell;
 use std::ffi::{CString, c_char, c_int, c_void};
 use std::path::Path;
 use std::sync::Arc;
@@ -7,6 +8,7 @@ use std::sync::Arc;
 use libloading::Library;
 use serde::{Deserialize, Serialize};
 
+use super::kernel::Awaited;
 use super::messages::{Log, Messages, logger};
 use super::unit::{Answer, Call, Unit};
 use crate::exporter::with_causes;
@@ -76,7 +78,7 @@ pub(super) struct Binary {
     free: Symbol,
     /// In the order of [`Function::ALL`].
     functions: Vec<Option<Symbol>>,
-    _library: Library,
+    library: Library,
 }
 
 impl Binary {
@@ -91,8 +93,14 @@ impl Binary {
             NEEDED.iter().try_for_each(|function| needed(function.name()).map(drop))?;
             let functions = Function::ALL.iter().map(|function| find(function.name()).ok()).collect();
             let (instantiate, free) = (needed("fmi2Instantiate")?, needed("fmi2FreeInstance")?);
-            Ok(Binary { instantiate, free, functions, _library: library })
+            Ok(Binary { instantiate, free, functions, library })
         }
+    }
+
+    /// A function that isn't of the standard.
+    pub fn symbol(&self, name: &str) -> Option<Symbol> {
+        // SAFETY: it is only called as a function of the type that a library of this crate gives its name.
+        unsafe { self.library.get::<Symbol>(name).map(|symbol| *symbol).ok() }
     }
 
     /// # Safety
@@ -131,11 +139,13 @@ pub(super) struct InProcess {
     log: Box<Log>,
     _callbacks: Box<CallbackFunctions>,
     is_freed: bool,
+    /// Its compiled equations, until they are handed over.
+    kernel: RefCell<Option<Awaited>>,
 }
 
 impl InProcess {
     /// Makes an instance; the reason where that fails.
-    pub fn new(binary: &Arc<Binary>, plan: &Plan) -> Result<Self, String> {
+    pub fn new(binary: &Arc<Binary>, kernel: Option<Awaited>, plan: &Plan) -> Result<Self, String> {
         let log = Box::<Log>::default();
         let callbacks = Box::new(CallbackFunctions {
             logger: Some(logger()),
@@ -159,7 +169,16 @@ impl InProcess {
                 messages => format!("fmi2Instantiate failed: {}", messages.joined()),
             });
         }
-        Ok(InProcess { component, binary: Arc::clone(binary), log, _callbacks: callbacks, is_freed: false })
+        let (binary, kernel) = (Arc::clone(binary), RefCell::new(kernel));
+        Ok(InProcess { component, binary, log, _callbacks: callbacks, is_freed: false, kernel })
+    }
+
+    /// Hands over its compiled equations when they are there.
+    fn look_for_kernel(&self) {
+        let mut kernel = self.kernel.borrow_mut();
+        if kernel.as_ref().is_some_and(|awaited| awaited.hand_to(self.component, &self.binary)) {
+            *kernel = None;
+        }
     }
 }
 
@@ -195,7 +214,10 @@ impl Unit for InProcess {
                     let text = CString::new(text.replace('\0', "")).unwrap_or_default();
                     binary.function::<SetString>(function)?(component, &raw const reference, 1, &text.as_ptr())
                 }
-                Call::DoStep { time, step } => binary.function::<DoStep>(function)?(component, time, step, 1),
+                Call::DoStep { time, step } => {
+                    self.look_for_kernel();
+                    binary.function::<DoStep>(function)?(component, time, step, 1)
+                }
                 Call::DirectionalDerivative { unknowns, knowns, seed, result } => {
                     let call = binary.function::<DirectionalDerivative>(function)?;
                     let (unknown, known) = (unknowns.as_ptr(), knowns.as_ptr());
@@ -207,7 +229,10 @@ impl Unit for InProcess {
                 Call::SetContinuousStates(states) => {
                     binary.function::<SetNumbers>(function)?(component, states.as_ptr(), states.len())
                 }
-                Call::SetTime(time) => binary.function::<SetTime>(function)?(component, time),
+                Call::SetTime(time) => {
+                    self.look_for_kernel();
+                    binary.function::<SetTime>(function)?(component, time)
+                }
                 Call::NewDiscreteStates(info) => binary.function::<NewDiscreteStates>(function)?(component, info),
                 Call::CompletedIntegratorStep([event, end]) => {
                     binary.function::<CompletedIntegratorStep>(function)?(component, 1, event, end)

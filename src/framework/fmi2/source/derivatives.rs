@@ -74,17 +74,26 @@ fn seeds(tape: &mut Tape, nodes: &[Node], change: impl Fn(Leaf) -> Option<Leaf>)
     found.into_iter().map(|(leaf, change)| (leaf, tape.leaf(change))).collect()
 }
 
+const JACOBIAN: Head = Head {
+    what: "The Jacobian: derivatives of the rates by the states, column by column, and by time along the inputs' slopes.",
+    declaration: "static void unit_jacobian(real t, const real *v, const int *n, const real *slopes, real *jacobian, \
+                  real *by_time)",
+};
+
 /// ∂f/∂x by its pattern, and ∂f/∂t with inputs that move.
 fn jacobian(unit: &Unit) -> String {
-    let variables = unit.model.variables();
-    if variables.states() == 0 {
+    if unit.model.variables().states() == 0 {
         return String::new();
     }
-    let head = Head {
-        what: "The Jacobian: derivatives of the rates by the states, column by column, and by time along the inputs' slopes.",
-        declaration: "static void unit_jacobian(real t, const real *v, const int *n, const real *slopes, real *jacobian, \
-                      real *by_time)",
-    };
+    written_out(unit).unwrap_or_else(|| jacobian_by_directions(unit, &JACOBIAN))
+}
+
+/// The Jacobian of a unit with states, operation by operation, where these aren't too many.
+pub(super) fn written_out(unit: &Unit) -> Option<String> {
+    let variables = unit.model.variables();
+    if variables.states() == 0 {
+        return None;
+    }
     let Recording { mut tape, reals, .. } = unit.record(Method::Evaluate);
     let (states, inputs) = (variables.reals(Section::State), variables.reals(Section::Input));
     let rates: Vec<Node> = variables.reals(Section::Derivative).map(|place| reals[place]).collect();
@@ -107,10 +116,8 @@ fn jacobian(unit: &Unit) -> String {
         targets.push(Target::result(format!("by_time[{state}] ="), tangent.unwrap_or(zero)));
     }
     let wanted: Vec<Node> = targets.iter().map(|target| target.node).collect();
-    if tape.needed(&wanted).into_iter().filter(|needed| *needed).count() > LARGEST {
-        return jacobian_by_directions(unit, &head);
-    }
-    function(unit, &head, &tape, &targets, &[])
+    let size = tape.needed(&wanted).into_iter().filter(|needed| *needed).count();
+    (size <= LARGEST).then(|| function(unit, &JACOBIAN, &tape, &targets, &[]))
 }
 
 /// The Jacobian direction by direction: several columns in each, of which no two move the same rate.

@@ -41,7 +41,7 @@ impl Target {
 }
 
 /// What an evaluation writes: signals, and rates too.
-const SIGNALS: [Section; 2] = [Section::Connected, Section::Signal];
+pub(super) const SIGNALS: [Section; 2] = [Section::Connected, Section::Signal];
 pub(super) const SIGNALS_AND_RATES: [Section; 3] = [Section::Connected, Section::Signal, Section::Derivative];
 /// What the start writes; the rest follows when it is evaluated.
 const STARTED: [Section; 4] = [Section::Prepared, Section::State, Section::Discrete, Section::Memory];

@@ -9,6 +9,7 @@ mod equations;
 mod expression;
 mod function;
 mod header;
+pub mod kernel;
 mod message;
 mod names;
 mod tables;
@@ -61,20 +62,7 @@ struct Unit<'a> {
 /// When its equations can't be recorded, or its start values don't fit together.
 pub fn files(model: &Model) -> Result<Vec<SourceFile>, Invalid> {
     model.check_recorded()?;
-    let mut start = model.start().clone();
-    model.prepare(&mut start, &mut MessageLog::new())?;
-    let variables = model.variables();
-    let (real_names, integer_names) = (names(variables, true), names(variables, false));
-    let categories = log_categories(model).map(|(name, _)| name).collect();
-    let known_integers = known(variables, start.integers.len(), false);
-    let mut known_reals = known(variables, start.reals.len(), true);
-    let related = Recording::of(model.system(), Method::Relate, &variables.layout());
-    let is_leaf = |node: Node, leaf| *related.tape.operation(node) == Operation::Leaf(leaf);
-    for place in variables.reals(Section::Prepared) {
-        known_reals[place] = is_leaf(related.reals[place], Leaf::Real(place as u32));
-    }
-    let sources = sources(variables, start.reals.len());
-    let unit = Unit { model, start, real_names, integer_names, sources, categories, known_reals, known_integers };
+    let unit = Unit::designed(model)?;
     let body = [tables::write(&unit), equations::write(&unit), derivatives::write(&unit)].concat();
     Ok(vec![("unit.h".to_owned(), header::write(&unit)), ("unit.c".to_owned(), body)])
 }
@@ -110,7 +98,37 @@ fn names(variables: &Variables, real: bool) -> Vec<String> {
     names
 }
 
-impl Unit<'_> {
+impl<'a> Unit<'a> {
+    /// With all its parameters as variables.
+    fn tunable(model: &'a Model) -> Self {
+        let (start, variables) = (model.start().clone(), model.variables());
+        Unit {
+            model,
+            real_names: names(variables, true),
+            integer_names: names(variables, false),
+            sources: sources(variables, start.reals.len()),
+            categories: log_categories(model).map(|(name, _)| name).collect(),
+            known_reals: vec![false; start.reals.len()],
+            known_integers: vec![false; start.integers.len()],
+            start,
+        }
+    }
+
+    /// With the parameters of its design as constants.
+    fn designed(model: &'a Model) -> Result<Self, Invalid> {
+        let mut unit = Unit::tunable(model);
+        model.prepare(&mut unit.start, &mut MessageLog::new())?;
+        let variables = model.variables();
+        unit.known_integers = known(variables, unit.start.integers.len(), false);
+        unit.known_reals = known(variables, unit.start.reals.len(), true);
+        let related = Recording::of(model.system(), Method::Relate, &variables.layout());
+        let is_leaf = |node: Node, leaf| *related.tape.operation(node) == Operation::Leaf(leaf);
+        for place in variables.reals(Section::Prepared) {
+            unit.known_reals[place] = is_leaf(related.reals[place], Leaf::Real(place as u32));
+        }
+        Ok(unit)
+    }
+
     fn real_name(&self, place: usize) -> &str {
         &self.real_names[place]
     }

@@ -1,0 +1,120 @@
+//! Compiled equations take the place of the generic ones while a unit runs: they must give the same bits, at any parameters.
+
+use std::path::Path;
+use std::process::Command;
+
+use adaptive_fmu::execution::Execution;
+use adaptive_fmu::fmi2::source::kernel::{self, ENTRY};
+use adaptive_fmu::kernel::Kernel;
+use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::model::{Description, Model};
+use adaptive_fmu::system::*;
+use common::random::Random;
+use common::{description, description_names};
+use libloading::Library;
+
+use crate::recording::{Draw, same, whole_loops};
+
+/// A compiled kernel, and the library that it is of.
+fn compiled(model: &Model, folder: &Path, optimised: &str) -> (Kernel, Library) {
+    let name = &model.description().name;
+    let (source, library) = (folder.join(format!("{name}.c")), folder.join(format!("{name}.so")));
+    std::fs::write(&source, kernel::text(model).unwrap()).unwrap();
+    let mut command = Command::new("cc");
+    command.args(["-std=c99", "-Wall", "-Wextra", "-Werror", optimised, "-ffp-contract=off", "-fPIC", "-shared"]);
+    let output = command.arg(source).arg("-o").arg(&library).arg("-lm").output().unwrap();
+    assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+    // SAFETY: it has no code that runs when it is loaded, and its one function this type.
+    unsafe {
+        let library = Library::new(library).unwrap();
+        let kernel = *library.get::<unsafe extern "C" fn() -> *const Kernel>(ENTRY).unwrap()();
+        (kernel, library)
+    }
+}
+
+fn compare(model: &Model, (points, optimised): (usize, &str), random: &mut Random, folder: &Path) {
+    let (name, variables) = (&model.description().name, model.variables());
+    let (kernel, _library) = compiled(model, folder, optimised);
+    assert!(kernel.fits(variables, model.sparsity().entries()), "{name}");
+    for _ in 0..points {
+        let Draw { time, block, .. } = Draw::new(model, random);
+        for with_rates in [false, true] {
+            let (mut expected, mut found) = (block.clone(), block.clone());
+            if with_rates {
+                model.equations().evaluate(time, &mut expected.reals, &expected.integers, variables.offsets());
+                kernel.evaluate(time, &mut found.reals, &found.integers);
+            } else {
+                model.equations().outputs(time, &mut expected.reals, &expected.integers, variables.offsets());
+                kernel.outputs(time, &mut found.reals, &found.integers);
+            }
+            for (place, (found, expected)) in found.reals.iter().zip(&expected.reals).enumerate() {
+                assert!(same(*found, *expected), "{name}, real {place}: {found:e}, not {expected:e}");
+            }
+            assert_eq!(found.integers, expected.integers, "{name}");
+        }
+        compare_jacobian(model, &kernel, (time, &block.reals, &block.integers), random);
+    }
+}
+
+/// Where dual numbers give a number, the kernel's is that number: neither rounding nor order is another.
+fn compare_jacobian(model: &Model, kernel: &Kernel, (t, reals, integers): (f64, &[f64], &[i32]), random: &mut Random) {
+    let (name, variables, sparsity) = (&model.description().name, model.variables(), model.sparsity());
+    let mut entries = vec![0.0; sparsity.entries()];
+    let mut by_time = vec![0.0; variables.states()];
+    let slopes: Vec<f64> = variables.reals(Section::Input).map(|_| random.next()).collect();
+    if !kernel.jacobian(t, (reals, integers), Some(&slopes), &mut entries, &mut by_time) {
+        // Neuro laws have too many weights for it.
+        assert!(variables.states() == 0 || variables.states() > 30, "{name}: {}", variables.states());
+        return;
+    }
+    let along = |moved: &dyn Fn(&mut [Dual]), of_time: f64| {
+        let mut block: Vec<Dual> = reals.iter().map(|&value| value.into()).collect();
+        moved(&mut block);
+        Dual::equations(model.system()).evaluate(Dual::new(t, of_time), &mut block, integers, variables.offsets());
+        variables.reals(Section::Derivative).map(|place| block[place].derivative()).collect::<Vec<f64>>()
+    };
+    let equal = |found: f64, expected: f64| found == expected || expected.is_nan();
+    let mut found = entries.iter();
+    for (column, rows) in sparsity.columns().iter().enumerate() {
+        let state = variables.reals(Section::State).start + column;
+        let expected = along(&|block| block[state].derivatives[0] = 1.0, 0.0);
+        for (&row, found) in rows.iter().zip(&mut found) {
+            let expected = expected[row as usize];
+            assert!(equal(*found, expected), "{name}, Jacobian {row}, {column}: {found:e}, not {expected:e}");
+        }
+    }
+    let inputs = variables.reals(Section::Input);
+    let moving = |block: &mut [Dual]| {
+        block[inputs.clone()].iter_mut().zip(&slopes).for_each(|(input, slope)| input.derivatives[0] = *slope);
+    };
+    for (row, (found, expected)) in by_time.iter().zip(along(&moving, 1.0)).enumerate() {
+        assert!(equal(*found, expected), "{name}, by time {row}: {found:e}, not {expected:e}");
+    }
+}
+
+#[test]
+fn the_kernels_of_all_units_give_the_bits_of_the_equations() {
+    let mut random = Random::new(28);
+    let folder = tempfile::tempdir().unwrap();
+    for name in description_names() {
+        let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
+        compare(&model, (100, "-O1"), &mut random, folder.path());
+    }
+}
+
+#[test]
+fn the_kernels_of_all_whole_loops_give_the_bits_of_the_equations() {
+    let mut random = Random::new(29);
+    let folder = tempfile::tempdir().unwrap();
+    // Large sources take a compiler long to optimise.
+    whole_loops().iter().for_each(|model| compare(model, (20, "-O0"), &mut random, folder.path()));
+}
+
+#[test]
+fn a_kernel_of_another_model_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = |name| Model::from_description(Description::read(&description(name)).unwrap(), REGISTRY).unwrap();
+    let (kernel, _library) = compiled(&model("TwoLinkRobot"), folder.path(), "-O0");
+    assert!(!Execution::new(model("Quadrotor")).take_kernel(kernel));
+    assert!(Execution::new(model("TwoLinkRobot")).take_kernel(kernel));
+}
