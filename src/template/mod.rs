@@ -12,6 +12,10 @@ use crate::error::Invalid;
 /// Largest number of states, inputs or outputs.
 pub const MOST: i64 = 50;
 
+/// The longest chain of integrators that a control moves, or an output shows, where nobody says how many there are: the
+/// poles of longer ones are lost in rounding from about 14 on.
+const LONGEST_CHAIN: usize = 8;
+
 /// How a kind's descriptions are begun.
 #[derive(Debug, Clone, Copy)]
 pub struct Template {
@@ -74,8 +78,9 @@ impl Request<'_> {
         let plant = match &self.plant {
             Some(plant) => plant.clone(),
             None => {
-                let m = inputs.or(outputs.filter(|_| outputs_are_inputs)).unwrap_or(1);
-                let p = outputs.unwrap_or(if outputs_are_inputs { m } else { 1 });
+                let chains = states.map_or(1, |n| n.div_ceil(LONGEST_CHAIN));
+                let m = inputs.or(outputs.filter(|_| outputs_are_inputs)).unwrap_or(chains);
+                let p = outputs.unwrap_or(if outputs_are_inputs { m } else { chains });
                 Plant::integrators(states.unwrap_or(2.max(m)), m, p)?
             }
         };

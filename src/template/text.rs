@@ -33,9 +33,9 @@ impl Text {
         }
     }
 
-    /// A setting that is left to the user, with what it is.
+    /// A setting that is left to the user, with what it is: each of its lines is a comment.
     pub fn suggest(&mut self, key: &str, value: impl Display, comment: &str) {
-        self.set(&format!("# {key}"), value, comment);
+        self.set(&format!("# {key}"), value.to_string().replace('\n', "\n# "), comment);
     }
 
     /// The whole.

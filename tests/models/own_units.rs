@@ -6,7 +6,7 @@
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::fmi2::model_description;
 use adaptive_fmu::library::{begin, begun};
-use adaptive_fmu::template::{Plant, Request, Sizes};
+use adaptive_fmu::template::{MOST, Plant, Request, Sizes};
 use common::described::model;
 
 fn request(kind: &str, states: Option<usize>, inputs: Option<usize>) -> Request<'_> {
@@ -32,6 +32,28 @@ fn every_kind_of_every_size_makes_a_unit_as_it_is_written() {
             Execution::new(model).initialise().unwrap_or_else(|reason| panic!("{kind}: {reason}"));
         }
     }
+}
+
+/// The number of states alone, up to the largest: as many inputs follow as a design in double precision needs.
+#[test]
+fn as_many_states_make_a_unit_as_a_user_may_ask_for() {
+    for kind in ["l1", "observer", "state-space"] {
+        for states in [9, 16, 32, MOST as usize] {
+            let text = begin(&request(kind, Some(states), None)).unwrap_or_else(|e| panic!("{kind}, {states}: {e}"));
+            let model = model(&text).unwrap_or_else(|reason| panic!("{kind}, {states}: {reason}"));
+            Execution::new(model).initialise().unwrap_or_else(|reason| panic!("{kind}, {states}: {reason}"));
+        }
+    }
+    for kind in ["l1", "fuzzy-l1", "observer", "mrac-ppf"] {
+        for states in [20, 32, MOST as usize] {
+            // One chain of so many integrators: what can't be designed is refused, with what helps.
+            if let Err(refused) = begin(&request(kind, Some(states), Some(1))) {
+                assert!(!refused.to_string().is_empty(), "{kind}");
+            }
+        }
+    }
+    let refused = begin(&request("l1", Some(32), Some(1))).unwrap_err().to_string();
+    assert!(refused.contains("more inputs"), "{refused}");
 }
 
 #[test]

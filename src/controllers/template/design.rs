@@ -18,6 +18,8 @@ const DAMPING: f64 = 0.8;
 const SPREAD: f64 = 1.2;
 /// Angle through which the adaptation may turn in a step, at the usual magnitudes of signals.
 const PHASE: f64 = 3.0;
+/// The largest numbers that the ideal model is simulated with.
+const LARGEST: f64 = 1e50;
 /// Speed where the plant has none of its own, rad/s.
 const USUAL_BANDWIDTH: f64 = 2.0;
 
@@ -115,7 +117,12 @@ pub fn design(plant: &Plant, bandwidth: f64, reference: f64) -> Result<Design, I
     let K_g = feedforward::gain(&A_m, B, C, "A_m")?;
     let command = K_g * DVector::from_element(m, reference);
     let (x, u) = magnitudes(&A_m, B, &K_m, &command, bandwidth);
-    let extreme = || Invalid::because("the plant, the bandwidth and the reference differ by too many powers of ten");
+    let extreme = || {
+        Invalid::because(
+            "the plant, the bandwidth and the reference differ by too many powers of ten for a design in double precision: \
+             choose other units, or more inputs (a control that acts through more than about 14 integrators has none)",
+        )
+    };
     if !(x.norm_squared().is_finite() && u.norm_squared().is_finite()) {
         return Err(extreme());
     }
@@ -154,7 +161,8 @@ fn magnitudes(
     let h = 10.0 / bandwidth / POINTS as f64;
     whole.view_mut((0, 0), (n, n)).copy_from(&(A_m * h));
     whole.view_mut((0, n), (n, 1)).copy_from(&(B * command * h));
-    if whole.iter().any(|entry| !entry.is_finite()) {
+    // The exponential needs the sixth power.
+    if !(whole.norm() < LARGEST) {
         let unknown = DVector::from_element(n, f64::NAN);
         return (unknown, command * f64::NAN);
     }

@@ -24,7 +24,7 @@ use crate::kernel::{Kernel, VERSION};
 
 /// The same bits as those of the generic equations ask for no fused operations. No kernel asks how a function failed.
 const OPTIONS: [&str; 7] =
-    ["-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared"];
+    ["-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared"];
 
 /// Whether a compiler was looked for and none found.
 static NO_COMPILER: AtomicBool = AtomicBool::new(false);
