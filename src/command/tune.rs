@@ -6,6 +6,8 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::exporter::Library;
+use adaptive_fmu::simulation::composite as composite_of;
 use adaptive_fmu::simulation::{LoopFiles, Settings, SquareTerm, Structure, TunedParameter, Tuning};
 use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
 use adaptive_fmu::{output, parallel};
@@ -17,6 +19,8 @@ use super::tuned::{CONVERGENCE, TUNED, Tuned, print, write_results};
 /// Written after every generation.
 pub const RECORD: &str = "search.json";
 const SAMPLE: f64 = 0.01;
+/// A search compares runs: what they come to needs fewer digits than a run that is looked at.
+const SEARCH_TOLERANCE: f64 = 1e-3;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -43,6 +47,10 @@ pub struct Arguments {
     /// Runs at a time; without it, as many as there are cores
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
+    /// Through the loop's separate units, at their communication step, as `run` runs it; without it, as one unit where that
+    /// can be, whose best values are run once more through the units
+    #[arg(long, conflicts_with = "composite")]
+    separate: bool,
     /// Folder for results, which go to LOOP-tuned in it
     #[arg(long, default_value = "results")]
     out: PathBuf,
@@ -100,8 +108,8 @@ fn parameter(text: &str) -> Result<TunedParameter, String> {
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let bars = Bars::new(arguments.json);
     let files = LoopFiles::find(&arguments.name)?;
-    let structure = arguments.options.structure(&files)?;
-    let task = Task::new(arguments, structure)?;
+    let form = Form::of(arguments, &files)?;
+    let task = Task::new(arguments, &form)?;
     let below = format!("{}-tuned", task.structure.name);
     let folder = arguments.out.join(&below);
     output::check(&arguments.out, &below, &[RECORD, TUNED, CONVERGENCE])?;
@@ -118,12 +126,46 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
             format!("none of {} runs came to its end, so there is no best one; the last: {reason}", ended.runs);
         return Err(Error::Loop { file: task.structure.file.clone(), reason });
     };
-    let again = task.again(arguments, &best)?;
+    let again = task.again(&form, &best)?;
     let interrupted = ended.interrupted;
+    let by = if form.verified.is_some() { "through its separate units" } else { "with its own tolerance and method" };
+    let again = again.map(|outcome| (by, outcome));
     let tuned = Tuned { task, best, before, again, swarm, ended, took, folder };
     write_results(&tuned)?;
     print(&tuned, arguments.json);
     Ok(if interrupted { ExitCode::from(progress::INTERRUPTED) } else { ExitCode::SUCCESS })
+}
+
+/// How runs of a search go.
+struct Form {
+    options: LoopOptions,
+    structure: Structure,
+    /// How the best values are run once more where the search chose a form of its own: as `run` does it.
+    verified: Option<(LoopOptions, Structure)>,
+}
+
+impl Form {
+    /// As one unit, fast, where nobody says otherwise and the loop can be one.
+    fn of(arguments: &Arguments, files: &LoopFiles) -> Result<Self, Error> {
+        let options = arguments.options.clone();
+        let structure = options.structure(files)?;
+        let LoopOptions { composite, fmus, order, accept_algebraic_loops, .. } = &options;
+        if arguments.separate || *composite || fmus.is_some() || order.is_some() || *accept_algebraic_loops {
+            return Ok(Form { options, structure, verified: None });
+        }
+        let as_one = LoopOptions { composite: true, ..options.clone() };
+        let mut whole = as_one.structure(files)?;
+        let can_be_one = composite_of(&whole, &Library::beside_program()?).is_ok();
+        if !can_be_one {
+            return Ok(Form { options, structure, verified: None });
+        }
+        if whole.whole.is_empty() {
+            whole.set(&format!("relative_tolerance={SEARCH_TOLERANCE}"))?;
+        }
+        // What is of the whole alone, separate units don't know.
+        let verified = structure.whole.is_empty().then_some((options, structure));
+        Ok(Form { options: as_one, structure: whole, verified })
+    }
 }
 
 /// What is to be done.
@@ -153,8 +195,7 @@ pub struct Ended {
 }
 
 impl Task {
-    fn new(arguments: &Arguments, structure: Structure) -> Result<Self, Error> {
-        let options = &arguments.options;
+    fn new(arguments: &Arguments, Form { options, structure, .. }: &Form) -> Result<Self, Error> {
         let Tuning { parameters, terms, sample, until } = structure.tuning.clone().unwrap_or(Tuning {
             parameters: Vec::new(),
             terms: Vec::new(),
@@ -165,20 +206,20 @@ impl Task {
         let terms = if arguments.square.is_empty() { terms } else { arguments.square.clone() };
         let sample = arguments.sample.unwrap_or(sample);
         let objective = arguments.metric.clone().map_or(Objective::Squares { terms, sample }, Objective::Metric);
-        let mut settings = options.settings(&structure)?;
+        let mut settings = options.settings(structure)?;
         settings.stop_time = options.until.or(until).unwrap_or(settings.stop_time);
         if options.composite && options.step.is_none() && matches!(objective, Objective::Squares { .. }) {
             // Nothing depends on further communication points.
             settings.step = sample;
         }
-        let units = options.units(&structure)?;
+        let units = options.units(structure)?;
         let hosting = options.hosting.hosting()?;
-        let first = units.load(&structure, &hosting)?;
+        let first = units.load(structure, &hosting)?;
         let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
         let further = if first.can_be_multiplied() { threads - 1 } else { 0 };
         let mut loops = vec![first];
         for _ in 0..further {
-            loops.push(units.load(&structure, &hosting)?);
+            loops.push(units.load(structure, &hosting)?);
         }
         let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
         let search = Search::new(structure.clone(), settings, objective.clone(), &parameters, loops).map_err(wrong)?;
@@ -197,6 +238,7 @@ impl Task {
             motion: Motion { cognitive, social, inertia, decay, velocity_limit },
             seed,
         };
+        let structure = structure.clone();
         Ok(Task { structure, settings, question, generations: generations as usize, search })
     }
 
@@ -240,15 +282,19 @@ impl Task {
         Ok(ended)
     }
 
-    /// The objective of the best values where the whole's tolerance and method are those that every run has, if others
-    /// were asked for.
-    fn again(&self, arguments: &Arguments, best: &Best) -> Result<Option<Outcome>, Error> {
-        if self.structure.whole.is_empty() {
-            return Ok(None);
-        }
-        let structure = Structure { whole: Vec::new(), ..self.structure.clone() };
-        let LoopOptions { hosting, .. } = &arguments.options;
-        let loaded = arguments.options.units(&structure)?.load(&structure, &hosting.hosting()?)?;
+    /// The objective of the best values as `run` would have it: through separate units where the search chose otherwise by
+    /// itself; with every run's tolerance and method where others were asked for.
+    fn again(&self, form: &Form, best: &Best) -> Result<Option<Outcome>, Error> {
+        let (options, structure, step) = match &form.verified {
+            Some((options, structure)) => (options, structure.clone(), options.settings(structure)?.step),
+            None if self.structure.whole.is_empty() => return Ok(None),
+            None => {
+                let structure = Structure { whole: Vec::new(), ..self.structure.clone() };
+                (&form.options, structure, self.settings.step)
+            }
+        };
+        let settings = Settings { step, ..self.settings };
+        let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
         let named = |range: &Range| {
             let (low, high) = (Some(range.low), Some(range.high));
             TunedParameter { name: range.name.clone(), low, high }
@@ -256,7 +302,7 @@ impl Task {
         let parameters: Vec<_> = self.search.ranges().iter().map(named).collect();
         let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
         let objective = self.question.objective.clone();
-        let search = Search::new(structure.clone(), self.settings, objective, &parameters, vec![loaded]);
+        let search = Search::new(structure.clone(), settings, objective, &parameters, vec![loaded]);
         let outcomes = search.map_err(wrong)?.run(&[&best.position], |_| (), || false);
         Ok(outcomes.into_iter().next())
     }

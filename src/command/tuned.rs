@@ -19,8 +19,8 @@ pub struct Tuned {
     pub task: Task,
     pub best: Best,
     pub before: Option<Before>,
-    /// The best values with every run's tolerance and method, where others were asked for.
-    pub again: Option<Outcome>,
+    /// The best values in another form than that of the search: in which, and what came of it.
+    pub again: Option<(&'static str, Outcome)>,
     /// The swarm after the last whole generation.
     pub swarm: Swarm,
     pub ended: Ended,
@@ -83,7 +83,7 @@ pub fn print(tuned: &Tuned, json: bool) {
     if json {
         let parameters: Map<String, Value> =
             tuned.values().map(|(name, value)| (name.to_owned(), json!(value))).collect();
-        let again = again.as_ref().map(Outcome::value);
+        let again = again.as_ref().map(|(_, outcome)| outcome.value());
         say!(
             "{}",
             json!({ "loop": name, "ended": if ended.interrupted { "interrupted" } else { "complete" },
@@ -101,10 +101,8 @@ pub fn print(tuned: &Tuned, json: bool) {
         say!("{:34} {:>14} {is:>14.6}   {} … {}", range.name, told(was), range.low, range.high);
     }
     match again {
-        Some(Outcome::Value(value)) => say!("with its own tolerance and method the loop comes to {value:.6}"),
-        Some(Outcome::Failed(reason)) => {
-            tell!("warning: with its own tolerance and method the loop fails: {reason}")
-        }
+        Some((how, Outcome::Value(value))) => say!("{how} the loop comes to {value:.6}"),
+        Some((how, Outcome::Failed(reason))) => tell!("warning: {how} the loop fails: {reason}"),
         _ => {}
     }
     if let Some(reason) = &ended.reason {

@@ -7,13 +7,19 @@
 use crate::system::{Section, Variables};
 
 /// The version of what a kernel is; another is refused.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Writes signals, or signals and rates, of a block: time, reals, integers.
 type Evaluate = unsafe extern "C" fn(f64, *mut f64, *const i32);
 /// Writes the Jacobian by its pattern, column by column, and the rates' change by time: time, reals, integers, slopes of
 /// the inputs or null, and where the two go.
 type Differentiate = unsafe extern "C" fn(f64, *const f64, *const i32, *const f64, *mut f64, *mut f64);
+
+/// Decomposes a multiple of the identity less the Jacobian whose entries are given, and writes the factors; 0 where that would
+/// be inaccurate.
+type Decompose = unsafe extern "C" fn(f64, *const f64, *mut f64) -> i32;
+/// Replaces a right-hand side by the solution, by such factors.
+type Solve = unsafe extern "C" fn(*const f64, *mut f64);
 
 /// Compiled equations, and the sizes of the block that they are for.
 #[repr(C)]
@@ -26,10 +32,15 @@ pub struct Kernel {
     states: u32,
     /// Entries of the Jacobian's pattern.
     entries: u32,
+    /// Numbers of a decomposition.
+    factors: u32,
     outputs: Evaluate,
     evaluate: Evaluate,
     /// None where the Jacobian has too many operations to be written out.
     jacobian: Option<Differentiate>,
+    /// None where the elimination has too many, or isn't worth it.
+    decompose: Option<Decompose>,
+    solve: Option<Solve>,
 }
 
 impl Kernel {
@@ -85,5 +96,28 @@ impl Kernel {
         // SAFETY: as above, and so have the places where results go.
         unsafe { jacobian(t, values, places, slopes, entries.as_mut_ptr(), by_time.as_mut_ptr()) }
         true
+    }
+
+    /// How many numbers a decomposition has; none where it has none.
+    pub fn factors(&self) -> Option<usize> {
+        self.decompose.and(self.solve).map(|_| self.factors as usize)
+    }
+
+    /// Decomposes `diagonal` I less the Jacobian of these entries; whether that is accurate.
+    pub fn decompose(&self, diagonal: f64, entries: &[f64], factors: &mut [f64]) -> bool {
+        assert!(entries.len() >= self.entries as usize && factors.len() >= self.factors as usize);
+        // SAFETY: both have the sizes that it was compiled for.
+        self.decompose
+            .is_some_and(|decompose| unsafe { decompose(diagonal, entries.as_ptr(), factors.as_mut_ptr()) != 0 })
+    }
+
+    /// Replaces b by the solution, by the factors of a decomposition.
+    #[inline]
+    pub fn solve(&self, factors: &[f64], b: &mut [f64]) {
+        assert!(factors.len() >= self.factors as usize && b.len() >= self.states as usize);
+        if let Some(solve) = self.solve {
+            // SAFETY: as above.
+            unsafe { solve(factors.as_ptr(), b.as_mut_ptr()) }
+        }
     }
 }

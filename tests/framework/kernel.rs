@@ -92,6 +92,40 @@ fn compare_jacobian(model: &Model, kernel: &Kernel, (t, reals, integers): (f64, 
     }
 }
 
+/// The same steps by generic and by compiled equations, with the stiff method, which solves linear equations.
+fn compare_steps(mut description: Description, folder: &Path) {
+    let name = description.name.clone();
+    description.start.insert("integration_method".to_owned(), "stiff".into());
+    let model = Model::from_description(description, REGISTRY).unwrap();
+    let (kernel, _library) = compiled(&model, folder, "-O1");
+    let model = std::sync::Arc::new(model);
+    let [mut generic, mut compiled] = [(); 2].map(|()| Execution::new(std::sync::Arc::clone(&model)));
+    assert!(compiled.take_kernel(kernel));
+    [&mut generic, &mut compiled].into_iter().for_each(|unit| unit.initialise().unwrap());
+    let step = model.description().experiment.step;
+    for k in 0..50 {
+        let [one, other] = [&mut generic, &mut compiled].map(|unit| unit.step(f64::from(k) * step, step));
+        assert_eq!(one.is_ok(), other.is_ok(), "{name}, step {k}: {one:?}, {other:?}");
+        let equal = generic.block().reals.iter().zip(&compiled.block().reals).all(|(a, b)| same(*a, *b));
+        assert!(equal && generic.block().integers == compiled.block().integers, "{name}, step {k}");
+        if one.is_err() {
+            return;
+        }
+    }
+}
+
+#[test]
+fn stiff_steps_by_kernels_have_the_bits_of_generic_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["NonlinearSiso", "L1TwoLinkRobot", "L1Quadrotor", "L1CoupledMimo", "MaresAuv"] {
+        compare_steps(Description::read(&description(name)).unwrap(), folder.path());
+    }
+    let wanted = ["Loop_3_3_1_case2", "Loop_3_4_2", "Loop_4_case1_fuzzy"];
+    whole_loops().into_iter().filter(|m| wanted.contains(&&*m.description().name)).for_each(|model| {
+        compare_steps(model.description().clone(), folder.path());
+    });
+}
+
 #[test]
 fn the_kernels_of_all_units_give_the_bits_of_the_equations() {
     let mut random = Random::new(28);

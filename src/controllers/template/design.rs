@@ -162,7 +162,8 @@ fn magnitudes(
     whole.view_mut((0, 0), (n, n)).copy_from(&(A_m * h));
     whole.view_mut((0, n), (n, 1)).copy_from(&(B * command * h));
     // The exponential needs the sixth power.
-    if !(whole.norm() < LARGEST) {
+    let size = whole.norm();
+    if size.is_nan() || size > LARGEST {
         let unknown = DVector::from_element(n, f64::NAN);
         return (unknown, command * f64::NAN);
     }

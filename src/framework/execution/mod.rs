@@ -79,6 +79,7 @@ impl Execution {
     pub fn take_kernel(&mut self, kernel: Kernel) -> bool {
         let fits = kernel.fits(self.model.variables(), self.model.sparsity().entries());
         if fits {
+            self.driver.take_kernel(&kernel);
             self.kernel = Some(kernel);
         }
         fits

@@ -60,6 +60,11 @@ impl Driver {
         }
     }
 
+    /// Takes storage for the kernel that problems come with from now on.
+    pub fn take_kernel(&mut self, kernel: &crate::kernel::Kernel) {
+        self.methods.take_kernel(kernel);
+    }
+
     /// Magnitudes of the states.
     pub fn nominals(&self) -> &[f64] {
         &self.nominals

@@ -8,11 +8,13 @@ use std::sync::Arc;
 
 use super::sparsity::Sparsity;
 
-/// Where more than this part of the entries is there, nothing is gained.
+/// Where more than this part of the entries is there, nothing is gained, but for systems of few states: what is compiled
+/// for these needs no pivots.
 const DENSE: f64 = 0.5;
+const FEW_STATES: usize = 40;
 /// A pivot may be this part of the numbers that it is the sum of, and what the diagonal held this part of the pivot's sum:
 /// so many digits may be lost, and what is lost is 1e-9 of what the matrix held.
-const LOST: f64 = 1e-7;
+pub const LOST: f64 = 1e-7;
 
 /// Where a decomposition has entries, and in which order it goes: the same for all instances of a unit.
 #[derive(Debug, PartialEq, Eq)]
@@ -40,7 +42,7 @@ impl Pattern {
     /// For the entries of a Jacobian, by columns; nothing where it fills in too much to be worth it.
     pub fn new(columns: &[Vec<u32>]) -> Option<Self> {
         let n = columns.len();
-        let most = (DENSE * (n * n) as f64) as usize;
+        let most = if n <= FEW_STATES { n * n } else { (DENSE * (n * n) as f64) as usize };
         let mut meetings = Meetings::new(columns);
         if n == 0 || meetings.entries() > most {
             return None;
@@ -59,6 +61,11 @@ impl Pattern {
     /// Which row and column comes when.
     pub fn order(&self) -> &[u32] {
         &self.order
+    }
+
+    /// Where a row or column stands in that order.
+    pub fn place(&self, row: usize) -> usize {
+        self.places[row] as usize
     }
 
     /// Of each row: its places left of the diagonal, and right of it.

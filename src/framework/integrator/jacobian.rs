@@ -17,6 +17,8 @@ pub struct Jacobian {
     block: Block,
     /// What is there of ∂f/∂x, as a kernel writes it.
     entries: Vec<f64>,
+    /// Whether these are those of the last evaluation.
+    by_kernel: bool,
     /// ∂f/∂x, by columns.
     by_states: Vec<f64>,
     /// ∂f/∂t, with the change of the inputs in it.
@@ -36,8 +38,8 @@ impl Jacobian {
         let (n, size) = (variables.states(), variables.reals(Section::Derivative).end);
         let few = sparsity.groups().len() < FEW;
         let block = if few { Block::Narrow(vec![0.0.into(); size]) } else { Block::Wide(vec![0.0.into(); size]) };
-        let entries = vec![0.0; sparsity.entries()];
-        Jacobian { sparsity: Arc::clone(sparsity), block, entries, by_states: vec![0.0; n * n], by_time: vec![0.0; n] }
+        let (entries, by_states) = (vec![0.0; sparsity.entries()], vec![0.0; n * n]);
+        Jacobian { sparsity: Arc::clone(sparsity), block, entries, by_kernel: false, by_states, by_time: vec![0.0; n] }
     }
 
     /// ∂f/∂x, by columns.
@@ -50,12 +52,18 @@ impl Jacobian {
         &self.by_time
     }
 
+    /// What is there of ∂f/∂x, column by column, where a kernel evaluated it.
+    pub fn entries(&self) -> Option<&[f64]> {
+        self.by_kernel.then_some(&self.entries)
+    }
+
     /// Evaluates both where the problem stands.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number.
     pub fn evaluate(&mut self, problem: &Problem, t: f64) -> Result<(), usize> {
-        if !self.by_kernel(problem, t) {
+        self.by_kernel = self.evaluate_by_kernel(problem, t);
+        if !self.by_kernel {
             let (sparsity, results) = (&self.sparsity, (&mut self.by_states[..], &mut self.by_time[..]));
             match &mut self.block {
                 Block::Narrow(block) => evaluate::<1>(block, sparsity, problem, t, results),
@@ -67,7 +75,7 @@ impl Jacobian {
     }
 
     /// Evaluates both by compiled equations, where there are any; whether it did.
-    fn by_kernel(&mut self, problem: &Problem, t: f64) -> bool {
+    fn evaluate_by_kernel(&mut self, problem: &Problem, t: f64) -> bool {
         let Some(kernel) = problem.kernel else { return false };
         let slopes = (!problem.held).then_some(problem.ramp.slopes);
         let block = (&*problem.reals, &*problem.integers);

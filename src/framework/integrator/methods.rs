@@ -9,6 +9,7 @@ use super::stability::{Limits, Mode};
 use super::watch::Watch;
 use super::work::Work;
 use super::{OneStepMethod, Problem, Sparsity, Start};
+use crate::kernel::Kernel;
 use crate::system::{Choice, DynSystem, Variables};
 
 /// The stiff method is dense: beyond this number of states its matrices have no place in an instance.
@@ -148,6 +149,13 @@ impl Methods {
             work,
             relative_work,
             trial: (relative_work * f64::from(EVIDENCE)) as i32,
+        }
+    }
+
+    /// Takes storage for a kernel.
+    pub fn take_kernel(&mut self, kernel: &Kernel) {
+        if let Some(stiff) = &mut self.stiff {
+            stiff.take_kernel(kernel);
         }
     }
 

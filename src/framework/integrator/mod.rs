@@ -69,6 +69,7 @@ mod work;
 
 pub use driver::Driver;
 pub(crate) use driver::check_divergence;
+pub(crate) use elimination::{LOST, Pattern};
 pub use methods::{IntegrationMethod, Pace};
 pub use sparsity::Sparsity;
 pub use stability::{Limits, Mode};

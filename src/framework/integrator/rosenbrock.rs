@@ -16,6 +16,7 @@ use super::elimination::Elimination;
 use super::jacobian::Jacobian;
 use super::lu::Lu;
 use super::{OneStepMethod, Problem, Sparsity, Start, Tolerance};
+use crate::kernel::Kernel;
 use crate::system::{ErrorEstimate, Variables};
 
 const STAGES: usize = 8;
@@ -76,6 +77,17 @@ pub fn stability(z: Complex<f64>) -> Complex<f64> {
     x + u[STAGES - 1]
 }
 
+/// Which decomposition is in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Decomposed {
+    /// Over the pattern of the Jacobian.
+    ByPattern,
+    /// The same, compiled.
+    ByKernel,
+    /// With pivoting.
+    Pivoted,
+}
+
 /// The method's workspace.
 #[derive(Debug)]
 pub struct Rosenbrock {
@@ -83,8 +95,10 @@ pub struct Rosenbrock {
     /// Over the pattern of the Jacobian, where that is sparse; and with pivoting, where the other would lose digits.
     elimination: Option<Elimination>,
     lu: Lu,
-    /// Whether the last decomposition is that with pivoting.
-    pivoted: bool,
+    /// That of a kernel.
+    factors: Vec<f64>,
+    /// Which the last decomposition is.
+    decomposed: Decomposed,
     /// The stages u, one row a state: what is summed lies together.
     u: Vec<[f64; STAGES]>,
     /// Right-hand side and solution of a stage's equations.
@@ -100,7 +114,8 @@ impl Rosenbrock {
             jacobian: Jacobian::new(variables, sparsity),
             elimination: Elimination::new(sparsity),
             lu: Lu::new(states),
-            pivoted: false,
+            factors: Vec::new(),
+            decomposed: Decomposed::Pivoted,
             u: vec![[0.0; STAGES]; states],
             rhs: vec![0.0; states],
             errors: vec![0.0; states],
@@ -112,17 +127,29 @@ impl Rosenbrock {
         &self.jacobian
     }
 
+    /// Takes storage for what a kernel decomposes.
+    pub fn take_kernel(&mut self, kernel: &Kernel) {
+        self.factors.resize(kernel.factors().unwrap_or_default(), 0.0);
+    }
+
     /// Decomposes I/(γh) − J; whether it is regular.
-    fn decompose(&mut self, h: f64) -> bool {
-        let by_states = self.jacobian.by_states();
-        let accurate = |sparse: &mut Elimination| sparse.decompose(1.0 / (GAMMA * h), by_states);
-        self.pivoted = !self.elimination.as_mut().is_some_and(accurate);
-        if !self.pivoted {
+    fn decompose(&mut self, h: f64, kernel: Option<&Kernel>) -> bool {
+        let (diagonal, by_states) = (1.0 / (GAMMA * h), self.jacobian.by_states());
+        let compiled = kernel.filter(|kernel| kernel.factors().is_some()).zip(self.jacobian.entries());
+        let accurate = if let Some((kernel, entries)) = compiled {
+            self.decomposed = Decomposed::ByKernel;
+            kernel.decompose(diagonal, entries, &mut self.factors)
+        } else {
+            self.decomposed = Decomposed::ByPattern;
+            self.elimination.as_mut().is_some_and(|elimination| elimination.decompose(diagonal, by_states))
+        };
+        if accurate {
             return true;
         }
+        self.decomposed = Decomposed::Pivoted;
         let (matrix, n) = (self.lu.matrix(), self.rhs.len());
         matrix.iter_mut().zip(self.jacobian.by_states()).for_each(|(w, j)| *w = -j);
-        matrix.iter_mut().step_by(n + 1).for_each(|diagonal| *diagonal += 1.0 / (GAMMA * h));
+        matrix.iter_mut().step_by(n + 1).for_each(|entry| *entry += diagonal);
         self.lu.decompose()
     }
 
@@ -141,16 +168,17 @@ impl Rosenbrock {
     /// Evaluates the problem at a stage, where its states stand, and solves the stage's equations.
     fn stage<const N: usize>(&mut self, problem: &mut Problem, start: &Start, h: f64, weights: &[f64; N]) {
         problem.evaluate(start.time + NODES[N] * h);
-        self.solve(problem.rates(), h, weights);
+        self.solve((problem.rates(), problem.kernel), h, weights);
     }
 
-    fn solve<const N: usize>(&mut self, rates: &[f64], h: f64, weights: &[f64; N]) {
+    fn solve<const N: usize>(&mut self, (rates, kernel): (&[f64], Option<&Kernel>), h: f64, weights: &[f64; N]) {
         let by_time = self.jacobian.by_time();
         for (((rhs, rate), u), change) in self.rhs.iter_mut().zip(rates).zip(&self.u).zip(by_time) {
             *rhs = rate + sum(weights, u) / h + TIME_WEIGHTS[N] * h * change;
         }
-        match &mut self.elimination {
-            Some(elimination) if !self.pivoted => elimination.solve(&mut self.rhs),
+        match (self.decomposed, &mut self.elimination, kernel) {
+            (Decomposed::ByKernel, _, Some(kernel)) => kernel.solve(&self.factors, &mut self.rhs),
+            (Decomposed::ByPattern, Some(elimination), _) => elimination.solve(&mut self.rhs),
             _ => self.lu.solve(&mut self.rhs),
         }
         self.u.iter_mut().zip(&self.rhs).for_each(|(u, &solution)| u[N] = solution);
@@ -175,10 +203,10 @@ impl OneStepMethod for Rosenbrock {
         h: f64,
         tolerance: Tolerance,
     ) -> (ErrorEstimate, usize) {
-        if !self.decompose(h) {
+        if !self.decompose(h, problem.kernel) {
             return (ErrorEstimate { scaled: f64::NAN, order: 5 }, 0);
         }
-        self.solve(&start.rates, h, &[]);
+        self.solve((&start.rates, problem.kernel), h, &[]);
         self.place(problem, start, &A2);
         self.stage(problem, start, h, &C2);
         self.place(problem, start, &A3);

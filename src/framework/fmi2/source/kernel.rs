@@ -1,7 +1,8 @@
-//! The equations of a model as C that a compiler makes a kernel of: evaluation and Jacobian, over any parameters.
+//! The equations of a model as C that a compiler makes a kernel of, over any parameters: evaluation, the Jacobian, and the
+//! linear equations of the stiff method.
 
 use super::equations::{Head, SIGNALS, SIGNALS_AND_RATES, function};
-use super::{Unit, derivatives};
+use super::{Unit, derivatives, elimination};
 use crate::error::Invalid;
 use crate::kernel::VERSION;
 use crate::model::Model;
@@ -32,7 +33,19 @@ pub fn text(model: &Model) -> Result<String, Invalid> {
     }
     let jacobian = derivatives::written_out(&unit);
     body += jacobian.as_deref().unwrap_or_default();
-    let own = if jacobian.is_some() { "unit_jacobian" } else { "NULL" };
+    let solver = jacobian.as_ref().and_then(|_| elimination::write(model.sparsity()));
+    let factors = solver.as_ref().map_or(0, |solver| solver.size);
+    body += solver.as_ref().map_or("", |solver| &solver.text);
+    let own = |there: bool, name| if there { name } else { "NULL" };
+    let (of_jacobian, of_solver) = (jacobian.is_some(), solver.is_some());
+    let functions = [
+        "unit_outputs",
+        "unit_evaluate",
+        own(of_jacobian, "unit_jacobian"),
+        own(of_solver, "unit_decompose"),
+        own(of_solver, "unit_solve"),
+    ];
+    let functions = functions.join(", ");
     let variables = model.variables();
     let sizes = [
         VERSION as usize,
@@ -41,6 +54,7 @@ pub fn text(model: &Model) -> Result<String, Invalid> {
         variables.reals(Section::Input).len(),
         variables.states(),
         model.sparsity().entries(),
+        factors,
     ];
     let sizes = sizes.map(|size| size.to_string()).join(", ");
     Ok(format!(
@@ -49,15 +63,17 @@ pub fn text(model: &Model) -> Result<String, Invalid> {
 {}
 {body}
 struct kernel {{
-    unsigned version, reals, integers, inputs, states, entries;
+    unsigned version, reals, integers, inputs, states, entries, factors;
     void (*outputs)(real, real *, const int *);
     void (*evaluate)(real, real *, const int *);
     void (*jacobian)(real, const real *, const int *, const real *, real *, real *);
+    int (*decompose)(real, const real *, real *);
+    void (*solve)(const real *, real *);
 }};
 
 const struct kernel *{ENTRY}(void)
 {{
-    static const struct kernel kernel = {{ {sizes}, unit_outputs, unit_evaluate, {own} }};
+    static const struct kernel kernel = {{ {sizes}, {functions} }};
     return &kernel;
 }}
 ",

@@ -5,6 +5,7 @@
 //! variable. The same description gives the same bytes.
 
 mod derivatives;
+mod elimination;
 mod equations;
 mod expression;
 mod function;
