@@ -10,6 +10,7 @@ from pathlib import Path
 import compiled
 import loops
 import steps
+import whole
 from machine import Workshop
 from table import Row, table
 
@@ -20,7 +21,8 @@ def measure(workshop: Workshop) -> list[Row]:
         steps.van_der_pol,
         loops.against_fmpy,
         lambda workshop: [loops.against_python(workshop)],
-        loops.against_c,
+        whole.against_c,
+        loops.compiled_equations,
         loops.closed_form,
         lambda workshop: [steps.all_loops(workshop)],
         steps.lives,

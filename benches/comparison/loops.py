@@ -1,11 +1,9 @@
-"""Closed loops: against other masters, a controller in Python, and a whole loop in C."""
+"""Closed loops: against other masters, a controller in Python, and other methods of the program itself."""
 
 import csv
 import math
-import subprocess
 import tempfile
 import time
-from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -20,8 +18,7 @@ from table import Row, alternately
 
 ALLOWED = 1e-3  # of the largest magnitude of each of the plant's states
 TIGHT = 1e-10
-ROBOT, QUADROTOR = "3.3.1-case2", "3.3.2-case1"
-SAMPLE = 1e-2  # s, at which whole loops are compared
+ROBOT, QUADROTOR, ACTUATED = "3.3.1-case2", "3.3.2-case1", "4-case1"
 FMPY, PYTHONFMU = (f"{name} {version(name)}" for name in ("FMPy", "PythonFMU"))
 
 
@@ -38,9 +35,12 @@ def difference(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 class Native:
-    """A loop in the program, with options; what it recorded."""
+    """A loop in the program, with options; what it recorded. With an empty cache nothing is compiled."""
 
-    def __init__(self, workshop: Workshop, loop: str, *options: str | float, longest: float = math.inf) -> None:
+    def __init__(
+        self, workshop: Workshop, loop: str, *options: str | float, longest: float = math.inf, cache: str | None = None
+    ) -> None:
+        self.workshop, self.cache = workshop, cache
         whole, out = "--composite" in options, Path(tempfile.mkdtemp(dir=workshop.folder))
         units = [] if whole else ["--fmus", workshop.fmus]
         self.words = ["run", loop, *options, "--until", min(workshop.stop, longest), *units, "--out", out]
@@ -48,7 +48,13 @@ class Native:
 
     def seconds(self) -> float:
         """How long the simulation takes."""
-        return told(*self.words)["seconds"]
+        return told(*self.words, cache=self.cache)["seconds"]
+
+    def settle(self) -> None:
+        """Runs, not timed, until what the program compiles beside its first run is there."""
+        self.seconds()
+        self.workshop.await_compiled()
+        self.seconds()
 
     def states(self) -> np.ndarray:
         """Of the plant."""
@@ -105,37 +111,19 @@ def against_python(workshop: Workshop) -> Row:
     return by_separate_units(workshop, ROBOT, peer, how, 100)
 
 
-class InC:
-    """A whole loop in C."""
-
-    def __init__(self, workshop: Workshop, loop: str) -> None:
-        self.command = [workshop.compile("loops.c", "-lm"), loop, str(round(workshop.stop / SAMPLE)), str(SAMPLE)]
-
-    def run(self, substeps: int) -> tuple[float, np.ndarray]:
-        """How long it takes, and the plant's states at the samples."""
-        done = subprocess.run([*self.command, str(substeps)], capture_output=True, text=True, check=True)
-        seconds, *rows = done.stdout.split()
-        return float(seconds), np.array([row.split(",") for row in rows], float)
+def compiled_equations(workshop: Workshop) -> list[Row]:
+    """Separate units whose equations the program compiles, as it does unless told otherwise, against the generic ones."""
+    return [by_compiled_equations(workshop, loop) for loop in (ROBOT, QUADROTOR, ACTUATED)]
 
 
-def against_c(workshop: Workshop) -> list[Row]:
-    """Loops as one unit, against one integrated by a Runge-Kutta method with the longest steps as accurate as ours."""
-    rows = []
-    stiff = ["--set", "integration_method=stiff"]
-    for loop, method in (("3.3.1-case1", []), (ROBOT, []), (QUADROTOR, []), (QUADROTOR, stiff)):
-        whole = ["--composite", "--step", SAMPLE]
-        own, peer = Native(workshop, loop, *whole, *method), InC(workshop, loop)
-        expected = Native(workshop, loop, *whole, *tightly("")).states()[1:]
-        error = difference(own.states()[1:], expected)
-        grid = [round(10 * 2 ** (k / 4)) for k in range(28)]
-        accurate: Callable[[int], bool] = lambda n: difference(peer.run(n)[1], expected) <= error  # noqa: B023, E731
-        substeps = next(filter(accurate, grid), grid[-1])
-        times = alternately(workshop.repeats, own.seconds, lambda: peer.run(substeps)[0])  # noqa: B023
-        errors = error, difference(peer.run(substeps)[1], expected)
-        how = f"all of it in C, {substeps} RK4 steps every {SAMPLE * 1e3:g} ms"
-        what = f"{loop}, {workshop.stop:g} s as one unit" + ", integration_method = stiff" * bool(method)
-        rows.append(Row(what, times[0], 2, how, times[1], errors, (ALLOWED, ALLOWED)))
-    return rows
+def by_compiled_equations(workshop: Workshop, loop: str) -> Row:
+    own, generic = Native(workshop, loop), Native(workshop, loop, cache="")
+    tight = Native(workshop, loop, *tightly("plant."), *tightly("controller."))
+    own.settle()
+    times, expected = alternately(workshop.repeats, own.seconds, generic.seconds), tight.states()
+    errors = difference(own.states(), expected), difference(generic.states(), expected)
+    what = f"{loop}, {workshop.stop:g} s by separate units, equations compiled"
+    return Row(what, times[0], 4, "generic equations", times[1], errors, (ALLOWED, ALLOWED))
 
 
 def closed_form(workshop: Workshop) -> list[Row]:

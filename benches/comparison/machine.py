@@ -5,12 +5,15 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "target" / "release" / "adaptive-fmu"
 MY_PLANT = Path(os.environ["MY_PLANT"])
+CACHE = "ADAPTIVE_FMU_CACHE"  # where the program keeps what it compiles; empty: it compiles nothing
+PATIENCE = 120.0  # s, for a C compiler
 # The master on FMPy, and loops as it takes them.
 sys.path.append(str(ROOT / "tests" / "fmpy"))
 
@@ -24,6 +27,8 @@ class Workshop:
 
     def __post_init__(self) -> None:
         self.fmus = self.folder / "fmus"
+        # Nothing that was compiled before counts, and nothing stays.
+        os.environ[CACHE] = str(self.folder / "cache")
         program("export", "--all", "--out", self.fmus)
 
     @property
@@ -40,12 +45,19 @@ class Workshop:
         """So many steps, or fewer in a quick run."""
         return max(1, count // 100) if self.quick else count
 
-    def compile(self, source: str, *options: str, shared: bool = False) -> Path:
-        """A program, or a library, from a file in C beside this folder."""
+    def await_compiled(self) -> None:
+        """Waits for what the program compiles in the background: a source is gone when its library is there."""
+        until = time.monotonic() + (0 if self.quick else PATIENCE)
+        while list((self.folder / "cache").glob("*.c")) and time.monotonic() < until:
+            time.sleep(0.1)
+
+    def compile(self, source: str, *options: str, shared: bool = False, others: Sequence[str] = ()) -> Path:
+        """A program, or a library, from a file in C beside this folder, and others."""
         words = "".join(word for word in options if word.startswith("-D"))
         target = self.folder / f"{Path(source).stem}{words}{'.so' if shared else ''}"
         kind = ["-shared", "-fPIC"] if shared else []
-        subprocess.run(["cc", "-O3", *kind, "-o", target, ROOT / "benches" / source, *options], check=True)
+        files = [ROOT / "benches" / file for file in (source, *others)]
+        subprocess.run(["cc", "-O3", *kind, "-o", target, *files, *options], check=True)
         return target
 
     def export(self, file: Path, *options: str | Path) -> Path:
@@ -54,16 +66,18 @@ class Workshop:
         return self.fmus / f"{file.stem}.fmu"
 
 
-def program(*words: str | Path | float, codes: tuple[int, ...] = (0,)) -> str:
-    """What the program prints."""
-    done = subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, cwd=ROOT, check=False)
+def program(*words: str | Path | float, codes: tuple[int, ...] = (0,), cache: str | None = None) -> str:
+    """What the program prints, with another cache perhaps."""
+    environment = os.environ if cache is None else {**os.environ, CACHE: cache}
+    command = [PROGRAM, *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
     assert done.returncode in codes, done
     return done.stdout
 
 
-def told(*words: str | Path | float) -> dict:
+def told(*words: str | Path | float, cache: str | None = None) -> dict:
     """The same as JSON. 3: a metric beyond its limit, with other settings than the loop's own."""
-    return json.loads(program(*words, "--json", codes=(0, 3)))
+    return json.loads(program(*words, "--json", codes=(0, 3), cache=cache))
 
 
 def timed(command: list, codes: tuple[int, ...] = (0,)) -> float:
