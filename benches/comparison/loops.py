@@ -112,7 +112,7 @@ def against_python(workshop: Workshop) -> Row:
 
 
 def compiled_equations(workshop: Workshop) -> list[Row]:
-    """Separate units whose equations the program compiles, as it does unless told otherwise, against the generic ones."""
+    """Separate units whose equations the program compiles, as it does by default, against the generic ones."""
     return [by_compiled_equations(workshop, loop) for loop in (ROBOT, QUADROTOR, ACTUATED)]
 
 

@@ -127,7 +127,8 @@ def loosest(loop: Loop, make: Callable[[float], tuple[str, InC]], patience: floa
 
 def sundials() -> str | None:
     """The version that this compiler finds."""
-    command = ["cc", "-dM", "-E", "-include", "cvode/cvode.h", "-include", "sundials/sundials_config.h", "-xc", "/dev/null"]
+    headers = ["-include", "cvode/cvode.h", "-include", "sundials/sundials_config.h"]
+    command = ["cc", "-dM", "-E", *headers, "-xc", "/dev/null"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     version = re.search(r'SUNDIALS_VERSION "(.*)"', done.stdout)
     return version[1] if version else None

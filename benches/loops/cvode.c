@@ -27,7 +27,8 @@ static int rates(double t, N_Vector z, N_Vector dz, void *loop) {
 }
 
 /* CVODE has set the matrix to zero. */
-static int jacobian(double t, N_Vector z, N_Vector dz, SUNMatrix matrix, void *loop, N_Vector a, N_Vector b, N_Vector c) {
+static int jacobian(double t, N_Vector z, N_Vector dz, SUNMatrix matrix, void *loop, N_Vector a, N_Vector b,
+                    N_Vector c) {
     (void)dz, (void)a, (void)b, (void)c;
     ((const Loop *)loop)->slopes(t, N_VGetArrayPointer(z), SM_COLS_D(matrix));
     return 0;

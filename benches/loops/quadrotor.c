@@ -89,7 +89,9 @@ static inline void push_slopes(const Outer *o, double *const *columns) {
     double tilted = free * (o->cf * o->ct > TILT_COSINE_MIN) * T / o->carried;
     double lifted = free * (GRAVITY + o->a[2] > LIFT_MIN * GRAVITY) / o->carried;
     double along[3] = {o->cf * o->st * o->cp + o->sf * o->sp, o->cf * o->st * o->sp - o->sf * o->cp, o->cf * o->ct};
-    double in_roll[3] = {-o->sf * o->st * o->cp + o->cf * o->sp, -o->sf * o->st * o->sp - o->cf * o->cp, -o->sf * o->ct};
+    double in_roll[3] = {
+        -o->sf * o->st * o->cp + o->cf * o->sp, -o->sf * o->st * o->sp - o->cf * o->cp, -o->sf * o->ct,
+    };
     double in_pitch[3] = {o->cf * o->ct * o->cp, o->cf * o->ct * o->sp, -o->cf * o->st};
     for (int i = 0; i < 3; i++) {
         columns[2][3 + i] -= POSITION_GAIN * lifted * along[i];

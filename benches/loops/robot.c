@@ -1,4 +1,4 @@
-/* Examples 3.3.1: a robot of two links with an L1 law, whose poles are fast or slow. */
+/* Example 3.3.1: a robot of two links with an L1 law, whose poles are fast or slow. */
 #include "l1.h"
 #include "loop.h"
 

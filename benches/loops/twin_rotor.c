@@ -1,7 +1,7 @@
 /* Example 3.4.2: a twin rotor and an L1 law with unmatched uncertainty. Nominally each axis is a chain of its own,
    (angle, rate, rotor), whose rate takes what is unmatched. States: the plant's six, the lag of the main rotor's
-   torque; x_hat, the diagonal of omega_hat (beside it the bounds leave no room), theta_hat, sigma_hat, theta_2, sigma_2,
-   and the filter 1/s. */
+   torque; x_hat, the diagonal of omega_hat (beside it the bounds leave no room), theta_hat, sigma_hat, theta_2,
+   sigma_2, and the filter 1/s. */
 #include <math.h>
 
 #include "l1.h"
@@ -159,7 +159,8 @@ static inline void plant_slopes(const double *z, double *const *columns) {
 }
 
 /* Adds to a row that takes eta_2 of an axis with this slope. */
-static inline void eta2_slopes(const Signals *o, int i, int row, double slope, const double *z, double *const *columns) {
+static inline void eta2_slopes(const Signals *o, int i, int row, double slope, const double *z,
+                               double *const *columns) {
     columns[THETA_2 + i][row] += slope * o->phi;
     columns[SIGMA_2 + i][row] += slope;
     columns[o->largest][row] += slope * z[THETA_2 + i] * copysign(1, z[o->largest]);

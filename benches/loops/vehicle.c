@@ -1,5 +1,5 @@
-/* Example 3.3.3: an underwater vehicle with an L1 law. States: eta (position, angles), nu (velocities in body axes), the
-   law's; the law measures (eta, eta'). */
+/* Example 3.3.3: an underwater vehicle with an L1 law. States: eta (position, angles), nu (velocities in body axes),
+   the law's; the law measures (eta, eta'). */
 #include "l1.h"
 #include "loop.h"
 
@@ -11,8 +11,8 @@ static const double NOMINAL[6] = {33.039603, 62.248227, 62.248227, .1344, 6.7029
 static const double MASS = 32, COUPLING = 32 * .0044, RIGHTING = 32 * 9.81 * .0044;
 static const double LINEAR[6] = {1, 5, 5, .2, 1, 1};
 
-/* The diagonal of M, and quadratic damping. Beside the diagonal M has COUPLING, of surge and pitch, and its negative, of
-   sway and roll. */
+/* The diagonal of M, and quadratic damping. Beside the diagonal M has COUPLING, of surge and pitch, and its negative,
+   of sway and roll. */
 static double INERTIA[6], QUADRATIC[6];
 
 static void hull(void) {
