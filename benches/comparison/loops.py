@@ -52,9 +52,10 @@ class Native:
 
     def settle(self) -> None:
         """Runs, not timed, until what the program compiles beside its first run is there."""
-        self.seconds()
-        self.workshop.await_compiled()
-        self.seconds()
+        if not self.workshop.quick:
+            self.seconds()
+            self.workshop.await_compiled()
+            self.seconds()
 
     def states(self) -> np.ndarray:
         """Of the plant."""

@@ -47,7 +47,7 @@ class Workshop:
 
     def await_compiled(self) -> None:
         """Waits for what the program compiles in the background: a source is gone when its library is there."""
-        until = time.monotonic() + (0 if self.quick else PATIENCE)
+        until = time.monotonic() + PATIENCE
         while list((self.folder / "cache").glob("*.c")) and time.monotonic() < until:
             time.sleep(0.1)
 

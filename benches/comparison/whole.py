@@ -126,11 +126,11 @@ def loosest(loop: Loop, make: Callable[[float], tuple[str, InC]], patience: floa
 
 
 def sundials() -> str | None:
-    """The version that this compiler finds."""
+    """The version that this compiler finds, if it is one whose functions these are."""
     headers = ["-include", "cvode/cvode.h", "-include", "sundials/sundials_config.h"]
     command = ["cc", "-dM", "-E", *headers, "-xc", "/dev/null"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    version = re.search(r'SUNDIALS_VERSION "(.*)"', done.stdout)
+    version = re.search(r'SUNDIALS_VERSION "(6[.].*)"', done.stdout)
     return version[1] if version else None
 
 
