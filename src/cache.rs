@@ -26,7 +26,7 @@ impl Entry {
     /// For what follows from these parts, with an extension; nothing where nothing is to be kept, or can be.
     pub fn of(extension: &str, parts: &[&[u8]]) -> Option<Self> {
         let folder = folder()?;
-        fs::create_dir_all(&folder).ok()?;
+        make(&folder)?;
         let mut hash = Sha256::new();
         for part in parts {
             hash.update((part.len() as u64).to_le_bytes());
@@ -78,6 +78,20 @@ fn folder() -> Option<PathBuf> {
         of("XDG_CACHE_HOME").filter(|path| path.is_absolute()).or_else(|| home(".cache"))
     };
     Some(caches?.join("adaptive-fmu"))
+}
+
+/// Makes the folder, which nobody else may write to: what lies there is run.
+#[cfg(unix)]
+fn make(folder: &Path) -> Option<()> {
+    use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+    const WRITABLE_BY_OTHERS: u32 = 0o022;
+    fs::DirBuilder::new().recursive(true).mode(0o700).create(folder).ok()?;
+    (fs::metadata(folder).ok()?.permissions().mode() & WRITABLE_BY_OTHERS == 0).then_some(())
+}
+
+#[cfg(not(unix))]
+fn make(folder: &Path) -> Option<()> {
+    fs::create_dir_all(folder).ok()
 }
 
 /// Removes the oldest files where there are too many, and what was left unfinished.

@@ -99,7 +99,7 @@ def by_separate_units(workshop: Workshop, loop: str, peer: InFmpy, how: str, goa
 def against_fmpy(workshop: Workshop) -> list[Row]:
     """The loops of separate units."""
     how = f"{FMPY}, a loop in Python around its calls"
-    return [by_separate_units(workshop, loop, InFmpy(workshop, loop), how, 30) for loop in (ROBOT, QUADROTOR)]
+    return [by_separate_units(workshop, loop, InFmpy(workshop, loop), how, 6) for loop in (ROBOT, QUADROTOR)]
 
 
 def against_python(workshop: Workshop) -> Row:
@@ -109,7 +109,7 @@ def against_python(workshop: Workshop) -> Row:
     peer.package.fmus["controller"] = Fmu(Path(built), workshop.folder / "in_python")
     peer.package.values.clear()
     how = f"controller in {PYTHONFMU}, {robot_controller.SUBSTEPS} RK4 steps a ms, in {FMPY}"
-    return by_separate_units(workshop, ROBOT, peer, how, 100)
+    return by_separate_units(workshop, ROBOT, peer, how, 80)
 
 
 def compiled_equations(workshop: Workshop) -> list[Row]:

@@ -30,6 +30,8 @@ ROOT = Path(__file__).resolve().parents[2]
 FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
 LOOP_NAMES = sorted(file.parent.name for file in ROOT.glob("examples/*/SystemStructure.ssd"))
 PROGRAM = ROOT / "target" / "release" / "adaptive-fmu"
+# What the program keeps of one run for the next stays here, not in the folder of whoever runs the tests.
+os.environ.setdefault("ADAPTIVE_FMU_CACHE", str(ROOT / "target" / "cache"))
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
 IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook"}
 

@@ -8,7 +8,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 
@@ -23,8 +22,8 @@ use crate::fmi2::types::Component;
 use crate::kernel::{Kernel, VERSION};
 
 /// The same bits as those of the generic equations ask for no fused operations. No kernel asks how a function failed.
-const OPTIONS: [&str; 7] =
-    ["-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared"];
+const OPTIONS: [&str; 8] =
+    ["-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-s"];
 
 /// Whether a compiler was looked for and none found.
 static NO_COMPILER: AtomicBool = AtomicBool::new(false);
@@ -69,8 +68,8 @@ impl Awaited {
             Some(loaded) => _ = awaited.0.set(Some(loaded)),
             None => {
                 let work = Work { binary: Arc::clone(binary), text, kept, awaited: awaited.clone() };
-                // A worker that is gone leaves the generic equations.
-                let _ = worker().send(work);
+                // At once, not in turn: of a run that is shorter than a compiler all kernels are there for the next.
+                thread::spawn(move || work.awaited.0.set(make(&work)));
             }
         }
         Some(awaited)
@@ -107,9 +106,8 @@ fn compiler() -> String {
 
 /// Loads a kernel from its file.
 fn load(file: &Path) -> Option<Loaded> {
-    if !file.is_file() {
-        return None;
-    }
+    // One that was cut off would be mapped all the same, and end this process: the table of its sections is its end.
+    object::File::parse(&*fs::read(file).ok()?).ok()?;
     // SAFETY: the file was made by a compiler of this module's text, under the user's own folder, and put in its place whole.
     // Its one symbol has this type.
     let loaded = unsafe {
@@ -128,21 +126,6 @@ struct Work {
     awaited: Awaited,
 }
 
-/// One thread makes all of them, in turn: the others are for what is simulated.
-fn worker() -> &'static Sender<Work> {
-    static WORKER: OnceLock<Sender<Work>> = OnceLock::new();
-    WORKER.get_or_init(|| {
-        let (sender, receiver) = channel::<Work>();
-        thread::spawn(move || {
-            for work in receiver {
-                let made = make(&work);
-                let _ = work.awaited.0.set(made);
-            }
-        });
-        sender
-    })
-}
-
 /// Writes, compiles and loads a kernel; nothing where any of that fails.
 fn make(work: &Work) -> Option<Loaded> {
     if NO_COMPILER.load(Ordering::Relaxed) {
@@ -159,12 +142,12 @@ fn make(work: &Work) -> Option<Loaded> {
 }
 
 /// Compiles a source, and puts the library in its place when it is whole. Where this process ends before the compiler, a
-/// shell does that: a run that is shorter than the compiler's finds the kernel next time.
+/// shell does that: the next run finds the kernel. What is simulated comes first.
 fn compile(source: &Path, own: &Path, file: &Path) -> bool {
     let compiler = compiler();
     let mut command = if cfg!(unix) {
         let mut shell = Command::new("sh");
-        let script = "trap '' INT HUP; source=$1 own=$2 file=$3; shift 3; \"$@\" -o \"$own\" \"$source\" -lm; code=$?; \
+        let script = "trap '' INT HUP; source=$1 own=$2 file=$3; shift 3; nice -n 5 \"$@\" -o \"$own\" \"$source\" -lm; code=$?; \
                       if [ $code = 0 ]; then mv -f \"$own\" \"$file\"; else rm -f \"$own\"; fi; rm -f \"$source\"; \
                       exit $code";
         shell.args(["-c", script, "sh"]).args([source, own, file]).arg(&compiler).args(OPTIONS);
