@@ -269,7 +269,8 @@ mod tests {
     }
 
     #[test]
-    fn a_full_pattern_is_left_to_pivoting() {
-        assert!(Elimination::new(&Arc::new(Sparsity::new(vec![(0..6).collect(); 6]))).is_none());
+    fn a_full_pattern_of_many_states_is_left_to_pivoting() {
+        let full = |n: u32| Elimination::new(&Arc::new(Sparsity::new(vec![(0..n).collect(); n as usize])));
+        assert!(full(6).is_some() && full(FEW_STATES as u32).is_some() && full(FEW_STATES as u32 + 1).is_none());
     }
 }
