@@ -262,7 +262,9 @@ def without_rust(folder: Path, *arguments: str) -> str:
     environment = {"PATH": "/nowhere", "HOME": str(folder)}
     command = [str(folder / "adaptive-fmu"), *arguments]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, ""), done
+    # Without a compiler either, which a line may say where something runs.
+    told = [line for line in done.stderr.splitlines() if not line.startswith("no C compiler")]
+    assert (done.returncode, told) == (0, []), done
     return done.stdout
 
 
