@@ -2,6 +2,9 @@
 //! loops, documentation and licences.
 
 mod licences;
+mod wheel;
+
+pub use wheel::write as write_wheel;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,19 +30,8 @@ type Files = BTreeMap<String, Vec<u8>>;
 /// be read or written.
 pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> Result<PathBuf, Error> {
     let name = format!("adaptive-fmu-{VERSION}-{}", program.platform.folder);
-    let mut files = texts(source)?;
-    files.extend(
-        licences::of_dependencies(source, &program.build.target)?
-            .into_iter()
-            .map(|(path, text)| (path, text.into_bytes())),
-    );
+    let mut files = material(source, program)?;
     files.insert("START.txt".to_owned(), START.into());
-    for (name, text) in exporter::descriptions() {
-        files.insert(format!("modelDescription/{name}.toml"), (*text).into());
-    }
-    for (name, texts) in exporter::loops() {
-        files.extend(texts.iter().map(|(file, text)| (format!("examples/{name}/{file}"), (*text).into())));
-    }
     let mut programs = Files::from([(program.platform.program_name().to_owned(), read(&program.file)?)]);
     for Binary { platform, file, .. } in library.binaries() {
         programs.insert(format!("{LIBRARIES}/{}/{}", platform.folder, platform.library_name()), read(file)?);
@@ -51,6 +43,20 @@ pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> 
         .map(|files| files.into_iter().map(|(path, bytes)| (format!("{name}/{path}"), bytes)).collect::<Vec<_>>());
     exporter::write_program(&file, &entries(&files), &entries(&programs))?;
     Ok(file)
+}
+
+/// What belongs to a program: texts, licences, descriptions and loops.
+fn material(source: &Path, program: &Binary) -> Result<Files, Error> {
+    let mut files = texts(source)?;
+    let licences = licences::of_dependencies(source, &program.build.target)?;
+    files.extend(licences.into_iter().map(|(path, text)| (path, text.into_bytes())));
+    for (name, text) in exporter::descriptions() {
+        files.insert(format!("modelDescription/{name}.toml"), (*text).into());
+    }
+    for (name, texts) in exporter::loops() {
+        files.extend(texts.iter().map(|(file, text)| (format!("examples/{name}/{file}"), (*text).into())));
+    }
+    Ok(files)
 }
 
 fn entries(files: &[(String, Vec<u8>)]) -> Vec<(&str, &[u8])> {
