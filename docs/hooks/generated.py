@@ -12,6 +12,8 @@ from pathlib import Path
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
+# A folder that `report` has left: with it the site holds the report.
+REPORT = "ADAPTIVE_FMU_REPORT"
 ELEMENT = re.compile(r"^(?P<array>.*?)\[[\d,]+\]$")
 
 
@@ -26,11 +28,19 @@ def on_files(files, config):
         pages[f"reference/fmus/{file.stem}.md"] = unit(file)
     for place, text in pages.items():
         files.append(File.generated(config, place, content=text))
+    if report := os.environ.get(REPORT):
+        if not (Path(report) / "index.html").is_file():
+            raise PluginError(f"{REPORT}: {report} has no index.html: is it what `adaptive-fmu report` leaves?")
+        for file in (file for file in sorted(Path(report).rglob("*")) if file.is_file()):
+            place = f"thesis/{file.relative_to(report).as_posix()}"
+            files.append(File.generated(config, place, abs_src_path=str(file.resolve())))
     return files
 
 
 def on_page_markdown(markdown, page, config, files):
-    """In the table of FMUs each name leads to the page of its variables."""
+    """In the table of FMUs each name leads to the page of its variables; the report's page leads to the report."""
+    if page.file.src_uri == "report.md" and REPORT in os.environ:
+        return markdown + "\n[The report of this version](thesis/index.html){ .md-button }\n"
     if page.file.src_uri != "fmus.md":
         return markdown
     return re.sub(r"^\| `(\w+)` \|", r"| [`\1`](reference/fmus/\1.md) |", markdown, flags=re.M)
