@@ -5,6 +5,7 @@ import json
 import os
 import re
 import subprocess
+import textwrap
 import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -14,6 +15,9 @@ from mkdocs.structure.files import File
 
 # A folder that `report` has left: with it the site holds the report.
 REPORT = "ADAPTIVE_FMU_REPORT"
+# How wide help is on the page, and an option with what it does.
+WIDTH = 88
+OPTION = re.compile(r"^(?P<option> +\S.*?  +)(?P<text>\S.*)$")
 ELEMENT = re.compile(r"^(?P<array>.*?)\[[\d,]+\]$")
 
 
@@ -77,7 +81,23 @@ def subcommands(text: str) -> list[str]:
 
 
 def help_of(root: Path, *command: str) -> str:
-    return f"```text\n{said(root, *command, '--help').rstrip()}\n```\n"
+    lines = [part for line in said(root, *command, "--help").rstrip().splitlines() for part in wrapped(line)]
+    return "```text\n" + "\n".join(lines) + "\n```\n"
+
+
+def wrapped(line: str) -> list[str]:
+    """A line of help, no wider than the page: what follows an option stays in its column, or goes below it."""
+    if len(line) <= WIDTH:
+        return [line]
+    option = OPTION.match(line)
+    if option is None:
+        indent = " " * (len(line) - len(line.lstrip()))
+        return textwrap.wrap(line, WIDTH, subsequent_indent=indent)
+    first, indent = option["option"], len(option["option"])
+    if indent <= WIDTH // 3:
+        return textwrap.wrap(first + option["text"], WIDTH, subsequent_indent=" " * indent, drop_whitespace=True)
+    below = " " * 10
+    return [first.rstrip(), *textwrap.wrap(option["text"], WIDTH, initial_indent=below, subsequent_indent=below)]
 
 
 # Keys of descriptions ----------------------------------------------------------------------------------------------------
