@@ -1,6 +1,8 @@
 """What the README and the pages of the site promise: every command and every script works as it stands there."""
 
+import csv
 import importlib.util
+import json
 import os
 import re
 import shlex
@@ -21,7 +23,7 @@ RUN_ELSEWHERE = {
     "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }
 # A script that needs one of these is skipped where it isn't installed.
-EXTRAS = {"control", "gymnasium", "matplotlib"}
+EXTRAS = {"control", "ecospy", "gymnasium", "matplotlib"}
 # Programs that lie beside the interpreter that runs the tests.
 BESIDE_PYTHON = {"python", "fmpy"}
 # What pages read of the source folder.
@@ -114,6 +116,43 @@ def test_a_block_of_a_page_works(
     done = run([sys.executable, "-c", text], folder)
     assert done.returncode == 0, done.stderr
     assert shown is None or done.stdout == shown
+
+
+@pytest.fixture(scope="module")
+def motor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the tutorial's reader before the design is changed."""
+    folder = tmp_path_factory.mktemp("motor")
+    for language, text, _ in blocks("docs/tutorial.md")[:2]:
+        for words in [[sys.executable, "-c", text]] if language == "python" else map(shlex.split, commands(text)):
+            program = PROGRAM if words[0] == "adaptive-fmu" else words[0]
+            assert run([program, *words[1:]], folder).returncode == 0
+    return folder
+
+
+def test_what_the_tutorial_shows_of_a_command_is_what_it_prints(motor: Path) -> None:
+    shown = [text for text in (block["text"] for block in BLOCK.finditer(text_of("docs/tutorial.md"))) if text[0] == "$"]
+    assert len(shown) == 1
+    command, _, printed = shown[0].removeprefix("$ ").partition("\n")
+    done = run_command(command, motor)
+    assert done.returncode == 3
+    for part in printed.split("...\n"):
+        assert " ".join(part.split()) in " ".join(done.stdout.split())
+
+
+def test_what_the_tutorial_says_of_its_loop_is_so(motor: Path) -> None:
+    table = motor / "motor" / "MotorController.toml"
+    table.write_text(re.sub(r"(?m)^theta_bound = .*", "theta_bound = [0.18]", table.read_text()))
+    units = [f"motor/{name}.toml" for name in ["Motor", "MotorController", "MotorReference"]]
+    check = run([PROGRAM, "check", units[1], "--json"], motor)
+    findings = {finding["name"]: finding["value"] for finding in json.loads(check.stdout)["findings"]}
+    assert findings["delay margin"] == pytest.approx(0.79e-3, abs=5e-6)
+    assert findings["lambda"]["upper"] == pytest.approx(0.973, abs=5e-4)
+    assert run([PROGRAM, "new", "loop", "--units", *units, "--until", "2", "--out", "motor"], motor).returncode == 0
+    assert run([PROGRAM, "run", "motor"], motor).returncode == 0
+    rows = list(csv.DictReader((motor / "results" / "motor" / "result.csv").open()))
+    speed = {round(float(row["time"]), 6): float(row["plant.speed"]) for row in rows}
+    assert speed[1.1] == pytest.approx(199, abs=0.5) and max(speed.values()) < 200.001
+    assert max(float(row["controller.voltage"]) for row in rows) == pytest.approx(10.2, abs=0.05)
 
 
 def test_the_readme_starts_with_the_two_commands_that_do_all_the_set_up() -> None:
