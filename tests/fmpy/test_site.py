@@ -99,4 +99,4 @@ def test_what_is_generated_is_there(site: Path) -> None:
 
 def test_the_search_knows_the_pages(site: Path) -> None:
     index = (site / "search" / "search_index.json").read_text()
-    assert all(words in index for words in ["step_too_long", "A controller of one", "prescribed performance"])
+    assert all(words in index for words in ["step_too_long", "A controller of your own", "prescribed performance"])
