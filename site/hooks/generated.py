@@ -18,6 +18,7 @@ REPORT = "ADAPTIVE_FMU_REPORT"
 # How wide help is on the page, and an option with what it does.
 WIDTH = 88
 OPTION = re.compile(r"^(?P<option> +\S.*?  +)(?P<text>\S.*)$")
+ROW = re.compile(r"^\| `(\w+)` \| \[.*?\]\((\S+?\.md)\) \|", re.M)
 ELEMENT = re.compile(r"^(?P<array>.*?)\[[\d,]+\]$")
 
 
@@ -28,8 +29,10 @@ def on_files(files, config):
         "reference/keys.md": keys(json.loads(said(root, "schema"))),
         "reference/corrections.md": corrections(root / "examples" / "thesis.toml"),
     }
+    # The table of FMUs names the page of each one's equations.
+    equations = dict(ROW.findall((Path(config.docs_dir) / "fmus.md").read_text(encoding="utf-8")))
     for file in sorted((root / "modelDescription").glob("*.xml")):
-        pages[f"reference/fmus/{file.stem}.md"] = unit(file)
+        pages[f"reference/fmus/{file.stem}.md"] = unit(file, equations[file.stem])
     for place, text in pages.items():
         files.append(File.generated(config, place, content=text))
     if report := os.environ.get(REPORT):
@@ -153,7 +156,7 @@ def kind(key: dict) -> str:
 # FMUs --------------------------------------------------------------------------------------------------------------------
 
 
-def unit(file: Path) -> str:
+def unit(file: Path, equations: str) -> str:
     root = ET.parse(file).getroot()
     variables = root.find("ModelVariables")
     if variables is None:
@@ -167,7 +170,7 @@ def unit(file: Path) -> str:
         asked = {"stop time": "stopTime", "communication step": "stepSize"}
         values = [f"{name} {value} s" for name, key in asked.items() if (value := experiment.get(key))]
         text += f"Default experiment: {', '.join(values)}. "
-    text += "Its equations are on the page that the [table of FMUs](../../fmus.md) names, and in the FMU itself.\n"
+    text += f"[Its equations](../../{equations}) are in the FMU's own documentation, too. [All FMUs](../../fmus.md).\n"
     titles = {"input": "Inputs", "output": "Outputs", "parameter": "Parameters", "local": "Others"}
     head = "| name | what it is | unit | start | limits | changes |\n| --- | --- | --- | --- | --- | --- |\n"
     return text + "".join(f"\n## {titles[part]}\n\n{head}{''.join(found)}" for part, found in parts.items() if found)
