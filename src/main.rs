@@ -66,7 +66,7 @@ fn main() -> ExitCode {
     let code = match Arguments::try_parse() {
         Ok(arguments) => {
             let code = run(arguments.command);
-            if let Some(note) = simulation::without_compiler() {
+            if let Some(note) = simulation::compiler_trouble() {
                 tell!("{note}");
             }
             code

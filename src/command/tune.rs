@@ -155,9 +155,12 @@ impl Form {
         }
         let as_one = LoopOptions { composite: true, ..options.clone() };
         let mut whole = as_one.structure(files)?;
-        let can_be_one = composite_of(&whole, &Library::beside_program()?).is_ok();
-        if !can_be_one {
-            return Ok(Form { options, structure, verified: None });
+        match composite_of(&whole, &Library::beside_program()?) {
+            Ok((_, notes)) => notes.iter().for_each(|note| tell!("{note} (--separate keeps to the units)")),
+            Err(reason) => {
+                tell!("searched through its separate units, since the loop can't be one: {reason}");
+                return Ok(Form { options, structure, verified: None });
+            }
         }
         if whole.whole.is_empty() {
             whole.set(&format!("relative_tolerance={SEARCH_TOLERANCE}"))?;

@@ -35,7 +35,7 @@ pub use comparison::Comparison;
 pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
 #[cfg(unix)]
 pub use fmu::serve_unit;
-pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value, without_compiler};
+pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value, compiler_trouble};
 pub use inputs::Inputs;
 pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
