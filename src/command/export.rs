@@ -18,10 +18,10 @@ pub struct Arguments {
     /// All FMUs of this package
     #[arg(long, conflicts_with = "names")]
     all: bool,
-    /// A whole loop as one FMU, integrated together (repeatable); where no FMU is named, only what is asked for is written
+    /// A whole loop as one FMU, integrated together (repeatable); only what is asked for where no FMU is named
     #[arg(long, value_name = "LOOP")]
     composite: Vec<String>,
-    /// A loop with its FMUs as one archive for other masters, LOOP.ssp (repeatable); as with --composite
+    /// A loop with its FMUs as one archive for other masters, LOOP.ssp (repeatable); likewise
     #[arg(long, value_name = "LOOP")]
     ssp: Vec<String>,
     /// Folder for the FMUs and archives
