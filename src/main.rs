@@ -38,7 +38,7 @@ enum Command {
     Export(command::export::Arguments),
     /// Writes an archive for users without Rust: program, libraries, descriptions, documentation, licences
     Dist(command::dist::Arguments),
-    /// Tells what an FMU is
+    /// Shows what an FMU is made of, its platforms and its variables
     Info(command::info::Arguments),
     /// Checks an FMU against the standard: its archive, description and libraries, and a short run
     Validate(command::validate::Arguments),

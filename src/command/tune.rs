@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Parameter to tune, in place of those that the loop names; without bounds, within those of the FMU; repeatable
     #[arg(long, value_name = "UNIT.variable[=LOW..HIGH]", value_parser = parameter)]
     parameter: Vec<TunedParameter>,
-    /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points, in place of what the loop says; repeatable
+    /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points, in place of the loop's own objective; repeatable
     #[arg(long, value_name = "WEIGHT SIGNAL [- SIGNAL]")]
     square: Vec<SquareTerm>,
     /// Minimise a metric of the loop
@@ -69,7 +69,7 @@ struct SwarmOptions {
     /// Generations; each runs the loop once a particle
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
     generations: u32,
-    /// Which random numbers; the same seed gives the same search, on any number of threads
+    /// Seed of the random numbers; the same seed gives the same search, on any number of threads
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Pull of a particle's own best position

@@ -16,8 +16,19 @@ use crate::exporter::{self, Binary, LIBRARIES, Library};
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 const SUMS: &str = "SHA256SUMS";
-/// What is taken from the source folder, and from its `docs`.
-const TEXTS: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT"];
+/// What is taken from the source folder, beside its `docs`: what the README links to.
+const TEXTS: [&str; 8] = [
+    "README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    "LICENSE-APACHE",
+    "LICENSE-MIT",
+];
+/// What makes a site of `docs`, for which the archive lacks the rest.
+const SITE: [&str; 2] = ["docs/requirements.txt", "docs/serve"];
 const START: &str = include_str!("../../docs/start.txt");
 
 /// Files of an archive: paths there, and bytes.
@@ -83,7 +94,7 @@ fn texts(source: &Path) -> Result<Files, Error> {
         if place.is_dir() {
             let entries = std::fs::read_dir(&place).map_err(Error::file(&place))?.flatten();
             open.extend(entries.map(|entry| path.join(entry.file_name())));
-        } else {
+        } else if !SITE.iter().any(|file| path == Path::new(file)) {
             files.insert(path.to_string_lossy().replace('\\', "/"), read(&place)?);
         }
     }
