@@ -10,8 +10,9 @@ use sources::entries;
 
 fn main() {
     embed();
-    // The framework lies within src.
-    sources::tell(&["src", "plants", "docs", "Cargo.toml"]);
+    // The framework lies within src; of the documentation there is what FMUs and archives hold.
+    let texts = ["docs/controllers", "docs/plants", "docs/composite.md", "docs/license.txt", "docs/start.txt"];
+    sources::tell(&[["src", "plants", "Cargo.toml"].as_slice(), &texts].concat());
     // A fuzzer's library leaves symbols of its sanitizer to the program that loads it.
     let fuzzing = env::var_os("CARGO_CFG_FUZZING").is_some();
     if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("linux") && !fuzzing {

@@ -58,5 +58,5 @@ class Interrupted(KeyboardInterrupt):
     True
     """
 
-    #: What was computed until then; None where nothing was.
+    #: What was computed until then: a `Result`, of `Loop.sweep` a `Sweep`; None where nothing was.
     partial: Result | None = None

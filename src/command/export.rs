@@ -72,7 +72,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     for name in composite {
         let mut structure = LoopFiles::find(name)?.structure()?;
         structure.leave_out(without)?;
-        let (file, warnings) = export_whole_as(&structure, &library, out, &form)?;
+        let (file, warnings) = export_whole(&structure, &library, out, &form)?;
         warnings.iter().for_each(|warning| tell!("warning: {warning}"));
         fmus.push(file);
     }
@@ -173,11 +173,7 @@ fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
 }
 
 /// Writes a loop as one FMU into a folder; its path, and what is to be told of it.
-pub fn export_whole(structure: &Structure, library: &Library, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
-    export_whole_as(structure, library, out, &Form::Generic)
-}
-
-fn export_whole_as(
+fn export_whole(
     structure: &Structure,
     library: &Library,
     out: &Path,

@@ -1,18 +1,20 @@
 //! `linearise`: the linear system that an FMU is like about an operating point.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Library};
+use adaptive_fmu::exporter;
 use adaptive_fmu::report::number;
-use adaptive_fmu::simulation::{Fmu, Linearisation, LoopFiles, Method, OperatingPoint, Quantity, Structure, linearise};
+use adaptive_fmu::simulation::{Fmu, Hosting, Linearisation, LoopFiles, Method, OperatingPoint, Quantity, Structure};
+use adaptive_fmu::simulation::{composite, linearise};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
-use super::export::export_whole;
+use super::export::warn_of;
 use super::hosting::HostingOptions;
 use super::names::Names;
+use super::ready;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -46,8 +48,7 @@ pub fn assignment(text: &str) -> Result<(String, String), String> {
 
 /// Prints the linear system.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
-    let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-    let fmu = Arc::new(Fmu::open_any(&find_fmu(&arguments.name, folder.path())?, &arguments.hosting.hosting()?)?);
+    let fmu = open_unit(&arguments.name, &arguments.hosting.hosting()?)?;
     let Arguments { at: time, steady_state, set, states, .. } = arguments;
     let states = states.clone().map_or_else(Vec::new, |Names(names)| names);
     let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone(), states };
@@ -60,20 +61,23 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The archive as it is, or one that is exported for this: of an FMU, else of a whole loop.
-pub fn find_fmu(name: &str, folder: &Path) -> Result<PathBuf, Error> {
-    let file = PathBuf::from(name);
+/// The archive as it is, or a unit that is made of a description, else of a whole loop.
+pub fn open_unit(name: &str, hosting: &Hosting) -> Result<Arc<Fmu>, Error> {
+    let file = Path::new(name);
     if file.extension().is_some_and(|extension| extension == "fmu") {
-        return Ok(file);
+        return Ok(Arc::new(Fmu::open_any(file, hosting)?));
     }
-    let library = Library::beside_program()?;
-    let structure = match exporter::find_description(name) {
-        Err(Error::Unknown { known, .. }) => find_loop(name, &known)?,
-        description => return exporter::export(&description?, &library, folder),
+    let ready = ready::units()?;
+    let source = match exporter::find_description(name) {
+        Err(Error::Unknown { known, .. }) => {
+            warn_of(ready.library())?;
+            let (source, warnings) = composite(&find_loop(name, &known)?, ready.library())?;
+            warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+            source
+        }
+        description => description?,
     };
-    let (file, warnings) = export_whole(&structure, &library, folder)?;
-    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
-    Ok(file)
+    ready.fmu(&source)
 }
 
 fn find_loop(name: &str, fmus: &str) -> Result<Structure, Error> {

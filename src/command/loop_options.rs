@@ -109,7 +109,7 @@ impl LoopOptions {
     /// The units of a loop, exported where they don't come with it.
     pub fn units(&self, structure: &Structure) -> Result<Units, Error> {
         if self.composite {
-            let ready = super::ready::kept().map_or_else(|| Ready::new().map(Arc::new), Ok)?;
+            let ready = super::ready::units()?;
             warn_of(ready.library())?;
             let Whole { source, values, notes } = Whole::new(structure, ready.library())?;
             return Ok(Units::Whole { fmu: ready.fmu(&source)?, values, notes });

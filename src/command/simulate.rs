@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::fmi2::calls::Interface;
@@ -15,7 +14,7 @@ use clap::ValueEnum;
 use serde_json::json;
 
 use super::hosting::HostingOptions;
-use super::linearise::{assignment, find_fmu};
+use super::linearise::{assignment, open_unit};
 use super::loop_options::{check_points, positive};
 use super::names::Names;
 use super::progress::{Bars, Progress};
@@ -73,8 +72,7 @@ pub struct Arguments {
 
 /// Runs the unit, writes its outputs, and prints where they are.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-    let fmu = Arc::new(Fmu::open_any(&find_fmu(&arguments.name, folder.path())?, &arguments.hosting.hosting()?)?);
+    let fmu = open_unit(&arguments.name, &arguments.hosting.hosting()?)?;
     let description = &fmu.description;
     let interface = match arguments.interface {
         Some(By::Cs) => Interface::CoSimulation,

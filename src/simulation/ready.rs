@@ -46,7 +46,7 @@ impl Ready {
             Some((_, fmu)) => fmu,
             None => {
                 let file = exporter::export(source, &self.library, self.folder.path())?;
-                let fmu = Arc::new(Fmu::open(&file, &Hosting::InProcess)?);
+                let fmu = Arc::new(Fmu::open_any(&file, &Hosting::InProcess)?);
                 // It was unpacked; the next may have its name.
                 std::fs::remove_file(&file).map_err(Error::file(&file))?;
                 fmu

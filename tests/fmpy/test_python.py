@@ -282,6 +282,31 @@ def test_an_interrupt_keeps_what_was_computed() -> None:
     assert done.stdout.splitlines()[1] == "complete"
 
 
+INTERRUPTED_MANY = f"""
+import adaptive_fmu, os, signal, sys, threading
+loop = adaptive_fmu.Loop({LOOP!r})
+threading.Timer(2.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+if sys.argv[1] == "sweep":
+    try:
+        loop.sweep({{"plant.x0[1]": [k * 1e-4 for k in range(3000)]}}, until=6, progress=False)
+    except adaptive_fmu.Interrupted as interrupt:
+        print(len(interrupt.partial), set(interrupt.partial.data["ended"]) - {{"complete"}})
+else:
+    gain = {{"controller.feedback_gain[1,1]": (5.0, 40.0)}}
+    tuned = loop.tune(gain, metric="max |u|", until=6, particles=20, generations=500, progress=False)
+    print(tuned.runs, tuned.ended, tuned.values)
+"""
+
+
+@pytest.mark.parametrize(("what", "told"), [("sweep", "set()"), ("tune", "interrupted")])
+def test_an_interrupt_keeps_the_runs_that_were_done(what: str, told: str) -> None:
+    words = [sys.executable, "-c", INTERRUPTED_MANY, what]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    runs, ended = done.stdout.split()[:2]
+    assert 0 < int(runs) < 3000 and ended == told
+
+
 def test_the_program_ends_with_python_and_leaves_no_files(tmp_path: Path) -> None:
     code = f"""
 import adaptive_fmu
