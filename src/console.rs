@@ -1,13 +1,23 @@
 //! Standard output and error stream. `println!` panics where nobody reads or the disk is full; these macros note it, the
 //! command goes on to its end (files are whole, temporary ones gone), and [`ended`] tells of it once.
+//!
+//! Where this program serves another, all that is printed goes to that one, as messages: JSON texts, each a line with a record
+//! separator in front (RFC 7464). What a unit writes to standard output beside them has none.
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use serde_json::{Value, json};
 
 /// What kept standard output from being written.
 static FAILURE: Mutex<Option<io::Error>> = Mutex::new(None);
+
+/// Whether another program is served.
+static SERVES: AtomicBool = AtomicBool::new(false);
+const RECORD_SEPARATOR: u8 = 0x1e;
 
 /// Prints a line on standard output.
 macro_rules! say {
@@ -20,18 +30,47 @@ macro_rules! tell {
     ($($text:tt)*) => { $crate::console::error_line(format_args!($($text)*)) };
 }
 
+/// From now on, what is printed goes to the program that is served.
+pub fn serve() {
+    SERVES.store(true, Ordering::Relaxed);
+}
+
+/// Whether another program is served: it takes what is recorded from a message, and files only where it names a folder.
+pub fn serves() -> bool {
+    SERVES.load(Ordering::Relaxed)
+}
+
+/// Sends a message to the program that is served, with bytes behind it.
+pub fn send(kind: &str, value: &Value, bytes: &[u8]) {
+    print(|out| {
+        out.write_all(&[RECORD_SEPARATOR])?;
+        writeln!(out, "{}", json!({ kind: value }))?;
+        out.write_all(bytes)?;
+        out.flush()
+    });
+}
+
 /// Prints a text on standard output as it is.
 pub fn text(text: &str) {
+    if serves() {
+        return send("text", &json!(text), &[]);
+    }
     print(|out| out.write_all(text.as_bytes()));
 }
 
 /// Prints a line on standard output; see [`say`].
 pub fn line(text: Arguments) {
+    if serves() {
+        return send("text", &json!(format!("{text}\n")), &[]);
+    }
     print(|out| writeln!(out, "{text}"));
 }
 
 /// Prints a line on the error stream; see [`tell`]. Where that can't be written, nobody can be told.
 pub fn error_line(text: Arguments) {
+    if serves() {
+        return send("note", &json!(text.to_string()), &[]);
+    }
     let _ = writeln!(io::stderr().lock(), "{text}");
 }
 

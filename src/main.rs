@@ -10,7 +10,7 @@ mod command;
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, one_line};
-use adaptive_fmu::simulation;
+use adaptive_fmu::{exporter, simulation};
 use clap::{Parser, Subcommand};
 
 /// Adaptive controllers and their plants as FMI 2.0 units.
@@ -38,7 +38,7 @@ enum Command {
     Export(command::export::Arguments),
     /// Writes an archive for users without Rust: program, libraries, descriptions, documentation, licences
     Dist(command::dist::Arguments),
-    /// Tells what an FMU is
+    /// Shows what an FMU is made of, its platforms and its variables
     Info(command::info::Arguments),
     /// Checks an FMU against the standard: its archive, description and libraries, and a short run
     Validate(command::validate::Arguments),
@@ -54,6 +54,9 @@ enum Command {
     Tune(command::tune::Arguments),
     /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
     Linearise(command::linearise::Arguments),
+    /// Answers requests of another program, which hands them over as JSON
+    #[command(hide = true)]
+    Serve,
     /// Runs a unit of another tool for another process of this program
     #[command(name = simulation::UNIT_PROCESS, hide = true)]
     UnitProcess,
@@ -62,11 +65,18 @@ enum Command {
 /// The longest message, in characters.
 const LONGEST_MESSAGE: usize = 4000;
 
+/// The shared library that goes into FMUs. A build for tests does without: it takes what lies beside it.
+#[cfg(not(debug_assertions))]
+static LIBRARY: Option<&[u8]> = adaptive_fmu_embedded::library!(adaptive_fmu);
+#[cfg(debug_assertions)]
+static LIBRARY: Option<&[u8]> = None;
+
 fn main() -> ExitCode {
+    LIBRARY.into_iter().for_each(exporter::hold);
     let code = match Arguments::try_parse() {
         Ok(arguments) => {
             let code = run(arguments.command);
-            if let Some(note) = simulation::without_compiler() {
+            if let Some(note) = simulation::compiler_trouble() {
                 tell!("{note}");
             }
             code
@@ -80,7 +90,19 @@ fn main() -> ExitCode {
             u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
         }
     };
+    exporter::tidy();
     console::ended(code)
+}
+
+/// What a command line asks for, for a program that is served.
+fn answer(words: &[String]) -> ExitCode {
+    match Arguments::try_parse_from(words) {
+        Ok(arguments) => run(arguments.command),
+        Err(told) => {
+            tell!("{}", told.to_string().trim_end());
+            u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
+        }
+    }
 }
 
 fn run(command: Command) -> ExitCode {
@@ -112,6 +134,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
+        Command::Serve => Ok(command::serve::execute(answer)),
         Command::UnitProcess => serve_unit(),
     }
 }

@@ -32,40 +32,43 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     if *json {
         let DesignReport { step, findings, .. } = &unit.report;
         let (verdict, sound) = (unit.report.verdict(), unit.report.is_sound());
-        let report =
-            json!({ "name": unit.name, "verdict": verdict, "sound": sound, "step": step, "findings": findings });
+        let report = json!({ "name": unit.name, "verdict": verdict, "sound": sound, "step": step, "findings": findings,
+                    "text": told(&unit.name, &unit.report) });
         say!("{report}");
     } else {
-        print(&unit.name, &unit.report);
+        say!("{}", told(&unit.name, &unit.report));
     }
     Ok(if unit.report.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(3) })
 }
 
-fn print(name: &str, report: &DesignReport) {
+/// The report in lines.
+fn told(name: &str, report: &DesignReport) -> String {
     if report.findings.is_empty() {
-        say!("{name}: nothing to check beyond the description's own limits, which it keeps");
-        return;
+        return format!("{name}: nothing to check beyond the description's own limits, which it keeps");
     }
-    say!("{name}: {}", report.verdict().text());
+    let mut lines = vec![format!("{name}: {}", report.verdict().text())];
     let mut section = None;
     for finding in &report.findings {
         if section != Some(&finding.section) {
-            say!("\n{}", finding.section);
+            lines.push(format!("\n{}", finding.section));
             section = Some(&finding.section);
         }
-        print_finding(finding);
+        lines.extend(finding_lines(finding));
     }
+    lines.join("\n")
 }
 
-fn print_finding(Finding { name, value, unit, verdict, note, .. }: &Finding) {
+fn finding_lines(Finding { name, value, unit, verdict, note, .. }: &Finding) -> Vec<String> {
     let lines = value.lines();
-    for (k, line) in lines.iter().enumerate() {
+    let line = |(k, line): (usize, &String)| {
         let name = if k == 0 { name.as_str() } else { "" };
         let value = format!("{line} {unit}");
         let beside = if k == 0 && *verdict == Verdict::Ok { note.as_str() } else { "" };
-        say!("{}", format!("  {name:NAME$} {value:VALUE$} {beside}").trim_end());
-    }
+        format!("  {name:NAME$} {value:VALUE$} {beside}").trim_end().to_owned()
+    };
+    let mut told: Vec<_> = lines.iter().enumerate().map(line).collect();
     if *verdict != Verdict::Ok {
-        say!("    {}: {note}", verdict.text());
+        told.push(format!("    {}: {note}", verdict.text()));
     }
+    told
 }

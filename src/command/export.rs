@@ -21,6 +21,9 @@ pub struct Arguments {
     /// A whole loop as one FMU, integrated together (repeatable); only what is asked for where no FMU is named
     #[arg(long, value_name = "LOOP")]
     composite: Vec<String>,
+    /// Unit that is left out of the loops of --composite, whose signals are inputs then (repeatable)
+    #[arg(long, value_name = "UNIT", requires = "composite")]
+    without: Vec<String>,
     /// A loop with its FMUs as one archive for other masters, LOOP.ssp (repeatable); likewise
     #[arg(long, value_name = "LOOP")]
     ssp: Vec<String>,
@@ -57,7 +60,7 @@ pub struct Arguments {
 
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, all: every, composite, ssp, out, library, values, run, json, .. } = arguments;
+    let Arguments { names, all: every, composite, without, ssp, out, library, values, run, json, .. } = arguments;
     let (library, form) = (chosen(library)?, arguments.form()?);
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
@@ -67,7 +70,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         None => export_named(&names, &library, out, &form)?,
     };
     for name in composite {
-        let (file, warnings) = export_whole_as(&LoopFiles::find(name)?.structure()?, &library, out, &form)?;
+        let mut structure = LoopFiles::find(name)?.structure()?;
+        structure.leave_out(without)?;
+        let (file, warnings) = export_whole_as(&structure, &library, out, &form)?;
         warnings.iter().for_each(|warning| tell!("warning: {warning}"));
         fmus.push(file);
     }
@@ -146,7 +151,7 @@ fn export_with_values(
 }
 
 /// What is to be known of the libraries that are packed.
-fn warn_of(library: &Library) -> Result<(), Error> {
+pub fn warn_of(library: &Library) -> Result<(), Error> {
     static TOLD: Once = Once::new();
     let slow = !library.describe(None)?.build.optimised;
     let slow =

@@ -28,7 +28,7 @@ pub struct Arguments {
     /// Start value of a parameter, or value of an input, which is held
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
-    /// Names of its states, where its description tells none: Real outputs or local variables; all outputs unless given
+    /// Names of its states, where its description names none: Real outputs or local variables; all outputs unless given
     #[arg(long, value_name = "NAME,…")]
     states: Option<Names>,
     #[command(flatten)]

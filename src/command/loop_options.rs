@@ -1,13 +1,14 @@
 //! Which loop, through which units, and how it is stepped: what `run` and `tune` have in common.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::{Component, Hosting, LoadedLoop, LoopFiles, Order, Settings, Structure};
-use tempfile::TempDir;
+use adaptive_fmu::simulation::{Component, Fmu, Hosting, LoadedLoop, LoopFiles, Order, Ready, Settings};
+use adaptive_fmu::simulation::{Structure, Value, Whole};
 
-use super::export::{export_units, export_whole};
+use super::export::{export_units, warn_of};
 use super::hosting::HostingOptions;
 use super::parameters::Parameters;
 
@@ -74,8 +75,10 @@ pub fn check_points(Settings { start_time, stop_time, step, .. }: Settings, file
 pub enum Units {
     /// FMUs in a folder, one each.
     Separate(PathBuf),
-    /// One FMU, in a folder that goes with it, and what is to be told of it.
-    Whole { fmu: PathBuf, notes: Vec<String>, _folder: TempDir },
+    /// Made ready for a program that is served, but for FMUs that come with the loop.
+    Ready(Arc<Ready>),
+    /// One FMU that takes the values of the loop.
+    Whole { fmu: Arc<Fmu>, values: Vec<(String, Value)>, notes: Vec<String> },
 }
 
 impl LoopOptions {
@@ -106,12 +109,16 @@ impl LoopOptions {
     /// The units of a loop, exported where they don't come with it.
     pub fn units(&self, structure: &Structure) -> Result<Units, Error> {
         if self.composite {
-            let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-            let (fmu, notes) = export_whole(structure, &Library::beside_program()?, folder.path())?;
-            return Ok(Units::Whole { fmu, notes, _folder: folder });
+            let ready = super::ready::kept().map_or_else(|| Ready::new().map(Arc::new), Ok)?;
+            warn_of(ready.library())?;
+            let Whole { source, values, notes } = Whole::new(structure, ready.library())?;
+            return Ok(Units::Whole { fmu: ready.fmu(&source)?, values, notes });
         }
         if let Some(fmus) = self.fmus.clone() {
             return Ok(Units::Separate(fmus));
+        }
+        if let Some(ready) = super::ready::kept() {
+            return Ok(Units::Ready(ready));
         }
         let fmus = PathBuf::from("fmus");
         if !structure.components.iter().any(Component::is_exported) {
@@ -128,7 +135,13 @@ impl Units {
     pub fn load(&self, structure: &Structure, hosting: &Hosting) -> Result<LoadedLoop, Error> {
         let loaded = match self {
             Units::Separate(fmus) => LoadedLoop::new(structure, fmus, hosting)?,
-            Units::Whole { fmu, notes, .. } => LoadedLoop::whole(&structure.name, fmu, notes.clone())?,
+            Units::Ready(ready) => LoadedLoop::of(structure, |component| match component.is_exported() {
+                true => ready.fmu(&structure.description_of(&component.fmu)?),
+                false => Ok(Arc::new(Fmu::open(&component.path_in(Path::new("")), hosting)?)),
+            })?,
+            Units::Whole { fmu, values, notes } => {
+                LoadedLoop::whole(&structure.name, Arc::clone(fmu), values, notes.clone())?
+            }
         };
         Ok(loaded.recording(structure.signals()))
     }

@@ -36,13 +36,13 @@ enum Other {
 /// The kind and the name are there where no other form is asked for.
 #[derive(clap::Args)]
 struct UnitArguments {
-    /// What it is to be: a controller, an observer, a plant, or what stands between
+    /// Kind of the unit: a controller, an observer, a plant, or what stands between
     #[arg(required = true, value_parser = PossibleValuesParser::new(library::begun().map(|entry| entry.kind.name)))]
     kind: Option<String>,
     /// Its name: a C identifier
     #[arg(long, required = true)]
     name: Option<String>,
-    /// Number of states of the plant; with an FMU for the plant that tells none, their names
+    /// Number of states of the plant; with an FMU for the plant that names none, their names
     #[arg(long, value_name = "COUNT or NAME,…")]
     states: Option<Which>,
     /// Number of inputs of the plant, which are a controller's controls; with a plant, names of those that are used
@@ -62,7 +62,7 @@ struct UnitArguments {
     set: Vec<(String, String)>,
     #[command(flatten)]
     hosting: HostingOptions,
-    /// How fast the controlled system is to be at least, rad/s; the plant's own slowest pole where it isn't given
+    /// Least speed of the controlled system, rad/s; that of the plant's own slowest pole unless given
     #[arg(long, value_parser = positive)]
     bandwidth: Option<f64>,
     /// Usual magnitude of the reference, in the unit of the output
@@ -71,7 +71,7 @@ struct UnitArguments {
     /// File to write; NAME.toml unless given
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Whether a file of that name is overwritten
+    /// Overwrites a file of that name
     #[arg(long)]
     force: bool,
     /// No schema for editors beside it

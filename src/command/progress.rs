@@ -2,18 +2,24 @@
 
 use std::process;
 use std::sync::Once;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::simulation::{Ending, Recording, Settings};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::json;
+
+use crate::console;
 
 /// Exit code of a run that was interrupted: 128 and the number of the signal, as shells have it.
 pub const INTERRUPTED: u8 = 130;
 const REFRESH: Duration = Duration::from_millis(200);
 
 static ASKED_TO_STOP: AtomicBool = AtomicBool::new(false);
+/// The request that is answered, and the one that is to stop, where another program is served; none is 0.
+static ANSWERED: AtomicU64 = AtomicU64::new(0);
+static STOPPED: AtomicU64 = AtomicU64::new(0);
 
 /// From now on, Ctrl-C asks the run to stop at the next communication point, and a second one ends at once.
 fn listen_to_interrupts() {
@@ -30,9 +36,20 @@ fn listen_to_interrupts() {
     });
 }
 
+/// From now on, this request is answered. One that is to stop is stopped, also where that was heard first.
+pub fn answer(request: u64) {
+    ANSWERED.store(request, Ordering::SeqCst);
+}
+
+/// Asks the answer to this request to stop at the next communication point.
+pub fn stop(request: u64) {
+    STOPPED.store(request, Ordering::SeqCst);
+}
+
 /// Whether the user asked the run to stop.
 pub fn is_interrupted() -> bool {
-    ASKED_TO_STOP.load(Ordering::SeqCst)
+    let answered = ANSWERED.load(Ordering::SeqCst);
+    ASKED_TO_STOP.load(Ordering::SeqCst) || answered > 0 && answered == STOPPED.load(Ordering::SeqCst)
 }
 
 /// The bars of all runs on stderr, where that is a terminal.
@@ -42,7 +59,11 @@ impl Bars {
     /// From now on, interrupts are listened to.
     pub fn new(silent: bool) -> Self {
         listen_to_interrupts();
-        Bars(if silent { MultiProgress::with_draw_target(ProgressDrawTarget::hidden()) } else { MultiProgress::new() })
+        Bars(if silent || console::serves() {
+            MultiProgress::with_draw_target(ProgressDrawTarget::hidden())
+        } else {
+            MultiProgress::new()
+        })
     }
 
     /// A line on stderr, above the bars.
@@ -100,7 +121,12 @@ impl Progress {
         self.told = Instant::now();
         let done = time - self.settings.start_time;
         let speed = done / self.begun.elapsed().as_secs_f64();
-        self.bar.set_message(format!("t = {time:.2} of {} s, {speed:.1} × real time", self.settings.stop_time));
+        let told = format!("t = {time:.2} of {} s, {speed:.1} × real time", self.settings.stop_time);
+        if console::serves() {
+            let part = done / (self.settings.stop_time - self.settings.start_time);
+            return console::send("progress", &json!({ "done": part, "told": told }), &[]);
+        }
+        self.bar.set_message(told);
         self.bar.set_position((done * 1e3) as u64);
     }
 }
@@ -125,6 +151,11 @@ impl Counter {
     pub fn count(&self, message: &str) {
         self.0.set_message(message.to_owned());
         self.0.inc(1);
+        if console::serves() {
+            let (done, runs) = (self.0.position(), self.0.length().unwrap_or(1));
+            let told = format!("{done} of {runs} runs, {message}");
+            console::send("progress", &json!({ "done": done as f64 / runs as f64, "told": told }), &[]);
+        }
     }
 
     pub fn clear(&self) {

@@ -13,11 +13,12 @@ use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
 use super::progress::{self, Bars, Progress};
-use super::run_all;
+use super::{run_all, serve};
+use crate::console;
 
 /// A metric beyond its limit.
 const BEYOND_LIMIT: u8 = 3;
-const RESULTS: &str = "results";
+pub const RESULTS: &str = "results";
 pub const TABLE: &str = "result.csv";
 pub const METRICS: &str = "metrics.json";
 pub const PLOT: &str = "plot.svg";
@@ -31,9 +32,9 @@ pub struct Arguments {
     /// All loops of this package, and a table of them
     #[arg(long, conflicts_with_all = ["name", "case", "set"])]
     all: bool,
-    /// Folder for results
-    #[arg(long, default_value = RESULTS)]
-    pub out: PathBuf,
+    /// Folder for results [default: results]
+    #[arg(long)]
+    out: Option<PathBuf>,
     #[command(flatten)]
     options: LoopOptions,
     /// As JSON
@@ -45,14 +46,17 @@ impl Arguments {
     /// A loop as it is, through the FMUs in a folder.
     pub fn of(name: &str, fmus: &Path, json: bool) -> Self {
         let options = LoopOptions { fmus: Some(fmus.to_owned()), ..LoopOptions::default() };
-        Arguments { name: Some(name.to_owned()), all: false, out: PathBuf::from(RESULTS), options, json }
+        Arguments { name: Some(name.to_owned()), all: false, out: None, options, json }
     }
-}
 
-impl Arguments {
     /// A loop with options, its results in a folder.
     pub fn with(name: &str, options: &LoopOptions, out: &Path, json: bool) -> Self {
-        Arguments { name: Some(name.to_owned()), all: false, out: out.to_owned(), options: options.clone(), json }
+        Arguments { name: Some(name.to_owned()), all: false, out: Some(out.to_owned()), options: options.clone(), json }
+    }
+
+    /// Where results go.
+    pub fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new(RESULTS))
     }
 }
 
@@ -60,6 +64,9 @@ impl Arguments {
 pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
     let Some(name) = &options.name else { return Ok(run_all::execute(options)) };
     let done = run(options, name, &Bars::new(options.json))?;
+    if console::serves() {
+        serve::send(&done.recording, about(&done.report(), done.folder.as_deref()));
+    }
     if let Some(error) = done.failure {
         if let Some(folder) = &done.folder {
             tell!("what was computed until then is in {}", folder.display());
@@ -108,13 +115,26 @@ impl Run {
     }
 }
 
+/// A run as a program that is served wants it: how it was run, what came of it, and how it is to be drawn.
+pub fn about(report: &Report, results: Option<&Path>) -> Value {
+    let Report { structure, settings, whole, measured, ending, .. } = report;
+    let Settings { start_time, stop_time, step, order } = settings;
+    let plots = structure.plots.iter().map(|plot| json!({ "title": plot.title, "signals": plot.signals }));
+    json!({ "name": structure.name, "description": structure.description, "ended": ending.word(),
+            "metrics": measured, "results": results, "plots": plots.collect::<Vec<_>>(),
+            "settings": { "start_time": start_time, "stop_time": stop_time, "step": step,
+                          "order": (!whole).then(|| order.to_string()), "composite": whole,
+                          "values": structure.all_values() } })
+}
+
 /// Runs a closed loop and writes its results, also those of a run that a unit's failure ended. One that made no step has
 /// none: what an earlier run left stays.
 pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
-    let mut done = simulated(&arguments.options, name, Some(&arguments.out), &[], bars)?;
-    if done.recording.times.len() > 1 {
-        write_results(&done.report(), &arguments.out)?;
-        done.folder = Some(arguments.out.join(&done.structure.name));
+    let out = serve::folder(arguments.out.as_deref(), RESULTS);
+    let mut done = simulated(&arguments.options, name, out, &[], bars)?;
+    if let Some(out) = out.filter(|_| done.recording.times.len() > 1) {
+        write_results(&done.report(), out)?;
+        done.folder = Some(out.join(&done.structure.name));
     }
     Ok(done)
 }

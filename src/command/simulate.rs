@@ -1,7 +1,7 @@
 //! `simulate`: one unit alone.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -19,7 +19,9 @@ use super::linearise::{assignment, find_fmu};
 use super::loop_options::{check_points, positive};
 use super::names::Names;
 use super::progress::{Bars, Progress};
-use super::run::{METRICS, PAGE, PLOT, TABLE, exit_code, write_results};
+use super::run::{METRICS, PAGE, PLOT, RESULTS, TABLE, about, exit_code, write_results};
+use super::serve;
+use crate::console;
 
 /// Communication step of an FMU that proposes none, and its stop time, s.
 const STEP: f64 = 1e-3;
@@ -59,9 +61,9 @@ pub struct Arguments {
     /// Relative tolerance of the integration in model exchange
     #[arg(long, default_value = "1e-6", value_parser = positive)]
     tolerance: f64,
-    /// Folder for results
-    #[arg(long, default_value = "results")]
-    out: PathBuf,
+    /// Folder for results [default: results]
+    #[arg(long)]
+    out: Option<PathBuf>,
     #[command(flatten)]
     hosting: HostingOptions,
     /// As JSON
@@ -90,7 +92,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let inputs = arguments.input.as_deref().map(|file| Inputs::read(file, description)).transpose()?;
     let further = arguments.record.as_ref().map_or(&[][..], |Names(names)| names);
     let name = fmu.file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    output::check(&arguments.out, &name, &[TABLE, METRICS, PLOT, PAGE])?;
+    let out = serve::folder(arguments.out.as_deref(), RESULTS);
+    if let Some(out) = out {
+        output::check(out, &name, &[TABLE, METRICS, PLOT, PAGE])?;
+    }
     let alone = Alone {
         fmu: &fmu,
         interface,
@@ -105,18 +110,19 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let whole = true;
     let report =
         Report { structure: &structure, settings, whole, recording: &recording, measured: &[], ending: &ending };
-    let results = arguments.out.join(&structure.name);
-    let has_results = recording.times.len() > 1;
-    if has_results {
-        write_results(&report, &arguments.out)?;
+    let out = out.filter(|_| recording.times.len() > 1);
+    out.map_or(Ok(()), |out| write_results(&report, out))?;
+    let results = out.map(|out| out.join(&structure.name));
+    if console::serves() {
+        serve::send(&recording, about(&report, results.as_deref()));
     }
     if let Some(error) = failure {
-        if has_results {
+        if let Some(results) = results {
             tell!("what was computed until then is in {}", results.display());
         }
         return Err(error);
     }
-    print(&report, has_results.then_some(&results), arguments.json);
+    print(&report, results.as_deref(), arguments.json);
     Ok(exit_code(if ending == Ending::Interrupted { Verdict::Interrupted } else { Verdict::Holds }))
 }
 
@@ -135,7 +141,7 @@ fn structure(fmu: &Fmu, recording: &Recording, settings: Settings, values: &[(St
     Structure::of_unit(fmu, settings, values, plots)
 }
 
-fn print(report: &Report, results: Option<&PathBuf>, json: bool) {
+fn print(report: &Report, results: Option<&Path>, json: bool) {
     let Report { structure, recording, ending, .. } = report;
     if let Some(shortfall) = report.shortfall() {
         tell!("the run {shortfall}");

@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Parameter to tune, in place of those that the loop names; without bounds, within those of the FMU; repeatable
     #[arg(long, value_name = "UNIT.variable[=LOW..HIGH]", value_parser = parameter)]
     parameter: Vec<TunedParameter>,
-    /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points, in place of what the loop says; repeatable
+    /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points, in place of the loop's own objective; repeatable
     #[arg(long, value_name = "WEIGHT SIGNAL [- SIGNAL]")]
     square: Vec<SquareTerm>,
     /// Minimise a metric of the loop
@@ -69,7 +69,7 @@ struct SwarmOptions {
     /// Generations; each runs the loop once a particle
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
     generations: u32,
-    /// Which random numbers; the same seed gives the same search, on any number of threads
+    /// Seed of the random numbers; the same seed gives the same search, on any number of threads
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Pull of a particle's own best position
@@ -155,9 +155,12 @@ impl Form {
         }
         let as_one = LoopOptions { composite: true, ..options.clone() };
         let mut whole = as_one.structure(files)?;
-        let can_be_one = composite_of(&whole, &Library::beside_program()?).is_ok();
-        if !can_be_one {
-            return Ok(Form { options, structure, verified: None });
+        match composite_of(&whole, &Library::beside_program()?) {
+            Ok((_, notes)) => notes.iter().for_each(|note| tell!("{note} (--separate keeps to the units)")),
+            Err(reason) => {
+                tell!("searched through its separate units, since the loop can't be one: {reason}");
+                return Ok(Form { options, structure, verified: None });
+            }
         }
         if whole.whole.is_empty() {
             whole.set(&format!("relative_tolerance={SEARCH_TOLERANCE}"))?;

@@ -16,7 +16,7 @@ const UNSOUND: u8 = 3;
 pub struct Arguments {
     /// The archive
     fmu: PathBuf,
-    /// Only what can be told without running it
+    /// Checks only what can be seen without running it
     #[arg(long)]
     no_run: bool,
     #[command(flatten)]

@@ -2,6 +2,9 @@
 //! loops, documentation and licences.
 
 mod licences;
+mod wheel;
+
+pub use wheel::write as write_wheel;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,8 +16,19 @@ use crate::exporter::{self, Binary, LIBRARIES, Library};
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 const SUMS: &str = "SHA256SUMS";
-/// What is taken from the source folder, and from its `docs`.
-const TEXTS: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT"];
+/// What is taken from the source folder, beside its `docs`: what the README links to.
+const TEXTS: [&str; 8] = [
+    "README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    "LICENSE-APACHE",
+    "LICENSE-MIT",
+];
+/// What makes a site of `docs`, for which the archive lacks the rest.
+const SITE: [&str; 2] = ["docs/requirements.txt", "docs/serve"];
 const START: &str = include_str!("../../docs/start.txt");
 
 /// Files of an archive: paths there, and bytes.
@@ -27,19 +41,8 @@ type Files = BTreeMap<String, Vec<u8>>;
 /// be read or written.
 pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> Result<PathBuf, Error> {
     let name = format!("adaptive-fmu-{VERSION}-{}", program.platform.folder);
-    let mut files = texts(source)?;
-    files.extend(
-        licences::of_dependencies(source, &program.build.target)?
-            .into_iter()
-            .map(|(path, text)| (path, text.into_bytes())),
-    );
+    let mut files = material(source, program)?;
     files.insert("START.txt".to_owned(), START.into());
-    for (name, text) in exporter::descriptions() {
-        files.insert(format!("modelDescription/{name}.toml"), (*text).into());
-    }
-    for (name, texts) in exporter::loops() {
-        files.extend(texts.iter().map(|(file, text)| (format!("examples/{name}/{file}"), (*text).into())));
-    }
     let mut programs = Files::from([(program.platform.program_name().to_owned(), read(&program.file)?)]);
     for Binary { platform, file, .. } in library.binaries() {
         programs.insert(format!("{LIBRARIES}/{}/{}", platform.folder, platform.library_name()), read(file)?);
@@ -51,6 +54,20 @@ pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> 
         .map(|files| files.into_iter().map(|(path, bytes)| (format!("{name}/{path}"), bytes)).collect::<Vec<_>>());
     exporter::write_program(&file, &entries(&files), &entries(&programs))?;
     Ok(file)
+}
+
+/// What belongs to a program: texts, licences, descriptions and loops.
+fn material(source: &Path, program: &Binary) -> Result<Files, Error> {
+    let mut files = texts(source)?;
+    let licences = licences::of_dependencies(source, &program.build.target)?;
+    files.extend(licences.into_iter().map(|(path, text)| (path, text.into_bytes())));
+    for (name, text) in exporter::descriptions() {
+        files.insert(format!("modelDescription/{name}.toml"), (*text).into());
+    }
+    for (name, texts) in exporter::loops() {
+        files.extend(texts.iter().map(|(file, text)| (format!("examples/{name}/{file}"), (*text).into())));
+    }
+    Ok(files)
 }
 
 fn entries(files: &[(String, Vec<u8>)]) -> Vec<(&str, &[u8])> {
@@ -77,7 +94,7 @@ fn texts(source: &Path) -> Result<Files, Error> {
         if place.is_dir() {
             let entries = std::fs::read_dir(&place).map_err(Error::file(&place))?.flatten();
             open.extend(entries.map(|entry| path.join(entry.file_name())));
-        } else {
+        } else if !SITE.iter().any(|file| path == Path::new(file)) {
             files.insert(path.to_string_lossy().replace('\\', "/"), read(&place)?);
         }
     }

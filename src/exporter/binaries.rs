@@ -9,7 +9,7 @@ use zip::{ZipArchive, ZipWriter};
 
 use super::archive::{options, refused};
 use super::asked::Glibc;
-use super::library::LIBRARIES;
+use super::library::library_folders;
 use super::platform::Platform;
 use crate::cache;
 use crate::error::Error;
@@ -78,7 +78,7 @@ fn read(file: &Path) -> Result<Vec<u8>, Error> {
 /// Libraries for other platforms, or for older systems of this one, that lie beside a program: in the folder of an
 /// archive for users without Rust, or where cargo leaves what it builds for a target that it is told.
 pub(super) fn beside(folder: &Path) -> Vec<Binary> {
-    let places = folders(&folder.join(LIBRARIES)).into_iter().chain(of_targets(folder));
+    let places = library_folders(folder).flat_map(|libraries| folders(&libraries)).chain(of_targets(folder));
     of_names(places, |platform| platform.library_name())
 }
 

@@ -1,10 +1,13 @@
 //! The shared library that goes into every FMU.
 
+use std::collections::HashMap;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use super::Source;
 use super::binaries::{self, Binaries, Binary};
+use super::held;
 use super::platform::Platform;
 use crate::error::Error;
 use crate::fmi2::describe::{self, Described, SourceUnit};
@@ -12,6 +15,8 @@ use crate::text_file;
 
 /// Folder of the libraries in an archive for users without Rust, one folder a platform in it.
 pub const LIBRARIES: &str = "libraries";
+/// Where a Python wheel puts what belongs to a program, from the folder above the program's.
+pub const SHARED: &str = "share/adaptive-fmu";
 
 /// A shared library for this platform, with the same for others.
 #[derive(Debug)]
@@ -20,29 +25,32 @@ pub struct Library {
     loaded: libloading::Library,
     binaries: Binaries,
     left_out: Vec<String>,
+    /// Its last replies, by questions and descriptions: loops ask for those of their units again and again.
+    replies: Mutex<HashMap<(&'static [u8], String), String>>,
 }
+
+/// So many replies are kept.
+const MOST_REPLIES: usize = 64;
 
 type DescribeFunction =
     unsafe extern "C" fn(*const c_char, Option<unsafe extern "C" fn(*mut c_void, *const c_char)>, *mut c_void) -> c_int;
 
 impl Library {
-    /// The library built together with this program. Cargo leaves it in `deps`; the copy beside the program may be
-    /// of an earlier build, so it is looked for last.
+    /// The library built together with this program.
     ///
     /// # Errors
     /// When there is none.
     pub fn beside_program() -> Result<Self, Error> {
-        let places = places(&program_folder()?);
-        let found = places.iter().find(|place| place.is_file()).ok_or_else(|| {
+        let found = own_library().ok_or_else(|| {
             let name = Platform::own().library_name();
+            let folder = program_folder().unwrap_or_default();
             Error::Library(format!(
-                "{name} is neither in {} nor in {}; `cargo install` installs the program alone: run it with `cargo run \
-                 --release --` in the source folder, or give --library FILE",
-                places[0].display(),
-                places[2].display()
+                "{name} is neither within this program nor beside it, in {}: this is a build for tests; build with \
+                 --release, or give --library FILE",
+                folder.display()
             ))
         })?;
-        Library::open(found)
+        Library::open(&found)
     }
 
     /// With what lies beside this program of the same sources for other platforms, and for older systems of this one.
@@ -70,7 +78,13 @@ impl Library {
         let loaded = unsafe { libloading::Library::new(whole) }.map_err(|error| refuse(with_causes(&error)))?;
         let bytes = std::fs::read(path).map_err(Error::file(path))?;
         let own = Binary::own(path, &bytes);
-        Ok(Library { path: path.to_owned(), loaded, binaries: Binaries::of(own), left_out: Vec::new() })
+        Ok(Library {
+            path: path.to_owned(),
+            loaded,
+            binaries: Binaries::of(own),
+            left_out: Vec::new(),
+            replies: Mutex::default(),
+        })
     }
 
     /// Adds the same library for another platform, which goes into every FMU, too.
@@ -125,7 +139,22 @@ impl Library {
     }
 
     /// The library's reply to a question about a description.
-    fn ask(&self, question: &[u8], description: Option<&Source>) -> Result<String, Error> {
+    fn ask(&self, question: &'static [u8], description: Option<&Source>) -> Result<String, Error> {
+        let asked = (question, description.map(|source| source.text.clone()).unwrap_or_default());
+        let kept = || self.replies.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reply) = kept().get(&asked) {
+            return Ok(reply.clone());
+        }
+        let reply = self.ask_anew(question, description)?;
+        let mut replies = kept();
+        if replies.len() >= MOST_REPLIES {
+            replies.clear();
+        }
+        replies.insert(asked, reply.clone());
+        Ok(reply)
+    }
+
+    fn ask_anew(&self, question: &[u8], description: Option<&Source>) -> Result<String, Error> {
         let text = description.map(|source| CString::new(source.text.as_str())).transpose();
         let text = text.map_err(|_| {
             let file = description.map(|source| source.file.clone()).unwrap_or_default();
@@ -145,15 +174,25 @@ impl Library {
     }
 }
 
-/// The file of the library built together with this program, where there is one.
+/// The file of the library built together with this program, where there is one. Cargo leaves it in `deps`, an archive or a
+/// wheel beside the program; else it is unpacked of the program. The copy that cargo puts beside the program may be of an
+/// earlier build.
 pub fn own_library() -> Option<PathBuf> {
-    places(&program_folder().ok()?).into_iter().find(|place| place.is_file())
+    let folder = program_folder().ok()?;
+    let own = Platform::own();
+    let of_folders = library_folders(&folder).map(|libraries| libraries.join(own.folder));
+    let mut places = std::iter::once(folder.join("deps")).chain(of_folders).map(|place| place.join(own.library_name()));
+    places.find(|place| place.is_file()).or_else(held::file).or_else(|| {
+        let copy = folder.join(own.library_name());
+        copy.is_file().then_some(copy)
+    })
 }
 
-/// Where the library may lie that is built together with a program in this folder.
-fn places(folder: &Path) -> [PathBuf; 3] {
-    let of_archive = folder.join(LIBRARIES).join(Platform::own().folder);
-    [folder.join("deps"), of_archive, folder.to_owned()].map(|place| place.join(Platform::own().library_name()))
+/// Where libraries lie by platform beside a program in this folder: in an archive for users without Rust, and where a Python
+/// wheel puts what belongs to a program.
+pub(super) fn library_folders(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let shared = folder.parent().map(|above| above.join(SHARED).join(LIBRARIES));
+    std::iter::once(folder.join(LIBRARIES)).chain(shared)
 }
 
 fn program_folder() -> Result<PathBuf, Error> {

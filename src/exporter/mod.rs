@@ -4,6 +4,7 @@ mod archive;
 mod asked;
 mod binaries;
 mod compiler;
+mod held;
 #[allow(unsafe_code)]
 mod library;
 mod page;
@@ -16,8 +17,9 @@ use std::path::{Path, PathBuf};
 pub use archive::{BUILD, Entry, entries, read_bytes, read_entry, unpack, unpack_but, write_entries, write_program};
 pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
+pub use held::{hold, tidy};
 pub(crate) use library::with_causes;
-pub use library::{LIBRARIES, Library, own_library};
+pub use library::{LIBRARIES, Library, SHARED, own_library};
 pub(crate) use page::escaped;
 pub use platform::Platform;
 pub use source::{Form, export_as};

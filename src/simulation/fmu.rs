@@ -24,8 +24,8 @@ use std::time::Duration;
 pub use guest::serve as serve_unit;
 use in_process::{Binary, InProcess, Plan};
 pub use instance::{Event, Instance};
-use kernel::Awaited;
-pub use kernel::without_compiler;
+pub use kernel::compiler_trouble;
+use kernel::{Awaited, Checksum, checksum};
 pub use messages::Messages;
 #[cfg(unix)]
 use own_process::OwnProcess;
@@ -33,7 +33,6 @@ use unit::Unit;
 
 use crate::error::Error;
 use crate::exporter::{Entry, Platform, entries, own_library, read_entry, unpack_but};
-use crate::fmi2::build::Build;
 use crate::fmi2::resources::DESCRIPTION;
 use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use crate::model_description::ModelDescription;
@@ -127,7 +126,7 @@ impl Fmu {
         let place = |identifier: &str| {
             let held = own.binaries(identifier).find_map(|place| entries.iter().find(|entry| entry.name == place));
             if let Some(common) = common.filter(|common| held.is_some_and(|held| common.is_entry(held))) {
-                return Ok(Place::here(&common.binary, Some(&common.build), &resources));
+                return Ok(Place::here(&common.binary, Some(&common.checksum), &resources));
             }
             let missing = || format!("holds no {}: it can't run on this platform", own.binary(identifier));
             let library = own.find_binary(folder.path(), identifier).ok_or_else(missing)?;
@@ -192,21 +191,22 @@ impl Fmu {
 impl Place {
     /// Where the instances of a library run, whose resources lie in a folder; the reason where it can't be loaded.
     fn of(library: PathBuf, resources: &Path, hosting: &Hosting) -> Result<Self, String> {
-        let build = build_of(&library)?;
+        let bytes = std::fs::read(&library).map_err(|error| format!("its library can't be read: {error}"))?;
+        let checksum = checksum(&bytes);
         #[cfg(unix)]
         if let Hosting::OwnProcess { program, patience } = hosting
-            && build.is_none()
+            && checksum.is_none()
         {
             return Ok(Place::OwnProcess { library, program: program.clone(), patience: *patience });
         }
         #[cfg(not(unix))]
         let _ = hosting;
-        Ok(Place::here(&Arc::new(Binary::load(&library)?), build.as_ref(), resources))
+        Ok(Place::here(&Arc::new(Binary::load(&library)?), checksum.as_ref(), resources))
     }
 
-    /// In this process, by compiled equations where a library of this crate has them.
-    fn here(binary: &Arc<Binary>, build: Option<&Build>, resources: &Path) -> Self {
-        let kernel = build.and_then(|build| Awaited::of(binary, build, &resources.join(DESCRIPTION)));
+    /// In this process; by compiled equations where its library is of this crate, and has a checksum.
+    fn here(binary: &Arc<Binary>, checksum: Option<&Checksum>, resources: &Path) -> Self {
+        let kernel = checksum.and_then(|checksum| Awaited::of(binary, checksum, &resources.join(DESCRIPTION)));
         Place::Here { binary: Arc::clone(binary), kernel }
     }
 
@@ -224,8 +224,8 @@ impl Place {
 /// The library that was built together with this program, as most FMUs hold it: loaded once.
 struct OwnLibrary {
     binary: Arc<Binary>,
-    build: Build,
-    /// Size and checksum.
+    checksum: Checksum,
+    /// Size and checksum within archives.
     mark: (u64, u32),
 }
 
@@ -237,7 +237,7 @@ impl OwnLibrary {
             let file = own_library()?;
             let bytes = std::fs::read(&file).ok()?;
             let mark = (bytes.len() as u64, crc32fast::hash(&bytes));
-            Some(OwnLibrary { binary: Arc::new(Binary::load(&file).ok()?), build: Build::within(&bytes)?, mark })
+            Some(OwnLibrary { binary: Arc::new(Binary::load(&file).ok()?), checksum: checksum(&bytes)?, mark })
         };
         OWN.get_or_init(load).as_ref()
     }
@@ -245,12 +245,6 @@ impl OwnLibrary {
     fn is_entry(&self, entry: &Entry) -> bool {
         self.mark == (entry.size, entry.checksum)
     }
-}
-
-/// How a library was built, if with this crate, whoever wrote its models.
-fn build_of(library: &Path) -> Result<Option<Build>, String> {
-    let bytes = std::fs::read(library).map_err(|error| format!("its library can't be read: {error}"))?;
-    Ok(Build::within(&bytes))
 }
 
 /// A `file:` URI of a path.

@@ -53,10 +53,9 @@ impl LoadedLoop {
     /// # Errors
     /// When an FMU can't be loaded, or a connection or value doesn't fit.
     pub fn new(structure: &Structure, fmus: &Path, hosting: &Hosting) -> Result<Self, Error> {
-        structure.check_separate()?;
         // However many components are of an FMU, it is opened once.
         let mut known: HashMap<PathBuf, Arc<Fmu>> = HashMap::new();
-        let open = |component: &Component| {
+        Self::of(structure, |component| {
             let file = component.path_in(fmus);
             if let Some(fmu) = known.get(&file) {
                 return Ok(Arc::clone(fmu));
@@ -64,7 +63,15 @@ impl LoadedLoop {
             let fmu = Arc::new(Fmu::open(&file, hosting)?);
             known.insert(file, Arc::clone(&fmu));
             Ok(fmu)
-        };
+        })
+    }
+
+    /// A loop of FMUs that are opened, one a component.
+    ///
+    /// # Errors
+    /// When one can't be opened, or a connection or value doesn't fit.
+    pub fn of(structure: &Structure, open: impl FnMut(&Component) -> Result<Arc<Fmu>, Error>) -> Result<Self, Error> {
+        structure.check_separate()?;
         let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let descriptions: Vec<&ModelDescription> = opened.iter().map(|fmu| &fmu.description).collect();
         let wiring = check(structure, &descriptions, Circles::Exchanged)?;
@@ -76,12 +83,18 @@ impl LoadedLoop {
         Ok(LoadedLoop { units: units.collect(), links, notes, circular })
     }
 
-    /// Loads a loop that is one FMU, whose variables have the names that they have in the loop.
+    /// A loop that is one FMU, whose variables have the names that they have in the loop, with start values.
     ///
     /// # Errors
-    /// When the FMU can't be loaded.
-    pub fn whole(name: &str, fmu: &Path, notes: Vec<String>) -> Result<Self, Error> {
-        let unit = LoadedUnit::new(Arc::new(Fmu::open(fmu, &Hosting::InProcess)?), name, String::new(), Vec::new());
+    /// When there is no variable of a name.
+    pub fn whole(name: &str, fmu: Arc<Fmu>, values: &[(String, Value)], notes: Vec<String>) -> Result<Self, Error> {
+        let place = |(name, value): &(String, Value)| {
+            let refuse =
+                || Error::Archive { file: fmu.file().to_owned(), reason: format!("it has no variable `{name}`") };
+            Ok((fmu.description.place(name).ok_or_else(refuse)?, value.clone()))
+        };
+        let values = values.iter().map(place).collect::<Result<_, Error>>()?;
+        let unit = LoadedUnit::new(fmu, name, String::new(), values);
         Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false })
     }
 

@@ -22,49 +22,112 @@ pub fn composite_name(structure: &Structure) -> String {
     format!("Loop_{}", structure.name.chars().map(plain).collect::<String>())
 }
 
+/// A loop as one FMU that takes the loop's values only when it is instantiated: it is the same for any values.
+#[derive(Debug)]
+pub struct Whole {
+    /// Its description, with the start values of the units' descriptions.
+    pub source: Source,
+    /// The loop's start values, by the names of the whole's variables.
+    pub values: Vec<(String, super::Value)>,
+    /// What a user may have forgotten or will miss.
+    pub notes: Vec<String>,
+}
+
+impl Whole {
+    /// Of a loop, which is checked as one of separate units is.
+    ///
+    /// # Errors
+    /// As [`composite`].
+    pub fn new(structure: &Structure, library: &Library) -> Result<Self, Error> {
+        let mut units = Units::of(structure, library)?;
+        let mut values = Vec::new();
+        for Unit { component, described, start, .. } in &mut units.of {
+            let name = |place: usize| format!("{}.{}", component.name, described.variables[place].name);
+            values.extend(start.drain(..).map(|(place, value)| (name(place), value)));
+        }
+        Ok(Whole { source: units.whole(structure)?, values, notes: units.notes })
+    }
+}
+
 /// The description of a loop as one FMU, and what a user may have forgotten or will miss. The loop is checked as one of
 /// separate units is.
 ///
 /// # Errors
 /// When one of its units isn't of this package, or a connection or value doesn't fit.
 pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Vec<String>), Error> {
-    let is_elsewhere = |unit: &&Component| matches!(unit.file, UnitFile::Archive { elsewhere: true, .. });
-    if let Some(unit) = structure.components.iter().find(is_elsewhere) {
-        let reason = format!(
-            "`{}` is an FMU of its own: only units that are made of descriptions can be integrated as one",
-            unit.name
-        );
-        return Err(Error::Loop { file: structure.file.clone(), reason });
+    let units = Units::of(structure, library)?;
+    Ok((units.whole(structure)?, units.notes))
+}
+
+/// The units of a loop that is to be one.
+struct Units<'a> {
+    of: Vec<Unit<'a>>,
+    notes: Vec<String>,
+}
+
+struct Unit<'a> {
+    component: &'a Component,
+    source: Source,
+    described: ModelDescription,
+    /// The loop's start values: places of variables.
+    start: Vec<(usize, super::Value)>,
+}
+
+impl<'a> Units<'a> {
+    fn of(structure: &'a Structure, library: &Library) -> Result<Self, Error> {
+        let is_elsewhere = |unit: &&Component| matches!(unit.file, UnitFile::Archive { elsewhere: true, .. });
+        if let Some(unit) = structure.components.iter().find(is_elsewhere) {
+            let reason = format!(
+                "`{}` is an FMU of its own: only units that are made of descriptions can be integrated as one",
+                unit.name
+            );
+            return Err(Error::Loop { file: structure.file.clone(), reason });
+        }
+        let components = structure.components.iter();
+        let sources = components.map(|unit| structure.description_of(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
+        let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;
+        let wiring = check(structure, &described.iter().collect::<Vec<_>>(), Circles::Refused)?;
+        let mut links = structure.connections.iter().zip(&wiring.links);
+        if let Some((connection, _)) = links.find(|(_, link)| link.conversion != Affine::IDENTITY) {
+            return Err(structure.refuse(connection.line, "a connection inside one unit hands on values as they are"));
+        }
+        let parts = structure.components.iter().zip(sources).zip(described).zip(wiring.values);
+        let of = parts.map(|(((component, source), described), start)| Unit { component, source, described, start });
+        let mut units = Units { of: of.collect(), notes: wiring.notes };
+        units.leave_out_steps();
+        Ok(units)
     }
-    let sources =
-        structure.components.iter().map(|unit| structure.description_of(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
-    let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;
-    let mut wiring = check(structure, &described.iter().collect::<Vec<_>>(), Circles::Refused)?;
-    let mut links = structure.connections.iter().zip(&wiring.links);
-    if let Some((connection, _)) = links.find(|(_, link)| link.conversion != Affine::IDENTITY) {
-        return Err(structure.refuse(connection.line, "a connection inside one unit hands on values as they are"));
+
+    /// What is about a unit's own steps has no meaning for the whole.
+    fn leave_out_steps(&mut self) {
+        for Unit { component, described, start, .. } in &mut self.of {
+            start.retain(|(place, _)| {
+                let variable = &described.variables[*place].name;
+                let stays = !ABOUT_STEPS.contains(&variable.as_str());
+                if !stays {
+                    let name = format!("{}.{variable}", component.name);
+                    self.notes.push(format!(
+                        "`{name}` is left out: it is about a unit's own steps, and the whole takes its steps together"
+                    ));
+                }
+                stays
+            });
+        }
     }
-    let mut parts = Vec::new();
-    for (k, unit) in structure.components.iter().enumerate() {
-        let variables = &described[k].variables;
-        let start = wiring.values[k].iter().map(|(place, value)| (&variables[*place], value));
-        let (start, left_out): (Vec<_>, Vec<_>) = start.partition(|(v, _)| !ABOUT_STEPS.contains(&v.name.as_str()));
-        wiring.notes.extend(left_out.iter().map(|(variable, _)| {
-            let name = format!("{}.{}", unit.name, variable.name);
-            format!("`{name}` is left out: it is about a unit's own steps, and the whole takes its steps together")
-        }));
-        let connected = structure.connections.iter().filter(|c| c.to.0 == unit.name).map(|c| c.to.1.as_str()).collect();
-        parts.push(Value::Table(part(&unit.name, &sources[k], &start, &connected)?));
+
+    /// The description of the whole.
+    fn whole(&self, structure: &Structure) -> Result<Source, Error> {
+        let parts = self.of.iter().map(|unit| Ok(Value::Table(unit.part(structure)?)));
+        let mut whole = source(structure, parts.collect::<Result<_, Error>>()?, own_start(structure)?);
+        whole.text.insert_str(0, &as_comments(self.of.iter().map(|unit| &unit.source)));
+        Ok(whole)
     }
-    let mut whole = source(structure, parts, own_start(structure)?);
-    whole.text.insert_str(0, &as_comments(&sources));
-    Ok((whole, wiring.notes))
 }
 
 /// The descriptions of the units, each once, as comments: only what they say is in the whole, not how.
-fn as_comments(sources: &[Source]) -> String {
+fn as_comments<'a>(sources: impl Iterator<Item = &'a Source>) -> String {
     let mut files = BTreeSet::new();
-    let sources = sources.iter().filter(|source| files.insert(&source.file));
+    let sources = sources.filter(|source| files.insert(&source.file));
     let commented = |source: &Source| {
         let name = source.file.file_name().unwrap_or_default().to_string_lossy();
         let lines: String = source.text.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n").collect();
@@ -126,27 +189,30 @@ fn source(structure: &Structure, parts: Vec<Value>, start: Table) -> Source {
     Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string() }
 }
 
-/// A unit as a part: its description, with the loop's start values. An input that is connected has none.
-fn part(
-    name: &str,
-    source: &Source,
-    values: &[(&Variable, &super::Value)],
-    connected: &BTreeSet<&str>,
-) -> Result<Table, Error> {
-    let refuse = |reason: Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
-    let description = model::Description::read(&source.text).map_err(refuse)?;
-    let mut start = description.start;
-    start.retain(|name, _| !ABOUT_STEPS.contains(&name));
-    start = start.into_iter().flat_map(|(name, value)| unconnected(name, value, connected)).collect();
-    start.extend(values.iter().map(|(variable, value)| (variable.name.clone(), in_description(variable, value))));
-    let mut part = Table::new();
-    part.insert("name".to_owned(), Value::String(name.to_owned()));
-    part.insert("model".to_owned(), Value::String(description.model));
-    part.insert("structure".to_owned(), Value::Table(description.structure));
-    let names = Value::try_from(&description.names).map_err(|error| refuse(Invalid::because(error)))?;
-    part.insert("names".to_owned(), names);
-    part.insert("start".to_owned(), Value::Table(start));
-    Ok(part)
+impl Unit<'_> {
+    /// As a part: its description, with the loop's start values. An input that is connected has none.
+    fn part(&self, structure: &Structure) -> Result<Table, Error> {
+        let Unit { component, source, described, start: values } = self;
+        let refuse = |reason: Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
+        let into = structure.connections.iter().filter(|connection| connection.to.0 == component.name);
+        let connected: BTreeSet<&str> = into.map(|connection| connection.to.1.as_str()).collect();
+        let description = model::Description::read(&source.text).map_err(refuse)?;
+        let mut start = description.start;
+        start.retain(|name, _| !ABOUT_STEPS.contains(&name));
+        start = start.into_iter().flat_map(|(name, value)| unconnected(name, value, &connected)).collect();
+        start.extend(values.iter().map(|(place, value)| {
+            let variable = &described.variables[*place];
+            (variable.name.clone(), in_description(variable, value))
+        }));
+        let mut part = Table::new();
+        part.insert("name".to_owned(), Value::String(component.name.clone()));
+        part.insert("model".to_owned(), Value::String(description.model));
+        part.insert("structure".to_owned(), Value::Table(description.structure));
+        let names = Value::try_from(&description.names).map_err(|error| refuse(Invalid::because(error)))?;
+        part.insert("names".to_owned(), names);
+        part.insert("start".to_owned(), Value::Table(start));
+        Ok(part)
+    }
 }
 
 /// A start value without those elements of it that are inputs with a connection.

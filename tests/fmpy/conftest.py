@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).resolve().parents[1] / "masters")]
+_TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(Path(__file__).parent), str(_TESTS / "masters"), str(_TESTS.parent / "python")]
 
 from master import Fmu, Unit  # noqa: E402
 
@@ -30,6 +31,9 @@ ROOT = Path(__file__).resolve().parents[2]
 FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
 LOOP_NAMES = sorted(file.parent.name for file in ROOT.glob("examples/*/SystemStructure.ssd"))
 PROGRAM = ROOT / "target" / "release" / "adaptive-fmu"
+# The Python package as it is in the sources, with this program, also in processes that the tests start.
+os.environ["ADAPTIVE_FMU_PROGRAM"] = str(PROGRAM)
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "python"), os.environ.get("PYTHONPATH")]))
 # What the program keeps of one run for the next stays here, not in the folder of whoever runs the tests.
 os.environ.setdefault("ADAPTIVE_FMU_CACHE", str(ROOT / "target" / "cache"))
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.

@@ -64,12 +64,37 @@ def test_what_is_compiled_is_kept_for_the_next_run_and_another_parameter(tmp_pat
     assert before.items() <= after.items()
 
 
-def test_without_a_compiler_a_line_says_so_and_results_are_the_same(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("compiler", "trouble"),
+    [("no-such-compiler", "no C compiler: `no-such-compiler` isn't found"), ("false", "`false` fails (exit code 1)")],
+)
+def test_without_a_compiler_that_works_a_line_says_so_and_results_are_the_same(
+    compiler: str, trouble: str, tmp_path: Path
+) -> None:
     words = ["3.2.1-cosine", tmp_path]
     expected, _ = ran(*words, "", until=3)
-    table, told = ran(*words, tmp_path / "cache", until=3, CC="no-such-compiler")
-    assert table == expected and not list((tmp_path / "cache").glob("*.kernel"))
-    assert told.count("\n") == 1 and "no C compiler" in told and "results are the same" in told
+    table, told = ran(*words, tmp_path / "cache", until=3, CC=compiler)
+    assert table == expected and [path.suffix for path in (tmp_path / "cache").iterdir()] in ([], [".zip"])
+    assert told.count("\n") == 1 and trouble in told and "the same results" in told and "CC" in told
+
+
+def test_another_library_has_other_kernels_however_it_was_built(tmp_path: Path) -> None:
+    """A user's own models change without a change of version or description."""
+    cache, [library] = tmp_path / "cache", PROGRAM.parent.glob("deps/libadaptive_fmu.so")
+    other = tmp_path / "libother.so"
+    other.write_bytes(library.read_bytes() + b"\0")
+    found = set[str]()
+    for number, file in enumerate((library, other), 1):
+        fmus = tmp_path / file.stem
+        units = ["ReferenceNonlinearSiso", "L1NonlinearSiso", "NonlinearSiso"]
+        answer = adaptive_fmu("export", *units, "--library", file, "--out", fmus)
+        assert answer.returncode == 0, answer.stderr
+        for _ in range(30):
+            ran("3.2.1-cosine", tmp_path, cache, "--fmus", fmus, until=5.0)
+            found = {path.stem for path in cache.glob("*.kernel")}
+            if len(found) == 3 * number:
+                break
+        assert len(found) == 3 * number, found
 
 
 def test_a_broken_kernel_is_made_anew(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, adaptive_fmu, read_csv
+from conftest import PROGRAM, ROOT, adaptive_fmu, read_csv
 
 FOREIGN = ROOT / "tests" / "foreign"
 TITLE = "## With a plant of another tool"
@@ -108,7 +108,9 @@ PYTHON_FMU = pytest.param(in_python, id="PythonFMU", marks=needs_python)
 
 def command(line: str, folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
     """A command of the page, where `mine` is a folder."""
-    words = [re.sub(r"^mine(?=/|$)", str(folder), word) for word in shlex.split(line)]
+    program, *words = shlex.split(line)
+    assert program == "adaptive-fmu", line
+    words = [str(PROGRAM), *(re.sub(r"^mine(?=/|$)", str(folder), word) for word in words)]
     environment = {**os.environ, **PYTHON}
     return subprocess.run([*words, *more], cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
 

@@ -15,7 +15,7 @@ from test_command_line import fails
 from test_platforms import OLDEST_GLIBC, STANDARD, asked, glibc, told
 
 CRATE = ROOT / "examples" / "my_plant"
-# As the README has it, so that it is built once for both.
+# As docs/own_plant.md has it, so that it is built once for both.
 TARGET = ROOT / "target" / "my_plant"
 OUTSIDE, INITIAL, STEP = 268.15, [288.15, 291.15, 283.15], 60.0
 

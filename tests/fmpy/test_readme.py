@@ -1,73 +1,189 @@
-"""Every command of the README, and of the page about controllers of one's own, works as it stands there."""
+"""What the README and the pages of the site promise: every command and every script works as it stands there."""
 
+import csv
+import importlib.util
+import json
+import os
 import re
 import shlex
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import PROGRAM, ROOT
 
-# Commands that are run elsewhere: this very suite and the crate's documentation by .ci/run, the comparison with peers by
-# a test of its own, with `--quick`. Where, and what stands there.
+# Commands that are run elsewhere: this very suite, the installation and the crate's documentation by the scripts that
+# prepare and run all tests, the comparison with peers by a test of its own, with `--quick`. Where, and what stands there.
 RUN_ELSEWHERE = {
     "tests/run": (".ci/run", "tests/run"),
+    "pip install .": ("tests/prepare", "pip install"),
     "cargo doc --no-deps": (".ci/run", "cargo doc --no-deps"),
     "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }
+# A script that needs one of these is skipped where it isn't installed.
+EXTRAS = {"control", "ecospy", "gymnasium", "matplotlib"}
+# Programs that lie beside the interpreter that runs the tests.
+BESIDE_PYTHON = {"python", "fmpy"}
+# What pages read of the source folder.
+SHOWN = ["examples"]
 
 README = (ROOT / "README.md").read_text()
-# What it says of plants of other tools is run by test_foreign_plants.py, which makes such plants.
-OWN_CONTROLLER = (ROOT / "docs" / "own_controller.md").read_text().split("\n## With a plant of another tool")[0]
+DOCS = ROOT / "docs"
+# As the site orders them.
+PAGES = re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M)
+BLOCK = re.compile(r"^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.S | re.M)
 
 
-def commands(page: str) -> list[str]:
-    return [line for block in re.findall(r"```sh\n(.*?)```", page, re.S) for line in block.splitlines()]
+def text_of(page: str) -> str:
+    file = ROOT / page
+    # What this page says of plants of other tools is run by test_foreign_plants.py, which makes such plants.
+    return file.read_text().split("\n## With a plant of another tool")[0] if file.is_file() else ""
 
 
-COMMANDS = commands(README)
+def blocks(page: str) -> list[tuple[str, str, str | None]]:
+    """The language and the text of each block that is run, and what it prints where the page shows that."""
+    found = [(block["language"], block["text"]) for block in BLOCK.finditer(text_of(page))]
+    after = [text if language == "text" else None for language, text in [*found[1:], ("", "")]]
+    return [(*block, shown) for block, shown in zip(found, after, strict=False) if block[0] in {"sh", "python"}]
+
+
+def commands(text: str) -> list[str]:
+    return [line for line in text.replace("\\\n", "").splitlines() if line.strip() and not line.startswith("#")]
+
+
+# In the order of the pages, and in the order of each page: a block finds what those before it have left.
+RUN = [
+    pytest.param(page, *block, id=f"{page} {number}")
+    for page in ["README.md", *(f"docs/{page}" for page in PAGES)]
+    for number, block in enumerate(blocks(page), 1)
+]
+COMMANDS = [line for language, text, _ in blocks("README.md") if language == "sh" for line in commands(text)]
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The folder in which a reader of a page is: what a user has in the checkout is left alone."""
+
+    class Folders(dict[str, Path]):
+        def __missing__(self, page: str) -> Path:
+            folder = self[page] = tmp_path_factory.mktemp("reader")
+            for name in SHOWN:
+                (folder / name).symlink_to(ROOT / name)
+            return folder
+
+    return Folders()
+
+
+def run(words: list[str | Path], folder: Path) -> subprocess.CompletedProcess[str]:
+    # Scripts that call the program find the one that was built here.
+    environment = {**os.environ, "PATH": f"{PROGRAM.parent}{os.pathsep}{os.environ['PATH']}"}
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+@cache
+def cargo(command: str) -> subprocess.CompletedProcess[str]:
+    """A command that builds: in the checkout, and once, however many pages have it."""
+    return run([*shlex.split(command)], ROOT)
+
+
+def run_command(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    program, *words = shlex.split(command)
+    if program == "cargo":
+        return cargo(command)
+    if program == "adaptive-fmu":
+        return run([PROGRAM, *words], folder)
+    if program in BESIDE_PYTHON:
+        return run([Path(sys.executable).parent / program, *words], folder)
+    return run([program, *words], folder)
+
+
+@pytest.mark.parametrize(("page", "language", "text", "shown"), RUN)
+def test_a_block_of_a_page_works(
+    page: str, language: str, text: str, shown: str | None, reader: dict[str, Path]
+) -> None:
+    folder = reader[page]
+    if language == "sh":
+        for command in commands(text):
+            if command not in RUN_ELSEWHERE:
+                done = run_command(command, folder)
+                assert done.returncode == 0, f"{command}\n{done.stderr}"
+        return
+    modules = set(re.findall(r"^(?:import|from) (\w+)", text, re.M)) | ({"gymnasium"} if ".gym " in text else set())
+    if lacking := [name for name in modules & EXTRAS if importlib.util.find_spec(name) is None]:
+        pytest.skip(f"{', '.join(lacking)} isn't installed")
+    done = run([sys.executable, "-c", text], folder)
+    assert done.returncode == 0, done.stderr
+    assert shown is None or done.stdout == shown
+
+
+@pytest.fixture(scope="module")
+def motor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the tutorial's reader before the design is changed."""
+    folder = tmp_path_factory.mktemp("motor")
+    for language, text, _ in blocks("docs/tutorial.md")[:2]:
+        for words in [[sys.executable, "-c", text]] if language == "python" else map(shlex.split, commands(text)):
+            program = PROGRAM if words[0] == "adaptive-fmu" else words[0]
+            assert run([program, *words[1:]], folder).returncode == 0
+    return folder
+
+
+def test_what_the_tutorial_shows_of_a_command_is_what_it_prints(motor: Path) -> None:
+    shown = [text for text in (block["text"] for block in BLOCK.finditer(text_of("docs/tutorial.md"))) if text[0] == "$"]
+    assert len(shown) == 1
+    command, _, printed = shown[0].removeprefix("$ ").partition("\n")
+    done = run_command(command, motor)
+    assert done.returncode == 3
+    for part in printed.split("...\n"):
+        assert " ".join(part.split()) in " ".join(done.stdout.split())
+
+
+def test_what_the_tutorial_says_of_its_loop_is_so(motor: Path) -> None:
+    table = motor / "motor" / "MotorController.toml"
+    table.write_text(re.sub(r"(?m)^theta_bound = .*", "theta_bound = [0.18]", table.read_text()))
+    units = [f"motor/{name}.toml" for name in ["Motor", "MotorController", "MotorReference"]]
+    check = run([PROGRAM, "check", units[1], "--json"], motor)
+    findings = {finding["name"]: finding["value"] for finding in json.loads(check.stdout)["findings"]}
+    assert findings["delay margin"] == pytest.approx(0.79e-3, abs=5e-6)
+    assert findings["lambda"]["upper"] == pytest.approx(0.973, abs=5e-4)
+    assert run([PROGRAM, "new", "loop", "--units", *units, "--until", "2", "--out", "motor"], motor).returncode == 0
+    assert run([PROGRAM, "run", "motor"], motor).returncode == 0
+    rows = list(csv.DictReader((motor / "results" / "motor" / "result.csv").open()))
+    speed = {round(float(row["time"]), 6): float(row["plant.speed"]) for row in rows}
+    assert speed[1.1] == pytest.approx(199, abs=0.5) and max(speed.values()) < 200.001
+    assert max(float(row["controller.voltage"]) for row in rows) == pytest.approx(10.2, abs=0.05)
 
 
 def test_the_readme_starts_with_the_two_commands_that_do_all_the_set_up() -> None:
     assert COMMANDS[:2] == ["cargo run --release -- export --run 3.2.1-cosine", "tests/run"]
 
 
-@pytest.mark.parametrize("command", [command for command in COMMANDS if command not in RUN_ELSEWHERE])
-def test_a_command_of_the_readme_works(command: str) -> None:
-    # The tests may run in another environment than the one that tests/run prepares.
-    words = shlex.split(command.replace("target/venv/bin/", f"{Path(sys.executable).parent}/"))
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.fixture(scope="module")
-def mine(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that a reader of the page calls `mine`: what a user has there under this name is left alone."""
-    return tmp_path_factory.mktemp("reader") / "mine"
-
-
-# In the order of the page: each finds what those before it have left.
-@pytest.mark.parametrize("command", commands(OWN_CONTROLLER))
-def test_a_command_of_the_page_about_controllers_of_ones_own_works(command: str, mine: Path) -> None:
-    words = [re.sub(r"^mine(?=/|$)", str(mine), word) for word in shlex.split(command)]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def test_the_readme_is_short() -> None:
+    assert len(README.splitlines()) <= 80
 
 
 def test_what_is_run_in_place_of_this_test_stands_there() -> None:
-    assert set(RUN_ELSEWHERE) <= set(COMMANDS)
+    written = [line for param in RUN if param.values[1] == "sh" for line in commands(param.values[2])]
+    assert set(RUN_ELSEWHERE) <= set(written)
     for file, words in RUN_ELSEWHERE.values():
         assert words in (ROOT / file).read_text(), file
 
 
 def test_every_file_that_the_readme_links_to_is_there() -> None:
     links = [link for link in re.findall(r"\]\(([^)#]+)", README) if "://" not in link]
-    assert links and all((ROOT / link).is_file() for link in links)
+    assert len(links) > 15 and all((ROOT / link).is_file() for link in links)
+
+
+def test_every_page_stands_in_the_navigation_of_the_site() -> None:
+    # Those that are made when the site is built are looked at by test_site.py.
+    made = {"reference/commands.md", "reference/keys.md", "reference/corrections.md"}
+    there = {file.relative_to(DOCS).as_posix() for file in DOCS.rglob("*.md")}
+    assert there | made == set(PAGES) and len(PAGES) == len(set(PAGES))
 
 
 def test_every_test_that_a_page_names_is_there() -> None:
-    pages = [ROOT / "README.md", ROOT / "SECURITY.md", *(ROOT / "docs").glob("*.md")]
+    pages = [ROOT / "README.md", ROOT / "SECURITY.md", *DOCS.rglob("*.md")]
     text = "".join(page.read_text() for page in pages)
     files = re.findall(r"`(tests/[\w/]+\.\w+)`", text)
     programs = re.findall(r"cargo test[^`]*? --test (\w+)(?: (\w+)::)?", text)
@@ -76,8 +192,9 @@ def test_every_test_that_a_page_names_is_there() -> None:
     assert not [file for file in [*files, *named] if not (ROOT / file).is_file()]
 
 
-def test_the_fmus_and_loops_of_the_readme_are_those_that_exist() -> None:
+def test_the_fmus_and_loops_of_the_pages_are_those_that_exist() -> None:
+    fmus, loops = ((DOCS / page).read_text() for page in ["fmus.md", "thesis_loops.md"])
     for name in [file.stem for file in (ROOT / "modelDescription").glob("*.toml")]:
-        assert f"| `{name}` |" in README
+        assert f"| `{name}` |" in fmus
     for folder in (ROOT / "examples").glob("*/SystemStructure.ssd"):
-        assert f"| `{folder.parent.name}` |" in README
+        assert f"| `{folder.parent.name}` |" in loops

@@ -106,13 +106,13 @@ fn cell(text: &str) -> String {
 }
 
 #[test]
-fn the_readme_has_the_table_of_fmus() {
+fn the_page_of_fmus_has_their_table() {
     let mut rows: Vec<_> = units().map(|(entry, model)| (entry.role, row_of_unit(entry, &model))).collect();
     // By what they do in a loop, then by their names.
     rows.sort_by_key(|(role, _)| *role);
     let rows: String = rows.into_iter().map(|(_, row)| row).collect();
     assert_generated(
-        "README.md",
+        "docs/fmus.md",
         "fmus",
         &format!("| FMU | what it is | inputs | outputs |\n| --- | --- | --- | --- |\n{rows}"),
     );
@@ -122,7 +122,7 @@ fn row_of_unit(entry: &Entry, model: &Model) -> String {
     let description = model.description();
     let [inputs, outputs] = [Causality::Input, Causality::Output].map(|causality| ports(model, causality));
     let (name, what, page) = (&description.name, cell(&description.description), entry.page);
-    format!("| `{name}` | [{what}](docs/{page}.md) | {inputs} | {outputs} |\n")
+    format!("| `{name}` | [{what}]({page}.md) | {inputs} | {outputs} |\n")
 }
 
 /// The variables of a causality: `x[1]` … `x[4]`.

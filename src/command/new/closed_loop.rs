@@ -21,7 +21,7 @@ pub struct Arguments {
     /// Folder for SystemStructure.ssd, which is made where it isn't there
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     out: PathBuf,
-    /// Whether a structure that is there is overwritten
+    /// Overwrites a structure that is there
     #[arg(long)]
     force: bool,
     /// Name of the loop, and of the folder of its results; that of its folder unless given

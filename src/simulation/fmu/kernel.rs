@@ -7,11 +7,11 @@ use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 
 use libloading::Library;
+use sha2::{Digest, Sha256};
 
 use super::in_process::Binary;
 use crate::cache::Entry;
@@ -19,33 +19,58 @@ use crate::fmi2::build::Build;
 use crate::fmi2::describe::read_kernel;
 use crate::fmi2::source::kernel::ENTRY;
 use crate::fmi2::types::Component;
-use crate::kernel::{Kernel, VERSION};
+use crate::kernel::Kernel;
 
 /// The same bits as those of the generic equations ask for no fused operations. No kernel asks how a function failed.
 const OPTIONS: [&str; 8] =
     ["-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-s"];
 
-/// Whether a compiler was looked for and none found.
-static NO_COMPILER: AtomicBool = AtomicBool::new(false);
+/// Compiles as a process of lower priority, where there is `nice`.
+const SCRIPT: &str = r#"trap '' INT HUP
+source=$1 own=$2 file=$3; shift 3
+if command -v nice >/dev/null; then set -- nice -n 5 "$@"; fi
+"$@" -o "$own" "$source" -lm; code=$?
+if [ $code = 0 ]; then mv -f "$own" "$file"; code=$?; else rm -f "$own"; fi
+rm -f "$source"; exit $code"#;
+
+/// Why this process compiles nothing, where it can't.
+static TROUBLE: OnceLock<String> = OnceLock::new();
 
 /// What a library exports beside the functions of the standard.
 type Describe = unsafe extern "C" fn(*const c_char, Option<Reply>, *mut c_void) -> c_int;
 type Reply = unsafe extern "C" fn(*mut c_void, *const c_char);
 type Take = unsafe extern "C" fn(Component, *const Kernel) -> c_int;
 
-/// What is told where units evaluate their equations as they are, for want of a compiler.
-pub fn without_compiler() -> Option<&'static str> {
-    NO_COMPILER.load(Ordering::Relaxed).then_some(
-        "no C compiler (cc, or the one that CC names) is found: equations are evaluated as they are, several times as \
-         slowly; the results are the same",
-    )
+/// What is told where equations couldn't be compiled, with what to do.
+pub fn compiler_trouble() -> Option<&'static str> {
+    TROUBLE.get().map(String::as_str)
 }
+
+fn tell(trouble: &str, advice: &str) {
+    let _ = TROUBLE.set(format!(
+        "{trouble}: equations are evaluated as they are, which gives the same results and takes up to three times as long; \
+         {advice}, or turn compiling off by setting ADAPTIVE_FMU_CACHE to nothing"
+    ));
+}
+
+/// The function of a kernel's library. What it points to is read by the library that wrote the kernel's text alone: another
+/// version's is laid out otherwise.
+type Table = unsafe extern "C" fn() -> *const Kernel;
 
 /// A kernel that is loaded.
 #[derive(Debug)]
 pub(super) struct Loaded {
-    kernel: Kernel,
+    table: Table,
     _library: Library,
+}
+
+/// Checksum of a library that was built with this crate.
+pub(super) type Checksum = [u8; 32];
+
+/// Of the library that these bytes are; none where it isn't of this crate. How it was built doesn't tell it: a user's own
+/// models change without that.
+pub(super) fn checksum(library: &[u8]) -> Option<Checksum> {
+    Build::within(library).map(|_| Sha256::digest(library).into())
 }
 
 /// A kernel that is there now, later or never.
@@ -53,11 +78,11 @@ pub(super) struct Loaded {
 pub(super) struct Awaited(Arc<OnceLock<Option<Loaded>>>);
 
 impl Awaited {
-    /// The kernel of the unit with a description, in a library; nothing where it isn't of this crate.
-    pub fn of(binary: &Arc<Binary>, build: &Build, description: &Path) -> Option<Self> {
+    /// The kernel of the unit with a description, in a library with this checksum.
+    pub fn of(binary: &Arc<Binary>, library: &Checksum, description: &Path) -> Option<Self> {
         let text = fs::read_to_string(description).ok()?;
         binary.symbol(TAKE)?;
-        let kept = kept(build, &text)?;
+        let kept = kept(library, &text)?;
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(awaited) = known.get_or_insert_default().get(kept.file()) {
             return Some(awaited.clone());
@@ -79,9 +104,9 @@ impl Awaited {
     pub fn hand_to(&self, component: Component, binary: &Binary) -> bool {
         let Some(found) = self.0.get() else { return false };
         if let (Some(loaded), Some(take)) = (found, binary.symbol(TAKE)) {
-            // SAFETY: a library of this crate gives the symbol this type. The instance is alive and in no other call;
-            // the kernel stays loaded until the process ends (`KNOWN`).
-            unsafe { std::mem::transmute::<unsafe extern "C" fn(), Take>(take)(component, &raw const loaded.kernel) };
+            // SAFETY: a library of this crate gives the symbol this type, and this very one wrote the kernel's text. The
+            // instance is alive and in no other call; the kernel stays loaded until the process ends (`KNOWN`).
+            unsafe { std::mem::transmute::<unsafe extern "C" fn(), Take>(take)(component, (loaded.table)()) };
         }
         true
     }
@@ -94,10 +119,8 @@ const TEXT: &str = "adaptive_fmu_kernel_text";
 static KNOWN: Mutex<Option<HashMap<PathBuf, Awaited>>> = Mutex::new(None);
 
 /// Where a kernel is kept, by what its unit was made of and what compiles it.
-fn kept(build: &Build, description: &str) -> Option<Entry> {
-    let (build, compiler, options) = (serde_json::to_string(build).ok()?, compiler(), OPTIONS.join(" "));
-    let parts = [&build, description, &compiler, &options].map(str::as_bytes);
-    Entry::of("kernel", &[parts.as_slice(), &[&VERSION.to_le_bytes()]].concat())
+fn kept(library: &Checksum, description: &str) -> Option<Entry> {
+    Entry::of("kernel", &[library, description.as_bytes(), compiler().as_bytes(), OPTIONS.join(" ").as_bytes()])
 }
 
 fn compiler() -> String {
@@ -110,12 +133,10 @@ fn load(file: &Path) -> Option<Loaded> {
     object::File::parse(&*fs::read(file).ok()?).ok()?;
     // SAFETY: the file was made by a compiler of this module's text, under the user's own folder, and put in its place whole.
     // Its one symbol has this type.
-    let loaded = unsafe {
+    unsafe {
         let library = Library::new(file).ok()?;
-        let entry = *library.get::<unsafe extern "C" fn() -> *const Kernel>(ENTRY).ok()?;
-        Loaded { kernel: *entry().as_ref()?, _library: library }
-    };
-    Some(loaded)
+        Some(Loaded { table: *library.get::<Table>(ENTRY).ok()?, _library: library })
+    }
 }
 
 /// A kernel that is to be made.
@@ -128,7 +149,7 @@ struct Work {
 
 /// Writes, compiles and loads a kernel; nothing where any of that fails.
 fn make(work: &Work) -> Option<Loaded> {
-    if NO_COMPILER.load(Ordering::Relaxed) {
+    if TROUBLE.get().is_some() {
         return None;
     }
     let text = kernel_text(&work.binary, &work.text)?;
@@ -147,10 +168,7 @@ fn compile(source: &Path, own: &Path, file: &Path) -> bool {
     let compiler = compiler();
     let mut command = if cfg!(unix) {
         let mut shell = Command::new("sh");
-        let script = "trap '' INT HUP; source=$1 own=$2 file=$3; shift 3; nice -n 5 \"$@\" -o \"$own\" \"$source\" -lm; code=$?; \
-                      if [ $code = 0 ]; then mv -f \"$own\" \"$file\"; else rm -f \"$own\"; fi; rm -f \"$source\"; \
-                      exit $code";
-        shell.args(["-c", script, "sh"]).args([source, own, file]).arg(&compiler).args(OPTIONS);
+        shell.args(["-c", SCRIPT, "sh"]).args([source, own, file]).arg(&compiler).args(OPTIONS);
         shell
     } else {
         let mut command = Command::new(&compiler);
@@ -158,15 +176,21 @@ fn compile(source: &Path, own: &Path, file: &Path) -> bool {
         command
     };
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    let Ok(status) = command.status() else {
-        NO_COMPILER.store(true, Ordering::Relaxed);
-        return false;
-    };
-    // What a shell says of a command that isn't there.
-    if cfg!(unix) && matches!(status.code(), Some(126 | 127)) {
-        NO_COMPILER.store(true, Ordering::Relaxed);
+    // A shell says so of a command that isn't there, or can't be run.
+    match command.status().map(|status| status.code()) {
+        Ok(Some(0)) => cfg!(unix) || fs::rename(own, file).is_ok(),
+        Err(_) | Ok(Some(126 | 127)) => {
+            tell(&format!("no C compiler: `{compiler}` isn't found"), "install one, or name one by CC");
+            false
+        }
+        Ok(Some(code)) => {
+            let advice = "see that it compiles a program with <math.h>, or name another by CC";
+            tell(&format!("the C compiler `{compiler}` fails (exit code {code})"), advice);
+            false
+        }
+        // It was killed.
+        Ok(None) => false,
     }
-    status.success() && (cfg!(unix) || fs::rename(own, file).is_ok())
 }
 
 /// The C of a unit's equations, as its library writes it.

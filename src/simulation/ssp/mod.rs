@@ -221,6 +221,26 @@ impl Structure {
         }
     }
 
+    /// Leaves units out: what was connected to them is open.
+    ///
+    /// # Errors
+    /// For a name that no unit has, and where none would be left.
+    pub fn leave_out(&mut self, units: &[String]) -> Result<(), Error> {
+        for unit in units {
+            let Some(place) = self.components.iter().position(|component| component.name == *unit) else {
+                let known: Vec<_> = self.components.iter().map(|component| component.name.as_str()).collect();
+                return Err(Error::Unknown { what: "unit", name: unit.clone(), known: known.join(", ") });
+            };
+            self.components.remove(place);
+            self.connections.retain(|connection| connection.from.0 != *unit && connection.to.0 != *unit);
+            self.name.push_str(&format!("-without-{unit}"));
+        }
+        if self.components.is_empty() {
+            return Err(Error::Loop { file: self.file.clone(), reason: "no unit would be left".to_owned() });
+        }
+        Ok(())
+    }
+
     /// The description of a unit: the one that lies beside the loop, or this package's.
     ///
     /// # Errors

@@ -1,0 +1,50 @@
+"""Adaptive controllers and their plants as FMI 2.0 units, from Python.
+
+>>> import adaptive_fmu
+>>> loop = adaptive_fmu.Loop("3.2.1-cosine")
+>>> result = loop.run(until=5, controller={"adaptation_gain": 1e4})
+>>> result.data.shape
+(5001, 11)
+
+The work is done by the program `adaptive-fmu`, which is installed with this package: it is started once, answers requests, and
+ends with Python. No shell is involved.
+"""
+
+from __future__ import annotations
+
+from importlib import metadata
+
+from ._errors import ArgumentError, Error, Interrupted, LimitExceeded
+from ._linear import Linearisation
+from ._loop import Loop, Sweep, Tuned
+from ._program import program
+from ._result import Result
+from ._units import Checked, check, export, fmus, kinds, linearise, loops, new, simulate
+
+__all__ = [
+    "ArgumentError",
+    "Checked",
+    "Error",
+    "Interrupted",
+    "LimitExceeded",
+    "Linearisation",
+    "Loop",
+    "Result",
+    "Sweep",
+    "Tuned",
+    "check",
+    "export",
+    "fmus",
+    "kinds",
+    "linearise",
+    "loops",
+    "new",
+    "program",
+    "simulate",
+]
+
+try:
+    #: Version of the package, which is the program's.
+    __version__ = metadata.version("adaptive-fmu")
+except metadata.PackageNotFoundError:  # The sources as they are.
+    __version__ = "0"

@@ -1,0 +1,95 @@
+"""Linear systems about operating points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ._errors import Error
+
+if TYPE_CHECKING:
+    import control
+
+
+class Linearisation:
+    """x' = A x + B u, y = C x + D u about an operating point.
+
+    >>> import adaptive_fmu
+    >>> linear = adaptive_fmu.linearise("NonlinearSiso", at=0.5)
+    >>> linear.A.shape, linear.inputs
+    ((2, 2), ['u[1]'])
+    """
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        states, inputs, outputs = told["states"], told["inputs"], told["outputs"]
+        shapes = {"A": (states, states), "B": (states, inputs), "C": (outputs, states), "D": (outputs, inputs)}
+        matrices = {
+            name: np.array(told[name], dtype=float).reshape(len(rows), len(columns)) for name, (rows, columns) in shapes.items()
+        }
+        #: Name of the FMU.
+        self.name: str = told["fmu"]
+        #: Time of the operating point, s.
+        self.time: float = told["time"]
+        #: n × n, per second where states have one unit.
+        self.A: np.ndarray = matrices["A"]
+        #: n × m.
+        self.B: np.ndarray = matrices["B"]
+        #: p × n.
+        self.C: np.ndarray = matrices["C"]
+        #: p × m.
+        self.D: np.ndarray = matrices["D"]
+        #: Names of the n states, m inputs and p outputs.
+        self.states: list[str] = [quantity["name"] for quantity in states]
+        self.inputs: list[str] = [quantity["name"] for quantity in inputs]
+        self.outputs: list[str] = [quantity["name"] for quantity in outputs]
+        #: How the matrices were found.
+        self.method: Any = told["method"]
+        self._told = told
+
+    @property
+    def eigenvalues(self) -> np.ndarray:
+        """Of A, rad/s.
+
+        >>> import adaptive_fmu
+        >>> bool(adaptive_fmu.linearise("TwinRotor").eigenvalues.real.max() < 1)
+        True
+        """
+        return np.array([complex(value["real"], value["imaginary"]) for value in self._told["eigenvalues"]])
+
+    @property
+    def operating_point(self) -> pd.DataFrame:
+        """Values of states, inputs and outputs there, with their units.
+
+        >>> import adaptive_fmu
+        >>> float(adaptive_fmu.linearise("NonlinearSiso", values={"u[1]": 0.5}).operating_point.loc["u[1]", "value"])
+        0.5
+        """
+        rows = [
+            {"name": quantity["name"], "what": what, "value": quantity["value"], "unit": quantity["unit"] or ""}
+            for what, kind in (("state", "states"), ("input", "inputs"), ("output", "outputs"))
+            for quantity in self._told[kind]
+        ]
+        return pd.DataFrame(rows, columns=["name", "what", "value", "unit"]).set_index("name")
+
+    def ss(self) -> control.StateSpace:
+        """The same as a system of python-control, which must be installed.
+
+        >>> import adaptive_fmu
+        >>> adaptive_fmu.linearise("NonlinearSiso").ss().nstates
+        2
+        """
+        try:
+            import control
+        except ImportError as error:
+            raise Error("needs python-control: pip install control") from error
+        # Its signals can't hold every character of a variable's name.
+        plain = [[name.replace(".", "_") for name in names] for names in (self.states, self.inputs, self.outputs)]
+        return control.ss(self.A, self.B, self.C, self.D, states=plain[0], inputs=plain[1], outputs=plain[2], name=self.name)
+
+    def __repr__(self) -> str:
+        return (
+            f"<{self.name} about t = {self.time:g} s: {len(self.states)} states, {len(self.inputs)} inputs, "
+            f"{len(self.outputs)} outputs>"
+        )

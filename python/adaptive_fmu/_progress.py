@@ -1,0 +1,60 @@
+"""How far a run is, shown by tqdm where that is installed."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ._program import Progress
+
+#: A run that takes less isn't worth a bar, s.
+DELAY = 1.0
+
+
+@contextmanager
+def shown(name: str, wanted: bool | None) -> Iterator[Progress | None]:
+    """A bar for one run: where it is wanted; unless that is said, in notebooks and terminals."""
+    bar = _bar(name, wanted)
+    if bar is None:
+        yield None
+        return
+
+    def show(done: float, told: str) -> None:
+        bar.set_postfix_str(told, refresh=False)
+        bar.update(round(done, 4) - bar.n)
+
+    try:
+        yield show
+    finally:
+        bar.close()
+
+
+@contextmanager
+def counted(name: str, runs: int, wanted: bool | None) -> Iterator[Any]:
+    """A bar for many runs, called after each."""
+    bar = _bar(name, wanted, total=runs, unit="run", bar_format=None)
+    try:
+        yield (lambda: None) if bar is None else bar.update
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def _bar(name: str, wanted: bool | None, **further: Any) -> Any:
+    if wanted is None:
+        wanted = _is_notebook() or sys.stderr is not None and sys.stderr.isatty()
+    if not wanted:
+        return None
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        return None
+    usual = {"total": 1.0, "bar_format": "{desc} {percentage:3.0f} % {bar} {postfix}", "delay": DELAY, "leave": False}
+    return tqdm(desc=name, **{**usual, **further})
+
+
+def _is_notebook() -> bool:
+    shell = sys.modules.get("IPython")
+    return shell is not None and type(shell.get_ipython()).__name__ == "ZMQInteractiveShell"

@@ -1,0 +1,95 @@
+//! `serve`: another program (the Python package) asks for commands by standard input, one a line, and has the answers by
+//! standard output: units that were made ready for one request are there for the next.
+//!
+//! A request is `{"request": NUMBER, "arguments": [...], "folder": FOLDER}`: what a command line would hold, and where it would
+//! be given. `{"stop": NUMBER}` interrupts that request. What comes back are messages ([`console`]): `text` and `note` are
+//! lines of the two streams, `progress` and `recording` (with numbers behind it) come as they are there, `end` is the exit code.
+
+use std::io::{BufRead, stdin};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::mpsc::{Sender, channel};
+use std::{env, thread};
+
+use adaptive_fmu::simulation::Recording;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::{progress, ready};
+use crate::console;
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Line {
+    Request(Request),
+    Stop { stop: u64 },
+}
+
+#[derive(Deserialize)]
+struct Request {
+    request: u64,
+    arguments: Vec<String>,
+    folder: PathBuf,
+}
+
+/// Answers requests, a command line each, until there are no more.
+pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
+    console::serve();
+    ready::keep();
+    let (sender, requests) = channel();
+    thread::spawn(move || listen(&sender));
+    for Request { request, arguments, folder } in requests {
+        progress::answer(request);
+        let words: Vec<String> = [env!("CARGO_BIN_NAME").to_owned()].into_iter().chain(arguments).collect();
+        let code = match env::set_current_dir(&folder) {
+            Ok(()) => answer(&words),
+            Err(error) => {
+                tell!("error: {}: {error}", folder.display());
+                ExitCode::FAILURE
+            }
+        };
+        console::send("end", &json!(number(code)), &[]);
+    }
+    ready::forget();
+    ExitCode::SUCCESS
+}
+
+/// Hands requests over; to stop one is heard while it is answered. When nobody asks any more, whatever runs is to stop.
+fn listen(sender: &Sender<Request>) {
+    let mut last = 0;
+    for line in stdin().lock().lines().map_while(Result::ok) {
+        match serde_json::from_str(&line) {
+            Ok(Line::Request(request)) => {
+                last = request.request;
+                if sender.send(request).is_err() {
+                    return;
+                }
+            }
+            Ok(Line::Stop { stop }) => progress::stop(stop),
+            Err(error) => tell!("error: a request that isn't understood ({error}): {line}"),
+        }
+    }
+    progress::stop(last);
+}
+
+/// The number of an exit code, which tells it to nobody but the system.
+fn number(code: ExitCode) -> u8 {
+    (0..=u8::MAX).find(|number| ExitCode::from(*number) == code).unwrap_or(1)
+}
+
+/// Sends what was recorded, with what is told of it: times, then a column a name, numbers of eight bytes, the least first.
+pub fn send(recording: &Recording, mut about: Value) {
+    let Recording { names, measures, times, columns, warnings } = recording;
+    about["rows"] = json!(times.len());
+    about["names"] = json!(names);
+    about["units"] = json!(measures);
+    about["warnings"] = json!(warnings);
+    let all = times.iter().chain(columns.iter().flatten());
+    let bytes: Vec<u8> = all.flat_map(|number| number.to_le_bytes()).collect();
+    console::send("recording", &about, &bytes);
+}
+
+/// The folder that files go to: the one that is named, else `usual`; none where a program is served that names none.
+pub fn folder<'a>(named: Option<&'a Path>, usual: &'a str) -> Option<&'a Path> {
+    named.or_else(|| (!console::serves()).then(|| Path::new(usual)))
+}

@@ -1,0 +1,82 @@
+//! The shared library that cargo builds together with a program, as bytes within that program.
+//!
+//! A package whose library is an `rlib` and a `cdylib` gets both from one call of the compiler, before its program is
+//! compiled. The program is handed the `rlib`; the shared library lies beside that.
+#![deny(missing_docs)]
+
+use std::env;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use proc_macro::TokenStream;
+
+/// `library!(name)`: `Some(bytes)` of the shared library of the dependency with this name, or `None` where there is none:
+/// the program is only checked, or its target has no shared libraries.
+#[proc_macro]
+pub fn library(name: TokenStream) -> TokenStream {
+    let name = name.to_string();
+    let found = dependency(&name, env::args()).and_then(|file| beside(&file, &name));
+    // `include_bytes` also tells cargo that the program follows from that file.
+    let code = found.map_or("None".to_owned(), |file| format!("Some(include_bytes!({file:?}))"));
+    code.parse().unwrap_or_default()
+}
+
+/// The file of a dependency, as the compiler is told: `--extern name=file`. None where it holds no code.
+fn dependency(name: &str, arguments: impl Iterator<Item = String>) -> Option<PathBuf> {
+    let arguments = arguments.flat_map(|argument| match argument.strip_prefix('@') {
+        // Where they are too long for the system they stand in a file, one a line.
+        Some(file) => fs::read_to_string(file).unwrap_or_default().lines().map(str::to_owned).collect(),
+        None => vec![argument],
+    });
+    let files = arguments.filter_map(|argument| {
+        let named = argument.strip_prefix("--extern=").unwrap_or(&argument).strip_prefix(name)?;
+        Some(PathBuf::from(named.strip_prefix('=')?))
+    });
+    files.into_iter().find(|file| file.extension() == Some(OsStr::new("rlib")))
+}
+
+/// The shared library beside the other form of a library.
+fn beside(rlib: &Path, name: &str) -> Option<PathBuf> {
+    let hashed = rlib.file_stem()?.to_str()?.strip_prefix("lib")?.to_owned();
+    // Of packages that are no workspace's own, cargo gives it the same suffix.
+    let names = [name, &hashed];
+    let files = names.iter().flat_map(|name| {
+        [format!("lib{name}.so"), format!("lib{name}.dylib"), format!("{name}.dll")]
+            .map(|file| rlib.with_file_name(file))
+    });
+    files.into_iter().find(|file| file.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(arguments: &[&str]) -> Option<PathBuf> {
+        dependency("own", arguments.iter().map(|argument| (*argument).to_owned()))
+    }
+
+    #[test]
+    fn the_dependency_is_found_as_cargo_names_it() {
+        let rlib = Some(PathBuf::from("deps/libown-12.rlib"));
+        assert_eq!(
+            found(&["rustc", "--extern", "owner=deps/libowner.rlib", "--extern", "own=deps/libown-12.rlib"]),
+            rlib
+        );
+        assert_eq!(found(&["--extern=own=deps/libown-12.rlib"]), rlib);
+        assert_eq!(found(&["--extern", "own=deps/libown-12.rmeta"]), None, "a program that is only checked");
+    }
+
+    #[test]
+    fn the_shared_library_lies_beside_it() {
+        let folder = env::temp_dir().join(format!("embedded-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let rlib = folder.join("libown-12.rlib");
+        assert_eq!(beside(&rlib, "own"), None);
+        for file in ["own-12.dll", "libown.so"] {
+            fs::write(folder.join(file), "").unwrap();
+            assert_eq!(beside(&rlib, "own"), Some(folder.join(file)));
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

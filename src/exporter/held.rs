@@ -1,0 +1,49 @@
+//! The library that lies within the program: unpacked to a file where the system's loader is to have it.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use tempfile::TempDir;
+
+use super::platform::Platform;
+use crate::cache::Entry;
+
+static HELD: OnceLock<&'static [u8]> = OnceLock::new();
+/// Where it was unpacked to, when there is no cache.
+static UNPACKED: Mutex<Option<TempDir>> = Mutex::new(None);
+
+/// From now on, this is the library that lies within the program.
+pub fn hold(library: &'static [u8]) {
+    let _ = HELD.set(library);
+}
+
+/// Its file: in the user's cache folder, else in a temporary one. None where the program holds none, or no file can be written.
+pub(super) fn file() -> Option<PathBuf> {
+    let bytes = *HELD.get()?;
+    if let Some(kept) = Entry::of("library", &[bytes]) {
+        let is_there = || kept.read().as_deref() == Some(bytes);
+        if !is_there() {
+            kept.write(bytes);
+        }
+        // A disk may be full.
+        if is_there() {
+            return Some(kept.file().to_owned());
+        }
+    }
+    let mut unpacked = UNPACKED.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = match &mut *unpacked {
+        Some(folder) => folder,
+        none => none.insert(tempfile::tempdir().ok()?),
+    };
+    let file = folder.path().join(Platform::own().library_name());
+    if !file.is_file() {
+        fs::write(&file, bytes).ok()?;
+    }
+    Some(file)
+}
+
+/// Removes what was unpacked to a temporary folder. Nothing may be exported or run after that.
+pub fn tidy() {
+    drop(UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).take());
+}
