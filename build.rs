@@ -1,17 +1,15 @@
 //! What the program and the library of this package hold beside their code, and linker flags of the shared library.
 
-#[path = "src/framework/build/sources.rs"]
-mod sources;
-
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-use sources::entries;
+use adaptive_fmu_sources::{self as sources, entries};
 
 fn main() {
     embed();
-    // The framework lies within src; of the documentation there is what FMUs and archives hold.
-    let texts = ["docs/controllers", "docs/plants", "docs/composite.md", "docs/license.txt", "docs/start.txt"];
+    // The framework lies within src, but in a package from a registry, where it is one of its own. Of the documentation there is
+    // what FMUs and archives hold.
+    let texts = ["docs/controllers", "docs/plants", "docs/license.txt", "docs/start.txt"];
     sources::tell(&[["src", "plants", "Cargo.toml"].as_slice(), &texts].concat());
     // A fuzzer's library leaves symbols of its sanitizer to the program that loads it.
     let fuzzing = env::var_os("CARGO_CFG_FUZZING").is_some();

@@ -8,6 +8,7 @@ mod console;
 mod command;
 
 use std::process::ExitCode;
+use std::sync::Once;
 
 use adaptive_fmu::error::{Error, one_line};
 use adaptive_fmu::{exporter, simulation};
@@ -74,13 +75,7 @@ static LIBRARY: Option<&[u8]> = None;
 fn main() -> ExitCode {
     LIBRARY.into_iter().for_each(exporter::hold);
     let code = match Arguments::try_parse() {
-        Ok(arguments) => {
-            let code = run(arguments.command);
-            if let Some(note) = simulation::compiler_trouble() {
-                tell!("{note}");
-            }
-            code
-        }
+        Ok(arguments) => run(arguments.command),
         // Also help and the version, which were asked for.
         Err(told) => {
             let printed = told.print();
@@ -106,7 +101,8 @@ fn answer(words: &[String]) -> ExitCode {
 }
 
 fn run(command: Command) -> ExitCode {
-    match execute(command) {
+    static TOLD: Once = Once::new();
+    let code = match execute(command) {
         Ok(code) => code,
         Err(error) => {
             // Names and values of a file may hold anything, of any length.
@@ -115,7 +111,11 @@ fn run(command: Command) -> ExitCode {
             tell!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
             ExitCode::FAILURE
         }
+    };
+    if let Some(note) = simulation::compiler_trouble() {
+        TOLD.call_once(|| tell!("{note}"));
     }
+    code
 }
 
 fn execute(command: Command) -> Result<ExitCode, Error> {

@@ -1,7 +1,6 @@
 //! An archive for users without Rust: the program, its libraries for every platform that was built, descriptions,
 //! loops, documentation and licences.
 
-mod licences;
 mod wheel;
 
 pub use wheel::write as write_wheel;
@@ -29,6 +28,8 @@ const TEXTS: [&str; 8] = [
 ];
 /// What makes a site of `docs`, for which the archive lacks the rest.
 const SITE: [&str; 2] = ["docs/requirements.txt", "docs/serve"];
+/// The licences of what the program and its libraries are linked of, on all platforms.
+const LICENCES: &str = "packaging/LICENCES.txt";
 const START: &str = include_str!("../../docs/start.txt");
 
 /// Files of an archive: paths there, and bytes.
@@ -41,7 +42,7 @@ type Files = BTreeMap<String, Vec<u8>>;
 /// be read or written.
 pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> Result<PathBuf, Error> {
     let name = format!("adaptive-fmu-{VERSION}-{}", program.platform.folder);
-    let mut files = material(source, program)?;
+    let mut files = material(source)?;
     files.insert("START.txt".to_owned(), START.into());
     let mut programs = Files::from([(program.platform.program_name().to_owned(), read(&program.file)?)]);
     for Binary { platform, file, .. } in library.binaries() {
@@ -57,10 +58,10 @@ pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> 
 }
 
 /// What belongs to a program: texts, licences, descriptions and loops.
-fn material(source: &Path, program: &Binary) -> Result<Files, Error> {
+fn material(source: &Path) -> Result<Files, Error> {
     let mut files = texts(source)?;
-    let licences = licences::of_dependencies(source, &program.build.target)?;
-    files.extend(licences.into_iter().map(|(path, text)| (path, text.into_bytes())));
+    let licences = read(&source.join(LICENCES))?;
+    files.insert("licences/PACKAGES.txt".to_owned(), licences);
     for (name, text) in exporter::descriptions() {
         files.insert(format!("modelDescription/{name}.toml"), (*text).into());
     }

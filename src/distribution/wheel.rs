@@ -48,7 +48,7 @@ pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> 
         files.insert(inner, read(&file)?);
     }
     let shared = |path: &str| format!("{data}/data/{SHARED}/{path}");
-    files.extend(material(source, program)?.into_iter().map(|(path, bytes)| (shared(&path), bytes)));
+    files.extend(material(source)?.into_iter().map(|(path, bytes)| (shared(&path), bytes)));
     for Binary { platform, file, .. } in library.binaries() {
         let path = format!("{LIBRARIES}/{}/{}", platform.folder, platform.library_name());
         files.insert(shared(&path), read(file)?);

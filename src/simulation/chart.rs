@@ -1,7 +1,6 @@
-//! Diagrams of a run: an SVG file, and a sketch in the terminal.
+//! Diagrams of a run as an SVG file.
 
 use plotters::prelude::*;
-use textplots::{Chart, Plot as _, Shape};
 
 use super::closed_loop::Recording;
 use super::ssp::Plot;
@@ -103,28 +102,6 @@ where
     Ok(())
 }
 
-/// A sketch of one diagram for the terminal.
-///
-/// # Errors
-/// When it names a signal that isn't there.
-pub fn terminal(plot: &Plot, recording: &Recording) -> Result<String, String> {
-    let (Some(&start), Some(&end)) = (recording.times.first(), recording.times.last()) else {
-        return Ok(String::new());
-    };
-    let mut curves = Vec::new();
-    for name in &plot.signals {
-        let column = recording.column(name).ok_or_else(|| format!("there is no signal `{name}`"))?;
-        let points = thinned(&recording.times, column, GROUPS);
-        curves.push(points.into_iter().map(|(t, y)| (t as f32, y as f32)).collect::<Vec<_>>());
-    }
-    let shapes: Vec<_> = curves.iter().map(|curve| Shape::Lines(curve)).collect();
-    let mut chart = Chart::new(160, 60, start as f32, end as f32);
-    let chart = shapes.iter().fold(&mut chart, |chart, shape| chart.lineplot(shape));
-    chart.axis();
-    chart.figures();
-    Ok(format!("{} ({})\n{}", plot.title, plot.signals.join(", "), chart))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -146,6 +123,6 @@ mod tests {
     fn a_diagram_of_a_signal_that_is_not_there_is_refused() {
         let plot = Plot { title: "output".into(), signals: vec!["a.z".into()] };
         assert!(svg("loop", std::slice::from_ref(&plot), &recording()).unwrap_err().contains("a.z"));
-        assert!(terminal(&plot, &recording()).unwrap_err().contains("a.z"));
+        assert!(super::super::terminal(&plot, &recording()).unwrap_err().contains("a.z"));
     }
 }

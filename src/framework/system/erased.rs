@@ -184,11 +184,8 @@ impl Kind {
     }
 
     /// The kind that connects systems of other kinds: a whole loop as one system.
-    pub const COMPOSITE: Kind = Kind {
-        name: "composite",
-        documentation: include_str!("../../../docs/composite.md"),
-        declare: super::composite::declare,
-    };
+    pub const COMPOSITE: Kind =
+        Kind { name: "composite", documentation: include_str!("composite.md"), declare: super::composite::declare };
 
     /// Whether no two kinds have the same name.
     #[doc(hidden)]

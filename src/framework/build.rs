@@ -1,16 +1,16 @@
 //! What `info` tells about a build, and whether the functions of the C library are bound to their first versions.
 
-mod sources;
-
 use std::env;
 use std::process::Command;
+
+use adaptive_fmu_sources as sources;
 
 fn main() {
     println!("cargo::rustc-env=ADAPTIVE_FMU_TARGET={}", env::var("TARGET").unwrap_or_default());
     println!("cargo::rustc-env=ADAPTIVE_FMU_COMPILER={}", compiler());
     let optimised = env::var("OPT_LEVEL").is_ok_and(|level| level != "0" && level != "1");
     println!("cargo::rustc-env=ADAPTIVE_FMU_OPTIMISED={optimised}");
-    sources::tell(&[".", "../../docs/composite.md"]);
+    sources::tell(&["."]);
     println!("cargo::rustc-check-cfg=cfg(old_glibc)");
     if links_glibc() {
         println!("cargo::rustc-cfg=old_glibc");

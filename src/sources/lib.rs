@@ -1,4 +1,4 @@
-//! The checksum of what a crate is made of, which its libraries tell. Part of the build scripts of two packages.
+//! The checksum of what a crate is made of, which its libraries tell. Build scripts call it.
 
 use std::fs;
 use std::hash::{DefaultHasher, Hasher};
