@@ -5,6 +5,8 @@ Needs gymnasium and fmpy: `pip install adaptive-fmu[gym]`.
 
 from __future__ import annotations
 
+import hashlib
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +14,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, SupportsFloat, Union
-from weakref import finalize
+from weakref import WeakValueDictionary, finalize
 
 import gymnasium
 import numpy as np
@@ -84,16 +86,12 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         values: Mapping[str, Value] | None = None,
         fmu: PathLike | None = None,
     ) -> None:
-        folder = tempfile.mkdtemp()
-        self._tidy = finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        file = Path(fmu) if fmu is not None else export(composite=loop, without=without, out=folder)[0]
-        self._description = read_model_description(file)
-        if self._description.coSimulation is None:
-            raise ArgumentError(f"{file}: it isn't for co-simulation")
+        self._unpacked: _Unpacked | None = _unpacked(loop, without) if fmu is None else _Unpacked.of(Path(fmu))
+        self._description = self._unpacked.description
         self._variables = {variable.name: variable for variable in self._description.modelVariables}
         self._unit = FMU2Slave(
             guid=self._description.guid,
-            unzipDirectory=extract(file, folder),
+            unzipDirectory=self._unpacked.folder,
             modelIdentifier=self._description.coSimulation.modelIdentifier,
             instanceName=Path(str(loop)).stem,
         )
@@ -117,6 +115,7 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._said: list[str] = []
         self._callbacks = _callbacks(self._said)
         self._unit.instantiate(callbacks=self._callbacks)
+        self._is_open = True
         self._count, self._state, self._is_ready = 0, None, False
 
     @classmethod
@@ -132,7 +131,12 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         ((4, 1), (4,))
         >>> envs.close()
         """
-        return Vector(partial(cls, *arguments, **options), count, processes)
+        with tempfile.TemporaryDirectory() as folder:
+            loop = options.pop("loop") if "loop" in options else arguments[0]
+            if options.get("fmu") is None:
+                options["fmu"] = _exported(loop, options.get("without", ()), folder)
+            # By then each process has what it needs of the folder.
+            return Vector(partial(cls, loop, *arguments[1:], **options), count, processes)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
         """Back to the start; with `options={"values": {...}}` from other start values, to which later resets go back."""
@@ -165,13 +169,14 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def close(self) -> None:
         """Frees the unit, and removes its files."""
-        if self._tidy.alive:
+        if self._is_open:
+            self._is_open = False
             self._forget()
             if self._is_ready:
                 with suppress(FMICallException):  # It may have failed.
                     self._unit.terminate()
             self._unit.freeInstance()
-            self._tidy()
+            self._unpacked = None
 
     def _start(self, values: Mapping[str, Value]) -> None:
         self._forget()
@@ -205,6 +210,42 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             known = ", ".join(sorted(name for name, it in self._variables.items() if it.causality in ("input", "output"))[:40])
             raise ArgumentError(f"the loop has no variable `{name}`; its inputs and outputs are {known} …")
         return self._variables[name]
+
+
+class _Unpacked:
+    """An FMU that is unpacked once for all that run it in this process: its library is loaded once."""
+
+    _known: WeakValueDictionary[bytes, _Unpacked] = WeakValueDictionary()
+
+    def __init__(self, file: Path) -> None:
+        self.folder = tempfile.mkdtemp()
+        finalize(self, _remove, self.folder, os.getpid())
+        self.description = read_model_description(extract(file, self.folder))
+        if self.description.coSimulation is None:
+            raise ArgumentError(f"{file}: it isn't for co-simulation")
+
+    @classmethod
+    def of(cls, file: Path) -> _Unpacked:
+        key = hashlib.sha256(file.read_bytes()).digest() + os.getpid().to_bytes(8, "big")
+        found = cls._known.get(key)
+        if found is None:
+            found = cls._known[key] = cls(file)
+        return found
+
+
+def _remove(folder: str, process: int) -> None:
+    # What was unpacked before a process was forked is its parent's.
+    if os.getpid() == process:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _exported(loop: PathLike, without: Sequence[str], folder: str) -> Path:
+    return export(composite=loop, without=without, out=folder)[0]
+
+
+def _unpacked(loop: PathLike, without: Sequence[str]) -> _Unpacked:
+    with tempfile.TemporaryDirectory() as folder:
+        return _Unpacked.of(_exported(loop, without, folder))
 
 
 def _callbacks(said: list[str]) -> fmi2CallbackFunctions:

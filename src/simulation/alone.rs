@@ -10,7 +10,6 @@ use super::linearise::set_starts;
 use super::model_structure::ModelStructure;
 use super::port::{Ports, signals};
 use crate::error::Error;
-use crate::exporter::read_entry;
 use crate::fmi2::calls::Interface;
 use crate::model_description::Affine;
 
@@ -128,7 +127,7 @@ impl Alone<'_> {
             return Ok(Running::CoSimulation(instance));
         }
         let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
-        let structure = ModelStructure::read(&read_entry(fmu.file(), "modelDescription.xml")?).map_err(refuse)?;
+        let structure = ModelStructure::read(&fmu.text()?).map_err(refuse)?;
         let counts = (structure.states.len(), structure.indicators);
         Ok(Running::Exchange(Box::new(Exchange::begin(instance, self.inputs, counts, self.tolerance, start)?)))
     }

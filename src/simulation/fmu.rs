@@ -146,6 +146,15 @@ impl Fmu {
         &self.file
     }
 
+    /// The text of its modelDescription.xml.
+    ///
+    /// # Errors
+    /// When it can't be read any more.
+    pub fn text(&self) -> Result<String, Error> {
+        let file = self.folder.path().join("modelDescription.xml");
+        std::fs::read_to_string(&file).map_err(Error::file(file))
+    }
+
     /// Whether each instance has a process of its own.
     pub fn has_own_processes(&self) -> bool {
         let exchange = self.exchange.iter().filter_map(|place| place.as_ref().ok());

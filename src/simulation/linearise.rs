@@ -13,7 +13,6 @@ use super::plan::{DIFFERENCE, Derivatives, Plan, references};
 use super::{responses, steady_state};
 use crate::eigenvalues::{Eigenvalue, eigenvalues};
 use crate::error::Error;
-use crate::exporter::read_entry;
 use crate::model_description::Variable;
 
 const DIRECTIONAL: &str = "providesDirectionalDerivative";
@@ -99,7 +98,7 @@ pub struct Linearisation {
 /// When a start value is refused, there is no steady state, or what the unit shows is no linear system.
 pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation, Error> {
     let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
-    let structure = ModelStructure::read(&read_entry(fmu.file(), "modelDescription.xml")?).map_err(refuse)?;
+    let structure = ModelStructure::read(&fmu.text()?).map_err(refuse)?;
     let time = point.time.unwrap_or(structure.start_time);
     if !time.is_finite() || time < structure.start_time {
         return Err(refuse(format!("time {time}: must be from the start time, {} s, on", structure.start_time)));

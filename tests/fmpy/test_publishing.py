@@ -1,18 +1,21 @@
 """What a release consists of beside programs: packages for a registry, the lists of what is linked, the entry for the list
 of tools of the FMI project."""
 
+import hashlib
 import json
 import os
 import re
 import shutil
 import subprocess
+import sys
+import zipfile
 from pathlib import Path
 
 import fmpy
 import jsonschema
 import numpy as np
 import pytest
-from conftest import PROGRAM, ROOT
+from conftest import FMU_NAMES, LOOP_NAMES, PROGRAM, ROOT
 from fmpy.util import read_csv
 
 INCLUDED = re.compile(r'\b(?:include_str!|include_bytes!|include!)\(\s*"(.+?)"|#\[path = "(.+?)"\]')
@@ -163,3 +166,32 @@ def test_examples_are_as_the_rules_of_the_list_have_them_and_fmpy_computes_the_s
         for variable in expected.dtype.names[1:]:
             computed = np.interp(expected["time"], result["time"], result[variable].astype(float))
             assert np.abs(computed - expected[variable]).max() <= 1e-6 * max(1, np.abs(computed).max()), (name, variable)
+
+
+def test_one_command_makes_everything_that_a_release_page_holds(tmp_path: Path) -> None:
+    """For the quickest platform; the others go the same way."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    if shutil.which("cc") is None or subprocess.run([sys.executable, "-m", "ziglang", "version"], check=False).returncode:
+        pytest.skip("ziglang isn't installed")
+    command = [ROOT / "packaging" / "release", "--platforms", "linux64", "--out", tmp_path / "page"]
+    made = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stderr
+    files = {file.name: file for file in (tmp_path / "page").iterdir()}
+    version = json.loads(cargo("metadata", "--no-deps", "--format-version", "1"))["packages"][0]["version"]
+    base = f"adaptive-fmu-{version}"
+    assert {f"{base}-linux64.zip", f"{base}-fmus.zip", f"{base}-loops.zip", f"{base}-report.zip", "SHA256SUMS"} <= set(files)
+    assert any(name.endswith(".whl") for name in files)
+    with zipfile.ZipFile(files[f"{base}-fmus.zip"]) as archive:
+        assert set(archive.namelist()) == {f"{name}.fmu" for name in FMU_NAMES}
+        with zipfile.ZipFile(archive.open("L1TwinRotor.fmu")) as fmu:
+            held = set(fmu.namelist())
+    assert "binaries/linux64/L1TwinRotor.so" in held and any(name.startswith("sources/") for name in held)
+    with zipfile.ZipFile(files[f"{base}-loops.zip"]) as archive:
+        assert set(archive.namelist()) == {f"{name}.ssp" for name in LOOP_NAMES}
+    with zipfile.ZipFile(files[f"{base}-report.zip"]) as archive:
+        assert "index.html" in archive.namelist()
+    sums = dict(reversed(line.split("  ")) for line in files["SHA256SUMS"].read_text().splitlines())
+    for name in set(files) - {"SHA256SUMS"}:
+        assert sums[name] == hashlib.sha256(files[name].read_bytes()).hexdigest()
+    again = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert again.returncode == 1 and "holds a release already" in again.stderr

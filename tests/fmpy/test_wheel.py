@@ -72,7 +72,8 @@ def fresh(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, st
     install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"{wheel}[plot,compile]"]
     done = subprocess.run(install, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    kept = {name: os.environ[name] for name in ("LANG",) if name in os.environ}
+    # What zig makes once for each platform takes minutes.
+    kept = {"ZIG_GLOBAL_CACHE_DIR": os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(Path.home() / ".cache" / "zig"))}
     return {**kept, "PATH": str(python.parent), "HOME": str(folder), "TMPDIR": str(tmp_path_factory.mktemp("tmp"))}
 
 
