@@ -38,9 +38,12 @@ fn sources() -> Vec<(PathBuf, String)> {
     files
 }
 
+/// The composite's kind, which no type of its own declares.
+const COMPOSITE: &str = "name: \"composite\"";
+
 /// The lines that name a kind, where it is one of a file: a line of `const NAME`, or of the composite's kind.
 fn says_its_name(line: &str) -> bool {
-    line.contains("const NAME: &'static str =") || line.trim_start().starts_with("name: \"composite\"")
+    line.contains("const NAME: &'static str =") || line.contains(COMPOSITE)
 }
 
 #[test]
@@ -48,8 +51,10 @@ fn every_kind_that_has_a_file_stands_in_the_catalogue() {
     let quoted = |line: &str| line.split('"').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
     let lines: Vec<String> = sources().iter().flat_map(|(_, text)| text.lines()).map(str::to_owned).collect();
     // A doc comment shows a model that isn't of this package.
-    let own = lines.iter().filter(|line| says_its_name(line) && !line.starts_with("//!"));
-    let named: BTreeSet<String> = own.flat_map(|line| quoted(line)).collect();
+    let own = lines.iter().map(String::as_str).filter(|line| says_its_name(line) && !line.starts_with("//!"));
+    // The composite's line has other texts, too.
+    let names = own.map(|line| if line.contains(COMPOSITE) { COMPOSITE } else { line });
+    let named: BTreeSet<String> = names.flat_map(quoted).collect();
     let listed: BTreeSet<String> = CATALOGUE.iter().map(|entry| entry.kind.name.to_owned()).collect();
     assert_eq!(named, listed, "kinds with a file, and kinds with a line in src/library.rs");
     let registered: Vec<_> = REGISTRY.iter().map(|kind| kind.name).collect();
