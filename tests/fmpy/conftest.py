@@ -5,7 +5,8 @@
 
 With `-n 2 --dist loadgroup` two processes share the tests: those of a file stay together, and those that build by cargo.
 
-With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones.
+With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones. With ADAPTIVE_FMU_TESTED =
+a program, that one is tested (target/debug/adaptive-fmu, say), and none is built.
 """
 
 import csv
@@ -30,7 +31,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # What a person wrote an FMU's description or a loop's structure for, known before anything is exported.
 FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
 LOOP_NAMES = sorted(file.parent.name for file in ROOT.glob("examples/*/SystemStructure.ssd"))
-PROGRAM = ROOT / "target" / "release" / "adaptive-fmu"
+GIVEN = os.environ.get("ADAPTIVE_FMU_TESTED")
+PROGRAM = Path(GIVEN).resolve() if GIVEN else ROOT / "target" / "release" / "adaptive-fmu"
 # The Python package as it is in the sources, with this program, also in processes that the tests start.
 os.environ["ADAPTIVE_FMU_PROGRAM"] = str(PROGRAM)
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "python"), os.environ.get("PYTHONPATH")]))
@@ -42,7 +44,7 @@ IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook"
 
 def pytest_sessionstart(session: pytest.Session) -> None:
     """The program is built where the tests begin, before any process that shares them."""
-    if not hasattr(session.config, "workerinput"):
+    if not GIVEN and not hasattr(session.config, "workerinput"):
         built = subprocess.run(["cargo", "build", "--release", "-q"], cwd=ROOT, check=False)
         if built.returncode != 0:
             pytest.exit("the program can't be built", built.returncode)
