@@ -260,8 +260,10 @@ def test_a_notebook_shows_metrics_and_a_picture() -> None:
     assert "max |u|" in shown and "<svg" in shown and "<script" not in shown
 
 
-INTERRUPTED = f"""
-import adaptive_fmu, os, signal, sys, threading, time
+# A shell that starts the tests in the background has interrupts ignored.
+HEARD = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+INTERRUPTED = f"""{HEARD}
+import adaptive_fmu, os, sys, threading, time
 loop = adaptive_fmu.Loop({LOOP!r})
 loop.run(until=0.1)
 threading.Timer(0.7, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
@@ -282,8 +284,8 @@ def test_an_interrupt_keeps_what_was_computed() -> None:
     assert done.stdout.splitlines()[1] == "complete"
 
 
-INTERRUPTED_MANY = f"""
-import adaptive_fmu, os, signal, sys, threading
+INTERRUPTED_MANY = f"""{HEARD}
+import adaptive_fmu, os, sys, threading
 loop = adaptive_fmu.Loop({LOOP!r})
 threading.Timer(2.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
 if sys.argv[1] == "sweep":
