@@ -7,6 +7,7 @@ mod console;
 
 mod command;
 
+use std::any::TypeId;
 use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::Once;
@@ -110,7 +111,9 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
     let names: Vec<_> = command.get_subcommands().map(|command| command.get_name().to_owned()).collect();
     let command = command.mut_args(|argument| {
         let takes_values = argument.get_action().takes_values();
-        argument.allow_negative_numbers(takes_values)
+        // clap takes `-1e-3` for no number.
+        let is_real = takes_values && argument.get_value_parser().type_id() == TypeId::of::<f64>();
+        if is_real { argument.allow_hyphen_values(true) } else { argument.allow_negative_numbers(takes_values) }
     });
     names.into_iter().fold(command, |command, name| command.mut_subcommand(name, taking_negative_numbers))
 }

@@ -45,11 +45,15 @@ pub fn execute(arguments: &Arguments, command: &clap::Command) -> ExitCode {
 /// The script for a shell.
 pub fn script(shell: Shell, command: &clap::Command) -> String {
     let name = command.get_name().to_owned();
+    // Commands that are there for other programs are not offered.
+    let shown = command.get_subcommands().filter(|command| !command.is_hide_set()).cloned();
+    let plain = clap::Command::new(env!("CARGO_BIN_NAME")).version(env!("CARGO_PKG_VERSION"));
+    let command = plain.args(command.get_arguments().cloned()).subcommands(shown);
     let named = |command: clap::Command, (subcommand, argument, names): &(&'static str, &'static str, Names)| {
         let values = PossibleValuesParser::new(names.known());
         command.mut_subcommand(*subcommand, |found| found.mut_arg(*argument, |found| found.value_parser(values)))
     };
-    let mut command = NAMED.iter().fold(command.clone(), named);
+    let mut command = NAMED.iter().fold(command, named);
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut command, &name, &mut text);
     let text = String::from_utf8_lossy(&text).into_owned();

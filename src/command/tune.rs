@@ -108,6 +108,7 @@ fn parameter(text: &str) -> Result<TunedParameter, String> {
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let bars = Bars::new(arguments.json);
     let files = LoopFiles::find(&arguments.name)?;
+    arguments.options.check(&arguments.name)?;
     let form = Form::of(arguments, &files)?;
     let task = Task::new(arguments, &form)?;
     let below = format!("{}-tuned", task.structure.name);

@@ -23,6 +23,8 @@ fn collect(table: &DeTable, prefix: &str, places: &mut HashMap<String, usize>) {
         let within = format!("{name}.");
         match value.get_ref() {
             DeValue::Table(table) => collect(table, &within, places),
+            // An item that isn't known is found by itself.
+            DeValue::String(item) => _ = places.entry(format!("{within}{item}")).or_insert(key.span().start),
             DeValue::Array(list) => {
                 list.iter().filter_map(|value| value.get_ref().as_table()).for_each(|t| collect(t, &within, places));
             }
@@ -41,10 +43,14 @@ fn place(reason: &str, places: &HashMap<String, usize>) -> Option<usize> {
     if let Some(rest) = reason.strip_prefix("[names] ") {
         return find(format!("names.{}", rest.split_once(": ")?.0));
     }
-    if reason.starts_with("[structure") {
-        let table = &reason[1..reason.find(']')?];
-        let key = reason.split('`').nth(1).unwrap_or_default();
-        return find(format!("{table}.{key}")).or_else(|| find(table.to_owned()));
+    if reason.starts_with("[structure]: ") {
+        // What it is about stands first in it: a key, which may be in a table within, or an item.
+        let about = reason.split('`').nth(1).unwrap_or_default();
+        let within = || {
+            let ends = |name: &&String| name.starts_with("structure.") && name.ends_with(&format!(".{about}"));
+            places.keys().filter(ends).min().cloned().and_then(find)
+        };
+        return find(format!("structure.{about}")).or_else(within).or_else(|| find("structure".to_owned()));
     }
     let (name, _) = reason.split_once(" = ")?;
     let array = name.split_once('[').map_or(name, |(array, _)| array);
@@ -63,6 +69,7 @@ model = \"l2\"
 [structure]
 inputs = 1
 filter = { order = 2 }
+form = \"round\"
 [start]
 omega = -1.0
 \"x0[2]\" = 3
@@ -74,12 +81,13 @@ feedback_gain = [
     #[test]
     fn each_reason_has_the_line_of_its_key() {
         for (reason, told) in [
-            ("[start] omega = -1.0: must be above 0", "line 7: [start] omega = -1.0: must be above 0"),
-            ("omega = -1: must be above 0", "line 7: omega = -1: must be above 0"),
-            ("feedback_gain[1,1] = 1: is too small", "line 10: feedback_gain[1,1] = 1: is too small"),
-            ("x0[2] = 3: a; model = `l2`: b", "line 8: x0[2] = 3: a; line 2: model = `l2`: b"),
+            ("[start] omega = -1.0: must be above 0", "line 8: [start] omega = -1.0: must be above 0"),
+            ("omega = -1: must be above 0", "line 8: omega = -1: must be above 0"),
+            ("feedback_gain[1,1] = 1: is too small", "line 11: feedback_gain[1,1] = 1: is too small"),
+            ("x0[2] = 3: a; model = `l2`: b", "line 9: x0[2] = 3: a; line 2: model = `l2`: b"),
             ("[structure]: there is no key `inputs`; none", "line 4: [structure]: there is no key `inputs`; none"),
-            ("[structure.filter]: missing field `a`", "line 5: [structure.filter]: missing field `a`"),
+            ("[structure]: there is no key `order`; none", "line 5: [structure]: there is no key `order`; none"),
+            ("[structure]: there is no item `round`; none", "line 6: [structure]: there is no item `round`; none"),
             ("[structure]: missing field `gain`", "line 3: [structure]: missing field `gain`"),
             ("something else", "something else"),
         ] {

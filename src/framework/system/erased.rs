@@ -257,11 +257,7 @@ fn declare<M: System>(structure: toml::Table, _: Registry, d: &mut Declaration) 
 }
 
 pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
-    toml::Value::Table(structure).try_into().map_err(|error: toml::de::Error| {
-        // The last line names the table within that the key is in.
-        let whole = error.to_string();
-        let table = whole.lines().last().and_then(|line| line.strip_prefix("in `")?.strip_suffix('`'));
-        let table = table.map_or(String::new(), |table| format!(".{table}"));
-        Invalid::because(format!("[structure{table}]: {}", near::reworded(error.message())))
-    })
+    toml::Value::Table(structure)
+        .try_into()
+        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {}", near::reworded(error.message()))))
 }
