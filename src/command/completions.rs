@@ -58,6 +58,8 @@ pub fn script(shell: Shell, command: &clap::Command) -> String {
     clap_complete::generate(shell, &mut command, &name, &mut text);
     let text = String::from_utf8_lossy(&text).into_owned();
     match shell {
+        // In the names of its parts the script writes a hyphen of the program's name in two ways.
+        Shell::Bash => text.replace(&name.replace('-', "__subcmd__"), &name.replace('-', "__")),
         Shell::Zsh => with_files(text),
         Shell::Fish => text + &of_positions(&name),
         _ => text,

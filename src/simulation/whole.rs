@@ -164,7 +164,7 @@ pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Resu
     // A value that the description refuses is one of the parameter set.
     describe(&started, library).map_err(|error| {
         let Error::Description { reason, .. } = &error else { return error };
-        let of = |value: &&StartValue| reason.trim_start_matches("[start] ").starts_with(&format!("{} = ", value.name));
+        let of = |value: &&StartValue| reason.split_whitespace().any(|word| word == value.name);
         let refused = unit.values.iter().find(of).map(|value| value.origin.refuse(reason));
         refused.unwrap_or(error)
     })?;
