@@ -1,19 +1,39 @@
-//! Standard output and error stream. `println!` panics where nobody reads or the disk is full; these macros note it, the
+//! Standard output and error stream: how much is told there, and in which colours. `println!` panics where nobody reads or the disk is full; these macros note it, the
 //! command goes on to its end (files are whole, temporary ones gone), and [`ended`] tells of it once.
 //!
 //! Where this program serves another, all that is printed goes to that one, as messages: JSON texts, each a line with a record
 //! separator in front (RFC 7464). What a unit writes to standard output beside them has none.
 
 use std::fmt::Arguments;
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
+use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
 
 /// What kept standard output from being written.
 static FAILURE: Mutex<Option<io::Error>> = Mutex::new(None);
+
+/// How much is told beside results and errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Detail {
+    /// Nothing.
+    Quiet,
+    /// What a user should know.
+    Usual,
+    /// Also what is decided on the way.
+    Verbose,
+}
+
+static DETAIL: AtomicU8 = AtomicU8::new(Detail::Usual as u8);
+
+/// What a line on the error stream begins with, with its colour there.
+const LABELS: [(&str, Style); 2] =
+    [(ERROR, AnsiColor::Red.on_default().bold()), (WARNING, AnsiColor::Yellow.on_default().bold())];
+const ERROR: &str = "error:";
+const WARNING: &str = "warning:";
 
 /// Whether another program is served.
 static SERVES: AtomicBool = AtomicBool::new(false);
@@ -28,6 +48,36 @@ macro_rules! say {
 /// Prints a line on the error stream.
 macro_rules! tell {
     ($($text:tt)*) => { $crate::console::error_line(format_args!($($text)*)) };
+}
+
+/// Prints a line on standard output that is no result, unless `--quiet` is asked for: where files are, what a run warned of.
+macro_rules! aside {
+    ($($text:tt)*) => { if $crate::console::tells($crate::console::Detail::Usual) { say!($($text)*) } };
+}
+
+/// Prints a line on the error stream that is neither result nor error: a note of what a user should know.
+macro_rules! remark {
+    ($($text:tt)*) => { $crate::console::note_line($crate::console::Detail::Usual, format_args!($($text)*)) };
+}
+
+/// Prints a line on the error stream where `--verbose` asks for it: what was decided on the way.
+macro_rules! detail {
+    ($($text:tt)*) => { $crate::console::note_line($crate::console::Detail::Verbose, format_args!($($text)*)) };
+}
+
+/// From now on, so much is told.
+pub fn set_detail(detail: Detail) {
+    DETAIL.store(detail as u8, Ordering::Relaxed);
+}
+
+/// Whether as much as this is told.
+pub fn tells(detail: Detail) -> bool {
+    detail as u8 <= DETAIL.load(Ordering::Relaxed)
+}
+
+/// Whether a person sees standard output as it is printed, and wants more than results there: else no sketch is drawn.
+pub fn is_seen() -> bool {
+    tells(Detail::Usual) && !serves() && io::stdout().is_terminal()
 }
 
 /// From now on, what is printed goes to the program that is served.
@@ -66,12 +116,29 @@ pub fn line(text: Arguments) {
     print(|out| writeln!(out, "{text}"));
 }
 
-/// Prints a line on the error stream; see [`tell`]. Where that can't be written, nobody can be told.
+/// Prints a line on the error stream; see [`tell`]. Warnings are notes. Where it can't be written, nobody can be told.
 pub fn error_line(text: Arguments) {
-    if serves() {
-        return send("note", &json!(text.to_string()), &[]);
+    let text = text.to_string();
+    if text.starts_with(WARNING) && !tells(Detail::Usual) {
+        return;
     }
-    let _ = writeln!(io::stderr().lock(), "{text}");
+    if serves() {
+        return send("note", &json!(text), &[]);
+    }
+    // It shows colours where the terminal does, and where nobody asks otherwise (NO_COLOR, CLICOLOR_FORCE).
+    let mut out = anstream::stderr().lock();
+    let label = LABELS.iter().find_map(|(label, style)| Some((label, style, text.strip_prefix(label)?)));
+    let _ = match label {
+        Some((label, style, rest)) => writeln!(out, "{style}{label}{style:#}{rest}"),
+        None => writeln!(out, "{text}"),
+    };
+}
+
+/// Prints a note on the error stream, where as much as this is told; see [`remark`] and [`detail`].
+pub fn note_line(detail: Detail, text: Arguments) {
+    if tells(detail) {
+        error_line(text);
+    }
 }
 
 fn print(write: impl FnOnce(&mut dyn Write) -> io::Result<()>) {

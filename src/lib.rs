@@ -36,7 +36,7 @@ pub mod tuning;
 pub mod validation;
 
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, kernel, model, recording, report, scalar, structure, system,
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, recording, report, scalar, structure, system,
     text_file,
 };
 

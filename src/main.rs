@@ -7,22 +7,29 @@ mod console;
 
 mod command;
 
+use std::any::TypeId;
+use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::Once;
 
 use adaptive_fmu::error::{Error, one_line};
 use adaptive_fmu::{exporter, simulation};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Adaptive controllers and their plants as FMI 2.0 units.
 ///
 /// Exit codes: 0 done; 1 it could not be done, with the reason on stderr; 2 the arguments are wrong; 3 a loop ran,
 /// but a metric is beyond its limit, or a design or an FMU was checked and isn't sound; 130 a run was interrupted.
+///
+/// Environment: NO_COLOR and CLICOLOR_FORCE for colours; ADAPTIVE_FMU_CACHE for the folder of compiled equations; CC for the
+/// compiler.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
+    #[command(flatten)]
+    global: command::global::GlobalOptions,
 }
 
 #[derive(Subcommand)]
@@ -55,6 +62,10 @@ enum Command {
     Tune(command::tune::Arguments),
     /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
     Linearise(command::linearise::Arguments),
+    /// Prints what completes commands, options and names in a shell
+    Completions(command::completions::Arguments),
+    /// Writes manual pages, one a command
+    Manual(command::manual::Arguments),
     /// Answers requests of another program, which hands them over as JSON
     #[command(hide = true)]
     Serve,
@@ -74,8 +85,8 @@ static LIBRARY: Option<&[u8]> = None;
 
 fn main() -> ExitCode {
     LIBRARY.into_iter().for_each(exporter::hold);
-    let code = match Arguments::try_parse() {
-        Ok(arguments) => run(arguments.command),
+    let code = match parsed(std::env::args_os()) {
+        Ok(arguments) => run(arguments),
         // Also help and the version, which were asked for.
         Err(told) => {
             let printed = told.print();
@@ -89,10 +100,28 @@ fn main() -> ExitCode {
     console::ended(code)
 }
 
+/// What the words of a command line ask for. A value may be a negative number, whatever option or place it is for.
+fn parsed(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Arguments, clap::Error> {
+    let mut command = taking_negative_numbers(Arguments::command());
+    let mut found = command.try_get_matches_from_mut(words)?;
+    Arguments::from_arg_matches_mut(&mut found).map_err(|error| error.format(&mut command))
+}
+
+fn taking_negative_numbers(command: clap::Command) -> clap::Command {
+    let names: Vec<_> = command.get_subcommands().map(|command| command.get_name().to_owned()).collect();
+    let command = command.mut_args(|argument| {
+        let takes_values = argument.get_action().takes_values();
+        // clap takes `-1e-3` for no number.
+        let is_real = takes_values && argument.get_value_parser().type_id() == TypeId::of::<f64>();
+        if is_real { argument.allow_hyphen_values(true) } else { argument.allow_negative_numbers(takes_values) }
+    });
+    names.into_iter().fold(command, |command, name| command.mut_subcommand(name, taking_negative_numbers))
+}
+
 /// What a command line asks for, for a program that is served.
 fn answer(words: &[String]) -> ExitCode {
-    match Arguments::try_parse_from(words) {
-        Ok(arguments) => run(arguments.command),
+    match parsed(words) {
+        Ok(arguments) => run(arguments),
         Err(told) => {
             tell!("{}", told.to_string().trim_end());
             u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
@@ -100,8 +129,9 @@ fn answer(words: &[String]) -> ExitCode {
     }
 }
 
-fn run(command: Command) -> ExitCode {
+fn run(Arguments { command, global }: Arguments) -> ExitCode {
     static TOLD: Once = Once::new();
+    global.apply();
     let code = match execute(command) {
         Ok(code) => code,
         Err(error) => {
@@ -113,7 +143,7 @@ fn run(command: Command) -> ExitCode {
         }
     };
     if let Some(note) = simulation::compiler_trouble() {
-        TOLD.call_once(|| tell!("{note}"));
+        TOLD.call_once(|| remark!("{note}"));
     }
     code
 }
@@ -125,7 +155,9 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Schema => Ok(command::schema::execute()),
         Command::Check(arguments) => command::check::execute(&arguments),
         Command::Export(arguments) => command::export::execute(&arguments),
-        Command::Dist(arguments) => command::dist::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Dist(arguments) => {
+            command::dist::execute(&arguments, &Arguments::command()).map(|()| ExitCode::SUCCESS)
+        }
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Validate(arguments) => command::validate::execute(&arguments),
@@ -134,6 +166,10 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
+        Command::Completions(arguments) => Ok(command::completions::execute(&arguments, &Arguments::command())),
+        Command::Manual(arguments) => {
+            command::manual::execute(&arguments, &Arguments::command()).map(|()| ExitCode::SUCCESS)
+        }
         Command::Serve => Ok(command::serve::execute(answer)),
         Command::UnitProcess => serve_unit(),
     }
@@ -149,4 +185,39 @@ fn serve_unit() -> Result<ExitCode, Error> {
 fn serve_unit() -> Result<ExitCode, Error> {
     tell!("units of other tools run in the process of the loop on this platform");
     Ok(ExitCode::FAILURE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every command with what leads to it, those of `new` too.
+    fn commands(command: &clap::Command, way: &[String]) -> Vec<(Vec<String>, clap::Command)> {
+        let own = [way, &[command.get_name().to_owned()]].concat();
+        let below = command.get_subcommands().flat_map(|command| commands(command, &own)).collect::<Vec<_>>();
+        [(own, command.clone())].into_iter().chain(below).collect()
+    }
+
+    #[test]
+    fn a_negative_number_is_a_value_of_every_option() {
+        let mut options = 0;
+        for (way, command) in commands(&Arguments::command(), &[]) {
+            for argument in command.get_arguments().filter(|argument| argument.get_action().takes_values()) {
+                let Some(name) = argument.get_long() else { continue };
+                for number in ["-1", "-0.5", "-1e3"] {
+                    let words = way.iter().cloned().chain([format!("--{name}"), number.to_owned()]);
+                    let refused = parsed(words).err().map(|error| error.kind());
+                    // It may be beyond what is allowed, or something else may be missing.
+                    assert_ne!(refused, Some(clap::error::ErrorKind::UnknownArgument), "{way:?} --{name} {number}");
+                    options += 1;
+                }
+            }
+        }
+        assert!(options > 150, "{options}");
+    }
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Arguments::command().debug_assert();
+    }
 }

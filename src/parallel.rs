@@ -1,12 +1,22 @@
 //! Independent pieces of work on several threads.
 
+use std::num::NonZeroUsize;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-/// Number of threads that this machine runs at a time.
+/// The most pieces of work at a time that a user wants; 0 where as many as there are cores.
+static LIMIT: AtomicUsize = AtomicUsize::new(0);
+
+/// From now on, so many pieces of work are done at a time; as many as there are cores where no number is given.
+pub fn limit(jobs: Option<NonZeroUsize>) {
+    LIMIT.store(jobs.map_or(0, NonZeroUsize::get), Ordering::Relaxed);
+}
+
+/// Number of pieces of work that are done at a time: the number of threads that this machine runs, or what the user asks for.
 pub fn cores() -> usize {
-    thread::available_parallelism().map_or(1, usize::from)
+    let own = || thread::available_parallelism().map_or(1, usize::from);
+    NonZeroUsize::new(LIMIT.load(Ordering::Relaxed)).map_or_else(own, NonZeroUsize::get)
 }
 
 /// The answers to so many pieces of work, in their order. Each worker has a thread of its own, and takes the next piece

@@ -16,7 +16,7 @@ class Error(Exception):
     ...     adaptive_fmu.Loop("3.2.1-cosin").run()
     ... except adaptive_fmu.Error as error:
     ...     print(str(error)[:45])
-    there is no loop named `3.2.1-cosin`; there a
+    there is no loop named `3.2.1-cosin`; did you
     """
 
     #: What was computed until a unit failed; None where nothing was.

@@ -9,6 +9,7 @@ use adaptive_fmu::{output, parallel};
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
+use super::open::OpenOption;
 use super::progress::{self, Bars};
 use super::run::{self, Run, exit_code};
 use crate::console;
@@ -27,6 +28,8 @@ pub struct Arguments {
     out: PathBuf,
     #[command(flatten)]
     options: LoopOptions,
+    #[command(flatten)]
+    open: OpenOption,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -34,7 +37,9 @@ pub struct Arguments {
 
 /// Runs the loops on all cores, each as it is run alone, and writes a page of what all of them measure.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, out, options, json } = arguments;
+    let Arguments { names, out, options, open, json } = arguments;
+    // What is wrong with one of them is found before any of them runs.
+    names.iter().try_for_each(|name| options.check(name))?;
     output::check(out, FOLDER, &[PAGE])?;
     let bars = Bars::new(*json);
     let one = |place: usize| run::run(&run::Arguments::with(&names[place], options, out, *json), &names[place], &bars);
@@ -56,8 +61,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         say!("{}", json!({ "loops": told, "page": page }));
     } else {
         console::text(&comparison.table());
-        say!("the page with the diagrams of all is {}", page.display());
+        aside!("the page with the diagrams of all is {}", page.display());
     }
+    open.show(&page);
     for report in &comparison.runs {
         if let Some(shortfall) = report.shortfall() {
             tell!("{} {shortfall}", report.structure.name);

@@ -92,10 +92,8 @@ impl Arguments {
     /// What the FMUs are to hold.
     fn form(&self) -> Result<Form, Error> {
         let named = |name: &String| {
-            Platform::named(name).ok_or_else(|| {
-                let known = Platform::all().map(|platform| platform.folder).collect::<Vec<_>>().join(", ");
-                Error::Unknown { what: "platform", name: name.clone(), known }
-            })
+            Platform::named(name)
+                .ok_or_else(|| Error::unknown("platform", name, Platform::all().map(|platform| platform.folder), ""))
         };
         let platforms = self.platforms.iter().map(named).collect::<Result<Vec<_>, _>>()?;
         Ok(if !platforms.is_empty() {

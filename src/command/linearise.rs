@@ -22,7 +22,7 @@ pub struct Arguments {
     /// name, a folder, an .ssd file, or an .ssp archive
     name: String,
     /// Time in s, in place of the start time; states are those of a simulation until then
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = finite)]
     at: Option<f64>,
     /// At states whose derivatives are zero at that time
     #[arg(long)]
@@ -38,6 +38,10 @@ pub struct Arguments {
     /// As JSON
     #[arg(long)]
     json: bool,
+}
+
+pub fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "must be a finite number".to_owned())
 }
 
 pub fn assignment(text: &str) -> Result<(String, String), String> {
@@ -65,7 +69,9 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
 pub fn open_unit(name: &str, hosting: &Hosting) -> Result<Arc<Fmu>, Error> {
     let file = Path::new(name);
     if file.extension().is_some_and(|extension| extension == "fmu") {
-        return Ok(Arc::new(Fmu::open_any(file, hosting)?));
+        let fmu = Arc::new(Fmu::open_any(file, hosting)?);
+        detail!("{name}: {}", fmu.told());
+        return Ok(fmu);
     }
     let ready = ready::units()?;
     let source = match exporter::find_description(name) {
@@ -77,13 +83,15 @@ pub fn open_unit(name: &str, hosting: &Hosting) -> Result<Arc<Fmu>, Error> {
         }
         description => description?,
     };
-    ready.fmu(&source)
+    let fmu = ready.fmu(&source)?;
+    detail!("{name}: {}", fmu.told());
+    Ok(fmu)
 }
 
-fn find_loop(name: &str, fmus: &str) -> Result<Structure, Error> {
+fn find_loop(name: &str, fmus: &[String]) -> Result<Structure, Error> {
     let files = LoopFiles::find(name).map_err(|error| match error {
-        Error::Unknown { name, known, .. } => {
-            Error::Unknown { what: "FMU or loop", name, known: format!("{fmus}, {known}") }
+        Error::Unknown { name, known, all, .. } => {
+            Error::Unknown { what: "FMU or loop", name, known: [fmus, &known].concat(), all }
         }
         other => other,
     })?;

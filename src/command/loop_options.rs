@@ -6,7 +6,7 @@ use std::sync::Arc;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
 use adaptive_fmu::simulation::{Component, Fmu, Hosting, LoadedLoop, LoopFiles, Order, Ready, Settings};
-use adaptive_fmu::simulation::{Structure, Value, Whole};
+use adaptive_fmu::simulation::{Structure, Value, Whole, check_values};
 
 use super::export::{export_units, warn_of};
 use super::hosting::HostingOptions;
@@ -92,6 +92,17 @@ impl LoopOptions {
         structure.accepts_algebraic_loops |= self.accept_algebraic_loops;
         structure.expected_failure = structure.expected_failure.filter(|it| !(self.composite && it.separate_only));
         Ok(structure)
+    }
+
+    /// Refuses what is wrong with a loop, with the values that it is given, or with how it is to be stepped, as far as it is
+    /// seen without its FMUs: those that are made of descriptions are described for it.
+    pub fn check(&self, name: &str) -> Result<(), Error> {
+        let structure = self.structure(&LoopFiles::find(name)?)?;
+        self.settings(&structure)?;
+        if self.fmus.is_some() {
+            return Ok(());
+        }
+        check_values(&structure, super::ready::units()?.library())
     }
 
     /// How it is stepped.

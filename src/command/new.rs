@@ -14,7 +14,7 @@ use adaptive_fmu::{library, schema};
 use clap::builder::PossibleValuesParser;
 
 use super::hosting::HostingOptions;
-use super::linearise::assignment;
+use super::linearise::{assignment, finite};
 use super::loop_options::positive;
 use super::names::Which;
 
@@ -55,7 +55,7 @@ struct UnitArguments {
     #[arg(long, value_name = "FILE.json or FILE.fmu")]
     plant: Option<PathBuf>,
     /// With an FMU for the plant: time in s at which it is linearised, in place of the start time
-    #[arg(long, value_name = "TIME", requires = "plant")]
+    #[arg(long, value_name = "TIME", requires = "plant", value_parser = finite)]
     at: Option<f64>,
     /// With an FMU for the plant: start value of a parameter, or value of an input, which is held until then
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment, requires = "plant")]

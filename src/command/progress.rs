@@ -10,7 +10,7 @@ use adaptive_fmu::simulation::{Ending, Recording, Settings};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
-use crate::console;
+use crate::console::{self, Detail};
 
 /// Exit code of a run that was interrupted: 128 and the number of the signal, as shells have it.
 pub const INTERRUPTED: u8 = 130;
@@ -59,7 +59,7 @@ impl Bars {
     /// From now on, interrupts are listened to.
     pub fn new(silent: bool) -> Self {
         listen_to_interrupts();
-        Bars(if silent || console::serves() {
+        Bars(if silent || console::serves() || !console::tells(Detail::Usual) {
             MultiProgress::with_draw_target(ProgressDrawTarget::hidden())
         } else {
             MultiProgress::new()

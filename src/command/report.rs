@@ -12,6 +12,7 @@ use adaptive_fmu::text_file;
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
+use super::open::OpenOption;
 use super::parameters::Parameters;
 use super::progress::{self, Bars, Counter};
 use super::run::simulated;
@@ -29,6 +30,8 @@ pub struct Arguments {
     /// Folder for the page, its figures (SVG) and their curves (CSV)
     #[arg(long, default_value = "results/report")]
     out: PathBuf,
+    #[command(flatten)]
+    open: OpenOption,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -59,6 +62,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let done = judged(&planned, outcomes).map_err(wrong)?;
     write(&Page { study: &study, done: &done }, &arguments.out)?;
     tell(&study, &done, arguments);
+    arguments.open.show(&arguments.out.join(PAGE));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -151,7 +155,7 @@ fn tell(study: &Study, done: &[Done], arguments: &Arguments) {
             say!("  {:3}  {}: {}", if claim.holds { "yes" } else { "NO" }, claim.claim, claim.measured);
         }
     }
-    say!("the page is {}; its figures and their curves lie beside it", page.display());
+    aside!("the page is {}; its figures and their curves lie beside it", page.display());
 }
 
 fn told(outcome: &Outcome) -> Value {

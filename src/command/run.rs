@@ -12,6 +12,7 @@ use adaptive_fmu::text_file::csv_field;
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
+use super::open::OpenOption;
 use super::progress::{self, Bars, Progress};
 use super::{run_all, serve};
 use crate::console;
@@ -30,13 +31,15 @@ pub struct Arguments {
     #[arg(value_name = "LOOP", required_unless_present = "all")]
     name: Option<String>,
     /// All loops of this package, and a table of them
-    #[arg(long, conflicts_with_all = ["name", "case", "set"])]
+    #[arg(long, conflicts_with_all = ["name", "case", "set", "open"])]
     all: bool,
     /// Folder for results [default: results]
     #[arg(long)]
     out: Option<PathBuf>,
     #[command(flatten)]
     options: LoopOptions,
+    #[command(flatten)]
+    open: OpenOption,
     /// As JSON
     #[arg(long)]
     pub json: bool,
@@ -46,12 +49,13 @@ impl Arguments {
     /// A loop as it is, through the FMUs in a folder.
     pub fn of(name: &str, fmus: &Path, json: bool) -> Self {
         let options = LoopOptions { fmus: Some(fmus.to_owned()), ..LoopOptions::default() };
-        Arguments { name: Some(name.to_owned()), all: false, out: None, options, json }
+        Arguments { name: Some(name.to_owned()), all: false, out: None, options, open: OpenOption::default(), json }
     }
 
     /// A loop with options, its results in a folder.
     pub fn with(name: &str, options: &LoopOptions, out: &Path, json: bool) -> Self {
-        Arguments { name: Some(name.to_owned()), all: false, out: Some(out.to_owned()), options: options.clone(), json }
+        let (out, options, open) = (Some(out.to_owned()), options.clone(), OpenOption::default());
+        Arguments { name: Some(name.to_owned()), all: false, out, options, open, json }
     }
 
     /// Where results go.
@@ -74,6 +78,9 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
         return Err(error);
     }
     print(&done, options.json).map_err(|reason| Error::Loop { file: done.structure.file.clone(), reason })?;
+    if let Some(folder) = &done.folder {
+        options.open.show(&folder.join(PAGE));
+    }
     Ok(exit_code(done.report().verdict()))
 }
 
@@ -158,6 +165,9 @@ pub fn simulated(
     }
     let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
+    let Settings { start_time, stop_time, step, order } = settings;
+    detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);
+    loaded.told().iter().for_each(|unit| detail!("{}: {unit}", structure.name));
     let closed = loaded.instantiate(&[])?;
     let begun = Instant::now();
     let (mut recording, ending, failure) =
@@ -197,7 +207,7 @@ fn print(done: &Run, json: bool) -> Result<(), String> {
         say!("{}", done.told());
         return Ok(());
     }
-    if let Some(plot) = structure.plots.first() {
+    if let Some(plot) = structure.plots.first().filter(|_| console::is_seen()) {
         say!("{}", terminal(plot, recording)?);
     }
     say!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
@@ -205,9 +215,9 @@ fn print(done: &Run, json: bool) -> Result<(), String> {
         let value = value.map_or("–".to_owned(), |value| format!("{value:.5}"));
         say!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
     }
-    recording.warnings.iter().for_each(|warning| say!("warning: {warning}"));
+    recording.warnings.iter().for_each(|warning| aside!("warning: {warning}"));
     if let Some(folder) = folder {
-        say!("{PAGE} (the report), {TABLE}, {METRICS} and {PLOT} are in {}", folder.display());
+        aside!("{PAGE} (the report), {TABLE}, {METRICS} and {PLOT} are in {}", folder.display());
     }
     Ok(())
 }

@@ -25,7 +25,7 @@ pub fn execute(options: &Arguments) -> ExitCode {
         say!("{}", json!({ "loops": told }));
     } else {
         say!("{}", table(&rows));
-        say!("the results of each loop are in a folder of its name in {}", options.out().display());
+        aside!("the results of each loop are in a folder of its name in {}", options.out().display());
     }
     exit_code(rows.iter().map(|row| row.verdict).max().unwrap_or(Verdict::Holds))
 }

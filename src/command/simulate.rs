@@ -17,6 +17,7 @@ use super::hosting::HostingOptions;
 use super::linearise::{assignment, open_unit};
 use super::loop_options::{check_points, positive};
 use super::names::Names;
+use super::open::OpenOption;
 use super::progress::{Bars, Progress};
 use super::run::{METRICS, PAGE, PLOT, RESULTS, TABLE, about, exit_code, write_results};
 use super::serve;
@@ -65,6 +66,8 @@ pub struct Arguments {
     out: Option<PathBuf>,
     #[command(flatten)]
     hosting: HostingOptions,
+    #[command(flatten)]
+    open: OpenOption,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -121,6 +124,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         return Err(error);
     }
     print(&report, results.as_deref(), arguments.json);
+    if let Some(results) = &results {
+        arguments.open.show(&results.join(PAGE));
+    }
     Ok(exit_code(if ending == Ending::Interrupted { Verdict::Interrupted } else { Verdict::Holds }))
 }
 
@@ -163,8 +169,8 @@ fn print(report: &Report, results: Option<&Path>, json: bool) {
         let unit = recording.measure(name).unwrap_or("");
         say!("{name:28} {:>14} {unit}", adaptive_fmu::report::number(values.last().copied().unwrap_or(f64::NAN)));
     }
-    recording.warnings.iter().for_each(|warning| say!("warning: {warning}"));
+    recording.warnings.iter().for_each(|warning| aside!("warning: {warning}"));
     if let Some(results) = results {
-        say!("index.html (the report), result.csv and plot.svg are in {}", results.display());
+        aside!("index.html (the report), result.csv and plot.svg are in {}", results.display());
     }
 }

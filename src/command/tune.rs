@@ -31,7 +31,7 @@ pub struct Arguments {
     #[arg(long, value_name = "UNIT.variable[=LOW..HIGH]", value_parser = parameter)]
     parameter: Vec<TunedParameter>,
     /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points, in place of the loop's own objective; repeatable
-    #[arg(long, value_name = "WEIGHT SIGNAL [- SIGNAL]")]
+    #[arg(long, value_name = "WEIGHT SIGNAL [- SIGNAL]", allow_hyphen_values = true)]
     square: Vec<SquareTerm>,
     /// Minimise a metric of the loop
     #[arg(long, value_name = "LABEL", conflicts_with_all = ["square", "sample"])]
@@ -44,7 +44,7 @@ pub struct Arguments {
     /// Go on with an earlier search of the same question, up to so many generations
     #[arg(long)]
     resume: bool,
-    /// Runs at a time; without it, as many as there are cores
+    /// Runs at a time; as --jobs unless given
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
     /// Through the loop's separate units, at their communication step, as `run` runs it; without it, as one unit where that
@@ -108,6 +108,7 @@ fn parameter(text: &str) -> Result<TunedParameter, String> {
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let bars = Bars::new(arguments.json);
     let files = LoopFiles::find(&arguments.name)?;
+    arguments.options.check(&arguments.name)?;
     let form = Form::of(arguments, &files)?;
     let task = Task::new(arguments, &form)?;
     let below = format!("{}-tuned", task.structure.name);
@@ -156,9 +157,9 @@ impl Form {
         let as_one = LoopOptions { composite: true, ..options.clone() };
         let mut whole = as_one.structure(files)?;
         match composite_of(&whole, &Library::beside_program()?) {
-            Ok((_, notes)) => notes.iter().for_each(|note| tell!("{note} (--separate keeps to the units)")),
+            Ok((_, notes)) => notes.iter().for_each(|note| remark!("{note} (--separate keeps to the units)")),
             Err(reason) => {
-                tell!("searched through its separate units, since the loop can't be one: {reason}");
+                remark!("searched through its separate units, since the loop can't be one: {reason}");
                 return Ok(Form { options, structure, verified: None });
             }
         }

@@ -35,15 +35,23 @@ const START: &str = include_str!("../../docs/start.txt");
 /// Files of an archive: paths there, and bytes.
 type Files = BTreeMap<String, Vec<u8>>;
 
-/// Writes an archive for a platform into a folder; its path.
+/// Writes an archive for a platform into a folder; its path. `shell` are manual pages and completions by their places below
+/// `share`.
 ///
 /// # Errors
 /// When the source folder, which the documentation and cargo's list of licences come from, isn't there, or files can't
 /// be read or written.
-pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> Result<PathBuf, Error> {
+pub fn write(
+    program: &Binary,
+    library: &Library,
+    source: &Path,
+    shell: &[(String, Vec<u8>)],
+    out: &Path,
+) -> Result<PathBuf, Error> {
     let name = format!("adaptive-fmu-{VERSION}-{}", program.platform.folder);
     let mut files = material(source)?;
     files.insert("START.txt".to_owned(), START.into());
+    files.extend(shell.iter().map(|(path, text)| (format!("share/{path}"), text.clone())));
     let mut programs = Files::from([(program.platform.program_name().to_owned(), read(&program.file)?)]);
     for Binary { platform, file, .. } in library.binaries() {
         programs.insert(format!("{LIBRARIES}/{}/{}", platform.folder, platform.library_name()), read(file)?);

@@ -34,11 +34,18 @@ struct Project {
     optional_dependencies: toml::Table,
 }
 
-/// Writes the wheel of a platform into a folder; its path.
+/// Writes the wheel of a platform into a folder; its path. `shell` are manual pages and completions by their places below
+/// `share`, which pip puts into the environment.
 ///
 /// # Errors
 /// When the source folder isn't there, the platform is one that pip has no name for, or files can't be read or written.
-pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> Result<PathBuf, Error> {
+pub fn write(
+    program: &Binary,
+    library: &Library,
+    source: &Path,
+    shell: &[(String, Vec<u8>)],
+    out: &Path,
+) -> Result<PathBuf, Error> {
     let mut files = Files::new();
     let project = project(source)?;
     let name = project.name.replace('-', "_");
@@ -49,6 +56,7 @@ pub fn write(program: &Binary, library: &Library, source: &Path, out: &Path) -> 
     }
     let shared = |path: &str| format!("{data}/data/{SHARED}/{path}");
     files.extend(material(source)?.into_iter().map(|(path, bytes)| (shared(&path), bytes)));
+    files.extend(shell.iter().map(|(path, text)| (format!("{data}/data/share/{path}"), text.clone())));
     for Binary { platform, file, .. } in library.binaries() {
         let path = format!("{LIBRARIES}/{}/{}", platform.folder, platform.library_name());
         files.insert(shared(&path), read(file)?);
@@ -94,8 +102,8 @@ fn package_files(source: &Path) -> Result<Vec<PathBuf>, Error> {
 fn platform_tag(program: &Binary, bytes: &[u8]) -> Result<String, Error> {
     let (processor, system) = program.platform.target();
     let refuse = || {
-        let known = Platform::all().map(|platform| platform.folder).collect::<Vec<_>>().join(", ");
-        Error::Unknown { what: "platform for pip", name: program.platform.folder.to_owned(), known }
+        let known = Platform::all().map(|platform| platform.folder);
+        Error::unknown("platform for pip", program.platform.folder, known, "")
     };
     Ok(match (system, processor) {
         ("linux", _) => match Glibc::asked_by(bytes) {

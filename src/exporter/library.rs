@@ -8,6 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use super::Source;
 use super::binaries::{self, Binaries, Binary};
 use super::held;
+use super::lines;
 use super::platform::Platform;
 use crate::error::Error;
 use crate::fmi2::describe::{self, Described, SourceUnit};
@@ -31,6 +32,14 @@ pub struct Library {
 
 /// So many replies are kept.
 const MOST_REPLIES: usize = 64;
+
+/// What a library refuses of a description, with the lines of its file. A text that was changed since it was read, as by a
+/// parameter set, has none.
+fn refused(Source { file, text }: &Source, reason: &str) -> Error {
+    let is_as_written = text_file::read(file).is_ok_and(|written| written == *text);
+    let reason = if is_as_written { lines::placed(text, reason) } else { reason.to_owned() };
+    Error::Description { file: file.clone(), reason }
+}
 
 type DescribeFunction =
     unsafe extern "C" fn(*const c_char, Option<unsafe extern "C" fn(*mut c_void, *const c_char)>, *mut c_void) -> c_int;
@@ -115,8 +124,8 @@ impl Library {
     /// # Errors
     /// What it refuses, with the description's file; or when it isn't a library of this kind and version.
     pub fn describe(&self, description: Option<&Source>) -> Result<Described, Error> {
-        let refuse = |reason| match description {
-            Some(source) => Error::Description { file: source.file.clone(), reason },
+        let refuse = |reason: String| match description {
+            Some(source) => refused(source, &reason),
             None => Error::Library(reason),
         };
         let reply = self.ask(b"adaptive_fmu_describe", description)?;
@@ -128,7 +137,7 @@ impl Library {
     /// # Errors
     /// As [`Library::describe`], and for a kind that can't be recorded.
     pub fn source(&self, description: &Source) -> Result<SourceUnit, Error> {
-        let refuse = |reason| Error::Description { file: description.file.clone(), reason };
+        let refuse = |reason: String| refused(description, &reason);
         let reply = self.ask(b"adaptive_fmu_source", Some(description))?;
         describe::read_source(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }

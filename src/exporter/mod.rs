@@ -7,6 +7,7 @@ mod compiler;
 mod held;
 #[allow(unsafe_code)]
 mod library;
+mod lines;
 mod page;
 mod platform;
 mod report;
@@ -99,8 +100,7 @@ pub fn find_description(name: &str) -> Result<Source, Error> {
     }
     let found = DESCRIPTIONS.iter().find(|(known, _)| *known == name);
     let (name, text) = found.ok_or_else(|| {
-        let known: Vec<_> = DESCRIPTIONS.iter().map(|(name, _)| *name).collect();
-        Error::Unknown { what: "FMU", name: name.to_owned(), known: known.join(", ") }
+        Error::unknown("FMU", name, DESCRIPTIONS.iter().map(|(name, _)| *name), "`adaptive-fmu list`")
     })?;
     Ok(Source { file: Path::new("modelDescription").join(format!("{name}.toml")), text: (*text).to_owned() })
 }

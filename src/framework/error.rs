@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use crate::near;
+
 /// A text of a file or another tool as one line that can be shown: control characters escaped.
 pub fn one_line(text: &str) -> String {
     let mut line = String::with_capacity(text.len());
@@ -264,14 +266,16 @@ pub enum Error {
     #[error("{0}")]
     Argument(Invalid),
     /// A name that isn't there.
-    #[error("there is no {what} named `{name}`; there are: {known}")]
+    #[error("there is no {what} named `{name}`; {}", near::choice(name, known, all))]
     Unknown {
         /// What was looked for.
         what: &'static str,
         /// The name asked for.
         name: String,
         /// The names that exist.
-        known: String,
+        known: Vec<String>,
+        /// What shows all of them, for a message that lists some; nothing where nothing does.
+        all: &'static str,
     },
     /// The source folder, where something is to be taken from it.
     #[error("{}: {reason}", file.display())]
@@ -287,6 +291,16 @@ pub enum Error {
 }
 
 impl Error {
+    /// A name that isn't among those that exist; `all` is what shows all of these.
+    pub fn unknown(
+        what: &'static str,
+        name: &str,
+        known: impl IntoIterator<Item = impl Into<String>>,
+        all: &'static str,
+    ) -> Self {
+        Error::Unknown { what, name: name.to_owned(), known: known.into_iter().map(Into::into).collect(), all }
+    }
+
     /// Names the file in an error of the file system.
     pub fn file(file: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Error {
         let file = file.into();

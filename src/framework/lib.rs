@@ -16,6 +16,7 @@ pub mod fmi2;
 pub mod integrator;
 pub mod kernel;
 pub mod model;
+pub mod near;
 pub mod recording;
 pub mod report;
 pub mod scalar;

@@ -9,6 +9,7 @@ use crate::controls::Controls;
 use crate::designed::designed;
 use crate::error::{Invalid, Number};
 use crate::integrator::{Sparsity, Work};
+use crate::near;
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
 use crate::structure::{Place, Structure};
@@ -91,7 +92,7 @@ impl Description {
         let description: Description = toml::from_str(text).map_err(|error| {
             let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
             let quoted: String = text.lines().nth(line).unwrap_or("").trim().chars().take(80).collect();
-            Invalid::because(format!("line {}, `{quoted}`: {}", line + 1, error.message()))
+            Invalid::because(format!("line {}, `{quoted}`: {}", line + 1, near::reworded(error.message())))
         })?;
         let mut invalid = Invalid::none();
         for table in [&description.structure, &description.start] {

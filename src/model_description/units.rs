@@ -3,7 +3,8 @@
 use roxmltree::Node;
 
 use super::{attribute, child};
-use crate::system::{BASE_UNITS, Base};
+use crate::near;
+use crate::system::{BASE_UNITS, Base, Unit};
 
 /// A unit: a value in base units is factor · value + offset.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,6 +101,12 @@ impl UnitDefinition {
         }
         let is_changed = self.to(other).is_some_and(|conversion| conversion != Affine::IDENTITY);
         (is_changed && (self.is_number() || other.is_number())).then_some("the plain number is converted")
+    }
+
+    /// The question whether another unit was meant, where it isn't known and one that is known is near.
+    pub(crate) fn meant(&self) -> Option<String> {
+        let is_unknown = self.dimension.is_none();
+        is_unknown.then(|| near::question(&self.name, &Unit::known().collect::<Vec<_>>()))?
     }
 
     /// Whether it is an angle, or a power of one.

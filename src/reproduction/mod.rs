@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use crate::near;
+
 pub use claim::{Claim, Judged};
 pub use figure::{Drawing, Figure};
 pub use outcome::Outcome;
@@ -142,7 +144,7 @@ impl Study {
     pub fn only(mut self, names: &[String]) -> Result<Self, String> {
         let known: Vec<String> = self.example.iter().map(|example| example.name.clone()).collect();
         if let Some(unknown) = names.iter().find(|name| known.iter().all(|known| !known.starts_with(*name))) {
-            return Err(format!("there is no example `{unknown}`; there are {}", known.join(", ")));
+            return Err(format!("there is no example `{unknown}`; {}", near::choice(unknown, &known, "")));
         }
         self.example.retain(|example| names.is_empty() || names.iter().any(|name| example.name.starts_with(name)));
         Ok(self)

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::check::SHOWS_VARIABLES;
 use super::closed_loop::{Recording, Said, Settings};
 use super::exchange::Exchange;
 use super::fmu::{Fmu, Instance};
@@ -92,8 +93,8 @@ impl Alone<'_> {
         for name in self.further {
             let place = description.place(name).filter(|&place| description.variables[place].kind != "String");
             let place = place.ok_or_else(|| {
-                let known: Vec<_> = description.variables.iter().map(|variable| variable.name.as_str()).collect();
-                Error::Unknown { what: "variable", name: name.clone(), known: known.join(", ") }
+                let known = description.variables.iter().map(|variable| variable.name.as_str());
+                Error::unknown("variable", name, known, SHOWS_VARIABLES)
             })?;
             if !places.contains(&place) {
                 places.push(place);

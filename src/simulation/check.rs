@@ -5,11 +5,14 @@ use std::collections::BTreeSet;
 use super::feedthrough::Feedthrough;
 use super::fmu::Value;
 use super::ssp::{Component, Connection, Connector, StartValue, Structure};
-use crate::error::Error;
+use crate::error::{Error, Number};
 use crate::fmi2::model_description::DESIGNED;
 use crate::model_description::{Affine, UnitDefinition};
 use crate::model_description::{ModelDescription, Variable};
+use crate::near;
 
+/// What shows all variables of an FMU, for messages that list some.
+pub(super) const SHOWS_VARIABLES: &str = "`adaptive-fmu info FILE.fmu`";
 /// The most connections whose units are told of in a note.
 const MOST_DOUBTS: usize = 5;
 
@@ -97,8 +100,10 @@ impl<'a> Check<'a> {
                 let refuse = |reason: &str| self.structure.refuse(connector.line, reason);
                 let name = format!("{}.{}", component.name, connector.name);
                 let variable = description.variable(&connector.name);
-                let variable = variable
-                    .ok_or_else(|| refuse(&format!("connector `{name}`: {} has no such variable", component.fmu)))?;
+                let variable = variable.ok_or_else(|| {
+                    let choice = near::choice(&connector.name, &names(description, |_| true), SHOWS_VARIABLES);
+                    refuse(&format!("connector `{name}`: {} has no such variable; {choice}", component.fmu))
+                })?;
                 if connector.kind != variable.causality {
                     let (kind, causality) = (&connector.kind, &variable.causality);
                     return Err(refuse(&format!("connector `{name}` is of kind {kind}; in the FMU it is {causality}")));
@@ -148,11 +153,16 @@ impl<'a> Check<'a> {
     fn end(&self, end: &'a (String, String), causality: &str) -> Result<End<'a>, String> {
         let (unit, variable) = end;
         let found = self.structure.components.iter().position(|component| component.name == *unit);
-        let unit = found.ok_or_else(|| format!("there is no component `{unit}`"))?;
+        let known = || self.structure.components.iter().map(|component| component.name.as_str()).collect::<Vec<_>>();
+        let unit =
+            found.ok_or_else(|| format!("there is no component `{unit}`; {}", near::choice(unit, &known(), "")))?;
         let (component, description) = (&self.structure.components[unit], self.descriptions[unit]);
         let connector = component.connectors.iter().find(|connector| connector.name == *variable);
-        let connector: &Connector =
-            connector.ok_or_else(|| format!("`{variable}` is not among the connectors of `{}`", component.name))?;
+        let connector: &Connector = connector.ok_or_else(|| {
+            let known: Vec<_> = component.connectors.iter().map(|connector| connector.name.as_str()).collect();
+            let choice = near::choice(variable, &known, "");
+            format!("`{variable}` is not among the connectors of `{}`; {choice}", component.name)
+        })?;
         let place = description.place(variable).ok_or_else(|| format!("there is no `{}`", name(end)))?;
         let variable = &description.variables[place];
         if variable.causality != causality {
@@ -241,8 +251,11 @@ pub fn start_values(
         let name = format!("{}.{}", component.name, start.name);
         let refuse = |reason: String| start.origin.refuse(&reason);
         let place = description.place(&start.name);
-        let place =
-            place.ok_or_else(|| refuse(format!("there is no `{name}`: {} has no such variable", component.fmu)))?;
+        let place = place.ok_or_else(|| {
+            let known = names(description, |v| v.start.is_some() && v.variability != "constant");
+            let choice = near::choice(&start.name, &known, SHOWS_VARIABLES);
+            refuse(format!("there is no `{name}`: {} has no such variable; {choice}", component.fmu))
+        })?;
         let variable = &description.variables[place];
         if is_connected(place) {
             return Err(refuse(format!("`{name}` is connected: its values come from there")));
@@ -264,6 +277,12 @@ fn kept(variable: &Variable) -> String {
             .to_owned();
     }
     format!("it is a {} {}", variable.variability, variable.causality)
+}
+
+/// The names of some of a unit's variables.
+fn names(description: &ModelDescription, are_told: impl Fn(&Variable) -> bool) -> Vec<&str> {
+    let variables = description.variables.iter().filter(|variable| are_told(variable));
+    variables.map(|variable| variable.name.as_str()).collect()
 }
 
 fn name((unit, variable): &(String, String)) -> String {
@@ -309,7 +328,9 @@ fn doubt(connection: &Connection, from: &End, to: &End) -> Option<String> {
     let (unit, other) = from.outside().zip(to.outside()).filter(|_| connection.convert_units)?;
     let reason = unit.doubt(other)?;
     let (one, another) = (name(&connection.from), name(&connection.to));
-    Some(format!("`{one}` is in {} and `{another}` in {}, {reason}", unit.name, other.name))
+    let meant = [unit, other].into_iter().find_map(UnitDefinition::meant);
+    let meant = meant.map_or(String::new(), |question| format!(" ({question})"));
+    Some(format!("`{one}` is in {} and `{another}` in {}, {reason}{meant}", unit.name, other.name))
 }
 
 /// A start value in the type and the unit of its variable.
@@ -320,11 +341,34 @@ fn value(start: &StartValue, variable: &Variable, own: Option<&UnitDefinition>) 
         return Err(format!("is given as {given}; the variable is {kind}"));
     }
     let value = typed(&start.text, variable)?;
-    let (Value::Real(number), Some((unit, own))) = (&value, start.unit.as_ref().zip(own)) else { return Ok(value) };
+    let (Value::Real(number), Some((unit, own))) = (&value, start.unit.as_ref().zip(own)) else {
+        return within_limits(value, variable);
+    };
     let conversion = unit
         .to(own)
         .ok_or_else(|| format!("is given in {}; the variable is in {}, of another dimension", unit.name, own.name))?;
-    Ok(Value::Real(conversion.of(*number)))
+    within_limits(Value::Real(conversion.of(*number)), variable)
+}
+
+/// A start value, where it is one that the FMU allows its parameter.
+pub(super) fn within_limits(value: Value, variable: &Variable) -> Result<Value, String> {
+    let number = match value {
+        Value::Real(number) => number,
+        Value::Integer(number) => f64::from(number),
+        _ => return Ok(value),
+    };
+    let bound = |bound: &Option<String>| bound.as_ref().and_then(|text| text.trim().parse::<f64>().ok());
+    let (min, max) = (bound(&variable.min), bound(&variable.max));
+    let is_allowed = min.is_none_or(|min| number >= min) && max.is_none_or(|max| number <= max);
+    if is_allowed || variable.causality != "parameter" {
+        return Ok(value);
+    }
+    Err(match (min.map(Number), max.map(Number)) {
+        (Some(min), Some(max)) => format!("must be within {min} … {max}"),
+        (Some(min), None) => format!("must be at least {min}"),
+        (_, Some(max)) => format!("must be at most {max}"),
+        (None, None) => return Ok(value),
+    })
 }
 
 /// A text as a value of a variable's type.

@@ -146,6 +146,18 @@ impl Fmu {
         &self.file
     }
 
+    /// Where it comes from, and how its instances run, for those who want to know.
+    pub fn told(&self) -> String {
+        let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
+        let how = match self.co_simulation.as_ref().or_else(exchange) {
+            Some(Place::Here { kernel, .. }) => kernel.as_ref().map_or("in this process", Awaited::told),
+            #[cfg(unix)]
+            Some(Place::OwnProcess { .. }) => "each instance in a process of its own",
+            None => "nowhere",
+        };
+        format!("{}, {how}", self.file.display())
+    }
+
     /// The text of its modelDescription.xml.
     ///
     /// # Errors

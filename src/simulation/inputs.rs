@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use super::check::SHOWS_VARIABLES;
 use super::exchange::Side;
 use super::fmu::Instance;
 use crate::error::Error;
 use crate::model_description::{ModelDescription, Variable};
-use crate::text_file;
+use crate::{near, text_file};
 
 /// Values of input variables at some times.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +60,8 @@ impl Inputs {
             let found = inputs.clone().find(|variable| variable.name == name.trim());
             found.map(Column::of).ok_or_else(|| {
                 let known: Vec<_> = inputs.clone().map(|variable| variable.name.as_str()).collect();
-                refuse(1, format!("the unit has no input `{}`; there are: {}", name.trim(), known.join(", ")))
+                let choice = near::choice(name.trim(), &known, SHOWS_VARIABLES);
+                refuse(1, format!("the unit has no input `{}`; {choice}", name.trim()))
             })
         };
         let mut columns: Vec<Column> = names[1..].iter().map(column).collect::<Result<_, _>>()?;

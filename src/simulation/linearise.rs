@@ -6,13 +6,13 @@ use std::sync::Arc;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-use super::check::typed;
+use super::check::{SHOWS_VARIABLES, typed, within_limits};
 use super::fmu::{Fmu, Instance};
 use super::model_structure::ModelStructure;
 use super::plan::{DIFFERENCE, Derivatives, Plan, references};
 use super::{responses, steady_state};
 use crate::eigenvalues::{Eigenvalue, eigenvalues};
-use crate::error::Error;
+use crate::error::{Error, Invalid};
 use crate::model_description::Variable;
 
 const DIRECTIONAL: &str = "providesDirectionalDerivative";
@@ -101,7 +101,8 @@ pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation
     let structure = ModelStructure::read(&fmu.text()?).map_err(refuse)?;
     let time = point.time.unwrap_or(structure.start_time);
     if !time.is_finite() || time < structure.start_time {
-        return Err(refuse(format!("time {time}: must be from the start time, {} s, on", structure.start_time)));
+        let allowed = format!("must be from the start time, {} s, on", structure.start_time);
+        return Err(Error::Argument(Invalid::new("--at", time, allowed)));
     }
     let Found { instance, plan, method, unique, matrices } = found(fmu, &structure, point, time)?;
     let [a, b, c, d] = matrices;
@@ -210,8 +211,8 @@ fn named_states<'a>(fmu: &'a Fmu, plan: &Plan<'a>, point: &OperatingPoint) -> Re
     let is_known = |v: &&Variable| v.kind == "Real" && matches!(v.causality.as_str(), "output" | "local");
     let find = |name: &String| {
         let unknown = || {
-            let known: Vec<_> = variables.iter().filter(is_known).map(|variable| variable.name.as_str()).collect();
-            Error::Unknown { what: "Real output or local variable", name: name.clone(), known: known.join(", ") }
+            let known = variables.iter().filter(is_known).map(|variable| variable.name.as_str());
+            Error::unknown("Real output or local variable", name, known, SHOWS_VARIABLES)
         };
         variables.iter().filter(is_known).find(|variable| variable.name == *name).ok_or_else(unknown)
     };
@@ -244,13 +245,12 @@ pub(super) fn set_starts(instance: &Instance, values: &[(String, String)]) -> Re
         let settable: Vec<_> =
             variables.iter().filter(|v| v.causality == "parameter" || v.causality == "input").collect();
         let variable = settable.iter().find(|variable| variable.name == *name).ok_or_else(|| {
-            let known: Vec<_> = settable.iter().map(|variable| variable.name.as_str()).collect();
-            Error::Unknown { what: "parameter or input", name: name.clone(), known: known.join(", ") }
+            let known = settable.iter().map(|variable| variable.name.as_str());
+            Error::unknown("parameter or input", name, known, SHOWS_VARIABLES)
         })?;
-        let typed = typed(value, variable).map_err(|reason| {
-            let (file, reason) = (instance.fmu().file().to_owned(), format!("`{name}` = {value}: {reason}"));
-            Error::Archive { file, reason }
-        })?;
+        let typed = typed(value, variable)
+            .and_then(|typed| within_limits(typed, variable))
+            .map_err(|reason| Error::Argument(Invalid::because(format!("--set {name}={value}: {reason}"))))?;
         instance.set_start(variable.reference, &typed)?;
     }
     Ok(())

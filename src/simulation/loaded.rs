@@ -106,6 +106,21 @@ impl LoadedLoop {
         })
     }
 
+    /// Where its units come from, and how they run: a line a unit.
+    pub fn told(&self) -> Vec<String> {
+        self.units.iter().map(|unit| format!("{}: {}", unit.name, unit.fmu.told())).collect()
+    }
+
+    /// The names of the Real parameters of its units, which a search may tune.
+    pub fn tunable(&self) -> Vec<String> {
+        let of = |unit: &LoadedUnit| {
+            let is_tunable = |v: &&Variable| v.causality == "parameter" && v.kind == "Real";
+            let variables = unit.fmu.description.variables.iter().filter(is_tunable);
+            variables.map(|variable| format!("{}{}", unit.prefix, variable.name)).collect::<Vec<_>>()
+        };
+        self.units.iter().flat_map(of).collect()
+    }
+
     /// Records these signals too, where units have variables of these names: they need not be outputs.
     #[must_use]
     pub fn recording<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {

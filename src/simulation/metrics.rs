@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::closed_loop::Recording;
 use super::ssp::{IdealModel, Metric, Statistic, Structure};
+use crate::near;
 
 /// A measured metric.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -49,7 +50,7 @@ pub fn measure(structure: &Structure, recording: &mut Recording) -> Result<Vec<M
 fn signal<'a>(recording: &'a Recording, name: &str) -> Result<&'a [f64], String> {
     recording
         .column(name)
-        .ok_or_else(|| format!("there is no signal `{name}`; there are {}", recording.names.join(", ")))
+        .ok_or_else(|| format!("there is no signal `{name}`; {}", near::choice(name, &recording.names, "")))
 }
 
 fn value_of(metric: &Metric, recording: &Recording) -> Result<Measured, String> {

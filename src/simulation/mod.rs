@@ -50,4 +50,4 @@ pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, S
 pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, STRUCTURE, Statistic};
 pub use ssp::{SquareTerm, TunedParameter, Tuning};
 pub use thinned::thinned;
-pub use whole::{Whole, composite, composite_name, with_values};
+pub use whole::{Whole, check_values, composite, composite_name, with_values};

@@ -157,10 +157,29 @@ pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Resu
     let described = fmu_description(&source, library)?;
     let unit = Component::alone(&described.name, parameters)?;
     let values = start_values(&unit, &described, |_| false)?;
-    source.with_start(values.iter().map(|(place, value)| {
+    let started = source.with_start(values.iter().map(|(place, value)| {
         let variable = &described.variables[*place];
         (variable.name.as_str(), in_description::<toml_edit::Value>(variable, value))
-    }))
+    }))?;
+    // A value that the description refuses is one of the parameter set.
+    describe(&started, library).map_err(|error| {
+        let Error::Description { reason, .. } = &error else { return error };
+        let of = |value: &&StartValue| reason.split_whitespace().any(|word| word == value.name);
+        let refused = unit.values.iter().find(of).map(|value| value.origin.refuse(reason));
+        refused.unwrap_or(error)
+    })?;
+    Ok(started)
+}
+
+/// Refuses start values that units which are made of descriptions don't take.
+///
+/// # Errors
+/// As [`start_values`], and for a description that is refused.
+pub fn check_values(structure: &Structure, library: &Library) -> Result<(), Error> {
+    structure.components.iter().filter(|component| component.is_exported()).try_for_each(|component| {
+        let described = fmu_description(&structure.description_of(&component.fmu)?, library)?;
+        start_values(component, &described, |_| false).map(drop)
+    })
 }
 
 /// The description of a unit's FMU, as its master would read it.

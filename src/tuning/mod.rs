@@ -13,8 +13,8 @@ use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
 
-use crate::parallel;
 use crate::simulation::{LoadedLoop, Place, Settings, Structure, TunedParameter};
+use crate::{near, parallel};
 
 /// A parameter that is searched, with its bounds in its own unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -141,7 +141,9 @@ impl Search {
 /// The bounds of a parameter, as they are given or else those of the FMU, and where it is.
 fn range(parameter: &TunedParameter, loaded: &LoadedLoop) -> Result<(Range, Place), String> {
     let TunedParameter { name, low, high } = parameter;
-    let (place, variable) = loaded.variable(name).ok_or_else(|| format!("there is no parameter `{name}`"))?;
+    let (place, variable) = loaded
+        .variable(name)
+        .ok_or_else(|| format!("there is no parameter `{name}`; {}", near::choice(name, &loaded.tunable(), "")))?;
     if variable.causality != "parameter" || variable.kind != "Real" {
         let (kind, causality) = (&variable.kind, &variable.causality);
         return Err(format!("`{name}` is a {causality} of type {kind}: only Real parameters can be tuned"));

@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::near;
 use crate::simulation::{Recording, Settings, SquareTerm, Structure, measure};
 
 /// A number that a run of a loop comes to; the smaller the better.
@@ -46,9 +47,9 @@ impl Objective {
     pub fn check(&self, structure: &Structure, signals: &[String], settings: Settings) -> Result<(), String> {
         let (terms, sample) = match self {
             Objective::Metric(label) => {
-                let known: Vec<_> = structure.metrics.iter().map(|metric| format!("`{}`", metric.label)).collect();
-                let there = structure.metrics.iter().any(|metric| metric.label == *label);
-                let unknown = || format!("the loop has no metric `{label}`; it has {}", known.join(", "));
+                let known: Vec<_> = structure.metrics.iter().map(|metric| metric.label.as_str()).collect();
+                let there = known.contains(&label.as_str());
+                let unknown = || format!("the loop has no metric `{label}`; {}", near::choice(label, &known, ""));
                 return if there { Ok(()) } else { Err(unknown()) };
             }
             Objective::Squares { terms, .. } if terms.is_empty() => {
@@ -60,7 +61,7 @@ impl Objective {
         for name in named {
             let of_models = structure.models.iter().any(|model| model.name == *name);
             if !of_models && !signals.contains(name) {
-                return Err(format!("there is no signal `{name}`; there are {}", signals.join(", ")));
+                return Err(format!("there is no signal `{name}`; {}", near::choice(name, signals, "")));
             }
         }
         let steps = sample / settings.step;

@@ -39,6 +39,10 @@ def test_a_wheel_holds_what_its_record_says(wheel: Path) -> None:
     assert {f"{shared}/modelDescription/{fmu}.toml" for fmu in FMU_NAMES} <= set(held)
     assert {f"{shared}/examples/{loop}/SystemStructure.ssd" for loop in LOOP_NAMES} <= set(held)
     assert f"{shared}/README.md" in held and f"{shared}/libraries/linux64/libadaptive_fmu.so" in held
+    # Where shells look for them in an environment.
+    pages = {"man/man1/adaptive-fmu.1", "man/man1/adaptive-fmu-run.1", "bash-completion/completions/adaptive-fmu"}
+    pages |= {"zsh/site-functions/_adaptive-fmu", "fish/vendor_completions.d/adaptive-fmu.fish"}
+    assert {f"{data}/data/share/{page}" for page in pages} <= set(held)
     modules = {f"adaptive_fmu/{file.name}" for file in (ROOT / "python" / "adaptive_fmu").glob("*.py")}
     assert modules | {"adaptive_fmu/py.typed"} <= set(held)
 

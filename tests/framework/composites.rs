@@ -205,7 +205,7 @@ fn a_part_that_refuses_is_named() {
     let part = |rest: &str| refusal(&format!("parts = [{{ name = \"a\", {rest} }}]"));
     assert!(part(r#"model = "lag", start = { d = 11.0 }"#).contains("a.d = 11: must be at most 10"));
     assert!(part(r#"model = "lag", start = { q = 11.0 }"#).contains("[start] a.q"));
-    assert!(part(r#"model = "nothing""#).contains("must be one of lag"));
+    assert!(part(r#"model = "nothing""#).contains("there is no such kind; there are: lag"));
     assert!(part(r#"model = "composite""#).contains("a part can't be a composite"));
     assert!(refusal(r#"parts = [{ name = "a", model = "lag" }, { name = "a", model = "lag" }]"#).contains("two parts"));
     assert!(refusal(r#"parts = [{ name = "a.b", model = "lag" }]"#).contains("must be letters"));

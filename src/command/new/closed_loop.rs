@@ -72,7 +72,7 @@ fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
     if !unneeded.is_empty() {
         say!("inputs that need no connection: {}", first(&unneeded).join(", "));
     }
-    first(&open).iter().for_each(|line| tell!("to decide: {line}"));
+    first(&open).iter().for_each(|line| remark!("to decide: {line}"));
     checked.notes.iter().for_each(|note| tell!("warning: {note}"));
     if let Some(refusal) = checked.refusal {
         tell!("warning: `run` will refuse it as it stands: {refusal}");

@@ -69,7 +69,7 @@ fn linearised(arguments: &UnitArguments, file: &Path, states: Vec<String>) -> Re
     let fmu = Arc::new(Fmu::open_any(file, &arguments.hosting.hosting()?)?);
     let point = OperatingPoint { time: arguments.at, steady_state: false, start: arguments.set.clone(), states };
     let linear = linearise(&fmu, &point)?;
-    tell!("{} is linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
+    remark!("{} is linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
     let mut plant = as_json(&linear);
     // An input without a limit among others that have one has one that is never reached.
     let limit = |bound: fn(&Variable) -> &Option<String>, none: f64| -> Vec<f64> {

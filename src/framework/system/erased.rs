@@ -8,6 +8,7 @@ use super::names::{self, Names};
 use super::values::{Offsets, Values, Written};
 use super::{Declaration, OwnStep, Point, Scalar, Section, System};
 use crate::error::Invalid;
+use crate::near;
 use crate::recording::Recorded;
 use crate::report::DesignReport;
 use crate::scalar::Dual;
@@ -211,7 +212,8 @@ impl Kind {
     pub fn find<'a>(registry: &'a [Kind], name: &str) -> Result<&'a Kind, Invalid> {
         registry.iter().find(|kind| kind.name == name).ok_or_else(|| {
             let known: Vec<_> = registry.iter().map(|kind| kind.name).collect();
-            Invalid::new("model", format!("`{name}`"), format!("must be one of {}", known.join(", ")))
+            let choice = near::choice(name, &known, "`adaptive-fmu list`");
+            Invalid::new("model", format!("`{name}`"), format!("there is no such kind; {choice}"))
         })
     }
 
@@ -257,5 +259,5 @@ fn declare<M: System>(structure: toml::Table, _: Registry, d: &mut Declaration) 
 pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
     toml::Value::Table(structure)
         .try_into()
-        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {error}")))
+        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {}", near::reworded(error.message()))))
 }

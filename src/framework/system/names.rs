@@ -12,6 +12,7 @@ use super::declaration::Declaration;
 use super::values::{BooleanOf, ChoiceOf, Class, DiscreteHandle, IntegerOf, MatrixOf, Offsets, ScalarOf, VectorOf};
 use super::variable::{Causality, Naming, Section, Variable, Variables};
 use crate::error::Invalid;
+use crate::near;
 use crate::scalar::REFERENCE;
 
 /// Longest name.
@@ -116,7 +117,7 @@ fn give(key: &str, words: &Words, prefix: &str, list: &mut [Variable]) -> Result
     let full = format!("{prefix}{key}");
     let (index, offsets) = find(&full, list).ok_or_else(|| {
         let shown = list.iter().filter(|v| is_nameable(v)).map(|v| v.name.strip_prefix(prefix).unwrap_or(&v.name));
-        format!("there is no such variable; there are {}", shown.collect::<Vec<_>>().join(", "))
+        format!("there is no such variable; {}", near::choice(key, &shown.collect::<Vec<_>>(), ""))
     })?;
     let given = words.each();
     if given.len() != offsets.len() || matches!(words, Words::Each(_)) && list[index].naming == Naming::Scalar {

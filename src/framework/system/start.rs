@@ -1,6 +1,7 @@
 //! Start values from a description.
 
 use super::variable::{Causality, Data, Naming, Section, Variable, Variables};
+use crate::near;
 
 impl Variables {
     /// Sets the start value of a whole variable, or of one element of real numbers.
@@ -17,13 +18,7 @@ impl Variables {
         // A scalar goes by its own name and by the user's.
         let is_it = |v: &&mut Variable| v.name == name || v.naming == Naming::Scalar && v.element(0).name() == name;
         let Some(variable) = self.list.iter_mut().filter(settable).find(is_it) else {
-            let parameters = self.list.iter().filter(|v| v.causality == Causality::Parameter);
-            let known: Vec<_> = parameters
-                .flat_map(|v| [Some(&v.name)].into_iter().chain(v.given.iter().map(Option::as_ref)))
-                .flatten()
-                .map(String::as_str)
-                .collect();
-            return Err(format!("there is no such parameter; there are {}", known.join(", ")));
+            return Err(format!("there is no such parameter; {}", near::choice(name, &self.parameters_near(name), "")));
         };
         let naming = variable.naming;
         match &mut variable.data {
@@ -37,6 +32,21 @@ impl Variables {
             }
         }
         Ok(())
+    }
+}
+
+impl Variables {
+    /// The names by which parameters can be set: of whole ones, a user's own, and of the elements of one whose name it begins
+    /// with.
+    fn parameters_near(&self, name: &str) -> Vec<String> {
+        let array = name.split_once('[').map(|(array, _)| array);
+        let parameters = self.list.iter().filter(|v| v.causality == Causality::Parameter);
+        let names = parameters.flat_map(|v| {
+            let elements = v.elements().filter(|_| v.naming != Naming::Scalar && array == Some(&v.name));
+            let elements: Vec<_> = elements.map(|element| element.name()).collect();
+            [v.name.clone()].into_iter().chain(v.given.iter().flatten().cloned()).chain(elements)
+        });
+        names.collect()
     }
 }
 

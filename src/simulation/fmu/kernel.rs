@@ -100,6 +100,15 @@ impl Awaited {
         Some(awaited)
     }
 
+    /// How equations are evaluated as things stand.
+    pub fn told(&self) -> &'static str {
+        match self.0.get() {
+            Some(Some(_)) => "in this process, by compiled equations",
+            Some(None) => "in this process, by its equations as they are: they couldn't be compiled",
+            None => "in this process, by its equations as they are until they are compiled",
+        }
+    }
+
     /// Hands it to an instance of the library, where it is there; whether there is nothing more to wait for.
     pub fn hand_to(&self, component: Component, binary: &Binary) -> bool {
         let Some(found) = self.0.get() else { return false };

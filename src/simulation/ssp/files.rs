@@ -57,8 +57,8 @@ impl LoopFiles {
             exporter::unpack(&path, folder.path())?;
             (path, Place::Unpacked(folder), STRUCTURE.to_owned())
         } else {
-            let known: Vec<_> = exporter::loops().iter().map(|(name, _)| *name).collect();
-            return Err(Error::Unknown { what: "loop", name: name.to_owned(), known: known.join(", ") });
+            let known = exporter::loops().iter().map(|(name, _)| *name);
+            return Err(Error::unknown("loop", name, known, "`adaptive-fmu list`"));
         };
         Ok(LoopFiles { shown, place, structure })
     }

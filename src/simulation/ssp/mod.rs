@@ -228,8 +228,8 @@ impl Structure {
     pub fn leave_out(&mut self, units: &[String]) -> Result<(), Error> {
         for unit in units {
             let Some(place) = self.components.iter().position(|component| component.name == *unit) else {
-                let known: Vec<_> = self.components.iter().map(|component| component.name.as_str()).collect();
-                return Err(Error::Unknown { what: "unit", name: unit.clone(), known: known.join(", ") });
+                let known = self.components.iter().map(|component| component.name.as_str());
+                return Err(Error::unknown("unit", unit, known, ""));
             };
             self.components.remove(place);
             self.connections.retain(|connection| connection.from.0 != *unit && connection.to.0 != *unit);

@@ -1,6 +1,7 @@
 //! Parameter sets (.ssv), their bindings, and start values given by name.
 
 use std::collections::HashSet;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use roxmltree::Node;
@@ -12,7 +13,7 @@ use super::{Component, Origin, StartValue, Structure};
 use crate::error::Error;
 use crate::model_description::UnitDefinition;
 use crate::model_description::{attribute, child, elements};
-use crate::text_file;
+use crate::{near, text_file};
 
 const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
 
@@ -196,7 +197,12 @@ impl Structure {
             case.to_str().filter(|name| !case.is_file() && files.parameter_files().contains(&(*name).to_owned()));
         let (text, file) = match beside {
             Some(name) => (files.read(name)?, files.path(name)),
-            None => (text_file::read(case).map_err(Error::file(case))?, case.to_owned()),
+            None => match text_file::read(case) {
+                Err(error) if error.kind() == ErrorKind::NotFound => {
+                    return Err(Error::unknown("parameter set", &case.to_string_lossy(), files.parameter_files(), ""));
+                }
+                read => (read.map_err(Error::file(case))?, case.to_owned()),
+            },
         };
         self.apply(read_set(&text, &file)?)
     }
@@ -250,6 +256,8 @@ impl Structure {
             }
         }
         let names: Vec<_> = self.components.iter().map(|component| component.name.as_str()).collect();
-        Err(format!("`{name}` must be UNIT.variable, with a unit of this loop: {}", names.join(", ")))
+        let unit = name.split_once('.').map_or(name, |(unit, _)| unit);
+        let choice = near::choice(unit, &names, "");
+        Err(format!("`{name}` must be UNIT.variable, with a unit of this loop; {choice}"))
     }
 }

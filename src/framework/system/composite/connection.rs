@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use crate::error::Invalid;
+use crate::near;
 use crate::system::variable::{Causality, Data, Element, Naming, Section, Variable, Variables};
 use crate::system::{Base, Declaration};
 
@@ -36,8 +37,14 @@ pub(super) fn resolve(connections: &[(String, String)], variables: &Variables) -
 fn resolve_one(from: &str, to: &str, elements: &HashMap<String, Element>, links: &[Link]) -> Result<Link, Invalid> {
     let names = format!("{from} -> {to}");
     let refuse = |reason: String| Err(Invalid::because(format!("connection {names}: {reason}")));
-    let Some(source) = elements.get(from) else { return refuse(format!("there is no `{from}`")) };
-    let Some(target) = elements.get(to) else { return refuse(format!("there is no `{to}`")) };
+    let unknown = |name: &str| {
+        let mut known: Vec<_> = elements.keys().collect();
+        known.sort_unstable();
+        let meant = near::question(name, &known).map_or(String::new(), |question| format!("; {question}"));
+        format!("there is no `{name}`{meant}")
+    };
+    let Some(source) = elements.get(from) else { return refuse(unknown(from)) };
+    let Some(target) = elements.get(to) else { return refuse(unknown(to)) };
     if source.variable.causality != Causality::Output || !source.variable.is_real() {
         return refuse(format!("`{from}` is not a real output"));
     }

@@ -223,6 +223,11 @@ impl Base {
     }
 }
 
+/// The symbols of units of a name of their own.
+pub(super) fn symbols() -> impl Iterator<Item = &'static str> {
+    NAMED.iter().map(|named| named.symbol)
+}
+
 fn named(symbol: &str) -> Option<&'static Named> {
     NAMED.iter().find(|named| named.symbol == symbol)
 }

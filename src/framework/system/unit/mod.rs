@@ -102,6 +102,11 @@ const COMMON: &[Common] = &[
 const LONGEST: usize = 100;
 
 impl Unit {
+    /// Symbols of units that are known, without those that a prefix or a quotient makes of others.
+    pub fn known() -> impl Iterator<Item = &'static str> {
+        COMMON.iter().map(|common| common.symbol).chain(base::symbols())
+    }
+
     /// The unit of a text.
     pub fn of(symbol: &'static str) -> Self {
         let display = common(symbol).and_then(|common| common.display);

@@ -1,0 +1,49 @@
+//! A page that a command wrote, in the user's browser.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// What opens a file by the program that the user chose for its kind.
+#[cfg(target_os = "windows")]
+const OPENER: &[&str] = &["cmd", "/C", "start", ""];
+#[cfg(target_os = "macos")]
+const OPENER: &[&str] = &["open"];
+#[cfg(not(any(target_os = "windows", target_os = "macos")))]
+const OPENER: &[&str] = &["xdg-open"];
+
+/// So long an opener that fails is waited for; one that runs on has a browser open.
+const PATIENCE: Duration = Duration::from_secs(2);
+const LOOK: Duration = Duration::from_millis(20);
+
+#[derive(clap::Args, Default, Clone, Copy)]
+pub struct OpenOption {
+    /// Then opens the page in the browser
+    #[arg(long)]
+    open: bool,
+}
+
+impl OpenOption {
+    /// Opens the page, where that is asked for. A page that can't be opened is there all the same: a warning says why.
+    pub fn show(self, page: &Path) {
+        if let Some(reason) = self.open.then(|| opened(page).err()).flatten() {
+            tell!("warning: {} can't be opened: {}: {reason}", page.display(), OPENER[0]);
+        }
+    }
+}
+
+fn opened(page: &Path) -> Result<(), String> {
+    let mut opener = Command::new(OPENER[0]);
+    opener.args(&OPENER[1..]).arg(page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut running = opener.spawn().map_err(|error| error.to_string())?;
+    let begun = Instant::now();
+    while begun.elapsed() < PATIENCE {
+        match running.try_wait().map_err(|error| error.to_string())? {
+            Some(status) if status.success() => return Ok(()),
+            Some(status) => return Err(status.to_string()),
+            None => thread::sleep(LOOK),
+        }
+    }
+    Ok(())
+}
