@@ -51,7 +51,7 @@ class Result:
         #: start_time, stop_time and step (s), order ("gauss-seidel" or "jacobi"; None for one unit), composite, values.
         self.settings: dict[str, Any] = about["settings"]
         #: The diagrams as the program decided them: title, signals, words at the axes (x, y), decades of a logarithmic axis, a
-        #: first peak, parts (times that are drawn side by side), and curves with colour, dashes, and what they show.
+        #: peak, parts (times that are drawn side by side), and curves with colour, dashes, and what they show.
         self.plots: list[dict[str, Any]] = about["plots"]
         #: Folder of the files that were written; None where none were asked for.
         self.folder: Path | None = Path(about["results"]) if about.get("results") else None
@@ -134,12 +134,13 @@ class Result:
             raise Error("plots need matplotlib: pip install matplotlib") from error
         plots = self.plots
         figure = Figure(figsize=(9, 2.6 * max(1, len(plots)) + 0.6), layout="constrained")
-        grid = figure.add_gridspec(max(1, len(plots)), 2, width_ratios=[1, 2.6])
+        grid = figure.add_gridspec(max(1, len(plots)), 1)
         for row, plot in enumerate(plots):
             parts = plot["parts"]
-            # A first peak, in whose range the rest would be flat, has axes of its own.
-            cells = [grid[row, 0], grid[row, 1]] if len(parts) > 1 else [grid[row, :]]
-            axes = [figure.add_subplot(cell) for cell in cells]
+            # A peak, in whose range the rest would be flat, has axes of its own.
+            widths = [1.0] if len(parts) == 1 else [1.0, 2.6] if plot["peak"]["from"] <= parts[0][0] else [2.6, 1.0]
+            cells = grid[row].subgridspec(1, len(parts), width_ratios=widths)
+            axes = [figure.add_subplot(cells[place]) for place in range(len(parts))]
             for axis, part in zip(axes, parts):
                 self._draw(axis, plot, part)
             axes[0].set_title(plot["title"], fontsize="medium", loc="left")
@@ -161,7 +162,7 @@ class Result:
         for curve in plot["curves"]:
             dashes = (0, tuple(curve["dashes"])) if curve["dashes"] else "-"
             # A reference lies beneath what follows it, broad and pale: it is seen where both are the same.
-            style = {"linewidth": 2.2, "alpha": 0.6, "zorder": 1.5} if curve["beneath"] else {"linewidth": 1.2, "zorder": 2}
+            style = {"linewidth": 2.6, "alpha": 0.55, "zorder": 1.5} if curve["beneath"] else {"linewidth": 1.2, "zorder": 2}
             (line,) = axis.plot(times[rows], self._shown(curve)[rows], label=curve["name"], color=curve["colour"], **style)
             # Dashes are told in pixels, and matplotlib takes them in widths of the line.
             line.set_linestyle(dashes if dashes == "-" else (0, tuple(length / style["linewidth"] for length in dashes[1])))

@@ -5,8 +5,8 @@
 // in its place, and keeps what is zoomed and hidden. `given` is
 //   title, x, y   words: at the diagram, at the axis of times, at that of values
 //   decades       [low, high], the ends of a logarithmic axis of values; null where it is linear
-//   peak          a first peak, in whose range the rest would be flat: {until, value, low, high} are the time when it is
-//                 over, its largest value, and the range of what comes after; null where there is none
+//   peak          a peak at the start or at the end, in whose range the rest would be flat: {from, until, value, low, high} are
+//                 its times, its largest value, and the range of the rest; null where there is none
 //   curves        name, colour, dashes (lengths of lines and gaps in pixels, none of a solid line), beneath (whether it is a
 //                 reference, which lies beneath the others), x and y (arrays of one length; null where there is no value)
 // The program decides all of them (src/simulation/diagram); this file decides nothing about what a curve is.
@@ -15,7 +15,7 @@ const HEIGHT = 330, LEFT = 76, RIGHT = 16, TOP = 10, BOTTOM = 42;
 // A pointer that moves less than this many pixels has not dragged.
 const DRAGGED = 8;
 // How much longer than a peak the time is that is shown of it.
-const BEHIND_PEAK = 1.6;
+const AROUND_PEAK = 1.6;
 
 const element = (name, attributes, text) => {
   const made = document.createElementNS('http://www.w3.org/2000/svg', name);
@@ -76,7 +76,8 @@ class Diagram {
     this.note.addEventListener('click', () => {
       this.values = null;
       this.whole = true;
-      showTimes([this.all[0], this.all[0] + BEHIND_PEAK * (this.peak.until - this.all[0])]);
+      const {from, until} = this.peak, length = AROUND_PEAK * (until - from);
+      showTimes(this.first ? [from, from + length] : [until - length, until]);
     });
     this.legend = made('div', 'legend', place);
     this.take(given);
@@ -95,14 +96,16 @@ class Diagram {
     this.all = ends.length ? [Math.min(...ends), Math.max(...ends)] : [0, 1];
     if (this.all[0] === this.all[1]) this.all[1] += 1;
     if (!this.times || this.times === before) this.times = this.all;
-    this.note.textContent = this.peak ? `At the start it goes to ${Number(this.peak.value.toPrecision(3))}: show that` : '';
+    this.first = this.peak?.from <= this.all[0];
+    const goes = this.first ? 'At the start it goes' : 'At the end it goes';
+    this.note.textContent = this.peak ? `${goes} to ${Number(this.peak.value.toPrecision(3))}: show that` : '';
     this.legend.replaceChildren(...this.curves.map((curve, k) => this.entry(curve, k)));
   }
 
   entry({name, colour, dashes, beneath}, k) {
     const entry = document.createElement('button'), sample = element('svg', {width: 34, height: 10});
-    sample.append(element('path', {d: 'M0,5H34', stroke: colour, 'stroke-width': beneath ? 2.6 : 1.5,
-      'stroke-opacity': beneath ? 0.6 : 1, 'stroke-dasharray': dashes.join(' ') || 'none'}));
+    sample.append(element('path', {d: 'M0,5H34', stroke: colour, 'stroke-width': beneath ? 3.2 : 1.5,
+      'stroke-opacity': beneath ? 0.55 : 1, 'stroke-dasharray': dashes.join(' ') || 'none'}));
     entry.append(sample, name);
     entry.classList.toggle('hidden', this.hidden.has(k));
     entry.addEventListener('click', () => {
@@ -117,7 +120,7 @@ class Diagram {
     return this.curves.filter((_, k) => !this.hidden.has(k));
   }
 
-  // Whether a first peak is left out: as long as nobody has zoomed.
+  // Whether a peak is left out: as long as nobody has zoomed.
   get cut() {
     return Boolean(this.peak) && this.times === this.all && !this.values && !this.whole;
   }

@@ -31,10 +31,10 @@ const DIAGRAMS: &str = "
   .plot path { fill: none; }
   .plot .grid { stroke: #e4e4e4; }
   .plot .curve { stroke-width: 1.5; stroke-linejoin: round; }
-  .plot .beneath { stroke-width: 2.6; stroke-opacity: .6; }
+  .plot .beneath { stroke-width: 3.2; stroke-opacity: .55; }
   .plot .mark { stroke: #888; }
   .plot .zoomed { fill: #0002; }
-  .legend { flex: none; max-width: 18em; margin: .4em 0 0; display: flex; flex-direction: column; align-items: start; }
+  .legend { flex: 0 0 15em; margin: .4em 0 0; display: flex; flex-direction: column; align-items: start; }
   .legend button, .peak { border: 0; padding: .15em 0; background: none; font: inherit; font-size: .85em; text-align: left;
     cursor: pointer; overflow-wrap: anywhere; }
   .legend svg { vertical-align: middle; margin-right: .5em; }
@@ -45,8 +45,8 @@ const DIAGRAMS: &str = "
     pointer-events: none; z-index: 1; }
   .told div::before { content: '\\25ac '; color: var(--colour); }
   @media (max-width: 50em) { .diagram { display: block; }
-    .legend { flex-flow: row wrap; gap: 0 1.2em; max-width: none; margin: .2em 0 0 1em; } }
-  @media print { .diagram { display: block; } .legend { flex-flow: row wrap; gap: 0 1.2em; max-width: none; } }
+    .legend { flex-flow: row wrap; gap: 0 1.2em; margin: .2em 0 0 1em; } }
+  @media print { .diagram { display: block; } .legend { flex-flow: row wrap; gap: 0 1.2em; } }
 ";
 /// What draws the diagrams, and lets a reader zoom them.
 const SCRIPT: &str = include_str!("page.js");

@@ -69,7 +69,8 @@ fn a_reference_has_the_colour_of_the_signal_that_follows_it() {
     ] {
         let structure = structure(name);
         let recording = recording(&structure, structure.signals());
-        let diagrams = report(&structure, &recording).diagrams().unwrap();
+        let report = report(&structure, &recording);
+        let diagrams = report.diagrams().unwrap();
         for (own, reference) in pairs {
             let style = |signal: &str, diagram: &Diagram| {
                 diagram.curves.iter().find(|curve| curve.name == *signal).map(|curve| curve.style.clone())

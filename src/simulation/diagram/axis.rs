@@ -26,6 +26,8 @@ const QUANTITIES: &[(&str, &[&str])] = &[
 const MOST_UNITS: usize = 2;
 /// An axis of magnitudes ends at the latest so far below its largest value.
 const LEAST_PART: f64 = 1e-9;
+/// It goes on so far above its largest value.
+const ABOVE: f64 = 1.5;
 
 /// A unit as it is printed: `N m`, `m/s²`.
 pub fn printed_unit(unit: &str) -> String {
@@ -78,13 +80,13 @@ pub fn padded_range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
-/// The range of an axis of magnitudes: whole decades from where all but a hundredth of the values above 0 lie, to the
-/// largest.
+/// The range of an axis of magnitudes: from the decade in which all but a hundredth of the values above 0 lie to a little
+/// above the largest.
 pub fn decades<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let mut above: Vec<f64> = values.copied().filter(|value| value.is_finite() && *value > 0.0).collect();
     above.sort_unstable_by(f64::total_cmp);
     let (Some(&least), Some(&largest)) = (above.get(above.len() / 100), above.last()) else { return (0.1, 1.0) };
-    let (low, high) = (10_f64.powf(least.log10().floor()), 10_f64.powf((largest * 1.05).log10().ceil()));
+    let (low, high) = (10_f64.powf(least.log10().floor()), largest * ABOVE);
     (low.max(high * LEAST_PART), high)
 }
 
@@ -180,7 +182,7 @@ mod tests {
         assert_eq!(written(Axis::linear((-1.1, 2.2))), ["−1", "0", "1", "2"]);
         assert_eq!(written(Axis::linear((0.0, 0.05))), ["0", "0.01", "0.02", "0.03", "0.04", "0.05"]);
         let (low, high) = decades([2e-3, 3.0, -1.0, 0.0].iter());
-        assert_eq!(written(Axis { low, high, logarithmic: true }), ["10⁻³", "10⁻²", "10⁻¹", "1", "10"]);
+        assert_eq!(written(Axis { low, high, logarithmic: true }), ["10⁻³", "10⁻²", "10⁻¹", "1"]);
     }
 
     #[test]

@@ -10,10 +10,10 @@ use super::{Curve, Diagram, Peak};
 const GROUPS: usize = 13_000;
 const MOST_GROUPS: usize = 1500;
 const LEAST_GROUPS: usize = 100;
-/// The screen that points are chosen for, and how far a line may lie from a point there, in pixels: zoomed tenfold, about as
-/// much as a line is broad.
+/// The screen that points are chosen for, and how far a line may lie from a point there, in pixels: zoomed fiftyfold,
+/// as much as a line is broad.
 const SCREEN: (f64, f64) = (1200.0, 300.0);
-const DISTANCE: f64 = 0.1;
+const DISTANCE: f64 = 0.03;
 /// Digits of numbers.
 const DIGITS: usize = 6;
 
@@ -53,16 +53,18 @@ impl Diagram<'_> {
                 "peak": self.peak, "parts": self.parts(), "curves": curves })
     }
 
-    /// Points of a curve that keep its peaks; those of a first peak are chosen by themselves.
+    /// Points of a curve that keep its peaks; those of a peak by itself are chosen by themselves.
     fn points(&self, curve: &Curve, groups: usize) -> Vec<(f64, f64)> {
-        let border = self.peak.map_or(0, |Peak { until, .. }| curve.times.partition_point(|time| *time <= until));
-        let border = border.min(curve.values.len());
+        let rows = curve.values.len().min(curve.times.len());
+        let place = |time: f64| curve.times.partition_point(|other| *other <= time).min(rows);
+        let peak = self.peak.map_or(0..0, |Peak { from, until, .. }| place(from).saturating_sub(1)..place(until));
         let mut points = Vec::new();
-        for (rows, groups) in [(0..border, groups / 3), (border..curve.values.len(), groups)] {
+        for (rows, groups) in [(0..peak.start, groups), (peak.clone(), groups / 3), (peak.end..rows, groups)] {
             points.extend(thinned(&curve.times[rows.clone()], &curve.values[rows], groups.max(1)));
         }
         let (from, to) = self.span();
-        let axis = self.axis(self.peak.map_or(from, |peak| peak.until), to);
+        let rest = self.parts().into_iter().enumerate().find(|(place, _)| self.peak_part() != Some(*place));
+        let axis = rest.map_or_else(|| self.axis(from, to), |(_, (from, to))| self.axis(from, to));
         let seen = |(time, value): &(f64, f64)| ((time - from) / (to - from) * SCREEN.0, axis.place(*value) * SCREEN.1);
         let mut kept: Vec<(f64, f64)> = Vec::new();
         for part in points.chunk_by(|a, b| a.1.is_finite() == b.1.is_finite()) {

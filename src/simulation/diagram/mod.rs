@@ -25,16 +25,16 @@ use style::styles;
 
 use super::ssp::{Funnel, Scale};
 
-/// The part of the time that a first peak may take.
-const START: f64 = 0.05;
-/// A first peak is so many times as large as anything after it.
+/// The part of the time that a peak at the start or at the end may take.
+const PART: f64 = 0.05;
+/// A peak is so many times as large as anything else.
 const PEAK: f64 = 4.0;
 /// What is smaller than this part of a peak is rounding, and no curve.
 const NOTHING: f64 = 1e-9;
 /// Where the axis follows from the values, it is logarithmic from this ratio of them on.
 const DECADES: f64 = 100.0;
-/// A peak is shown up to so many times as long as it lasts.
-const BEHIND_PEAK: f64 = 1.6;
+/// The time that is shown of a peak is so many times as long as it lasts.
+const AROUND_PEAK: f64 = 1.6;
 
 /// What a curve shows of the signals of a run, for those who have the signals.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -97,16 +97,18 @@ pub struct Curve<'a> {
     pub values: Cow<'a, [f64]>,
 }
 
-/// A first peak, in whose range the rest would be flat.
+/// A peak at the start, or at the end of a loop that is lost, in whose range the rest would be flat.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Peak {
+    /// When it begins.
+    pub from: f64,
     /// When it is over.
     pub until: f64,
     /// Its largest magnitude, with its sign.
     pub value: f64,
-    /// The smallest value after it, a little lower.
+    /// The smallest value of the rest, a little lower.
     pub low: f64,
-    /// The largest value after it, a little higher.
+    /// The largest value of the rest, a little higher.
     pub high: f64,
 }
 
@@ -123,7 +125,7 @@ pub struct Diagram<'a> {
     pub decades: Option<(f64, f64)>,
     /// Its curves in the order of the legend.
     pub curves: Vec<Curve<'a>>,
-    /// The peak at its start that is shown by itself.
+    /// The peak that is shown by itself.
     pub peak: Option<Peak>,
 }
 
@@ -157,7 +159,7 @@ impl<'a> Diagram<'a> {
         if diagram.is_logarithmic(scale) {
             diagram.decades = Some(decades(diagram.values()));
         } else {
-            diagram.peak = diagram.first_peak();
+            diagram.peak = diagram.find_peak();
         }
         diagram
     }
@@ -201,31 +203,53 @@ impl<'a> Diagram<'a> {
         Axis::linear(padded_range(self.curves.iter().flat_map(|curve| curve.values[curve.rows(from, to)].iter())))
     }
 
-    /// A peak within the first part of the time that is many times as large as anything later.
-    fn first_peak(&self) -> Option<Peak> {
+    /// A peak within the first or the last part of the time that is many times as large as anything else.
+    fn find_peak(&self) -> Option<Peak> {
         let (start, end) = self.span();
-        let border = start + START * (end - start);
+        let length = PART * (end - start);
+        let times = || self.curves.iter().flat_map(|curve| curve.times.iter().copied());
+        if let Some((outside, peak)) = self.peak_within(|time| time < start + length) {
+            let last = outside.into_iter().fold(start, f64::max);
+            let until = times().filter(|time| *time > last).fold(end, f64::min);
+            return Some(Peak { from: start, until, ..peak });
+        }
+        let (outside, peak) = self.peak_within(|time| time > end - length)?;
+        let first = outside.into_iter().fold(end, f64::min);
+        let from = times().filter(|time| *time < first).fold(start, f64::max);
+        Some(Peak { from, until: end, ..peak })
+    }
+
+    /// A peak within some of the time: the times at which values are outside of the range of the rest, and how large it is.
+    fn peak_within(&self, within: impl Fn(f64) -> bool) -> Option<(Vec<f64>, Peak)> {
         let points = || self.curves.iter().flat_map(|curve| curve.times.iter().zip(curve.values.iter()));
         let finite = || points().filter(|(_, value)| value.is_finite());
         let larger = |a: f64, (_, b): (&f64, &f64)| if b.abs() > a.abs() { *b } else { a };
-        let value = finite().filter(|(time, _)| **time < border).fold(0.0, larger);
-        let later = finite().filter(|(time, _)| **time >= border).fold(0.0, larger);
-        if value.abs() < PEAK * later.abs() || later.abs() <= NOTHING * value.abs() {
+        let value = finite().filter(|(time, _)| within(**time)).fold(0.0, larger);
+        let rest = finite().filter(|(time, _)| !within(**time)).fold(0.0, larger);
+        if value.abs() < PEAK * rest.abs() || rest.abs() <= NOTHING * value.abs() {
             return None;
         }
-        let (low, high) = padded_range(finite().filter(|(time, _)| **time >= border).map(|(_, value)| value));
-        let outside = finite().filter(|(time, value)| **time < border && !(low..=high).contains(*value));
-        let until = outside.map(|(time, _)| *time).fold(start, f64::max);
-        Some(Peak { until, value, low, high })
+        let (low, high) = padded_range(finite().filter(|(time, _)| !within(**time)).map(|(_, value)| value));
+        let outside = finite().filter(|(time, value)| within(**time) && !(low..=high).contains(*value));
+        let outside = outside.map(|(time, _)| *time).collect();
+        Some((outside, Peak { from: f64::NAN, until: f64::NAN, value, low, high }))
     }
 
     /// What is drawn side by side, each from one time to another: the peak and the rest, or all.
     pub fn parts(&self) -> Vec<(f64, f64)> {
         let (start, end) = self.span();
         match self.peak {
-            Some(Peak { until, .. }) => vec![(start, start + BEHIND_PEAK * (until - start)), (until, end)],
+            Some(Peak { from, until, .. }) if from <= start => {
+                vec![(start, start + AROUND_PEAK * (until - start)), (until, end)]
+            }
+            Some(Peak { from, .. }) => vec![(start, from), (end - AROUND_PEAK * (end - from), end)],
             None => vec![(start, end)],
         }
+    }
+
+    /// Which of its parts is the peak.
+    pub fn peak_part(&self) -> Option<usize> {
+        self.peak.map(|peak| usize::from(peak.from > self.span().0))
     }
 }
 

@@ -30,7 +30,7 @@ const LINE: f64 = 1.5;
 const TENTHS: f64 = 10.0;
 /// How far a curve's line may lie from its points, in tenths of a pixel.
 const DISTANCE: f64 = 1.5;
-/// The part of the width that a first peak takes.
+/// The part of the width that a peak takes.
 const PEAK_WIDTH: f64 = 0.28;
 const MARGIN: f64 = 12.0;
 /// The line in front of a name in a legend.
@@ -44,8 +44,9 @@ pub fn svg(title: &str, diagrams: &[Diagram]) -> String {
         text(&mut body, (MARGIN, top + 18.0), &line, "font-size=\"17\"");
         top += 24.0;
     }
+    let edges = Edges::of(&FILE, diagrams);
     for diagram in diagrams {
-        top += drawn(&mut body, &FILE, diagram, top, true);
+        top += drawn(&mut body, &FILE, edges, diagram, top, true);
     }
     sheet(FILE.width, top + MARGIN, FILE.font, &body, false)
 }
@@ -53,7 +54,8 @@ pub fn svg(title: &str, diagrams: &[Diagram]) -> String {
 /// One diagram without its title, as wide as the place that it is shown in.
 pub fn figure(diagram: &Diagram) -> String {
     let mut body = String::new();
-    let height = drawn(&mut body, &FIGURE, diagram, 0.0, false);
+    let edges = Edges::of(&FIGURE, std::slice::from_ref(diagram));
+    let height = drawn(&mut body, &FIGURE, edges, diagram, 0.0, false);
     sheet(FIGURE.width, height, FIGURE.font, &body, true)
 }
 
@@ -69,6 +71,9 @@ pub(super) fn sheet(width: f64, height: f64, font: f64, body: &str, scalable: bo
 
 /// A text at a place.
 pub(super) fn text(out: &mut String, (x, y): (f64, f64), words: &str, how: &str) {
+    if words.is_empty() {
+        return;
+    }
     let _ = writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" {how}>{}</text>", escaped(words));
 }
 
@@ -87,8 +92,38 @@ fn wrapped(words: &str, most: usize) -> Vec<String> {
     lines
 }
 
+/// Where the axes of all diagrams of a sheet begin and end.
+#[derive(Debug, Clone, Copy)]
+struct Edges {
+    left: f64,
+    right: f64,
+    /// Whether legends are beside the axes.
+    beside: bool,
+}
+
+impl Edges {
+    fn of(sheet: &Sheet, diagrams: &[Diagram]) -> Self {
+        let width = diagrams.iter().map(|diagram| legend_width(sheet.font, &names(diagram))).fold(0.0, f64::max);
+        let beside = width <= sheet.beside * sheet.width;
+        let first = |diagram: &Diagram| diagram.parts().first().map(|&(from, to)| diagram.axis(from, to));
+        let numbers = diagrams.iter().filter_map(first).map(|axis| numbers_width(sheet, &axis)).fold(0.0, f64::max);
+        let right = if beside { sheet.width - width } else { sheet.width } - MARGIN;
+        Edges { left: MARGIN + 1.3 * sheet.font + numbers, right, beside }
+    }
+}
+
+/// What the numbers at an axis of values need.
+fn numbers_width(sheet: &Sheet, axis: &Axis) -> f64 {
+    let longest = axis.ticks(sheet.height / 45.0).iter().map(|(_, text)| text.chars().count()).max();
+    sheet.font * (LETTER * longest.unwrap_or(1) as f64 + 0.8)
+}
+
+fn names<'a>(diagram: &'a Diagram) -> Vec<(&'a str, &'a Style)> {
+    diagram.curves.iter().map(|curve| (curve.name.as_str(), &curve.style)).collect()
+}
+
 /// A diagram from this height on, and how high it is.
-fn drawn(out: &mut String, sheet: &Sheet, diagram: &Diagram, top: f64, titled: bool) -> f64 {
+fn drawn(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top: f64, titled: bool) -> f64 {
     let line = sheet.font * LINE;
     let mut axes = top + MARGIN;
     if titled {
@@ -98,44 +133,44 @@ fn drawn(out: &mut String, sheet: &Sheet, diagram: &Diagram, top: f64, titled: b
     if diagram.peak.is_some() {
         axes += line;
     }
-    let names: Vec<(&str, &Style)> = diagram.curves.iter().map(|curve| (curve.name.as_str(), &curve.style)).collect();
-    let width = legend_width(sheet.font, &names);
-    let beside = width <= sheet.beside * sheet.width;
-    let right = if beside { sheet.width - width } else { sheet.width } - MARGIN;
-    panels(out, sheet, diagram, axes, right);
-    let bottom = axes + sheet.height + 3.0 * sheet.font;
-    if beside {
-        legend(out, sheet.font, &names, (right + MARGIN, axes + line), right + MARGIN + 1.0);
+    panels(out, sheet, edges, diagram, axes);
+    let (names, bottom) = (names(diagram), axes + sheet.height + 3.0 * sheet.font);
+    if edges.beside {
+        let left = edges.right + MARGIN;
+        legend(out, sheet.font, &names, (left, axes + line), left + 1.0);
         return bottom.max(axes + names.len() as f64 * line) - top;
     }
     legend(out, sheet.font, &names, (sheet.width * 0.1, bottom + line), sheet.width) + line - top
 }
 
-/// The axes of a diagram, with a peak at the start on its own ones.
-fn panels(out: &mut String, sheet: &Sheet, diagram: &Diagram, top: f64, right: f64) {
-    let parts = diagram.parts();
-    let left_of = |axis: &Axis| {
-        let ticks = axis.ticks(sheet.height / 45.0);
-        sheet.font * (LETTER * ticks.iter().map(|(_, text)| text.chars().count()).max().unwrap_or(1) as f64 + 0.8)
-    };
-    let mut left = MARGIN + 1.3 * sheet.font;
-    let total = right - left;
-    for (place, &(from, to)) in parts.iter().enumerate() {
-        let y = diagram.axis(from, to);
-        left += left_of(&y);
-        let width = if place + 1 < parts.len() { PEAK_WIDTH * total } else { right - left };
+/// The axes of a diagram, with a peak on its own ones.
+fn panels(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top: f64) {
+    let (parts, peak) = (diagram.parts(), diagram.peak_part());
+    let axes: Vec<Axis> = parts.iter().map(|&(from, to)| diagram.axis(from, to)).collect();
+    let between = axes.get(1).map_or(0.0, |axis| 2.0 * MARGIN + numbers_width(sheet, axis));
+    let total = edges.right - edges.left;
+    let of_peak = PEAK_WIDTH * total;
+    let mut left = edges.left;
+    for (place, (&(from, to), &y)) in parts.iter().zip(&axes).enumerate() {
+        let width = match peak {
+            None => total,
+            Some(peak) if peak == place => of_peak,
+            Some(_) => total - of_peak - between,
+        };
         let frame = Frame { left, top, width, height: sheet.height, x: Axis::linear((from, to)), y };
         frame.draw(out, sheet.font, &diagram.curves);
-        if let [start, _] = parts[..] {
-            let told = ["the start", "after it, on a scale of its own"][place];
-            text(out, (left, top - 0.5 * sheet.font), told, &format!("fill=\"{GREY}\" font-style=\"italic\""));
-            debug_assert!(start.0 <= from, "parts follow each other");
-        }
-        left += width + 2.0 * MARGIN;
+        let told = match (peak, place) {
+            (None, _) => "",
+            (Some(0), 0) => "the start",
+            (Some(0), _) => "after it, on a scale of its own",
+            (_, 0) => "before the end, on a scale of its own",
+            _ => "the end",
+        };
+        text(out, (left, top - 0.5 * sheet.font), told, &format!("fill=\"{GREY}\" font-style=\"italic\""));
+        left += width + between;
     }
-    let bottom = top + sheet.height;
-    let first = MARGIN + 1.3 * sheet.font;
-    text(out, ((first + right) / 2.0, bottom + 2.6 * sheet.font), &diagram.x, "text-anchor=\"middle\"");
+    let (middle, bottom) = ((edges.left + edges.right) / 2.0, top + sheet.height);
+    text(out, (middle, bottom + 2.6 * sheet.font), &diagram.x, "text-anchor=\"middle\"");
     let (x, y) = (MARGIN + 0.9 * sheet.font, (top + bottom) / 2.0);
     let turned = format!("text-anchor=\"middle\" transform=\"rotate(-90 {x:.1} {y:.1})\"");
     text(out, (x, y), &diagram.y, &turned);
@@ -225,7 +260,7 @@ pub(super) fn line(path: &mut String, points: &[(f64, f64)]) {
 /// seen beneath what follows it exactly.
 pub(super) fn stroke(style: &Style, fine: f64) -> String {
     let Style { colour, dashes, beneath } = style;
-    let (width, opacity) = if *beneath { (2.6, " stroke-opacity=\".6\"") } else { (1.5, "") };
+    let (width, opacity) = if *beneath { (3.2, " stroke-opacity=\".55\"") } else { (1.5, "") };
     let width = width * fine;
     let dashes: Vec<String> = dashes.iter().map(|length| (f64::from(*length) * fine).to_string()).collect();
     let dashes = if dashes.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{}\"", dashes.join(" ")) };
