@@ -96,7 +96,7 @@ class Diagram {
     this.all = ends.length ? [Math.min(...ends), Math.max(...ends)] : [0, 1];
     if (this.all[0] === this.all[1]) this.all[1] += 1;
     if (!this.times || this.times === before) this.times = this.all;
-    this.first = this.peak?.from <= this.all[0];
+    this.first = this.peak?.from < (this.all[0] + this.all[1]) / 2;
     const goes = this.first ? 'At the start it goes' : 'At the end it goes';
     this.note.textContent = this.peak ? `${goes} to ${Number(this.peak.value.toPrecision(3))}: show that` : '';
     this.legend.replaceChildren(...this.curves.map((curve, k) => this.entry(curve, k)));

@@ -10,10 +10,10 @@ use super::{Curve, Diagram, Peak};
 const GROUPS: usize = 13_000;
 const MOST_GROUPS: usize = 1500;
 const LEAST_GROUPS: usize = 100;
-/// The screen that points are chosen for, and how far a line may lie from a point there, in pixels: zoomed fiftyfold,
-/// as much as a line is broad.
-const SCREEN: (f64, f64) = (1200.0, 300.0);
-const DISTANCE: f64 = 0.03;
+/// How far a line between points may lie from the curve, in parts of the height of the diagram.
+const DISTANCE: f64 = 2e-4;
+/// Points are chosen on so wide a screen of height 1 that their distances from lines are those of values.
+const WIDTH: f64 = 1e4;
 /// Digits of numbers.
 const DIGITS: usize = 6;
 
@@ -53,26 +53,34 @@ impl Diagram<'_> {
                 "peak": self.peak, "parts": self.parts(), "curves": curves })
     }
 
-    /// Points of a curve that keep its peaks; those of a peak by itself are chosen by themselves.
+    /// Points of a curve. All groups of a peak are there: it is seen on two scales.
     fn points(&self, curve: &Curve, groups: usize) -> Vec<(f64, f64)> {
         let rows = curve.values.len().min(curve.times.len());
         let place = |time: f64| curve.times.partition_point(|other| *other <= time).min(rows);
         let peak = self.peak.map_or(0..0, |Peak { from, until, .. }| place(from).saturating_sub(1)..place(until));
-        let mut points = Vec::new();
-        for (rows, groups) in [(0..peak.start, groups), (peak.clone(), groups / 3), (peak.end..rows, groups)] {
-            points.extend(thinned(&curve.times[rows.clone()], &curve.values[rows], groups.max(1)));
-        }
-        let (from, to) = self.span();
-        let rest = self.parts().into_iter().enumerate().find(|(place, _)| self.peak_part() != Some(*place));
-        let axis = rest.map_or_else(|| self.axis(from, to), |(_, (from, to))| self.axis(from, to));
-        let seen = |(time, value): &(f64, f64)| ((time - from) / (to - from) * SCREEN.0, axis.place(*value) * SCREEN.1);
+        let (parts, number) = (self.parts(), usize::from(self.peak_part() == Some(0)));
+        let (from, to) = parts[number];
+        let chosen = |rows: std::ops::Range<usize>, groups: usize| {
+            thinned(&curve.times[rows.clone()], &curve.values[rows], groups.max(1))
+        };
+        let before = self.seen(&chosen(0..peak.start, groups), from, to);
+        let behind = self.seen(&chosen(peak.end..rows, groups), from, to);
+        let points = before.into_iter().chain(chosen(peak, groups / 3)).chain(behind);
+        points.map(|(time, value)| (rounded(time, DIGITS + 1), rounded(value, DIGITS))).collect()
+    }
+
+    /// Those of the points that make a difference to who looks at them from one time to another; the smallest and the largest
+    /// are among them.
+    fn seen(&self, points: &[(f64, f64)], from: f64, to: f64) -> Vec<(f64, f64)> {
+        let axis = self.axis(from, to);
+        let place = |(time, value): &(f64, f64)| ((time - from) / (to - from) * WIDTH, axis.place(*value));
         let mut kept: Vec<(f64, f64)> = Vec::new();
         for part in points.chunk_by(|a, b| a.1.is_finite() == b.1.is_finite()) {
             if !part.iter().all(|(_, value)| value.is_finite()) {
                 kept.extend(part.first());
                 continue;
             }
-            let screen: Vec<_> = part.iter().map(seen).collect();
+            let screen: Vec<_> = part.iter().map(place).collect();
             let by_value = |a: &usize, b: &usize| part[*a].1.total_cmp(&part[*b].1);
             let mut places = simplified(&screen, DISTANCE);
             places.extend((0..part.len()).min_by(by_value));
@@ -81,7 +89,7 @@ impl Diagram<'_> {
             places.dedup();
             kept.extend(places.into_iter().map(|place| part[place]));
         }
-        kept.into_iter().map(|(time, value)| (rounded(time, DIGITS + 1), rounded(value, DIGITS))).collect()
+        kept
     }
 }
 

@@ -8,13 +8,13 @@ use super::style::{Part, styles};
 use super::svg::{legend, line, sheet, stroke, text};
 
 const WIDTH: f64 = 640.0;
-const HEIGHT: f64 = 460.0;
+const HEIGHT: f64 = 450.0;
 const FONT: f64 = 15.0;
 /// From where it is seen: angles about the axis that points up, and above the plane, in degrees.
 const TURN: f64 = 35.0;
 const ABOVE: f64 = 22.0;
 /// Pixels of an edge of the cube that it is drawn in.
-const EDGE: f64 = 320.0;
+const EDGE: f64 = 235.0;
 const TENTHS: f64 = 10.0;
 const GREY: &str = "#444";
 
@@ -35,7 +35,7 @@ fn seen([x, y, z]: [f64; 3]) -> (f64, f64) {
     let (x, y, z) = (x - 0.5, y - 0.5, z - 0.5);
     let (across, depth) = (x * turn.cos() - y * turn.sin(), x * turn.sin() + y * turn.cos());
     let up = z * above.cos() + depth * above.sin();
-    (0.53 * WIDTH + EDGE * across, 0.5 * (HEIGHT - 30.0) - EDGE * up)
+    (0.5 * WIDTH + EDGE * across, 0.5 * (HEIGHT - 40.0) - EDGE * up)
 }
 
 /// The paths as an SVG that is as wide as the place that it is shown in. The axes are named; the third points up, or down
@@ -94,11 +94,20 @@ fn grid(body: &mut String, ranges: &[Axis; 3], axes: &[String; 3], place: impl F
             text(body, (x, y + 5.0), &words, &grey);
         }
     }
-    for [from, to] in [[[0., 0., 0.], [1., 0., 0.]], [[0., 0., 0.], [0., 1., 0.]], [[1., 0., 0.], [1., 0., 1.]]] {
-        segment(from, to);
-    }
-    let _ = writeln!(body, "<path d=\"{lines}\" fill=\"none\" stroke=\"#ddd\"/>");
-    for (name, at) in axes.iter().zip([[0.5, -0.2, -0.17], [-0.2, 0.5, -0.17], [1.0, -0.25, 1.08]]) {
+    let _ = writeln!(body, "<path d=\"{lines}\" fill=\"none\" stroke=\"#e4e4e4\"/>");
+    let _ = writeln!(body, "<path d=\"{}\" fill=\"none\" stroke=\"#999\"/>", edges());
+    for (name, at) in axes.iter().zip([[0.5, -0.2, -0.17], [-0.2, 0.5, -0.17], [1.0, -0.4, 1.04]]) {
         text(body, seen(at), name, "text-anchor=\"middle\"");
     }
+}
+
+/// The edges of the cube, but for those in front of the paths.
+fn edges() -> String {
+    let corners = |corners: &[[f64; 3]]| {
+        let places = corners.iter().map(|corner| seen(*corner)).map(|(x, y)| format!("{x:.1} {y:.1}"));
+        format!("M{}", places.collect::<Vec<_>>().join("L"))
+    };
+    let floor = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0., 0., 0.]];
+    let faces = [[0., 1., 0.], [0., 1., 1.], [1., 1., 1.], [1., 0., 1.], [1., 0., 0.]];
+    corners(&floor) + &corners(&faces) + &corners(&[[1., 1., 0.], [1., 1., 1.]])
 }
