@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from ._errors import Error, LimitExceeded
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
 #: As many points of a curve as a picture can show.
 MOST_POINTS = 5000
-#: What FMUs say of the unit of a number without one.
-NO_UNITS = {"", "1"}
+#: As many names as a legend can show.
+MOST_NAMES = 16
 
 
 class Result:
@@ -49,7 +50,8 @@ class Result:
         self.notes: list[str] = answer.notes
         #: start_time, stop_time and step (s), order ("gauss-seidel" or "jacobi"; None for one unit), composite, values.
         self.settings: dict[str, Any] = about["settings"]
-        #: What the loop is drawn by: titles, and lists of signals.
+        #: The diagrams as the program decided them: title, signals, words at the axes (x, y), decades of a logarithmic axis, a
+        #: peak, parts (times that are drawn side by side), and curves with colour, dashes, and what they show.
         self.plots: list[dict[str, Any]] = about["plots"]
         #: Folder of the files that were written; None where none were asked for.
         self.folder: Path | None = Path(about["results"]) if about.get("results") else None
@@ -130,29 +132,57 @@ class Result:
             from matplotlib.figure import Figure
         except ImportError as error:
             raise Error("plots need matplotlib: pip install matplotlib") from error
-        plots = self.plots or [{"title": "", "signals": self._names}]
-        figure = Figure(figsize=(9, 2.6 * len(plots) + 0.6), layout="constrained")
-        axes = figure.subplots(len(plots), squeeze=False, sharex=True)[:, 0]
-        for axis, plot in zip(axes, plots):
-            self._draw(axis, plot)
-        axes[-1].set_xlabel("time (s)")
+        plots = self.plots
+        figure = Figure(figsize=(9, 2.6 * max(1, len(plots)) + 0.6), layout="constrained")
+        grid = figure.add_gridspec(max(1, len(plots)), 1)
+        for row, plot in enumerate(plots):
+            parts = plot["parts"]
+            # A peak, in whose range the rest would be flat, has axes of its own.
+            widths = [1.0] if len(parts) == 1 else [1.0, 2.6] if plot["peak"]["from"] <= parts[0][0] else [2.6, 1.0]
+            cells = grid[row].subgridspec(1, len(parts), width_ratios=widths)
+            axes = [figure.add_subplot(cells[place]) for place in range(len(parts))]
+            for axis, part in zip(axes, parts):
+                self._draw(axis, plot, part)
+            axes[0].set_title(plot["title"], fontsize="medium", loc="left")
+            axes[0].set_ylabel(plot["y"])
+            if 0 < len(plot["curves"]) <= MOST_NAMES:
+                axes[-1].legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize="small", frameon=False)
+            if row + 1 == len(plots):
+                for axis in axes:
+                    axis.set_xlabel(plot["x"])
         figure.suptitle(f"{self.name}: {self.description}" if self.description else self.name, fontsize="medium", wrap=True)
         return figure
 
-    def _draw(self, axis: Any, plot: dict[str, Any]) -> None:
-        signals = [name for name in plot["signals"] if name in self.units]
-        units = sorted({self.units[name] for name in signals} - NO_UNITS)
-        step = max(1, self._table.shape[1] // MOST_POINTS)
-        # The reference lies beneath what follows it.
-        for name in sorted(signals, key=lambda name: not name.startswith("reference")):
-            label = f"{name} ({self.units[name]})" if len(units) > 1 and self.units[name] not in NO_UNITS else name
-            style = {"linestyle": "--", "linewidth": 2.2, "alpha": 0.7} if name.startswith("reference") else {"linewidth": 1.2}
-            axis.plot(self.data.index[::step], self.data[name].iloc[::step], label=label, **style)
-        axis.set_title(plot["title"], fontsize="medium", loc="left")
-        axis.set_ylabel(units[0] if len(units) == 1 else "value" if units else "value (no unit)")
+    def _draw(self, axis: Any, plot: dict[str, Any], part: list[float]) -> None:
+        """Draws what happens from one time to another, as the program decided it."""
+        times = self._table[0]
+        first, last = np.searchsorted(times, part[0]), np.searchsorted(times, part[1], side="right")
+        step = max(1, (last - first) // MOST_POINTS)
+        rows = slice(first, last, step)
+        for curve in plot["curves"]:
+            dashes = (0, tuple(curve["dashes"])) if curve["dashes"] else "-"
+            # A reference lies beneath what follows it, broad and pale: it is seen where both are the same.
+            style = {"linewidth": 2.6, "alpha": 0.55, "zorder": 1.5} if curve["beneath"] else {"linewidth": 1.2, "zorder": 2}
+            (line,) = axis.plot(times[rows], self._shown(curve)[rows], label=curve["name"], color=curve["colour"], **style)
+            # Dashes are told in pixels, and matplotlib takes them in widths of the line.
+            line.set_linestyle(dashes if dashes == "-" else (0, tuple(length / style["linewidth"] for length in dashes[1])))
+        if plot["decades"]:
+            axis.set_yscale("log")
+            axis.set_ylim(*plot["decades"])
         axis.grid(alpha=0.3)
-        if 0 < len(signals) <= 12:
-            axis.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize="small", frameon=False)
+
+    def _shown(self, curve: dict[str, Any]) -> Any:
+        """The values of a curve: a signal, the difference of two, or a funnel."""
+        if "funnel" in curve:
+            start, end, rate = curve["funnel"]
+            return (start - end) * np.exp(-rate * (self._table[0] - self._table[0, 0])) + end
+        values = self._signal(curve["of"])
+        if "minus" in curve:
+            values = values - self._signal(curve["minus"])
+        return np.abs(values) if curve["magnitude"] else values
+
+    def _signal(self, name: str) -> Any:
+        return self._table[1 + self._names.index(name)]
 
     def __repr__(self) -> str:
         rows, columns = self._table.shape[1], len(self._names)

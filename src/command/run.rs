@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
-use adaptive_fmu::simulation::{Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict};
+use adaptive_fmu::simulation::{Diagram, Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict};
 use adaptive_fmu::simulation::{measure, svg, terminal};
 use adaptive_fmu::text_file::csv_field;
 use serde_json::{Value, json};
@@ -126,9 +126,9 @@ impl Run {
 pub fn about(report: &Report, results: Option<&Path>) -> Value {
     let Report { structure, settings, whole, measured, ending, .. } = report;
     let Settings { start_time, stop_time, step, order } = settings;
-    let plots = structure.plots.iter().map(|plot| json!({ "title": plot.title, "signals": plot.signals }));
+    let plots: Vec<Value> = report.diagrams().unwrap_or_default().iter().map(Diagram::without_points).collect();
     json!({ "name": structure.name, "description": structure.description, "ended": ending.word(),
-            "metrics": measured, "results": results, "plots": plots.collect::<Vec<_>>(),
+            "metrics": measured, "results": results, "plots": plots,
             "settings": { "start_time": start_time, "stop_time": stop_time, "step": step,
                           "order": (!whole).then(|| order.to_string()), "composite": whole,
                           "values": structure.all_values() } })
@@ -192,7 +192,7 @@ pub fn write_results(report: &Report, out: &Path) -> Result<(), Error> {
     let told = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured });
     files.add(METRICS, told.to_string())?;
     let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
-    files.add(PLOT, svg(&structure.description, &structure.plots, recording).map_err(wrong)?)?;
+    files.add(PLOT, svg(&structure.description, &report.diagrams().map_err(wrong)?))?;
     files.add(PAGE, report.html().map_err(wrong)?)?;
     files.place()
 }

@@ -136,8 +136,12 @@ fn structure(fmu: &Fmu, recording: &Recording, settings: Settings, values: &[(St
     let mut of_measures: BTreeMap<&str, usize> = BTreeMap::new();
     for (name, measure) in recording.names.iter().zip(&recording.measures) {
         let place = *of_measures.entry(measure).or_insert_with(|| {
-            let title = if measure.is_empty() { "no unit".to_owned() } else { format!("in {measure}") };
-            plots.push(Plot { title, signals: Vec::new() });
+            let title = match measure.as_str() {
+                "" => "signals without a unit".to_owned(),
+                "1" => "plain numbers".to_owned(),
+                _ => format!("signals in {measure}"),
+            };
+            plots.push(Plot { title, ..Plot::default() });
             plots.len() - 1
         });
         plots[place].signals.push(name.clone());

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::Files;
-use adaptive_fmu::simulation::{Plot, Recording, svg_over};
+use adaptive_fmu::simulation::{Part, Plot, Recording, Scale, of_plot, svg};
 use adaptive_fmu::tuning::{Best, Generation, Outcome, Range, Swarm, parameter_set};
 use serde_json::{Map, Value, json};
 
@@ -70,9 +70,11 @@ pub fn write_results(tuned: &Tuned) -> Result<(), Error> {
         columns: vec![column(|generation| generation.best), column(|generation| generation.median)],
         ..Recording::default()
     };
-    let plot = Plot { title: "objective".to_owned(), signals: names };
+    let parts = vec![Part::Own; names.len()];
+    let plot = Plot { title: "objective".to_owned(), signals: names, scale: Scale::ByValues, references: Vec::new() };
     let wrong = |reason| Error::Loop { file: tuned.folder.clone(), reason };
-    files.add(CONVERGENCE, svg_over("generation", tuned.name(), &[plot], &recording).map_err(wrong)?)?;
+    let diagram = of_plot("generation", &plot, &parts, &recording).map_err(wrong)?;
+    files.add(CONVERGENCE, svg(tuned.name(), &[diagram]))?;
     files.place()
 }
 

@@ -16,7 +16,7 @@ const L: usize = 3;
 const VL: usize = 4;
 
 /// The output set of each rule: a row for each set of the second input, a column for each of the first.
-const RULES: [[usize; SETS]; SETS] =
+pub const RULES: [[usize; SETS]; SETS] =
     [[Z, VS, VS, S, L], [VS, VS, S, L, VL], [VS, S, L, VL, VL], [S, L, VL, VL, VL], [L, VL, VL, VL, VL]];
 
 /// A triangular set of the output: it rises from `low` to 1 at `centre` and falls to `high`. An edge may be upright.

@@ -15,7 +15,7 @@ use serde::Deserialize;
 use crate::near;
 
 pub use claim::{Claim, Judged};
-pub use figure::{Drawing, Figure};
+pub use figure::{Coordinate, Drawing, Figure, Line};
 pub use outcome::Outcome;
 pub use page::{Done, Page};
 
@@ -44,6 +44,12 @@ pub struct Example {
     pub title: String,
     /// What it is about.
     pub about: String,
+    /// Where it stands in the thesis.
+    #[serde(default)]
+    pub thesis: String,
+    /// The figures of the thesis, as `3.2`, that show what figures of these titles show.
+    #[serde(default)]
+    pub thesis_figures: BTreeMap<String, String>,
     /// What had to be corrected in it.
     #[serde(default)]
     pub corrections: Vec<String>,
@@ -52,8 +58,23 @@ pub struct Example {
     /// Figures beside those of the loops themselves.
     #[serde(default)]
     pub figure: Vec<Figure>,
+    /// Tables beside those of metrics.
+    #[serde(default)]
+    pub table: Vec<Table>,
     /// What it claims.
     pub claim: Vec<Claim>,
+}
+
+/// A table as it is shown.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Table {
+    /// Title.
+    pub title: String,
+    /// The first row.
+    pub head: Vec<String>,
+    /// The others.
+    pub rows: Vec<Vec<String>>,
 }
 
 /// A run of a loop.
@@ -148,5 +169,52 @@ impl Study {
         }
         self.example.retain(|example| names.is_empty() || names.iter().any(|name| example.name.starts_with(name)));
         Ok(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mathematics::fuzzy::{RULES, SETS, memberships};
+
+    const NAMES: [&str; SETS] = ["zero", "very small", "small", "large", "very large"];
+
+    fn chapter_4() -> Example {
+        Study::thesis().unwrap().example.into_iter().find(|example| example.name == "4").unwrap()
+    }
+
+    #[test]
+    fn the_rules_that_the_report_shows_are_those_of_the_inference() {
+        let example = chapter_4();
+        let Table { head, rows, .. } = &example.table[0];
+        let place = |name: &str| NAMES.iter().position(|other| *other == name).unwrap();
+        assert_eq!(rows.len(), SETS);
+        for row in rows {
+            for (of_error, output) in head[1..].iter().zip(&row[1..]) {
+                assert_eq!(RULES[place(&row[0])][place(of_error)], place(output), "{} {of_error}", row[0]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_input_sets_that_the_report_shows_are_those_of_the_inference() {
+        let example = chapter_4();
+        let figure = example.figure.iter().find(|figure| figure.title.starts_with("input sets")).unwrap();
+        let centres = [0.08, 0.31, 0.54, 0.77, 1.0];
+        let centre = |curve: &Curve| {
+            let place = curve.of.strip_prefix("controller.input_centre[").and_then(|rest| rest.strip_suffix(']'));
+            centres[place.unwrap().parse::<usize>().unwrap() - 1]
+        };
+        for (line, name) in figure.lines.iter().zip(NAMES) {
+            assert_eq!(line.name, name);
+            let places = line.x.iter().map(|coordinate| match coordinate {
+                Coordinate::Number(number) => *number,
+                Coordinate::Of(curve) => centre(curve),
+            });
+            for (place, height) in places.zip(&line.y) {
+                let expected = memberships(place, &centres)[NAMES.iter().position(|other| *other == name).unwrap()];
+                assert!((expected - height).abs() < 1e-12, "{name} at {place}: {height}, not {expected}");
+            }
+        }
     }
 }

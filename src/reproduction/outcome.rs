@@ -6,8 +6,9 @@ use std::time::Duration;
 use super::Curve;
 use crate::simulation::{Ending, Measured, Metric, Report, Structure, Verdict, four_digits, thinned};
 
-/// Groups of points in a drawn curve.
-const GROUPS: usize = 400;
+/// Groups of points in a kept curve, in its first part, where peaks are, and in the rest.
+const GROUPS: usize = 1500;
+const FIRST: f64 = 0.05;
 /// The most rows of a curve in its file, and the most points of a path.
 const MOST_ROWS: usize = 2000;
 
@@ -32,7 +33,7 @@ pub struct Outcome {
 /// A curve of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Samples {
-    /// Few points, all peaks kept.
+    /// As many points as a figure may show, all peaks kept.
     pub drawn: Vec<(f64, f64)>,
     /// Every so many communication points.
     pub rows: Vec<(f64, f64)>,
@@ -97,9 +98,12 @@ fn samples(report: &Report, curve: &Curve) -> Result<Samples, String> {
         Some(minus) => of.iter().zip(column(minus)?).map(|(of, minus)| of - minus).collect(),
         None => of.to_vec(),
     };
+    let border = (FIRST * values.len() as f64) as usize;
+    let drawn =
+        [0..border, border..values.len()].map(|rows| thinned(&recording.times[rows.clone()], &values[rows], GROUPS));
     let every = recording.times.len().div_ceil(MOST_ROWS).max(1);
     Ok(Samples {
-        drawn: thinned(&recording.times, &values, GROUPS),
+        drawn: drawn.concat(),
         rows: recording.times.iter().copied().zip(values.iter().copied()).step_by(every).collect(),
         unit: recording.measure(&curve.of).map(str::to_owned),
     })

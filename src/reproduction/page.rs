@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::claim::Judged;
 use super::figure::Drawing;
 use super::outcome::Outcome;
-use super::{Example, Study};
+use super::{Example, Study, Table};
 use crate::exporter::escaped;
 use crate::simulation::{Ending, Measured, STYLE, Verdict, four_digits};
 
@@ -97,6 +97,9 @@ impl Page<'_> {
 fn push_example(page: &mut String, example: &Example, done: &Done) {
     let (name, title, about) = (escaped(&example.name), escaped(&example.title), escaped(&example.about));
     let _ = writeln!(page, "<section>\n<h2 id=\"{name}\">{name} {title}</h2>\n<p>{about}</p>");
+    if !example.thesis.is_empty() {
+        let _ = writeln!(page, "<p class=\"thesis\">In the thesis: {}.</p>", escaped(&example.thesis));
+    }
     for outcome in &done.outcomes {
         push_shortfall(page, outcome);
     }
@@ -106,12 +109,25 @@ fn push_example(page: &mut String, example: &Example, done: &Done) {
         let _ = writeln!(page, "<h3>Corrected</h3>\n<ul>\n{items}</ul>");
     }
     push_adaptation(page, example, done);
+    example.table.iter().for_each(|table| push_table(page, table));
     page.push_str("<div class=\"figures\">\n");
-    for Drawing { name, title, svg, .. } in &done.drawings {
-        let title = escaped(title);
+    for Drawing { name, title, thesis, svg, .. } in &done.drawings {
+        let thesis = if thesis.is_empty() { String::new() } else { format!(" (thesis: figure {thesis})") };
+        let title = escaped(&format!("{title}{thesis}"));
         let _ = writeln!(page, "<figure id=\"{name}\"><figcaption>{title}</figcaption>{svg}</figure>");
     }
     page.push_str("</div>\n</section>\n");
+}
+
+fn push_table(page: &mut String, Table { title, head, rows }: &Table) {
+    let row =
+        |cells: &[String], tag: &str| cells.iter().map(|cell| format!("<{tag}>{}", escaped(cell))).collect::<String>();
+    let rows: String = rows.iter().map(|cells| format!("\n<tr>{}", row(cells, "td"))).collect();
+    let (title, head) = (escaped(title), row(head, "th"));
+    let _ = writeln!(
+        page,
+        "<h3>{title}</h3>\n<div class=\"scroll\"><table class=\"own\">\n<tr>{head}{rows}\n</table></div>"
+    );
 }
 
 /// A failure that the loop is not there to show.

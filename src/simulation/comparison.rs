@@ -1,10 +1,12 @@
 //! Runs of several loops on one page: what all of them measure, in one table and in common diagrams.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::page::{Curve, Report, beginning, diagram, ending};
-use super::ssp::{Funnel, Metric};
+use super::diagram::{Diagram, Given, Part, Shown, bound, time_label};
+use super::page::{Report, beginning, ending, push_diagrams};
+use super::ssp::{Funnel, Metric, Scale};
 use crate::exporter::escaped;
 
 /// Runs side by side, one at least.
@@ -61,18 +63,25 @@ impl Comparison<'_> {
                 let _ = writeln!(page, "<p class=\"bad\">The run of {name} {}.</p>", escaped(&shortfall));
             }
         }
-        for compared in self.compared() {
-            let unit = self.runs[0].recording.measure(compared.of);
-            let units = Vec::from_iter(unit);
-            page.push_str(&diagram(compared.of, &self.signals(&compared)?, &units));
-            if let (Some(minus), Some(funnel)) = (compared.minus, compared.funnel) {
-                let title = format!("{} − {minus} in its funnel", compared.of);
-                page.push_str(&diagram(&title, &self.errors(&compared, minus, funnel)?, &units));
-            }
-        }
+        push_diagrams(&mut page, &self.diagrams()?);
         self.push_metrics(&mut page);
         ending(&mut page);
         Ok(page)
+    }
+
+    /// What all runs measure, a signal a diagram, and errors in their funnels.
+    ///
+    /// # Errors
+    /// When a metric names a signal that isn't there.
+    pub fn diagrams(&self) -> Result<Vec<Diagram<'_>>, String> {
+        let mut diagrams = Vec::new();
+        for compared in self.compared() {
+            diagrams.push(self.signals(&compared)?);
+            if let (Some(minus), Some(funnel)) = (compared.minus, compared.funnel) {
+                diagrams.push(self.errors(&compared, minus, funnel)?);
+            }
+        }
+        Ok(diagrams)
     }
 
     /// What the metrics of every run are about, in the order of the first.
@@ -92,32 +101,30 @@ impl Comparison<'_> {
         found
     }
 
-    fn signals(&self, Compared { of, minus, .. }: &Compared) -> Result<Vec<Curve>, String> {
-        let mut curves = Vec::new();
+    fn signals(&self, Compared { of, minus, .. }: &Compared) -> Result<Diagram<'_>, String> {
+        let mut given = Vec::new();
         for run in &self.runs {
-            curves.push(Curve::new(&run.structure.name, &run.recording.times, column(run, of)?));
+            given.push(curve(run, &run.structure.name, Part::Own, Shown::signal(of), Cow::Borrowed(column(run, of)?)));
         }
         if let Some(minus) = minus {
             let first = &self.runs[0];
-            curves.push(Curve::new(minus, &first.recording.times, column(first, minus)?).dashed());
+            let values = Cow::Borrowed(column(first, minus)?);
+            given.push(curve(first, minus, Part::Reference, Shown::signal(minus), values));
         }
-        Ok(curves)
+        Ok(Diagram::new(of, &time_label(), Scale::Linear, given))
     }
 
-    fn errors(&self, Compared { of, .. }: &Compared, minus: &str, funnel: Funnel) -> Result<Vec<Curve>, String> {
-        let mut curves = Vec::new();
+    fn errors(&self, Compared { of, .. }: &Compared, minus: &str, funnel: Funnel) -> Result<Diagram<'_>, String> {
+        let mut given = Vec::new();
         for run in &self.runs {
             let pairs = column(run, of)?.iter().zip(column(run, minus)?);
-            let errors: Vec<f64> = pairs.map(|(of, minus)| of - minus).collect();
-            curves.push(Curve::new(&run.structure.name, &run.recording.times, &errors));
+            let errors = pairs.map(|(of, minus)| (of - minus).abs()).collect();
+            let shown = Shown { minus: Some(minus.to_owned()), magnitude: true, ..Shown::signal(of) };
+            given.push(curve(run, &run.structure.name, Part::Own, shown, errors));
         }
-        let times = &self.runs[0].recording.times;
-        let start = times.first().copied().unwrap_or_default();
-        for (name, sign) in [("rho", 1.0), ("-rho", -1.0)] {
-            let bound: Vec<f64> = times.iter().map(|time| sign * funnel.at(time - start)).collect();
-            curves.push(Curve::new(name, times, &bound).dashed());
-        }
-        Ok(curves)
+        given.push(bound(funnel, &self.runs[0].recording.times));
+        let title = format!("|{of} − {minus}| in its funnel");
+        Ok(Diagram::new(&title, &time_label(), Scale::Logarithmic, given))
     }
 
     fn push_metrics(&self, page: &mut String) {
@@ -134,6 +141,13 @@ impl Comparison<'_> {
         }
         page.push_str("\n</table></div>\n");
     }
+}
+
+/// A curve of a run; its unit is that of the signal that it shows.
+fn curve<'a>(run: &'a Report, name: &str, part: Part, shown: Shown, values: Cow<'a, [f64]>) -> Given<'a> {
+    let unit = shown.of.as_deref().and_then(|of| run.recording.measure(of)).unwrap_or_default().to_owned();
+    let times = Cow::Borrowed(run.recording.times.as_slice());
+    Given { name: name.to_owned(), unit, part, shown, times, values }
 }
 
 fn column<'a>(run: &'a Report, name: &str) -> Result<&'a [f64], String> {

@@ -1,10 +1,10 @@
 //! FMUs as a master sees them: loading, closed loops, metrics, and what is shown of a run.
 
 mod alone;
-mod chart;
 mod check;
 mod closed_loop;
 mod comparison;
+mod diagram;
 mod draft;
 mod exchange;
 mod feedthrough;
@@ -26,14 +26,14 @@ mod settling;
 mod sketch;
 mod ssp;
 mod steady_state;
-mod thinned;
 mod whole;
 
 pub use alone::Alone;
-pub use chart::{COLOURS, padded_range, svg, svg_over};
 pub use check::{Circles, Link, Wiring, check, start_values};
 pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
 pub use comparison::Comparison;
+pub use diagram::{COLOURS, Diagram, Given, Part, Path, Peak, Shown, Style};
+pub use diagram::{bound, figure, labelled, of_plot, space, svg, thinned, time_label};
 pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
 #[cfg(unix)]
 pub use fmu::serve_unit;
@@ -47,7 +47,6 @@ pub use page::{Ending, Report, STYLE};
 pub use ready::Ready;
 pub use sketch::terminal;
 pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, UnitFile, pack};
-pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, STRUCTURE, Statistic};
+pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, STRUCTURE, Scale, Statistic};
 pub use ssp::{SquareTerm, TunedParameter, Tuning};
-pub use thinned::thinned;
 pub use whole::{Whole, check_values, composite, composite_name, with_values};

@@ -1,9 +1,21 @@
-// Draws the diagrams of a page from the numbers beside them. Dragging zooms, time in all diagrams at once; a double click
-// shows all again; a click on a name hides its curve.
+// Draws diagrams, and lets a reader zoom them: dragging zooms, time in all diagrams of the page at once; a double click shows
+// all again; a click on a name hides its curve.
+//
+// `new Diagram(place, given)` draws one into an element with the class `diagram`; `diagram.show(given)` draws other numbers
+// in its place, and keeps what is zoomed and hidden. `given` is
+//   title, x, y   words: at the diagram, at the axis of times, at that of values
+//   decades       [low, high], the ends of a logarithmic axis of values; null where it is linear
+//   peak          a peak at the start or at the end, in whose range the rest would be flat: {from, until, value, low, high} are
+//                 its times, its largest value, and the range of the rest; null where there is none
+//   curves        name, colour, dashes (lengths of lines and gaps in pixels, none of a solid line), beneath (whether it is a
+//                 reference, which lies beneath the others), x and y (arrays of one length; null where there is no value)
+// The program decides all of them (src/simulation/diagram); this file decides nothing about what a curve is.
 'use strict';
 const HEIGHT = 330, LEFT = 76, RIGHT = 16, TOP = 10, BOTTOM = 42;
 // A pointer that moves less than this many pixels has not dragged.
 const DRAGGED = 8;
+// How much longer than a peak the time is that is shown of it.
+const AROUND_PEAK = 1.6;
 
 const element = (name, attributes, text) => {
   const made = document.createElementNS('http://www.w3.org/2000/svg', name);
@@ -27,6 +39,16 @@ const ticks = ([low, high], count) => {
   return Array.from({length: last - first + 1}, (_, k) => (first + k) * step).map(value => [value, written(value)]);
 };
 
+// Powers of ten in a range.
+const powers = ([low, high], count) => {
+  const first = Math.ceil(Math.log10(low) - 1e-9), last = Math.floor(Math.log10(high) + 1e-9);
+  if (last - first < 1) return ticks([low, high], count).filter(([value]) => value > 0);
+  const step = Math.max(1, Math.ceil((last - first) / count));
+  const written = power => power === 0 ? '1' : power === 1 ? '10' : '10' + String(power).replace(/./g, c => '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'['-0123456789'.indexOf(c)]);
+  return Array.from({length: Math.floor((last - first) / step) + 1}, (_, k) => first + k * step)
+    .map(power => [10 ** power, written(power)]);
+};
+
 // The place of the last of ascending numbers that is not above a value; the first where all are.
 const before = (numbers, value) => {
   let [low, high] = [0, numbers.length];
@@ -40,24 +62,52 @@ const before = (numbers, value) => {
 const diagrams = [];
 
 class Diagram {
-  constructor(place) {
-    Object.assign(this, JSON.parse(place.querySelector('script').textContent), {place, hidden: new Set(), values: null});
+  constructor(place, given) {
+    Object.assign(this, {place, hidden: new Set(), values: null, times: null});
+    const made = (kind, name, parent) => {
+      const made = document.createElement(kind);
+      made.className = name;
+      parent.append(made);
+      return made;
+    };
+    this.plot = made('div', 'plot', place);
+    this.told = made('div', 'told', this.plot);
+    this.note = made('button', 'peak', this.plot);
+    this.note.addEventListener('click', () => {
+      this.values = null;
+      this.whole = true;
+      const {from, until} = this.peak, length = AROUND_PEAK * (until - from);
+      showTimes(this.first ? [from, from + length] : [until - length, until]);
+    });
+    this.legend = made('div', 'legend', place);
+    this.take(given);
+  }
+
+  // Draws other numbers.
+  show(given) {
+    this.take(given);
+    this.draw();
+  }
+
+  take(given) {
+    const before = this.all;
+    Object.assign(this, given);
     const ends = this.curves.flatMap(({x}) => [x[0], x[x.length - 1]]).filter(Number.isFinite);
     this.all = ends.length ? [Math.min(...ends), Math.max(...ends)] : [0, 1];
     if (this.all[0] === this.all[1]) this.all[1] += 1;
-    this.times = this.all;
-    this.told = document.createElement('div');
-    this.told.className = 'told';
-    this.legend = document.createElement('p');
-    this.legend.className = 'legend';
-    this.curves.forEach((curve, k) => this.legend.append(this.entry(curve, k)));
-    place.append(this.told, this.legend);
+    if (!this.times || this.times === before) this.times = this.all;
+    this.first = this.peak?.from < (this.all[0] + this.all[1]) / 2;
+    const goes = this.first ? 'At the start it goes' : 'At the end it goes';
+    this.note.textContent = this.peak ? `${goes} to ${Number(this.peak.value.toPrecision(3))}: show that` : '';
+    this.legend.replaceChildren(...this.curves.map((curve, k) => this.entry(curve, k)));
   }
 
-  entry({name, colour}, k) {
-    const entry = document.createElement('button');
-    entry.append(name);
-    entry.style.setProperty('--colour', colour);
+  entry({name, colour, dashes, beneath}, k) {
+    const entry = document.createElement('button'), sample = element('svg', {width: 34, height: 10});
+    sample.append(element('path', {d: 'M0,5H34', stroke: colour, 'stroke-width': beneath ? 3.2 : 1.5,
+      'stroke-opacity': beneath ? 0.55 : 1, 'stroke-dasharray': dashes.join(' ') || 'none'}));
+    entry.append(sample, name);
+    entry.classList.toggle('hidden', this.hidden.has(k));
     entry.addEventListener('click', () => {
       this.hidden.delete(k) || this.hidden.add(k);
       entry.classList.toggle('hidden', this.hidden.has(k));
@@ -70,28 +120,40 @@ class Diagram {
     return this.curves.filter((_, k) => !this.hidden.has(k));
   }
 
+  // Whether a peak is left out: as long as nobody has zoomed.
+  get cut() {
+    return Boolean(this.peak) && this.times === this.all && !this.values && !this.whole;
+  }
+
   // The values of what is seen, a little apart.
   range() {
     if (this.values) return this.values;
+    if (this.cut) return [this.peak.low, this.peak.high];
+    if (this.decades && this.times === this.all) return this.decades;
     let [low, high] = [Infinity, -Infinity];
     for (const {x, y} of this.visible) {
       for (let k = before(x, this.times[0]); k < x.length && (k === 0 || x[k - 1] < this.times[1]); k++) {
         if (y[k] !== null) [low, high] = [Math.min(low, y[k]), Math.max(high, y[k])];
       }
     }
+    if (this.decades) return high > 0 ? [Math.max(low, this.decades[0], 1e-9 * high) / 1.2, high * 1.2] : this.decades;
     if (low > high) return [-1, 1];
     const apart = high > low ? 0.06 * (high - low) : 0.1 * Math.max(Math.abs(low), 1);
     return [low - apart, high + apart];
   }
 
-  draw(width = this.place.clientWidth || 680) {
+  // Draws it, so wide.
+  draw(width = this.plot.clientWidth || 680) {
     const [from, to] = this.times, [low, high] = this.range();
     const [right, bottom] = [Math.max(width - RIGHT, LEFT + 50), HEIGHT - BOTTOM];
     this.scale = {
       across: time => LEFT + (time - from) / (to - from) * (right - LEFT),
-      up: value => bottom - (value - low) / (high - low) * (bottom - TOP),
+      up: value => bottom - this.part(value, low, high) * (bottom - TOP),
       time: pixel => from + Math.min(1, Math.max(0, (pixel - LEFT) / (right - LEFT))) * (to - from),
-      value: pixel => low + Math.min(1, Math.max(0, (bottom - pixel) / (bottom - TOP))) * (high - low),
+      value: pixel => {
+        const part = Math.min(1, Math.max(0, (bottom - pixel) / (bottom - TOP)));
+        return this.decades ? low * (high / low) ** part : low + part * (high - low);
+      },
       right, bottom,
     };
     const drawn = element('svg', {width, height: HEIGHT, role: 'img', 'aria-label': this.title});
@@ -99,16 +161,26 @@ class Diagram {
     // What lies outside is cut off by an inner picture.
     const inside = element('svg', {x: LEFT, y: TOP, width: right - LEFT, height: bottom - TOP,
       viewBox: `${LEFT} ${TOP} ${right - LEFT} ${bottom - TOP}`});
-    for (const curve of this.visible) inside.append(this.line(curve));
+    // References lie beneath.
+    for (const beneath of [true, false]) {
+      for (const curve of this.visible.filter(curve => curve.beneath === beneath)) inside.append(this.line(curve));
+    }
     this.mark = element('path', {class: 'mark'});
     this.zoomed = element('rect', {class: 'zoomed', width: 0, height: 0});
     inside.append(this.mark, this.zoomed);
     drawn.append(inside);
     this.listen(drawn);
     this.drawn?.remove();
-    this.place.prepend(drawn);
+    this.plot.prepend(drawn);
     this.drawn = drawn;
     this.told.hidden = true;
+    this.note.hidden = !this.cut;
+  }
+
+  // The part of the axis of values at which a value lies; what a logarithm can't take lies below it.
+  part(value, low, high) {
+    if (!this.decades) return (value - low) / (high - low);
+    return value > 0 ? Math.max(-1, Math.log(value / low) / Math.log(high / low)) : -1;
   }
 
   axes(drawn) {
@@ -117,7 +189,7 @@ class Diagram {
       drawn.append(element('path', {class: 'grid', d: `M${across(time)},${TOP}V${bottom}`}));
       drawn.append(element('text', {x: across(time), y: bottom + 16, 'text-anchor': 'middle'}, text));
     }
-    for (const [value, text] of ticks(this.range(), 6)) {
+    for (const [value, text] of (this.decades ? powers : ticks)(this.range(), 6)) {
       drawn.append(element('path', {class: 'grid', d: `M${LEFT},${up(value)}H${right}`}));
       drawn.append(element('text', {x: LEFT - 6, y: up(value) + 4, 'text-anchor': 'end'}, text));
     }
@@ -126,7 +198,7 @@ class Diagram {
     drawn.append(element('text', {transform: turned, 'text-anchor': 'middle'}, this.y));
   }
 
-  line({x, y, colour, dashed}) {
+  line({x, y, colour, dashes, beneath}) {
     const {across, up} = this.scale;
     const end = before(x, this.times[1]) + 2;
     let path = '', gap = true;
@@ -134,7 +206,8 @@ class Diagram {
       if (y[k] !== null) path += `${gap ? 'M' : 'L'}${across(x[k]).toFixed(2)},${up(y[k]).toFixed(2)}`;
       gap = y[k] === null;
     }
-    return element('path', {class: 'curve', d: path, stroke: colour, 'stroke-dasharray': dashed ? '7 5' : 'none'});
+    return element('path', {class: beneath ? 'curve beneath' : 'curve', d: path, stroke: colour,
+      'stroke-dasharray': dashes.join(' ') || 'none'});
   }
 
   listen(drawn) {
@@ -163,6 +236,7 @@ class Diagram {
     });
     drawn.addEventListener('dblclick', () => {
       this.values = null;
+      diagrams.forEach(diagram => diagram.whole = false);
       showTimes(null);
     });
   }
@@ -201,9 +275,10 @@ class Diagram {
       line.append(`${name}: ${y[k] === null ? '–' : Number(y[k].toPrecision(6))}`);
       lines.push(line);
     }
-    this.told.replaceChildren(`t = ${Number(time.toPrecision(6))} s`, ...lines);
+    const [, quantity, unit] = /^(.*?)(?: \((.*)\))?$/.exec(this.x);
+    this.told.replaceChildren(`${quantity} = ${Number(time.toPrecision(6))} ${unit ?? ''}`, ...lines);
     this.told.hidden = false;
-    const x = this.scale.across(time), room = this.place.clientWidth - this.told.offsetWidth;
+    const x = this.scale.across(time), room = this.plot.clientWidth - this.told.offsetWidth;
     this.told.style.left = `${x + 12 < room ? x + 12 : Math.max(0, x - 12 - this.told.offsetWidth)}px`;
     this.mark.setAttribute('d', `M${x},${TOP}V${this.scale.bottom}`);
   }
@@ -214,7 +289,10 @@ const showTimes = times => diagrams.forEach(diagram => {
   diagram.draw();
 });
 
-document.querySelectorAll('.diagram').forEach(place => diagrams.push(new Diagram(place)));
+document.querySelectorAll('.diagram').forEach(place => {
+  const given = place.querySelector('script[type="application/json"]');
+  if (given) diagrams.push(new Diagram(place, JSON.parse(given.textContent)));
+});
 const drawAll = width => diagrams.forEach(diagram => diagram.draw(width));
 drawAll();
 addEventListener('resize', () => drawAll());

@@ -2,18 +2,12 @@
 
 use std::fmt::Write;
 
-use plotters::style::RGBColor;
-use serde_json::{Value, json};
-
-use super::chart::COLOURS;
 use super::closed_loop::{Recording, Settings};
+use super::diagram::{Diagram, diagrams, groups};
 use super::metrics::Measured;
-use super::ssp::{Plot, Structure};
-use super::thinned::thinned;
+use super::ssp::Structure;
 use crate::exporter::escaped;
 
-/// Groups of points in a curve: about one a pixel of a wide screen.
-const GROUPS: usize = 1500;
 /// A browser that obeys this loads nothing from anywhere.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
 /// How pages look.
@@ -30,20 +24,29 @@ pub const STYLE: &str = "
 ";
 /// How diagrams look.
 const DIAGRAMS: &str = "
-  .diagram { position: relative; }
-  .diagram svg { display: block; overflow: hidden; user-select: none; touch-action: pan-y; cursor: crosshair; }
-  .diagram text { font-size: 12px; fill: #444; }
-  .diagram path { fill: none; }
-  .diagram .grid { stroke: #e4e4e4; }
-  .diagram .curve { stroke-width: 1.5; }
-  .diagram .mark { stroke: #888; }
-  .diagram .zoomed { fill: #0002; }
-  .legend { display: flex; flex-wrap: wrap; gap: 0 1.2em; margin: .2em 0 0 4.7em; }
-  .legend button { border: 0; padding: .2em 0; background: none; font: inherit; font-size: .9em; cursor: pointer; }
-  .legend button::before, .told div::before { content: '\\25ac '; color: var(--colour); }
+  .diagram { display: flex; gap: .8em; }
+  .plot { position: relative; flex: 1; min-width: 0; }
+  .plot svg { display: block; overflow: hidden; user-select: none; touch-action: pan-y; cursor: crosshair; }
+  .plot text { font-size: 12px; fill: #444; }
+  .plot path { fill: none; }
+  .plot .grid { stroke: #e4e4e4; }
+  .plot .curve { stroke-width: 1.5; stroke-linejoin: round; }
+  .plot .beneath { stroke-width: 3.2; stroke-opacity: .55; }
+  .plot .mark { stroke: #888; }
+  .plot .zoomed { fill: #0002; }
+  .legend { flex: 0 0 15em; margin: .4em 0 0; display: flex; flex-direction: column; align-items: start; }
+  .legend button, .peak { border: 0; padding: .15em 0; background: none; font: inherit; font-size: .85em; text-align: left;
+    cursor: pointer; overflow-wrap: anywhere; }
+  .legend svg { vertical-align: middle; margin-right: .5em; }
   .legend .hidden { opacity: .4; text-decoration: line-through; }
+  .peak { display: block; margin-left: 76px; color: #0b5394; text-decoration: underline; }
+  .peak[hidden] { display: none; }
   .told { position: absolute; top: 14px; padding: .1em .5em; background: #fffd; border: 1px solid #ccc; font-size: .8em;
-    pointer-events: none; }
+    pointer-events: none; z-index: 1; }
+  .told div::before { content: '\\25ac '; color: var(--colour); }
+  @media (max-width: 50em) { .diagram { display: block; }
+    .legend { flex-flow: row wrap; gap: 0 1.2em; margin: .2em 0 0 1em; } }
+  @media print { .diagram { display: block; } .legend { flex-flow: row wrap; gap: 0 1.2em; } }
 ";
 /// What draws the diagrams, and lets a reader zoom them.
 const SCRIPT: &str = include_str!("page.js");
@@ -109,14 +112,12 @@ impl Report<'_> {
     /// # Errors
     /// When a plot names a signal that isn't there.
     pub fn html(&self) -> Result<String, String> {
-        let Structure { name, description, plots, .. } = self.structure;
+        let Structure { name, description, .. } = self.structure;
         let mut page = beginning(name, description);
         if let Some(shortfall) = self.shortfall() {
             let _ = writeln!(page, "<p class=\"bad\">This run {}.</p>", escaped(&shortfall));
         }
-        for plot in plots {
-            page.push_str(&self.plot(plot)?);
-        }
+        push_diagrams(&mut page, &self.diagrams()?);
         self.push_metrics(&mut page);
         self.push_warnings(&mut page);
         self.push_settings(&mut page);
@@ -124,22 +125,12 @@ impl Report<'_> {
         Ok(page)
     }
 
-    fn plot(&self, plot: &Plot) -> Result<String, String> {
-        let unit = |name: &String| self.recording.measure(name);
-        let mut units: Vec<&str> = plot.signals.iter().filter_map(unit).collect();
-        units.sort_unstable();
-        units.dedup();
-        let mut curves = Vec::new();
-        for name in &plot.signals {
-            let column = self.recording.column(name).ok_or_else(|| format!("there is no signal `{name}`"))?;
-            // With units of several kinds in one plot, each curve tells its own.
-            let label = match unit(name) {
-                Some(unit) if units.len() > 1 => format!("{name} in {unit}"),
-                _ => name.clone(),
-            };
-            curves.push(Curve::new(&label, &self.recording.times, column));
-        }
-        Ok(diagram(&plot.title, &curves, &units))
+    /// The diagrams of the run: those that its loop plots, and errors in their funnels.
+    ///
+    /// # Errors
+    /// When one names a signal that isn't there.
+    pub fn diagrams(&self) -> Result<Vec<Diagram<'_>>, String> {
+        diagrams(self.structure, self.recording)
     }
 
     fn push_metrics(&self, page: &mut String) {
@@ -196,46 +187,18 @@ impl Report<'_> {
     }
 }
 
-/// A curve of a diagram.
-pub(super) struct Curve {
-    name: String,
-    points: Vec<(f64, f64)>,
-    dashed: bool,
-}
-
-impl Curve {
-    /// Thinned, its peaks kept.
-    pub fn new(name: &str, times: &[f64], values: &[f64]) -> Self {
-        Curve { name: name.to_owned(), points: thinned(times, values, GROUPS), dashed: false }
+/// Adds diagrams to a page, each as the numbers that [`SCRIPT`] draws it of.
+pub(super) fn push_diagrams(page: &mut String, diagrams: &[Diagram]) {
+    let groups = groups(diagrams.iter().map(|diagram| diagram.curves.len()).sum());
+    for diagram in diagrams {
+        // Whatever a name holds, it ends no script.
+        let numbers = diagram.with_points(groups).to_string().replace('<', "\\u003c");
+        let _ = writeln!(
+            page,
+            "<h2>{}</h2>\n<div class=\"diagram\"><script type=\"application/json\">{numbers}</script></div>",
+            escaped(&diagram.title)
+        );
     }
-
-    /// The same as a dashed line.
-    pub fn dashed(self) -> Self {
-        Curve { dashed: true, ..self }
-    }
-}
-
-/// A diagram of curves over time, whose values are in these units: what [`SCRIPT`] draws it of.
-pub(super) fn diagram(title: &str, curves: &[Curve], units: &[&str]) -> String {
-    let values = match units {
-        ["1"] => "value, no unit".to_owned(),
-        [] => "value".to_owned(),
-        units => format!("value in {}", units.join(", ")),
-    };
-    let curve = |(curve, colour): (&Curve, &RGBColor)| {
-        let Curve { name, points, dashed } = curve;
-        let (x, y): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
-        let colour = format!("rgb({}, {}, {})", colour.0, colour.1, colour.2);
-        json!({ "name": name, "colour": colour, "dashed": dashed, "x": x, "y": y })
-    };
-    let curves: Vec<Value> = curves.iter().zip(COLOURS.iter().cycle()).map(curve).collect();
-    let numbers = json!({ "title": title, "x": "t in s", "y": values, "curves": curves });
-    // Whatever a name holds, it ends no script.
-    let numbers = numbers.to_string().replace('<', "\\u003c");
-    format!(
-        "<h2>{}</h2>\n<div class=\"diagram\"><script type=\"application/json\">{numbers}</script></div>\n",
-        escaped(title)
-    )
 }
 
 /// A page up to its title and what it is about.

@@ -1,9 +1,8 @@
 //! A sketch of a diagram for the terminal, of Unicode's Braille patterns: two by four dots a character.
 
-use super::chart::padded_range;
 use super::closed_loop::Recording;
+use super::diagram::{padded_range, thinned};
 use super::ssp::Plot;
-use super::thinned::thinned;
 use crate::report::number;
 
 /// Size in dots.
@@ -70,7 +69,7 @@ mod tests {
     fn sketch(values: Vec<f64>) -> Vec<String> {
         let times = (0..values.len()).map(|k| k as f64).collect();
         let recording = Recording { names: vec!["a.y".into()], times, columns: vec![values], ..Recording::default() };
-        let plot = Plot { title: "output".into(), signals: vec!["a.y".into()] };
+        let plot = Plot { title: "output".into(), signals: vec!["a.y".into()], ..Plot::default() };
         terminal(&plot, &recording).unwrap().lines().map(str::to_owned).collect()
     }
 

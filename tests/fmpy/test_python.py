@@ -250,9 +250,22 @@ def test_inputs_over_time_reach_a_unit(tmp_path: Path) -> None:
 def test_a_figure_has_the_loops_plots_with_units() -> None:
     figure = adaptive_fmu.Loop("3.3.1-case2").run(until=0.2).plot()
     labels = [axis.get_ylabel() for axis in figure.axes]
-    assert "rad" in labels and figure.axes[-1].get_xlabel() == "time (s)"
+    assert "angle (rad)" in labels and "torque (N m)" in labels and figure.axes[-1].get_xlabel() == "time (s)"
     lines = {line.get_label(): line for axis in figure.axes for line in axis.get_lines()}
-    assert any(name.startswith("reference") and line.get_linestyle() == "--" for name, line in lines.items())
+    own, reference = lines["plant.y[1]"], lines["reference.r[1]"]
+    assert (own.get_linestyle(), reference.get_linestyle()) == ("-", "--") and own.get_color() == reference.get_color()
+    assert reference.get_zorder() < own.get_zorder()
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines.values()}) >= 4
+
+
+def test_a_figure_shows_errors_in_their_funnel_on_a_logarithmic_axis() -> None:
+    result = adaptive_fmu.Loop("6.5.1-neuro").run(until=0.5)
+    axis = next(axis for axis in result.plot().axes if "funnel" in axis.get_title(loc="left"))
+    lines = {line.get_label(): line.get_ydata() for line in axis.get_lines()}
+    assert axis.get_yscale() == "log" and len(lines) == 4
+    expected = (result.data["plant.x[2]"] - result.data["x_m2"]).abs()
+    np.testing.assert_allclose(lines["|plant.x[2] − x_m2|"], expected)
+    np.testing.assert_allclose(lines["funnel ρ"], 1.95 * np.exp(-1.5 * result.data.index) + 0.05)
 
 
 def test_a_notebook_shows_metrics_and_a_picture() -> None:

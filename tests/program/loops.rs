@@ -264,6 +264,9 @@ fn what_this_reader_does_not_know_is_refused_not_skipped() {
     assert_tells(&file("name=\"two\"", "name=\"one\""), &["line ", "`one`"]);
     assert_tells(&file("name=\"pair\"", "name=\"../pair\""), &["line ", "../pair"]);
     assert_tells(&file("step=\"0.1\"", "step=\"0\""), &["line ", "step = 0"]);
+    let plot = |more: &str| file("<Master", &format!("<Plot title='p' signals='one.y' {more}/><Master"));
+    assert_tells(&plot("scale='logarithmic'"), &["line ", "scale = logarithmic", "linear, log or auto"]);
+    assert_tells(&plot("references='two.y'"), &["line ", "references = two.y"]);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The program: its commands and files, loops, units of other tools, validation.
 
+mod figures;
 mod foreign;
 mod foreign_exchange;
 mod foreign_loops;

@@ -75,12 +75,28 @@ pub struct Metric {
 }
 
 /// A diagram.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plot {
     /// Title.
     pub title: String,
     /// Signals.
     pub signals: Vec<String>,
+    /// Those of them that others are to come to, beside those that follow from the loop.
+    pub references: Vec<String>,
+    /// The axis of values.
+    pub scale: Scale,
+}
+
+/// The axis of values of a diagram.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Scale {
+    /// Equal lengths are equal differences.
+    #[default]
+    Linear,
+    /// Equal lengths are equal ratios; values that are not above 0 aren't shown.
+    Logarithmic,
+    /// Logarithmic where all values are above 0 and span decades, else linear.
+    ByValues,
 }
 
 /// A failure of a unit that the loop is there to show, as of one that can't be held.
@@ -172,7 +188,18 @@ impl Reader<'_> {
     }
 
     pub fn plot(&self, node: Node) -> Result<Plot, Error> {
-        let signals = self.required(node, "signals")?.split_whitespace().map(str::to_owned).collect();
-        Ok(Plot { title: self.required(node, "title")?, signals })
+        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        let signals = words(&self.required(node, "signals")?);
+        let references = node.attribute("references").map_or_else(Vec::new, words);
+        if let Some(other) = references.iter().find(|name| !signals.contains(name)) {
+            return Err(self.refuse(node, &format!("references = {other}: must be one of the plot's signals")));
+        }
+        let scale = match node.attribute("scale") {
+            None | Some("linear") => Scale::Linear,
+            Some("log") => Scale::Logarithmic,
+            Some("auto") => Scale::ByValues,
+            Some(other) => return Err(self.refuse(node, &format!("scale = {other}: must be linear, log or auto"))),
+        };
+        Ok(Plot { title: self.required(node, "title")?, signals, references, scale })
     }
 }

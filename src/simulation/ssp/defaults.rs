@@ -96,7 +96,7 @@ impl Structure {
     }
 
     /// A diagram of what each unit hands on.
-    fn plots_of_units(&self) -> Vec<Plot> {
+    pub fn plots_of_units(&self) -> Vec<Plot> {
         let of_unit = |unit: &Component| {
             let handed_on = self.connections.iter().filter(|connection| connection.from.0 == unit.name);
             let mut signals: Vec<_> =
@@ -104,7 +104,7 @@ impl Structure {
             signals.dedup();
             signals.sort();
             signals.dedup();
-            (!signals.is_empty()).then(|| Plot { title: unit.name.clone(), signals })
+            (!signals.is_empty()).then(|| Plot { title: unit.name.clone(), signals, ..Plot::default() })
         };
         self.components.iter().filter_map(of_unit).collect()
     }

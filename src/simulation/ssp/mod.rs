@@ -14,7 +14,7 @@ mod tuning;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-pub use annotation::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Statistic};
+pub use annotation::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, Scale, Statistic};
 pub use files::LoopFiles;
 pub use package::pack;
 pub use source::UnitFile;

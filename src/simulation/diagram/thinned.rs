@@ -19,6 +19,34 @@ pub fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> 
     kept.into_iter().map(|place| (times[place], values[place])).collect()
 }
 
+/// Places of those points of a line that keep it within a distance of all its points: the first and the last, and of every
+/// part the point that lies farthest from the straight line between its ends (U. Ramer; D. Douglas and T. Peucker). Points
+/// must be finite.
+pub fn simplified(points: &[(f64, f64)], distance: f64) -> Vec<usize> {
+    let last = points.len().saturating_sub(1);
+    let mut kept = vec![0];
+    kept.truncate(points.len());
+    let mut parts = vec![(0, last)];
+    while let Some((from, to)) = parts.pop() {
+        let away = |place: usize| from_segment(points[place], points[from], points[to]);
+        let farthest = (from + 1..to).max_by(|a, b| away(*a).total_cmp(&away(*b)));
+        match farthest.filter(|&place| away(place) > distance) {
+            Some(place) => parts.extend([(place, to), (from, place)]),
+            None if to > from => kept.push(to),
+            None => {}
+        }
+    }
+    kept
+}
+
+/// Distance of a point from the line between two others.
+fn from_segment((x, y): (f64, f64), from: (f64, f64), to: (f64, f64)) -> f64 {
+    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let length = dx * dx + dy * dy;
+    let along = if length > 0.0 { (((x - from.0) * dx + (y - from.1) * dy) / length).clamp(0.0, 1.0) } else { 0.0 };
+    (x - from.0 - along * dx).hypot(y - from.1 - along * dy)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -45,6 +73,20 @@ mod tests {
         let (times, values) = (times(4), vec![1.0, 3.0, 2.0, 0.0]);
         assert_eq!(thinned(&times, &values, 4), [(0.0, 1.0), (1.0, 3.0), (2.0, 2.0), (3.0, 0.0)]);
         assert_eq!(thinned(&[], &[], 4), []);
+    }
+
+    #[test]
+    fn a_simplified_line_stays_near_all_its_points_and_keeps_corners() {
+        let sine: Vec<_> = times(1001).into_iter().map(|t| (t, 100.0 * (t / 100.0).sin())).collect();
+        let kept = simplified(&sine, 0.1);
+        assert!(kept.len() < 120 && kept.is_sorted() && kept.first() == Some(&0) && kept.last() == Some(&1000));
+        for ends in kept.windows(2) {
+            let worst = (ends[0]..=ends[1]).map(|k| from_segment(sine[k], sine[ends[0]], sine[ends[1]]));
+            assert!(worst.fold(0.0, f64::max) <= 0.1);
+        }
+        let square = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 5.0), (3.0, 5.0), (9.0, 5.0)];
+        assert_eq!(simplified(&square, 0.1), [0, 2, 3, 5]);
+        assert_eq!((simplified(&[], 1.0), simplified(&square[..1], 1.0)), (vec![], vec![0]));
     }
 
     #[test]

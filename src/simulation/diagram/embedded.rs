@@ -1,0 +1,99 @@
+//! A diagram as data: for the script of a page, with as many points as a reader can zoom to, and for programs that have the
+//! signals.
+
+use serde_json::{Value, json};
+
+use super::thinned::{simplified, thinned};
+use super::{Curve, Diagram, Peak};
+
+/// Groups of points that all curves of a page share, and the most and the least of a curve.
+const GROUPS: usize = 13_000;
+const MOST_GROUPS: usize = 1500;
+const LEAST_GROUPS: usize = 100;
+/// How far a line between points may lie from the curve, in parts of the height of the diagram.
+const DISTANCE: f64 = 2e-4;
+/// Points are chosen on so wide a screen of height 1 that their distances from lines are those of values.
+const WIDTH: f64 = 1e4;
+/// Digits of numbers.
+const DIGITS: usize = 6;
+
+/// How many groups of points each of so many curves on a page may have.
+pub fn groups(curves: usize) -> usize {
+    (GROUPS / curves.max(1)).clamp(LEAST_GROUPS, MOST_GROUPS)
+}
+
+impl Diagram<'_> {
+    /// What `page.js` draws it of; it says which keys there are.
+    pub fn with_points(&self, groups: usize) -> Value {
+        let curve = |curve: &Curve| {
+            let (x, y): (Vec<f64>, Vec<f64>) = self.points(curve, groups).into_iter().unzip();
+            let dashes = &curve.style.dashes;
+            json!({ "name": curve.name, "colour": curve.style.colour, "dashes": dashes, "beneath": curve.style.beneath,
+                    "x": x, "y": y })
+        };
+        let curves: Vec<Value> = self.curves.iter().map(curve).collect();
+        json!({ "title": self.title, "x": self.x, "y": self.y, "decades": self.decades, "peak": self.peak,
+                "curves": curves })
+    }
+
+    /// What a program draws it of that has the signals.
+    pub fn without_points(&self) -> Value {
+        let curve = |curve: &Curve| {
+            let mut told = json!({ "name": curve.name, "colour": curve.style.colour, "dashes": curve.style.dashes,
+                                   "beneath": curve.style.beneath });
+            if let (Value::Object(told), Ok(Value::Object(shown))) = (&mut told, serde_json::to_value(&curve.shown)) {
+                told.extend(shown);
+            }
+            told
+        };
+        let signals = self.curves.iter().filter(|curve| curve.shown.minus.is_none());
+        let signals: Vec<&String> = signals.filter_map(|curve| curve.shown.of.as_ref()).collect();
+        let curves: Vec<Value> = self.curves.iter().map(curve).collect();
+        json!({ "title": self.title, "signals": signals, "x": self.x, "y": self.y, "decades": self.decades,
+                "peak": self.peak, "parts": self.parts(), "curves": curves })
+    }
+
+    /// Points of a curve. All groups of a peak are there: it is seen on two scales.
+    fn points(&self, curve: &Curve, groups: usize) -> Vec<(f64, f64)> {
+        let rows = curve.values.len().min(curve.times.len());
+        let place = |time: f64| curve.times.partition_point(|other| *other <= time).min(rows);
+        let peak = self.peak.map_or(0..0, |Peak { from, until, .. }| place(from).saturating_sub(1)..place(until));
+        let (parts, number) = (self.parts(), usize::from(self.peak_part() == Some(0)));
+        let (from, to) = parts[number];
+        let chosen = |rows: std::ops::Range<usize>, groups: usize| {
+            thinned(&curve.times[rows.clone()], &curve.values[rows], groups.max(1))
+        };
+        let before = self.seen(&chosen(0..peak.start, groups), from, to);
+        let behind = self.seen(&chosen(peak.end..rows, groups), from, to);
+        let points = before.into_iter().chain(chosen(peak, groups / 3)).chain(behind);
+        points.map(|(time, value)| (rounded(time, DIGITS + 1), rounded(value, DIGITS))).collect()
+    }
+
+    /// Those of the points that make a difference to who looks at them from one time to another; the smallest and the largest
+    /// are among them.
+    fn seen(&self, points: &[(f64, f64)], from: f64, to: f64) -> Vec<(f64, f64)> {
+        let axis = self.axis(from, to);
+        let place = |(time, value): &(f64, f64)| ((time - from) / (to - from) * WIDTH, axis.place(*value));
+        let mut kept: Vec<(f64, f64)> = Vec::new();
+        for part in points.chunk_by(|a, b| a.1.is_finite() == b.1.is_finite()) {
+            if !part.iter().all(|(_, value)| value.is_finite()) {
+                kept.extend(part.first());
+                continue;
+            }
+            let screen: Vec<_> = part.iter().map(place).collect();
+            let by_value = |a: &usize, b: &usize| part[*a].1.total_cmp(&part[*b].1);
+            let mut places = simplified(&screen, DISTANCE);
+            places.extend((0..part.len()).min_by(by_value));
+            places.extend((0..part.len()).max_by(by_value));
+            places.sort_unstable();
+            places.dedup();
+            kept.extend(places.into_iter().map(|place| part[place]));
+        }
+        kept
+    }
+}
+
+/// A number of so many digits.
+fn rounded(number: f64, digits: usize) -> f64 {
+    format!("{number:.*e}", digits - 1).parse().unwrap_or(number)
+}
