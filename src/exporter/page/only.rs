@@ -1,12 +1,14 @@
 //! Parts of a kind's page that hold for some structures only.
 //!
 //! They stand between two lines, `<!-- only: CONDITION -->` and `<!-- end -->`, and may lie within each other. A condition is
-//! one of these, or several with ` or ` between them: `key` (it is given, and isn't false), `no key`, `key = value`. A key of
-//! a table within the structure has a dot: `network.rule`.
+//! one of these, or several with ` or ` between them: `key` (it is given, and isn't false), `no key`, `key = value`,
+//! `key != value` (also where it isn't given). A key of a table within the structure has a dot: `network.rule`. What holds
+//! for no unit, since it tells of all of them, is for the `site` alone.
 
 use toml::{Table, Value};
 
 const BEGIN: &str = "<!-- only:";
+const SITE: &str = "site";
 const CLOSE: &str = "-->";
 const END: &str = "<!-- end -->";
 
@@ -31,14 +33,18 @@ fn condition(line: &str) -> Option<&str> {
 }
 
 fn holds(condition: &str, structure: &Table) -> bool {
-    condition.split(" or ").map(str::trim).any(|term| {
-        if let Some((key, value)) = term.split_once('=') {
-            return find(structure, key.trim()).is_some_and(|found| is(found, value.trim()));
-        }
-        let (key, wanted) = term.strip_prefix("no ").map_or((term, true), |key| (key, false));
-        let given = find(structure, key.trim()).is_some_and(|value| *value != Value::Boolean(false));
-        given == wanted
-    })
+    condition != SITE
+        && condition.split(" or ").map(str::trim).any(|term| {
+            if let Some((key, value)) = term.split_once("!=") {
+                return !find(structure, key.trim()).is_some_and(|found| is(found, value.trim()));
+            }
+            if let Some((key, value)) = term.split_once('=') {
+                return find(structure, key.trim()).is_some_and(|found| is(found, value.trim()));
+            }
+            let (key, wanted) = term.strip_prefix("no ").map_or((term, true), |key| (key, false));
+            let given = find(structure, key.trim()).is_some_and(|value| *value != Value::Boolean(false));
+            given == wanted
+        })
 }
 
 fn find<'a>(structure: &'a Table, key: &str) -> Option<&'a Value> {
@@ -73,6 +79,13 @@ mod tests {
     }
 
     #[test]
+    fn what_is_for_the_site_alone_is_in_no_unit() {
+        let page = "a\n<!-- only: site -->\nb\n<!-- end -->\n<!-- only: rule != given -->\nc\n<!-- end -->";
+        assert_eq!(having(page, &[&structure("")]), "a\nc\n");
+        assert_eq!(having(page, &[&structure("rule = 'given'")]), "a\n");
+    }
+
+    #[test]
     fn a_key_within_a_table_is_found() {
         let page = "<!-- only: network.rule = given -->\na\n<!-- end -->";
         assert_eq!(having(page, &[&structure("network = { rule = 'given' }")]), "a\n");
@@ -87,8 +100,10 @@ mod tests {
             let schema = (entry.schema)(generator).to_value().to_string();
             let text = [entry.kind.documentation, entry.guide.purpose, entry.guide.limits].join("\n");
             let conditions: Vec<&str> = text.lines().filter_map(condition).collect();
-            for term in conditions.iter().flat_map(|condition| condition.split(" or ")) {
-                let key = term.trim().trim_start_matches("no ").split('=').next().unwrap().trim();
+            for term in
+                conditions.iter().filter(|condition| **condition != SITE).flat_map(|condition| condition.split(" or "))
+            {
+                let key = term.trim().trim_start_matches("no ").split(['=', '!']).next().unwrap().trim();
                 for key in key.split('.') {
                     assert!(schema.contains(&format!("\"{key}\":")), "{}: no key `{key}`", entry.kind.name);
                 }

@@ -186,10 +186,11 @@ fn by_kind(handed: &Handed) -> Wiring {
     for (pin, role) in &handed.pins {
         // A controller takes the state where there is one.
         let is_spare = *role == Some(Role::Plant) && has_state && pin.declared.starts_with('y');
-        let Some((name, partner)) = partner(pin, *role).filter(|_| is_known && !is_spare) else { continue };
-        let place = wiring.place(name).unwrap_or_else(|| {
+        let Some(partner) = partner(pin, *role).filter(|_| is_known && !is_spare) else { continue };
+        let name = format!("{partner:?}").to_lowercase();
+        let place = wiring.place(&name).unwrap_or_else(|| {
             let title = format!("your {name}");
-            wiring.parts.push(Part { name: name.to_owned(), title, role: partner, is_own: false, is_any: true });
+            wiring.parts.push(Part { name, title, role: Some(partner), is_own: false, is_any: true });
             wiring.parts.len() - 1
         });
         let (ours, theirs) = (pin.variable.name.clone(), pin.member(*role));
@@ -202,25 +203,19 @@ fn by_kind(handed: &Handed) -> Wiring {
     wiring
 }
 
-/// The unit of a loop that a pin is connected to.
-fn partner(pin: &Pin, role: Option<Role>) -> Option<(&'static str, Option<Role>)> {
-    let plant = ("plant", Some(Role::Plant));
-    let controller = ("controller", Some(Role::Controller));
-    Some(match (role?, pin.group) {
-        (_, Group::Other) => return None,
-        (Role::Reference, _) | (Role::Plant, _) => controller,
-        (Role::Sensor | Role::Actuator, _) => {
-            if pin.is_input == (role == Some(Role::Sensor)) {
-                plant
-            } else {
-                controller
-            }
-        }
-        (Role::Observer, Group::Measured) => plant,
-        (Role::Observer, _) => controller,
-        (_, Group::Reference) => ("reference", Some(Role::Reference)),
-        (_, Group::Estimate) => ("observer", Some(Role::Observer)),
-        _ => plant,
+/// What the unit does that a pin is connected to.
+fn partner(pin: &Pin, role: Option<Role>) -> Option<Role> {
+    let role = role.filter(|_| pin.group != Group::Other)?;
+    Some(match (role, pin.group) {
+        (Role::Reference | Role::Plant, _) => Role::Controller,
+        (Role::Sensor, _) if pin.is_input => Role::Plant,
+        (Role::Actuator, _) if !pin.is_input => Role::Plant,
+        (Role::Sensor | Role::Actuator, _) => Role::Controller,
+        (Role::Observer, Group::Measured) => Role::Plant,
+        (Role::Observer, _) => Role::Controller,
+        (_, Group::Reference) => Role::Reference,
+        (_, Group::Estimate) => Role::Observer,
+        _ => Role::Plant,
     })
 }
 
