@@ -57,17 +57,21 @@ fn push_table(page: &mut String, wiring: &Wiring, handed: &Handed) {
         let own = wiring.parts.iter().enumerate().filter(|(_, part)| part.is_own);
         let pins = own.flat_map(|(place, part)| {
             let prefix = if is_whole { format!("{}.", part.name) } else { String::new() };
-            let pins = shown(handed, wiring, place, inputs, false);
+            let mut pins = shown(handed, wiring, place, inputs, false);
+            if is_whole && !inputs {
+                pins.splice(0..0, shown(handed, wiring, place, inputs, true));
+            }
             pins.into_iter().map(move |pin| format!("<code>{}</code>", escaped(&format!("{prefix}{pin}"))))
         });
         pins.collect::<Vec<_>>().join(", ")
     };
+    let is_known = is_whole || !rows.is_empty();
     page.push_str("<div class=\"scroll\">\n");
     if !rows.is_empty() {
         let _ = writeln!(page, "<table>\n<tr><th>connect<th>to\n{rows}</table>");
     }
     for (inputs, before, after) in [
-        (true, if rows.is_empty() { "Inputs: " } else { "Inputs that may stay open: " }, "."),
+        (true, if is_known { "Inputs that may stay open: " } else { "Inputs: " }, "."),
         (false, if rows.is_empty() { "Outputs: " } else { "Further outputs, to watch: " }, "."),
     ] {
         let pins = open(inputs);
@@ -266,11 +270,14 @@ impl<'a> Diagram<'a> {
     fn port(&self, wire: &Wire, block: usize, leaves: bool) -> usize {
         let mut y = self.blocks[block].top + 4;
         for leaving in [false, true] {
-            for other in self.wires.iter().filter(|other| other.way == wire.way) {
-                let is_here = if leaving { other.from } else { other.to } == block;
-                if !is_here {
-                    continue;
-                }
+            let here = |other: &&Wire| (if leaving { other.from } else { other.to }) == block && other.way == wire.way;
+            let mut here: Vec<&Wire> = self.wires.iter().filter(here).collect();
+            // Such that no wire crosses another one: the outer ones arrive and leave on the outside.
+            here.sort_by_key(|other| other.lane);
+            if leaving == (wire.way == Way::Right) {
+                here.reverse();
+            }
+            for other in here {
                 y += if leaving { other.room_leaving() } else { LINE };
                 if leaving == leaves && std::ptr::eq(other.link, wire.link) {
                     return if leaving { y - 2 } else { y };

@@ -40,17 +40,17 @@ pub fn push_gains(page: &mut String, handed: &Handed) {
             rows,
             "<tr><td><code>{}</code><td>{}<td>{}<td>{}<td>{}",
             escaped(&shown),
+            handed.told(text).trim().trim_start_matches("<p>").trim_end_matches("</p>"),
             escaped(&starts(&elements)),
             escaped(unit_of(elements[0])),
             escaped(&allowed(elements[0])),
-            handed.told(text).trim().trim_start_matches("<p>").trim_end_matches("</p>"),
         );
     }
     if !rows.is_empty() {
         let _ = writeln!(
             page,
             "<h2 id=\"gains\">What to set first</h2>\n<div class=\"scroll wide\"><table>\n\
-             <tr><th>parameter<th>starts at<th>unit<th>allowed<th>what it does\n{rows}</table></div>"
+             <tr><th>parameter<th>what it does<th>starts at<th>unit<th>allowed\n{rows}</table></div>"
         );
     }
 }

@@ -14,7 +14,7 @@ use std::collections::HashMap;
 use std::fmt::Write;
 
 use super::pins::{Pin, pins};
-use crate::catalogue::{Entry, Role};
+use crate::catalogue::{Entry, ICON, Role};
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::Unit;
 use crate::library;
@@ -93,12 +93,13 @@ fn part(part: &toml::Value) -> Option<Part<'_>> {
 
 /// The page of a unit.
 pub fn html(handed: &Handed) -> String {
-    let Handed { unit, build, xml, .. } = handed;
+    let Handed { unit, build, xml, entry, .. } = handed;
     let name = escaped(&unit.name);
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{name}</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{name}</h1>\n<p>{}.</p>\n",
+         <style>\n{STYLE}</style>\n</head>\n<body>\n{}<h1>{name}</h1>\n<p>{}.</p>\n",
+        entry.map_or(ICON, |entry| entry.icon).svg.replacen("<svg ", "<svg class=\"icon\" ", 1),
         escaped(&xml.description)
     );
     let wiring = Wiring::of(handed);
