@@ -29,14 +29,22 @@ fn embed() {
     let loops: Vec<_> = loops.collect();
     // Not the whole folder: what a notebook there leaves beside it must not build everything anew.
     loops.iter().for_each(|folder| println!("cargo::rerun-if-changed={}", folder.display()));
+    let responses: String = loops.iter().filter_map(response).collect();
     let loops =
         loops.iter().map(|folder| format!("({:?}, &[\n{}]),\n", name(folder), texts(folder, &["ssd", "ssv"], name)));
     let code = format!(
-        "static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n",
+        "static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
+         static RESPONSES: Embedded = &[\n{responses}];\n",
         loops.collect::<String>()
     );
     let file = Path::new(&env::var("OUT_DIR").unwrap_or_default()).join("embedded.rs");
     fs::write(file, code).expect("cargo's own folder can be written");
+}
+
+/// What a loop recorded, where that is kept, likewise.
+fn response(folder: &PathBuf) -> Option<String> {
+    let file = folder.join("response.txt");
+    file.is_file().then(|| format!("({:?}, include_str!({file:?})),\n", name(folder)))
 }
 
 /// The files of a folder with one of some extensions, as entries of a Rust array: key and text.

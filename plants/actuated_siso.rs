@@ -1,6 +1,6 @@
 //! Uncertain second-order system behind an actuator: chapter 4 and example 7.5.1.
 
-use crate::catalogue::Catalogued;
+use crate::catalogue::{Catalogued, Guide, Icon, icon};
 use crate::system::{
     Choice, ChoiceOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf,
     Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
@@ -170,4 +170,19 @@ impl Terms {
 impl Catalogued for ActuatedSiso {
     const TITLE: &'static str = "Uncertain system behind an actuator";
     const PAGE: &'static str = "plants/actuated_siso";
+    const ICON: Icon = icon!("actuated-siso");
+    const GUIDE: Guide = Guide {
+        purpose: "A plant of second order with an unknown nonlinearity, which its control reaches \
+                  through an actuator.",
+        gains: &[
+            ("actuator_rate", "Speed of the actuator."),
+            ("uncertainty", "Which of three nonlinearities it has."),
+            ("coefficient", "Size of its terms."),
+            ("C", "What is measured."),
+            ("x0", "Where it starts."),
+        ],
+        limits: "- Without control it diverges within seconds once it has left rest, and the unit \
+                  ends with an error.\n\
+                 - It is a thesis' example, no model of a real plant: the signals have no units.",
+    };
 }

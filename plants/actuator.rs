@@ -2,7 +2,7 @@
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Role};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     Declaration, Input, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit,
@@ -163,6 +163,21 @@ impl Actuator {
 impl Catalogued for Actuator {
     const TITLE: &'static str = "Actuator";
     const PAGE: &'static str = "plants/actuator";
+    const ICON: Icon = icon!("actuator");
+    const GUIDE: Guide = Guide {
+        purpose: "Hands a controller's commands on as far as a drive is able to: dead zone, delay, \
+                  limits, rate limit and lag. Put it between a controller and its plant.",
+        gains: &[
+            ("u_max", "Largest output, together with `u_min`."),
+            ("rate_limit", "Fastest change of the output."),
+            ("time_constant", "Lag."),
+            ("delay", "Transport delay, a multiple of `sample_time`."),
+            ("dead_zone", "Commands up to this magnitude do nothing."),
+        ],
+        limits: "- A delay is at most `delay_samples` sample times, a number of its description (100 \
+                  where none is given).\n\
+                 - No backlash, no hysteresis, and the load doesn't act back on it.",
+    };
     const ROLE: Role = Role::Actuator;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::inputs(1), Sizes::inputs(7)] });
 }

@@ -1,6 +1,6 @@
 //! Coupled system of three states and three inputs: examples 6.5.1 and 6.5.2.
 
-use crate::catalogue::Catalogued;
+use crate::catalogue::{Catalogued, Guide, Icon, icon};
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, Signal, Signals,
     State, System, Values, VectorOf, boolean, matrix, vector,
@@ -116,4 +116,18 @@ fn theta<S: Scalar>(t: S) -> [[S; 3]; 3] {
 impl Catalogued for CoupledMimo {
     const TITLE: &'static str = "Coupled uncertain system of three states and inputs";
     const PAGE: &'static str = "plants/coupled_mimo";
+    const ICON: Icon = icon!("coupled-mimo");
+    const GUIDE: Guide = Guide {
+        purpose: "A plant of three states and three inputs, fully coupled, with an unstable mode and \
+                  uncertainty in each channel.",
+        gains: &[
+            ("theta_factor", "How much of the time-varying uncertainty there is."),
+            ("coefficient", "Sizes of the nonlinear terms."),
+            ("d_mean", "Mean of the disturbance."),
+            ("nonaffine", "Lets the control act nonlinearly, too."),
+            ("A", "Its state matrix."),
+        ],
+        limits: "- Without control it grows by e²⁰ in a second, and the unit ends with an error.\n\
+                 - It is a thesis' example, no model of a real plant: the signals have no units.",
+    };
 }

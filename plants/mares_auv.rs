@@ -4,7 +4,7 @@
 use nalgebra::DMatrixView;
 
 use super::attitude::{Attitude, require_regular};
-use crate::catalogue::Catalogued;
+use crate::catalogue::{Catalogued, Guide, Icon, icon};
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Naming, NoStructure, Parameter, Point, Prepared, Rates, Scalar, ScalarOf,
     Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
@@ -282,4 +282,20 @@ fn times<S: Scalar>(matrix: DMatrixView<S>, vector: [S; 6]) -> [S; 6] {
 impl Catalogued for MaresAuv {
     const TITLE: &'static str = "Underwater vehicle, actuated in every direction";
     const PAGE: &'static str = "plants/mares_auv";
+    const ICON: Icon = icon!("mares-auv");
+    const GUIDE: Guide = Guide {
+        purpose: "An underwater vehicle that can be pushed and turned in every direction: added mass, \
+                  damping and a weak righting couple.",
+        gains: &[
+            ("m", "Mass."),
+            ("length", "Length of the hull: added mass and damping follow from it."),
+            ("diameter", "Its thickness."),
+            ("z_g", "How far the mass centre lies below that of buoyancy: what rights it."),
+            ("cross_flow_drag", "Drag coefficient across."),
+        ],
+        limits: "- Numbers are derived from the size of such a vehicle, none of it is measured.\n\
+                 - No thrusters: forces and moments act at once and without limits.\n\
+                 - No currents or waves, and its weight equals its buoyancy. At 90° of pitch the \
+                  unit ends with an error.",
+    };
 }

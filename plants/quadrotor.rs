@@ -1,7 +1,7 @@
 //! Quadrotor: examples 3.3.2 and 7.5.3.
 
 use super::attitude::{Attitude, require_regular};
-use crate::catalogue::{Catalogued, Trial};
+use crate::catalogue::{Catalogued, Guide, Icon, Trial, icon};
 use crate::mathematics::limits::within;
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
@@ -227,6 +227,30 @@ impl Uncertainty {
 impl Catalogued for Quadrotor {
     const TITLE: &'static str = "Quadrotor";
     const PAGE: &'static str = "plants/quadrotor";
+    const ICON: Icon = icon!("quadrotor");
+    const GUIDE: Guide = Guide {
+        purpose: "A quadrotor as a rigid body: thrust along its axis and three torques move its \
+                  position and attitude.",
+        gains: &[
+            ("m", "Mass."),
+            ("inertia", "Moments of inertia."),
+            ("thrust_max", "Largest thrust."),
+            (
+                "uncertain",
+                "Adds what the controllers' second case is about: other gains, nonlinear \
+                            terms, disturbances.",
+            ),
+            (
+                "exact_kinematics",
+                "Tells the angles' rates from the body's: for flight away from \
+                                   hover.",
+            ),
+        ],
+        limits: "- No rotors' dynamics, no drag, no wind, no ground.\n\
+                 - Near hover the rates of the angles are taken for those of the body, unless \
+                  `exact_kinematics` is set.\n\
+                 - At 90° of pitch roll and yaw are one: the unit ends with an error there.",
+    };
     const TRIAL: Trial = Trial {
         // It hovers by the thrust of its weight.
         steady: "'u[1]' = 4.905",

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Role, Trial};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::system::{
     Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
     Values, VectorOf, any, matrix, selection, smaller, vector,
@@ -286,6 +286,20 @@ impl Reference {
 impl Catalogued for Reference {
     const TITLE: &'static str = "Reference signal";
     const PAGE: &'static str = "plants/reference";
+    const ICON: Icon = icon!("reference");
+    const GUIDE: Guide = Guide {
+        purpose: "Gives reference signals with exact first and second derivatives: offset, ramp, \
+                  cosine, sine, square wave and steps, with a smooth start.",
+        gains: &[
+            ("offset", "Constant part of each channel."),
+            ("cosine_amplitude", "Amplitude of its cosine; sine and square wave have theirs."),
+            ("step_height", "Height of up to four steps, at `step_time`."),
+            ("slope", "Ramp."),
+            ("smooth_start_rate", "How fast the signal comes in; 0: at once."),
+        ],
+        limits: "- At a step or an edge the derivatives are 0, not infinite.\n\
+                 - A controller that holds its inputs sees the signal at communication points alone.",
+    };
     const ROLE: Role = Role::Reference;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::NONE] });
     const TRIAL: Trial = Trial {

@@ -2,7 +2,7 @@
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Role};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::recording::Opaque;
 use crate::system::{
     Declaration, Discrete, Input, IntegerOf, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
@@ -151,6 +151,22 @@ fn quantised<S: Scalar>(value: S, resolution: S) -> S {
 impl Catalogued for Sensor {
     const TITLE: &'static str = "Sensor";
     const PAGE: &'static str = "plants/sensor";
+    const ICON: Icon = icon!("sensor");
+    const GUIDE: Guide = Guide {
+        purpose: "Hands a plant's signals on as an instrument would measure them: lag, delay, bias, \
+                  noise and quantisation. Put it between a plant and its controller.",
+        gains: &[
+            ("time_constant", "Lag."),
+            ("delay", "Transport delay, a multiple of `sample_time`."),
+            ("noise_deviation", "Standard deviation of the noise."),
+            ("resolution", "Step between the values that can be told apart."),
+            ("bias", "Constant error."),
+        ],
+        limits: "- A delay is at most `delay_samples` sample times, a number of its description (100 \
+                  where none is given).\n\
+                 - Two sensors of one loop need different seeds, or their noise is the same.\n\
+                 - No failure, drift or saturation.",
+    };
     const ROLE: Role = Role::Sensor;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::NONE] });
 }

@@ -4,7 +4,7 @@
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use crate::catalogue::Catalogued;
+use crate::catalogue::{Catalogued, Guide, Icon, icon};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::mathematics::matrices::rows;
 use crate::system::{
@@ -190,6 +190,21 @@ fn fit(name: &str, matrix: &DMatrix<f64>, size: (usize, usize)) -> Result<(), In
 impl Catalogued for StateSpace {
     const TITLE: &'static str = "Linear plant";
     const PAGE: &'static str = "plants/state_space";
+    const ICON: Icon = icon!("state-space");
+    const GUIDE: Guide = Guide {
+        purpose: "A linear plant by its matrices about an operating point, with limits of the input \
+                  and a disturbance. Take it for a plant of which you have a linear model.",
+        gains: &[
+            ("A", "State matrix: the plant's dynamics."),
+            ("B", "Input matrix."),
+            ("x0", "Where it starts."),
+            ("u_max", "Largest input that acts, together with `u_min`."),
+            ("x_op", "The operating point that the matrices hold about."),
+        ],
+        limits: "- It is as true as its linear model: away from the operating point a real plant \
+                  answers otherwise.\n\
+                 - Nothing limits its states.",
+    };
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
         tried: &[

@@ -1,6 +1,6 @@
 //! Twin rotor (TRMS) with strong coupling: example 3.4.2.
 
-use crate::catalogue::Catalogued;
+use crate::catalogue::{Catalogued, Guide, Icon, icon};
 use crate::system::{
     Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State,
     System, Values, VectorOf, scalar, vector,
@@ -195,4 +195,19 @@ impl Reaction {
 impl Catalogued for TwinRotor {
     const TITLE: &'static str = "Twin rotor";
     const PAGE: &'static str = "plants/twin_rotor";
+    const ICON: Icon = icon!("twin-rotor");
+    const GUIDE: Guide = Guide {
+        purpose: "The twin rotor laboratory system: a beam that two rotors turn in pitch and yaw, \
+                  each disturbing the other's axis.",
+        gains: &[
+            ("M_g", "Moment of its weight: stiffness in pitch."),
+            ("k_c", "How strongly the main rotor turns the beam in yaw."),
+            ("K_gy", "Gyroscopic coupling."),
+            ("B2_phi", "Dry friction in yaw."),
+            ("x0", "Where it starts."),
+        ],
+        limits: "- Dry friction is smoothed: where the beam would stick it creeps.\n\
+                 - The motors' voltages have no limits here: put an actuator in front for these.\n\
+                 - The values are published ones of one laboratory set-up.",
+    };
 }

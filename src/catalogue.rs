@@ -51,6 +51,46 @@ impl Trial {
     pub const NONE: Trial = Trial { alone: "", smooth: "", steady: "", moving: "" };
 }
 
+/// What the FMUs of a kind tell a reader who has nothing else. Texts are Markdown, and may have parts that hold for some
+/// structures only, as a page may.
+#[derive(Debug, Clone, Copy)]
+pub struct Guide {
+    /// What such a unit is for, in a sentence or two.
+    pub purpose: &'static str,
+    /// The parameters that matter most, and what each does. A unit leaves out those that it doesn't have.
+    pub gains: &'static [(&'static str, &'static str)],
+    /// What it can't do, as a list.
+    pub limits: &'static str,
+}
+
+impl Guide {
+    /// Of kinds that tell nothing of themselves.
+    pub const NONE: Guide = Guide { purpose: "", gains: &[], limits: "" };
+}
+
+/// The picture of a kind's units.
+#[derive(Debug, Clone, Copy)]
+pub struct Icon {
+    /// Name of its files in `modelDescription/icons`, without an ending.
+    pub name: &'static str,
+    /// As SVG.
+    pub svg: &'static str,
+    /// The same as PNG, 128 × 128.
+    pub png: &'static [u8],
+}
+
+/// The icon of a name.
+macro_rules! icon {
+    ($name:literal) => {
+        crate::catalogue::Icon {
+            name: $name,
+            svg: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/modelDescription/icons/", $name, ".svg")),
+            png: include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/modelDescription/icons/", $name, ".png")),
+        }
+    };
+}
+pub(crate) use icon;
+
 /// A structure of which there is a schema, where there is the command line.
 #[cfg(feature = "cli")]
 pub trait Structured: schemars::JsonSchema {}
@@ -73,14 +113,16 @@ pub trait Catalogued: System<Structure: Structured> {
     const ROLE: Role = Role::Plant;
     /// How `new` begins one; nothing where it needs no description but the one that is there.
     const TEMPLATE: Option<Template> = None;
-    /// The picture of its units, as PNG.
-    const ICON: &'static [u8] = ICON;
+    /// The picture of its units: no two kinds have the same.
+    const ICON: Icon;
+    /// What its FMUs tell a reader.
+    const GUIDE: Guide;
     /// Start values for tests.
     const TRIAL: Trial = Trial::NONE;
 }
 
-/// The picture of units whose kind has none of its own.
-pub const ICON: &[u8] = include_bytes!("../modelDescription/model.png");
+/// The picture of units of kinds that aren't in this catalogue.
+pub const ICON: Icon = icon!("unit");
 
 /// A kind in the catalogue.
 #[derive(Debug, Clone, Copy)]
@@ -96,7 +138,9 @@ pub struct Entry {
     /// See [`Catalogued::TEMPLATE`].
     pub template: Option<Template>,
     /// See [`Catalogued::ICON`].
-    pub icon: &'static [u8],
+    pub icon: Icon,
+    /// See [`Catalogued::GUIDE`].
+    pub guide: Guide,
     /// See [`Catalogued::TRIAL`].
     pub trial: Trial,
     /// The schema of its structure.
@@ -114,6 +158,7 @@ impl Entry {
             role: M::ROLE,
             template: M::TEMPLATE,
             icon: M::ICON,
+            guide: M::GUIDE,
             trial: M::TRIAL,
             #[cfg(feature = "cli")]
             schema: schemars::SchemaGenerator::into_root_schema_for::<M::Structure>,
@@ -127,7 +172,17 @@ impl Entry {
         page: "composite",
         role: Role::Composite,
         template: None,
-        icon: ICON,
+        icon: icon!("composite"),
+        guide: Guide {
+            purpose: "A whole loop, or a part of one, as a single unit: its parts are integrated together, so that nothing \
+                      is held or delayed between them. Take it to run the loop at any communication step, or as the \
+                      yardstick of the loop of separate units.",
+            gains: &[],
+            limits: "- Nothing is sampled or delayed between the parts: a controller that runs on a target sees held signals, \
+                     which this unit doesn't show.\n\
+                     - A part can't be replaced: export the loop without it, and connect another one.\n\
+                     - What limits each part limits the whole, too.",
+        },
         trial: Trial::NONE,
         #[cfg(feature = "cli")]
         schema: schemars::SchemaGenerator::into_root_schema_for::<crate::system::CompositeStructure>,

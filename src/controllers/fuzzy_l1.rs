@@ -3,7 +3,7 @@
 use super::fuzzy_gain::FuzzyGain;
 use super::l1::{self, L1Structure, Law, Ports};
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Role};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::limits;
 use crate::system::{
     Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride, System,
@@ -138,6 +138,30 @@ impl OwnStep for FuzzyL1 {
 impl Catalogued for FuzzyL1 {
     const TITLE: &'static str = "L1 adaptive controller with a fuzzy feedback gain";
     const PAGE: &'static str = "controllers/fuzzy_l1";
+    const ICON: Icon = icon!("fuzzy-l1");
+    const GUIDE: Guide = Guide {
+        purpose: "An L1 adaptive controller with a gain that is small where the error is large: the \
+                  start-up transient asks for less control. Take it where the L1 controller's first \
+                  peak is too large.",
+        gains: &[
+            ("k_e", "Error above which the gain is fuzzy; below it the gain is `feedback_gain`."),
+            ("k_p", "Weight of the error's magnitude in the inference: 1/k_p is a very large error."),
+            ("k_d", "Weight of the magnitude of its rate."),
+            ("feedback_gain", "The gain for small errors: bandwidth of what adaptation may do."),
+            ("adaptation_gain", "How fast the estimates follow what is unknown."),
+            ("pole_real", "Speed of the desired dynamics."),
+        ],
+        limits: "- The whole state `x` is measured, and hardly delayed: the margin against a delay \
+                  stands in the design report.\n\
+                 - What is unknown must lie within its bounds; outside them nothing is proven, and \
+                  the estimates stand at them.\n\
+                 - The sign of the input gain must be known.\n\
+                 - A communication step that is too long for the adaptation takes the loop away from \
+                  its design: `step_too_long` tells.\n\
+                 - Nothing is proven of the fuzzy gain; a gain of two levels (`fuzzy_output` = \
+                  constant) does about as much in the examples.\n\
+                 - It needs the reference's rate `dr`, exact: a differentiated one is noisy.",
+    };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,

@@ -6,7 +6,7 @@ use super::at_limit::Limited;
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Role};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     Declaration, DesignReport, ErrorEstimate, Input, Invalid, Many, OwnStep, Parameter, Point, Rates, Scalar, Signal,
@@ -171,5 +171,33 @@ impl<const OBSERVED: bool> Catalogued for L1Quadrotor<OBSERVED> {
         "L1 adaptive controller of a quadrotor"
     };
     const PAGE: &'static str = "controllers/l1_quadrotor";
+    const ICON: Icon = if OBSERVED { icon!("l1-quadrotor-observed") } else { icon!("l1-quadrotor") };
+    const GUIDE: Guide = Guide {
+        purpose: "Flies a quadrotor along a trajectory of position and yaw: a loop for the position \
+                  asks for angles, and an L1 adaptive law holds these although the vehicle's \
+                  parameters are unknown.",
+        gains: &[
+            ("position_gain", "Stiffness of the loop for the position."),
+            ("velocity_gain", "Its damping; 2 √position_gain is critical."),
+            ("tilt_max", "Largest roll and pitch that it asks for."),
+            (
+                "adaptation_gain",
+                "How fast the estimates in the attitude's law follow what is \
+                                  unknown.",
+            ),
+            ("feedback_gain", "Bandwidth of what adaptation may do in the attitude."),
+            (
+                "pole_real",
+                "Speed of the attitude's desired dynamics: well above that of the \
+                            position's.",
+            ),
+        ],
+        limits: "- The rotors' own dynamics are not in its design: thrust and torques must follow \
+                  faster than the attitude's poles.\n\
+                 - It flies near hover: wanted roll and pitch are limited, and at 90° of tilt it has \
+                  no answer.\n\
+                 - Mass and gravity are taken as known in the loop for the position, which doesn't \
+                  adapt.",
+    };
     const ROLE: Role = Role::Controller;
 }

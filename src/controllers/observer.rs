@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::l1::{controllability, dot, input_and_output, nominal_dynamics, of_motion, squared};
 use super::template::{design, stop_time, write_plant, write_poles};
-use crate::catalogue::{Catalogued, Role};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::{lyapunov, pole_placement};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar,
@@ -276,6 +276,29 @@ fn power<S: Scalar>(base: S, exponent: S) -> S {
 impl Catalogued for Observer {
     const TITLE: &'static str = "Robust adaptive observer";
     const PAGE: &'static str = "controllers/observer";
+    const ICON: Icon = icon!("observer");
+    const GUIDE: Guide = Guide {
+        purpose: "Estimates the whole state of an uncertain plant from its measured output `y`; \
+                  `x_obs` takes the place of the state at a controller's input. Take it where some of \
+                  the state isn't measured.",
+        gains: &[
+            (
+                "observer_pole_real",
+                "Speed of the estimate: a few times that of the controller's \
+                                     poles.",
+            ),
+            ("observer_gain", "The gain itself: how hard the output's error pulls the estimate."),
+            ("Gamma_l", "Adaptation gain of the robust part, `beta`."),
+            ("sigma_l", "Leakage of `beta`: what brings it back."),
+            ("x_obs0", "Where the estimate starts: choose it such that the output fits."),
+            ("unmodeled_gain", "How much the output's magnitude raises the robust part."),
+        ],
+        limits: "- The start of the estimate must be near the output: from a large error its \
+                  equations escape in finite time, and the step ends with an error.\n\
+                 - The nominal pair (A, C) must be observable.\n\
+                 - A controller that takes the estimate keeps its proof only with the state itself; \
+                  the loop needs short steps.",
+    };
     const ROLE: Role = Role::Observer;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,

@@ -14,7 +14,7 @@ use super::at_limit::{AtLimit, Limited};
 use super::l1::dot;
 use super::moves::Moves;
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Role};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
@@ -312,6 +312,27 @@ fn inverse(S: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
 impl Catalogued for Pid {
     const TITLE: &'static str = "PID controller in two degrees of freedom";
     const PAGE: &'static str = "controllers/pid";
+    const ICON: Icon = icon!("pid");
+    const GUIDE: Guide = Guide {
+        purpose: "A PID controller of each channel, with weights of the reference, a filtered \
+                  derivative and an integral that doesn't wind up. It needs no model: the yardstick \
+                  to try first.",
+        gains: &[
+            ("K_p", "Proportional gain."),
+            ("K_i", "Integral gain: removes a lasting error. Larger is faster and less damped."),
+            ("K_d", "Derivative gain: damping."),
+            (
+                "N",
+                "Bandwidth of the derivative's filter: higher takes in more noise, and needs a \
+                    shorter step.",
+            ),
+            ("b", "Weight of the reference in the proportional part: below 1 overshoots less."),
+            ("u_max", "What the actuator can give, together with `u_min`."),
+        ],
+        limits: "- One output an input; what couples the channels is left to `S`.\n\
+                 - It doesn't adapt: gains that fit one operating point may not fit another.\n\
+                 - At long steps little of the derivative is left: of a ramp's, 95 % at N H = 0.1.",
+    };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -4,7 +4,7 @@
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
-use crate::catalogue::{Catalogued, Role, Trial};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial};
 use crate::mathematics::performance::{self, Performance};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, OwnStep, Parameter, Point, Rates, Scalar,
@@ -242,6 +242,7 @@ impl<C: Tracking + Catalogued> Catalogued for Watched<C> {
     const PAGE: &'static str = C::PAGE;
     const ROLE: Role = C::ROLE;
     const TEMPLATE: Option<Template> = C::TEMPLATE;
-    const ICON: &'static [u8] = C::ICON;
+    const ICON: Icon = C::ICON;
+    const GUIDE: Guide = C::GUIDE;
     const TRIAL: Trial = C::TRIAL;
 }

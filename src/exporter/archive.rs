@@ -8,6 +8,7 @@ use zip::result::{ZipError, ZipResult};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
+use super::appearance::Appearance;
 use super::library::Library;
 use crate::error::Error;
 use crate::fmi2::build::Build;
@@ -43,10 +44,8 @@ pub struct Contents<'a> {
     pub build: &'a Build,
     /// Its description, which the library reads.
     pub description: &'a str,
-    /// Its page and its picture.
-    pub page: &'a str,
-    /// The same.
-    pub icon: &'a [u8],
+    /// Its page, its picture and its terminals.
+    pub appearance: &'a Appearance,
     /// Files of C: names and texts.
     pub sources: &'a [(String, String)],
 }
@@ -64,13 +63,16 @@ pub enum Libraries<'a> {
 /// # Errors
 /// When files can't be read or written.
 pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<(), Error> {
-    let Contents { unit, build, description, page, icon, sources } = contents;
+    let Contents { unit, build, description, appearance, sources } = contents;
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
     let resource = format!("resources/{DESCRIPTION}");
     let mut entries: Vec<(&str, &[u8])> = vec![
         ("modelDescription.xml", unit.model_description.as_bytes()),
-        ("model.png", icon),
-        ("documentation/index.html", page.as_bytes()),
+        ("model.png", appearance.icon.png),
+        ("terminalsAndIcons/terminalsAndIcons.xml", appearance.terminals.as_bytes()),
+        ("terminalsAndIcons/icon.png", appearance.icon.png),
+        ("terminalsAndIcons/icon.svg", appearance.icon.svg.as_bytes()),
+        ("documentation/index.html", appearance.page.as_bytes()),
         ("documentation/licenses/license.txt", include_bytes!("../../docs/license.txt")),
         ("documentation/licenses/LICENSE-APACHE", include_bytes!("../../LICENSE-APACHE")),
         ("documentation/licenses/LICENSE-MIT", include_bytes!("../../LICENSE-MIT")),

@@ -1,5 +1,6 @@
 //! From descriptions to FMU archives.
 
+mod appearance;
 mod archive;
 mod asked;
 mod binaries;
@@ -9,9 +10,10 @@ mod held;
 mod library;
 mod lines;
 mod page;
+mod pins;
 mod platform;
-mod report;
 mod source;
+mod terminals;
 
 use std::path::{Path, PathBuf};
 
@@ -25,15 +27,18 @@ pub(crate) use page::escaped;
 pub use platform::Platform;
 pub use source::{Form, export_as};
 
+use appearance::appearance;
 use archive::{Contents, Libraries};
 
 use crate::error::Error;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::Unit;
-use crate::model::Description;
-use crate::{catalogue, library as own, text_file};
+use crate::text_file;
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
+
+/// Name of the file that every loop has.
+pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
 
 /// Files within this program: name and text.
 pub type Embedded = &'static [(&'static str, &'static str)];
@@ -88,6 +93,17 @@ pub fn loops() -> &'static [(&'static str, Embedded)] {
     LOOPS
 }
 
+/// What one of these loops recorded when it was run, as few points a curve; none of a loop that ends in a failure.
+fn response(name: &str) -> Option<&'static str> {
+    RESPONSES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
+/// The name of a loop as one FMU: `Loop_3_2_1_cosine`.
+pub fn name_of_whole(name: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+    format!("Loop_{}", name.chars().map(plain).collect::<String>())
+}
+
 /// The description of one of this package's FMUs, or of a TOML file.
 ///
 /// # Errors
@@ -123,16 +139,9 @@ pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf,
     let (unit, build) = describe(source, library)?;
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
     let file = out.join(format!("{}.fmu", unit.name));
-    let page = page::html(&unit, &build);
-    let icon = icon(source, &build);
-    let contents = Contents { unit: &unit, build: &build, description: &source.text, page: &page, icon, sources: &[] };
+    let appearance = appearance(source, &unit, &build)?;
+    let contents =
+        Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &[] };
     archive::write(&file, &contents, &Libraries::Common(library))?;
     Ok(file)
-}
-
-/// The picture of a unit: that of its kind where it is one of this package, not of another by the same name.
-fn icon(source: &Source, build: &Build) -> &'static [u8] {
-    let is_own = build.package == own::PACKAGE;
-    let model = Description::read(&source.text).ok().filter(|_| is_own).map(|description| description.model);
-    model.and_then(|model| own::find(&model)).map_or(catalogue::ICON, |entry| entry.icon)
 }

@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::appearance::appearance;
 use super::archive::{self, Contents, Libraries};
 use super::library::Library;
 use super::platform::Platform;
-use super::{Source, compiler, describe, export, icon, page};
+use super::{Source, compiler, describe, export};
 use crate::error::Error;
 use crate::fmi2::describe::SourceUnit;
 use crate::fmi2::source::RUNTIME;
@@ -43,11 +44,10 @@ pub fn export_as(source: &Source, library: &Library, out: &Path, form: &Form) ->
     let (_, build) = describe(&source, library)?;
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
     let file = out.join(format!("{}.fmu", unit.name));
-    let page = page::html(&unit, &build);
+    let appearance = appearance(&source, &unit, &build)?;
     let sources = with_runtime(files);
-    let icon = icon(&source, &build);
     let contents =
-        Contents { unit: &unit, build: &build, description: &source.text, page: &page, icon, sources: &sources };
+        Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &sources };
     match form {
         Form::Generic | Form::Source { with_library: true } => {
             archive::write(&file, &contents, &Libraries::Common(library))?;

@@ -7,7 +7,7 @@ use toml::{Table, Value};
 
 use super::{Circles, Component, StartValue, Structure, UnitFile, check, start_values};
 use crate::error::{Error, Invalid};
-use crate::exporter::{Library, Source, describe};
+use crate::exporter::{Library, Source, describe, name_of_whole};
 use crate::model;
 use crate::model_description::{Affine, ModelDescription, Variable};
 use crate::system::Kind;
@@ -18,8 +18,7 @@ const ABOUT_STEPS: [&str; 6] =
 
 /// The name of a loop as one FMU: `Loop_3_2_1_cosine`.
 pub fn composite_name(structure: &Structure) -> String {
-    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-    format!("Loop_{}", structure.name.chars().map(plain).collect::<String>())
+    name_of_whole(&structure.name)
 }
 
 /// A loop as one FMU that takes the loop's values only when it is instantiated: it is the same for any values.

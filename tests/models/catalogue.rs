@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use adaptive_fmu::catalogue::{Entry, Trial};
+use adaptive_fmu::catalogue::{Entry, Guide, ICON, Trial};
 use adaptive_fmu::library::{CATALOGUE, REGISTRY, find};
 use adaptive_fmu::model::Model;
 use adaptive_fmu::schema::{self, Key};
@@ -65,7 +65,9 @@ fn every_kind_that_has_a_file_stands_in_the_catalogue() {
 fn nothing_but_its_own_file_names_a_kind() {
     for (file, text) in sources() {
         let code = text.split("#[cfg(test)]").next().unwrap_or_default();
-        let lines = code.lines().filter(|line| !says_its_name(line) && !line.trim_start().starts_with("//"));
+        // An icon has the name of its kind.
+        let says = |line: &str| says_its_name(line) || line.contains("icon!(");
+        let lines = code.lines().filter(|line| !says(line) && !line.trim_start().starts_with("//"));
         for line in lines {
             let kinds = CATALOGUE.iter().map(|entry| entry.kind.name).filter(|name| !WORDS.contains(name));
             let found: Vec<_> = kinds.filter(|name| line.contains(&format!("\"{name}\""))).collect();
@@ -75,7 +77,7 @@ fn nothing_but_its_own_file_names_a_kind() {
 }
 
 #[test]
-fn every_kind_has_a_title_a_page_and_a_picture() {
+fn every_kind_has_a_title_a_page_and_a_guide() {
     let mut titles = BTreeSet::new();
     for entry in CATALOGUE {
         let name = entry.kind.name;
@@ -83,10 +85,47 @@ fn every_kind_has_a_title_a_page_and_a_picture() {
         let page = fs::read_to_string(root().join("docs").join(format!("{}.md", entry.page)));
         let page = page.unwrap_or_else(|error| panic!("{name}: {}: {error}", entry.page));
         assert!(entry.kind.documentation.starts_with(&page), "{name}: its documentation begins with {}", entry.page);
-        assert!(entry.icon.starts_with(b"\x89PNG\r\n\x1a\n"), "{name}: a picture as PNG");
+        let Guide { purpose, limits, .. } = entry.guide;
+        assert!(!purpose.is_empty() && limits.starts_with("- "), "{name}: what it is for, and what it can't do");
         let Trial { alone, smooth, steady, moving } = entry.trial;
         for text in [alone, smooth, steady, moving] {
             text.parse::<toml::Table>().unwrap_or_else(|error| panic!("{name}: {error}"));
+        }
+    }
+}
+
+#[test]
+fn no_two_kinds_share_an_icon() {
+    let icons: Vec<_> = CATALOGUE.iter().map(|entry| entry.icon).chain([ICON]).collect();
+    let names: BTreeSet<_> = icons.iter().map(|icon| icon.name).collect();
+    let pictures: BTreeSet<_> = icons.iter().map(|icon| icon.png).collect();
+    let drawings: BTreeSet<_> = icons.iter().map(|icon| icon.svg).collect();
+    assert_eq!([names.len(), pictures.len(), drawings.len()], [icons.len(); 3]);
+    for icon in &icons {
+        let begins = icon.png.starts_with(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x80\0\0\0\x80");
+        assert!(begins && icon.png.len() <= 4096, "{}: a PNG of 128 × 128, of 4 kB at most", icon.name);
+        assert!(icon.svg.contains("viewBox=\"0 0 128 128\""), "{}: the same size as SVG", icon.name);
+    }
+    let files = fs::read_dir(root().join("modelDescription/icons")).unwrap().map(|entry| entry.unwrap().path());
+    let files: BTreeSet<String> = files.map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();
+    let wanted = names.iter().flat_map(|name| ["svg", "png"].map(|ending| format!("{name}.{ending}"))).collect();
+    assert_eq!(files, wanted, "an SVG and a PNG for each icon, and no other file");
+}
+
+#[test]
+fn the_gains_that_a_kind_names_are_parameters_of_its_units() {
+    let mut named: BTreeSet<(&str, &str)> = BTreeSet::new();
+    for (entry, model) in units() {
+        let parameters = model.variables().iter().filter(|variable| variable.causality == Causality::Parameter);
+        let parameters: BTreeSet<_> = parameters.map(|variable| variable.name.clone()).collect();
+        let gains = entry.guide.gains.iter().map(|(name, _)| *name);
+        let found: Vec<_> = gains.filter(|name| parameters.contains(*name)).collect();
+        assert!((4..=6).contains(&found.len()), "{}: {found:?}", model.description().name);
+        named.extend(found.into_iter().map(|name| (entry.kind.name, name)));
+    }
+    for entry in CATALOGUE {
+        for (name, _) in entry.guide.gains {
+            assert!(named.contains(&(entry.kind.name, *name)), "{}: no unit has `{name}`", entry.kind.name);
         }
     }
 }

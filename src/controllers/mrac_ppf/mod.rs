@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
-use crate::catalogue::{Catalogued, Role, Trial};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::mathematics::lyapunov;
 use crate::system::{
@@ -400,6 +400,27 @@ impl MracStructure {
 impl Catalogued for MracPpf {
     const TITLE: &'static str = "Robust MRAC with prescribed performance";
     const PAGE: &'static str = "controllers/mrac_ppf";
+    const ICON: Icon = icon!("mrac-ppf");
+    const GUIDE: Guide = Guide {
+        purpose: "Keeps each state's error against a reference model inside a funnel that narrows \
+                  with time. Take it where there is an input for each state and an error must never \
+                  exceed a bound.",
+        gains: &[
+            ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
+            ("rho_inf", "Width in the end: the accuracy that is asked for."),
+            ("decay_rate", "How fast the funnel narrows."),
+            ("A_m", "The reference model, which the plant is to behave as."),
+            ("gamma_1", "Adaptation gain of the parameters."),
+            ("alpha_bar", "Push away from the funnel's edge."),
+        ],
+        limits: "- As many inputs as states, and the whole state measured.\n\
+                 - An error that leaves its funnel ends the step with an error, unless \
+                  `on_funnel_exit` = reopen.\n\
+                 - The proof covers neither a control that acts nonlinearly nor one at its limits; \
+                  `u_min`, `u_max` are not in the law.\n\
+                 - Its step is part of the law: a longer one than it was tuned for may leave the \
+                  funnel.",
+    };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> =
         Some(Template { write: template::write, tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)] });

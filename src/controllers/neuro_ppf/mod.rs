@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use super::funnel::{self, Funnel};
 use super::moves::Moves;
-use crate::catalogue::{Catalogued, Role, Trial};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
@@ -249,6 +249,29 @@ impl NeuroPpfStructure {
 impl Catalogued for NeuroPpf {
     const TITLE: &'static str = "Neuro-adaptive controller with prescribed performance";
     const PAGE: &'static str = "controllers/neuro_ppf";
+    const ICON: Icon = icon!("neuro-ppf");
+    const GUIDE: Guide = Guide {
+        purpose: "Keeps each tracking error inside a funnel that narrows with time, without any model \
+                  of the plant: two networks of neurons learn it. Take it where nobody knows the \
+                  dynamics and an error must keep to a bound.",
+        gains: &[
+            ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
+            (
+                "rho_inf",
+                "Width in the end: the accuracy that is asked for. Smaller needs shorter \
+                          steps.",
+            ),
+            ("decay_rate", "How fast the funnel narrows."),
+            ("k", "Gain of the error in the law."),
+            ("network_gain", "How fast the networks learn."),
+            ("eta_Gb", "Robust gain, which does most of the work until they have."),
+        ],
+        limits: "- At most three channels.\n\
+                 - Held signals lose a narrow funnel: the gain grows as 1/ρ². The step ends with an \
+                  error then, unless `on_funnel_exit` = reopen.\n\
+                 - The limits of the control are not in the law: at them it may leave its funnel.\n\
+                 - It learns nothing that stays: the networks start anew with each simulation.",
+    };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

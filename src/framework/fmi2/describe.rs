@@ -7,6 +7,7 @@ use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model};
 use crate::report::DesignReport;
+use crate::system::{Element, Variable};
 
 use super::build::{Build, Library};
 use super::model_description;
@@ -33,6 +34,12 @@ pub struct Unit {
     pub documentation: String,
     /// What its designer should know of its start values.
     pub report: DesignReport,
+    /// What its model itself calls each variable of the XML, in its order: a user's own names are put in place of these.
+    #[serde(default)]
+    pub declared: Vec<String>,
+    /// What it warns of: log categories, and when they are used.
+    #[serde(default)]
+    pub warnings: Vec<(String, String)>,
 }
 
 /// A unit as C source.
@@ -77,9 +84,20 @@ fn unit(model: Model) -> Result<Unit, Invalid> {
     let xml = model_description::xml(&model);
     let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
     let report = model.report();
+    let declared = model.variables().visible().map(declared_name).collect();
+    let warnings = model_description::log_categories(&model).map(|(name, text)| (name.to_owned(), text.to_owned()));
+    let warnings = warnings.collect();
     // A unit that can't start from its own start values is not worth packing.
     Execution::new(model).initialise().map_err(Invalid::because)?;
-    Ok(Unit { name, model_description: xml, documentation, report })
+    Ok(Unit { name, model_description: xml, documentation, report, declared, warnings })
+}
+
+/// The name that a variable has where no user gives it another.
+fn declared_name(element: Element<'_>) -> String {
+    if element.variable.given.is_empty() {
+        return element.name();
+    }
+    Variable { given: Vec::new(), ..element.variable.clone() }.element(element.offset).name()
 }
 
 /// The reply, as JSON, to a description's text: the unit as C source.

@@ -27,7 +27,7 @@ use crate::exporter::{Source, find_description};
 use crate::model_description::{Affine, UnitDefinition};
 
 /// Name of the file that every loop has.
-pub const STRUCTURE: &str = "SystemStructure.ssd";
+pub const STRUCTURE: &str = crate::exporter::STRUCTURE_FILE;
 
 /// A closed loop.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::page::escaped;
+use super::escaped;
 use crate::report::{DesignReport, Finding, Verdict};
 
 /// Appends the report; nothing where there is nothing to report.
@@ -18,7 +18,7 @@ pub fn push(page: &mut String, report: &DesignReport) {
              shown. It is sufficient, so that the loop may work all the same."
         }
     };
-    let _ = writeln!(page, "<h2>Design report</h2>\n<p>{verdict}</p>");
+    let _ = writeln!(page, "<h2 id=\"report\">Design report</h2>\n<p>{verdict}</p>");
     let mut section = None;
     for finding in &report.findings {
         if section != Some(&finding.section) {

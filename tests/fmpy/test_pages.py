@@ -1,0 +1,244 @@
+"""What an FMU tells a reader who has nothing else: its page, its icon, and its pins in groups."""
+
+import html as escapes
+import json
+import os
+import re
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+import responses
+from conftest import FMU_NAMES, LOOP_NAMES, ROOT, Ran, adaptive_fmu
+from lxml import etree, html
+from master import Fmu
+
+BROWSER = next(filter(None, map(shutil.which, ["chromium", "chromium-browser", "google-chrome"])), None)
+SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
+ORDER = ["wiring", "pins", "gains", "response", "warnings", "limits", "law", "variables", "report"]
+ALWAYS = {"wiring", "pins", "gains", "warnings", "limits", "law", "variables"}
+TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
+
+
+def entry(fmu: Path, name: str) -> bytes:
+    with zipfile.ZipFile(fmu) as archive:
+        return archive.read(name)
+
+
+def page_of(fmu: Path) -> html.HtmlElement:
+    return html.document_fromstring(entry(fmu, "documentation/index.html").decode())
+
+
+def sections(page: html.HtmlElement) -> list[str]:
+    return [heading.get("id") for heading in page.iter("h2")]
+
+
+def section(page: html.HtmlElement, name: str) -> str:
+    """The text of a section."""
+    (heading,) = page.xpath(f"//h2[@id='{name}']")
+    text = []
+    for element in heading.itersiblings():
+        if element.tag == "h2":
+            break
+        text.append(element.text_content())
+    return "\n".join(text)
+
+
+def named(texts: list[str]) -> set[str]:
+    """The names in some texts, with ranges written out."""
+    names = set()
+    for name in re.split(r",\s*|\s+", " ".join(texts)):
+        found = re.fullmatch(r"(.+)\[(\d+)…(\d+)\]", name)
+        names |= {f"{found[1]}[{k}]" for k in range(int(found[2]), int(found[3]) + 1)} if found else {name}
+    return names
+
+
+def in_diagram(page: html.HtmlElement) -> set[str]:
+    return named([text.text_content() for text in page.xpath("//svg[@id='diagram']//*[local-name() = 'text']")])
+
+
+def pins_of(fmu: Fmu) -> list[str]:
+    return fmu.named(causality="input") + fmu.named(causality="output")
+
+
+def exported(tmp_path: Path, text: str) -> Path:
+    """The FMU of a description."""
+    file = tmp_path / "own.toml"
+    file.write_text(text)
+    answer = adaptive_fmu("export", file, "--out", tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    return Path(answer.stdout.split()[-1])
+
+
+def test_a_page_tells_what_is_asked_for_first_first(each_fmu: Fmu) -> None:
+    page = page_of(each_fmu.path)
+    found = sections(page)
+    assert found == [name for name in ORDER if name in found] and set(found) >= ALWAYS
+    assert [p.text_content().strip() for p in page.xpath("//h1/following-sibling::p[2]")][0], "what it is for"
+
+
+def test_a_page_names_every_pin_in_its_diagram(each_fmu: Fmu) -> None:
+    assert set(pins_of(each_fmu)) - in_diagram(page_of(each_fmu.path)) == set()
+
+
+def test_a_loops_units_tell_their_partners_and_what_to_connect(fmu: Callable[[str], Fmu]) -> None:
+    page = page_of(fmu("L1TwoLinkRobot").path)
+    assert {"reference", "plant", "controller", "TwoLinkRobot"} <= in_diagram(page)
+    rows = [[cell.text_content().strip() for cell in row] for row in page.xpath("//th[.='connect']/ancestor::table//tr")]
+    assert ["reference.r[1…2]", "r[1…2]"] in rows
+    assert ["plant.x[1…4]", "x[1…4]"] in rows and ["u[1…2]", "plant.u[1…2]"] in rows
+    assert "enabled" in section(page, "wiring") and "may stay open" in section(page, "wiring")
+
+
+WITHOUT = {
+    "L1NonlinearSiso": ["Baseline", "baseline", "K_m", "nmatched", "infinity_norm", "Funnel", "inertia", 'input_gain = "full"'],
+    "L1TwoLinkRobot": ["nmatched", "Funnel", "outside", "diagonal", 'regressor = "state"'],
+    "L1UnmatchedMimo": ["Baseline", "baseline", "K_m", "Funnel", "diagonal"],
+    "FuzzyL1ActuatedSiso": ["nmatched", "Funnel to watch", "With the baseline inside"],
+    "NeuroPpfCoupledMimo": ["square_roots", "g_network_initial"],
+    "NeuroPpfTwoLinkRobot": ["quasi_random", "A_m"],
+    "PidNonlinearSiso": ["Funnel"],
+}
+WITH = {
+    "L1NonlinearSiso": ['regressor = "state"', 'input_gain = "diagonal"'],
+    "L1TwoLinkRobot": ["Baseline", "known term", 'input_gain = "full"'],
+    "L1UnmatchedMimo": ["Unmatched uncertainty", "factors"],
+    "L1MaresAuv": ["accelerations", "nominal_inertia"],
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT)
+def test_a_page_has_no_law_of_what_its_unit_does_not_have(name: str, fmu: Callable[[str], Fmu]) -> None:
+    law = section(page_of(fmu(name).path), "law")
+    assert [word for word in WITHOUT[name] if word in law] == []
+    assert "only:" not in law and "end -->" not in law
+
+
+@pytest.mark.parametrize("name", WITH)
+def test_a_page_has_the_law_of_what_its_unit_has(name: str, fmu: Callable[[str], Fmu]) -> None:
+    law = section(page_of(fmu(name).path), "law")
+    assert [word for word in WITH[name] if word.lower() not in law.lower()] == [] and "Source:" in law
+
+
+def test_a_page_has_what_a_description_of_ones_own_asks_for(tmp_path: Path) -> None:
+    text = (ROOT / "modelDescription" / "L1NonlinearSiso.toml").read_text()
+    text = text.replace('"L1NonlinearSiso"', '"Own"').replace("[structure]", "[structure]\nfunnel = true", 1)
+    text += '\n[names]\nx = ["angle", "speed"]\nr = "wanted"\n'
+    page = page_of(made := exported(tmp_path, text))
+    assert "Funnel to watch" in section(page, "law")
+    assert {"angle", "speed", "wanted", "u[1]", "funnel_left"} <= in_diagram(page)
+    assert "response" not in sections(page), "no loop of this unit was run"
+    terminals = etree.fromstring(entry(made, TERMINALS))
+    members = {member.get("variableName"): member.get("memberName") for member in terminals.iter("TerminalMemberVariable")}
+    assert members == {"wanted": "r[1]", "angle": "x[1]", "speed": "x[2]", "u[1]": "u[1]"}
+
+
+def test_a_whole_loop_shows_its_parts(tmp_path: Path) -> None:
+    answer = adaptive_fmu("export", "--composite", "3.2.1-cosine", "--out", tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    page = page_of(tmp_path / "Loop_3_2_1_cosine.fmu")
+    assert {"reference", "plant", "controller", "x[1]", "u[1]", "dr[1]", "enabled"} <= in_diagram(page)
+    assert "plant.x[1…2]" in section(page, "wiring"), "outputs that are connected inside can be read, too"
+    assert "response" in sections(page) and "unmatched" not in section(page, "law").lower()
+
+
+def test_no_limit_is_told_as_such(fmu: Callable[[str], Fmu]) -> None:
+    page = page_of(fmu("L1NonlinearSiso").path)
+    assert "no limit" in section(page, "gains") and "1000000000000000" not in page.text_content()
+
+
+def test_every_fmu_has_its_kinds_icon(each_fmu: Fmu) -> None:
+    model = re.search(r'^model = "(.+)"', (ROOT / "modelDescription" / f"{each_fmu.name}.toml").read_text(), re.M)[1]
+    icons = ROOT / "modelDescription" / "icons"
+    assert entry(each_fmu.path, "model.png") == (icons / f"{model}.png").read_bytes()
+    assert entry(each_fmu.path, "terminalsAndIcons/icon.png") == (icons / f"{model}.png").read_bytes()
+    assert entry(each_fmu.path, "terminalsAndIcons/icon.svg") == (icons / f"{model}.svg").read_bytes()
+
+
+def test_terminals_keep_to_the_standards_schema_and_name_variables(each_fmu: Fmu) -> None:
+    terminals = etree.fromstring(entry(each_fmu.path, TERMINALS))
+    schema = etree.XMLSchema(etree.parse(SCHEMA))
+    assert schema.validate(terminals), schema.error_log
+    pins = pins_of(each_fmu)
+    for terminal in terminals.iter("Terminal"):
+        names = [member.get("memberName") for member in terminal]
+        assert len(set(names)) == len(names)
+        assert [member.get("variableName") for member in terminal if member.get("variableName") not in pins] == []
+
+
+def members(fmu: Fmu, terminal: str) -> dict[str, str]:
+    """The variables of a terminal, by the names that match."""
+    found = etree.fromstring(entry(fmu.path, TERMINALS)).xpath(f"//Terminal[@name='{terminal}']/*")
+    return {member.get("memberName"): member.get("variableName") for member in found}
+
+
+@pytest.mark.parametrize("loop", ["3.2.1-cosine", "3.3.1-case2-bench", "3.3.2-case1", "5-wide", "6.5.1-mrac", "7.5.1", "7.5.2"])
+def test_terminals_connect_what_the_loops_connect(loop: str, fmu: Callable[[str], Fmu]) -> None:
+    units = {c.get("name"): fmu(re.sub(r".*/|\.fmu$", "", c.get("source"))) for c in responses.elements(loop, "Component")}
+    of = {
+        (part, variable): (terminal.get("name"), member.get("memberName"))
+        for part, unit in units.items()
+        for terminal in etree.fromstring(entry(unit.path, TERMINALS)).iter("Terminal")
+        for member in terminal
+        for variable in [member.get("variableName")]
+    }
+    for link in responses.elements(loop, "Connection"):
+        (_, one), (_, other) = (
+            of[link.get(f"{end}Element"), link.get(f"{end}Connector")] for end in ("start", "end")
+        )
+        assert one == other, etree.tostring(link)
+
+
+def test_icons_differ(fmu_folder: Path) -> None:
+    pictures = {entry(fmu_folder / f"{name}.fmu", "model.png") for name in FMU_NAMES}
+    assert len(pictures) == len(list((ROOT / "modelDescription" / "icons").glob("*.png"))) - 2, "all but a loop's and the spare one"
+
+
+@pytest.mark.parametrize("loop", [loop for loop in LOOP_NAMES if not responses.is_to_fail(loop)])
+def test_the_picture_of_a_loop_is_what_it_records(loop: str, ran: Callable[..., Ran]) -> None:
+    """UPDATE_RESPONSES=1 writes examples/LOOP/response.txt anew."""
+    _, table = ran(loop)
+    file = ROOT / "examples" / loop / "response.txt"
+    if "UPDATE_RESPONSES" in os.environ:
+        file.write_text(responses.text(loop, table))
+    curves = responses.read(loop)
+    for _, signals in responses.plots(loop):
+        span = responses.ranges([table[signal] for signal in signals])
+        for signal in signals:
+            off = np.abs(np.interp(table["time"], *curves[signal]) - table[signal])
+            # A peak of a few samples may be drawn a little beside its place.
+            assert np.quantile(off, 0.99) < 0.03 * span, signal
+            assert abs(curves[signal][1].max() - table[signal].max()) < 0.03 * span, signal
+    assert file.stat().st_size < 30_000
+
+
+MEASURE = """
+<script>
+addEventListener("load", () => {
+  const told = [...document.querySelectorAll("iframe")].map(frame => {
+    const page = frame.contentDocument, input = page.querySelector("#pins ~ .scroll code");
+    return [frame.name, frame.width, page.documentElement.scrollWidth, input ? input.getBoundingClientRect().top : -1];
+  });
+  document.body.textContent = JSON.stringify(told);
+});
+</script>
+"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+def test_pages_fit_their_screens_and_inputs_are_seen_early(fmu_folder: Path, tmp_path: Path) -> None:
+    frame = '<iframe name="{}" width="{}" height="900" srcdoc="{}"></iframe>'
+    pages = {name: entry(fmu_folder / f"{name}.fmu", "documentation/index.html").decode() for name in FMU_NAMES}
+    frames = [frame.format(name, width, escapes.escape(page)) for name, page in pages.items() for width in (1300, 400)]
+    (tmp_path / "all.html").write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{''.join(frames)}{MEASURE}")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", tmp_path / "all.html"]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+    told = json.loads(html.document_fromstring(answer.stdout).xpath("//body")[0].text_content())
+    assert len(told) == 2 * len(FMU_NAMES)
+    assert [(name, width, seen) for name, width, seen, _ in told if seen > int(width)] == [], "wider than the screen"
+    assert [(name, top) for name, width, _, top in told if width == "1300" and not 0 < top < 1200] == []
