@@ -30,7 +30,8 @@ pub fn html(unit: &Unit, build: &Build) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{name}</title>\n<style>{STYLE}</style>\n</head>\n\
-         <body>\n<h1>{name}</h1>\n<p>{summary}.</p>\n{}",
+         <body>\n<h1>{name}</h1>\n<p>{summary}.</p>\n{}{}",
+        description.as_ref().map_or(String::new(), about),
         rendered(&unit.documentation)
     );
     report::push(&mut page, &unit.report);
@@ -46,6 +47,17 @@ pub fn html(unit: &Unit, build: &Build) -> String {
     page
 }
 
+/// Whose the unit is, in a line.
+fn about(description: &ModelDescription) -> String {
+    let texts = description.about.iter().map(|(key, text)| match *key {
+        "author" => format!("By {}", escaped(text)),
+        "copyright" => escaped(text),
+        key => format!("{key} {}", escaped(text)),
+    });
+    let texts = texts.collect::<Vec<_>>().join(", ");
+    if texts.is_empty() { texts } else { format!("<p>{texts}.</p>\n") }
+}
+
 fn push_variables(page: &mut String, description: &ModelDescription) {
     for (causality, title) in
         [("input", "Inputs"), ("output", "Outputs"), ("parameter", "Parameters"), ("local", "Local variables")]
@@ -59,7 +71,8 @@ fn push_variables(page: &mut String, description: &ModelDescription) {
             "<h2>{title}</h2>\n<div class=\"scroll\"><table>\n<tr><th>name<th>what it is<th>unit<th>start<th>allowed<th>changes"
         );
         for variable in variables {
-            let limits = match (&variable.min, &variable.max) {
+            let shown = |value: &Option<String>| value.as_ref().map(|value| variable.shown(value));
+            let limits = match (shown(&variable.min), shown(&variable.max)) {
                 (Some(min), Some(max)) => format!("{min} … {max}"),
                 (Some(min), None) => format!("≥ {min}"),
                 (None, Some(max)) => format!("≤ {max}"),
@@ -68,7 +81,7 @@ fn push_variables(page: &mut String, description: &ModelDescription) {
             let cells = [
                 &variable.description,
                 variable.unit.as_ref().unwrap_or(&String::new()),
-                variable.start.as_ref().unwrap_or(&String::new()),
+                &shown(&variable.start).unwrap_or_default(),
                 &limits,
                 &variable.variability,
             ]
