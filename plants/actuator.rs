@@ -40,19 +40,17 @@ impl System for Actuator {
     fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
         let units = structure.units()?;
         let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
-        let m = units.len();
+        let (m, quantities) = (units.len(), structure.quantities()?);
         let clock = Clock::declare(d, "the delay; time constant of a rate limit that has no lag behind it");
         let parameter = |name: &str, text: &str, start: f64| vector(name, m, text).start(start).units(&units);
         d.indicators(std::iter::repeat_n("", KINKS * m));
         Ok(Actuator {
             dead_zone: d.parameter(parameter("dead_zone", "commands up to this magnitude do nothing", 0.0).min(0.0)),
             line: DelayLine::declare(d, clock, &structure),
-            u_min: d.parameter(parameter("u_min", "smallest output; -1e15 is no limit", -UNLIMITED)),
-            u_max: d.parameter(parameter("u_max", "largest output; 1e15 is no limit", UNLIMITED)),
+            u_min: d.parameter(parameter("u_min", "smallest output", 0.0).no_lower_limit()),
+            u_max: d.parameter(parameter("u_max", "largest output", 0.0).no_upper_limit()),
             rate_limit: d.parameter(
-                parameter("rate_limit", "fastest change of the output; 1e15 is no limit", UNLIMITED)
-                    .units(&rates)
-                    .positive(),
+                parameter("rate_limit", "fastest change of the output", 0.0).no_upper_limit().units(&rates).positive(),
             ),
             time_constant: d
                 .parameter(vector("time_constant", m, "time constant of the lag; 0: none").unit("s").min(0.0)),
@@ -60,8 +58,12 @@ impl System for Actuator {
             lag: Lag::declare(d, &units),
             working_time_constant: d.prepared(vector("#working time constant", m, "").hidden()),
             samples: d.prepared(scalar("#samples", "").hidden()),
-            u: d.input(vector("u", m, "command").units(&units)),
-            y: d.output(vector("y", m, "what the actuator gives").units(&units)),
+            u: d.input(vector("u", m, "command").about(&quantities, "commanded {}").units(&units)),
+            y: d.output(
+                vector("y", m, "what the actuator gives")
+                    .about(&quantities, "{} that the actuator gives")
+                    .units(&units),
+            ),
         })
     }
 

@@ -4,7 +4,7 @@ use serde::Deserialize;
 
 use crate::system::{
     Declaration, Discrete, Invalid, MatrixOf, Parameter, Point, Prepared, Scalar, ScalarOf, State, Unit, Values,
-    VectorOf, any, larger, matrix, scalar, vector,
+    VectorOf, any, larger, matrix, quantities, scalar, vector,
 };
 
 /// Numbers that all delay lines of a unit may hold together.
@@ -20,6 +20,9 @@ pub struct Channels {
     /// Units of the channels, one each; 1 where none are given.
     #[serde(default)]
     units: Vec<String>,
+    /// Quantities of the channels in words, one each, as "yaw rate"; descriptions count channels where none are given.
+    #[serde(default)]
+    quantities: Vec<String>,
     /// How many samples the longest delay may have.
     #[serde(default = "usual_delay_samples")]
     delay_samples: usize,
@@ -35,7 +38,7 @@ impl Channels {
     /// # Errors
     /// Sizes beyond what is allowed, and units that aren't known.
     pub(super) fn units(&self) -> Result<Vec<&'static str>, Invalid> {
-        let Channels { channels, units, delay_samples } = self;
+        let Channels { channels, units, delay_samples, .. } = self;
         if !(1..=1000).contains(channels) {
             return Err(Invalid::new("channels", channels, "must be within 1 … 1000"));
         }
@@ -48,6 +51,14 @@ impl Channels {
             ));
         }
         Unit::symbols("u", units, *channels)
+    }
+
+    /// The quantity of each channel, where they are told.
+    ///
+    /// # Errors
+    /// As [`quantities`].
+    pub(super) fn quantities(&self) -> Result<Vec<String>, Invalid> {
+        quantities("u", &self.quantities, self.channels)
     }
 }
 

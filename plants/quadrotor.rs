@@ -176,6 +176,7 @@ impl Uncertainty {
             frequency: d.parameter(
                 vector("disturbance_frequency", 3, "angular frequency of that sine")
                     .unit("rad/s")
+                    .in_own_unit()
                     .starts(&[0.4, 0.6, 0.5]),
             ),
             filter: d.parameter(

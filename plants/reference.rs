@@ -6,9 +6,9 @@ use super::template::{channels, write_channels};
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::system::{
     Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
-    Values, VectorOf, any, matrix, selection, smaller, vector,
+    Values, VectorOf, any, matrix, quantities, selection, smaller, vector,
 };
-use crate::template::{Request, Sizes, Template, all, named, number, write_names};
+use crate::template::{Plant, Request, Sizes, Template, all, named, number, write_names};
 
 /// Steps that each channel can have.
 const STEPS: usize = 4;
@@ -53,6 +53,9 @@ pub struct ReferenceStructure {
     /// Units of the reference, one a channel; 1 where none are given.
     #[serde(default)]
     units: Vec<String>,
+    /// Quantities of the channels in words, one each, as "yaw angle"; descriptions count channels where none are given.
+    #[serde(default)]
+    quantities: Vec<String>,
     /// Named choices of parts, the items of a parameter `signal`.
     #[serde(default)]
     signals: Vec<NamedSignal>,
@@ -93,21 +96,24 @@ impl System for Reference {
     const DOCUMENTATION: &'static str = include_str!("../docs/plants/reference.md");
 
     fn declare(structure: ReferenceStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let ReferenceStructure { channels: m, units, signals } = structure;
+        let ReferenceStructure { channels: m, units, quantities: given, signals } = structure;
         if m == 0 || m > 1000 {
             return Err(Invalid::new("channels", m, "must be within 1 … 1000"));
         }
-        let units = Unit::symbols("r", &units, m)?;
+        let (units, of_r) = (Unit::symbols("r", &units, m)?, quantities("r", &given, m)?);
         let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
         let second_rates: Vec<_> = rates.iter().map(|unit| Unit::per_second(unit)).collect();
         let items = signals.iter().map(|signal| (signal.name.clone(), signal.description.clone())).collect::<Vec<_>>();
         let signal = (!items.is_empty())
             .then(|| d.parameter(selection("signal", "which parts the reference consists of", "Signal", items)));
+        let told = |name: &str, text: &str| vector(name, m, text).about(&of_r, &format!("{text} of {{}}"));
         let mut parameter = |name: &str, text: &str, unit| {
-            let spec = vector(name, m, text);
+            let spec = vector(name, m, text).about(&of_r, &format!("{text}, of {{}}"));
             d.parameter(match unit {
                 "r" => spec.units(&units),
                 "r/s" => spec.units(&rates),
+                // Phases and angular frequencies of waves.
+                "rad" | "rad/s" => spec.unit(unit).in_own_unit(),
                 other => spec.unit(other),
             })
         };
@@ -129,7 +135,7 @@ impl System for Reference {
             square: [
                 parameter("square_amplitude", "amplitude of the square wave, which begins with +1", "r"),
                 d.parameter(vector("square_frequency", m, "frequency of the square wave").unit("Hz").min(0.0)),
-                d.parameter(vector("square_phase", m, "phase of the square wave").unit("rad")),
+                d.parameter(vector("square_phase", m, "phase of the square wave").unit("rad").in_own_unit()),
             ],
             step_time: d.parameter(matrix("step_time", m, STEPS, "when the step is taken").unit("s")),
             step_height: d.parameter(matrix("step_height", m, STEPS, "height of the step").units(&units.repeat(STEPS))),
@@ -148,9 +154,9 @@ impl System for Reference {
             ],
             half_periods: d.discrete(vector("half_periods", m, "half periods of the square wave that have passed")),
             taken: d.discrete(matrix("step_taken", m, STEPS, "1 once the step was taken")),
-            r: d.output(vector("r", m, "reference").units(&units)),
-            dr: d.output(vector("dr", m, "first time derivative of the reference").units(&rates)),
-            ddr: d.output(vector("ddr", m, "second time derivative of the reference").units(&second_rates)),
+            r: d.output(told("r", "reference").units(&units)),
+            dr: d.output(told("dr", "first time derivative of the reference").units(&rates)),
+            ddr: d.output(told("ddr", "second time derivative of the reference").units(&second_rates)),
         })
     }
 
@@ -311,7 +317,8 @@ impl Catalogued for Reference {
 /// Each channel steps to the usual magnitude at 1 s.
 fn template(request: &Request) -> Result<String, Invalid> {
     request.only(&["outputs"])?;
-    let (m, signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().2, &plant.y));
+    let (m, mut signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().2, &plant.y));
+    signals.texts = request.plant.as_ref().map_or(Vec::new(), Plant::output_quantities);
     let mut text = request.begin(Reference::TITLE, Reference::PAGE, 10.0, 1e-3);
     write_channels(&mut text, m, &signals);
     write_names(&mut text, &[("r", named(&signals, "_reference"))]);

@@ -38,7 +38,7 @@ impl System for Sensor {
 
     fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
         let units = structure.units()?;
-        let m = units.len();
+        let (m, quantities) = (units.len(), structure.quantities()?);
         let clock = Clock::declare(d, "delay, noise and quantisation");
         let seed = "which noise it is: another one with each seed, in each channel";
         Ok(Sensor {
@@ -60,8 +60,8 @@ impl System for Sensor {
             samples: d.prepared(scalar("#samples", "").hidden()),
             noise: d.discrete(vector("#noise", m, "").hidden()),
             held: d.discrete(vector("#held", m, "").hidden()),
-            u: d.input(vector("u", m, "what is measured").units(&units)),
-            y: d.output(vector("y", m, "measured value").units(&units)),
+            u: d.input(vector("u", m, "what is measured").about(&quantities, "{} that is measured").units(&units)),
+            y: d.output(vector("y", m, "measured value").about(&quantities, "measured {}").units(&units)),
         })
     }
 

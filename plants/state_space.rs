@@ -5,13 +5,15 @@ use nalgebra::DMatrix;
 use serde::Deserialize;
 
 use crate::catalogue::{Catalogued, Guide, Icon, icon};
-use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, within};
 use crate::mathematics::matrices::rows;
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, Signal, Signals, State, System, Unit,
-    Values, VectorOf, matrix, vector,
+    Values, VectorOf, matrix, of_outputs, quantities, vector,
 };
-use crate::template::{self, Request, Sizes, Template, all, named, write_limits, write_names, write_units};
+use crate::template::{
+    self, Request, Sizes, Template, all, named, write_limits, write_names, write_quantities, write_units,
+};
 
 /// Largest number of states, of inputs and of outputs.
 const MOST: usize = 200;
@@ -32,6 +34,22 @@ pub struct StateSpaceStructure {
     /// Units of the signals.
     #[serde(default)]
     units: StateSpaceUnits,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: StateSpaceQuantities,
+}
+
+/// Quantities of the signals, an element each; descriptions count elements where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+struct StateSpaceQuantities {
+    /// Of the states.
+    x: Vec<String>,
+    /// Of the inputs.
+    u: Vec<String>,
+    /// Of the outputs; those of the states that C takes, where none are given.
+    y: Vec<String>,
 }
 
 /// Units of the signals, an element each; 1 where none are given.
@@ -84,7 +102,19 @@ impl System for StateSpace {
         let given = |name: &str, given: &DMatrix<f64>, text: &str| {
             matrix(name, given.nrows(), given.ncols(), text).starts(given.as_slice())
         };
-        let limit = "input that acts; 1e15 is no limit";
+        let of_x = quantities("x", &structure.quantities.x, n)?;
+        let of_u = quantities("u", &structure.quantities.u, m)?;
+        let of_y = match &structure.quantities.y[..] {
+            [] => of_outputs(&C, &of_x),
+            given => quantities("y", given, p)?,
+        };
+        let state = |name: &str, behind: &str| {
+            vector(name, n, &format!("state{behind}")).about(&of_x, &format!("{{}}{behind}")).units(&x)
+        };
+        let input = |name: &str, text: &str, about: &str| vector(name, m, text).about(&of_u, about).units(&u);
+        let output = |name: &str, behind: &str| {
+            vector(name, p, &format!("output{behind}")).about(&of_y, &format!("output, {{}}{behind}")).units(&y)
+        };
         // Two an input: at its limits.
         d.indicators(std::iter::repeat_n("", 2 * m));
         Ok(StateSpace {
@@ -92,17 +122,21 @@ impl System for StateSpace {
             B: d.parameter(given("B", &B, "input matrix")),
             C: d.parameter(given("C", &C, "output matrix")),
             D: D.map(|D| d.parameter(given("D", &D, "what the input shows in the output at once"))),
-            x0: d.parameter(vector("x0", n, "state at the start").units(&x).fixed()),
-            x_op: d.parameter(vector("x_op", n, "state at the operating point").units(&x)),
-            u_op: d.parameter(vector("u_op", m, "input at the operating point").units(&u)),
-            y_op: d.parameter(vector("y_op", p, "output at the operating point").units(&y)),
-            u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(&u)),
-            u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(&u)),
-            u: d.input(vector("u", m, "input").units(&u)),
-            d: d.input(vector("d", m, "disturbance that enters where the input does").units(&u)),
-            x: d.state(vector("x", n, "state").units(&x).output()),
-            y: d.output(vector("y", p, "output").units(&y)),
-            u_acting: d.local(vector("u_acting", m, "input within its limits").units(&u)),
+            x0: d.parameter(state("x0", " at the start").fixed()),
+            x_op: d.parameter(state("x_op", " at the operating point")),
+            u_op: d.parameter(input("u_op", "input at the operating point", "{} at the operating point")),
+            y_op: d.parameter(output("y_op", " at the operating point")),
+            u_min: d.parameter(input("u_min", "smallest input that acts", "smallest {} that acts").no_lower_limit()),
+            u_max: d.parameter(input("u_max", "largest input that acts", "largest {} that acts").no_upper_limit()),
+            u: d.input(input("u", "input", "input, {}")),
+            d: d.input(input(
+                "d",
+                "disturbance that enters where the input does",
+                "disturbance that enters where the {} does",
+            )),
+            x: d.state(state("x", "").output()),
+            y: d.output(output("y", "")),
+            u_acting: d.local(input("u_acting", "input within its limits", "{} within its limits")),
             w: d.local(vector("#w", m, "").hidden()),
         })
     }
@@ -234,6 +268,7 @@ fn template(request: &Request) -> Result<String, Invalid> {
         None => text.suggest("D", template::rows(&DMatrix::zeros(p, m)), "only where the input shows in y at once"),
     }
     write_units(&mut text, &[("x", &plant.x, n), ("u", &plant.u, m), ("y", &plant.y, p)]);
+    write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
     // An output that is a state can't have its name.
     let clash = plant.y.names.iter().any(|name| plant.x.names.contains(name));
     let outputs = named(&plant.y, if clash { "_output" } else { "" });

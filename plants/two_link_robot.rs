@@ -65,6 +65,7 @@ impl System for TwoLinkRobot {
                 vector("inertia_variation_frequency", 3, "")
                     .each(&["angular frequency of d1", "angular frequency of d2", "angular frequency of d3"])
                     .unit("rad/s")
+                    .in_own_unit()
                     .starts(&[0.3, 0.25, 0.35]),
             ),
             rate_weight: d.parameter(scalar("rate_weight", "weight of the rates in the output y").unit("s")),

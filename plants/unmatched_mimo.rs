@@ -80,7 +80,9 @@ impl System for UnmatchedMimo {
             omega,
             k: d.parameter(coefficients()),
             lambda: d.parameter(scalar("lambda", "rate at which k6 comes in").unit("1/s").start(0.3).min(0.0)),
-            omega_u: d.parameter(scalar("omega_u", "angular frequency of the term of k8").unit("rad/s").start(5.0)),
+            omega_u: d.parameter(
+                scalar("omega_u", "angular frequency of the term of k8").unit("rad/s").in_own_unit().start(5.0),
+            ),
             use_secant: d.parameter(boolean(
                 "use_secant",
                 "whether sec x2 stands in place of sech x2, as printed; then the motion ends where x2 reaches +-pi/2",

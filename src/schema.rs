@@ -1,11 +1,16 @@
 //! The JSON schema of descriptions, made from the types that read them: what an editor completes and checks.
 
+mod start;
+
+use std::collections::BTreeMap;
+
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::{Map, Value, json};
 
 use crate::library::CATALOGUE;
 use crate::model::Description;
+use start::Start;
 
 /// Name of the file that it is written to.
 pub const FILE: &str = "description.schema.json";
@@ -25,7 +30,7 @@ fn structures() -> Vec<(&'static str, Schema)> {
     CATALOGUE.iter().map(|entry| (entry.kind.name, (entry.schema)(generator()))).collect()
 }
 
-/// The schema of a description: `structure` by the `model`.
+/// The schema of a description: `structure` and `start` by the `model`.
 pub fn description() -> Value {
     let mut schema = of::<Description>().to_value();
     let mut structures = structures();
@@ -33,8 +38,58 @@ pub fn description() -> Value {
     let names: Vec<_> = structures.iter().map(|(name, _)| *name).collect();
     schema["properties"]["model"]["enum"] = json!(names);
     schema["title"] = json!("Description of an FMU");
-    schema["allOf"] = structures.into_iter().map(|(name, schema)| choice(name, schema.to_value())).collect();
+    let starts = structures.iter().map(|(name, schema)| Start::of(name, schema.as_value()));
+    let (starts, shared) = shared(starts.collect());
+    let kinds = structures.into_iter().zip(starts);
+    schema["allOf"] = kinds.map(|((name, schema), start)| choice(name, schema.to_value(), start)).collect();
+    schema["definitions"] = Value::Object(shared);
     schema
+}
+
+/// Schemas of variables by their names, and of elements by patterns of them.
+#[derive(Debug)]
+struct Variables {
+    whole: Map<String, Value>,
+    elements: Map<String, Value>,
+}
+
+/// The variables of all kinds. What several kinds have stands once, under a name.
+fn shared(starts: Vec<Start>) -> (Vec<Variables>, Map<String, Value>) {
+    let mut uses: BTreeMap<String, (String, Value, usize)> = BTreeMap::new();
+    for (name, schema) in starts.iter().flat_map(Start::variables) {
+        uses.entry(format!("{name} {schema}")).or_insert_with(|| (name.clone(), schema, 0)).2 += 1;
+    }
+    let mut definitions = Map::new();
+    let mut names = BTreeMap::new();
+    for (identity, (name, schema, _)) in uses.into_iter().filter(|(_, (.., count))| *count > 1) {
+        let others = (2..).map(|number| format!("{name}.{number}"));
+        let free = [name.clone()].into_iter().chain(others).find(|name| !definitions.contains_key(name));
+        let free = free.unwrap_or(name);
+        definitions.insert(free.clone(), schema);
+        names.insert(identity, free);
+    }
+    let refer = |(name, schema): (&String, Value)| {
+        let known = names.get(&format!("{name} {schema}"));
+        let schema = known.map_or(schema, |known| json!({ "$ref": format!("#/definitions/{known}") }));
+        (name.clone(), schema)
+    };
+    let variables =
+        |start: &Start| Variables { whole: start.variables().map(refer).collect(), elements: start.patterns() };
+    (starts.iter().map(variables).collect(), definitions)
+}
+
+impl Variables {
+    /// What `[start]` holds.
+    fn schema(&self) -> Value {
+        json!({ "properties": self.whole, "patternProperties": self.elements })
+    }
+
+    /// The keys that `[start]` has where a description gives no names of its own.
+    fn strict(&self) -> Value {
+        let any =
+            |known: &Map<String, Value>| Value::Object(known.keys().map(|key| (key.clone(), json!(true))).collect());
+        json!({ "properties": any(&self.whole), "patternProperties": any(&self.elements), "additionalProperties": false })
+    }
 }
 
 /// The text of the file: the schema, indented.
@@ -42,13 +97,19 @@ pub fn text() -> String {
     format!("{:#}\n", description())
 }
 
-fn choice(name: &str, mut structure: Value) -> Value {
+fn choice(name: &str, mut structure: Value, variables: Variables) -> Value {
     let required = structure.get("required").is_some();
     if let Some(structure) = structure.as_object_mut() {
         structure.remove("$schema");
     }
     let mut then = Map::new();
     then.insert("properties".to_owned(), json!({ "structure": structure }));
+    if !variables.whole.is_empty() {
+        then["properties"]["start"] = variables.schema();
+        // Without names of the user's own, `[start]` has no other keys than the model's.
+        then.insert("if".to_owned(), json!({ "properties": { "names": { "maxProperties": 0 } } }));
+        then.insert("then".to_owned(), json!({ "properties": { "start": variables.strict() } }));
+    }
     if required {
         then.insert("required".to_owned(), json!(["structure"]));
     }

@@ -46,7 +46,8 @@ fn told(name: &str, report: &DesignReport) -> String {
     if report.findings.is_empty() {
         return format!("{name}: nothing to check beyond the description's own limits, which it keeps");
     }
-    let mut lines = vec![format!("{name}: {}", report.verdict().text())];
+    let reason = report.reason().map_or(String::new(), |reason| format!(", as {reason}"));
+    let mut lines = vec![format!("{name}: {}{reason}", report.verdict().text())];
     let mut section = None;
     for finding in &report.findings {
         if section != Some(&finding.section) {

@@ -77,7 +77,8 @@ fn as_json(description: &ModelDescription, contents: &Contents) -> Value {
     };
     json!({
         "name": description.name, "description": description.description, "guid": description.guid,
-        "generationTool": description.generation_tool, "step": description.step, "stopTime": description.stop_time,
+        "generationTool": description.generation_tool,
+        "about": BTreeMap::from_iter(description.about.iter().map(|(key, text)| (*key, text))), "step": description.step, "stopTime": description.stop_time,
         "interfaces": interfaces(description), "capabilities": description.capabilities,
         "logCategories": description.categories,
         "variables": description.variables.iter().map(variable).collect::<Vec<_>>(),
@@ -99,6 +100,8 @@ fn print(description: &ModelDescription, contents: &Contents) {
     line(format!("{}: {}", description.name, description.description));
     let tool = or(description.generation_tool.clone(), "a tool that it doesn't name");
     line(format!("made by {tool}, GUID {}", description.guid));
+    let about = description.about.iter().map(|(key, text)| format!("{key}: {text}")).collect::<Vec<_>>().join("; ");
+    line(or(about, "author, version, license and copyright: it doesn't say"));
     line(contents.build.as_ref().map_or("library: it doesn't tell how it was built".to_owned(), |build| {
         let Build { package, version, target, compiler, source, .. } = build;
         let slow = if build.optimised { "" } else { ", not optimised" };
@@ -119,7 +122,8 @@ fn print(description: &ModelDescription, contents: &Contents) {
     say!();
     say!("{:26} {:10} {:10} {:6} {:12} description", "variable", "causality", "changes", "unit", "start");
     for v in &description.variables {
-        let (unit, start) = (v.unit.as_deref().unwrap_or(""), v.start.as_deref().unwrap_or(""));
+        let (unit, start) =
+            (v.unit.as_deref().unwrap_or(""), v.start.as_deref().map_or(String::new(), |start| v.shown(start)));
         line(format!("{:26} {:10} {:10} {unit:6} {start:12} {}", v.name, v.causality, v.variability, v.description));
     }
 }

@@ -118,7 +118,7 @@ fn print(linear: &Linearisation) {
     }
     say!();
     for (kind, quantities) in [("state", states), ("input", inputs), ("output", outputs)] {
-        for Quantity { name, unit, value } in quantities {
+        for Quantity { name, unit, value, .. } in quantities {
             say!("{kind:8} {name:28} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
         }
     }

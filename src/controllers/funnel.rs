@@ -93,10 +93,18 @@ pub(super) struct Inside<S> {
 }
 
 impl Funnel {
-    /// Of channels whose errors have these units, and the funnel of an example.
-    pub fn declare(d: &mut Declaration, units: &[&'static str], [rho_0, rho_inf, decay_rate]: [f64; 3]) -> Self {
+    /// Of channels whose errors have these units and are of these quantities, and the funnel of an example.
+    pub fn declare(
+        d: &mut Declaration,
+        (units, of_r): (&[&'static str], &[String]),
+        [rho_0, rho_inf, decay_rate]: [f64; 3],
+    ) -> Self {
         let m = units.len();
-        let signal = |name: &str, text: &str| vector(name, m, text).units(units);
+        let signal = |name: &str, text: &str| {
+            // "bound of the error in the end", "bound of the error of depth in the end"
+            let about = text.replacen("error", "error of {}", 1);
+            vector(name, m, text).about(of_r, &about).units(units)
+        };
         Funnel {
             rho_0: d.parameter(signal("rho_0", "bound of the error at the start").start(rho_0).positive().fixed()),
             rho_inf: d.parameter(signal("rho_inf", "bound of the error in the end").start(rho_inf).positive()),
@@ -126,7 +134,7 @@ impl Funnel {
             began_inside: d.discrete(boolean("#began_inside", "").hidden()),
             reopened: d.discrete(integer("funnel_reopened", "how often a funnel was re-opened").output()),
             e: d.local(signal("e", "error that is kept within the funnel")),
-            rho: d.local(signal("rho", "performance function").source("Hashim (5.3), (6.7)")),
+            rho: d.local(signal("rho", "performance function, which bounds the error").source("Hashim (5.3), (6.7)")),
             epsilon: d.local(
                 vector("epsilon", m, "transformed error, which is infinite at the funnel's bounds")
                     .source("Hashim (5.6), (6.10), of e/rho"),

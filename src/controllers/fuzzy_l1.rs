@@ -16,6 +16,7 @@ use crate::template::{Request, Sizes, Template, number, three_digits};
 pub struct FuzzyL1 {
     r: VectorOf<Input>,
     units_of_r: Vec<&'static str>,
+    of_r: Vec<String>,
     dr: VectorOf<Input>,
     ports: Ports,
     law: Law,
@@ -25,6 +26,10 @@ pub struct FuzzyL1 {
 impl Tracking for FuzzyL1 {
     fn error_units(&self) -> Vec<&'static str> {
         self.units_of_r.clone()
+    }
+
+    fn error_quantities(&self) -> Vec<String> {
+        self.of_r.clone()
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
@@ -56,13 +61,14 @@ impl System for FuzzyL1 {
         let size = structure.size()?;
         let units = structure.units(size)?;
         let rates: Vec<_> = units.r.iter().map(|unit| Unit::per_second(unit)).collect();
-        let r = d.input(vector("r", size.1, "reference").units(&units.r));
-        let dr = d.input(vector("dr", size.1, "time derivative of the reference").units(&rates));
+        let r = d.input(vector("r", size.1, "reference").about(&units.of_r, "reference of {}").units(&units.r));
+        let dr = vector("dr", size.1, "time derivative of the reference");
+        let dr = d.input(dr.about(&units.of_r, "time derivative of the reference of {}").units(&rates));
         let ports = Ports::declare(d, &units);
         let law = Law::declare(&structure, ports, d)?;
         law.allows_scheduling()?;
         let gain = FuzzyGain::declare(d, size.1);
-        Ok(FuzzyL1 { r, units_of_r: units.r, dr, ports, law, gain })
+        Ok(FuzzyL1 { r, units_of_r: units.r, of_r: units.of_r, dr, ports, law, gain })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {

@@ -32,6 +32,10 @@ impl<const OBSERVED: bool> Tracking for L1Quadrotor<OBSERVED> {
         vec!["m", "m", "m", "rad"]
     }
 
+    fn error_quantities(&self) -> Vec<String> {
+        ["position in x", "position in y", "height", "yaw angle psi"].map(str::to_owned).to_vec()
+    }
+
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         v[self.position.r][channel] - v[self.x][[0, 1, 2, 8][channel]]
     }
@@ -60,7 +64,6 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
                 .units(&units)
                 .nominals(&[5.0, 0.01, 0.01, 0.01])
         };
-        let limit = "1e15 is no limit";
         let x = d.input(state("x", "measured", 0..if OBSERVED { 9 } else { 12 }));
         let attitude_state = if OBSERVED { d.input(state("x_obs", "estimated", 6..12)) } else { x.part(6..12) };
         let enabled = "whether the controller is in command; the torques take over without a jump";
@@ -69,8 +72,8 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         let u = d.output(control("u", ""));
         let min = [0.0, -UNLIMITED, -UNLIMITED, -UNLIMITED];
         let max = [15.0, UNLIMITED, UNLIMITED, UNLIMITED];
-        let u_min = d.parameter(control("u_min", &format!("lower limit ({limit}):")).starts(&min));
-        let u_max = d.parameter(control("u_max", &format!("upper limit ({limit}):")).starts(&max));
+        let u_min = d.parameter(control("u_min", "lower limit:").no_lower_limit().starts(&min));
+        let u_max = d.parameter(control("u_max", "upper limit:").no_upper_limit().starts(&max));
         let ports = Ports {
             x: attitude_state,
             enabled,

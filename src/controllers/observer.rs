@@ -10,9 +10,10 @@ use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::{lyapunov, pole_placement};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar,
-    ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, boolean, matrix, scalar, vector,
+    ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, boolean, matrix, of_outputs, quantities, scalar,
+    vector,
 };
-use crate::template::{Request, Sizes, Template, all, named, round_down, write_names, write_units};
+use crate::template::{Request, Sizes, Template, all, named, round_down, write_names, write_quantities, write_units};
 
 /// How the gain k_l is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
@@ -43,6 +44,22 @@ pub struct ObserverStructure {
     /// Units of the signals.
     #[serde(default)]
     units: Units,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
+}
+
+/// Quantities of the signals, an element each; descriptions count elements where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+struct Quantities {
+    /// Of the plant's state.
+    x: Vec<String>,
+    /// Of the measured output; those of the states that C takes, where none are given.
+    y: Vec<String>,
+    /// Of the plant's input.
+    u: Vec<String>,
 }
 
 /// Units of the signals, an element each; 1 where none are given.
@@ -106,7 +123,14 @@ impl System for Observer {
         let y = Unit::symbols("y", &structure.units.y, m)?;
         let u = Unit::symbols("u", &structure.units.u, m)?;
         let inertia: Vec<_> = u.iter().map(|unit| of_motion(unit).1).collect();
+        let of_x = quantities("x", &structure.quantities.x, n)?;
+        let of_u = quantities("u", &structure.quantities.u, m)?;
+        let of_y = match &structure.quantities.y[..] {
+            [] => of_outputs(&C, &of_x),
+            given => quantities("y", given, m)?,
+        };
         let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
+        let output_error = "error of the estimated {}, estimated minus measured";
         Ok(Observer {
             k_l: Gain::declare(d, structure.observer_dynamics, (n, m)),
             Gamma_l: d.parameter(number("Gamma_l", "adaptation gain of beta", 100.0).unit("1/s")),
@@ -126,17 +150,33 @@ impl System for Observer {
                     .start(1.0)
                     .positive(),
             ),
-            x_obs0: d.parameter(vector("x_obs0", n, "initial estimate of the plant's state").units(&x).fixed()),
+            x_obs0: d.parameter(
+                vector("x_obs0", n, "initial estimate of the plant's state")
+                    .about(&of_x, "initial estimate of {}")
+                    .units(&x)
+                    .fixed(),
+            ),
             beta0: d.parameter(number("beta0", "initial value of beta", 1.0).fixed()),
             delta0: d.parameter(scalar("delta0", "initial value of delta").start(1.0).positive().fixed()),
-            y: d.input(vector("y", m, "measured output of the plant").units(&y)),
-            u: d.input(vector("u", m, "input of the plant, used with known_input").units(&u)),
-            x_obs: d
-                .state(vector("x_obs", n, "estimate of the plant's state").units(&x).output().source("Hashim (7.7)")),
+            y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(&y)),
+            u: d.input(
+                vector("u", m, "input of the plant, used with known_input")
+                    .about(&of_u, "commanded {}, used with known_input")
+                    .units(&u),
+            ),
+            x_obs: d.state(
+                vector("x_obs", n, "estimate of the plant's state")
+                    .about(&of_x, "estimated {}")
+                    .units(&x)
+                    .output()
+                    .source("Hashim (7.7)"),
+            ),
             beta: d.state(scalar("beta", "adaptive gain of the output error").output().source("Hashim (7.9)")),
             delta: d
                 .state(scalar("delta", "bound on the effect of unmodeled dynamics").output().source("Hashim (7.11)")),
-            y_tilde: d.local(vector("y_tilde", m, "output error, estimated minus measured").units(&y)),
+            y_tilde: d.local(
+                vector("y_tilde", m, "output error, estimated minus measured").about(&of_y, output_error).units(&y),
+            ),
             beta_l: d.local(
                 scalar("beta_l", "growth of the uncertainty with output, estimate and delta").source("Hashim (7.10)"),
             ),
@@ -227,7 +267,7 @@ impl Gain {
         let (real, imag) = (format!("real part of an observer pole, {order}"), format!("imaginary part, {order}"));
         Gain::Placed {
             pole_real: d.parameter(vector("observer_pole_real", n, &real).unit("1/s").start(-1.0)),
-            pole_imag: d.parameter(vector("observer_pole_imag", n, &imag).unit("rad/s")),
+            pole_imag: d.parameter(vector("observer_pole_imag", n, &imag).unit("rad/s").in_own_unit()),
             k_l: d.prepared(gain(text)),
         }
     }
@@ -330,6 +370,7 @@ fn template(request: &Request) -> Result<String, Invalid> {
     write_plant(&mut text, &plant, "what is measured");
     text.set("observer_dynamics", "\"poles\"", "\"gain\": observer_gain is given in place of poles");
     write_units(&mut text, &[("x", &plant.x, n), ("y", &plant.y, m), ("u", &plant.u, m)]);
+    write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
     let (x, y, u) = (named(&plant.x, "_estimate"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("x_obs", x), ("y", y), ("u", u)]);
     text.table("start");

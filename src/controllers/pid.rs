@@ -15,13 +15,13 @@ use super::l1::dot;
 use super::moves::Moves;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
-use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
-    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,
+    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, quantities, vector,
 };
 use crate::template::{Sizes, Template};
-use units::{Symbols, Units};
+use units::{Quantities, Symbols, Units};
 
 /// Largest number of channels.
 const MOST_CHANNELS: usize = 200;
@@ -42,6 +42,9 @@ pub struct PidStructure {
     /// Units of the signals.
     #[serde(default)]
     units: Units,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
 }
 
 /// v = K_p (b r − y) + I + K_d N ((c r − y) − w) in each channel, and u = S v within its limits.
@@ -63,6 +66,7 @@ pub struct Pid {
     r: VectorOf<Input>,
     y: VectorOf<Input>,
     units_of_y: Vec<&'static str>,
+    of_y: Vec<String>,
     enabled: BooleanOf<Input>,
     u_manual: VectorOf<Input>,
     I: VectorOf<State>,
@@ -86,6 +90,10 @@ impl Tracking for Pid {
         self.units_of_y.clone()
     }
 
+    fn error_quantities(&self) -> Vec<String> {
+        self.of_y.clone()
+    }
+
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         v[self.r][channel] - v[self.y][channel]
     }
@@ -105,14 +113,21 @@ impl System for Pid {
         let Symbols { y, v, u, .. } = &units;
         let gain = |name: &str, text: &str| vector(name, m, text).min(0.0);
         let weight = |name: &str, text: &str| vector(name, m, text).start(1.0);
-        let limit = "control that the actuator can give; 1e15 is no limit";
+        let of_y = quantities("y", &structure.quantities.y, m)?;
+        let of_u = quantities("u", &structure.quantities.u, m)?;
+        let control = |name: &str, text: &str, about: &str| vector(name, m, text).about(&of_u, about).units(u);
+        let limited = |name: &str, size: &str| {
+            let text = "that the actuator can give";
+            control(name, &format!("{size} control {text}"), &format!("{size} {{}} {text}"))
+        };
+        let manual = ["control while the controller is not enabled", "{} while the controller is not enabled"];
         let tracking = "time with which the integral follows what the limits leave, so that it doesn't wind up; -1 s: by \
                         the gains, 0: off";
         let enabled = "whether the controller is in command; it takes over without a jump";
         let limited = Limited {
-            u: d.output(vector("u", m, "control").units(u)),
-            u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(u)),
-            u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(u)),
+            u: d.output(control("u", "control", "commanded {}")),
+            u_min: d.parameter(limited("u_min", "smallest").no_lower_limit()),
+            u_max: d.parameter(limited("u_max", "largest").no_upper_limit()),
         };
         d.indicators(["who is in command"]);
         Ok(Pid {
@@ -122,7 +137,11 @@ impl System for Pid {
             b: d.parameter(weight("b", "weight of the reference in the proportional part")),
             c: d.parameter(weight("c", "weight of the reference in the derivative part; 0 where it jumps")),
             N: d.parameter(
-                vector("N", m, "rate of the derivative's filter, its bandwidth").unit("rad/s").start(100.0).positive(),
+                vector("N", m, "rate of the derivative's filter, its bandwidth")
+                    .unit("rad/s")
+                    .in_own_unit()
+                    .start(100.0)
+                    .positive(),
             ),
             S: d.parameter(
                 matrix("S", m, m, "decoupling: what a channel asks for, in controls; must have an inverse")
@@ -132,10 +151,10 @@ impl System for Pid {
             S_inverse: d.prepared(matrix("#inverse of S", m, m, "").hidden()),
             tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAINS)),
             T_t: d.prepared(vector("T_t", m, "tracking time in force; 0 where the integral doesn't track").unit("s")),
-            r: d.input(vector("r", m, "reference").units(y)),
-            y: d.input(vector("y", m, "measured output of the plant").units(y)),
+            r: d.input(vector("r", m, "reference").about(&of_y, "reference of {}").units(y)),
+            y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(y)),
             enabled: d.input(boolean("enabled", enabled).start(true)),
-            u_manual: d.input(vector("u_manual", m, "control while the controller is not enabled").units(u)),
+            u_manual: d.input(control("u_manual", manual[0], manual[1])),
             I: d.state(vector("I", m, "integral part").units(v)),
             w: d.state(vector("w", m, "c r - y behind the derivative's filter").units(y)),
             P: d.local(vector("P", m, "proportional part").units(v)),
@@ -156,6 +175,7 @@ impl System for Pid {
             u_min: limited.u_min,
             u_max: limited.u_max,
             units_of_y: units.y,
+            of_y,
         })
     }
 

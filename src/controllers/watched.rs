@@ -16,6 +16,8 @@ use crate::template::Template;
 pub trait Tracking: System {
     /// Their units, one a channel.
     fn error_units(&self) -> Vec<&'static str>;
+    /// The quantities that they are errors of, in words; none where these aren't known.
+    fn error_quantities(&self) -> Vec<String>;
     /// The error e = r − y of a channel.
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S;
 }
@@ -83,12 +85,30 @@ impl Funnel {
     fn declare<C: Tracking>(controller: &C, d: &mut Declaration) -> Self {
         let units = controller.error_units();
         let m = units.len();
-        let signal = |name: &str, text: &str| vector(name, m, text).units(&units);
+        let quantities = controller.error_quantities();
+        let signal =
+            |name: &str, text: &str, about: &str| vector(name, m, text).about(&quantities, about).units(&units);
         let outside = |i: usize| boolean(&format!("#is_outside[{}]", i + 1), "").hidden();
         Funnel {
-            rho_0: d
-                .parameter(signal("rho_0", "bound of the error at the start, watched").start(1.0).positive().fixed()),
-            rho_inf: d.parameter(signal("rho_inf", "bound of the error in the end, watched").start(0.1).positive()),
+            rho_0: d.parameter(
+                signal(
+                    "rho_0",
+                    "bound of the error at the start, watched",
+                    "bound of the error of {} at the start, watched",
+                )
+                .start(1.0)
+                .positive()
+                .fixed(),
+            ),
+            rho_inf: d.parameter(
+                signal(
+                    "rho_inf",
+                    "bound of the error in the end, watched",
+                    "bound of the error of {} in the end, watched",
+                )
+                .start(0.1)
+                .positive(),
+            ),
             decay_rate: d.parameter(
                 vector("decay_rate", m, "rate at which the bound of the error decays").unit("1/s").start(1.0).min(0.0),
             ),
@@ -100,8 +120,15 @@ impl Funnel {
                     .output(),
             ),
             left: d.discrete(boolean("funnel_left", "whether an error is outside of its funnel").output()),
-            e: d.local(signal("e", "tracking error, r - y")),
-            rho: d.local(signal("rho", "performance function: the funnel is -rho < e < rho").source("Hashim (6.7)")),
+            e: d.local(signal("e", "tracking error, r - y", "tracking error of {}")),
+            rho: d.local(
+                signal(
+                    "rho",
+                    "performance function: the funnel is -rho < e < rho",
+                    "performance function of {}: the funnel is -rho < e < rho",
+                )
+                .source("Hashim (6.7)"),
+            ),
             warning: d.warning("logFunnel", "an error that left its funnel"),
         }
     }

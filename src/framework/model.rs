@@ -29,6 +29,18 @@ pub struct Description {
     pub model: String,
     /// What it is, in a line.
     pub description: String,
+    /// Who made the unit.
+    #[serde(default)]
+    pub author: Option<String>,
+    /// Its version, as its author counts.
+    #[serde(default)]
+    pub version: Option<String>,
+    /// Under which terms it may be used: a name, or an SPDX expression, as "MIT OR Apache-2.0".
+    #[serde(default)]
+    pub license: Option<String>,
+    /// Whose the rights are: "Copyright 2026 …".
+    #[serde(default)]
+    pub copyright: Option<String>,
     /// What a simulation of it takes by default.
     #[serde(default)]
     pub experiment: Experiment,
@@ -99,6 +111,9 @@ impl Description {
             table.values().for_each(|value| check_texts(value, &mut invalid));
         }
         check_text(&description.description, &mut invalid);
+        for (key, text) in description.about() {
+            text.into_iter().for_each(|text| check_line(key, text, &mut invalid));
+        }
         let words = description.names.values().flat_map(Words::each);
         words.filter_map(Word::description).for_each(|text| check_text(text, &mut invalid));
         let name = &description.name;
@@ -115,6 +130,29 @@ impl Description {
         }
         invalid.into_result()?;
         Ok(description)
+    }
+
+    /// Whose unit it is, by the attributes of the XML, which are the keys.
+    pub fn about(&self) -> impl Iterator<Item = (&'static str, Option<&str>)> {
+        let Description { author, version, license, copyright, .. } = self;
+        let texts = [("author", author), ("version", version), ("license", license), ("copyright", copyright)];
+        texts.into_iter().map(|(key, text)| (key, text.as_deref()))
+    }
+}
+
+/// The longest text about a unit, in characters.
+const LONGEST_LINE: usize = 200;
+
+/// Refuses what is no line of text.
+fn check_line(key: &str, text: &str, invalid: &mut Invalid) {
+    let bad = |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}');
+    if text.trim().is_empty() || text.trim() != text || text.contains(bad) || text.chars().count() > LONGEST_LINE {
+        let shown: String = text.escape_debug().take(80).collect();
+        let allowed = format!(
+            "must be a line of 1 … {LONGEST_LINE} characters, without spaces around; leave the key out where there is \
+             nothing to say"
+        );
+        invalid.and(Invalid::new(key, format!("`{shown}`"), allowed));
     }
 }
 
@@ -191,6 +229,10 @@ impl Model {
             name: name.to_owned(),
             model: M::NAME.to_owned(),
             description: String::new(),
+            author: None,
+            version: None,
+            license: None,
+            copyright: None,
             experiment: Experiment::default(),
             structure: toml::Table::new(),
             names: Names::new(),
@@ -198,6 +240,19 @@ impl Model {
             designed: None,
         };
         Model::build(description, &Kind::of::<M>(), &[])
+    }
+
+    /// The variables that a description's structure makes, under the system's names: nothing is designed, and no start value
+    /// is looked at.
+    ///
+    /// # Errors
+    /// A structure that contradicts itself.
+    pub fn variables_of(description: &Description, registry: Registry) -> Result<Variables, Invalid> {
+        let mut declaration = Declaration::default();
+        let kind = Kind::find(registry, &description.model)?;
+        kind.declare(description.structure.clone(), &Names::new(), registry, &mut declaration)?;
+        Controls::declare(&mut declaration);
+        declaration.finish()
     }
 
     fn build(description: Description, kind: &Kind, registry: Registry) -> Result<Model, Invalid> {

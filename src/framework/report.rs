@@ -184,6 +184,17 @@ impl DesignReport {
         self.verdict() != Verdict::NotSound
     }
 
+    /// Why the design isn't sound and what would make it so, as its findings say it; nothing where it is.
+    pub fn reason(&self) -> Option<String> {
+        let bad = self.findings.iter().filter(|finding| finding.verdict == Verdict::NotSound);
+        let told = bad.map(|Finding { name, value, unit, note, .. }| {
+            let value = format!("{} {unit}", value.lines().first().map_or("", String::as_str));
+            format!("{name} = {}: {}", value.trim_end(), note.trim_end_matches('.'))
+        });
+        let told = told.collect::<Vec<_>>().join("; ");
+        (!told.is_empty()).then_some(told)
+    }
+
     /// What to call the section of the next findings.
     pub fn section(&mut self, title: &str) {
         self.section = self.part.as_ref().map_or(title.to_owned(), |part| format!("{part}: {title}"));
@@ -256,9 +267,10 @@ mod tests {
         assert!(report.is_sound() && report.verdict() == Verdict::Ok);
         report.tell("a", 1.0, "s", "");
         report.judge("b", 2.0, "", Verdict::Warning, "a disadvantage");
-        assert!(report.is_sound() && report.verdict() == Verdict::Warning);
+        assert!(report.is_sound() && report.verdict() == Verdict::Warning && report.reason().is_none());
         report.judge("c", f64::INFINITY, "", Verdict::NotSound, "what helps");
         assert!(!report.is_sound());
+        assert_eq!(report.reason().unwrap(), "c = infinite: what helps");
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Limits of a control.
 
-use crate::system::{Parameter, Point, Scalar, VectorOf};
+use crate::system::{NO_LIMIT, Parameter, Point, Scalar, VectorOf};
 
 /// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
-pub const UNLIMITED: f64 = 1e15;
+pub const UNLIMITED: f64 = NO_LIMIT;
 
 /// A value kept within limits.
 pub fn within<S: Scalar>(value: S, min: S, max: S) -> S {

@@ -11,6 +11,8 @@ use roxmltree::{Document, Node};
 
 pub use units::{Affine, UnitDefinition};
 
+use crate::system::{NO_LIMIT, Number, TELLS_NO_LIMIT};
+
 /// What a master needs of a modelDescription.xml.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelDescription {
@@ -30,6 +32,8 @@ pub struct ModelDescription {
     pub guid: String,
     /// Tool that made it.
     pub generation_tool: String,
+    /// Whose it is: author, version, license, copyright, as far as the file says it.
+    pub about: Vec<(&'static str, String)>,
     /// Default start time, s.
     pub start_time: Option<f64>,
     /// Default communication step, s.
@@ -77,6 +81,31 @@ pub struct Variable {
     pub items: Vec<(String, i32)>,
 }
 
+/// Attributes that say whose an FMU is.
+pub const ABOUT: [&str; 4] = ["author", "version", "license", "copyright"];
+
+impl Variable {
+    /// Whether a value of it stands for no limit, as its description says.
+    pub fn is_no_limit(&self, value: &str) -> bool {
+        let number = value.trim().parse().map(f64::abs);
+        self.kind == "Real" && number == Ok(NO_LIMIT) && self.description.ends_with(TELLS_NO_LIMIT)
+    }
+
+    /// A value of it as a person wants to read it: where it tells that [`NO_LIMIT`] stands for none, "no limit".
+    pub fn shown(&self, value: &str) -> String {
+        let number = if self.kind == "Real" { value.trim().parse().ok() } else { None };
+        match number {
+            Some(_) if self.is_no_limit(value) => "no limit".to_owned(),
+            // As it is written, where that is short.
+            Some(number) => {
+                let short = Number(number).to_string();
+                if short.len() + 2 < value.len() { short } else { value.to_owned() }
+            }
+            None => value.to_owned(),
+        }
+    }
+}
+
 impl ModelDescription {
     /// Reads a modelDescription.xml of FMI 2.0.
     ///
@@ -114,6 +143,7 @@ impl ModelDescription {
             exchange_identifier,
             guid: required(root, "guid")?,
             generation_tool: attribute(root, "generationTool").unwrap_or_default(),
+            about: ABOUT.into_iter().filter_map(|name| Some((name, attribute(root, name)?))).collect(),
             start_time: number("startTime"),
             step: number("stepSize"),
             stop_time: number("stopTime"),

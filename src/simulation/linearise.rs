@@ -59,6 +59,8 @@ pub struct Quantity {
     pub name: String,
     /// Unit.
     pub unit: Option<String>,
+    /// What it is, as the FMU says it.
+    pub description: String,
     /// Value.
     pub value: f64,
 }
@@ -272,7 +274,8 @@ fn quantities(instance: &Instance, variables: &[&Variable]) -> Result<Vec<Quanti
     instance.get_real(&references(variables), &mut values)?;
     let quantity = |(variable, value): (&&Variable, f64)| {
         let (name, unit) = (variable.name.clone(), variable.unit.clone());
-        Quantity { name, unit, value }
+        let description = variable.description.clone();
+        Quantity { name, unit, description, value }
     };
     Ok(variables.iter().zip(values).map(quantity).collect())
 }

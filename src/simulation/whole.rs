@@ -9,7 +9,7 @@ use super::{Circles, Component, StartValue, Structure, UnitFile, check, start_va
 use crate::error::{Error, Invalid};
 use crate::exporter::{Library, Source, describe, name_of_whole};
 use crate::model;
-use crate::model_description::{Affine, ModelDescription, Variable};
+use crate::model_description::{ABOUT, Affine, ModelDescription, Variable};
 use crate::system::Kind;
 
 /// Parameters about communication steps, of which a whole has none inside.
@@ -114,10 +114,20 @@ impl<'a> Units<'a> {
         }
     }
 
+    /// Whose the whole is, as far as all units agree.
+    fn about(&self) -> Table {
+        let said = |key: &str| {
+            let mut texts = self.of.iter().map(|unit| unit.described.about.iter().find(|(known, _)| *known == key));
+            let first = texts.next()??;
+            texts.all(|text| text == Some(first)).then(|| (key.to_owned(), Value::String(first.1.clone())))
+        };
+        ABOUT.into_iter().filter_map(said).collect()
+    }
+
     /// The description of the whole.
     fn whole(&self, structure: &Structure) -> Result<Source, Error> {
         let parts = self.of.iter().map(|unit| Ok(Value::Table(unit.part(structure)?)));
-        let mut whole = source(structure, parts.collect::<Result<_, Error>>()?, own_start(structure)?);
+        let mut whole = source(structure, parts.collect::<Result<_, Error>>()?, (own_start(structure)?, self.about()));
         whole.text.insert_str(0, &as_comments(self.of.iter().map(|unit| &unit.source)));
         Ok(whole)
     }
@@ -188,7 +198,7 @@ fn fmu_description(source: &Source, library: &Library) -> Result<ModelDescriptio
 }
 
 /// The text of the whole's description.
-fn source(structure: &Structure, parts: Vec<Value>, start: Table) -> Source {
+fn source(structure: &Structure, parts: Vec<Value>, (start, about): (Table, Table)) -> Source {
     let link = |(unit, connector): &(String, String)| Value::String(format!("{unit}.{connector}"));
     let links = structure.connections.iter().map(|c| Value::Array(vec![link(&c.from), link(&c.to)]));
     let mut inside = Table::new();
@@ -197,7 +207,7 @@ fn source(structure: &Structure, parts: Vec<Value>, start: Table) -> Source {
     let experiment = [("stop_time", structure.stop_time), ("step", structure.step)];
     let experiment = experiment.map(|(key, value)| (key.to_owned(), Value::Float(value)));
     let name = composite_name(structure);
-    let mut description = Table::new();
+    let mut description = about;
     description.insert("name".to_owned(), Value::String(name.clone()));
     description.insert("model".to_owned(), Value::String(Kind::COMPOSITE.name.to_owned()));
     description.insert("description".to_owned(), Value::String(format!("{}, as one unit", structure.description)));

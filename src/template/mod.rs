@@ -119,6 +119,7 @@ impl Request<'_> {
         text.set("name", quoted(self.name), "name of the FMU");
         text.set("model", quoted(self.kind), "");
         text.set("description", quoted(what), "what it is, in a line");
+        text.suggest("author", quoted("your name"), "as version, license and copyright: said in the FMU");
         text.table("experiment");
         text.set("stop_time", number(stop_time), "s, what a master simulates by default");
         text.set("step", number(step), "s, communication step");
@@ -150,6 +151,19 @@ pub fn write_limits(text: &mut Text, plant: Option<&Plant>, m: usize) {
     let [min, max] = own.unwrap_or_else(|| [vec![-1e15; m], vec![1e15; m]]);
     text.set("u_min", list(&min), "smallest control that acts; -1e15 is no limit");
     text.set("u_max", list(&max), "largest control that acts; 1e15 is no limit");
+}
+
+/// Quantities of signals in one line, where they are known.
+pub fn write_quantities(text: &mut Text, signals: &[(&str, Vec<String>)]) {
+    let known = signals.iter().filter(|(_, quantities)| !quantities.is_empty());
+    let entries = known.map(|(name, quantities)| format!("{name} = {}", text::texts(quantities))).collect::<Vec<_>>();
+    if !entries.is_empty() {
+        text.set(
+            "quantities",
+            format!("{{ {} }}", entries.join(", ")),
+            "what the signals are, for descriptions of variables",
+        );
+    }
 }
 
 /// Units of signals in one line.

@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 
 use super::MOST;
 use crate::error::{Error, Invalid};
+use crate::system::{of_outputs, quantities};
 
 /// What a file may hold, bytes.
 const LARGEST: u64 = 1 << 22;
@@ -45,6 +46,8 @@ pub struct Signals {
     pub names: Vec<String>,
     /// A unit each.
     pub units: Vec<String>,
+    /// What each is, in words of its plant.
+    pub texts: Vec<String>,
 }
 
 impl Plant {
@@ -150,6 +153,12 @@ impl Plant {
         Ok(self)
     }
 
+    /// What the outputs are in words: the states that they show, else what they are called.
+    pub fn output_quantities(&self) -> Vec<String> {
+        let shown = of_outputs(&self.C, &self.x.quantities());
+        if shown.is_empty() { self.y.quantities() } else { shown }
+    }
+
     /// Numbers of states, inputs and outputs.
     pub fn sizes(&self) -> (usize, usize, usize) {
         (self.A.nrows(), self.B.ncols(), self.C.nrows())
@@ -214,6 +223,13 @@ impl Given {
 }
 
 impl Signals {
+    /// What each is in words, for descriptions: the plant's own texts, else its names; nothing where neither tells them
+    /// apart.
+    pub fn quantities(&self) -> Vec<String> {
+        let tells = |texts: &[String]| !texts.is_empty() && quantities("", texts, texts.len()).is_ok();
+        [&self.texts, &self.names].into_iter().find(|texts| tells(texts)).cloned().unwrap_or_default()
+    }
+
     /// Where the signals of these names are.
     fn places(&self, option: &str, names: &[String]) -> Result<Vec<usize>, Invalid> {
         let place = |name: &String| {
@@ -231,12 +247,15 @@ impl Signals {
     /// Some of them.
     fn of(&self, places: &[usize]) -> Self {
         let some = |texts: &[String]| places.iter().filter_map(|&place| texts.get(place).cloned()).collect();
-        Signals { names: some(&self.names), units: some(&self.units) }
+        Signals { names: some(&self.names), units: some(&self.units), texts: some(&self.texts) }
     }
 
     fn read(table: &Map<String, Value>, key: &str, unit: &str, len: usize) -> Result<Self, Invalid> {
         let list = table.get(key).filter(|value| !value.is_null()).map(|value| texts(key, "name", value, len));
         let mut names = list.transpose()?.unwrap_or_default();
+        let written = table.get(key).and_then(|value| texts(key, "description", value, len).ok());
+        let written = written.filter(|_| table[key].as_array().is_some_and(|list| list.iter().all(Value::is_object)));
+        let words = written.unwrap_or_default();
         // What tools call signals that nobody has named is no name.
         if names.iter().any(|name| name.is_empty() || name.contains('[')) {
             names.clear();
@@ -250,7 +269,7 @@ impl Signals {
         let told =
             || table.get(key).and_then(|value| texts(key, "unit", value, len).ok().filter(|_| !value[0].is_string()));
         let units = units.transpose()?.or_else(told).unwrap_or_default();
-        Ok(Signals { names, units })
+        Ok(Signals { names, units, texts: words })
     }
 }
 

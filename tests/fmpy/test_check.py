@@ -233,7 +233,7 @@ def test_every_fmu_is_checked_and_the_exit_code_tells_whether_it_is_sound(name: 
 
 def test_people_see_the_same_verdict_and_the_advice() -> None:
     answer = adaptive_fmu("check", "L1NonlinearSiso")
-    assert answer.returncode == 3 and answer.stdout.startswith("L1NonlinearSiso: not sound\n")
+    assert answer.returncode == 3 and answer.stdout.startswith("L1NonlinearSiso: not sound, as lambda = ")
     assert "delay margin" in answer.stdout and "feedback_gain times" in answer.stdout
     answer = adaptive_fmu("check", "NonlinearSiso")
     assert answer.returncode == 0 and "nothing to check" in answer.stdout

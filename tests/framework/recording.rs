@@ -7,19 +7,14 @@ use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
 use adaptive_fmu::recording::{Given, Leaf, Method, Node, Operation, Recording};
 use adaptive_fmu::system::*;
-use common::loops::whole;
+use common::loops::{loop_names, whole};
 use common::random::Random;
 use common::{description, description_names};
 
 /// The loops of this package, each as one unit.
 pub fn whole_loops() -> Vec<Model> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/examples");
-    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
-    let loops = entries.filter(|entry| entry.path().join("SystemStructure.ssd").is_file());
-    let mut names: Vec<_> = loops.map(|entry| entry.file_name().into_string().unwrap()).collect();
-    names.sort();
     let model = |name: String| Model::from_description(Description::read(&whole(&name)).unwrap(), REGISTRY).unwrap();
-    names.into_iter().map(model).collect()
+    loop_names().into_iter().map(model).collect()
 }
 
 /// How often a condition is tried that random points leave as it is: in a unit, and in a whole loop, whose parts are units.

@@ -1,7 +1,12 @@
 //! Descriptions as people write them: each mistake is answered by one line with the key, its value and what is allowed.
 
+use std::collections::BTreeMap;
+
 use adaptive_fmu::fmi2::model_description;
+use adaptive_fmu::model::Model;
+use adaptive_fmu::system::Causality;
 use common::described::{model, refused};
+use common::loops::{loop_names, whole};
 use common::{description, description_folder, description_names};
 
 /// The controller of example 3.2.1 with one text in it replaced.
@@ -104,6 +109,125 @@ fn names_and_descriptions_of_variables_are_unique_and_given() {
     }
 }
 
+/// Inputs or outputs that share a description.
+fn alike(model: &Model) -> Vec<String> {
+    let ports = model
+        .variables()
+        .visible()
+        .filter(|element| matches!(element.variable.causality, Causality::Input | Causality::Output));
+    let mut told = BTreeMap::<_, Vec<String>>::new();
+    ports.for_each(|port| told.entry(port.description().into_owned()).or_default().push(port.name()));
+    told.into_iter().filter(|(_, names)| names.len() > 1).map(|(text, names)| format!("{names:?}: {text}")).collect()
+}
+
+#[test]
+fn no_two_inputs_or_outputs_of_a_unit_say_the_same_of_themselves() {
+    for name in description_names() {
+        let alike = alike(&model(&description(&name)).unwrap());
+        assert!(alike.is_empty(), "{name}: {}", alike.join("\n"));
+    }
+    // Nor do those of a whole loop.
+    for whole in loop_names().iter().map(|name| model(&whole(name)).unwrap()) {
+        let alike = alike(&whole);
+        assert!(alike.is_empty(), "{}: {}", whole.description().name, alike.join("\n"));
+    }
+}
+
+#[test]
+fn a_controller_speaks_of_the_plant_that_its_description_tells() {
+    let said = |model: &Model, name: &str| model.variables().find(name).unwrap().description().into_owned();
+    let vehicle = model(&description("L1MaresAuv")).unwrap();
+    assert_eq!(said(&vehicle, "r[3]"), "reference of depth");
+    assert_eq!(said(&vehicle, "x[12]"), "measured rate of yaw psi");
+    assert_eq!(said(&vehicle, "u[6]"), "commanded moment of psi");
+    assert_eq!(
+        said(&vehicle, "u_max[1]"),
+        "largest force north that the actuator can give; the predictor knows of it (1e15: no limit)"
+    );
+    assert_eq!(said(&vehicle, "der(x_hat[3])"), "time derivative of: predicted depth");
+    // Without it elements are counted.
+    let text = description("L1MaresAuv");
+    let (before, rest) = text.split_once("[structure.quantities]").unwrap();
+    let unnamed =
+        model(&format!("{before}[structure.units]{}", rest.split_once("[structure.units]").unwrap().1)).unwrap();
+    assert_eq!(said(&unnamed, "r[3]"), "reference, 3 of 6");
+    assert_eq!(said(&unnamed, "x[12]"), "measured state of the plant, 12 of 12");
+    assert_eq!(said(&unnamed, "feedback_gain[1,2]"), "feedback gain K of the filter K D(s), row 1, column 2");
+    assert!(alike(&unnamed).is_empty());
+}
+
+#[test]
+fn quantities_of_another_number_or_given_twice_are_refused() {
+    let with =
+        |x: &str| controller("[structure.units]", &format!("[structure.quantities]\nx = {x}\n[structure.units]"));
+    let with = |x: &str| with(x).replace("[structure.quantities]\nx = [\"x1\", \"x2\"]\n\n", "");
+    refused(&with("[\"speed\"]"), &["quantities of x", "1", "must be 2"]);
+    refused(&with("[\"speed\", \"speed\"]"), &["quantity of x", "`speed`", "given once"]);
+    refused(&with("[\"speed\", \" \"]"), &["quantity of x", "one line"]);
+    refused(&with("[\"speed\", 3.0]"), &["[structure]"]);
+}
+
+#[test]
+fn whose_a_unit_is_stands_in_its_xml_and_in_its_guid() {
+    let own = |more: &str| {
+        let text =
+            format!("name = \"R\"\nmodel = \"reference\"\ndescription = \"\"\n{more}\n[structure]\nchannels = 1\n");
+        model(&text).unwrap()
+    };
+    let (plain, told) =
+        (own(""), own("author = \"A & B\"\nversion = \"2.1\"\nlicense = \"MIT\"\ncopyright = \"(c) A\""));
+    let xml = model_description::xml(&told);
+    assert!(
+        xml.contains("author=\"A &amp; B\" version=\"2.1\" license=\"MIT\" copyright=\"(c) A\" generationTool="),
+        "{xml}"
+    );
+    // What nobody says isn't there.
+    let xml = model_description::xml(&plain);
+    assert!(!xml.contains("author=") && !xml.contains("license=") && !xml.contains("copyright="), "{xml}");
+    assert_ne!(model_description::guid(&plain), model_description::guid(&told));
+    for wrong in ["author = \"\"", "version = \" 1\"", "license = \"two\\nlines\""] {
+        refused(
+            &controller("model = ", &format!("{wrong}\nmodel = ")).replace(
+                "\nauthor = \"The adaptive-fmu authors\"\nversion = \"0.1.0\"\nlicense = \"MIT OR Apache-2.0\"",
+                "",
+            ),
+            &["must be a line of 1 … 200"],
+        );
+    }
+    // This package's units say it.
+    for name in description_names() {
+        let model = model(&description(&name)).unwrap();
+        assert!(model.description().about().all(|(_, text)| text.is_some()), "{name}");
+        let version = model.description().version.as_deref();
+        assert_eq!(version, Some(env!("CARGO_PKG_VERSION")), "{name}");
+    }
+}
+
+#[test]
+fn angles_are_shown_in_degrees_but_no_phase_and_no_length_in_millimetres() {
+    let mut shown = BTreeMap::new();
+    for name in description_names() {
+        let xml = model_description::xml(&model(&description(&name)).unwrap());
+        let variables = xml.split("<ScalarVariable name=\"").skip(1);
+        for variable in variables {
+            let display = variable.split_once("displayUnit=\"").map(|(_, rest)| rest.split('"').next().unwrap());
+            shown.insert(format!("{name}.{}", variable.split('"').next().unwrap()), display.map(str::to_owned));
+        }
+    }
+    assert!(shown.values().flatten().all(|display| ["deg", "deg/s", "deg/s2"].contains(&display.as_str())));
+    assert_eq!(shown["MaresAuv.x[4]"].as_deref(), Some("deg"));
+    assert_eq!(shown["L1MaresAuv.x[10]"].as_deref(), Some("deg/s"));
+    for plain in [
+        "MaresAuv.x[3]",
+        "ReferenceMaresAuv.sine_phase[4]",
+        "ReferenceMaresAuv.sine_frequency[4]",
+        "L1MaresAuv.pole_imag[1]",
+        "L1MaresAuv.step_phase_limit",
+    ] {
+        assert_eq!(shown[plain], None, "{plain}");
+    }
+}
+
 #[test]
 fn an_unknown_key_is_refused_with_the_known_ones() {
     refused(&controller("model = ", "modell = \"x\"\nmodel = "), &["modell", "line 3", "structure"]);
@@ -123,7 +247,7 @@ fn a_missing_key_is_named() {
 #[test]
 fn what_is_no_toml_is_refused_with_its_line() {
     refused(&controller("model = \"l1\"", "model = l1\""), &["line 3"]);
-    refused(&controller("step = 0.001", "step = 0.0.1"), &["line 8"]);
+    refused(&controller("step = 0.001", "step = 0.0.1"), &["line 12"]);
     refused("name = \"A\"\nname = \"B\"\n", &["line 2", "name"]);
     refused("\u{0}\u{1}", &["line 1"]);
 }

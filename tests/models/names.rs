@@ -36,7 +36,7 @@ fn a_unit_has_its_users_names_in_place_of_its_own() {
     renamed.sort_unstable();
     assert_eq!(renamed, expected);
     let element = named.variables().find("shaft.rate[1]").unwrap();
-    assert_eq!((element.description(), element.unit()), ("rate of the speed", "1/s"));
+    assert_eq!((element.description().as_ref(), element.unit()), ("rate of the speed", "1/s"));
 }
 
 #[test]

@@ -2,8 +2,12 @@
 
 use std::path::Path;
 
-use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu::library::{CATALOGUE, REGISTRY, begin};
+use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::schema;
+use adaptive_fmu::system::Causality;
+use adaptive_fmu::template::Request;
+use serde_json::Value;
 
 #[test]
 fn the_checked_in_schema_is_that_of_the_types() {
@@ -26,6 +30,40 @@ fn every_model_has_its_structure_in_the_schema() {
     assert!(
         REGISTRY.iter().all(|kind| models.iter().any(|model| *model == kind.name)) && models.len() == REGISTRY.len()
     );
+}
+
+/// Whether `[start]` of the model may hold this key, by the schema.
+fn is_known(schema: &Value, model: &str, key: &str) -> bool {
+    let of_model = |kind: &&Value| kind["if"]["properties"]["model"]["const"] == model;
+    let start =
+        schema["allOf"].as_array().unwrap().iter().find(of_model).map(|kind| &kind["then"]["properties"]["start"]);
+    start.is_some_and(|start| start["properties"].get(key).is_some())
+}
+
+#[test]
+fn whatever_a_new_description_can_start_with_is_known_to_editors() {
+    let schema = schema::description();
+    let mut checked = 0;
+    for entry in CATALOGUE.iter() {
+        let Some(template) = entry.template else { continue };
+        let (kind, name) = (entry.kind.name, "Mine");
+        for &sizes in template.tried {
+            let request = Request { kind, name, sizes, plant: None, bandwidth: None, reference: 1.0 };
+            let description = Description::read(&begin(&request).unwrap()).unwrap();
+            let variables = Model::variables_of(&description, REGISTRY).unwrap();
+            let settable = variables.iter().filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input));
+            for variable in settable {
+                assert!(is_known(&schema, kind, &variable.name), "{kind}: {}", variable.name);
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 200);
+    // What no description of this package has, but a structure may: a choice, two of them, a matrix that may be left out.
+    let known = |model: &str, names: &[&str]| names.iter().all(|name| is_known(&schema, model, name));
+    assert!(known("l1", &["rho_0", "A_m", "pole_real", "nominal_inertia", "theta_bound_unmatched"]));
+    assert!(known("state-space", &["D", "x0"]) && known("pid", &["rho_0"]) && known("reference", &["signal"]));
+    assert!(!known("pid", &["adaptation_gain"]) && !known("l1", &["u"]));
 }
 
 #[test]

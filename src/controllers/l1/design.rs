@@ -84,7 +84,7 @@ impl Dynamics {
         let imag = format!("imaginary part of a desired closed-loop pole, {order}");
         Dynamics::Placed {
             pole_real: d.parameter(vector("pole_real", n, &real).unit("1/s").start(-1.0)),
-            pole_imag: d.parameter(vector("pole_imag", n, &imag).unit("rad/s")),
+            pole_imag: d.parameter(vector("pole_imag", n, &imag).unit("rad/s").in_own_unit()),
             A_m: d.prepared(matrix("A_m", n, n, text).unit("1/s")),
             K_m: d.prepared(K_m),
         }
@@ -154,8 +154,10 @@ impl Design {
             ),
             adaptation_tolerance: d
                 .parameter(scalar("adaptation_tolerance", tolerance).start(1e-3).min(1e-9).max(1.0).nominal(1e-3)),
-            closed_form_phase: d.parameter(scalar("closed_form_phase", closed_form).unit("rad").start(10.0).min(0.0)),
-            step_phase_limit: d.parameter(scalar("step_phase_limit", phase).unit("rad").start(10.0).positive()),
+            closed_form_phase: d
+                .parameter(scalar("closed_form_phase", closed_form).unit("rad").in_own_unit().start(10.0).min(0.0)),
+            step_phase_limit: d
+                .parameter(scalar("step_phase_limit", phase).unit("rad").in_own_unit().start(10.0).positive()),
             tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAIN).min(BY_GAIN)),
             inertia: (structure.commands == Commands::Acceleration).then(|| {
                 d.parameter(vector("nominal_inertia", m, inertia).units(&units.inertia).start(1.0).positive())

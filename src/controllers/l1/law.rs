@@ -89,6 +89,7 @@ impl Law {
         let unmatched = Unmatched::declare(d, &plant, &filter)?;
         // Where nothing else makes u_ad, the integrator's state is u_ad itself.
         let is_state = filter.is_integrator() && unmatched.as_ref().is_none_or(|unmatched| unmatched.direct.is_none());
+        let adaptive = vector("u_ad", m, u_ad).about(&units.of_u, "adaptive control for the {}, the filtered estimate");
         let law = Law {
             filter_at_rest: filter.at_rest(),
             regressor: structure.regressor,
@@ -98,7 +99,10 @@ impl Law {
                 .parameter(choice::<AdaptiveStart>("u_ad_start", "what the adaptive control starts with").fixed()),
             ports,
             x_hat: d.state(
-                vector("x_hat", n, "state of the predictor").units(&units.x).source("Hashim (3.2), (3.19), (3.60)"),
+                vector("x_hat", n, "state of the predictor")
+                    .about(&units.of_x, "predicted {}")
+                    .units(&units.x)
+                    .source("Hashim (3.2), (3.19), (3.60)"),
             ),
             omega_hat: if full {
                 d.state(matrix("omega_hat", m, m, omega_hat).source("Hashim (3.3), (3.21), (3.61)")).elements()
@@ -110,7 +114,7 @@ impl Law {
                 vector("sigma_hat", m, "estimate of the disturbance sigma").source("Hashim (3.3), (3.21), (3.61)"),
             ),
             f: if is_state {
-                d.state(vector("u_ad", m, u_ad).units(&units.command).source("Hashim (3.4), (3.22), (3.62)"))
+                d.state(adaptive.clone().units(&units.command).source("Hashim (3.4), (3.22), (3.62)"))
             } else {
                 d.state(
                     matrix("filter_state", filter.order(), m, "state of the filter D(s) of a channel")
@@ -118,18 +122,14 @@ impl Law {
                 )
                 .elements()
             },
-            u_ad: d.local(if is_state {
-                vector("#u_ad", m, "").hidden()
-            } else {
-                vector("u_ad", m, u_ad).units(&units.command)
-            }),
+            u_ad: d.local(if is_state { vector("#u_ad", m, "").hidden() } else { adaptive.units(&units.command) }),
             u_ad_is_state: is_state,
             eta_hat: d.local(
                 vector("eta_hat", m, "estimate of the matched uncertainty with the control's own effect")
                     .source("Hashim (3.4), (3.22), (3.62)"),
             ),
             excess: d.local(vector("#eta_hat - K_g r", m, "").hidden()),
-            adaptation_frequency: d.local(scalar("adaptation_frequency", frequency).unit("rad/s")),
+            adaptation_frequency: d.local(scalar("adaptation_frequency", frequency).unit("rad/s").in_own_unit()),
             feedback: d.local(vector("#feedback", m, "").hidden()),
             v: d.local(vector("#v", m, "").hidden()),
             phi: d.local(vector("#phi", columns, "").hidden()),

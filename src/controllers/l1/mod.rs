@@ -50,12 +50,17 @@ impl Choice for AdaptiveStart {
 pub struct L1 {
     r: VectorOf<Input>,
     units_of_r: Vec<&'static str>,
+    of_r: Vec<String>,
     law: Law,
 }
 
 impl Tracking for L1 {
     fn error_units(&self) -> Vec<&'static str> {
         self.units_of_r.clone()
+    }
+
+    fn error_quantities(&self) -> Vec<String> {
+        self.of_r.clone()
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
@@ -71,9 +76,9 @@ impl System for L1 {
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let plant = structure.plant()?;
         let units = structure.units(plant.B.shape())?;
-        let r = d.input(vector("r", units.r.len(), "reference").units(&units.r));
+        let r = d.input(vector("r", units.r.len(), "reference").about(&units.of_r, "reference of {}").units(&units.r));
         let law = Law::declare(&structure, Ports::declare(d, &units), d)?;
-        Ok(L1 { r, units_of_r: units.r, law })
+        Ok(L1 { r, units_of_r: units.r, of_r: units.of_r, law })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {

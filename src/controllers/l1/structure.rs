@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mathematics::filter::{Filter, FilterDescription};
 use crate::mathematics::matrices::rows;
-use crate::system::{Invalid, Unit};
+use crate::system::{Invalid, Unit, of_outputs, quantities};
 
 /// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.
 const MOST_STATES: usize = 200;
@@ -106,6 +106,9 @@ pub struct L1Structure {
     /// Units of the signals.
     #[serde(default)]
     units: Units,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
 }
 
 /// Units of the signals, an element each; 1 where none are given.
@@ -121,7 +124,20 @@ struct Units {
     u: Vec<String>,
 }
 
-/// Known units of the signals.
+/// Quantities of the signals, an element each; descriptions count elements where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+struct Quantities {
+    /// Of the outputs that follow the reference; those of the states that C takes, where none are given.
+    r: Vec<String>,
+    /// Of the plant's state.
+    x: Vec<String>,
+    /// Of the control.
+    u: Vec<String>,
+}
+
+/// Known units and quantities of the signals.
 #[derive(Debug)]
 pub(in crate::controllers) struct Symbols {
     pub r: Vec<&'static str>,
@@ -131,6 +147,10 @@ pub(in crate::controllers) struct Symbols {
     pub command: Vec<&'static str>,
     /// Of the inertia that turns accelerations into the control.
     pub inertia: Vec<&'static str>,
+    /// What the signals are, where that is told: of r, x and u.
+    pub of_r: Vec<String>,
+    pub of_x: Vec<String>,
+    pub of_u: Vec<String>,
 }
 
 /// The matrices of a structure, whose sizes fit each other.
@@ -230,7 +250,14 @@ impl L1Structure {
             Commands::Control => (*unit, "1"),
         };
         let (command, inertia) = u.iter().map(commanded).unzip();
-        Ok(Symbols { r: Unit::symbols("r", r, m)?, x: Unit::symbols("x", x, n)?, u, command, inertia })
+        let given = &self.quantities;
+        let (of_x, of_u) = (quantities("x", &given.x, n)?, quantities("u", &given.u, m)?);
+        let of_r = match &given.r[..] {
+            [] => of_outputs(&rows("C", &self.C)?, &of_x),
+            given => quantities("r", given, m)?,
+        };
+        let (r, x) = (Unit::symbols("r", r, m)?, Unit::symbols("x", x, n)?);
+        Ok(Symbols { r, x, u, command, inertia, of_r, of_x, of_u })
     }
 
     /// # Errors

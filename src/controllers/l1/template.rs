@@ -2,7 +2,9 @@
 
 use crate::controllers::template::{design, stop_time, write_plant, write_poles};
 use crate::error::Invalid;
-use crate::template::{Request, Text, all, diagonal, list, named, number, write_limits, write_names, write_units};
+use crate::template::{
+    Request, Text, all, diagonal, list, named, number, write_limits, write_names, write_quantities, write_units,
+};
 
 /// The text of a law with this title and page, to which more can be added, and its bandwidth, rad/s.
 ///
@@ -20,6 +22,7 @@ pub fn begin(request: &Request, title: &str, page: &str) -> Result<(Text, f64), 
     text.set("regressor", "\"state\"", "theta multiplies x; \"infinity_norm\": its largest element, fewer estimates");
     text.set("input_gain", "\"diagonal\"", "omega; \"full\" where inputs act on each other's channels");
     write_units(&mut text, &[("r", &plant.y, m), ("x", &plant.x, n), ("u", &plant.u, m)]);
+    write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
     let (r, x, u) = (named(&plant.y, "_reference"), named(&plant.x, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("x", x), ("u", u)]);
     text.table("start");

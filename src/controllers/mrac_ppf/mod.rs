@@ -12,12 +12,12 @@ use serde::Deserialize;
 use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
-use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, within};
 use crate::mathematics::lyapunov;
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf,
     Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
-    boolean, choice, integer, larger, matrix, scalar, vector,
+    boolean, choice, integer, larger, matrix, quantities, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 use samples::Samples;
@@ -51,6 +51,20 @@ pub struct MracStructure {
     /// Units of the signals.
     #[serde(default)]
     units: Symbols,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
+}
+
+/// Quantities of the signals, an element each; descriptions count elements where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+struct Quantities {
+    /// Of the plant's state, of the reference and of its model.
+    x: Vec<String>,
+    /// Of the control.
+    u: Vec<String>,
 }
 
 /// Units of the state and the control; 1 where none are given.
@@ -119,11 +133,19 @@ impl System for MracPpf {
         let unit_x = Unit::symbols("x", &structure.units.x, n)?;
         let unit_u = Unit::symbols("u", &structure.units.u, m)?;
         let gain = |name: &str, text: &str, start: f64| vector(name, n, text).start(start).min(0.0);
-        let limit =
-            |name: &str, size: &str| vector(name, m, &format!("{size} control, 1e15 is no limit")).units(&unit_u);
+        let of_x = quantities("x", &structure.quantities.x, n)?;
+        let of_u = quantities("u", &structure.quantities.u, m)?;
+        let limit = |name: &str, size: &str| {
+            vector(name, m, &format!("{size} control")).about(&of_u, &format!("{size} {{}}")).units(&unit_u)
+        };
         let (x, x_m) = (
-            d.input(vector("x", n, "measured state of the plant").units(&unit_x)),
-            d.state(vector("x_m", n, "state of the reference model").units(&unit_x).source("Hashim (6.2)")),
+            d.input(vector("x", n, "measured state of the plant").about(&of_x, "measured {}").units(&unit_x)),
+            d.state(
+                vector("x_m", n, "state of the reference model")
+                    .about(&of_x, "{} of the reference model")
+                    .units(&unit_x)
+                    .source("Hashim (6.2)"),
+            ),
         );
         let is_stepped = d.is_stepped();
         Ok(MracPpf {
@@ -149,14 +171,14 @@ impl System for MracPpf {
                 .start(2)
                 .within(1, 100),
             ),
-            u_min: d.parameter(limit("u_min", "smallest").start(-UNLIMITED)),
-            u_max: d.parameter(limit("u_max", "largest").start(UNLIMITED)),
-            funnel: Funnel::declare(d, &unit_x, [2.0, 0.05, 1.5]),
-            r: d.input(vector("r", n, "reference").units(&unit_x)),
+            u_min: d.parameter(limit("u_min", "smallest").no_lower_limit()),
+            u_max: d.parameter(limit("u_max", "largest").no_upper_limit()),
+            funnel: Funnel::declare(d, (&unit_x, &of_x), [2.0, 0.05, 1.5]),
+            r: d.input(vector("r", n, "reference").about(&of_x, "reference of {}").units(&unit_x)),
             theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each channel").source("Hashim (6.20)")),
             integral: d.state(matrix("sigma_integral", n, n, "integral part of sigma_hat, a column for each channel").source("Hashim (6.21)")),
             sigma_hat: d.local(matrix("sigma_hat", n, n, "estimate of the disturbance's bound, a column for each channel").source("Hashim (6.21)")),
-            u: d.output(vector("u", m, "control").units(&unit_u).source("Hashim (6.19), (6.24)")),
+            u: d.output(vector("u", m, "control").about(&of_u, "commanded {}").units(&unit_u).source("Hashim (6.19), (6.24)")),
             e: d.tracking_error(x, x_m, ERROR_NOMINAL),
             is_stepped,
             moves: Moves::declare(d, m, is_stepped),

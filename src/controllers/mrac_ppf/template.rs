@@ -4,7 +4,9 @@ use super::MracPpf;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, stop_time, write_funnel};
 use crate::error::Invalid;
-use crate::template::{Plant, Request, all, diagonal, named, round_down, rows, write_limits, write_names, write_units};
+use crate::template::{
+    Plant, Request, all, diagonal, named, round_down, rows, write_limits, write_names, write_quantities, write_units,
+};
 
 /// Robust MRAC with prescribed performance: each state follows a reference of its own.
 pub fn write(request: &Request) -> Result<String, Invalid> {
@@ -33,6 +35,7 @@ fn write_for(request: &Request, plant: &Plant) -> Result<String, Invalid> {
     text.set("A", rows(&plant.A), "");
     text.set("B", rows(&plant.B), "");
     write_units(&mut text, &[("x", &plant.x, n), ("u", &plant.u, m)]);
+    write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
     let (r, x, u) = (named(&plant.x, "_reference"), named(&plant.x, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("x", x), ("u", u)]);
     text.table("start");

@@ -12,10 +12,11 @@ use serde::Deserialize;
 use super::funnel::{self, Funnel};
 use super::moves::Moves;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
-use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::mathematics::limits::{self, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
-    ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, boolean, matrix, scalar, vector,
+    ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, boolean, matrix, quantities, scalar,
+    vector,
 };
 use crate::template::{Sizes, Template};
 use input_gain::{Channels, InputGainNetwork, MOST_CHANNELS};
@@ -43,6 +44,20 @@ pub struct NeuroPpfStructure {
     /// Units of the signals.
     #[serde(default)]
     units: Units,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
+}
+
+/// Quantities of the signals, an element each; descriptions count elements where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+struct Quantities {
+    /// Of the tracked variables.
+    r: Vec<String>,
+    /// Of the control.
+    u: Vec<String>,
 }
 
 fn yes() -> bool {
@@ -105,22 +120,30 @@ impl System for NeuroPpf {
         let state = if degree == 1 { "measured state of the plant" } else { "measured coordinates, then their rates" };
         let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
         let weight = "weight of a neuron in the estimate of a channel's dynamics";
-        let limit = "control that the actuator can give; 1e15 is no limit";
+        let of_r = quantities("r", &structure.quantities.r, m)?;
+        let of_u = quantities("u", &structure.quantities.u, m)?;
+        let rates = of_r.iter().map(|quantity| format!("rate of {quantity}"));
+        let of_x: Vec<_> = of_r.iter().cloned().chain(rates).take(of_r.len() * degree).collect();
+        let limit = |name: &str, size: &str| {
+            let text = "that the actuator can give";
+            let about = format!("{size} {{}} {text}");
+            vector(name, m, &format!("{size} control {text}")).about(&of_u, &about).units(&u)
+        };
         Ok(NeuroPpf {
-            funnel: Funnel::declare(d, &r, FUNNEL),
+            funnel: Funnel::declare(d, (&r, &of_r), FUNNEL),
             k: d.parameter(number("k", "gain of the filtered error", 0.5).unit("1/s")),
             n_f: d.parameter(number("n_f", "gain of the robust term for the estimate of the dynamics", 0.2)),
             eta_Gb: d.parameter(number("eta_Gb", "gain of the robust term for nu_b", 0.2)),
             sigma: d.parameter(number("sigma", "leakage of the networks' weights", 7.5)),
             network_gain: d.parameter(scalar("network_gain", "adaptation gain of the networks").start(0.1).positive()),
-            u_min: d.parameter(vector("u_min", m, &format!("smallest {limit}")).start(-UNLIMITED).units(&u)),
-            u_max: d.parameter(vector("u_max", m, &format!("largest {limit}")).start(UNLIMITED).units(&u)),
-            r: d.input(vector("r", m, "reference").units(&r)),
-            order: if degree == 1 { Order::first(d, &r) } else { Order::second(d, &r) },
-            x: d.input(vector("x", x.len(), state).units(&x)),
+            u_min: d.parameter(limit("u_min", "smallest").no_lower_limit()),
+            u_max: d.parameter(limit("u_max", "largest").no_upper_limit()),
+            r: d.input(vector("r", m, "reference").about(&of_r, "reference of {}").units(&r)),
+            order: if degree == 1 { Order::first(d, (&r, &of_r)) } else { Order::second(d, (&r, &of_r)) },
+            x: d.input(vector("x", x.len(), state).about(&of_x, "measured {}").units(&x)),
             theta_f: d.state(matrix("theta_f", neurons, m, weight).source("Hashim (5.26)")),
             input_gain: structure.input_gain_network.then(|| InputGainNetwork::declare(d, neurons, &u)),
-            u: d.output(vector("u", m, "control").units(&u).source("Hashim (5.22)")),
+            u: d.output(vector("u", m, "control").about(&of_u, "commanded {}").units(&u).source("Hashim (5.22)")),
             E: d.local(
                 vector("E", m, "filtered error: the transformed error, for relative degree 2 with its rate")
                     .source("Hashim (5.10)"),

@@ -24,23 +24,31 @@ pub(super) struct Motion<S> {
 }
 
 impl Order {
-    pub fn first(d: &mut Declaration, units: &[&'static str]) -> Self {
+    pub fn first(d: &mut Declaration, (units, of_r): (&[&'static str], &[String])) -> Self {
         let m = units.len();
         let start: Vec<f64> = (0..m * m).map(|k| if k % m == k / m { -1.0 } else { 0.0 }).collect();
         Order::First {
             A_m: d.parameter(matrix("A_m", m, m, "state matrix of the reference model").unit("1/s").starts(&start)),
             x_m0: d.parameter(vector("x_m0", m, "initial state of the reference model").units(units).fixed()),
-            x_m: d.state(vector("x_m", m, "state of the reference model, which the plant is to follow").units(units)),
+            x_m: d.state(
+                vector("x_m", m, "state of the reference model, which the plant is to follow")
+                    .about(of_r, "{} of the reference model, which the plant is to follow")
+                    .units(units),
+            ),
         }
     }
 
-    pub fn second(d: &mut Declaration, units: &[&'static str]) -> Self {
+    pub fn second(d: &mut Declaration, (units, of_r): (&[&'static str], &[String])) -> Self {
         let m = units.len();
         let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
         let second_rates: Vec<_> = rates.iter().map(|unit| Unit::per_second(unit)).collect();
+        let derivative = |name: &str, order: &str| {
+            let text = format!("{order} of the reference");
+            vector(name, m, &text).about(of_r, &format!("{text} of {{}}"))
+        };
         Order::Second {
-            dr: d.input(vector("dr", m, "time derivative of the reference").units(&rates)),
-            ddr: d.input(vector("ddr", m, "second time derivative of the reference").units(&second_rates)),
+            dr: d.input(derivative("dr", "time derivative").units(&rates)),
+            ddr: d.input(derivative("ddr", "second time derivative").units(&second_rates)),
             lambda: d.parameter(
                 vector("lambda", m, "weight of the transformed error beside its rate")
                     .unit("1/s")

@@ -4,7 +4,9 @@ use super::NeuroPpf;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::write_funnel;
 use crate::error::Invalid;
-use crate::template::{Request, Signals, all, diagonal, named, three_digits, write_limits, write_names, write_units};
+use crate::template::{
+    Request, Signals, all, diagonal, named, three_digits, write_limits, write_names, write_quantities, write_units,
+};
 
 /// Neuro-adaptive control with prescribed performance: it needs sizes, and no model.
 pub fn write(request: &Request) -> Result<String, Invalid> {
@@ -28,8 +30,9 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     text.set("input_gain_network", "false", "true: the input gain is estimated, too");
     text.set("network", "{ rule = \"quasi_random\", neurons = 30 }", "sigmoid neurons over the state");
     let tracked = |list: &[String]| list.iter().take(m).cloned().collect::<Vec<_>>();
-    let r = Signals { names: tracked(&x.names), units: tracked(&x.units) };
+    let r = Signals { names: tracked(&x.names), units: tracked(&x.units), texts: tracked(&x.texts) };
     write_units(&mut text, &[("r", &r, m), ("u", &u, m)]);
+    write_quantities(&mut text, &[("r", r.quantities()), ("u", u.quantities())]);
     write_names(&mut text, &[("r", named(&r, "_reference")), ("x", named(&x, "")), ("u", named(&u, ""))]);
     text.table("start");
     let bandwidth = request.bandwidth.unwrap_or(2.0);

@@ -9,7 +9,8 @@ use crate::controllers::template::{design, stop_time};
 use crate::eigenvalues;
 use crate::error::Invalid;
 use crate::template::{
-    Plant, Request, all, list, named, number, round_down, rows, three_digits, write_limits, write_names, write_units,
+    Plant, Request, all, list, named, number, round_down, rows, three_digits, write_limits, write_names,
+    write_quantities, write_units,
 };
 
 /// How many times the bandwidth is tried, until the nominal loop is stable.
@@ -55,6 +56,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
     write_units(&mut text, &[("y", &plant.y, m), ("u", &plant.u, m)]);
+    write_quantities(&mut text, &[("y", plant.output_quantities()), ("u", plant.u.quantities())]);
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");

@@ -17,6 +17,17 @@ pub struct Units {
     v: Vec<String>,
 }
 
+/// Quantities of the signals, an element each; descriptions count elements where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+pub struct Quantities {
+    /// Of the measured output, and of its reference.
+    pub(super) y: Vec<String>,
+    /// Of the control.
+    pub(super) u: Vec<String>,
+}
+
 /// Known units.
 #[derive(Debug)]
 #[allow(non_snake_case)] // gains have the names of the field

@@ -98,9 +98,10 @@ pub fn html(handed: &Handed) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{name}</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n{}<h1>{name}</h1>\n<p>{}.</p>\n",
+         <style>\n{STYLE}</style>\n</head>\n<body>\n{}<h1>{name}</h1>\n<p>{}.</p>\n{}",
         entry.map_or(ICON, |entry| entry.icon).svg.replacen("<svg ", "<svg class=\"icon\" ", 1),
-        escaped(&xml.description)
+        escaped(&xml.description),
+        about(xml)
     );
     let wiring = Wiring::of(handed);
     guide::push_purpose(&mut page, handed);
@@ -120,6 +121,17 @@ pub fn html(handed: &Handed) -> String {
          It reads nothing but its own resources, writes nothing, and needs no network.</footer>\n</body>\n</html>"
     );
     page
+}
+
+/// Whose the unit is, in a line.
+fn about(xml: &ModelDescription) -> String {
+    let texts = xml.about.iter().map(|(key, text)| match *key {
+        "author" => format!("By {}", escaped(text)),
+        "copyright" => escaped(text),
+        key => format!("{key} {}", escaped(text)),
+    });
+    let texts = texts.collect::<Vec<_>>().join(", ");
+    if texts.is_empty() { texts } else { format!("<p>{texts}.</p>\n") }
 }
 
 /// Text that is no markup in HTML.

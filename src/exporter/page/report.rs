@@ -18,7 +18,8 @@ pub fn push(page: &mut String, report: &DesignReport) {
              shown. It is sufficient, so that the loop may work all the same."
         }
     };
-    let _ = writeln!(page, "<h2 id=\"report\">Design report</h2>\n<p>{verdict}</p>");
+    let reason = report.reason().map_or(String::new(), |reason| format!(" What is against it: {}.", escaped(&reason)));
+    let _ = writeln!(page, "<h2 id=\"report\">Design report</h2>\n<p>{verdict}{reason}</p>");
     let mut section = None;
     for finding in &report.findings {
         if section != Some(&finding.section) {

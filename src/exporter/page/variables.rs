@@ -6,9 +6,6 @@ use super::{Handed, escaped};
 use crate::model_description::Variable;
 use crate::report::number;
 
-/// From this magnitude on a number means that there is no limit.
-const NO_LIMIT: f64 = 1e15;
-
 /// Appends inputs and outputs.
 pub fn push_pins(page: &mut String, handed: &Handed) {
     let is_pin = |variable: &Variable| matches!(variable.causality.as_str(), "input" | "output");
@@ -77,7 +74,7 @@ pub fn figure(variable: &Variable, text: Option<&str>) -> String {
         return name.clone();
     }
     match text.parse::<f64>() {
-        Ok(value) if value.abs() >= NO_LIMIT => "no limit".to_owned(),
+        Ok(_) if variable.is_no_limit(text) => "no limit".to_owned(),
         Ok(value) => number(value),
         Err(_) => text.to_owned(),
     }

@@ -26,7 +26,8 @@ type Attributes<'a> = Vec<(&'a str, String)>;
 /// tells of it. So the same unit always has the same GUID, and another one another.
 pub fn guid(model: &Model) -> [u8; 16] {
     let Description { name, model: system, description, experiment, structure, designed, .. } = model.description();
-    let own = (name, system, description, experiment, structure);
+    let about: Vec<_> = model.description().about().collect();
+    let own = (name, system, description, experiment, structure, about);
     // Not the XML itself: an instance checks its GUID when it is made, and the XML of a large unit takes milliseconds.
     let identity = match designed {
         None => serde_json::to_vec(&(own, model.variables().declared())),
@@ -89,21 +90,23 @@ fn empty(xml: &mut Xml, name: &str, attributes: Attributes) -> io::Result<()> {
 }
 
 fn number(value: f64) -> String {
-    format!("{value:?}")
+    // As people write large numbers: 1e15.
+    if value.is_finite() && value.abs() >= 1e9 { format!("{value:e}") } else { format!("{value:?}") }
 }
 
 fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
     xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
     let description = model.description();
-    let root = vec![
+    let mut root = vec![
         ("fmiVersion", "2.0".to_owned()),
         ("modelName", description.name.clone()),
         ("guid", guid_text(guid(model))),
         ("description", description.description.clone()),
-        ("generationTool", concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")).to_owned()),
         ("variableNamingConvention", "structured".to_owned()),
         ("numberOfEventIndicators", model.variables().indicators().len().to_string()),
     ];
+    root.extend(description.about().filter_map(|(attribute, text)| Some((attribute, text?.to_owned()))));
+    root.push(("generationTool", concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")).to_owned()));
     element(xml, "fmiModelDescription", root, |xml| {
         write_interfaces(xml, model)?;
         write_units(xml, model.variables())?;
@@ -259,7 +262,7 @@ fn write_variable(xml: &mut Xml, variables: &Variables, element: Element<'_>, st
     let mut attributes = vec![
         ("name", element.name()),
         ("valueReference", References::of(variables, element).to_string()),
-        ("description", [element.description(), if is_designed { DESIGNED } else { "" }].concat()),
+        ("description", [element.description().as_ref(), if is_designed { DESIGNED } else { "" }].concat()),
         ("causality", causality.to_owned()),
         ("variability", variability.to_owned()),
     ];
@@ -286,8 +289,8 @@ fn type_of(element: Element<'_>, states: &[usize]) -> (&'static str, Attributes<
         Data::Real { min, max, .. } => {
             let unit = Some(element.unit()).filter(|unit| !unit.is_empty()).map(Unit::of);
             attributes.extend(unit.map(|unit| ("unit", unit.symbol.to_owned())));
-            attributes
-                .extend(unit.and_then(|unit| unit.display).map(|display| ("displayUnit", display.symbol.to_owned())));
+            let display = unit.and_then(|unit| unit.display).filter(|_| !element.variable.shown.in_own_unit);
+            attributes.extend(display.map(|display| ("displayUnit", display.symbol.to_owned())));
             attributes.extend(min.map(|min| ("min", number(min))));
             attributes.extend(max.map(|max| ("max", number(max))));
             if element.nominal() != 1.0 {

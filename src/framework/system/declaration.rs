@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use super::spec::{DiscreteSpec, Shape, Spec, boolean, vector};
 use super::values::{BooleanOf, Choice, ChoiceOf, Class, ErrorOf, Handle, IntegerOf, Offsets, Span, VectorOf, class};
-use super::variable::{Causality, Data, Naming, Section, Variability, Variable, Variables};
+use super::variable::{Causality, Data, Naming, Section, Shown, Variability, Variable, Variables};
 use crate::error::Invalid;
 
 /// The handle that belongs to a discrete value's type.
@@ -65,7 +65,8 @@ impl<D: Shape> Declarable for Spec<D> {
             max: self.max,
             nominal: self.nominal,
         };
-        let start = d.add::<C>(self.name, (self.description, self.source), naming, self.causality, self.fixed, data);
+        let told = (self.description, self.source, self.shown);
+        let start = d.add::<C>(self.name, told, naming, self.causality, self.fixed, data);
         self.shape.handle(start)
     }
 }
@@ -79,7 +80,7 @@ impl<T: DiscreteValue> Declarable for DiscreteSpec<T> {
     }
 
     fn declare<C: Class>(self, d: &mut Declaration) -> T::Handle<C> {
-        let told = (vec![self.description], "");
+        let told = (vec![self.description], "", Shown::default());
         T::handle(d.add::<C>(self.name, told, Naming::Scalar, self.causality, self.fixed, self.data))
     }
 }
@@ -326,7 +327,7 @@ impl Declaration {
     fn add<C: Class>(
         &mut self,
         name: String,
-        (description, source): (Vec<String>, &'static str),
+        (description, source, shown): (Vec<String>, &'static str, Shown),
         naming: Naming,
         causality: Option<Causality>,
         fixed: bool,
@@ -351,7 +352,7 @@ impl Declaration {
         let start = sizes[section as usize];
         let given = Vec::new();
         let variable =
-            Variable { name, given, description, source, section, start, naming, causality, variability, data };
+            Variable { name, given, description, shown, source, section, start, naming, causality, variability, data };
         if self.has_room(&variable) {
             let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
             sizes[section as usize] += variable.len();

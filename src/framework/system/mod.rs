@@ -103,6 +103,7 @@ mod declaration;
 mod erased;
 mod names;
 mod point;
+mod quantity;
 mod record;
 mod spec;
 mod start;
@@ -117,6 +118,7 @@ pub use erased::{
 };
 pub use names::{Described, Named, Names, Word, Words};
 pub use point::Point;
+pub use quantity::{of_outputs, quantities};
 pub use record::Layout;
 pub use spec::{
     DiscreteSpec, Grid, Many, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector,
@@ -126,7 +128,9 @@ pub use values::{
     BooleanOf, Choice, ChoiceOf, Chosen, Class, DiscreteHandle, ErrorOf, Handle, IntegerOf, MatrixOf, Offsets, Rates,
     ScalarOf, Signals, Span, Values, VectorOf,
 };
-pub use variable::{Causality, Data, Element, Naming, Section, Variability, Variable, Variables};
+pub use variable::{
+    Causality, Data, Element, NO_LIMIT, Naming, Section, Shown, TELLS_NO_LIMIT, Variability, Variable, Variables,
+};
 
 pub use values::class::{Derivative, Discrete, Input, Memory, Parameter, Prepared, Signal, State};
 

@@ -147,7 +147,7 @@ fn say(variable: &mut Variable, offset: usize, prefix: &str, word: &Word) {
     }
     if let Some(text) = word.description() {
         if variable.description.len() == 1 {
-            variable.description = vec![variable.description[0].clone(); len];
+            variable.description = (0..len).map(|offset| variable.element(offset).own_text()).collect();
         }
         let rate = variable.section == Section::Derivative;
         variable.description[offset] = if rate { format!("time derivative of: {text}") } else { text.to_owned() };

@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 
 use super::declaration::MOST_VALUES;
 use super::values::{Choice, Class, MatrixOf, ScalarOf, VectorOf};
-use super::variable::{Causality, Data, Naming};
+use super::variable::{Causality, Data, NO_LIMIT, Naming, Shown};
 
 /// A real variable to be declared; see [`scalar`], [`vector`], [`matrix`], [`diagonal`].
 #[derive(Debug, Clone)]
@@ -21,6 +21,7 @@ pub struct Spec<D> {
     pub(super) above_min: bool,
     pub(super) max: Option<f64>,
     pub(super) nominal: Vec<f64>,
+    pub(super) shown: Shown,
 }
 
 /// A scalar.
@@ -112,6 +113,7 @@ impl<D: Shape> Spec<D> {
             above_min: false,
             max: None,
             nominal: vec![1.0],
+            shown: Shown::default(),
         }
     }
 
@@ -157,6 +159,33 @@ impl<D: Shape> Spec<D> {
     /// Descriptions, one an element, in place of the common one.
     pub fn each(mut self, descriptions: &[&str]) -> Self {
         self.description = descriptions.iter().map(|text| (*text).to_owned()).collect();
+        self
+    }
+
+    /// Descriptions that say which quantity of the plant each element is about: `text` with its name in place of `{}`. Where
+    /// no names are known, the common description stays.
+    pub fn about(mut self, quantities: &[String], text: &str) -> Self {
+        if !quantities.is_empty() {
+            self.description = quantities.iter().map(|quantity| text.replace("{}", quantity)).collect();
+        }
+        self
+    }
+
+    /// A smallest value that doesn't limit anything, unless it is set.
+    pub fn no_lower_limit(mut self) -> Self {
+        self.shown.no_limit = true;
+        self.start(-NO_LIMIT)
+    }
+
+    /// A largest value that doesn't limit anything, unless it is set.
+    pub fn no_upper_limit(mut self) -> Self {
+        self.shown.no_limit = true;
+        self.start(NO_LIMIT)
+    }
+
+    /// Shown in its own unit: what is a phase or an angular frequency, nobody wants in degrees.
+    pub fn in_own_unit(mut self) -> Self {
+        self.shown.in_own_unit = true;
         self
     }
 

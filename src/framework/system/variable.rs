@@ -1,6 +1,7 @@
 //! The declared variables of a system: the one list that getters, setters, the model description and
 //! messages read.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 use serde::Serialize;
@@ -139,6 +140,21 @@ pub enum Naming {
     Diagonal(usize),
 }
 
+/// How a person wants to see the values of a variable.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Shown {
+    /// Whether [`NO_LIMIT`] stands for none.
+    pub no_limit: bool,
+    /// Whether they are shown in their own unit, whatever unit for display that has: phases and angular frequencies.
+    pub in_own_unit: bool,
+}
+
+/// The magnitude of a limit that is none: FMI needs a finite number.
+pub const NO_LIMIT: f64 = 1e15;
+
+/// How the description of a variable ends for which [`NO_LIMIT`] stands for none.
+pub const TELLS_NO_LIMIT: &str = " (1e15: no limit)";
+
 /// A declared variable: a scalar, a vector or a matrix.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Variable {
@@ -148,6 +164,8 @@ pub struct Variable {
     pub given: Vec<Option<String>>,
     /// What it is; one text for all, or one an element.
     pub description: Vec<String>,
+    /// How a person wants to see its values.
+    pub shown: Shown,
     /// Where the equation of it, or of its rate, is from; empty where none is told.
     #[serde(skip)]
     pub source: &'static str,
@@ -229,9 +247,38 @@ impl<'a> Element<'a> {
         }
     }
 
-    /// What it is.
-    pub fn description(&self) -> &'a str {
-        pick(&self.variable.description, self.offset).map_or("", String::as_str)
+    /// What it is: elements that share a text are told apart by their places.
+    pub fn description(&self) -> Cow<'a, str> {
+        let (text, place) = self.text_and_place();
+        let limit = if self.variable.shown.no_limit { TELLS_NO_LIMIT } else { "" };
+        if place.is_empty() && limit.is_empty() {
+            Cow::Borrowed(text)
+        } else {
+            Cow::Owned([text, &place, limit].concat())
+        }
+    }
+
+    /// Its own text, as it is stored for one element of several.
+    pub(super) fn own_text(&self) -> String {
+        let (text, place) = self.text_and_place();
+        [text, &place].concat()
+    }
+
+    fn text_and_place(&self) -> (&'a str, String) {
+        let text = pick(&self.variable.description, self.offset).map_or("", String::as_str);
+        let shared = self.variable.description.len() == 1 && self.variable.len() > 1;
+        (text, if shared { self.place_in_words() } else { String::new() })
+    }
+
+    fn place_in_words(&self) -> String {
+        let k = self.offset;
+        match self.variable.naming {
+            Naming::Scalar => String::new(),
+            Naming::Vector(n) | Naming::Diagonal(n) => format!(", {} of {n}", k + 1),
+            Naming::Matrix(1, columns) => format!(", {} of {columns}", k + 1),
+            Naming::Matrix(rows, 1) => format!(", {} of {rows}", k + 1),
+            Naming::Matrix(rows, _) => format!(", row {}, column {}", k % rows + 1, k / rows + 1),
+        }
     }
 
     /// Place in its section.

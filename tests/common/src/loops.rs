@@ -13,6 +13,16 @@ pub fn whole(name: &str) -> String {
     composite(&structure, &Library::beside_program().unwrap()).unwrap().0.text
 }
 
+/// The names of this package's loops.
+pub fn loop_names() -> Vec<String> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples");
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    let loops = entries.filter(|entry| entry.path().join("SystemStructure.ssd").is_file());
+    let mut names: Vec<_> = loops.map(|entry| entry.file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
 /// Reference, plant and controller.
 pub struct Loop {
     pub reference: Unit,

@@ -110,7 +110,8 @@ fn single(variable: &Variable, offset: usize) -> Variable {
     let element = variable.element(offset);
     let mut single = variable.clone();
     (single.name, single.start) = (element.name(), element.place());
-    single.description = vec![element.description().to_owned()];
+    single.description = vec![element.description().into_owned()];
+    single.shown.no_limit = false;
     (single.naming, single.given) = (Naming::Scalar, Vec::new());
     if let Data::Real { start, unit, nominal, .. } = &mut single.data {
         *start = vec![element.start()];

@@ -70,7 +70,9 @@ fn rename(states: Span, own: usize, magnitude: f64, variables: &mut Variables) {
     let plant = &mut variables.list[index];
     (plant.section, plant.start) = (Section::Connected, own);
     let name = format!("{}_error", plant.name);
-    error.description = vec![format!("{} as it differs from its reference model", plant.name)];
+    error.description = (0..plant.len())
+        .map(|offset| format!("{} as it differs from its reference model", plant.element(offset).own_text()))
+        .collect();
     error.name.clone_from(&name);
     error.given.iter_mut().flatten().for_each(|given| given.push_str("_error"));
     let given = error.given.clone();

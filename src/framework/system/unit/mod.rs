@@ -48,7 +48,7 @@ const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
 /// The units of this package's systems, with their derivatives by time.
 const COMMON: &[Common] = &[
-    displayed("s", "ms", 1e3, "1"),
+    plain("s", "1"),
     plain("1/s", "1/s2"),
     plain("Hz", "1/s2"),
     plain("1/s2", ""),
@@ -57,7 +57,7 @@ const COMMON: &[Common] = &[
     displayed("rad/s2", "deg/s2", DEGREES, "rad/s3"),
     plain("rad/s3", "rad/s4"),
     plain("rad/s4", ""),
-    displayed("m", "mm", 1e3, "m/s"),
+    plain("m", "m/s"),
     plain("m/s", "m/s2"),
     plain("m/s2", "m/s3"),
     plain("m/s3", ""),
@@ -82,7 +82,7 @@ const COMMON: &[Common] = &[
     plain("Pa/s", ""),
     plain("J", "W"),
     plain("W", ""),
-    displayed("A", "mA", 1e3, "A/s"),
+    plain("A", "A/s"),
     plain("A/s", ""),
     plain("K", "K/s"),
     plain("K/s", ""),
