@@ -27,12 +27,17 @@ pub fn choice<N: AsRef<str>>(name: &str, known: &[N], all: &str) -> String {
     let meant = meant(&near).map_or(String::new(), |meant| format!("{meant} There are: "));
     let begin = if meant.is_empty() { "there are: ".to_owned() } else { meant };
     if known.len() <= MOST {
-        let names: Vec<_> = known.iter().map(AsRef::as_ref).collect();
+        let names: Vec<_> = known.iter().map(|known| listed(known.as_ref())).collect();
         return format!("{begin}{}", names.join(", "));
     }
-    let listed: Vec<_> = near.iter().map(|(_, name)| *name).chain(others).take(MOST).collect();
+    let nearest: Vec<_> = near.iter().map(|(_, name)| *name).chain(others).take(MOST).map(listed).collect();
     let shown = if all.is_empty() { String::new() } else { format!(": {all} shows all") };
-    format!("{begin}{}, and {} more{shown}", listed.join(", "), known.len() - listed.len())
+    format!("{begin}{}, and {} more{shown}", nearest.join(", "), known.len() - nearest.len())
+}
+
+/// A name in a list: in quotes where it holds what separates names.
+fn listed(name: &str) -> Cow<'_, str> {
+    if name.contains(", ") { format!("`{name}`").into() } else { name.into() }
 }
 
 /// The question whether the user meant one of these names, where one is near.
@@ -167,6 +172,7 @@ mod tests {
         assert_eq!(told, "did you mean `3.2.1-cosine`? There are: 3.2.1-square, 3.2.1-cosine, 4-case1");
         assert_eq!(choice("nothing", &known, ""), "there are: 3.2.1-square, 3.2.1-cosine, 4-case1");
         assert_eq!(choice("x", &[] as &[&str], ""), "there are none");
+        assert_eq!(choice("max w", &["max |u|", "rms e, t >= 5 s"], ""), "there are: max |u|, `rms e, t >= 5 s`");
         for (given, near) in [
             ("omgea", "omega"),
             ("Omega", "omega"),
@@ -198,7 +204,7 @@ mod tests {
         assert_eq!(choice("plant.x[3]", &known, ""), "its index must be within 1 … 2 in `plant.x`");
         assert_eq!(choice("K[3,1]", &known, ""), "its indices must be within 1 … 1 and 1 … 3 in `K`");
         assert!(choice("D[1,2]", &known, "").starts_with("did you mean `D[1,1]` or `D[2,2]`?"));
-        assert!(choice("y[1]", &known, "").starts_with("there are: "));
+        assert!(choice("y[1]", &known, "").starts_with("did you mean `y`?"));
     }
 
     #[test]

@@ -32,9 +32,7 @@ def test_list_names_every_fmu_and_loop_as_json() -> None:
     assert (answer.returncode, answer.stderr) == (0, "")
     listed = json.loads(answer.stdout)
     assert sorted(entry["name"] for entry in listed["fmus"]) == FMU_NAMES
-    assert sorted(entry["name"] for entry in listed["loops"]) == sorted(
-        ssd.parent.name for ssd in ROOT.glob("examples/*/*.ssd")
-    )
+    assert sorted(entry["name"] for entry in listed["loops"]) == sorted(ssd.parent.name for ssd in ROOT.glob("examples/*/*.ssd"))
     assert set(LOOPS) <= {entry["name"] for entry in listed["loops"]}
     assert all(entry["description"] for entries in listed.values() for entry in entries)
 
@@ -72,9 +70,7 @@ def test_run_ends_well_with_metrics_csv_and_plot(short_run) -> None:
     assert (told["loop"], told["warnings"]) == ("3.2.1-cosine", [])
     metrics = {metric["label"]: metric["value"] for metric in told["metrics"]}
     # Two of three begin at 5 s: they have no value yet, and so none that could be taken for a good one.
-    assert [label for label, value in metrics.items() if value is None] == [
-        label for label in metrics if "5 s" in label
-    ]
+    assert [label for label, value in metrics.items() if value is None] == [label for label in metrics if "5 s" in label]
     table = read_csv(folder / "result.csv")
     assert len(table["time"]) == 2001 and table["time"][-1] == 2.0
     assert metrics["max |u|"] == np.abs(table["controller.u[1]"]).max()

@@ -308,15 +308,15 @@ def test_an_fmu_without_model_exchange_has_no_steady_state(fmu_folder: Path, tmp
 
 def test_what_cant_be_linearised_is_told(tmp_path: Path) -> None:
     told = fails("NonlinearSisso")
-    assert all(word in told for word in ["FMU or loop", "NonlinearSisso", *FMU_NAMES, *LOOPS])
+    assert all(word in told for word in ["FMU or loop", "NonlinearSisso", "did you mean `NonlinearSiso`?"])
     assert "gone.fmu" in fails(tmp_path / "gone.fmu")
     assert "gone.toml" in fails(tmp_path / "gone.toml")
     assert "omgea" in (told := fails(PLANT, "--set", "omgea=1")) and "omega" in told
     assert "x[1]" in fails(PLANT, "--set", "x[1]=1")
     told = fails(PLANT, "--set", "omega=two")
     assert all(word in told for word in ["omega", "two", "must be a finite number"])
-    assert "start time" in fails(PLANT, "--at=-1") and "start time" in fails(PLANT, "--at=nan")
-    for wrong in (["--set", "omega"], ["--at", "soon"]):
+    assert "start time" in fails(PLANT, "--at=-1")
+    for wrong in (["--set", "omega"], ["--at", "soon"], ["--at=nan"]):
         assert adaptive_fmu("linearise", PLANT, *wrong).returncode == 2
 
 
@@ -355,7 +355,9 @@ def state_space(folder: Path, seed: int) -> tuple[Path, list[np.ndarray]]:
     for command in (made, ["export", folder / "Plant.toml", "--out", folder]):
         answer = adaptive_fmu(*command)
         assert answer.returncode == 0, answer
-    plain = edited(Fmu(folder / "Plant.fmu", folder / "unpacked"), folder / "plain", NO_DERIVATIVES, CO_SIMULATION_ONLY, NO_STATES)
+    plain = edited(
+        Fmu(folder / "Plant.fmu", folder / "unpacked"), folder / "plain", NO_DERIVATIVES, CO_SIMULATION_ONLY, NO_STATES
+    )
     return plain, [a, b]
 
 

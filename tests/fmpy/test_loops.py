@@ -167,28 +167,27 @@ def test_a_single_value_that_does_not_fit_is_refused(loop, value: str, words: li
 
 
 def test_a_single_value_that_its_unit_refuses_ends_the_run_with_the_units_reason(loop, tmp_path) -> None:
-    answer = adaptive_fmu("run", loop, "--set", "controller.adaptation_gain=-1", "--out", tmp_path / "out")
-    assert answer.returncode == 1 and "controller: " in answer.stderr and "adaptation_gain = -1" in answer.stderr
+    answer = adaptive_fmu("run", loop, "--set", "controller.omega_min[1,1]=9", "--out", tmp_path / "out")
+    assert answer.returncode == 1 and "controller: " in answer.stderr and "omega_min[1,1] = 9" in answer.stderr
+
+
+def test_a_single_value_beyond_its_units_limits_is_refused_before_the_run(loop, tmp_path) -> None:
+    told = fails("run", loop, "--set", "controller.adaptation_gain=-1", "--out", tmp_path / "out")
+    assert "--set controller.adaptation_gain=-1" in told and "must be at least 0" in told
 
 
 def test_an_input_left_open_is_a_warning(loop, tmp_path) -> None:
     structure = loop / "SystemStructure.ssd"
-    connection = (
-        '<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>'
-    )
+    connection = '<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>'
     change(structure, connection, "")
     answer = adaptive_fmu("run", loop, "--until", "0.1", "--json", "--out", tmp_path)
-    assert [
-        warning for warning in json.loads(answer.stdout)["warnings"] if "plant.u[1]" in warning and "line " in warning
-    ]
+    assert [warning for warning in json.loads(answer.stdout)["warnings"] if "plant.u[1]" in warning and "line " in warning]
 
 
 def test_states_of_different_units_are_not_connected_unawares(loop, tmp_path) -> None:
     change(loop / "SystemStructure.ssd", 'startConnector="x[1]" endElement', 'startConnector="x[2]" endElement')
     told = fails("run", loop, "--out", tmp_path)
-    assert all(word in told for word in ["line ", "plant.x[2]", "1/s", "controller.x[1]", "suppressUnitConversion"]), (
-        told
-    )
+    assert all(word in told for word in ["line ", "plant.x[2]", "1/s", "controller.x[1]", "suppressUnitConversion"]), told
 
 
 def archive(file: Path, *entries: tuple[str, str | bytes]) -> Path:

@@ -28,7 +28,9 @@ MEANT = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "name", "many"), MEANT, ids=lambda value: " ".join(value) if isinstance(value, list) else "")
+@pytest.mark.parametrize(
+    ("arguments", "name", "many"), MEANT, ids=lambda value: " ".join(value) if isinstance(value, list) else ""
+)
 def test_a_wrong_name_tells_which_was_meant(arguments: list[str], name: str, many: bool, tmp_path: Path) -> None:
     told = fails(*arguments, folder=tmp_path)
     assert f"did you mean `{name}`?" in told
@@ -100,7 +102,9 @@ def test_what_is_wrong_in_a_parameter_set_is_told_with_its_line(tmp_path: Path) 
     allowed = r"mine.ssv: line 4: .*must be within 1e-12 … 0.01"
     for command in [["run", LOOP], ["compare", LOOP, "3.2.1-square"], ["tune", LOOP]]:
         assert re.search(allowed, fails(*command, "--case", file, folder=tmp_path))
-    assert re.search(r"--set .*must be within 1e-12 … 0.01", fails("run", LOOP, "--set", "plant.relative_tolerance=1", folder=tmp_path))
+    assert re.search(
+        r"--set .*must be within 1e-12 … 0.01", fails("run", LOOP, "--set", "plant.relative_tolerance=1", folder=tmp_path)
+    )
     file.write_text(SET.format("relative_tolerance", -1))
     assert re.search(allowed, fails("export", PLANT, "--values", file, folder=tmp_path))
     # What the unit itself refuses: an upper bound below the lower one.

@@ -29,7 +29,11 @@ def in_a_terminal(*arguments: str, folder: Path, **environment: str) -> str:
     child, terminal = pty.fork()
     if child == 0:
         os.chdir(folder)
-        environment = {"TERM": "xterm", **{key: os.environ[key] for key in os.environ if key not in ("NO_COLOR", "CI")}, **environment}
+        environment = {
+            "TERM": "xterm",
+            **{key: os.environ[key] for key in os.environ if key not in ("NO_COLOR", "CI")},
+            **environment,
+        }
         os.execve(PROGRAM, [PROGRAM, *arguments], environment)
     try:
         while True:
