@@ -99,7 +99,7 @@ WITHOUT = {
     "L1NonlinearSiso": ["Baseline", "baseline", "K_m", "nmatched", "infinity_norm", "Funnel", "inertia", 'input_gain = "full"'],
     "L1TwoLinkRobot": ["nmatched", "Funnel", "outside", "diagonal", 'regressor = "state"'],
     "L1UnmatchedMimo": ["Baseline", "baseline", "K_m", "Funnel", "diagonal"],
-    "FuzzyL1ActuatedSiso": ["nmatched", "Funnel to watch", "With the baseline inside"],
+    "FuzzyL1ActuatedSiso": ["nmatched", "Funnel to watch", "known term"],
     "NeuroPpfCoupledMimo": ["square_roots", "g_network_initial"],
     "NeuroPpfTwoLinkRobot": ["quasi_random", "A_m"],
     "PidNonlinearSiso": ["Funnel"],

@@ -45,7 +45,7 @@ def test_a_package_holds_every_file_that_its_code_includes_and_the_licences(name
 
 
 def test_the_program_holds_what_its_build_script_embeds() -> None:
-    embedded = [*ROOT.glob("modelDescription/*.toml")]
+    embedded = [*ROOT.glob("modelDescription/*.toml"), *ROOT.glob("modelDescription/icons/*"), *ROOT.glob("examples/*/response.txt")]
     for structure in ROOT.glob("examples/*/SystemStructure.ssd"):
         embedded += [file for file in structure.parent.iterdir() if file.suffix in (".ssd", ".ssv")]
     assert {file.relative_to(ROOT).as_posix() for file in embedded} <= held("adaptive-fmu")
