@@ -160,12 +160,14 @@ class Result:
         step = max(1, (last - first) // MOST_POINTS)
         rows = slice(first, last, step)
         for curve in plot["curves"]:
-            dashes = (0, tuple(curve["dashes"])) if curve["dashes"] else "-"
             # A reference lies beneath what follows it, broad and pale: it is seen where both are the same.
-            style = {"linewidth": 2.6, "alpha": 0.55, "zorder": 1.5} if curve["beneath"] else {"linewidth": 1.2, "zorder": 2}
-            (line,) = axis.plot(times[rows], self._shown(curve)[rows], label=curve["name"], color=curve["colour"], **style)
-            # Dashes are told in pixels, and matplotlib takes them in widths of the line.
-            line.set_linestyle(dashes if dashes == "-" else (0, tuple(length / style["linewidth"] for length in dashes[1])))
+            beneath = curve["beneath"]
+            width, alpha, order = (2.6, 0.55, 1.5) if beneath else (1.2, 1.0, 2.0)
+            style = {"label": curve["name"], "color": curve["colour"], "linewidth": width, "alpha": alpha, "zorder": order}
+            (line,) = axis.plot(times[rows], self._shown(curve)[rows], **style)
+            if curve["dashes"]:
+                # They are told in pixels, and matplotlib takes them in widths of the line.
+                line.set_linestyle((0, tuple(length / width for length in curve["dashes"])))
         if plot["decades"]:
             axis.set_yscale("log")
             axis.set_ylim(*plot["decades"])
