@@ -15,7 +15,7 @@ const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src dat
 const OWN_STYLE: &str = "
   h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
   h3 { font-size: 1em; margin: 1.2em 0 .3em; }
-  .figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 30em), 1fr)); gap: 1em; }
+  .figures { margin-top: 1.5em; display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 30em), 1fr)); gap: 1em; }
   figure { margin: 0; break-inside: avoid; }
   figcaption { font-size: .9em; }
   svg { display: block; height: auto; }

@@ -44,7 +44,8 @@ const powers = ([low, high], count) => {
   const first = Math.ceil(Math.log10(low) - 1e-9), last = Math.floor(Math.log10(high) + 1e-9);
   if (last - first < 1) return ticks([low, high], count).filter(([value]) => value > 0);
   const step = Math.max(1, Math.ceil((last - first) / count));
-  const written = power => power === 0 ? '1' : power === 1 ? '10' : '10' + String(power).replace(/./g, c => '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'['-0123456789'.indexOf(c)]);
+  const raised = power => String(power).replace(/./g, c => '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'['-0123456789'.indexOf(c)]);
+  const written = power => power === 0 ? '1' : `10${power === 1 ? '' : raised(power)}`;
   return Array.from({length: Math.floor((last - first) / step) + 1}, (_, k) => first + k * step)
     .map(power => [10 ** power, written(power)]);
 };

@@ -258,6 +258,17 @@ def test_a_figure_has_the_loops_plots_with_units() -> None:
     assert len({(line.get_color(), line.get_linestyle()) for line in lines.values()}) >= 4
 
 
+def test_a_figure_of_a_long_run_keeps_every_peak() -> None:
+    from adaptive_fmu._result import MOST_POINTS, seen
+
+    values = np.zeros(123_457)
+    values[[7, 60_001, 123_456]] = [3.0, -5.0, 1.0]
+    places = seen(values)
+    assert len(places) <= MOST_POINTS + 200 and np.all(np.diff(places) > 0)
+    assert {0, 7, 60_001, 123_456} <= set(places.tolist())
+    assert np.array_equal(seen(values[:100]), np.arange(100))
+
+
 def test_a_figure_shows_errors_in_their_funnel_on_a_logarithmic_axis() -> None:
     result = adaptive_fmu.Loop("6.5.1-neuro").run(until=0.5)
     axis = next(axis for axis in result.plot().axes if "funnel" in axis.get_title(loc="left"))

@@ -121,7 +121,9 @@ def test_a_browser_draws_every_curve_without_an_error(results: Path, tmp_path: P
     assert [len(plot) for plot in lines] == [len(signals) for signals in PLOTTED]
     # Each is a path of many points.
     assert min(len(line.get("d").split(",")) for plot in lines for line in plot) > 50
-    assert [entry.text_content() for entry in page.xpath("//div[@class='legend']/button")] == [name for p in PLOTTED for name in p]
+    assert [entry.text_content() for entry in page.xpath("//div[@class='legend']/button")] == [
+        name for p in PLOTTED for name in p
+    ]
 
 
 # What a reader does with the first plot of a page: a pointer at places of it, in pixels.

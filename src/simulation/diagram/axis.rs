@@ -140,7 +140,7 @@ fn written(value: f64, step: f64, largest: f64) -> String {
         return "0".to_owned();
     }
     let places = (step.log10() + 1e-9).floor() as i32;
-    if largest >= 1e5 || largest < 1e-3 {
+    if !(1e-3..1e5).contains(&largest) {
         let digits = ((value.abs().log10() + 1e-9).floor() as i32 - places).max(0) as usize;
         return format!("{value:.digits$e}").replace('-', "−");
     }
