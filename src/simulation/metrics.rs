@@ -6,7 +6,7 @@ use super::closed_loop::Recording;
 use super::ssp::{IdealModel, Metric, Statistic, Structure};
 
 /// A measured metric.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Measured {
     /// What it is.
     pub label: String,

@@ -192,12 +192,7 @@ impl Structure {
     /// # Errors
     /// When it can't be read, or names what isn't there.
     pub fn apply_case(&mut self, case: &Path, files: &LoopFiles) -> Result<(), Error> {
-        let beside =
-            case.to_str().filter(|name| !case.is_file() && files.parameter_files().contains(&(*name).to_owned()));
-        let (text, file) = match beside {
-            Some(name) => (files.read(name)?, files.path(name)),
-            None => (text_file::read(case).map_err(Error::file(case))?, case.to_owned()),
-        };
+        let (text, file) = files.case(case)?;
         self.apply(read_set(&text, &file)?)
     }
 
