@@ -38,7 +38,7 @@ pub struct Arguments {
 /// What is shown of one of them.
 enum Compared {
     Made(Box<Run>),
-    Earlier(RecordedRun, PathBuf),
+    Earlier(Box<RecordedRun>, PathBuf),
 }
 
 impl Compared {
@@ -70,7 +70,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let planned = runs.iter().map(|it| it.options(options)).collect::<Result<Vec<_>, Error>>()?;
     require_places_of_their_own(runs, &planned, out)?;
     let one = |place: usize| match &runs[place] {
-        Specification::Results(folder) => Ok(Compared::Earlier(Recorded::read(folder)?.run()?, folder.clone())),
+        Specification::Results(folder) => {
+            Ok(Compared::Earlier(Box::new(Recorded::read(folder)?.run()?), folder.clone()))
+        }
         Specification::Loop { name, .. } => {
             let arguments = run::Arguments::with(name, &planned[place], Some(out), runs[place].tag(), *json);
             Ok(Compared::Made(Box::new(run::run(&arguments, name, &bars)?)))

@@ -1,5 +1,6 @@
 //! The files of a run.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use adaptive_fmu::error::Error;
@@ -63,7 +64,16 @@ pub fn write_results(
     let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
     files.add(PLOT, svg(&structure.description, &structure.plots, recording).map_err(wrong)?)?;
     files.add(PAGE, report.html().map_err(wrong)?)?;
-    files.place()
+    files.place()?;
+    if tables.parquet {
+        return Ok(());
+    }
+    // That of an earlier run would be of other numbers.
+    let earlier = out.join(&structure.name).join(PARQUET);
+    match std::fs::remove_file(&earlier) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(Error::file(&earlier)(error)),
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]

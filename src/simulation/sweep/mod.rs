@@ -128,6 +128,13 @@ impl Sweep {
         names
     }
 
+    /// The name of a variable with its unit of measurement, where one is told.
+    fn with_unit(&self, name: &str) -> String {
+        let variable = self.loops.first().and_then(|loaded| loaded.variable(name));
+        let unit = variable.and_then(|(_, variable)| variable.unit.clone()).filter(|unit| unit != "1");
+        unit.map_or_else(|| name.to_owned(), |unit| format!("{name} in {unit}"))
+    }
+
     /// Whether the curves of a run are drawn: of all runs, or of some at equal distances.
     pub fn is_drawn(&self, run: usize) -> bool {
         let last = self.runs() - 1;

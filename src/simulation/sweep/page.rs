@@ -8,6 +8,7 @@ use crate::exporter::escaped;
 use crate::report::number;
 use crate::simulation::four_digits;
 use crate::simulation::page::{beginning, ending};
+use crate::simulation::ssp::Plot;
 
 /// How the pictures and maps of this page look, beside what every page has.
 const STYLE: &str = "<style>
@@ -27,6 +28,7 @@ const STYLE: &str = "<style>
 const MOST_ROWS: usize = 1000;
 const LINE_COLOUR: &str = "rgb(0, 114, 178)";
 const LIMIT_COLOUR: &str = "rgb(213, 94, 0)";
+const BESIDE_COLOUR: &str = "rgb(60, 60, 60)";
 
 /// The page of a sweep.
 #[derive(Debug)]
@@ -89,7 +91,8 @@ impl SweepPage<'_> {
         }
         let colour = LINE_COLOUR.to_owned();
         lines.push(Line { name: label.to_owned(), colour, points, marked: true, dashed: false });
-        Chart { title: label, x: &axis.name, y: "metric", logarithmic: axis.is_logarithmic(), lines }.svg()
+        let (x, y) = (self.sweep.with_unit(&axis.name), label.split(", ").next().unwrap_or(label));
+        Chart { title: label, x: &x, y, logarithmic: axis.is_logarithmic(), lines }.svg()
     }
 
     /// A metric over two parameters: numbers on colours, the smallest the darkest.
@@ -138,7 +141,6 @@ impl SweepPage<'_> {
         if drawn.is_empty() {
             return;
         }
-        let last = (self.sweep.runs() - 1).max(1) as f64;
         let ramp: Vec<_> = [0.0, 0.5, 1.0].map(colours::at).into();
         let (from, to) = (self.values(0), self.values(self.sweep.runs() - 1));
         let _ = writeln!(
@@ -150,16 +152,41 @@ impl SweepPage<'_> {
             ramp.join(", "),
             escaped(&to)
         );
-        for (k, signal) in self.sweep.signals().into_iter().enumerate() {
+        for plot in &self.sweep.structure().plots {
+            self.push_plot(page, plot, &drawn);
+        }
+    }
+
+    /// A picture of each signal of a plot that runs differ in. What is the same in all of them stands beside it, dashed.
+    fn push_plot(&self, page: &mut String, plot: &Plot, drawn: &[(usize, &Point)]) {
+        let signals = self.sweep.signals();
+        let of_plot = plot.signals.iter().filter_map(|name| signals.iter().position(|signal| signal == name));
+        let is_same = |place: &usize| drawn.iter().all(|(_, point)| point.curves[*place] == drawn[0].1.curves[*place]);
+        let (same, differing): (Vec<usize>, Vec<usize>) = of_plot.partition(is_same);
+        let last = (self.sweep.runs() - 1).max(1) as f64;
+        for place in differing {
             let line = |(run, point): &(usize, &Point)| Line {
                 name: self.values(*run),
                 colour: colours::at(*run as f64 / last),
-                points: point.curves[k].clone(),
+                points: point.curves[place].clone(),
                 marked: false,
                 dashed: false,
             };
-            let lines = drawn.iter().map(line).collect();
-            page.push_str(&Chart { title: signal, x: "time in s", y: signal, logarithmic: false, lines }.svg());
+            let beside = same.iter().map(|&place| Line {
+                name: signals[place].to_owned(),
+                colour: BESIDE_COLOUR.to_owned(),
+                points: drawn[0].1.curves[place].clone(),
+                marked: false,
+                dashed: true,
+            });
+            let lines = drawn.iter().map(line).chain(beside).collect();
+            let y = self.sweep.with_unit(signals[place]);
+            let chart = Chart { title: signals[place], x: "time in s", y: &y, logarithmic: false, lines };
+            page.push_str(&chart.svg());
+            if !same.is_empty() {
+                let names: Vec<_> = same.iter().map(|&place| signals[place]).collect();
+                let _ = writeln!(page, "<p>Dashed, the same in all runs: {}.</p>", escaped(&names.join(", ")));
+            }
         }
     }
 
