@@ -21,12 +21,16 @@ pub mod model_description;
 pub mod output;
 #[cfg(feature = "cli")]
 pub mod parallel;
+#[cfg(feature = "cli")]
+pub mod parquet;
 #[path = "../plants/mod.rs"]
 pub mod plants;
 #[cfg(feature = "cli")]
 pub mod reproduction;
 #[cfg(feature = "cli")]
 pub mod schema;
+#[cfg(feature = "cli")]
+pub mod sealed;
 #[cfg(feature = "cli")]
 pub mod simulation;
 pub mod template;

@@ -54,8 +54,10 @@ enum Command {
     Run(command::run::Arguments),
     /// Runs one unit alone, with inputs over time: a page with plots, CSV
     Simulate(command::simulate::Arguments),
-    /// Runs several closed loops, and shows on one page what all of them measure
+    /// Runs closed loops, as they are or with other values, and shows them and earlier results on one page
     Compare(command::compare::Arguments),
+    /// Runs a closed loop with all combinations of some values: metrics over parameters, families of curves, maps
+    Sweep(command::sweep::Arguments),
     /// Reproduces the thesis: runs every example, judges what it claims, and writes one page of it
     Report(command::report::Arguments),
     /// Tunes parameters of a closed loop by a particle swarm
@@ -164,6 +166,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Simulate(arguments) => command::simulate::execute(&arguments),
         Command::Run(arguments) => command::run::execute(&arguments),
         Command::Compare(arguments) => command::compare::execute(&arguments),
+        Command::Sweep(arguments) => command::sweep::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
         Command::Completions(arguments) => Ok(command::completions::execute(&arguments, &Arguments::command())),

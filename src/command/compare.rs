@@ -1,10 +1,11 @@
 //! `compare`: several closed loops on one page.
 
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::{Comparison, Verdict};
+use adaptive_fmu::simulation::{Comparison, LoopFiles, Recorded, RecordedRun, Report, Verdict};
 use adaptive_fmu::{output, parallel};
 use serde_json::{Value, json};
 
@@ -12,6 +13,7 @@ use super::loop_options::LoopOptions;
 use super::open::OpenOption;
 use super::progress::{self, Bars};
 use super::run::{self, Run, exit_code};
+use super::specification::Specification;
 use crate::console;
 
 /// Where the common page goes.
@@ -20,9 +22,10 @@ const PAGE: &str = "index.html";
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Loops of this package, or SSPs
-    #[arg(value_name = "LOOP", required = true, num_args = 2..)]
-    names: Vec<String>,
+    /// Loops of this package or SSPs, LOOP@FILE.ssv with a parameter set, LOOP:name=value,name=value with values (the unit may
+    /// be left out of a name that only one has), or folders of earlier results
+    #[arg(value_name = "LOOP[@FILE.ssv][:name=value,…] | RESULTS", required = true, num_args = 2..)]
+    runs: Vec<Specification>,
     /// Folder for results: each loop's own, and the common page in comparison/
     #[arg(long, default_value = "results")]
     out: PathBuf,
@@ -35,29 +38,71 @@ pub struct Arguments {
     json: bool,
 }
 
+/// What is shown of one of them.
+enum Compared {
+    Made(Box<Run>),
+    Earlier(Box<RecordedRun>, PathBuf),
+}
+
+impl Compared {
+    fn report(&self) -> Report<'_> {
+        match self {
+            Compared::Made(run) => run.report(),
+            Compared::Earlier(run, _) => run.report(),
+        }
+    }
+
+    fn told(&self) -> Value {
+        match self {
+            Compared::Made(run) => run.told(),
+            Compared::Earlier(run, folder) => {
+                let Report { structure, measured, ending, recording, .. } = run.report();
+                json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured,
+                        "warnings": recording.warnings, "results": folder, "seconds": null })
+            }
+        }
+    }
+}
+
 /// Runs the loops on all cores, each as it is run alone, and writes a page of what all of them measure.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { names, out, options, open, json } = arguments;
-    // What is wrong with one of them is found before any of them runs.
-    names.iter().try_for_each(|name| options.check(name))?;
+    let Arguments { runs, out, options, open, json } = arguments;
     output::check(out, FOLDER, &[PAGE])?;
     let bars = Bars::new(*json);
-    let one = |place: usize| run::run(&run::Arguments::with(&names[place], options, out, *json), &names[place], &bars);
-    let runs = parallel::each(&vec![(); parallel::cores()], names.len(), |(), place| one(place));
-    let mut runs = runs.into_iter().collect::<Result<Vec<Run>, Error>>()?;
+    // All of them are checked before anything runs.
+    let planned = runs.iter().map(|it| it.options(options)).collect::<Result<Vec<_>, Error>>()?;
+    for (run, options) in runs.iter().zip(&planned) {
+        run.name().map_or(Ok(()), |name| options.check(name))?;
+    }
+    require_places_of_their_own(runs, &planned, out)?;
+    let one = |place: usize| match &runs[place] {
+        Specification::Results(folder) => {
+            Ok(Compared::Earlier(Box::new(Recorded::read(folder)?.run()?), folder.clone()))
+        }
+        Specification::Loop { name, .. } => {
+            let arguments = run::Arguments::with(name, &planned[place], Some(out), runs[place].tag(), *json);
+            Ok(Compared::Made(Box::new(run::run(&arguments, name, &bars)?)))
+        }
+    };
+    let runs = parallel::each(&vec![(); parallel::cores()], runs.len(), |(), place| one(place));
+    let mut runs = runs.into_iter().collect::<Result<Vec<Compared>, Error>>()?;
     // With one that made no step there is nothing to compare, and what an earlier comparison left stays.
-    if let Some(without) = runs.iter_mut().find(|run| run.folder.is_none()) {
+    let without = runs.iter_mut().find_map(|run| match run {
+        Compared::Made(run) if run.folder.is_none() => Some(run),
+        _ => None,
+    });
+    if let Some(without) = without {
         let interrupted = Ok(ExitCode::from(progress::INTERRUPTED));
         return without.failure.take().map_or(interrupted, Err);
     }
-    let comparison = Comparison { runs: runs.iter().map(Run::report).collect() };
+    let comparison = Comparison { runs: runs.iter().map(Compared::report).collect() };
     let page = out.join(FOLDER).join(PAGE);
     let html = comparison.html().map_err(|reason| Error::Loop { file: page.clone(), reason })?;
     let mut files = output::Files::within(out, FOLDER)?;
     files.add(PAGE, html)?;
     files.place()?;
     if *json {
-        let told: Vec<Value> = runs.iter().map(Run::told).collect();
+        let told: Vec<Value> = runs.iter().map(Compared::told).collect();
         say!("{}", json!({ "loops": told, "page": page }));
     } else {
         console::text(&comparison.table());
@@ -71,4 +116,25 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     let verdicts = comparison.runs.iter().map(adaptive_fmu::simulation::Report::verdict);
     Ok(exit_code(verdicts.max().unwrap_or(Verdict::Holds)))
+}
+
+/// Refuses runs that would leave their results in the same place, or in that of results that are compared.
+fn require_places_of_their_own(runs: &[Specification], planned: &[LoopOptions], out: &Path) -> Result<(), Error> {
+    let mut places = HashSet::new();
+    for (run, options) in runs.iter().zip(planned) {
+        let (shown, place) = match run {
+            Specification::Results(folder) => (folder.display().to_string(), folder.clone()),
+            Specification::Loop { name, .. } => {
+                let structure = LoopFiles::find(name)?.structure()?;
+                let arguments = run::Arguments::with(name, options, Some(out), run.tag(), false);
+                (name.clone(), run::place_of(&arguments, &structure))
+            }
+        };
+        let place = place.canonicalize().unwrap_or(place);
+        if !places.insert(place.clone()) {
+            let reason = format!("two of them have their results in {}: name each once", place.display());
+            return Err(Error::Loop { file: shown.into(), reason });
+        }
+    }
+    Ok(())
 }

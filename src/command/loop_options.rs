@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::{Component, Fmu, Hosting, LoadedLoop, LoopFiles, Order, Ready, Settings};
-use adaptive_fmu::simulation::{Structure, Value, Whole, check_values};
+use adaptive_fmu::sealed::checksum;
+use adaptive_fmu::simulation::{Asked, Component, Fmu, Hosting, LoadedLoop, LoopFiles, Mark, Order, Provenance, Ready};
+use adaptive_fmu::simulation::{Settings, Structure, Value, Versions, Whole, check_values};
 
 use super::export::{export_units, warn_of};
 use super::hosting::HostingOptions;
@@ -115,6 +116,40 @@ impl LoopOptions {
         };
         check_points(settings, &structure.file)?;
         Ok(settings)
+    }
+
+    /// How a run of a loop comes to its numbers.
+    pub fn provenance(
+        &self,
+        name: &str,
+        files: &LoopFiles,
+        structure: &Structure,
+        settings: Settings,
+        loaded: &LoadedLoop,
+    ) -> Result<Provenance, Error> {
+        let case = |name: &PathBuf| {
+            let (text, _) = files.case(name)?;
+            Ok(Mark { name: name.clone(), checksum: checksum(text) })
+        };
+        let asked = Asked {
+            start_time: settings.start_time,
+            stop_time: settings.stop_time,
+            step: settings.step,
+            order: (!self.composite).then(|| settings.order.to_string()),
+            composite: self.composite,
+            accept_algebraic_loops: self.accept_algebraic_loops,
+            cases: self.parameters.case.iter().map(case).collect::<Result<_, Error>>()?,
+            set: self.parameters.set.clone(),
+            fmus: self.fmus.clone(),
+            in_process: self.hosting.in_process,
+            patience: self.hosting.patience,
+        };
+        let elsewhere = |unit: &str| {
+            let component = structure.components.iter().find(|component| component.name == unit);
+            component.is_some_and(|component| self.fmus.is_some() || !component.is_exported())
+        };
+        let source = Mark { name: name.into(), checksum: files.checksum(structure)? };
+        Ok(Provenance { versions: Versions::own(), source, settings: asked, units: loaded.marks(elsewhere)? })
     }
 
     /// The units of a loop, exported where they don't come with it.

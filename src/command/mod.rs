@@ -1,5 +1,6 @@
 //! The commands, one a file.
 
+mod again;
 pub mod check;
 pub mod compare;
 pub mod completions;
@@ -19,11 +20,14 @@ pub mod parameters;
 mod progress;
 mod ready;
 pub mod report;
+mod results;
 pub mod run;
 mod run_all;
 pub mod schema;
 pub mod serve;
 pub mod simulate;
+mod specification;
+pub mod sweep;
 pub mod tune;
 mod tuned;
 pub mod validate;

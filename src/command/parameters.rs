@@ -9,16 +9,21 @@ use adaptive_fmu::simulation::{LoopFiles, Structure};
 pub struct Parameters {
     /// Parameter set to apply (names UNIT.variable): a file, or one that lies beside the loop; repeatable, the last wins
     #[arg(long, value_name = "FILE.ssv")]
-    case: Vec<PathBuf>,
+    pub case: Vec<PathBuf>,
     /// Start value; UNIT is a component of the loop, or an FMU that only one has; repeatable
     #[arg(long, value_name = "UNIT.variable=VALUE")]
-    set: Vec<String>,
+    pub set: Vec<String>,
 }
 
 impl Parameters {
     /// A parameter set, and single values.
     pub fn new(case: Option<&str>, set: Vec<String>) -> Self {
         Parameters { case: case.map(PathBuf::from).into_iter().collect(), set }
+    }
+
+    /// Parameter sets, and single values.
+    pub fn of(case: Vec<PathBuf>, set: Vec<String>) -> Self {
+        Parameters { case, set }
     }
 
     /// Hands them to a loop: cases first, then single values.

@@ -105,7 +105,7 @@ fn attempt(planned: &Planned, run: &Run, frozen: bool, bars: &Bars) -> Result<Ou
     let shown: Vec<&Curve> = shown.collect();
     let signals: Vec<&str> =
         shown.iter().flat_map(|curve| [Some(&curve.of), curve.minus.as_ref()]).flatten().map(String::as_str).collect();
-    let done = simulated(&options(run, frozen), &run.name, None, &signals, bars)?;
+    let done = simulated(&options(run, frozen), &run.name, (None, None), &signals, bars)?;
     let wrong = |reason| Error::Loop { file: PathBuf::from(&run.name), reason };
     Outcome::new(&key, &done.report(), done.took, &shown).map_err(wrong)
 }

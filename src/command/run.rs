@@ -5,41 +5,48 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::output::{self, Files};
-use adaptive_fmu::simulation::{Diagram, Ending, LoopFiles, Measured, Recording, Report, Settings, Structure, Verdict};
-use adaptive_fmu::simulation::{measure, svg, terminal};
-use adaptive_fmu::text_file::csv_field;
+use adaptive_fmu::output;
+use adaptive_fmu::simulation::{
+    Diagram, Ending, LoopFiles, Measured, Provenance, Recording, Report, Settings, Structure, Verdict,
+};
+use adaptive_fmu::simulation::{METRICS, TABLE, measure, terminal};
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
 use super::open::OpenOption;
 use super::progress::{self, Bars, Progress};
-use super::{run_all, serve};
+use super::results::{FILES, PAGE, PLOT, TableOptions, tag, write_results};
+use super::{again, run_all, serve};
 use crate::console;
 
 /// A metric beyond its limit.
 const BEYOND_LIMIT: u8 = 3;
 pub const RESULTS: &str = "results";
-pub const TABLE: &str = "result.csv";
-pub const METRICS: &str = "metrics.json";
-pub const PLOT: &str = "plot.svg";
-pub const PAGE: &str = "index.html";
 
 #[derive(clap::Args)]
 pub struct Arguments {
     /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
-    #[arg(value_name = "LOOP", required_unless_present = "all")]
-    name: Option<String>,
+    #[arg(value_name = "LOOP", required_unless_present_any = ["all", "again"])]
+    pub name: Option<String>,
+    /// Runs an earlier run again, by the settings that its results tell, and says what differs; results go to LOOP@again
+    #[arg(long, value_name = "RESULTS", conflicts_with_all = ["name", "all", "case", "set", "composite", "fmus", "step",
+        "until", "order", "accept_algebraic_loops", "in_process", "patience"])]
+    pub again: Option<PathBuf>,
     /// All loops of this package, and a table of them
     #[arg(long, conflicts_with_all = ["name", "case", "set", "open"])]
-    all: bool,
+    pub all: bool,
     /// Folder for results [default: results]
     #[arg(long)]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
+    /// Keeps the results in LOOP@NAME, beside those of other runs
+    #[arg(long, value_name = "NAME", value_parser = tag)]
+    pub tag: Option<String>,
     #[command(flatten)]
-    options: LoopOptions,
+    pub tables: TableOptions,
     #[command(flatten)]
-    open: OpenOption,
+    pub options: LoopOptions,
+    #[command(flatten)]
+    pub open: OpenOption,
     /// As JSON
     #[arg(long)]
     pub json: bool,
@@ -49,13 +56,14 @@ impl Arguments {
     /// A loop as it is, through the FMUs in a folder.
     pub fn of(name: &str, fmus: &Path, json: bool) -> Self {
         let options = LoopOptions { fmus: Some(fmus.to_owned()), ..LoopOptions::default() };
-        Arguments { name: Some(name.to_owned()), all: false, out: None, options, open: OpenOption::default(), json }
+        Self::with(name, &options, None, None, json)
     }
 
-    /// A loop with options, its results in a folder.
-    pub fn with(name: &str, options: &LoopOptions, out: &Path, json: bool) -> Self {
-        let (out, options, open) = (Some(out.to_owned()), options.clone(), OpenOption::default());
-        Arguments { name: Some(name.to_owned()), all: false, out, options, open, json }
+    /// A loop with options, its results in a folder, under a tag.
+    pub fn with(name: &str, options: &LoopOptions, out: Option<&Path>, tag: Option<String>, json: bool) -> Self {
+        let (name, out, options) = (Some(name.to_owned()), out.map(Path::to_owned), options.clone());
+        let (tables, open) = (TableOptions::default(), OpenOption::default());
+        Arguments { name, again: None, all: false, out, tag, tables, options, open, json }
     }
 
     /// Where results go.
@@ -66,8 +74,15 @@ impl Arguments {
 
 /// Runs a closed loop, or all, and prints what it came to.
 pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
+    if let Some(folder) = &options.again {
+        return again::execute(options, folder);
+    }
     let Some(name) = &options.name else { return Ok(run_all::execute(options)) };
-    let done = run(options, name, &Bars::new(options.json))?;
+    finish(run(options, name, &Bars::new(options.json))?, options.json, options.open, None)
+}
+
+/// Prints what a run came to, with something further in its JSON.
+pub fn finish(done: Run, json: bool, open: OpenOption, further: Option<(&str, Value)>) -> Result<ExitCode, Error> {
     if console::serves() {
         serve::send(&done.recording, about(&done.report(), done.folder.as_deref()));
     }
@@ -77,9 +92,9 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
         }
         return Err(error);
     }
-    print(&done, options.json).map_err(|reason| Error::Loop { file: done.structure.file.clone(), reason })?;
+    print(&done, json, further).map_err(|reason| Error::Loop { file: done.structure.file.clone(), reason })?;
     if let Some(folder) = &done.folder {
-        options.open.show(&folder.join(PAGE));
+        open.show(&folder.join(PAGE));
     }
     Ok(exit_code(done.report().verdict()))
 }
@@ -95,6 +110,8 @@ pub fn exit_code(verdict: Verdict) -> ExitCode {
 
 /// A run whose results are written.
 pub struct Run {
+    /// How it came to its numbers.
+    pub provenance: Provenance,
     structure: Structure,
     settings: Settings,
     whole: bool,
@@ -138,20 +155,36 @@ pub fn about(report: &Report, results: Option<&Path>) -> Value {
 /// none: what an earlier run left stays.
 pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
     let out = serve::folder(arguments.out.as_deref(), RESULTS);
-    let mut done = simulated(&arguments.options, name, out, &[], bars)?;
+    let mut done = simulated(&arguments.options, name, (out, arguments.tag.as_deref()), &[], bars)?;
     if let Some(out) = out.filter(|_| done.recording.times.len() > 1) {
-        write_results(&done.report(), out)?;
+        write_results(&done.report(), Some(&done.provenance), &arguments.tables, out)?;
         done.folder = Some(out.join(&done.structure.name));
     }
     Ok(done)
 }
 
+/// Where the results of a run go, which is not run.
+pub fn place(arguments: &Arguments, name: &str) -> Result<PathBuf, Error> {
+    Ok(place_of(arguments, &LoopFiles::find(name)?.structure()?))
+}
+
+/// Where the results of a run of this loop go.
+pub fn place_of(arguments: &Arguments, structure: &Structure) -> PathBuf {
+    arguments.out().join(own_name(structure, arguments.options.composite, arguments.tag.as_deref()))
+}
+
+/// The name of a run's results.
+fn own_name(structure: &Structure, whole: bool, tag: Option<&str>) -> String {
+    let (form, tag) = (if whole { "-composite" } else { "" }, tag.map(|tag| format!("@{tag}")));
+    format!("{}{form}{}", structure.name, tag.unwrap_or_default())
+}
+
 /// Runs a closed loop; further signals are recorded beside those that it names. Nothing is written; but where results are
-/// to be, a folder that can't take them is refused at once.
+/// to be, under a tag maybe, a folder that can't take them is refused at once.
 pub fn simulated(
     options: &LoopOptions,
     name: &str,
-    out: Option<&Path>,
+    (out, tag): (Option<&Path>, Option<&str>),
     further: &[&str],
     bars: &Bars,
 ) -> Result<Run, Error> {
@@ -159,15 +192,16 @@ pub fn simulated(
     let mut structure = options.structure(&files)?;
     let settings = options.settings(&structure)?;
     let whole = options.composite;
-    let own_name = format!("{}{}", structure.name, if whole { "-composite" } else { "" });
+    let own_name = own_name(&structure, whole, tag);
     if let Some(out) = out {
-        output::check(out, &own_name, &[TABLE, METRICS, PLOT, PAGE])?;
+        output::check(out, &own_name, &FILES)?;
     }
     let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
     let Settings { start_time, stop_time, step, order } = settings;
     detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);
     loaded.told().iter().for_each(|unit| detail!("{}: {unit}", structure.name));
+    let provenance = options.provenance(name, &files, &structure, settings, &loaded)?;
     let closed = loaded.instantiate(&[])?;
     let begun = Instant::now();
     let (mut recording, ending, failure) =
@@ -176,35 +210,19 @@ pub fn simulated(
     let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
     structure.name = own_name;
-    Ok(Run { structure, settings, whole, recording, measured, ending, folder: None, failure, took })
+    Ok(Run { provenance, structure, settings, whole, recording, measured, ending, folder: None, failure, took })
 }
 
-pub fn write_results(report: &Report, out: &Path) -> Result<(), Error> {
-    let Report { structure, recording, measured, ending, .. } = report;
-    let mut files = Files::within(out, &structure.name)?;
-    let names: Vec<_> = recording.names.iter().map(|name| csv_field(name)).collect();
-    let mut csv = format!("time,{}\n", names.join(","));
-    for (k, time) in recording.times.iter().enumerate() {
-        let values: Vec<_> = recording.columns.iter().map(|column| column[k].to_string()).collect();
-        csv.push_str(&format!("{time},{}\n", values.join(",")));
-    }
-    files.add(TABLE, csv)?;
-    let told = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured });
-    files.add(METRICS, told.to_string())?;
-    let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
-    files.add(PLOT, svg(&structure.description, &report.diagrams().map_err(wrong)?))?;
-    files.add(PAGE, report.html().map_err(wrong)?)?;
-    files.place()
-}
-
-fn print(done: &Run, json: bool) -> Result<(), String> {
+fn print(done: &Run, json: bool, further: Option<(&str, Value)>) -> Result<(), String> {
     let Run { structure, recording, measured, folder, .. } = done;
     if let Some(shortfall) = done.report().shortfall() {
         let kept = folder.as_ref().map(|folder| format!("; what was computed until then is in {}", folder.display()));
         tell!("the run {shortfall}{}", kept.unwrap_or_default());
     }
     if json {
-        say!("{}", done.told());
+        let mut told = done.told();
+        further.into_iter().for_each(|(key, value)| told[key] = value);
+        say!("{told}");
         return Ok(());
     }
     if let Some(plot) = structure.plots.first().filter(|_| console::is_seen()) {

@@ -19,7 +19,8 @@ use super::loop_options::{check_points, positive};
 use super::names::Names;
 use super::open::OpenOption;
 use super::progress::{Bars, Progress};
-use super::run::{METRICS, PAGE, PLOT, RESULTS, TABLE, about, exit_code, write_results};
+use super::results::{FILES, PAGE, TableOptions, write_results};
+use super::run::{RESULTS, about, exit_code};
 use super::serve;
 use crate::console;
 
@@ -95,7 +96,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let name = fmu.file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let out = serve::folder(arguments.out.as_deref(), RESULTS);
     if let Some(out) = out {
-        output::check(out, &name, &[TABLE, METRICS, PLOT, PAGE])?;
+        output::check(out, &name, &FILES)?;
     }
     let alone = Alone {
         fmu: &fmu,
@@ -112,7 +113,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let report =
         Report { structure: &structure, settings, whole, recording: &recording, measured: &[], ending: &ending };
     let out = out.filter(|_| recording.times.len() > 1);
-    out.map_or(Ok(()), |out| write_results(&report, out))?;
+    out.map_or(Ok(()), |out| write_results(&report, None, &TableOptions::default(), out))?;
     let results = out.map(|out| out.join(&structure.name));
     if console::serves() {
         serve::send(&recording, about(&report, results.as_deref()));

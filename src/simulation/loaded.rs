@@ -1,16 +1,19 @@
 //! Loops whose FMUs are loaded and fit each other: what instances are made of, as many as are wanted.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::check::{Circles, Link, check};
+use super::check::{Circles, Link, check, typed};
 use super::closed_loop::ClosedLoop;
 use super::fmu::{Fmu, Hosting, Value};
 use super::port::signals;
+use super::provenance::{Mark, UnitMark};
 use super::ssp::{Component, Structure};
+use super::whole::ABOUT_STEPS;
 use crate::error::Error;
 use crate::model_description::{ModelDescription, Variable};
+use crate::near;
 
 /// A loop that is ready to be instantiated.
 #[derive(Debug)]
@@ -37,6 +40,49 @@ impl LoadedUnit {
     fn new(fmu: Arc<Fmu>, name: &str, prefix: String, values: Vec<(usize, Value)>) -> Self {
         let recorded = signals(&fmu.description).map(|(place, _)| place).collect();
         LoadedUnit { fmu, name: name.to_owned(), prefix, values, recorded }
+    }
+
+    /// The value that a variable starts with here.
+    fn value(&self, place: usize) -> Option<Value> {
+        let given = self.values.iter().rfind(|(other, _)| *other == place).map(|(_, value)| value.clone());
+        given.or_else(|| own(&self.fmu.description.variables[place]))
+    }
+
+    /// What is told of it in results; its archive, where that is used as it is.
+    fn mark(&self, is_elsewhere: bool) -> Result<UnitMark, Error> {
+        let ModelDescription { name, guid, variables, .. } = &self.fmu.description;
+        let differs = |(place, value): &&(usize, Value)| own(&variables[*place]).as_ref() != Some(value);
+        let parameter =
+            |(place, value): &(usize, Value)| (variables[*place].name.clone(), told(value, &variables[*place]));
+        let integration = ABOUT_STEPS.iter().filter_map(|name| {
+            let place = self.fmu.description.place(name)?;
+            Some(((*name).to_owned(), told(&self.value(place)?, &variables[place])))
+        });
+        Ok(UnitMark {
+            fmu: name.clone(),
+            guid: guid.clone(),
+            file: is_elsewhere.then(|| Mark::of(self.fmu.file())).transpose()?,
+            parameters: self.values.iter().filter(differs).map(parameter).collect(),
+            integration: integration.collect(),
+        })
+    }
+}
+
+/// The value that an FMU gives a variable.
+fn own(variable: &Variable) -> Option<Value> {
+    typed(variable.start.as_ref()?, variable).ok()
+}
+
+/// A value as results tell it: an enumeration's by the name of the item.
+fn told(value: &Value, variable: &Variable) -> serde_json::Value {
+    match value {
+        Value::Real(number) => (*number).into(),
+        Value::Integer(number) => match variable.items.iter().find(|(_, item)| item == number) {
+            Some((name, _)) => name.clone().into(),
+            None => (*number).into(),
+        },
+        Value::Boolean(value) => (*value).into(),
+        Value::String(text) => text.clone().into(),
     }
 }
 
@@ -121,6 +167,77 @@ impl LoadedLoop {
         self.units.iter().flat_map(of).collect()
     }
 
+    /// What is told of each unit in results, by its name; of which the archives were used as they are.
+    ///
+    /// # Errors
+    /// When an archive can't be read any more.
+    pub fn marks(&self, is_elsewhere: impl Fn(&str) -> bool) -> Result<BTreeMap<String, UnitMark>, Error> {
+        self.units.iter().map(|unit| Ok((unit.name.clone(), unit.mark(is_elsewhere(&unit.name))?))).collect()
+    }
+
+    /// The full name and the place of a variable that can be given a start value. The unit may be left out of a name that
+    /// only one has.
+    ///
+    /// # Errors
+    /// When there is none, there are several, or it can't be set.
+    pub fn settable(&self, name: &str) -> Result<(String, Place), String> {
+        if let Some((place, _)) = self.variable(name) {
+            let reason = self.fixed(place);
+            return reason
+                .map_or(Ok((name.to_owned(), place)), |reason| Err(format!("`{name}` can't be set: {reason}")));
+        }
+        let all = || {
+            self.units.iter().enumerate().flat_map(|(unit, LoadedUnit { fmu, prefix, .. })| {
+                let variables = fmu.description.variables.iter().enumerate();
+                variables.map(move |(variable, it)| (format!("{prefix}{}", it.name), Place { unit, variable }))
+            })
+        };
+        let settable = || all().filter(|(_, place)| self.fixed(*place).is_none());
+        let ends = |full: &str| full.strip_suffix(name).is_some_and(|unit| unit.ends_with('.'));
+        let mut named: Vec<_> = settable().filter(|(full, _)| ends(full)).collect();
+        if named.len() == 1 {
+            return Ok(named.remove(0));
+        }
+        let names =
+            |found: Vec<(String, Place)>| found.into_iter().map(|(full, _)| full).collect::<Vec<_>>().join(", ");
+        if !named.is_empty() {
+            return Err(format!("`{name}` is a parameter of several units: name one of {}", names(named)));
+        }
+        let all: Vec<_> = settable().map(|(full, _)| full).collect();
+        Err(format!("there is no parameter `{name}`; {}", near::choice(name, &all, "")))
+    }
+
+    /// Why a variable can't be given a start value, if it can't.
+    fn fixed(&self, Place { unit, variable }: Place) -> Option<String> {
+        let found = &self.units[unit].fmu.description.variables[variable];
+        if self.links.iter().any(|link| link.to == (unit, variable)) {
+            return Some("it is connected, and its values come from there".to_owned());
+        }
+        let is_fixed = found.start.is_none() || found.variability == "constant" || found.causality == "output";
+        is_fixed.then(|| format!("it is a {} {}", found.variability, found.causality))
+    }
+
+    /// A text as a start value of a variable, within the bounds that its FMU names.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub fn start_value(&self, Place { unit, variable }: Place, text: &str) -> Result<Value, String> {
+        let variable = &self.units[unit].fmu.description.variables[variable];
+        let value = typed(text, variable)?;
+        let number = match value {
+            Value::Real(number) => number,
+            Value::Integer(number) if variable.items.is_empty() => number.into(),
+            _ => return Ok(value),
+        };
+        let bound = |text: &Option<String>| text.as_ref().and_then(|text| text.parse::<f64>().ok());
+        let (min, max) = (bound(&variable.min), bound(&variable.max));
+        if min.is_some_and(|min| number < min) || max.is_some_and(|max| number > max) {
+            let (min, max) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
+            return Err(format!("must lie within {min} … {max}"));
+        }
+        Ok(value)
+    }
+
     /// Records these signals too, where units have variables of these names: they need not be outputs.
     #[must_use]
     pub fn recording<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {
@@ -157,6 +274,15 @@ impl LoadedLoop {
     /// # Errors
     /// When a unit refuses.
     pub fn instantiate(&self, further: &[(Place, f64)]) -> Result<ClosedLoop, Error> {
+        let further: Vec<_> = further.iter().map(|(place, value)| (*place, Value::Real(*value))).collect();
+        self.instantiate_with(&further)
+    }
+
+    /// The same with further start values of any type.
+    ///
+    /// # Errors
+    /// When a unit refuses.
+    pub fn instantiate_with(&self, further: &[(Place, Value)]) -> Result<ClosedLoop, Error> {
         let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular);
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
@@ -167,7 +293,7 @@ impl LoadedLoop {
             };
             values.iter().try_for_each(|(variable, value)| set(*variable, value))?;
             let own = further.iter().filter(|(place, _)| place.unit == k);
-            own.clone().try_for_each(|(place, value)| set(place.variable, &Value::Real(*value)))?;
+            own.clone().try_for_each(|(place, value)| set(place.variable, value))?;
             places.extend(recorded.iter().map(|&place| (k, place)).zip(closed.width()..));
             closed.add(instance, prefix, recorded);
         }

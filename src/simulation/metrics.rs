@@ -7,7 +7,7 @@ use super::ssp::{IdealModel, Metric, Statistic, Structure};
 use crate::near;
 
 /// A measured metric.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Measured {
     /// What it is.
     pub label: String,

@@ -13,7 +13,7 @@ use crate::model_description::{ABOUT, Affine, ModelDescription, Variable};
 use crate::system::Kind;
 
 /// Parameters about communication steps, of which a whole has none inside.
-const ABOUT_STEPS: [&str; 6] =
+pub(super) const ABOUT_STEPS: [&str; 6] =
     ["input_handling", "relative_tolerance", "on_step_failure", "integration_method", "fixed_steps", "work_limit"];
 
 /// The name of a loop as one FMU: `Loop_3_2_1_cosine`.

@@ -1,19 +1,17 @@
 //! What a search leaves: a file to go on from, and parameter sets.
 
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::Path;
 
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesText, Event};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use sha2::{Digest, Sha256};
 
 use super::check::check;
 use super::{Motion, Objective, Range, Swarm};
 use crate::error::Error;
-use crate::{output, text_file};
+use crate::sealed::{self, Sealed};
 
 /// What a search is about: a file can be gone on from by the same question only.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -51,20 +49,13 @@ pub struct Record {
     pub swarm: Swarm,
 }
 
-/// What a record holds beside its content, so that a change by hand is noticed.
-const CHECKSUM: &str = "checksum";
-/// What a record may hold, in bytes: many times what the largest search leaves.
-const LARGEST: u64 = 1 << 28;
-
 impl Record {
     /// Writes the file; one of an earlier generation is replaced at once or not at all.
     ///
     /// # Errors
     /// When it can't be written.
     pub fn write(&self, file: &Path) -> Result<(), Error> {
-        let mut record = serde_json::to_value(self).map_err(|error| Error::file(file)(error.into()))?;
-        record[CHECKSUM] = checksum(&record).into();
-        output::write(file, record.to_string())
+        sealed::write(file, serde_json::to_value(self).map_err(|error| Error::file(file)(error.into()))?)
     }
 
     /// Reads the swarm of a file, to go on with.
@@ -73,28 +64,19 @@ impl Record {
     /// When it can't be read, answers another question, or holds what no search leaves.
     pub fn resume(file: &Path, question: &Question) -> Result<Swarm, Error> {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
-        let mut text = String::new();
-        let opened = text_file::open(file).and_then(|opened| opened.take(LARGEST).read_to_string(&mut text));
-        opened.map_err(Error::file(file))?;
         let no_search = |error: serde_json::Error| refuse(format!("is no search to go on with: {error}"));
-        let mut record: Value = serde_json::from_str(&text).map_err(no_search)?;
+        let Sealed { content: record, fits } = sealed::read(file, "search to go on with")?;
         let asked = serde_json::to_value(question).map_err(no_search)?;
         same_question(&asked, &record["question"]).map_err(refuse)?;
         let changed = |reason| format!("can't be gone on from: {reason}. It was changed; begin the search anew");
         check(&record["swarm"], question).map_err(changed).map_err(refuse)?;
-        let stated = record.as_object_mut().and_then(|record| record.remove(CHECKSUM));
         // One that an earlier version wrote has none; each of its values has been checked.
-        if stated.is_some_and(|stated| stated.as_str() != Some(&checksum(&record))) {
+        if fits == Some(false) {
             return Err(refuse(changed("its content doesn't fit its checksum".to_owned())));
         }
         let Record { swarm, .. } = serde_json::from_value(record).map_err(no_search)?;
         Ok(swarm)
     }
-}
-
-/// The checksum of a record's content, whose keys are in order.
-fn checksum(content: &Value) -> String {
-    Sha256::digest(content.to_string()).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn same_question(asked: &Value, known: &Value) -> Result<(), String> {

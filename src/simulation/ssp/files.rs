@@ -1,11 +1,13 @@
 //! Where the files of a loop are: in this program, in a folder, or in an archive.
 
+use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 
 use super::source::{UnitFile, unit_file};
 use super::{STRUCTURE, Structure};
 use crate::error::Error;
 use crate::exporter::{self, Embedded, Source};
+use crate::sealed::checksum;
 use crate::text_file;
 
 /// The files of a loop.
@@ -88,6 +90,38 @@ impl LoopFiles {
 
     pub(super) fn structure_text(&self) -> Result<String, Error> {
         self.read(&self.structure)
+    }
+
+    /// The checksum of all that a structure read from these files is made of: the structure, the parameter sets that it
+    /// names, and the descriptions of units that come with it.
+    ///
+    /// # Errors
+    /// When a file can't be read any more.
+    pub fn checksum(&self, structure: &Structure) -> Result<String, Error> {
+        let mut sums = vec![checksum(self.structure_text()?)];
+        for name in &structure.parameter_files {
+            sums.push(format!("{name} {}", checksum(self.read(name)?)));
+        }
+        sums.extend(structure.descriptions.iter().map(|(name, source)| format!("{name} {}", checksum(&source.text))));
+        Ok(checksum(sums.join("\n")))
+    }
+
+    /// A parameter set: a file, or one of those that lie beside the structure. Its text, and where that is, for messages.
+    ///
+    /// # Errors
+    /// When it can't be read.
+    pub fn case(&self, case: &Path) -> Result<(String, PathBuf), Error> {
+        let beside =
+            case.to_str().filter(|name| !case.is_file() && self.parameter_files().contains(&(*name).to_owned()));
+        match beside {
+            Some(name) => Ok((self.read(name)?, self.path(name))),
+            None => match text_file::read(case) {
+                Err(error) if error.kind() == ErrorKind::NotFound => {
+                    Err(Error::unknown("parameter set", &case.to_string_lossy(), self.parameter_files(), ""))
+                }
+                read => Ok((read.map_err(Error::file(case))?, case.to_owned())),
+            },
+        }
     }
 
     /// The text of a file.

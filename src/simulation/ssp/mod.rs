@@ -188,12 +188,18 @@ impl Structure {
             connectors: Vec::new(),
             values: values.iter().map(value).collect(),
         };
+        let bare = Self::bare(file, name, fmu.description.description.clone(), settings);
+        Structure { components: vec![component], plots, ..bare }
+    }
+
+    /// A loop of no units.
+    pub(super) fn bare(file: PathBuf, name: String, description: String, settings: Settings) -> Self {
         let Settings { start_time, stop_time, step, order } = settings;
         Structure {
             file,
             name,
-            description: fmu.description.description.clone(),
-            components: vec![component],
+            description,
+            components: Vec::new(),
             descriptions: BTreeMap::new(),
             connections: Vec::new(),
             whole: Vec::new(),
@@ -205,7 +211,7 @@ impl Structure {
             accepts_algebraic_loops: false,
             models: Vec::new(),
             metrics: Vec::new(),
-            plots,
+            plots: Vec::new(),
             expected_failure: None,
             tuning: None,
             notes: Vec::new(),

@@ -1,7 +1,6 @@
 //! Parameter sets (.ssv), their bindings, and start values given by name.
 
 use std::collections::HashSet;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use roxmltree::Node;
@@ -193,17 +192,7 @@ impl Structure {
     /// # Errors
     /// When it can't be read, or names what isn't there.
     pub fn apply_case(&mut self, case: &Path, files: &LoopFiles) -> Result<(), Error> {
-        let beside =
-            case.to_str().filter(|name| !case.is_file() && files.parameter_files().contains(&(*name).to_owned()));
-        let (text, file) = match beside {
-            Some(name) => (files.read(name)?, files.path(name)),
-            None => match text_file::read(case) {
-                Err(error) if error.kind() == ErrorKind::NotFound => {
-                    return Err(Error::unknown("parameter set", &case.to_string_lossy(), files.parameter_files(), ""));
-                }
-                read => (read.map_err(Error::file(case))?, case.to_owned()),
-            },
-        };
+        let (text, file) = files.case(case)?;
         self.apply(read_set(&text, &file)?)
     }
 

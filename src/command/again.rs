@@ -1,0 +1,81 @@
+//! `run --again`: an earlier run once more.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::simulation::{Asked, Mark, Recorded, TABLE};
+use serde_json::json;
+
+use super::hosting::HostingOptions;
+use super::loop_options::LoopOptions;
+use super::parameters::Parameters;
+use super::progress::Bars;
+use super::results::TableOptions;
+use super::run::{self, Arguments};
+
+/// What results of a repeated run are kept under.
+const TAG: &str = "again";
+
+/// Runs it with the settings that its results tell, and says what differs. The earlier results stay.
+pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> {
+    let earlier = Recorded::read(folder)?;
+    let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };
+    let name = earlier.provenance.source.name.to_string_lossy().into_owned();
+    let tables = if arguments.tables.every.is_some() || arguments.tables.parquet {
+        arguments.tables.clone()
+    } else {
+        TableOptions::of(&earlier)
+    };
+    let beside = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let repeated = Arguments {
+        name: Some(name.clone()),
+        again: None,
+        all: false,
+        out: Some(arguments.out.clone().unwrap_or_else(|| beside.to_owned())),
+        tag: Some(arguments.tag.clone().unwrap_or_else(|| TAG.to_owned())),
+        tables,
+        options: options(&earlier.provenance.settings).map_err(refuse)?,
+        open: arguments.open,
+        json: arguments.json,
+    };
+    let place = run::place(&repeated, &name)?;
+    if place.canonicalize().is_ok_and(|place| folder.canonicalize().is_ok_and(|folder| folder == place)) {
+        return Err(refuse(
+            "would be replaced by what is to be compared with it: keep that under another --tag".into(),
+        ));
+    }
+    let done = run::run(&repeated, &name, &Bars::new(repeated.json))?;
+    let mut differences = done.provenance.differences(&earlier.provenance);
+    let ended = done.report().ending.word();
+    if ended != earlier.ended {
+        differences.push(format!("the run's end was {}, is {ended}", earlier.ended));
+    }
+    let table = |folder: &Path| std::fs::read(folder.join(TABLE)).ok();
+    let same = done.folder.as_deref().and_then(table).is_some_and(|csv| Some(csv) == table(folder));
+    differences.iter().for_each(|difference| tell!("differs from {}: {difference}", folder.display()));
+    if same {
+        tell!("{TABLE} is that of {}, byte for byte", folder.display());
+    } else {
+        tell!("{TABLE} is not that of {}", folder.display());
+    }
+    let told = json!({ "of": folder, "differences": differences, "same_numbers": same });
+    run::finish(done, repeated.json, repeated.open, Some(("again", told)))
+}
+
+/// The options that give these settings.
+fn options(asked: &Asked) -> Result<LoopOptions, String> {
+    let Asked {
+        stop_time, step, order, composite, accept_algebraic_loops, cases, set, fmus, in_process, patience, ..
+    } = asked.clone();
+    Ok(LoopOptions {
+        composite,
+        fmus,
+        step: Some(step),
+        until: Some(stop_time),
+        order: order.as_deref().map(str::parse).transpose()?,
+        accept_algebraic_loops,
+        parameters: Parameters::of(cases.into_iter().map(|Mark { name, .. }| name).collect(), set),
+        hosting: HostingOptions { in_process, patience },
+    })
+}

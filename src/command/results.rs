@@ -1,0 +1,92 @@
+//! The files of a run.
+
+use std::io::ErrorKind;
+use std::path::Path;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::output::Files;
+use adaptive_fmu::simulation::{METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, svg, told};
+use serde_json::json;
+
+use super::loop_options::positive;
+
+pub const PLOT: &str = "plot.svg";
+pub const PAGE: &str = "index.html";
+/// The files of a run.
+pub const FILES: [&str; 5] = [TABLE, METRICS, PLOT, PAGE, PARQUET];
+/// The longest name that results may be kept under, in characters.
+const LONGEST_TAG: usize = 80;
+
+#[derive(clap::Args, Clone, Default)]
+pub struct TableOptions {
+    /// Writes a row of result.csv each DT s only: the point there, else the next one, and the last; metrics are of all points
+    #[arg(long, value_name = "DT", value_parser = positive)]
+    pub every: Option<f64>,
+    /// Writes result.parquet, too
+    #[arg(long)]
+    pub parquet: bool,
+}
+
+impl TableOptions {
+    /// As an earlier run wrote its tables.
+    pub fn of(earlier: &Recorded) -> Self {
+        let parquet = earlier.written["parquet"].as_bool().unwrap_or_default();
+        TableOptions { every: earlier.written["every"].as_f64(), parquet }
+    }
+}
+
+/// A name that results are kept under, beside those of other runs of the same loop.
+pub fn tag(text: &str) -> Result<String, String> {
+    let plain = text.chars().all(|c| c.is_alphanumeric() || "_-.,=+".contains(c)) && !text.starts_with('.');
+    if text.is_empty() || !plain || text.chars().count() > LONGEST_TAG {
+        let signs = "letters, digits and the signs _ - . , = +, no dot first";
+        return Err(format!("must be 1 to {LONGEST_TAG} {signs}"));
+    }
+    Ok(text.to_owned())
+}
+
+/// Writes the files of a run.
+pub fn write_results(
+    report: &Report,
+    provenance: Option<&Provenance>,
+    tables: &TableOptions,
+    out: &Path,
+) -> Result<(), Error> {
+    let Report { structure, recording, .. } = report;
+    let mut files = Files::within(out, &structure.name)?;
+    let table = Table::new(recording, tables.every);
+    files.add(TABLE, table.csv())?;
+    if tables.parquet {
+        files.add(PARQUET, table.parquet())?;
+    }
+    let written = json!({ "every": tables.every, "parquet": tables.parquet });
+    files.add(METRICS, told(report, provenance, &written).to_string())?;
+    let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
+    files.add(PLOT, svg(&structure.description, &report.diagrams().map_err(wrong)?))?;
+    files.add(PAGE, report.html().map_err(wrong)?)?;
+    files.place()?;
+    if tables.parquet {
+        return Ok(());
+    }
+    // That of an earlier run would be of other numbers.
+    let earlier = out.join(&structure.name).join(PARQUET);
+    match std::fs::remove_file(&earlier) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(Error::file(&earlier)(error)),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::tag;
+
+    #[test]
+    fn a_tag_is_a_plain_name() {
+        for good in ["fast", "gain=1e5,omega=2", "v1.2-β"] {
+            assert_eq!(tag(good), Ok(good.to_owned()));
+        }
+        for bad in ["", ".", "..", "../x", "a/b", "a\\b", "a@b", "a b", &"x".repeat(81)] {
+            assert!(tag(bad).unwrap_err().contains("letters"), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! `sweep`: a closed loop with all combinations of some values.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::output::{self, Files};
+use adaptive_fmu::parallel;
+use adaptive_fmu::sealed::{self, Sealed, differences};
+use adaptive_fmu::simulation::{Axis, LoopFiles, Point, Sweep, SweepPage};
+use adaptive_fmu::text_file::csv_field;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::loop_options::LoopOptions;
+use super::progress::{self, Bars, Counter};
+use super::results::{PAGE, tag};
+
+/// Written while the sweep goes on, and when it ends.
+const RECORD: &str = "sweep.json";
+const POINTS: &str = "points.csv";
+/// What was computed is written at most so often.
+const REST: Duration = Duration::from_secs(5);
+/// Rows that are printed.
+const MOST_ROWS: usize = 40;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
+    #[arg(value_name = "LOOP")]
+    name: String,
+    /// Parameter with its values: NAME=LOW..HIGH/logN (N values at equal ratios), NAME=LOW..HIGH/linN (at equal distances) or
+    /// NAME=A,B,C; NAME is UNIT.variable, or the variable alone where only one unit has it; repeatable: all combinations
+    #[arg(long, value_name = "NAME=VALUES", required = true)]
+    over: Vec<Axis>,
+    /// Goes on with an earlier sweep of the same question: runs that it has made are not made again
+    #[arg(long)]
+    resume: bool,
+    /// Runs at a time; without it, as many as there are cores
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// Folder for results, which go to LOOP-sweep in it
+    #[arg(long, default_value = "results")]
+    out: PathBuf,
+    /// Keeps the results in LOOP-sweep@NAME, beside those of other sweeps
+    #[arg(long, value_name = "NAME", value_parser = tag)]
+    tag: Option<String>,
+    #[command(flatten)]
+    options: LoopOptions,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A sweep with what its file holds beside the runs.
+struct Task {
+    sweep: Sweep,
+    question: Value,
+    below: String,
+}
+
+/// Makes all runs, and writes what they came to; also when the user interrupts.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let bars = Bars::new(arguments.json);
+    let task = Task::new(arguments)?;
+    let folder = arguments.out.join(&task.below);
+    output::check(&arguments.out, &task.below, &[RECORD, POINTS, PAGE])?;
+    let file = folder.join(RECORD);
+    let known = if arguments.resume { task.resume(&file)? } else { vec![None; task.sweep.runs()] };
+    output::make_folder(&arguments.out, &task.below)?;
+    let points = task.run(known, &file, &bars)?;
+    let made: Vec<&Point> = points.iter().flatten().collect();
+    let interrupted = made.len() < points.len();
+    if let Some(reason) = made.last().and_then(|last| last.failure.as_ref())
+        && made.iter().all(|point| point.failure.is_some())
+        && !interrupted
+    {
+        let reason = format!("all {} runs failed; the last: {reason}", made.len());
+        task.write(&points, &arguments.out)?;
+        return Err(Error::Loop { file: task.sweep.structure().file.clone(), reason });
+    }
+    task.write(&points, &arguments.out)?;
+    task.print(&points, &folder, arguments.json);
+    Ok(if interrupted { ExitCode::from(progress::INTERRUPTED) } else { ExitCode::SUCCESS })
+}
+
+impl Task {
+    /// All names and values are checked before anything runs.
+    fn new(arguments: &Arguments) -> Result<Self, Error> {
+        let options = &arguments.options;
+        let files = LoopFiles::find(&arguments.name)?;
+        let mut structure = options.structure(&files)?;
+        let settings = options.settings(&structure)?;
+        let (units, hosting) = (options.units(&structure)?, options.hosting.hosting()?);
+        let first = units.load(&structure, &hosting)?;
+        let provenance = options.provenance(&arguments.name, &files, &structure, settings, &first)?;
+        let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
+        let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
+        let further = if first.can_be_multiplied() { threads - 1 } else { 0 };
+        let mut loops = vec![first];
+        for _ in 0..further {
+            loops.push(units.load(&structure, &hosting)?);
+        }
+        let own = structure.clone();
+        let sweep = Sweep::new(own, settings, arguments.over.clone(), loops).map_err(wrong)?;
+        let form = if options.composite { "-composite" } else { "" };
+        let tag = arguments.tag.as_ref().map_or_else(String::new, |tag| format!("@{tag}"));
+        structure.name.push_str(&format!("{form}-sweep{tag}"));
+        let question = json!({ "over": sweep.axes(), "run": provenance });
+        Ok(Task { sweep, question, below: structure.name })
+    }
+
+    /// The runs of an earlier sweep.
+    fn resume(&self, file: &Path) -> Result<Vec<Option<Point>>, Error> {
+        let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
+        let Sealed { content, fits } = sealed::read(file, "sweep to go on with")?;
+        if fits != Some(true) {
+            return Err(refuse(
+                "its content doesn't fit its checksum: it was changed; begin the sweep anew".to_owned(),
+            ));
+        }
+        let differing = differences(&content["question"], &self.question);
+        if !differing.is_empty() {
+            return Err(refuse(format!("is of another sweep: {}", differing.join("; "))));
+        }
+        Vec::deserialize(&content["points"]).map_err(|error| refuse(format!("can't be gone on from: {error}")))
+    }
+
+    fn run(&self, known: Vec<Option<Point>>, file: &Path, bars: &Bars) -> Result<Vec<Option<Point>>, Error> {
+        let (runs, done) = (self.sweep.runs(), known.iter().flatten().count());
+        let counter = Counter::new(bars, &self.sweep.structure().name, runs, done);
+        let kept = Mutex::new((known.clone(), Instant::now(), Ok(())));
+        let note = |run: usize, point: &Point| {
+            let mut kept = kept.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            kept.0[run] = Some(point.clone());
+            let begun = Instant::now();
+            if kept.1 <= begun {
+                let written = self.keep(&kept.0, file);
+                // A large sweep takes long to write: then it is written less often.
+                kept.1 = Instant::now() + REST.max(20 * begun.elapsed());
+                kept.2 = written;
+            }
+            counter.count(if point.failure.is_some() { "one failed" } else { "the last is complete" });
+        };
+        let points = self.sweep.run(&known, note, progress::is_interrupted);
+        counter.clear();
+        let (_, _, written) = kept.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        written?;
+        self.keep(&points, file)?;
+        Ok(points)
+    }
+
+    fn keep(&self, points: &[Option<Point>], file: &Path) -> Result<(), Error> {
+        sealed::write(file, json!({ "question": self.question, "points": points }))
+    }
+
+    fn write(&self, points: &[Option<Point>], out: &Path) -> Result<(), Error> {
+        let mut files = Files::within(out, &self.below)?;
+        files.add(POINTS, self.csv(points))?;
+        files.add(PAGE, SweepPage { sweep: &self.sweep, points, table: POINTS }.html())?;
+        files.place()
+    }
+
+    /// All runs that were made, a line each.
+    fn csv(&self, points: &[Option<Point>]) -> String {
+        let names = self.sweep.axes().iter().map(|axis| axis.name.as_str());
+        let names = names.chain(["ended"]).chain(self.sweep.labels()).chain(["message"]);
+        let mut csv = names.map(csv_field).collect::<Vec<_>>().join(",") + "\n";
+        for (run, Point { failure, metrics, .. }) in made(points) {
+            let metrics = metrics.iter().map(|value| value.map_or(String::new(), |value| value.to_string()));
+            let values = self.sweep.values(run).into_iter().map(str::to_owned);
+            let ended = ended(failure.as_ref()).to_owned();
+            let fields = values.chain([ended]).chain(metrics).chain([failure.clone().unwrap_or_default()]);
+            let fields: Vec<_> = fields.map(|field| csv_field(&field).into_owned()).collect();
+            csv.push_str(&(fields.join(",") + "\n"));
+        }
+        csv
+    }
+
+    fn print(&self, points: &[Option<Point>], folder: &Path, json: bool) {
+        let (made_runs, runs) = (made(points).count(), self.sweep.runs());
+        let shortfall = (made_runs < runs).then(|| format!("interrupted after {made_runs} of {runs} runs"));
+        if let Some(shortfall) = &shortfall {
+            tell!("{shortfall}; --resume goes on with them");
+        }
+        if json {
+            say!("{}", self.told(points, folder));
+            return;
+        }
+        let head = self.sweep.axes().iter().map(|axis| axis.name.as_str()).chain(self.sweep.labels());
+        let head: Vec<&str> = head.collect();
+        let widths: Vec<usize> = head.iter().map(|name| name.chars().count().max(12)).collect();
+        let line = |cells: Vec<String>| {
+            let padded = cells.into_iter().zip(&widths).map(|(cell, width)| format!("{cell:>width$}"));
+            padded.collect::<Vec<_>>().join("  ")
+        };
+        say!("{}", line(head.into_iter().map(str::to_owned).collect()));
+        for (run, point) in made(points).take(MOST_ROWS) {
+            let values = self.sweep.values(run).into_iter().map(str::to_owned);
+            let metrics =
+                point.metrics.iter().map(|value| value.map_or("–".to_owned(), |value| format!("{value:.5}")));
+            let failed = point.failure.as_ref().map_or("", |_| "  failed");
+            say!("{}{failed}", line(values.chain(metrics).collect()));
+        }
+        if made_runs > MOST_ROWS {
+            say!("… and {} more in {POINTS}", made_runs - MOST_ROWS);
+        }
+        say!("{PAGE} (diagrams) and {POINTS} (all runs) are in {}", folder.display());
+    }
+
+    fn told(&self, points: &[Option<Point>], folder: &Path) -> Value {
+        let point = |(run, point): (usize, &Point)| {
+            let labels = self.sweep.labels().map(str::to_owned);
+            let metrics = labels.zip(point.metrics.iter().map(|value| json!(value)));
+            let names = self.sweep.axes().iter().map(|axis| axis.name.clone());
+            let values = names.zip(self.sweep.values(run).into_iter().map(|value| json!(value)));
+            json!({ "values": values.collect::<serde_json::Map<_, _>>(), "ended": ended(point.failure.as_ref()),
+                    "metrics": metrics.collect::<serde_json::Map<_, _>>(), "message": point.failure })
+        };
+        let is_whole = points.iter().all(Option::is_some);
+        json!({ "loop": self.sweep.structure().name, "ended": if is_whole { "complete" } else { "interrupted" },
+                "runs": self.sweep.runs(), "points": made(points).map(point).collect::<Vec<_>>(), "results": folder })
+    }
+}
+
+fn made(points: &[Option<Point>]) -> impl Iterator<Item = (usize, &Point)> {
+    points.iter().enumerate().filter_map(|(run, point)| Some((run, point.as_ref()?)))
+}
+
+fn ended(failure: Option<&String>) -> &'static str {
+    if failure.is_some() { "failed" } else { "complete" }
+}

@@ -1,0 +1,128 @@
+//! Checksums of contents, and JSON files that hold one of their own, so that a change by hand is noticed.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+
+use crate::error::Error;
+use crate::{output, text_file};
+
+/// What a file holds beside its content.
+const CHECKSUM: &str = "checksum";
+/// What a file may hold, in bytes: many times what the largest search leaves.
+const LARGEST: u64 = 1 << 28;
+
+/// So many bytes of a file are read at a time.
+const BUFFER: usize = 1 << 16;
+
+/// The SHA-256 checksum of contents, in hexadecimal digits.
+pub fn checksum(contents: impl AsRef<[u8]>) -> String {
+    hexadecimal(&Sha256::digest(contents))
+}
+
+/// The SHA-256 checksum of a file.
+///
+/// # Errors
+/// When it can't be read.
+pub fn checksum_of_file(file: &Path) -> Result<String, Error> {
+    text_file::open(file).and_then(hash).map_err(Error::file(file))
+}
+
+fn hash(mut file: File) -> io::Result<String> {
+    let (mut hash, mut buffer) = (Sha256::new(), vec![0; BUFFER]);
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(hexadecimal(&hash.finalize())),
+            length => hash.update(&buffer[..length]),
+        }
+    }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The content of a file, and whether its checksum fits.
+#[derive(Debug)]
+pub struct Sealed {
+    /// What it holds.
+    pub content: Value,
+    /// Whether the checksum is that of the content; none where the file holds no checksum.
+    pub fits: Option<bool>,
+}
+
+/// Writes content, an object, with its checksum. An earlier file is replaced at once or not at all.
+///
+/// # Errors
+/// When it can't be written.
+pub fn write(file: &Path, mut content: Value) -> Result<(), Error> {
+    content[CHECKSUM] = checksum(content.to_string()).into();
+    output::write(file, content.to_string())
+}
+
+/// Reads such a file.
+///
+/// # Errors
+/// When it can't be read or is no JSON; `what` it should hold.
+pub fn read(file: &Path, what: &str) -> Result<Sealed, Error> {
+    let mut text = String::new();
+    let opened = text_file::open(file).and_then(|opened| opened.take(LARGEST).read_to_string(&mut text));
+    opened.map_err(Error::file(file))?;
+    let mut content: Value = serde_json::from_str(&text)
+        .map_err(|error| Error::Loop { file: file.to_owned(), reason: format!("is no {what}: {error}") })?;
+    let stated = content.as_object_mut().and_then(|content| content.remove(CHECKSUM));
+    let fits = stated.map(|stated| stated.as_str() == Some(&checksum(content.to_string())));
+    Ok(Sealed { content, fits })
+}
+
+/// What differs between two contents, by the ways to it: `units.plant.guid was 1, is 2`.
+pub fn differences(was: &Value, is: &Value) -> Vec<String> {
+    let mut found = Vec::new();
+    compare(was, is, String::new(), &mut found);
+    found
+}
+
+fn compare(was: &Value, is: &Value, way: String, found: &mut Vec<String>) {
+    if let (Value::Object(before), Value::Object(after)) = (was, is) {
+        let further = after.keys().filter(|key| !before.contains_key(*key));
+        for key in before.keys().chain(further) {
+            let way = if way.is_empty() { key.clone() } else { format!("{way}.{key}") };
+            compare(&was[key], &is[key], way, found);
+        }
+    } else if was != is {
+        let told = |value: &Value| if value.is_null() { "not there".to_owned() } else { value.to_string() };
+        found.push(format!("{way} was {}, is {}", told(was), told(is)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn what_differs_is_told_by_its_way() {
+        let was = json!({ "a": { "b": 1, "c": [1, 2] }, "d": "same" });
+        let is = json!({ "a": { "b": 2, "c": [1, 2], "e": true }, "d": "same" });
+        assert_eq!(differences(&was, &is), ["a.b was 1, is 2", "a.e was not there, is true"]);
+        assert_eq!(differences(&was, &was), [""; 0]);
+    }
+
+    #[test]
+    fn a_change_by_hand_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("kept.json");
+        write(&file, json!({ "value": 0.1 })).unwrap();
+        let Sealed { content, fits } = read(&file, "record").unwrap();
+        assert_eq!((content, fits), (json!({ "value": 0.1 }), Some(true)));
+        let text = std::fs::read_to_string(&file).unwrap().replace("0.1", "0.2");
+        std::fs::write(&file, text).unwrap();
+        assert_eq!(read(&file, "record").unwrap().fits, Some(false));
+        std::fs::write(&file, "{").unwrap();
+        assert!(read(&file, "record").unwrap_err().to_string().contains("is no record"));
+    }
+}
