@@ -51,6 +51,8 @@ enum Command {
     Compare(command::compare::Arguments),
     /// Reproduces the thesis: runs every example, judges what it claims, and writes one page of it
     Report(command::report::Arguments),
+    /// Shows a closed loop in the browser: sliders for its parameters, and at once what they do
+    Explore(command::explore::Arguments),
     /// Tunes parameters of a closed loop by a particle swarm
     Tune(command::tune::Arguments),
     /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
@@ -133,6 +135,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Run(arguments) => command::run::execute(&arguments),
         Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),
+        Command::Explore(arguments) => command::explore::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
         Command::Serve => Ok(command::serve::execute(answer)),
         Command::UnitProcess => serve_unit(),

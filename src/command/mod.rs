@@ -3,6 +3,7 @@
 pub mod check;
 pub mod compare;
 pub mod dist;
+pub mod explore;
 pub mod export;
 mod hosting;
 pub mod info;
