@@ -8,8 +8,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::Library;
 use adaptive_fmu::explore::{Base, Server, Session, token};
+use adaptive_fmu::exporter::Library;
 use adaptive_fmu::simulation::composite as composite_of;
 use adaptive_fmu::simulation::{LoopFiles, Structure};
 use serde_json::json;

@@ -93,9 +93,10 @@ fn arrows(structure: &Structure, units: &[&Component]) -> Vec<Arrow> {
     let links = structure.connections.iter().filter_map(|link| Some((place(&link.from.0)?, place(&link.to.0)?)));
     let pairs: BTreeSet<(usize, usize)> = links.collect();
     let arrow = |(from, to): (usize, usize)| {
-        let between = structure.connections.iter().filter(|link| {
-            place(&link.from.0) == Some(from) && place(&link.to.0) == Some(to)
-        });
+        let between = structure
+            .connections
+            .iter()
+            .filter(|link| place(&link.from.0) == Some(from) && place(&link.to.0) == Some(to));
         let signal = |name: &str| name.split('[').next().unwrap_or_default().to_owned();
         let mut names: Vec<String> = between.map(|link| signal(&link.from.1)).collect();
         names.dedup();
@@ -122,7 +123,8 @@ fn lanes(arrows: &[Arrow], over: bool) -> Vec<Vec<usize>> {
     let mut lanes: Vec<Vec<usize>> = Vec::new();
     for k in chosen {
         let (low, high) = arrows[k].span();
-        let is_free = |lane: &Vec<usize>| lane.iter().all(|&other| arrows[other].span().1 < low || high < arrows[other].span().0);
+        let is_free =
+            |lane: &Vec<usize>| lane.iter().all(|&other| arrows[other].span().1 < low || high < arrows[other].span().0);
         match lanes.iter_mut().find(|lane| is_free(lane)) {
             Some(lane) => lane.push(k),
             None => lanes.push(vec![k]),
@@ -160,8 +162,8 @@ fn shortened(text: &str, most: usize) -> String {
 
 /// The picture in words.
 fn spoken(units: &[&Component], arrows: &[Arrow]) -> String {
-    let said = arrows.iter().map(|Arrow { from, to, label }| {
-        format!("{} gives {label} to {}", units[*from].name, units[*to].name)
-    });
+    let said = arrows
+        .iter()
+        .map(|Arrow { from, to, label }| format!("{} gives {label} to {}", units[*from].name, units[*to].name));
     said.collect::<Vec<_>>().join("; ")
 }

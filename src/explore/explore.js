@@ -44,6 +44,7 @@ class Slider {
     this.entry.setAttribute('aria-label', this.name);
     this.back = made('button', {type: 'button'}, '↺');
     this.wrong = made('p', {className: 'wrong bad', hidden: true});
+    if (!this.range) this.entry.id = label.htmlFor = `${id}-entry`;
     const first = this.range ? this.slide : made('span', {className: 'unbounded'}, 'no limit');
     this.place = made('div', {className: 'slider'}, label, first, this.entry, this.back, this.wrong);
     this.place.dataset.name = this.name;
@@ -349,7 +350,7 @@ const begin = async () => {
   loop = await answer.json();
   const {start, stop, step, own_step: own} = loop.settings;
   $('description').textContent = loop.description;
-  const coarse = step > own ? ` (\`run\` records one every ${own} s, and may measure a little more)` : '';
+  const coarse = step > own ? ` (“run” records one every ${own} s, and may measure a little more)` : '';
   $('form').textContent = `${loop.whole ? 'Integrated as one unit' : 'Run through its separate units'} from ${start} to ${stop} s, a point every ${step} s${coarse}.`;
   $('blocks').innerHTML = loop.blocks;
   for (const {name} of loop.cases) $('case').append(made('option', {value: name ?? ''}, name ?? 'as it is'));

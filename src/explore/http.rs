@@ -44,7 +44,7 @@ impl Request {
                 0 => return Err((400, "the request ends before its head does".to_owned())),
                 count => bytes.extend_from_slice(&part[..count]),
             }
-            if let Some(found) = parsed(&bytes)? {
+            if let Some(found) = parsed(&bytes)?.filter(|(_, head)| *head <= LONGEST_HEAD) {
                 break found;
             }
             if bytes.len() > LONGEST_HEAD {

@@ -25,7 +25,12 @@ pub(super) struct Exported {
 /// A name that a file may have on any system: letters, digits, `_`, `-`, spaces and dots, none in front.
 fn plain(name: &str) -> Result<&str, String> {
     let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || "_-. ".contains(c));
-    if name.is_empty() || name.len() > LONGEST || !is_plain || name.starts_with(['.', ' ']) || name.ends_with(['.', ' ']) {
+    if name.is_empty()
+        || name.len() > LONGEST
+        || !is_plain
+        || name.starts_with(['.', ' '])
+        || name.ends_with(['.', ' '])
+    {
         return Err(format!(
             "`{name}` must be 1 to {LONGEST} letters, digits, _, -, spaces and dots, with no dot at either end"
         ));
@@ -47,7 +52,12 @@ impl Session {
         let mut kept = Vec::new();
         for (name, place, variable) in base.loaded.variables() {
             // What has no unit is of the loop as one unit alone.
-            if !base.structure.components.iter().any(|unit| name.strip_prefix(&unit.name).is_some_and(|rest| rest.starts_with('.'))) {
+            if !base
+                .structure
+                .components
+                .iter()
+                .any(|unit| name.strip_prefix(&unit.name).is_some_and(|rest| rest.starts_with('.')))
+            {
                 continue;
             }
             let value = moved.get(name.as_str()).map(|value| Value::Real(*value));
@@ -102,7 +112,8 @@ impl Session {
         let folder = output::make_folder(&folder, name).map_err(told)?;
         let mut fmus = Vec::new();
         for (unit, source) in exported.iter().zip(&sources) {
-            let own = if apart { output::make_folder(&folder, plain(&unit.name)?).map_err(told)? } else { folder.clone() };
+            let own =
+                if apart { output::make_folder(&folder, plain(&unit.name)?).map_err(told)? } else { folder.clone() };
             fmus.push(exporter::export(source, &library, &own).map_err(told)?);
         }
         Ok(Exported { folder, fmus, left_out: left.iter().map(|unit| unit.name.clone()).collect() })

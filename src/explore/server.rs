@@ -102,14 +102,17 @@ impl Server {
             ("POST", "/set") => kept(&request, |wanted| Ok(json!({ "set": self.session.set(wanted)? }))).map(told),
             ("POST", "/save") => kept(&request, |wanted| Ok(json!({ "file": self.session.save(wanted)? }))).map(told),
             ("POST", "/export") => kept(&request, |wanted| Ok(json!(self.session.export(wanted)?))).map(told),
-            (_, "/" | "/explore.css" | "/diagrams.js" | "/explore.js" | "/loop" | "/run" | "/set" | "/save" | "/export") => {
-                Err((405, format!("{} can't be asked for by {}", request.path, request.method)))
-            }
+            (
+                _,
+                "/" | "/explore.css" | "/diagrams.js" | "/explore.js" | "/loop" | "/run" | "/set" | "/save" | "/export",
+            ) => Err((405, format!("{} can't be asked for by {}", request.path, request.method))),
             _ => Err((404, "there is no such page".to_owned())),
         };
         match answered {
             Ok((kind, text)) => answer(stream, 200, kind, "", text.as_bytes()),
-            Err((status, reason)) => answer(stream, status, JSON, "", json!({ "error": reason }).to_string().as_bytes()),
+            Err((status, reason)) => {
+                answer(stream, status, JSON, "", json!({ "error": reason }).to_string().as_bytes())
+            }
         }
     }
 
@@ -172,4 +175,3 @@ fn drained(stream: &mut TcpStream) -> io::Result<()> {
     let mut rest = io::Read::take(stream, REST as u64);
     io::copy(&mut rest, &mut io::sink()).map(|_| ())
 }
-

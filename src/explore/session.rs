@@ -76,6 +76,9 @@ pub(super) struct Wanted {
     pub name: String,
 }
 
+/// Values by their sliders.
+type Chosen<'a> = Vec<(&'a Slider, f64)>;
+
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -127,7 +130,7 @@ impl Session {
     ///
     /// # Errors
     /// For a name that isn't there, or a value that is no number.
-    pub(super) fn find(&self, wanted: &Wanted) -> Result<(&Base, Vec<(&Slider, f64)>), String> {
+    pub(super) fn find(&self, wanted: &Wanted) -> Result<(&Base, Chosen<'_>), String> {
         let base = self.bases.iter().find(|base| base.name == wanted.case);
         let case = wanted.case.as_deref().unwrap_or_default();
         let base = base.ok_or_else(|| {
@@ -227,8 +230,7 @@ impl Session {
         let measured = measure(structure, &mut recording)?;
         let ending = failure.map_or(Ending::Complete, |error| Ending::Failed(error.to_string()));
         let (settings, whole) = (self.settings, self.whole);
-        let report =
-            Report { structure, settings, whole, recording: &recording, measured: &measured, ending: &ending };
+        let report = Report { structure, settings, whole, recording: &recording, measured: &measured, ending: &ending };
         let diagrams: Vec<Value> = report.diagrams()?.iter().map(|diagram| diagram.with_points(GROUPS)).collect();
         let metrics: Vec<Value> = measured
             .iter()
@@ -241,11 +243,17 @@ impl Session {
 
     /// That a unit doesn't start with these values, and at which sliders that is to be shown.
     fn refused(&self, error: &Error, wanted: &Wanted) -> Value {
-        let message = error.to_string();
-        let unit = if let Error::Unit { unit, .. } = error { unit.as_str() } else { "" };
+        let (unit, message) = match error {
+            Error::Unit { unit, function, message, .. } => {
+                (unit.as_str(), message.strip_prefix(&format!("{function}: ")).unwrap_or(message).to_owned())
+            }
+            other => ("", other.to_string()),
+        };
         let is_named = |name: &&String| {
             let variable = name.strip_prefix(unit).and_then(|rest| rest.strip_prefix('.'));
-            [Some(name.as_str()), variable].into_iter().flatten().any(|name| names(&message, name))
+            // A message may be about all elements of a matrix.
+            let whole = name.split('[').next();
+            [Some(name.as_str()), variable, whole].into_iter().flatten().any(|name| names(&message, name))
         };
         let at: Vec<&String> = wanted.values.keys().filter(is_named).collect();
         json!({ "refused": message, "at": at })

@@ -83,11 +83,7 @@ impl Slider {
 }
 
 /// The ends of a slider, and whether it is logarithmic.
-fn range(
-    start: f64,
-    (min, max): (Option<f64>, Option<f64>),
-    told: Option<(f64, f64)>,
-) -> (Option<(f64, f64)>, bool) {
+fn range(start: f64, (min, max): (Option<f64>, Option<f64>), told: Option<(f64, f64)>) -> (Option<(f64, f64)>, bool) {
     let spans_decades = |low: f64, high: f64| low > 0.0 && high / low >= DECADES;
     if let Some((low, high)) = told {
         return (Some((low, high)), spans_decades(low, high));
