@@ -12,6 +12,8 @@ pub mod controllers;
 #[cfg(feature = "cli")]
 pub mod distribution;
 #[cfg(feature = "cli")]
+pub mod explore;
+#[cfg(feature = "cli")]
 pub mod exporter;
 pub mod library;
 pub mod mathematics;

@@ -252,6 +252,24 @@ impl LoadedLoop {
         self
     }
 
+    /// All variables of the units, with their names in the loop.
+    pub fn variables(&self) -> impl Iterator<Item = (String, Place, &Variable)> {
+        self.units.iter().enumerate().flat_map(|(unit, LoadedUnit { fmu, prefix, .. })| {
+            let variables = fmu.description.variables.iter().enumerate();
+            variables.map(move |(variable, it)| (format!("{prefix}{}", it.name), Place { unit, variable }, it))
+        })
+    }
+
+    /// The start value that the loop gives a variable; none where the FMU's own stays.
+    pub fn given(&self, Place { unit, variable }: Place) -> Option<&Value> {
+        self.units[unit].values.iter().find(|(place, _)| *place == variable).map(|(_, value)| value)
+    }
+
+    /// What the loop may lack.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
     /// The value that a Real variable starts with in this loop.
     pub fn start_of(&self, Place { unit, variable }: Place) -> Option<f64> {
         let LoadedUnit { fmu, values, .. } = &self.units[unit];

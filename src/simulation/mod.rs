@@ -47,7 +47,7 @@ pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
 pub use metrics::{Measured, measure};
 pub use overview::{Row, Verdict, four_digits, table};
-pub use page::{Ending, Report, STYLE};
+pub use page::{DIAGRAMS, Ending, Report, SCRIPT, STYLE};
 pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
 pub use ready::Ready;
 pub use recorded::{METRICS, PARQUET, Recorded, RecordedRun, TABLE, told};
@@ -57,4 +57,4 @@ pub use ssp::{ExpectedFailure, Funnel, IdealModel, Metric, Plot, STRUCTURE, Scal
 pub use ssp::{SquareTerm, TunedParameter, Tuning};
 pub use sweep::{Axis, Point, Spacing, Sweep, SweepPage};
 pub use table::Table;
-pub use whole::{Whole, check_values, composite, composite_name, with_values};
+pub use whole::{Whole, check_values, composite, composite_name, started, with_values};

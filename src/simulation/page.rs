@@ -23,7 +23,7 @@ pub const STYLE: &str = "
   @media print { body { margin: 0; font-size: 12px; } .diagram, table { break-inside: avoid; } }
 ";
 /// How diagrams look.
-const DIAGRAMS: &str = "
+pub const DIAGRAMS: &str = "
   .diagram { display: flex; gap: .8em; }
   .plot { position: relative; flex: 1; min-width: 0; }
   .plot svg { display: block; overflow: hidden; user-select: none; touch-action: pan-y; cursor: crosshair; }
@@ -49,7 +49,7 @@ const DIAGRAMS: &str = "
   @media print { .diagram { display: block; } .legend { flex-flow: row wrap; gap: 0 1.2em; } }
 ";
 /// What draws the diagrams, and lets a reader zoom them.
-const SCRIPT: &str = include_str!("page.js");
+pub const SCRIPT: &str = include_str!("page.js");
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -164,8 +164,27 @@ fn own_start(structure: &Structure) -> Result<Table, Error> {
 /// When the set can't be read, or a value doesn't fit.
 pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Result<Source, Error> {
     let described = fmu_description(&source, library)?;
-    let unit = Component::alone(&described.name, parameters)?;
-    let values = start_values(&unit, &described, |_| false)?;
+    starting(&source, &described, &Component::alone(&described.name, parameters)?, library)
+}
+
+/// The description of a loop's unit that starts as the loop has it start.
+///
+/// # Errors
+/// When there is no description of it, or a value doesn't fit.
+pub fn started(structure: &Structure, unit: &Component, library: &Library) -> Result<Source, Error> {
+    let source = structure.description_of(&unit.fmu)?;
+    let described = fmu_description(&source, library)?;
+    starting(&source, &described, unit, library)
+}
+
+/// A description with the values of a unit.
+fn starting(
+    source: &Source,
+    described: &ModelDescription,
+    unit: &Component,
+    library: &Library,
+) -> Result<Source, Error> {
+    let values = start_values(unit, described, |_| false)?;
     let started = source.with_start(values.iter().map(|(place, value)| {
         let variable = &described.variables[*place];
         (variable.name.as_str(), in_description::<toml_edit::Value>(variable, value))

@@ -6,7 +6,7 @@ mod record;
 mod swarm;
 
 pub use objective::Objective;
-pub use record::{Question, Record, parameter_set};
+pub use record::{Question, Record, parameter_set, typed_set};
 pub use swarm::{Best, Generation, Motion, Swarm, is_better};
 
 use std::collections::HashSet;

@@ -93,6 +93,15 @@ fn same_question(asked: &Value, known: &Value) -> Result<(), String> {
 /// # Errors
 /// When it can't be written.
 pub fn parameter_set(name: &str, remark: &str, values: &[(&str, f64)]) -> std::io::Result<String> {
+    let values: Vec<_> = values.iter().map(|(name, value)| (*name, "Real", value.to_string())).collect();
+    typed_set(name, remark, &values)
+}
+
+/// A parameter set likewise, of values of several types: name, type as SSP names it, and text of each.
+///
+/// # Errors
+/// When it can't be written.
+pub fn typed_set(name: &str, remark: &str, values: &[(&str, &str, String)]) -> std::io::Result<String> {
     let mut writer = Writer::new_with_indent(Vec::new(), b' ', 2);
     writer.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
     let spaces = [
@@ -104,11 +113,11 @@ pub fn parameter_set(name: &str, remark: &str, values: &[(&str, f64)]) -> std::i
         // Two hyphens would end it.
         writer.write_event(Event::Comment(BytesText::from_escaped(format!(" {} ", remark.replace("--", "- -")))))?;
         writer.create_element("ssv:Parameters").write_inner_content(|writer| {
-            for (name, value) in values {
+            for (name, kind, text) in values {
                 writer.create_element("ssv:Parameter").with_attribute(("name", *name)).write_inner_content(
                     |writer| {
-                        let text = value.to_string();
-                        let value = writer.create_element("ssv:Real").with_attribute(("value", text.as_str()));
+                        let value = writer.create_element(format!("ssv:{kind}"));
+                        let value = value.with_attribute(("value", text.as_str()));
                         value.write_empty().map(|_| ())
                     },
                 )?;

@@ -163,7 +163,7 @@ impl LoopFiles {
     }
 
     /// Names of the parameter files that lie beside the structure, in order.
-    pub(super) fn parameter_files(&self) -> Vec<String> {
+    pub fn parameter_files(&self) -> Vec<String> {
         let is_set = |name: &String| name.ends_with(".ssv") && is_inside(name);
         let mut names: Vec<String> = match (&self.place, self.folder()) {
             (Place::Program(files), _) => files.iter().map(|(name, _)| (*name).to_owned()).filter(is_set).collect(),

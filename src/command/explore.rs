@@ -1,0 +1,150 @@
+//! `explore`: a closed loop in the browser, with sliders for its parameters.
+
+use std::io::{IsTerminal, stdout};
+use std::path::PathBuf;
+use std::process::{Command, ExitCode, Stdio};
+use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::explore::{Base, Server, Session, token};
+use adaptive_fmu::exporter::Library;
+use adaptive_fmu::simulation::composite as composite_of;
+use adaptive_fmu::simulation::{LoopFiles, Structure};
+use serde_json::json;
+
+use super::loop_options::{LoopOptions, positive};
+use super::parameters::Parameters;
+use super::progress::{Bars, is_interrupted};
+
+/// The most communication points of a loop as one unit: about one a pixel. Nothing depends on further ones.
+const POINTS: f64 = 1000.0;
+/// How often it is looked whether the user wants to end.
+const LOOK: Duration = Duration::from_millis(50);
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
+    #[arg(value_name = "LOOP")]
+    name: String,
+    /// Through the loop's separate units, at their communication step, as `run` runs it; without it, as one unit where that
+    /// can be, which is many times faster
+    #[arg(long, conflicts_with = "composite")]
+    separate: bool,
+    /// Port of this machine at which the page is; without it, one that is free
+    #[arg(long, default_value_t = 0)]
+    port: u16,
+    /// Opens the page in the browser, also where this isn't a terminal
+    #[arg(long, conflicts_with = "no_open")]
+    open: bool,
+    /// Opens no browser: the address is printed
+    #[arg(long)]
+    no_open: bool,
+    /// Folder for sets and FMUs, which go to LOOP-explored in it
+    #[arg(long, default_value = "results")]
+    out: PathBuf,
+    /// Ends after so many seconds; without it, Ctrl-C ends it
+    #[arg(long = "for", value_name = "SECONDS", value_parser = positive)]
+    duration: Option<f64>,
+    #[command(flatten)]
+    options: LoopOptions,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Serves the page of a loop until the user ends it.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    // From here on Ctrl-C is heard.
+    let _bars = Bars::new(true);
+    let files = LoopFiles::find(&arguments.name)?;
+    let session = Arc::new(session(arguments, &files)?);
+    let token = token().map_err(Error::file("random numbers"))?;
+    let server = Server::new(Arc::clone(&session), arguments.port, token);
+    let server = server.map_err(Error::file(format!("127.0.0.1:{}", arguments.port)))?;
+    let url = server.url();
+    if arguments.json {
+        say!("{}", json!({ "url": url }));
+    } else {
+        say!("{url}");
+        tell!("the page of {} is at this address, for this machine alone; Ctrl-C ends it", arguments.name);
+    }
+    thread::spawn(move || server.serve());
+    if !arguments.no_open && (arguments.open || stdout().is_terminal() && has_display()) {
+        open(&url);
+    }
+    let begun = Instant::now();
+    let is_over = || arguments.duration.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
+    while !is_interrupted() && !is_over() {
+        thread::sleep(LOOK);
+    }
+    session.end();
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The loop, ready to run: as it is, and with each of the cases that lie beside it.
+fn session(arguments: &Arguments, files: &LoopFiles) -> Result<Session, Error> {
+    let (options, structure, mut notes) = form(arguments, files)?;
+    let mut settings = options.settings(&structure)?;
+    if options.composite && options.step.is_none() {
+        settings.step = settings.step.max((settings.stop_time - settings.start_time) / POINTS);
+    }
+    let hosting = options.hosting.hosting()?;
+    let load = |structure: &Structure| options.units(structure)?.load(structure, &hosting);
+    let plain = LoopOptions { parameters: Parameters::default(), ..options.clone() };
+    let plain = load(&plain.structure(files)?)?;
+    let mut bases = vec![Base { name: None, loaded: load(&structure)?, structure }];
+    for case in files.parameter_files() {
+        let mut changed = bases[0].structure.clone();
+        // A set that the loop binds to one of its units is no case: its names have no unit.
+        if changed.apply_case(case.as_ref(), files).is_err() || changed == bases[0].structure {
+            continue;
+        }
+        match load(&changed) {
+            Ok(loaded) => bases.push(Base { name: Some(case), loaded, structure: changed }),
+            Err(error) => notes.push(format!("the case {case} is left out: {error}")),
+        }
+    }
+    Ok(Session::new(bases, &plain, settings, options.composite, notes, arguments.out.clone()))
+}
+
+/// As one unit where that can be, unless the user says otherwise; with what is to be known of it.
+fn form(arguments: &Arguments, files: &LoopFiles) -> Result<(LoopOptions, Structure, Vec<String>), Error> {
+    let options = arguments.options.clone();
+    let structure = options.structure(files)?;
+    let LoopOptions { composite, fmus, order, accept_algebraic_loops, .. } = &options;
+    if arguments.separate || *composite || fmus.is_some() || order.is_some() || *accept_algebraic_loops {
+        return Ok((options, structure, Vec::new()));
+    }
+    let as_one = LoopOptions { composite: true, ..options.clone() };
+    let whole = as_one.structure(files)?;
+    match composite_of(&whole, &Library::beside_program()?) {
+        Ok(_) => Ok((as_one, whole, Vec::new())),
+        Err(reason) => {
+            let note = format!("this loop is run through its separate units, since it can't be one: {reason}");
+            Ok((options, structure, vec![note]))
+        }
+    }
+}
+
+/// Whether a browser could be seen.
+fn has_display() -> bool {
+    let is_set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    cfg!(any(windows, target_os = "macos")) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY")
+}
+
+/// Opens an address in the user's browser; where that can't be, the address that was printed does.
+fn open(url: &str) {
+    let mut command = if cfg!(windows) {
+        let mut command = Command::new("rundll32");
+        command.arg("url.dll,FileProtocolHandler");
+        command
+    } else {
+        Command::new(if cfg!(target_os = "macos") { "open" } else { "xdg-open" })
+    };
+    let quiet = command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    if let Err(error) = quiet.spawn() {
+        tell!("no browser could be opened ({error}): open the address yourself");
+    }
+}

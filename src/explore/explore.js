@@ -1,0 +1,374 @@
+// The page of `explore`: each change of a parameter runs the loop anew, and its curves and metrics are drawn in place of the
+// last. Diagrams are drawn by `Diagram` (diagrams.js). What is chosen stands behind the # of the address.
+'use strict';
+const TOKEN = new URLSearchParams(location.search).get('token');
+const PAGE = Array.from(crypto.getRandomValues(new Uint32Array(3)), part => part.toString(16)).join('');
+const POSITIONS = 1000;
+// A run that takes longer than this, in ms, is ended when another is wanted; a shorter one is waited for.
+const SHORT = 1000;
+const $ = id => document.getElementById(id);
+const made = (kind, attributes = {}, ...children) => {
+  const made = document.createElement(kind);
+  Object.assign(made, attributes);
+  made.append(...children);
+  return made;
+};
+const written = value => value === null || value === undefined ? '–' : String(Number(value.toPrecision(5)));
+
+let loop = null, asItIs = null, lastTook = 0;
+// The case, and the values that differ from those of the case.
+let chosen = {case: null, values: {}};
+const sliders = new Map(), drawn = [];
+
+const starts = () => loop.cases.find(known => known.name === chosen.case)?.values ?? loop.cases[0].values;
+const valueOf = name => chosen.values[name] ?? starts()[name];
+
+const asked = async (path, body) => {
+  const headers = {'X-Token': TOKEN, ...(body && {'Content-Type': 'application/json'})};
+  return fetch(path, {method: body ? 'POST' : 'GET', headers, body: body && JSON.stringify(body)});
+};
+
+// ---- sliders
+
+class Slider {
+  constructor(given) {
+    Object.assign(this, given);
+    this.short = this.name.slice(this.unit.length + 1);
+    this.wide = this.range;
+    const id = `p-${sliders.size}`;
+    const label = made('label', {htmlFor: id, title: this.description}, this.short);
+    if (this.measure && this.measure !== '1') label.append(' ', made('small', {}, this.measure));
+    label.append(' ', made('small', {}, this.description));
+    this.slide = made('input', {type: 'range', min: 0, max: POSITIONS, step: 1, id});
+    this.entry = made('input', {type: 'number', step: 'any', autocomplete: 'off'});
+    this.entry.setAttribute('aria-label', this.name);
+    this.back = made('button', {type: 'button'}, '↺');
+    this.wrong = made('p', {className: 'wrong bad', hidden: true});
+    if (!this.range) this.entry.id = label.htmlFor = `${id}-entry`;
+    const first = this.range ? this.slide : made('span', {className: 'unbounded'}, 'no limit');
+    this.place = made('div', {className: 'slider'}, label, first, this.entry, this.back, this.wrong);
+    this.place.dataset.name = this.name;
+    this.slide.addEventListener('input', () => this.choose(this.at(Number(this.slide.value))));
+    this.entry.addEventListener('change', () => {
+      const value = this.entry.valueAsNumber;
+      if (Number.isFinite(value)) this.choose(value); else this.show();
+    });
+    this.back.addEventListener('click', () => this.choose(starts()[this.name]));
+  }
+
+  at(position) {
+    const [low, high] = this.wide, part = position / POSITIONS;
+    if (position <= 0) return low;
+    if (position >= POSITIONS) return high;
+    const value = this.logarithmic ? low * (high / low) ** part : low + part * (high - low);
+    return Number(value.toPrecision(4));
+  }
+
+  position(value) {
+    const [low, high] = this.wide;
+    const part = this.logarithmic ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
+    return Math.round(Math.min(1, Math.max(0, part)) * POSITIONS);
+  }
+
+  choose(value) {
+    if (value === starts()[this.name]) delete chosen.values[this.name]; else chosen.values[this.name] = value;
+    moved = this;
+    this.show();
+    change();
+  }
+
+  show() {
+    const value = valueOf(this.name), start = starts()[this.name];
+    if (this.range) {
+      // A value that was typed may lie beside the slider: then it goes so far.
+      const [low, high] = this.range;
+      this.wide = [Math.min(low, this.logarithmic && value <= 0 ? low : value), Math.max(high, value)];
+      this.slide.value = this.position(value);
+      this.slide.setAttribute('aria-valuetext', written(value));
+    }
+    if (this.entry.valueAsNumber !== value) this.entry.value = value;
+    this.back.title = `Back to ${start}`;
+    this.back.setAttribute('aria-label', `${this.name} back to ${start}`);
+    this.place.classList.toggle('moved', this.name in chosen.values);
+  }
+
+  refuse(reason) {
+    this.wrong.textContent = reason ?? '';
+    this.wrong.hidden = !reason;
+    this.place.classList.toggle('refused', Boolean(reason));
+    if (reason) this.place.hidden = false;
+  }
+}
+let moved = null;
+
+const showAll = () => sliders.forEach(slider => slider.show());
+
+const filter = () => {
+  const words = $('find').value.toLowerCase().split(/\s+/).filter(Boolean);
+  let shown = 0;
+  for (const group of $('sliders').children) {
+    let any = false;
+    for (const place of group.querySelectorAll('.slider')) {
+      const slider = sliders.get(place.dataset.name), text = `${slider.name} ${slider.description}`.toLowerCase();
+      const isFound = words.length ? words.every(word => text.includes(word)) : $('all').checked || slider.first;
+      place.hidden = !(isFound || slider.name in chosen.values && !words.length);
+      any ||= !place.hidden;
+    }
+    group.hidden = !any;
+    shown += any;
+  }
+  $('none').hidden = shown > 0;
+};
+
+// ---- the link
+
+const fromLink = () => {
+  const link = new URLSearchParams(location.hash.slice(1));
+  const known = link.get('case');
+  chosen = {case: loop.cases.some(it => it.name === known) ? known : null, values: {}};
+  for (const [name, text] of link) {
+    const value = Number(text);
+    if (sliders.has(name) && text.trim() && Number.isFinite(value) && value !== starts()[name]) chosen.values[name] = value;
+  }
+  $('case').value = chosen.case ?? '';
+};
+
+const toLink = () => {
+  const link = new URLSearchParams(chosen.values);
+  if (chosen.case !== null) link.set('case', chosen.case);
+  const text = String(link);
+  history.replaceState(null, '', text ? `#${text}` : `${location.pathname}${location.search}`);
+};
+let linking = null;
+
+// ---- runs
+
+let number = 0, flying = null, isWanted = false, later = null;
+
+// Something was changed: the loop is run with the latest values, at most one run at a time.
+const change = () => {
+  isWanted = true;
+  clearTimeout(linking);
+  linking = setTimeout(toLink, 250);
+  requestAnimationFrame(pump);
+};
+
+const pump = () => {
+  if (!isWanted) return;
+  const patience = lastTook < SHORT ? SHORT : 0;
+  const waits = flying ? patience - (performance.now() - flying.begun) : 0;
+  if (waits > 0) {
+    later ??= setTimeout(() => { later = null; pump(); }, waits);
+    return;
+  }
+  isWanted = false;
+  run();
+};
+
+const run = async () => {
+  flying?.stop.abort();
+  const mine = flying = {number: ++number, begun: performance.now(), stop: new AbortController()};
+  const body = JSON.stringify({page: PAGE, number: mine.number, case: chosen.case, values: chosen.values});
+  const isPlain = chosen.case === null && !Object.keys(chosen.values).length;
+  try {
+    const headers = {'X-Token': TOKEN, 'Content-Type': 'application/json'};
+    const answer = await fetch('run', {method: 'POST', headers, body, signal: mine.stop.signal});
+    await lines(answer, line => {
+      if (flying === mine) take(line, isPlain, performance.now() - mine.begun);
+    });
+  } catch (error) {
+    if (error.name !== 'AbortError' && flying === mine) lost();
+  } finally {
+    if (flying === mine) {
+      flying = null;
+      $('progress').hidden = true;
+      if (isWanted) pump();
+    }
+  }
+};
+
+// The lines of JSON of an answer, as they come.
+const lines = async (answer, tell) => {
+  const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+  let rest = '';
+  for (;;) {
+    const {value, done} = await reader.read();
+    const whole = (rest + (value ?? '')).split('\n');
+    rest = done ? '' : whole.pop();
+    whole.filter(Boolean).forEach(line => tell(JSON.parse(line)));
+    if (done) return;
+  }
+};
+
+const take = (line, isPlain, took) => {
+  if (line.done !== undefined) {
+    $('progress').hidden = false;
+    $('progress').value = line.done;
+    $('status').textContent = line.waits ? 'waits for the run of another page' : `running: ${Math.round(100 * line.done)} %`;
+  } else if (line.error) {
+    wrong(line.error);
+  } else if (line.refused) {
+    refused(line);
+  } else if (!line.superseded) {
+    lastTook = took;
+    if (isPlain) asItIs = line.metrics;
+    show(line, took);
+  }
+};
+
+const lost = () => wrong('The program doesn\'t answer: it may have ended. Run `adaptive-fmu explore` again.');
+
+const wrong = reason => {
+  $('diagrams').classList.add('stale');
+  $('status').textContent = '';
+  $('shortfall').textContent = reason;
+  $('shortfall').hidden = false;
+};
+
+// A unit doesn't take these values: the last curves stay, greyed.
+const refused = ({refused, at}) => {
+  sliders.forEach(slider => slider.refuse(null));
+  const places = at.length ? at.map(name => sliders.get(name)) : [moved];
+  places.filter(Boolean).forEach(slider => slider.refuse(refused));
+  wrong(`Not run: ${refused}`);
+};
+
+const show = ({diagrams: given, metrics, warnings, shortfall, end, points, seconds}, took) => {
+  sliders.forEach(slider => slider.refuse(null));
+  $('diagrams').classList.remove('stale');
+  $('shortfall').textContent = shortfall ? `This run ${shortfall}` : '';
+  $('shortfall').hidden = !shortfall;
+  $('status').textContent = `${points} points to t = ${end} s in ${Math.round(1000 * seconds)} ms, shown after ${Math.round(took)} ms`;
+  showDiagrams(given);
+  showMetrics(metrics, shortfall);
+  list($('warnings'), warnings, `${warnings.length} warning${warnings.length === 1 ? '' : 's'}`);
+  document.body.dataset.run = String(number);
+};
+
+const showDiagrams = given => given.forEach((numbers, k) => {
+  if (drawn[k]) {
+    drawn[k].show(numbers);
+    return;
+  }
+  const place = made('div', {className: 'diagram'});
+  $('diagrams').append(made('h2', {}, numbers.title), place);
+  drawn[k] = new Diagram(place, numbers);
+  diagrams.push(drawn[k]);
+  drawn[k].draw();
+});
+
+const showMetrics = (metrics, shortfall) => {
+  const row = ({label, value, limit, holds}, k) => {
+    const within = holds === null ? '–' : holds ? 'yes' : 'no';
+    return made('tr', {}, made('td', {}, label), made('td', {className: 'number'}, written(asItIs?.[k]?.value)),
+      made('td', {className: 'number'}, written(value)), made('td', {className: 'number'}, limit === null ? '' : String(limit)),
+      made('td', {className: holds === false ? 'bad' : ''}, within));
+  };
+  $('metrics').hidden = metrics.length === 0;
+  $('metrics').querySelectorAll('th')[2].textContent = shortfall ? 'until then' : 'now';
+  $('metrics').querySelector('tbody').replaceChildren(...metrics.map(row));
+};
+
+const list = (place, texts, title) => {
+  place.hidden = texts.length === 0;
+  if (title) place.querySelector('summary').textContent = title;
+  place.querySelector('ul').replaceChildren(...texts.map(text => made('li', {}, text)));
+};
+
+// ---- what is kept
+
+const keep = async (path, told) => {
+  $('kept').textContent = '…';
+  try {
+    const answer = await asked(path, {case: chosen.case, values: chosen.values, name: $('name').value});
+    const given = await answer.json();
+    $('kept').replaceChildren(...(given.error ? [made('span', {className: 'bad'}, given.error)] : told(given)));
+  } catch {
+    $('kept').textContent = '';
+    lost();
+  }
+};
+
+const downloaded = ({set}) => {
+  const link = made('a', {href: URL.createObjectURL(new Blob([set], {type: 'application/xml'})), download: `${$('name').value}.ssv`});
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  return ['The set was downloaded.'];
+};
+
+const exported = ({folder, fmus, left_out: left}) => {
+  const files = made('ul', {}, ...fmus.map(file => made('li', {}, file)));
+  const kept = left.length ? [`Not exported, since their FMUs come from elsewhere: ${left.join(', ')}. A set holds their values.`] : [];
+  return [`${fmus.length} FMUs that start with these values are in ${folder}:`, files, ...kept];
+};
+
+const listen = () => {
+  $('find').addEventListener('input', filter);
+  $('all').addEventListener('change', filter);
+  $('case').addEventListener('change', () => {
+    chosen = {case: $('case').value || null, values: {}};
+    showAll();
+    filter();
+    change();
+  });
+  $('reset').addEventListener('click', () => {
+    chosen.values = {};
+    showAll();
+    filter();
+    change();
+  });
+  $('blocks').addEventListener('click', event => {
+    const unit = event.target.closest('.block')?.dataset.unit;
+    if (!unit) return;
+    $('find').value = $('find').value === `${unit}.` ? '' : `${unit}.`;
+    filter();
+  });
+  $('keep').addEventListener('submit', event => event.preventDefault());
+  $('save').addEventListener('click', () => keep('save', ({file}) => [`Saved: ${file}. With it: run ${loop.name} --case ${file}`]));
+  $('download').addEventListener('click', () => keep('set', downloaded));
+  $('export').addEventListener('click', () => keep('export', exported));
+  $('link').addEventListener('click', async () => {
+    toLink();
+    try {
+      await navigator.clipboard.writeText(location.href);
+      $('kept').textContent = 'The address with these values was copied.';
+    } catch {
+      $('kept').textContent = `The address with these values: ${location.href}`;
+    }
+  });
+  addEventListener('hashchange', () => {
+    fromLink();
+    showAll();
+    filter();
+    change();
+  });
+};
+
+const begin = async () => {
+  const answer = await asked('loop');
+  if (!answer.ok) throw new Error((await answer.json()).error);
+  loop = await answer.json();
+  const {start, stop, step, own_step: own} = loop.settings;
+  $('description').textContent = loop.description;
+  const coarse = step > own ? ` (“run” records one every ${own} s, and may measure a little more)` : '';
+  $('form').textContent = `${loop.whole ? 'Integrated as one unit' : 'Run through its separate units'} from ${start} to ${stop} s, a point every ${step} s${coarse}.`;
+  $('blocks').innerHTML = loop.blocks;
+  for (const {name} of loop.cases) $('case').append(made('option', {value: name ?? ''}, name ?? 'as it is'));
+  const groups = new Map();
+  for (const given of loop.sliders) {
+    const slider = new Slider(given);
+    sliders.set(slider.name, slider);
+    if (!groups.has(slider.unit)) groups.set(slider.unit, made('section', {}, made('h2', {}, slider.unit)));
+    groups.get(slider.unit).append(slider.place);
+  }
+  $('sliders').append(...[...groups.values()].sort((a, b) => firsts(b) - firsts(a)));
+  list($('notes'), loop.notes);
+  listen();
+  fromLink();
+  showAll();
+  filter();
+  change();
+};
+const firsts = group => [...group.querySelectorAll('.slider')].filter(place => sliders.get(place.dataset.name).first).length;
+
+begin().catch(error => wrong(error.message));

@@ -1,0 +1,282 @@
+//! A loop that is kept ready: what its page is told of it, and its runs.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::blocks;
+use super::sliders::Slider;
+use crate::error::Error;
+use crate::simulation::{self, Ending, LoadedLoop, Report, Settings, Structure, measure};
+
+/// Groups of points of a curve, which has about twice as many points.
+const GROUPS: usize = 250;
+/// A run tells how far it is after so long, and then as often.
+const TELLING: Duration = Duration::from_millis(150);
+/// How often a run that waits looks whether it may begin.
+const LOOK: Duration = Duration::from_millis(5);
+/// How long runs may take to end with the program.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// The latest requests of so many pages are known.
+const MOST_PAGES: usize = 100;
+
+/// A loop with the start values of one of its cases.
+#[derive(Debug)]
+pub struct Base {
+    /// Name of the case; none of the loop as it is.
+    pub name: Option<String>,
+    /// The loop.
+    pub structure: Structure,
+    /// Its units.
+    pub loaded: LoadedLoop,
+}
+
+/// A loop that is explored.
+#[derive(Debug)]
+pub struct Session {
+    pub(super) bases: Vec<Base>,
+    /// The start values that the loop's files give, by names: what a set leaves out.
+    pub(super) plain: BTreeMap<String, simulation::Value>,
+    pub(super) sliders: Vec<Slider>,
+    settings: Settings,
+    whole: bool,
+    /// What is to be known of how it is run.
+    notes: Vec<String>,
+    /// Where files go.
+    pub(super) out: PathBuf,
+    /// Held by the one run at a time that units of other tools bear.
+    turn: Option<Mutex<()>>,
+    /// The newest request of each page: older ones end.
+    newest: Mutex<HashMap<String, u64>>,
+    is_ending: AtomicBool,
+    /// Each run holds it.
+    running: Arc<()>,
+}
+
+/// What a page asks for: values in place of those of a case.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Wanted {
+    /// The page, and the number of its request.
+    #[serde(default)]
+    pub page: String,
+    #[serde(default)]
+    pub number: u64,
+    /// The case; the loop as it is without one.
+    pub case: Option<String>,
+    pub values: BTreeMap<String, f64>,
+    /// What files are to be named.
+    #[serde(default)]
+    pub name: String,
+}
+
+/// Values by their sliders.
+type Chosen<'a> = Vec<(&'a Slider, f64)>;
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Session {
+    /// A session of a loop, the first of `bases`, and of its cases; `plain` is the loop as its files have it.
+    pub fn new(
+        bases: Vec<Base>,
+        plain: &LoadedLoop,
+        settings: Settings,
+        whole: bool,
+        notes: Vec<String>,
+        out: PathBuf,
+    ) -> Self {
+        let sliders = bases.first().map_or_else(Vec::new, |base| Slider::of(&base.structure, &base.loaded));
+        let given = |(name, place, _)| Some((name, plain.given(place)?.clone()));
+        let plain = plain.variables().filter_map(given).collect();
+        let turn = (!whole).then(Mutex::default);
+        let (newest, is_ending, running) = (Mutex::default(), AtomicBool::new(false), Arc::default());
+        Session { bases, plain, sliders, settings, whole, notes, out, turn, newest, is_ending, running }
+    }
+
+    /// Ends all runs, and waits until their units are freed, but not for ever.
+    pub fn end(&self) {
+        self.is_ending.store(true, Ordering::SeqCst);
+        let begun = Instant::now();
+        while Arc::strong_count(&self.running) > 1 && begun.elapsed() < PATIENCE {
+            thread::sleep(LOOK);
+        }
+    }
+
+    /// What a page shows before the first run.
+    pub(super) fn told(&self) -> Value {
+        let Base { structure, loaded, .. } = &self.bases[0];
+        let notes = [&self.notes[..], loaded.notes()].concat();
+        let values = |base: &Base| {
+            let starts = self.sliders.iter().map(|slider| (slider.name.clone(), base.loaded.start_of(slider.place)));
+            json!({ "name": base.name, "values": starts.collect::<BTreeMap<_, _>>() })
+        };
+        let Settings { start_time, stop_time, step, .. } = self.settings;
+        json!({ "name": structure.name, "description": structure.description, "whole": self.whole,
+                "notes": notes, "blocks": blocks::told(structure),
+                "settings": { "start": start_time, "stop": stop_time, "step": step, "own_step": structure.step },
+                "sliders": self.sliders, "cases": self.bases.iter().map(values).collect::<Vec<_>>(),
+                "out": self.out })
+    }
+
+    /// The case and the values that are asked for, by their sliders.
+    ///
+    /// # Errors
+    /// For a name that isn't there, or a value that is no number.
+    pub(super) fn find(&self, wanted: &Wanted) -> Result<(&Base, Chosen<'_>), String> {
+        let base = self.bases.iter().find(|base| base.name == wanted.case);
+        let case = wanted.case.as_deref().unwrap_or_default();
+        let base = base.ok_or_else(|| {
+            let known: Vec<_> = self.bases.iter().filter_map(|base| base.name.as_deref()).collect();
+            format!("there is no case `{case}`; there are: {}", known.join(", "))
+        })?;
+        let value = |(name, value): (&String, &f64)| {
+            let slider = self.sliders.iter().find(|slider| slider.name == *name);
+            let slider = slider.ok_or_else(|| format!("there is no parameter `{name}` of type Real"))?;
+            if value.is_finite() { Ok((slider, *value)) } else { Err(format!("`{name}` = {value}: must be finite")) }
+        };
+        Ok((base, wanted.values.iter().map(value).collect::<Result<_, _>>()?))
+    }
+
+    /// Whether a page has asked for nothing since.
+    fn is_newest(&self, wanted: &Wanted) -> bool {
+        let is_newest = locked(&self.newest).get(&wanted.page).is_none_or(|&number| number <= wanted.number);
+        is_newest && !self.is_ending.load(Ordering::SeqCst)
+    }
+
+    fn begin(&self, wanted: &Wanted) {
+        let mut newest = locked(&self.newest);
+        if newest.len() >= MOST_PAGES && !newest.contains_key(&wanted.page) {
+            newest.clear();
+        }
+        let number = newest.entry(wanted.page.clone()).or_default();
+        *number = wanted.number.max(*number);
+    }
+
+    /// Runs the loop. `tell` hands over how far it is, and answers whether anybody still listens; a newer request of the same
+    /// page ends the run, too.
+    pub(super) fn run(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Result<Value, String> {
+        let _running = Arc::clone(&self.running);
+        let (base, values) = self.find(wanted)?;
+        self.begin(wanted);
+        let ended = json!({ "superseded": true });
+        let begun = Instant::now();
+        let Some(_turn) = self.turn(wanted, tell) else { return Ok(ended) };
+        let mut told = begun;
+        let places: Vec<_> = values.iter().map(|(slider, value)| (slider.place, *value)).collect();
+        let closed = match base.loaded.instantiate(&places) {
+            Ok(closed) => closed,
+            Err(error) => return Ok(self.refused(&error, wanted)),
+        };
+        let Settings { start_time, stop_time, .. } = self.settings;
+        let mut goes_on = true;
+        let result = closed.run(self.settings, |time| {
+            goes_on = self.is_newest(wanted);
+            if told.elapsed() > TELLING {
+                told = Instant::now();
+                goes_on &= tell(json!({ "done": (time - start_time) / (stop_time - start_time) }));
+            }
+            goes_on || time >= stop_time
+        });
+        if !goes_on {
+            return Ok(ended);
+        }
+        let (recording, failure) = match result {
+            Ok(recording) => (recording, None),
+            Err((error, recording)) if recording.times.len() < 2 => {
+                drop(recording);
+                return Ok(self.refused(&error, wanted));
+            }
+            Err((error, recording)) => (*recording, Some(error)),
+        };
+        self.answer(&base.structure, recording, failure, begun)
+    }
+
+    /// Waits until a run may begin; none where nobody waits for it any more.
+    fn turn(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Option<Option<MutexGuard<'_, ()>>> {
+        let Some(turn) = &self.turn else { return Some(None) };
+        let mut told = Instant::now();
+        loop {
+            match turn.try_lock() {
+                Ok(turn) => return Some(Some(turn)),
+                Err(TryLockError::Poisoned(turn)) => return Some(Some(turn.into_inner())),
+                Err(TryLockError::WouldBlock) => thread::sleep(LOOK),
+            }
+            let is_due = told.elapsed() > TELLING;
+            if is_due {
+                told = Instant::now();
+            }
+            if !self.is_newest(wanted) || is_due && !tell(json!({ "done": 0.0, "waits": true })) {
+                return None;
+            }
+        }
+    }
+
+    /// What a run came to.
+    fn answer(
+        &self,
+        structure: &Structure,
+        mut recording: simulation::Recording,
+        failure: Option<Error>,
+        begun: Instant,
+    ) -> Result<Value, String> {
+        let measured = measure(structure, &mut recording)?;
+        let ending = failure.map_or(Ending::Complete, |error| Ending::Failed(error.to_string()));
+        let (settings, whole) = (self.settings, self.whole);
+        let report = Report { structure, settings, whole, recording: &recording, measured: &measured, ending: &ending };
+        let diagrams: Vec<Value> = report.diagrams()?.iter().map(|diagram| diagram.with_points(GROUPS)).collect();
+        let metrics: Vec<Value> = measured
+            .iter()
+            .map(|it| json!({ "label": it.label, "value": it.value, "limit": it.limit, "holds": it.holds() }))
+            .collect();
+        Ok(json!({ "diagrams": diagrams, "metrics": metrics, "warnings": recording.warnings,
+                   "shortfall": report.shortfall(), "end": report.end(), "points": recording.times.len(),
+                   "seconds": begun.elapsed().as_secs_f64() }))
+    }
+
+    /// That a unit doesn't start with these values, and at which sliders that is to be shown.
+    fn refused(&self, error: &Error, wanted: &Wanted) -> Value {
+        let (unit, message) = match error {
+            Error::Unit { unit, function, message, .. } => {
+                (unit.as_str(), message.strip_prefix(&format!("{function}: ")).unwrap_or(message).to_owned())
+            }
+            other => ("", other.to_string()),
+        };
+        let is_named = |name: &&String| {
+            let variable = name.strip_prefix(unit).and_then(|rest| rest.strip_prefix('.'));
+            // A message may be about all elements of a matrix.
+            let whole = name.split('[').next();
+            [Some(name.as_str()), variable, whole].into_iter().flatten().any(|name| names(&message, name))
+        };
+        let at: Vec<&String> = wanted.values.keys().filter(is_named).collect();
+        json!({ "refused": message, "at": at })
+    }
+}
+
+/// Whether a message names a variable, and not one whose name is longer.
+fn names(message: &str, name: &str) -> bool {
+    let is_part = |c: char| c.is_alphanumeric() || "_[".contains(c);
+    message.match_indices(name).any(|(place, _)| {
+        let (before, after) = (&message[..place], &message[place + name.len()..]);
+        !before.ends_with(is_part) && !after.starts_with(is_part)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::names;
+
+    #[test]
+    fn a_message_is_about_the_variables_that_it_names() {
+        let message = "controller.adaptation_gain = -1: must be at least 0, as Q[1,1] is";
+        assert!(names(message, "controller.adaptation_gain") && names(message, "Q[1,1]"));
+        assert!(!names(message, "gain") && !names(message, "Q") && !names(message, "controller.adaptation"));
+    }
+}
