@@ -120,3 +120,33 @@ def test_the_description_in_an_fmu_gives_the_same_fmu_again(fmu, name: str, tmp_
     (tmp_path / "again.toml").write_text(entry(fmu(name).path, "resources/description.toml"))
     assert adaptive_fmu("export", tmp_path / "again.toml", "--out", tmp_path).returncode == 0
     assert (tmp_path / f"{name}.fmu").read_bytes() == fmu(name).path.read_bytes()
+
+
+def test_info_tells_whose_an_fmu_is(fmu, tmp_path: Path) -> None:
+    plant = fmu(PLANT).path
+    about = info(plant)["about"]
+    assert about["author"] == "The adaptive-fmu authors" and about["license"] == "MIT OR Apache-2.0"
+    assert about["version"] == info(plant)["build"]["version"] and about["copyright"].startswith("Copyright (c) ")
+    assert "author: The adaptive-fmu authors; version: " in adaptive_fmu("info", plant).stdout
+    page = entry(plant, "documentation/index.html")
+    assert "By The adaptive-fmu authors, version " in page and "license MIT OR Apache-2.0" in page
+    # A user's own says what its description says, and nothing else.
+    own = tmp_path / "Mine.toml"
+    written = adaptive_fmu("new", "pid", "--name", "Mine", "--out", own)
+    assert written.returncode == 0, written.stderr
+    own.write_text(own.read_text().replace("[experiment]", 'author = "Jane <Doe>"\n\n[experiment]'))
+    exported = adaptive_fmu("export", own, "--out", tmp_path)
+    assert exported.returncode == 0, exported.stderr
+    assert info(tmp_path / "Mine.fmu")["about"] == {"author": "Jane <Doe>"}
+    assert "By Jane &lt;Doe&gt;." in entry(tmp_path / "Mine.fmu", "documentation/index.html")
+
+
+def test_a_limit_that_is_none_is_shown_as_such(fmu) -> None:
+    controller = fmu(CONTROLLER).path
+    lines = {line.split()[0]: line for line in adaptive_fmu("info", controller).stdout.splitlines() if line.strip()}
+    assert "no limit" in lines["u_max[1]"].removesuffix("(1e15: no limit)") and "000000" not in lines["u_max[1]"]
+    page = entry(controller, "documentation/index.html")
+    assert "<td>no limit<td>" in page and "1000000000000000" not in page
+    # A number for a tool all the same.
+    limit = next(v for v in info(controller)["variables"] if v["name"] == "u_max[1]")
+    assert float(limit["start"]) == 1e15

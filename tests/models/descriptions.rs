@@ -247,7 +247,7 @@ fn a_missing_key_is_named() {
 #[test]
 fn what_is_no_toml_is_refused_with_its_line() {
     refused(&controller("model = \"l1\"", "model = l1\""), &["line 3"]);
-    refused(&controller("step = 0.001", "step = 0.0.1"), &["line 12"]);
+    refused(&controller("step = 0.001", "step = 0.0.1"), &["line 13"]);
     refused("name = \"A\"\nname = \"B\"\n", &["line 2", "name"]);
     refused("\u{0}\u{1}", &["line 1"]);
 }
@@ -272,7 +272,7 @@ fn a_name_that_is_no_c_identifier_is_refused() {
 fn an_experiment_of_no_length_is_refused() {
     for value in ["0.0", "-1.0", "nan", "inf"] {
         let (stop, step) = (format!("stop_time = {value}"), format!("step = {value}"));
-        refused(&controller("stop_time = 60.0", &stop), &["experiment.stop_time", "above 0"]);
+        refused(&controller("stop_time = 20.0", &stop), &["experiment.stop_time", "above 0"]);
         refused(&controller("\nstep = 0.001", &format!("\n{step}")), &["experiment.step", "above 0"]);
     }
 }
