@@ -269,11 +269,13 @@ class Diagram {
   tell(across) {
     const time = this.scale.time(across), lines = [];
     for (const {name, x, y, colour} of this.visible) {
-      let k = before(x, time);
-      if (k + 1 < x.length && x[k + 1] - time < time - x[k]) k++;
+      // Between two points, on the line that is drawn.
+      const k = before(x, time), next = y[k + 1] ?? null;
+      const part = next === null ? 0 : Math.min(1, Math.max(0, (time - x[k]) / (x[k + 1] - x[k])));
+      const value = y[k] === null ? null : part > 0 ? y[k] + part * (next - y[k]) : y[k];
       const line = document.createElement('div');
       line.style.setProperty('--colour', colour);
-      line.append(`${name}: ${y[k] === null ? '–' : Number(y[k].toPrecision(6))}`);
+      line.append(`${name}: ${value === null ? '–' : Number(value.toPrecision(6))}`);
       lines.push(line);
     }
     const [, quantity, unit] = /^(.*?)(?: \((.*)\))?$/.exec(this.x);

@@ -8,8 +8,10 @@ use super::{Curve, Diagram, Peak};
 
 /// Groups of points that all curves of a page share, and the most and the least of a curve.
 const GROUPS: usize = 13_000;
-const MOST_GROUPS: usize = 1500;
+const MOST_GROUPS: usize = 4000;
 const LEAST_GROUPS: usize = 100;
+/// So many times as many groups are looked at first.
+const FINE: usize = 50;
 /// How far a line between points may lie from the curve, in parts of the height of the diagram.
 const DISTANCE: f64 = 2e-4;
 /// Points are chosen on so wide a screen of height 1 that their distances from lines are those of values.
@@ -63,8 +65,12 @@ impl Diagram<'_> {
         let chosen = |rows: std::ops::Range<usize>, groups: usize| {
             thinned(&curve.times[rows.clone()], &curve.values[rows], groups.max(1))
         };
-        let before = self.seen(&chosen(0..peak.start, groups), from, to);
-        let behind = self.seen(&chosen(peak.end..rows, groups), from, to);
+        // A smooth curve needs few of its points; only one that doesn't is thinned by groups.
+        let few = |rows: std::ops::Range<usize>| {
+            let points = self.seen(&chosen(rows.clone(), groups * FINE), from, to);
+            if points.len() <= 2 * groups { points } else { self.seen(&chosen(rows, groups), from, to) }
+        };
+        let (before, behind) = (few(0..peak.start), few(peak.end..rows));
         let points = before.into_iter().chain(chosen(peak, groups / 3)).chain(behind);
         points.map(|(time, value)| (rounded(time, DIGITS + 1), rounded(value, DIGITS))).collect()
     }
