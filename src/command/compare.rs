@@ -24,7 +24,7 @@ const PAGE: &str = "index.html";
 pub struct Arguments {
     /// Loops of this package or SSPs, LOOP@FILE.ssv with a parameter set, LOOP:name=value,name=value with values (the unit may
     /// be left out of a name that only one has), or folders of earlier results
-    #[arg(value_name = "LOOP[@FILE.ssv][:name=value,…] | RESULTS", required = true, num_args = 2..)]
+    #[arg(value_name = "RUN", required = true, num_args = 2..)]
     runs: Vec<Specification>,
     /// Folder for results: each loop's own, and the common page in comparison/
     #[arg(long, default_value = "results")]
