@@ -179,7 +179,7 @@ impl Catalogued for TwoLinkRobot {
         gains: &[
             ("m1", "Mass of the first link."),
             ("m2", "Mass of the second: a payload makes it larger."),
-            ("l1", "Length of the first link."),
+            ("I_z1", "Moment of inertia of the first link."),
             ("k1", "Friction in the first joint."),
             ("x0", "Angles and rates at the start."),
         ],

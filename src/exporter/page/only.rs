@@ -109,7 +109,9 @@ mod tests {
                 }
                 if let Some((_, value)) = term.split_once('=') {
                     let value = value.trim();
-                    let known = schema.contains(&format!("\"{value}\"")) || value.parse::<i64>().is_ok();
+                    let known = schema.contains(&format!("\"{value}\""))
+                        || value.parse::<i64>().is_ok()
+                        || value.parse::<bool>().is_ok();
                     assert!(known, "{}: no value `{value}`", entry.kind.name);
                 }
             }
