@@ -407,10 +407,11 @@ def test_a_loop_with_units_of_another_tool_is_explored_through_them(page: Callab
     """Units that the loop names by their files are taken as any other tool's are."""
     for name in ["SystemStructure.ssd", "reference.ssv"]:
         text = (ROOT / "examples" / LOOP / name).read_text()
-        (tmp_path / name).write_text(text.replace('stopTime="60.0"', 'stopTime="2.0"'))
-    (tmp_path / "resources").mkdir()
+        text = text.replace('stopTime="60.0"', 'stopTime="2.0"').replace('"resources/', '"elsewhere/')
+        (tmp_path / name).write_text(text)
+    (tmp_path / "elsewhere").mkdir()
     for name in ["NonlinearSiso", "ReferenceNonlinearSiso", "L1NonlinearSiso"]:
-        shutil.copy(fmu_folder / f"{name}.fmu", tmp_path / "resources")
+        shutil.copy(fmu_folder / f"{name}.fmu", tmp_path / "elsewhere")
     served = Explored(tmp_path, tmp_path)
     try:
         shown = page(served=served)
