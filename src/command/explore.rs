@@ -18,7 +18,7 @@ use super::loop_options::{LoopOptions, positive};
 use super::parameters::Parameters;
 use super::progress::{Bars, is_interrupted};
 
-/// The most communication points of a loop as one unit: about one a pixel. Nothing depends on further ones.
+/// The most communication points of a loop as one unit while sliders are moved: about one a pixel.
 const POINTS: f64 = 1000.0;
 /// How often it is looked whether the user wants to end.
 const LOOK: Duration = Duration::from_millis(50);
@@ -86,7 +86,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 /// The loop, ready to run: as it is, and with each of the cases that lie beside it.
 fn session(arguments: &Arguments, files: &LoopFiles) -> Result<Session, Error> {
     let (options, structure, mut notes) = form(arguments, files)?;
-    let mut settings = options.settings(&structure)?;
+    let fine = options.settings(&structure)?;
+    let mut settings = fine;
     if options.composite && options.step.is_none() {
         settings.step = settings.step.max((settings.stop_time - settings.start_time) / POINTS);
     }
@@ -106,7 +107,7 @@ fn session(arguments: &Arguments, files: &LoopFiles) -> Result<Session, Error> {
             Err(error) => notes.push(format!("the case {case} is left out: {error}")),
         }
     }
-    Ok(Session::new(bases, &plain, settings, options.composite, notes, arguments.out.clone()))
+    Ok(Session::new(bases, &plain, (settings, fine), options.composite, notes, arguments.out.clone()))
 }
 
 /// As one unit where that can be, unless the user says otherwise; with what is to be known of it.

@@ -143,11 +143,15 @@ let linking = null;
 
 // ---- runs
 
-let number = 0, flying = null, isWanted = false, later = null;
+let number = 0, flying = null, isWanted = false, later = null, settling = null;
+// A while after the last change, in ms, metrics are measured with the loop's own communication step.
+const PAUSE = 400;
 
 // Something was changed: the loop is run with the latest values, at most one run at a time.
 const change = () => {
   isWanted = true;
+  document.body.dataset.settled = '';
+  clearTimeout(settling);
   clearTimeout(linking);
   linking = setTimeout(toLink, 250);
   requestAnimationFrame(pump);
@@ -155,7 +159,7 @@ const change = () => {
 
 const pump = () => {
   if (!isWanted) return;
-  const patience = lastTook < SHORT ? SHORT : 0;
+  const patience = lastTook < SHORT && !flying?.fine ? SHORT : 0;
   const waits = flying ? patience - (performance.now() - flying.begun) : 0;
   if (waits > 0) {
     later ??= setTimeout(() => { later = null; pump(); }, waits);
@@ -165,10 +169,10 @@ const pump = () => {
   run();
 };
 
-const run = async () => {
+const run = async (fine = false) => {
   flying?.stop.abort();
-  const mine = flying = {number: ++number, begun: performance.now(), stop: new AbortController()};
-  const body = JSON.stringify({page: PAGE, number: mine.number, case: chosen.case, values: chosen.values});
+  const mine = flying = {number: ++number, fine, begun: performance.now(), stop: new AbortController()};
+  const body = JSON.stringify({page: PAGE, number: mine.number, fine, case: chosen.case, values: chosen.values});
   const isPlain = chosen.case === null && !Object.keys(chosen.values).length;
   try {
     const headers = {'X-Token': TOKEN, 'Content-Type': 'application/json'};
@@ -182,10 +186,17 @@ const run = async () => {
     if (flying === mine) {
       flying = null;
       $('progress').hidden = true;
-      if (isWanted) pump();
+      if (isWanted) pump(); else settle();
     }
   }
 };
+
+// After a pause, what was measured about is measured as it should be.
+const settle = () => {
+  if (isFine) document.body.dataset.settled = 'yes';
+  else settling = setTimeout(() => flying === null && !isWanted && run(true), PAUSE);
+};
+let isFine = true;
 
 // The lines of JSON of an answer, as they come.
 const lines = async (answer, tell) => {
@@ -204,14 +215,16 @@ const take = (line, isPlain, took) => {
   if (line.done !== undefined) {
     $('progress').hidden = false;
     $('progress').value = line.done;
-    $('status').textContent = line.waits ? 'waits for the run of another page' : `running: ${Math.round(100 * line.done)} %`;
+    const what = flying.fine ? 'measuring' : 'running';
+    $('status').textContent = line.waits ? 'waits for the run of another page' : `${what}: ${Math.round(100 * line.done)} %`;
   } else if (line.error) {
     wrong(line.error);
   } else if (line.refused) {
     refused(line);
   } else if (!line.superseded) {
-    lastTook = took;
-    if (isPlain) asItIs = line.metrics;
+    if (!flying.fine) lastTook = took;
+    isFine = line.fine;
+    if (isPlain && line.fine) asItIs = line.metrics;
     show(line, took);
   }
 };
@@ -219,6 +232,7 @@ const take = (line, isPlain, took) => {
 const lost = () => wrong('The program doesn\'t answer: it may have ended. Run `adaptive-fmu explore` again.');
 
 const wrong = reason => {
+  isFine = true;
   $('diagrams').classList.add('stale');
   $('status').textContent = '';
   $('shortfall').textContent = reason;
@@ -233,14 +247,14 @@ const refused = ({refused, at}) => {
   wrong(`Not run: ${refused}`);
 };
 
-const show = ({diagrams: given, metrics, warnings, shortfall, end, points, seconds}, took) => {
+const show = ({fine, diagrams: given, metrics, warnings, shortfall, end, points, seconds}, took) => {
   sliders.forEach(slider => slider.refuse(null));
   $('diagrams').classList.remove('stale');
   $('shortfall').textContent = shortfall ? `This run ${shortfall}` : '';
   $('shortfall').hidden = !shortfall;
   $('status').textContent = `${points} points to t = ${end} s in ${Math.round(1000 * seconds)} ms, shown after ${Math.round(took)} ms`;
   showDiagrams(given);
-  showMetrics(metrics, shortfall);
+  showMetrics(metrics, shortfall, fine);
   list($('warnings'), warnings, `${warnings.length} warning${warnings.length === 1 ? '' : 's'}`);
   document.body.dataset.run = String(number);
 };
@@ -257,12 +271,13 @@ const showDiagrams = given => given.forEach((numbers, k) => {
   drawn[k].draw();
 });
 
-const showMetrics = (metrics, shortfall) => {
+const showMetrics = (metrics, shortfall, fine) => {
+  const about = value => value === null || fine ? written(value) : `≈ ${Number(value.toPrecision(3))}`;
   const row = ({label, value, limit, holds}, k) => {
-    const within = holds === null ? '–' : holds ? 'yes' : 'no';
+    const within = holds === null ? '–' : !fine ? '…' : holds ? 'yes' : 'no';
     return made('tr', {}, made('td', {}, label), made('td', {className: 'number'}, written(asItIs?.[k]?.value)),
-      made('td', {className: 'number'}, written(value)), made('td', {className: 'number'}, limit === null ? '' : String(limit)),
-      made('td', {className: holds === false ? 'bad' : ''}, within));
+      made('td', {className: 'number'}, about(value)), made('td', {className: 'number'}, limit === null ? '' : String(limit)),
+      made('td', {className: holds === false && fine ? 'bad' : ''}, within));
   };
   $('metrics').hidden = metrics.length === 0;
   $('metrics').querySelectorAll('th')[2].textContent = shortfall ? 'until then' : 'now';
@@ -348,10 +363,10 @@ const begin = async () => {
   const answer = await asked('loop');
   if (!answer.ok) throw new Error((await answer.json()).error);
   loop = await answer.json();
-  const {start, stop, step, own_step: own} = loop.settings;
+  const {start, stop, step, fine_step: fine} = loop.settings;
   $('description').textContent = loop.description;
-  const coarse = step > own ? ` (“run” records one every ${own} s, and may measure a little more)` : '';
-  $('form').textContent = `${loop.whole ? 'Integrated as one unit' : 'Run through its separate units'} from ${start} to ${stop} s, a point every ${step} s${coarse}.`;
+  const then = step > fine ? `; metrics, when you pause, from one every ${fine} s` : '';
+  $('form').textContent = `${loop.whole ? 'Integrated as one unit' : 'Run through its separate units'} from ${start} to ${stop} s, a point every ${step} s${then}.`;
   $('blocks').innerHTML = loop.blocks;
   for (const {name} of loop.cases) $('case').append(made('option', {value: name ?? ''}, name ?? 'as it is'));
   const groups = new Map();

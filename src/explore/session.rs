@@ -45,6 +45,8 @@ pub struct Session {
     pub(super) plain: BTreeMap<String, simulation::Value>,
     pub(super) sliders: Vec<Slider>,
     settings: Settings,
+    /// The same with the communication step by which metrics are measured.
+    fine: Settings,
     whole: bool,
     /// What is to be known of how it is run.
     notes: Vec<String>,
@@ -68,6 +70,9 @@ pub(super) struct Wanted {
     pub page: String,
     #[serde(default)]
     pub number: u64,
+    /// Whether metrics are to be measured as `run` measures them, not about.
+    #[serde(default)]
+    pub fine: bool,
     /// The case; the loop as it is without one.
     pub case: Option<String>,
     pub values: BTreeMap<String, f64>,
@@ -84,11 +89,12 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Session {
-    /// A session of a loop, the first of `bases`, and of its cases; `plain` is the loop as its files have it.
+    /// A session of a loop, the first of `bases`, and of its cases; `plain` is the loop as its files have it. Each change is
+    /// run by the first settings, and, when the user pauses, by the others, which differ in their communication step.
     pub fn new(
         bases: Vec<Base>,
         plain: &LoadedLoop,
-        settings: Settings,
+        (settings, fine): (Settings, Settings),
         whole: bool,
         notes: Vec<String>,
         out: PathBuf,
@@ -98,7 +104,7 @@ impl Session {
         let plain = plain.variables().filter_map(given).collect();
         let turn = (!whole).then(Mutex::default);
         let (newest, is_ending, running) = (Mutex::default(), AtomicBool::new(false), Arc::default());
-        Session { bases, plain, sliders, settings, whole, notes, out, turn, newest, is_ending, running }
+        Session { bases, plain, sliders, settings, fine, whole, notes, out, turn, newest, is_ending, running }
     }
 
     /// Ends all runs, and waits until their units are freed, but not for ever.
@@ -121,7 +127,8 @@ impl Session {
         let Settings { start_time, stop_time, step, .. } = self.settings;
         json!({ "name": structure.name, "description": structure.description, "whole": self.whole,
                 "notes": notes, "blocks": blocks::told(structure),
-                "settings": { "start": start_time, "stop": stop_time, "step": step, "own_step": structure.step },
+                "settings": { "start": start_time, "stop": stop_time, "step": step,
+                              "fine_step": self.fine.step },
                 "sliders": self.sliders, "cases": self.bases.iter().map(values).collect::<Vec<_>>(),
                 "out": self.out })
     }
@@ -175,9 +182,10 @@ impl Session {
             Ok(closed) => closed,
             Err(error) => return Ok(self.refused(&error, wanted)),
         };
-        let Settings { start_time, stop_time, .. } = self.settings;
+        let settings = if wanted.fine { self.fine } else { self.settings };
+        let Settings { start_time, stop_time, .. } = settings;
         let mut goes_on = true;
-        let result = closed.run(self.settings, |time| {
+        let result = closed.run(settings, |time| {
             goes_on = self.is_newest(wanted);
             if told.elapsed() > TELLING {
                 told = Instant::now();
@@ -196,7 +204,7 @@ impl Session {
             }
             Err((error, recording)) => (*recording, Some(error)),
         };
-        self.answer(&base.structure, recording, failure, begun)
+        self.answer(&base.structure, settings, recording, failure, begun)
     }
 
     /// Waits until a run may begin; none where nobody waits for it any more.
@@ -223,20 +231,21 @@ impl Session {
     fn answer(
         &self,
         structure: &Structure,
+        settings: Settings,
         mut recording: simulation::Recording,
         failure: Option<Error>,
         begun: Instant,
     ) -> Result<Value, String> {
         let measured = measure(structure, &mut recording)?;
         let ending = failure.map_or(Ending::Complete, |error| Ending::Failed(error.to_string()));
-        let (settings, whole) = (self.settings, self.whole);
+        let (fine, whole) = (settings == self.fine, self.whole);
         let report = Report { structure, settings, whole, recording: &recording, measured: &measured, ending: &ending };
         let diagrams: Vec<Value> = report.diagrams()?.iter().map(|diagram| diagram.with_points(GROUPS)).collect();
         let metrics: Vec<Value> = measured
             .iter()
             .map(|it| json!({ "label": it.label, "value": it.value, "limit": it.limit, "holds": it.holds() }))
             .collect();
-        Ok(json!({ "diagrams": diagrams, "metrics": metrics, "warnings": recording.warnings,
+        Ok(json!({ "fine": fine, "diagrams": diagrams, "metrics": metrics, "warnings": recording.warnings,
                    "shortfall": report.shortfall(), "end": report.end(), "points": recording.times.len(),
                    "seconds": begun.elapsed().as_secs_f64() }))
     }
