@@ -29,7 +29,7 @@ fn embed() {
     let loops: Vec<_> = loops.collect();
     // Not the whole folder: what a notebook there leaves beside it must not build everything anew.
     loops.iter().for_each(|folder| println!("cargo::rerun-if-changed={}", folder.display()));
-    let responses: String = loops.iter().filter_map(response).collect();
+    let responses: String = loops.iter().filter_map(|folder| response(folder)).collect();
     let loops =
         loops.iter().map(|folder| format!("({:?}, &[\n{}]),\n", name(folder), texts(folder, &["ssd", "ssv"], name)));
     let code = format!(
@@ -42,7 +42,7 @@ fn embed() {
 }
 
 /// What a loop recorded, where that is kept, likewise.
-fn response(folder: &PathBuf) -> Option<String> {
+fn response(folder: &Path) -> Option<String> {
     let file = folder.join("response.txt");
     file.is_file().then(|| format!("({:?}, include_str!({file:?})),\n", name(folder)))
 }
