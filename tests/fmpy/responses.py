@@ -12,7 +12,7 @@ from lxml import etree
 
 ROOT = Path(__file__).resolve().parents[2]
 # Part of a plot's range by which a curve may miss what was recorded, and most points of a curve.
-MISS, MOST = 0.003, 160
+MISS, MOST = 0.003, 300
 
 
 def structure(loop: str) -> etree._Element:

@@ -93,7 +93,7 @@ impl Wiring {
     }
 
     /// Pins of a block that are connected.
-    pub fn connected<'a>(&'a self, part: usize, inputs: bool) -> impl Iterator<Item = &'a str> {
+    pub fn connected(&self, part: usize, inputs: bool) -> impl Iterator<Item = &str> {
         let links = self.links.iter().filter(move |link| if inputs { link.to == part } else { link.from == part });
         let pairs = links.flat_map(|link| &link.pairs);
         pairs.map(move |(from, to)| if inputs { to.as_str() } else { from.as_str() })
