@@ -16,10 +16,15 @@ enum Names {
     Both,
 }
 
+/// Arguments that go by their place.
+const BY_PLACE: [&str; 3] = ["name", "names", "runs"];
+
 /// Arguments that name what this package holds: command, argument, names.
-const NAMED: [(&str, &str, Names); 10] = [
+const NAMED: [(&str, &str, Names); 12] = [
     ("run", "name", Names::Loops),
-    ("compare", "names", Names::Loops),
+    ("compare", "runs", Names::Loops),
+    ("sweep", "name", Names::Loops),
+    ("explore", "name", Names::Loops),
     ("tune", "name", Names::Loops),
     ("export", "names", Names::Fmus),
     ("export", "composite", Names::Loops),
@@ -84,7 +89,7 @@ fn with_files(script: String) -> String {
 
 /// Lines for fish, whose script holds no names of arguments that go by their place. It offers files beside them.
 fn of_positions(name: &str) -> String {
-    let by_place = NAMED.iter().filter(|(_, argument, _)| argument.starts_with("name"));
+    let by_place = NAMED.iter().filter(|(_, argument, _)| BY_PLACE.contains(argument));
     let line = |(subcommand, _, names): &(&str, &str, Names)| {
         let (known, function) = (names.known().join(" "), name.replace('-', "_"));
         format!("complete -c {name} -n \"__fish_{function}_using_subcommand {subcommand}\" -a \"{known}\"\n")

@@ -27,7 +27,7 @@ pub struct Library {
     binaries: Binaries,
     left_out: Vec<String>,
     /// Its last replies, by questions and descriptions: loops ask for those of their units again and again.
-    replies: Mutex<HashMap<(&'static [u8], String), String>>,
+    replies: Mutex<HashMap<(&'static [u8], Option<String>), String>>,
 }
 
 /// So many replies are kept.
@@ -149,7 +149,7 @@ impl Library {
 
     /// The library's reply to a question about a description.
     fn ask(&self, question: &'static [u8], description: Option<&Source>) -> Result<String, Error> {
-        let asked = (question, description.map(|source| source.text.clone()).unwrap_or_default());
+        let asked = (question, description.map(|source| source.text.clone()));
         let kept = || self.replies.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(reply) = kept().get(&asked) {
             return Ok(reply.clone());

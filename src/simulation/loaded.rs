@@ -203,8 +203,12 @@ impl LoadedLoop {
         if !named.is_empty() {
             return Err(format!("`{name}` is a parameter of several units: name one of {}", names(named)));
         }
-        let all: Vec<_> = settable().map(|(full, _)| full).collect();
-        Err(format!("there is no parameter `{name}`; {}", near::choice(name, &all, "")))
+        // Part of a name leads to those that hold it.
+        let mut known: Vec<_> = settable().map(|(full, _)| full).filter(|full| full.contains(name)).collect();
+        if known.is_empty() {
+            known = settable().map(|(full, _)| full).collect();
+        }
+        Err(format!("there is no parameter `{name}`; {}", near::choice(name, &known, "")))
     }
 
     /// Why a variable can't be given a start value, if it can't.

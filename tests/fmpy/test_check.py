@@ -253,5 +253,5 @@ def test_a_refused_description_is_told_by_line_and_key(tmp_path: Path) -> None:
 
 def test_the_page_of_an_fmu_holds_its_report(fmu) -> None:
     page = (Path(fmu("L1NonlinearSiso").folder) / "documentation" / "index.html").read_text()
-    assert "<h2>Design report</h2>" in page and "feedback_gain times" in page
+    assert '<h2 id="report">Design report</h2>' in page and "feedback_gain times" in page
     assert "<h2>Design report</h2>" not in (Path(fmu("NonlinearSiso").folder) / "documentation" / "index.html").read_text()

@@ -131,7 +131,7 @@ def test_three_laws_are_compared_on_one_page(fmu_folder: Path, tmp_path: Path) -
             shown = measured[metric["label"]][column]
             assert shown == ("–" if metric["value"] is None else f"{metric['value']:.5f}")
     titles = [heading.text_content() for heading in page.iter("h2")]
-    assert {"plant.x[1]", "plant.x[2] − x_m2 in its funnel", "controller.u[3]"} <= set(titles)
+    assert {"plant.x[1]", "|plant.x[2] − x_m2| in its funnel", "controller.u[3]"} <= set(titles)
     assert "there is no loop named" in fails("compare", "6.5.1-l1", "nothing", "--out", tmp_path)
 
 
