@@ -230,7 +230,7 @@ fn angles_are_shown_in_degrees_but_no_phase_and_no_length_in_millimetres() {
 
 #[test]
 fn an_unknown_key_is_refused_with_the_known_ones() {
-    refused(&controller("model = ", "modell = \"x\"\nmodel = "), &["modell", "line 3", "structure"]);
+    refused(&controller("model = ", "modell = \"x\"\nmodel = "), &["modell", "line 3", "did you mean `model`?"]);
     refused(&controller("stop_time", "stoptime"), &["stoptime", "stop_time"]);
     refused(&controller("regressor", "regresor"), &["[structure]", "regresor", "regressor"]);
     refused(&controller("adaptation_gain", "adaption_gain"), &["[start]", "adaption_gain", "adaptation_gain"]);
@@ -254,7 +254,7 @@ fn what_is_no_toml_is_refused_with_its_line() {
 
 #[test]
 fn an_unknown_model_is_refused_with_the_known_ones() {
-    refused(&controller("\"l1\"", "\"l2\""), &["model", "l2", "l1", "reference"]);
+    refused(&controller("\"l1\"", "\"l2\""), &["model", "l2", "did you mean `l1`?", "list"]);
     refused(&controller("\"l1\"", "\"\""), &["model", "l1"]);
 }
 

@@ -60,7 +60,7 @@ fn a_pole_that_does_not_decay_is_refused() {
 #[test]
 fn units_of_other_signals_or_of_another_number_are_refused() {
     refused(&robot("r = [\"rad\", \"rad\"]", "r = [\"rad\"]"), &["units of r = 1", "must be 2"]);
-    refused(&robot("r = [\"rad\", \"rad\"]", "y = [\"rad\", \"rad\"]"), &["[structure]", "y", "`r`, `x`, `u`"]);
+    refused(&robot("r = [\"rad\", \"rad\"]", "y = [\"rad\", \"rad\"]"), &["[structure]", "`y`", "r, x, u"]);
 }
 
 #[test]

@@ -99,7 +99,7 @@ fn names_that_are_none_or_taken_are_refused_with_the_reason() {
     for (names, named) in [
         ("x = [\"speed\"]", &["[names] x", "a list of 2 names"][..]),
         ("x = \"speed\"", &["[names] x", "a list of 2 names"]),
-        ("speed = \"x\"", &["[names] speed", "no such variable", "adaptation_gain"]),
+        ("speed = \"x\"", &["[names] speed", "no such variable", "omega_min"]),
         ("x = [\"speed\", \"speed\"]", &["speed", "name of another variable"]),
         ("x = [\"u\", \"speed\"]", &["`u`", "name of another variable"]),
         ("x = [\"u[1]\", \"speed\"]", &["`u[1]`", "name of another variable"]),

@@ -151,7 +151,7 @@ const EDITS: [Edit; 46] = [
         "<Category name=\"logStatusError\"",
         "the log category `logStatusError` stands there twice",
     ),
-    ("stopTime=\"60.0\"", "stopTime=\"-1\"", "stopTime = -1 is not after startTime = 0"),
+    ("stopTime=\"20.0\"", "stopTime=\"-1\"", "stopTime = -1 is not after startTime = 0"),
     ("tolerance=\"1e-6\"", "tolerance=\"1e-6 m\"", "tolerance = \"1e-6 m\" in DefaultExperiment"),
     ("stepSize=\"0.001\"", "stepSize=\"-0.001\"", "stepSize = -0.001"),
     ("<ModelVariables>", "<ModelVariables>loose", "ModelVariables holds text"),

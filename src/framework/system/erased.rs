@@ -257,7 +257,10 @@ fn declare<M: System>(structure: toml::Table, _: Registry, d: &mut Declaration) 
 }
 
 pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
-    toml::Value::Table(structure)
-        .try_into()
-        .map_err(|error: toml::de::Error| Invalid::because(format!("[structure]: {}", near::reworded(error.message()))))
+    toml::Value::Table(structure).try_into().map_err(|error: toml::de::Error| {
+        // The key stands in a line of its own.
+        let shown = error.to_string();
+        let key = shown.lines().find(|line| line.starts_with("in `")).map_or(String::new(), |key| format!(", {key}"));
+        Invalid::because(format!("[structure]: {}{key}", near::reworded(error.message())))
+    })
 }
