@@ -27,8 +27,11 @@ pub struct Library {
     binaries: Binaries,
     left_out: Vec<String>,
     /// Its last replies, by questions and descriptions: loops ask for those of their units again and again.
-    replies: Mutex<HashMap<(&'static [u8], Option<String>), String>>,
+    replies: Mutex<HashMap<Asked, String>>,
 }
+
+/// A question, and the text of the description that it is about; none where it is about the library itself.
+type Asked = (&'static [u8], Option<String>);
 
 /// So many replies are kept.
 const MOST_REPLIES: usize = 64;
