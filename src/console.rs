@@ -1,5 +1,6 @@
-//! Standard output and error stream: how much is told there, and in which colours. `println!` panics where nobody reads or the disk is full; these macros note it, the
-//! command goes on to its end (files are whole, temporary ones gone), and [`ended`] tells of it once.
+//! Standard output and error stream: how much is told there, and in which colours. `println!` panics where nobody reads or the
+//! disk is full; these macros note it, the command goes on to its end (files are whole, temporary ones gone), and [`ended`]
+//! tells of it once.
 //!
 //! Where this program serves another, all that is printed goes to that one, as messages: JSON texts, each a line with a record
 //! separator in front (RFC 7464). What a unit writes to standard output beside them has none.

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::{Asked, Mark, Recorded, TABLE};
+use adaptive_fmu::simulation::{Asked, LoopFiles, Mark, Recorded, TABLE};
 use serde_json::json;
 
 use super::hosting::HostingOptions;
@@ -22,6 +22,9 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     let earlier = Recorded::read(folder)?;
     let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };
     let name = earlier.provenance.source.name.to_string_lossy().into_owned();
+    LoopFiles::find(&name).map_err(|error| {
+        refuse(format!("its run was of `{name}`, as named from the folder where it was run; from here: {error}"))
+    })?;
     let tables = if arguments.tables.every.is_some() || arguments.tables.parquet {
         arguments.tables.clone()
     } else {

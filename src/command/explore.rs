@@ -2,7 +2,7 @@
 
 use std::io::{IsTerminal, stdout};
 use std::path::PathBuf;
-use std::process::{Command, ExitCode, Stdio};
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -15,6 +15,7 @@ use adaptive_fmu::simulation::{LoopFiles, Structure};
 use serde_json::json;
 
 use super::loop_options::{LoopOptions, positive};
+use super::open;
 use super::parameters::Parameters;
 use super::progress::{Bars, is_interrupted};
 
@@ -72,7 +73,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     thread::spawn(move || server.serve());
     if !arguments.no_open && (arguments.open || stdout().is_terminal() && has_display()) {
-        open(&url);
+        open::show(url.as_ref());
     }
     let begun = Instant::now();
     let is_over = || arguments.duration.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
@@ -133,19 +134,4 @@ fn form(arguments: &Arguments, files: &LoopFiles) -> Result<(LoopOptions, Struct
 fn has_display() -> bool {
     let is_set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     cfg!(any(windows, target_os = "macos")) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY")
-}
-
-/// Opens an address in the user's browser; where that can't be, the address that was printed does.
-fn open(url: &str) {
-    let mut command = if cfg!(windows) {
-        let mut command = Command::new("rundll32");
-        command.arg("url.dll,FileProtocolHandler");
-        command
-    } else {
-        Command::new(if cfg!(target_os = "macos") { "open" } else { "xdg-open" })
-    };
-    let quiet = command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    if let Err(error) = quiet.spawn() {
-        tell!("no browser could be opened ({error}): open the address yourself");
-    }
 }

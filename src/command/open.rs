@@ -1,5 +1,6 @@
 //! A page that a command wrote, in the user's browser.
 
+use std::ffi::OsStr;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
@@ -27,13 +28,20 @@ pub struct OpenOption {
 impl OpenOption {
     /// Opens the page, where that is asked for. A page that can't be opened is there all the same: a warning says why.
     pub fn show(self, page: &Path) {
-        if let Some(reason) = self.open.then(|| opened(page).err()).flatten() {
-            tell!("warning: {} can't be opened: {}: {reason}", page.display(), OPENER[0]);
+        if self.open {
+            show(page.as_os_str());
         }
     }
 }
 
-fn opened(page: &Path) -> Result<(), String> {
+/// Opens a page or an address in the user's browser; a warning says why where that can't be.
+pub fn show(page: &OsStr) {
+    if let Err(reason) = opened(page) {
+        tell!("warning: {} can't be opened: {}: {reason}", page.display(), OPENER[0]);
+    }
+}
+
+fn opened(page: &OsStr) -> Result<(), String> {
     let mut opener = Command::new(OPENER[0]);
     opener.args(&OPENER[1..]).arg(page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     let mut running = opener.spawn().map_err(|error| error.to_string())?;

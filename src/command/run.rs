@@ -199,6 +199,7 @@ pub fn simulated(
     let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
     let Settings { start_time, stop_time, step, order } = settings;
+    let order = if whole { "as one unit".to_owned() } else { order.to_string() };
     detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);
     loaded.told().iter().for_each(|unit| detail!("{}: {unit}", structure.name));
     let provenance = options.provenance(name, &files, &structure, settings, &loaded)?;

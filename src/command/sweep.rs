@@ -38,9 +38,6 @@ pub struct Arguments {
     /// Goes on with an earlier sweep of the same question: runs that it has made are not made again
     #[arg(long)]
     resume: bool,
-    /// Runs at a time; without it, as many as there are cores
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
-    threads: Option<u16>,
     /// Folder for results, which go to LOOP-sweep in it
     #[arg(long, default_value = "results")]
     out: PathBuf,
@@ -96,9 +93,8 @@ impl Task {
         let (units, hosting) = (options.units(&structure)?, options.hosting.hosting()?);
         let first = units.load(&structure, &hosting)?;
         let provenance = options.provenance(&arguments.name, &files, &structure, settings, &first)?;
-        let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
-        let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
-        let further = if first.can_be_multiplied() { threads - 1 } else { 0 };
+        let wrong = |reason| Error::Loop { file: "--over".into(), reason };
+        let further = if first.can_be_multiplied() { parallel::cores() - 1 } else { 0 };
         let mut loops = vec![first];
         for _ in 0..further {
             loops.push(units.load(&structure, &hosting)?);

@@ -47,7 +47,7 @@ pub(super) fn told(structure: &Structure) -> String {
             BLOCK.1,
             y + 22.0,
             y + 40.0,
-            escaped(&shortened(&unit.fmu, 20)),
+            escaped(&shortened(&unit.fmu, 18)),
             name = escaped(&shortened(&unit.name, 16)),
             middle = x + BLOCK.0 / 2.0,
         );

@@ -37,7 +37,7 @@ class Slider {
     this.wide = this.range;
     const id = `p-${sliders.size}`;
     const label = made('label', {htmlFor: id, title: this.description}, this.short);
-    if (this.measure && this.measure !== '1') label.append(' ', made('small', {}, this.measure));
+    if (this.measure && this.measure !== '1') label.append(' ', made('small', {}, `(${this.measure})`));
     label.append(' ', made('small', {}, this.description));
     this.slide = made('input', {type: 'range', min: 0, max: POSITIONS, step: 1, id});
     this.entry = made('input', {type: 'number', step: 'any', autocomplete: 'off'});

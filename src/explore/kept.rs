@@ -41,7 +41,7 @@ fn plain(name: &str) -> Result<&str, String> {
 impl Session {
     /// The folder below the one that the user named.
     fn below(&self) -> String {
-        format!("{}-explored", self.bases[0].structure.name)
+        format!("{}-explored", self.name())
     }
 
     /// The parameter set of what differs from the loop as its files have it, with which `run --case` runs it.
@@ -52,12 +52,7 @@ impl Session {
         let mut kept = Vec::new();
         for (name, place, variable) in base.loaded.variables() {
             // What has no unit is of the loop as one unit alone.
-            if !base
-                .structure
-                .components
-                .iter()
-                .any(|unit| name.strip_prefix(&unit.name).is_some_and(|rest| rest.starts_with('.')))
-            {
+            if base.structure.unit_of(&name).is_none() {
                 continue;
             }
             let value = moved.get(name.as_str()).map(|value| Value::Real(*value));

@@ -20,7 +20,7 @@ const HTML: &str = "text/html; charset=utf-8";
 const JSON: &str = "application/json";
 /// So many connections are answered at a time.
 const MOST_CONNECTIONS: usize = 32;
-/// How long a connection that was refused may go on sending what nobody reads.
+/// So many bytes of a refused request are read that nobody looks at.
 const REST: usize = 1 << 20;
 
 /// A server that listens.
@@ -137,8 +137,7 @@ impl Server {
     }
 
     fn page(&self) -> String {
-        let name = self.session.told()["name"].as_str().map(escaped).unwrap_or_default();
-        PAGE.replace("{token}", &self.token).replace("{name}", &name)
+        PAGE.replace("{token}", &self.token).replace("{name}", &escaped(self.session.name()))
     }
 
     /// Runs the loop, and answers a line of JSON now and then, the result last.

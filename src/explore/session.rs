@@ -116,6 +116,11 @@ impl Session {
         }
     }
 
+    /// The loop's name.
+    pub(super) fn name(&self) -> &str {
+        &self.bases[0].structure.name
+    }
+
     /// What a page shows before the first run.
     pub(super) fn told(&self) -> Value {
         let Base { structure, loaded, .. } = &self.bases[0];

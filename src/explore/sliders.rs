@@ -7,12 +7,11 @@ use crate::library;
 use crate::model::Description;
 use crate::model_description::Variable;
 use crate::simulation::{LoadedLoop, Place, Structure};
+use crate::system::NO_LIMIT;
 
 /// So many sliders of a unit are shown at first.
 const FIRST_OF_CONTROLLER: usize = 8;
 const FIRST_OF_OTHERS: usize = 3;
-/// From here on a number stands for no limit at all.
-const NO_LIMIT: f64 = 1e14;
 /// A range over more than this is logarithmic.
 const DECADES: f64 = 1e3;
 /// How many times smaller or larger than its start value a parameter gets that has no limits.
@@ -66,10 +65,8 @@ impl Slider {
         place: Place,
         variable: &Variable,
     ) -> Option<Self> {
-        let within = |unit: &&str| name.strip_prefix(*unit).is_some_and(|rest| rest.starts_with('.'));
-        let units = structure.components.iter().map(|component| component.name.as_str());
         // What has no unit is of the loop as one unit, which other forms of it don't know.
-        let unit = units.filter(within).max_by_key(|unit| unit.len())?.to_owned();
+        let unit = structure.unit_of(&name)?.name.clone();
         let start = loaded.start_of(place)?;
         let number = |text: &Option<String>| text.as_ref().and_then(|text| text.parse().ok());
         let limits = (number(&variable.min), number(&variable.max));

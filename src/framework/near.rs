@@ -91,7 +91,8 @@ fn distance(name: &str, known: &str) -> Option<usize> {
         return Some(1);
     }
     let ends_with = |long: &str, short: &str| long.strip_suffix(short).is_some_and(|before| before.ends_with('.'));
-    let begins = given.chars().count() >= BEGINNING && known.starts_with(&given);
+    let own = known.rsplit('.').next().unwrap_or(&known);
+    let begins = given.chars().count() >= BEGINNING && (known.starts_with(&given) || own.starts_with(&given));
     if begins || ends_with(&known, &given) || ends_with(&given, &known) {
         return Some(2);
     }
@@ -181,6 +182,7 @@ mod tests {
             ("x[1]", "plant.x[1]"),
             ("plant.omega", "omega"),
             ("adaptation", "adaptation_gain"),
+            ("adaptation", "controller.adaptation_gain"),
         ] {
             assert_eq!(question(given, &["other", near, "u"]).unwrap(), format!("did you mean `{near}`?"), "{given}");
         }

@@ -270,7 +270,7 @@ pub fn start_values(
 }
 
 /// Why a variable keeps its start value, or has none.
-fn kept(variable: &Variable) -> String {
+pub(super) fn kept(variable: &Variable) -> String {
     if variable.description.ends_with(DESIGNED) {
         return "the FMU was designed with the value that it has; `adaptive-fmu export --values FILE.ssv` designs one with \
                 others, which the loop then leaves unset"

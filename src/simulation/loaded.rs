@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::check::{Circles, Link, check, typed};
+use super::check::{Circles, Link, check, kept, typed, within_limits};
 use super::closed_loop::ClosedLoop;
 use super::fmu::{Fmu, Hosting, Value};
 use super::port::signals;
@@ -159,12 +159,8 @@ impl LoadedLoop {
 
     /// The names of the Real parameters of its units, which a search may tune.
     pub fn tunable(&self) -> Vec<String> {
-        let of = |unit: &LoadedUnit| {
-            let is_tunable = |v: &&Variable| v.causality == "parameter" && v.kind == "Real";
-            let variables = unit.fmu.description.variables.iter().filter(is_tunable);
-            variables.map(|variable| format!("{}{}", unit.prefix, variable.name)).collect::<Vec<_>>()
-        };
-        self.units.iter().flat_map(of).collect()
+        let is_tunable = |v: &Variable| v.causality == "parameter" && v.kind == "Real";
+        self.variables().filter(|(_, _, variable)| is_tunable(variable)).map(|(name, _, _)| name).collect()
     }
 
     /// What is told of each unit in results, by its name; of which the archives were used as they are.
@@ -186,13 +182,10 @@ impl LoadedLoop {
             return reason
                 .map_or(Ok((name.to_owned(), place)), |reason| Err(format!("`{name}` can't be set: {reason}")));
         }
-        let all = || {
-            self.units.iter().enumerate().flat_map(|(unit, LoadedUnit { fmu, prefix, .. })| {
-                let variables = fmu.description.variables.iter().enumerate();
-                variables.map(move |(variable, it)| (format!("{prefix}{}", it.name), Place { unit, variable }))
-            })
+        let settable = || {
+            let variables = self.variables().map(|(full, place, _)| (full, place));
+            variables.filter(|(_, place)| self.fixed(*place).is_none())
         };
-        let settable = || all().filter(|(_, place)| self.fixed(*place).is_none());
         let ends = |full: &str| full.strip_suffix(name).is_some_and(|unit| unit.ends_with('.'));
         let mut named: Vec<_> = settable().filter(|(full, _)| ends(full)).collect();
         if named.len() == 1 {
@@ -203,11 +196,7 @@ impl LoadedLoop {
         if !named.is_empty() {
             return Err(format!("`{name}` is a parameter of several units: name one of {}", names(named)));
         }
-        // Part of a name leads to those that hold it.
-        let mut known: Vec<_> = settable().map(|(full, _)| full).filter(|full| full.contains(name)).collect();
-        if known.is_empty() {
-            known = settable().map(|(full, _)| full).collect();
-        }
+        let known: Vec<_> = settable().map(|(full, _)| full).collect();
         Err(format!("there is no parameter `{name}`; {}", near::choice(name, &known, "")))
     }
 
@@ -218,7 +207,7 @@ impl LoadedLoop {
             return Some("it is connected, and its values come from there".to_owned());
         }
         let is_fixed = found.start.is_none() || found.variability == "constant" || found.causality == "output";
-        is_fixed.then(|| format!("it is a {} {}", found.variability, found.causality))
+        is_fixed.then(|| kept(found))
     }
 
     /// A text as a start value of a variable, within the bounds that its FMU names.
@@ -227,19 +216,7 @@ impl LoadedLoop {
     /// What is allowed.
     pub fn start_value(&self, Place { unit, variable }: Place, text: &str) -> Result<Value, String> {
         let variable = &self.units[unit].fmu.description.variables[variable];
-        let value = typed(text, variable)?;
-        let number = match value {
-            Value::Real(number) => number,
-            Value::Integer(number) if variable.items.is_empty() => number.into(),
-            _ => return Ok(value),
-        };
-        let bound = |text: &Option<String>| text.as_ref().and_then(|text| text.parse::<f64>().ok());
-        let (min, max) = (bound(&variable.min), bound(&variable.max));
-        if min.is_some_and(|min| number < min) || max.is_some_and(|max| number > max) {
-            let (min, max) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
-            return Err(format!("must lie within {min} … {max}"));
-        }
-        Ok(value)
+        within_limits(typed(text, variable)?, variable)
     }
 
     /// Records these signals too, where units have variables of these names: they need not be outputs.

@@ -61,6 +61,16 @@ def test_a_run_again_gives_the_same_numbers(results: Path) -> None:
     assert again(other, "--tag", "third")[0]["again"]["same_numbers"]
 
 
+def test_a_loop_that_is_not_there_is_told_as_its_results_name_it(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "examples" / "own" / "dc_motor", tmp_path / "loops" / "dc_motor")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    assert adaptive_fmu("run", "loops/dc_motor", "--until", 0.1, "--out", "results", folder=tmp_path).returncode in (0, 3)
+    told = fails("run", "--again", tmp_path / "results" / "dc_motor", folder=elsewhere)
+    assert "its run was of `loops/dc_motor`, as named from the folder where it was run" in told
+    assert list(elsewhere.iterdir()) == []
+
+
 def test_a_composite_is_run_again_as_one(tmp_path: Path) -> None:
     told = ran(tmp_path, "--composite", "--set", "relative_tolerance=1e-4")
     assert told["settings"]["order"] is None and told["settings"]["composite"]

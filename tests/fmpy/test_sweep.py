@@ -68,6 +68,14 @@ def test_its_page_has_a_diagram_a_metric_and_a_curve_a_run(gains: Path) -> None:
     assert len(page.get_element_by_id("runs").findall(".//tr")) == 1 + 3
 
 
+def test_a_metric_that_no_run_has_is_told_so_and_a_limit_is_named(tmp_path: Path) -> None:
+    folder = swept(tmp_path, "--over", f"{GAIN}=1e3,1e4", "--until", "1")
+    page = html.document_fromstring((folder / "index.html").read_text())
+    told = page.text_content()
+    assert told.count("No run has a value of it") == 2 and "Dashed: its limit, 2.85." in told
+    assert [svg.get("aria-label") for svg in page.iter("svg")][0] == "max |u|"
+
+
 def test_two_parameters_have_a_map_whose_failing_cells_say_so(tmp_path: Path) -> None:
     # With the wrong sign of the input gain, no control can hold the loop.
     folder = swept(tmp_path, "--over", f"{GAIN}=1e3,1e4", "--over", "plant.omega=1,-2", *SHORT)
@@ -88,7 +96,7 @@ def test_two_parameters_have_a_map_whose_failing_cells_say_so(tmp_path: Path) ->
 def test_an_interrupted_sweep_goes_on_to_the_same_table(tmp_path: Path) -> None:
     options = ["--over", "adaptation_gain=1e3..1e5/log4", "--until", "60"]
     whole = swept(tmp_path / "whole", *options)
-    command = [str(PROGRAM), "sweep", LOOP, *options, "--json", "--threads", "1", "--out", str(tmp_path)]
+    command = [str(PROGRAM), "sweep", LOOP, *options, "--json", "--jobs", "1", "--out", str(tmp_path)]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     record, end = tmp_path / f"{LOOP}-sweep" / "sweep.json", time.monotonic() + 300
     while not record.is_file() and time.monotonic() < end:
@@ -129,7 +137,7 @@ def test_names_and_values_are_checked_before_anything_runs(tmp_path: Path) -> No
     several = refused("relative_tolerance=1e-4,1e-5")
     assert "several units" in several and "plant.relative_tolerance" in several
     assert "must be a finite number" in refused(f"{GAIN}=1,fast")
-    assert "must lie within" in refused(f"{GAIN}=-1,1")
+    assert "must be at least 0" in refused(f"{GAIN}=-1,1")
     assert "connected" in refused("plant.u[1]=1,2")
     assert list(tmp_path.iterdir()) == []
     assert adaptive_fmu("sweep", LOOP, "--over", "k=1..2", "--out", tmp_path).returncode == 2
@@ -162,6 +170,6 @@ def test_what_can_not_be_compared_is_refused_before_anything_runs(tmp_path: Path
     out = ["--until", "0.5", "--out", tmp_path]
     assert "several units" in fails("compare", LOOP, f"{LOOP}:relative_tolerance=1e-4", *out)
     assert "there is no parameter" in fails("compare", LOOP, f"{LOOP}:nothing=1", *out)
-    assert "must lie within" in fails("compare", LOOP, f"{LOOP}:adaptation_gain=-1", *out)
+    assert "must be at least 0" in fails("compare", LOOP, f"{LOOP}:adaptation_gain=-1", *out)
     assert "name each once" in fails("compare", LOOP, LOOP, *out)
     assert list(tmp_path.iterdir()) == []

@@ -6,15 +6,13 @@ use std::sync::Arc;
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::model_description::Variable;
 use adaptive_fmu::simulation::{Fmu, OperatingPoint, Quantity, linearise};
+use adaptive_fmu::system::NO_LIMIT;
 use adaptive_fmu::template::{MOST, Plant, Sizes};
 use serde_json::{Value, json};
 
 use super::UnitArguments;
 use crate::command::linearise::{as_json, told};
 use crate::command::names::{Names, Which};
-
-/// As descriptions have it.
-const NO_LIMIT: f64 = 1e15;
 
 /// The sizes that were asked for where there is no plant.
 pub fn sizes(arguments: &UnitArguments) -> Result<Sizes, Error> {

@@ -14,7 +14,7 @@ impl Structure {
     fn is_reference(&self, plot: &Plot, signal: &str) -> bool {
         plot.references.iter().any(|name| name == signal)
             || self.models.iter().any(|model| model.name == signal)
-            || self.sources().any(|unit| signal.strip_prefix(unit).is_some_and(|rest| rest.starts_with('.')))
+            || self.unit_of(signal).is_some_and(|unit| self.sources().any(|source| source == unit.name))
     }
 
     /// Units that hand on what doesn't depend on the loop.

@@ -169,6 +169,12 @@ pub struct Connection {
 }
 
 impl Structure {
+    /// The unit that a variable or signal of the loop, `unit.variable`, is of.
+    pub fn unit_of(&self, name: &str) -> Option<&Component> {
+        let is_of = |unit: &&Component| name.strip_prefix(&unit.name).is_some_and(|rest| rest.starts_with('.'));
+        self.components.iter().filter(is_of).max_by_key(|unit| unit.name.len())
+    }
+
     /// A unit alone, as a loop without connections; its archive gives it its name.
     pub fn of_unit(fmu: &Fmu, settings: Settings, values: &[(String, String)], plots: Vec<Plot>) -> Self {
         let file = fmu.file().to_owned();

@@ -77,6 +77,9 @@ impl SweepPage<'_> {
 
     /// A metric over the only parameter; a gap where a run failed. A parameter that is no number has the table alone.
     fn over(&self, axis: &Axis, metric: usize, label: &str) -> String {
+        if let Some(nothing) = self.unmeasured(metric, label) {
+            return nothing;
+        }
         let Some(numbers) = axis.numbers() else { return String::new() };
         let mut points: Vec<_> = (0..numbers.len())
             .map(|run| (numbers[run], self.points[run].as_ref().and_then(|point| point.metrics[metric])))
@@ -92,11 +95,27 @@ impl SweepPage<'_> {
         let colour = LINE_COLOUR.to_owned();
         lines.push(Line { name: label.to_owned(), colour, points, marked: true, dashed: false });
         let (x, y) = (self.sweep.with_unit(&axis.name), label.split(", ").next().unwrap_or(label));
-        Chart { title: label, x: &x, y, logarithmic: axis.is_logarithmic(), lines }.svg()
+        let mut svg = Chart { title: label, x: &x, y, logarithmic: axis.is_logarithmic(), lines }.svg();
+        if let Some(limit) = self.limit(metric) {
+            let _ = writeln!(svg, "<p>Dashed: its limit, {limit}.</p>");
+        }
+        svg
+    }
+
+    /// What stands in a metric's place where no run has a value of it.
+    fn unmeasured(&self, metric: usize, label: &str) -> Option<String> {
+        if self.made().any(|(_, point)| point.metrics[metric].is_some()) {
+            return None;
+        }
+        let reason = "a run has none that fails, or ends before the time from which it is measured";
+        Some(format!("<h2>{}</h2>\n<p>No run has a value of it: {reason}.</p>\n", escaped(label)))
     }
 
     /// A metric over two parameters: numbers on colours, the smallest the darkest.
     fn map(&self, down: &Axis, across: &Axis, metric: usize, label: &str) -> String {
+        if let Some(nothing) = self.unmeasured(metric, label) {
+            return nothing;
+        }
         let values: Vec<f64> = self.made().filter_map(|(_, point)| point.metrics[metric]).collect();
         let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         let mut map = format!("<h2>{}</h2>\n", escaped(label));
