@@ -144,7 +144,7 @@ def test_a_library_built_for_old_systems_asks_for_an_old_glibc() -> None:
     target, library = ROOT / "target", "libadaptive_fmu.so"
     places = [target / "x86_64-unknown-linux-gnu" / "release" / library]
     # Where tests/platforms/build leaves it.
-    places += [target / "old_linux" / "x86_64-unknown-linux-gnu" / "debug" / library]
+    places += [target / "old_linux" / "x86_64-unknown-linux-gnu" / "platforms" / library]
     built = [place for place in places if place.is_file()]
     if not built:
         pytest.skip("no library for old systems was built (docs/platforms.md tells how)")

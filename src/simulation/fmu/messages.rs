@@ -40,7 +40,8 @@ impl Messages {
         }
     }
 
-    /// Adds what was said later.
+    /// Adds what was said later, in another process: where there is none, nothing is.
+    #[cfg_attr(not(unix), expect(dead_code, reason = "units run in the program's own process there"))]
     pub(super) fn append(&mut self, later: Messages) {
         later.kept.iter().for_each(|text| self.push(text));
         if let Some(last) = later.last {
