@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
+use super::parameters::written;
 use super::session::{Session, Wanted};
 use crate::error::Error;
 use crate::exporter::{self, Library};
@@ -48,28 +49,16 @@ impl Session {
     pub(super) fn set(&self, wanted: &Wanted) -> Result<String, String> {
         let name = plain(&wanted.name)?;
         let (base, values) = self.find(wanted)?;
-        let moved: BTreeMap<&str, f64> = values.iter().map(|(slider, value)| (slider.name.as_str(), *value)).collect();
+        let moved: BTreeMap<&str, &Value> = values.iter().map(|(it, value)| (it.name.as_str(), value)).collect();
         let mut kept = Vec::new();
         for (name, place, variable) in base.loaded.variables() {
             // What has no unit is of the loop as one unit alone.
             if base.structure.unit_of(&name).is_none() {
                 continue;
             }
-            let value = moved.get(name.as_str()).map(|value| Value::Real(*value));
-            let Some(value) = value.or_else(|| base.loaded.given(place).cloned()) else { continue };
-            let own = || variable.start.as_ref().and_then(|start| start.parse().ok()).map(Value::Real);
-            if self.plain.get(&name).cloned().or_else(own).as_ref() == Some(&value) {
-                continue;
-            }
-            let (kind, text) = match value {
-                Value::Real(number) => ("Real", number.to_string()),
-                Value::Boolean(value) => ("Boolean", value.to_string()),
-                Value::String(text) => ("String", text),
-                Value::Integer(number) => match variable.items.iter().find(|(_, item)| *item == number) {
-                    Some((item, _)) => ("Enumeration", item.clone()),
-                    None => ("Integer", number.to_string()),
-                },
-            };
+            let value = moved.get(name.as_str()).copied().or_else(|| base.loaded.given(place));
+            let Some(value) = value.filter(|value| self.plain.get(&name) != Some(value)) else { continue };
+            let (kind, text) = written(value, &variable.items);
             kept.push((name, kind, text));
         }
         let kept: Vec<_> = kept.iter().map(|(name, kind, text)| (name.as_str(), *kind, text.clone())).collect();
@@ -94,8 +83,8 @@ impl Session {
         let (base, values) = self.find(wanted)?;
         let told = |error: Error| error.to_string();
         let mut structure = base.structure.clone();
-        for (slider, value) in values {
-            structure.set(&format!("{}={value}", slider.name)).map_err(told)?;
+        for (parameter, value) in values {
+            structure.set(&format!("{}={}", parameter.name, parameter.text(&value))).map_err(told)?;
         }
         let library = Library::beside_program().and_then(Library::with_other_platforms).map_err(told)?;
         let (exported, left): (Vec<&Component>, Vec<_>) = structure.components.iter().partition(|it| it.is_exported());

@@ -15,6 +15,7 @@ use crate::simulation::{DIAGRAMS, SCRIPT, STYLE};
 
 const PAGE: &str = include_str!("explore.html");
 const LOOKS: &str = include_str!("explore.css");
+const CONTROLS: &str = include_str!("controls.js");
 const BEHAVIOUR: &str = include_str!("explore.js");
 const HTML: &str = "text/html; charset=utf-8";
 const JSON: &str = "application/json";
@@ -93,6 +94,7 @@ impl Server {
             ("GET", "/") => Ok((HTML, self.page())),
             ("GET", "/explore.css") => Ok(("text/css; charset=utf-8", format!("{STYLE}{DIAGRAMS}{LOOKS}"))),
             ("GET", "/diagrams.js") => Ok(("text/javascript; charset=utf-8", SCRIPT.to_owned())),
+            ("GET", "/controls.js") => Ok(("text/javascript; charset=utf-8", CONTROLS.to_owned())),
             ("GET", "/explore.js") => Ok(("text/javascript; charset=utf-8", BEHAVIOUR.to_owned())),
             ("GET", "/loop") => Ok(told(self.session.told())),
             ("POST", "/run") => match wanted(&request) {
@@ -104,7 +106,8 @@ impl Server {
             ("POST", "/export") => kept(&request, |wanted| Ok(json!(self.session.export(wanted)?))).map(told),
             (
                 _,
-                "/" | "/explore.css" | "/diagrams.js" | "/explore.js" | "/loop" | "/run" | "/set" | "/save" | "/export",
+                "/" | "/explore.css" | "/diagrams.js" | "/controls.js" | "/explore.js" | "/loop" | "/run" | "/set"
+                | "/save" | "/export",
             ) => Err((405, format!("{} can't be asked for by {}", request.path, request.method))),
             _ => Err((404, "there is no such page".to_owned())),
         };
