@@ -1,9 +1,8 @@
 // The page of `explore`: each change of a parameter runs the loop anew, and its curves and metrics are drawn in place of the
 // last. Diagrams are drawn by
-// `Diagram` (diagrams.js), parameters moved by controls (controls.js). What is chosen stands behind the # of the address.
+// `Diagram` (diagrams.js), parameters moved by controls (controls.js); `backend` runs the
+// loop (server.js, or browser.js where there is no server). What is chosen stands behind the # of the address.
 'use strict';
-const TOKEN = new URLSearchParams(location.search).get('token');
-const PAGE = Array.from(crypto.getRandomValues(new Uint32Array(3)), part => part.toString(16)).join('');
 // A run that takes longer than this, in ms, is ended when another is wanted; a shorter one is waited for.
 const SHORT = 1000;
 const $ = id => document.getElementById(id);
@@ -15,11 +14,6 @@ const controls = new Map(), drawn = [];
 
 const starts = () => loop.cases.find(known => known.name === chosen.case)?.values ?? loop.cases[0].values;
 const valueOf = name => chosen.values[name] ?? starts()[name];
-
-const asked = async (path, body) => {
-  const headers = {'X-Token': TOKEN, ...(body && {'Content-Type': 'application/json'})};
-  return fetch(path, {method: body ? 'POST' : 'GET', headers, body: body && JSON.stringify(body)});
-};
 
 // ---- controls
 
@@ -102,12 +96,10 @@ const pump = () => {
 const run = async (fine = false) => {
   flying?.stop.abort();
   const mine = flying = {number: ++number, fine, begun: performance.now(), stop: new AbortController()};
-  const body = JSON.stringify({page: PAGE, number: mine.number, fine, case: chosen.case, values: chosen.values});
+  const wanted = {number: mine.number, fine, case: chosen.case, values: chosen.values};
   const isPlain = chosen.case === null && !Object.keys(chosen.values).length;
   try {
-    const headers = {'X-Token': TOKEN, 'Content-Type': 'application/json'};
-    const answer = await fetch('run', {method: 'POST', headers, body, signal: mine.stop.signal});
-    await lines(answer, line => {
+    await backend.run(wanted, mine.stop.signal, line => {
       if (flying === mine) take(line, isPlain, performance.now() - mine.begun);
     });
   } catch (error) {
@@ -128,19 +120,6 @@ const settle = () => {
 };
 let isFine = true;
 
-// The lines of JSON of an answer, as they come.
-const lines = async (answer, tell) => {
-  const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
-  let rest = '';
-  for (;;) {
-    const {value, done} = await reader.read();
-    const whole = (rest + (value ?? '')).split('\n');
-    rest = done ? '' : whole.pop();
-    whole.filter(Boolean).forEach(line => tell(JSON.parse(line)));
-    if (done) return;
-  }
-};
-
 const take = (line, isPlain, took) => {
   if (line.done !== undefined) {
     $('progress').hidden = false;
@@ -159,7 +138,7 @@ const take = (line, isPlain, took) => {
   }
 };
 
-const lost = () => wrong('The program doesn\'t answer: it may have ended. Run `adaptive-fmu explore` again.');
+const lost = () => wrong(backend.lost);
 
 const wrong = reason => {
   isFine = true;
@@ -222,11 +201,10 @@ const list = (place, texts, title) => {
 
 // ---- what is kept
 
-const keep = async (path, told) => {
+const keep = async (what, told) => {
   $('kept').textContent = '…';
   try {
-    const answer = await asked(path, {case: chosen.case, values: chosen.values, name: $('name').value});
-    const given = await answer.json();
+    const given = await backend.keep(what, {case: chosen.case, values: chosen.values, name: $('name').value});
     $('kept').replaceChildren(...(given.error ? [made('span', {className: 'bad'}, given.error)] : told(given)));
   } catch {
     $('kept').textContent = '';
@@ -248,6 +226,7 @@ const exported = ({folder, fmus, left_out: left}) => {
 };
 
 const listen = () => {
+  $('save').hidden = $('export').hidden = !backend.writes;
   $('find').addEventListener('input', filter);
   $('all').addEventListener('change', filter);
   $('case').addEventListener('change', () => {
@@ -290,9 +269,7 @@ const listen = () => {
 };
 
 const begin = async () => {
-  const answer = await asked('loop');
-  if (!answer.ok) throw new Error((await answer.json()).error);
-  loop = await answer.json();
+  loop = await backend.loop();
   const {start, stop, step, fine_step: fine} = loop.settings;
   $('description').textContent = loop.description;
   const then = step > fine ? `; metrics, when you pause, from one every ${fine} s` : '';

@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::blocks;
+use super::cases::Base;
+use super::clock::Instant;
 use super::parameters::Parameter;
 use crate::error::Error;
 use crate::simulation::{self, Ending, LoadedLoop, Report, Settings, Structure, measure};
@@ -25,17 +27,6 @@ const LOOK: Duration = Duration::from_millis(5);
 const PATIENCE: Duration = Duration::from_secs(2);
 /// The latest requests of so many pages are known.
 const MOST_PAGES: usize = 100;
-
-/// A loop with the start values of one of its cases.
-#[derive(Debug)]
-pub struct Base {
-    /// Name of the case; none of the loop as it is.
-    pub name: Option<String>,
-    /// The loop.
-    pub structure: Structure,
-    /// Its units.
-    pub loaded: LoadedLoop,
-}
 
 /// A loop that is explored.
 #[derive(Debug)]

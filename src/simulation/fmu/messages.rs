@@ -91,7 +91,10 @@ impl Log {
 
 /// The function that units log by; its environment is a [`Log`].
 pub(super) fn logger() -> LoggerFunction {
+    #[cfg(not(target_family = "wasm"))]
     type Fixed = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char);
+    #[cfg(target_family = "wasm")]
+    type Fixed = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char, *mut c_void);
     // SAFETY: the caller passes what the standard's type says; `keep_message` takes its arguments as they come in a
     // call of a variadic function on its platform.
     unsafe { std::mem::transmute::<Fixed, LoggerFunction>(keep_message) }
@@ -186,8 +189,8 @@ mod expanding {
     }
 }
 
-/// On other platforms the arguments before the dots come as in a function without dots; what follows isn't read, and
-/// the message stays the format that it is.
+/// On other platforms the arguments before the dots come as in a function without dots, on WebAssembly with a pointer to
+/// the others behind them; what follows isn't read, and the message stays the format that it is.
 #[cfg(not(all(target_arch = "x86_64", unix)))]
 unsafe extern "C" fn keep_message(
     environment: *mut c_void,
@@ -195,6 +198,7 @@ unsafe extern "C" fn keep_message(
     status: c_int,
     _category: *const c_char,
     format: *const c_char,
+    #[cfg(target_family = "wasm")] _arguments: *mut c_void,
 ) {
     if !format.is_null() && status != OK {
         // SAFETY: the environment is the instance's log, which outlives it; the message is a C string.
