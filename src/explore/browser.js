@@ -67,6 +67,8 @@ class Browser {
   constructor() {
     this.lost = 'The program within this page has failed. Load the page again.';
     this.writes = false;
+    // A worker that is ended takes the code with it that the browser has made fast.
+    this.patience = 5000;
     this.workers = {};
   }
 
@@ -94,14 +96,22 @@ class Browser {
   async run(wanted, signal, tell) {
     const kind = wanted.fine ? 'fine' : 'about', worked = await this.worker(kind);
     signal.throwIfAborted();
-    const end = new Promise((_, reject) => signal.addEventListener('abort', () => reject(signal.reason)));
+    const end = new Promise((_, reject) => signal.addEventListener('abort', () => {
+      // At once: the next run must not take a worker that is about to end.
+      this.end(kind, worked);
+      reject(signal.reason);
+    }));
     try {
       await Promise.race([worked.ask({run: wanted}, tell), end]);
     } catch (error) {
-      worked.worker.terminate();
-      delete this.workers[kind];
+      this.end(kind, worked);
       throw error;
     }
+  }
+
+  end(kind, worked) {
+    worked.worker.terminate();
+    if (this.workers[kind] === worked) delete this.workers[kind];
   }
 
   async keep(what, wanted) {

@@ -3,8 +3,6 @@
 // `Diagram` (diagrams.js), parameters moved by controls (controls.js); `backend` runs the
 // loop (server.js, or browser.js where there is no server). What is chosen stands behind the # of the address.
 'use strict';
-// A run that takes longer than this, in ms, is ended when another is wanted; a shorter one is waited for.
-const SHORT = 1000;
 const $ = id => document.getElementById(id);
 
 let loop = null, asItIs = null, lastTook = 0;
@@ -83,7 +81,7 @@ const change = () => {
 
 const pump = () => {
   if (!isWanted) return;
-  const patience = lastTook < SHORT && !flying?.fine ? SHORT : 0;
+  const patience = lastTook < backend.patience && !flying?.fine ? backend.patience : 0;
   const waits = flying ? patience - (performance.now() - flying.begun) : 0;
   if (waits > 0) {
     later ??= setTimeout(() => { later = null; pump(); }, waits);

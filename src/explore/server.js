@@ -8,6 +8,8 @@ class Server {
     this.lost = 'The program doesn\'t answer: it may have ended. Run `adaptive-fmu explore` again.';
     // It writes files.
     this.writes = true;
+    // A run that takes longer than this, in ms, is ended when another is wanted; a shorter one is waited for.
+    this.patience = 1000;
   }
 
   asked(path, body, signal) {

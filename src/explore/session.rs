@@ -109,6 +109,7 @@ impl Session {
     }
 
     /// The loop's name.
+    #[cfg(not(target_family = "wasm"))]
     pub(super) fn name(&self) -> &str {
         &self.bases[0].structure.name
     }

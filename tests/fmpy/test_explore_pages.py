@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import ROOT, adaptive_fmu
 from test_explore import browser as browser  # noqa: PLC0414 (a fixture)
@@ -14,8 +15,9 @@ from test_explore import curves, metrics, ran, slider
 
 LOOPS = ["3.2.1-cosine", "6.5.1-mrac"]
 AMPLITUDE = "reference.cosine_amplitude[1]"
-# The browser's elementary functions and the system's differ by roundings, which a loop hands on.
-APART = 1e-9
+# The browser's elementary functions and the system's differ by roundings; error control chooses other steps by them, and what
+# fast adaptation does is then apart by what the tolerance lets it: 5e-5 of the control's peak, as measured.
+APART = 1e-4
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +92,16 @@ def test_metrics_and_curves_are_those_of_the_program(page: Callable[..., Any], l
     assert told["shortfall"] is None and len(told["metrics"]) == len(ran["metrics"]) > 0
     for ours, theirs in zip(told["metrics"], ran["metrics"], strict=True):
         assert ours["label"] == theirs["label"] and ours["value"] == pytest.approx(theirs["value"], rel=APART)
+    table = np.genfromtxt(next(tmp_path.rglob("*.csv")), delimiter=",", names=True, deletechars="", encoding="utf-8")
+    time, compared = table[table.dtype.names[0]], 0
+    for curve in (curve for diagram in told["diagrams"] for curve in diagram["curves"]):
+        name = next((name for name in table.dtype.names if name.split("_(")[0] == curve["name"]), None)
+        if name is not None:
+            theirs = np.interp(curve["x"], time, table[name])
+            apart = np.abs(theirs - curve["y"]).max()
+            assert apart <= APART * np.abs(table[name]).max(), (curve["name"], apart)
+            compared += 1
+    assert compared >= 2
 
 
 def test_a_slider_moves_curves_and_metrics_to_those_of_the_program(page: Callable[..., Any], tmp_path: Path) -> None:
@@ -104,7 +116,7 @@ def test_a_slider_moves_curves_and_metrics_to_those_of_the_program(page: Callabl
     value = control.locator("input[type=number]").input_value()
     assert curves(shown) != drawn and float(value) > 2
     theirs = run_by_the_program(LOOPS[0], tmp_path, "--set", f"{AMPLITUDE}={value}")["metrics"]
-    assert [float(text) for text in metrics(shown)] == [pytest.approx(it["value"], rel=1e-4) for it in theirs]
+    assert [float(text) for text in metrics(shown)] == [pytest.approx(it["value"], rel=APART) for it in theirs]
     # The link brings the value to another page, a set to the program.
     shown.wait_for_function("location.hash.includes('cosine_amplitude')")
     again = page(LOOPS[0], "#" + shown.url.partition("#")[2])

@@ -41,6 +41,7 @@ impl Messages {
     }
 
     /// Adds what was said later.
+    #[cfg(any(unix, test))]
     pub(super) fn append(&mut self, later: Messages) {
         later.kept.iter().for_each(|text| self.push(text));
         if let Some(last) = later.last {
