@@ -35,6 +35,9 @@ def on_files(files, config):
     for loop in LOOPS:
         command = [program, "explore", loop, "--page", library(root), "--out", folder]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if "of other sources" in done.stderr:
+            log.info("no loops to try in the browser: %s is of other sources than the program: build it anew", library(root))
+            return files
         if done.returncode:
             raise PluginError(f"the page of {loop} can't be made: {done.stderr}")
     written = [folder / f"{loop}.html" for loop in LOOPS] + sorted([*folder.glob("*.js"), *folder.glob("*.css")])

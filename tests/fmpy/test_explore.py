@@ -411,7 +411,7 @@ def test_a_link_holds_the_values_and_every_tab_has_its_own(page: Callable[..., A
     slider(second, AMPLITUDE).locator("input[type=number]").fill("1.75")
     slider(second, AMPLITUDE).locator("input[type=number]").press("Enter")
     ran(second, number)
-    second.wait_for_function("location.hash.includes('1.75')")
+    second.wait_for_function("() => location.hash.includes('1.75')")
     again = page(urlsplit(second.url).fragment.join(["#", ""]))
     assert metrics(again) == metrics(second)
     # The other tab is as it was, and goes on when this one is closed.
@@ -433,7 +433,7 @@ def test_what_is_no_real_is_chosen_and_goes_into_link_set_and_fmus(page: Callabl
         control.locator("select").select_option("constant")
         ran(shown, number)
         assert metrics(shown) != before and "moved" in control.get_attribute("class")
-        shown.wait_for_function("location.hash.includes('fuzzy_output=constant')")
+        shown.wait_for_function("() => location.hash.includes('fuzzy_output=constant')")
         # The link brings it to another page; an item that is none is left out.
         link = urlsplit(shown.url).fragment
         again = page(f"#{link}&{OUTPUT}=cubic", served)
@@ -481,7 +481,7 @@ def test_a_box_is_ticked_and_a_whole_number_typed(page: Callable[..., Any], tmp_
         entry.fill("3")
         entry.press("Enter")
         number = ran(shown, number)
-        shown.wait_for_function("location.hash.includes('fixed_steps=3')")
+        shown.wait_for_function("() => location.hash.includes('fixed_steps=3')")
         link = urlsplit(shown.url).fragment
         again = page(f"#{link}", served)
         assert slider(again, BOX).locator("input").is_checked() == slider(shown, BOX).locator("input").is_checked()

@@ -15,9 +15,10 @@ from test_explore import curves, metrics, ran, slider
 
 LOOPS = ["3.2.1-cosine", "6.5.1-mrac"]
 AMPLITUDE = "reference.cosine_amplitude[1]"
-# The browser's elementary functions and the system's differ by roundings; error control chooses other steps by them, and what
-# fast adaptation does is then apart by what the tolerance lets it: 5e-5 of the control's peak, as measured.
+# The browser's elementary functions and the system's differ by roundings, by which error control chooses other steps. Parts of
+# what is compared: a control's peak moves by 5e-5 so, as measured, outputs by 1e-6.
 APART = 1e-4
+OUTPUT_APART = 1e-5
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +70,7 @@ def page(browser: Any, folder: Path) -> Iterator[Callable[..., Any]]:
 
 def run_by_the_program(loop: str, out: Path, *arguments: str) -> dict[str, Any]:
     done = adaptive_fmu("run", loop, "--composite", *arguments, "--json", "--out", out)
+    assert done.stdout, done.stderr
     return json.loads(done.stdout)
 
 
@@ -95,11 +97,11 @@ def test_metrics_and_curves_are_those_of_the_program(page: Callable[..., Any], l
     table = np.genfromtxt(next(tmp_path.rglob("*.csv")), delimiter=",", names=True, deletechars="", encoding="utf-8")
     time, compared = table[table.dtype.names[0]], 0
     for curve in (curve for diagram in told["diagrams"] for curve in diagram["curves"]):
-        name = next((name for name in table.dtype.names if name.split("_(")[0] == curve["name"]), None)
-        if name is not None:
-            theirs = np.interp(curve["x"], time, table[name])
-            apart = np.abs(theirs - curve["y"]).max()
-            assert apart <= APART * np.abs(table[name]).max(), (curve["name"], apart)
+        # A control follows adaptation, whose fast turns are elsewhere after any rounding: its metrics are compared alone.
+        if curve["name"] in table.dtype.names and not curve["name"].startswith("controller."):
+            theirs = table[curve["name"]]
+            apart = np.abs(np.interp(curve["x"], time, theirs) - curve["y"]).max()
+            assert apart <= OUTPUT_APART * np.abs(theirs).max(), (curve["name"], apart)
             compared += 1
     assert compared >= 2
 
@@ -109,16 +111,16 @@ def test_a_slider_moves_curves_and_metrics_to_those_of_the_program(page: Callabl
     before, drawn, number = metrics(shown), curves(shown), ran(shown)
     assert len(before) == 3 and len(drawn) == 4
     control = slider(shown, AMPLITUDE)
-    control.locator("input[type=range]").focus()
-    for _ in range(5):
-        shown.keyboard.press("PageUp")
+    # As fast as a hand does.
+    for key in ["PageUp", "PageDown", "PageUp", "ArrowLeft"]:
+        control.locator("input[type=range]").press(key)
     ran(shown, number)
     value = control.locator("input[type=number]").input_value()
     assert curves(shown) != drawn and float(value) > 2
     theirs = run_by_the_program(LOOPS[0], tmp_path, "--set", f"{AMPLITUDE}={value}")["metrics"]
     assert [float(text) for text in metrics(shown)] == [pytest.approx(it["value"], rel=APART) for it in theirs]
     # The link brings the value to another page, a set to the program.
-    shown.wait_for_function("location.hash.includes('cosine_amplitude')")
+    shown.wait_for_function("() => location.hash.includes('cosine_amplitude')")
     again = page(LOOPS[0], "#" + shown.url.partition("#")[2])
     assert metrics(again) == metrics(shown)
     with shown.expect_download() as download:
@@ -152,7 +154,7 @@ def test_moving_on_while_metrics_are_measured_ends_that(page: Callable[..., Any]
         shown.wait_for_function("before => document.body.dataset.run !== before", arg=number)
         # Some pauses are as long as the page waits before it measures.
         shown.wait_for_timeout(450)
-    shown.wait_for_function("document.body.dataset.settled === 'yes'", timeout=60_000)
+    shown.wait_for_function("() => document.body.dataset.settled === 'yes'", timeout=60_000)
     assert not any("≈" in text for text in metrics(shown))
 
 
