@@ -12,6 +12,9 @@ pub mod controllers;
 #[cfg(feature = "cli")]
 pub mod distribution;
 #[cfg(feature = "cli")]
+#[allow(unsafe_code)]
+mod dynamic;
+#[cfg(feature = "cli")]
 pub mod explore;
 #[cfg(feature = "cli")]
 pub mod exporter;

@@ -1,15 +1,15 @@
 //! `explore`: a closed loop in the browser, with sliders for its parameters.
 
 use std::io::{IsTerminal, stdout};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::explore::{Base, Server, Session, token};
-use adaptive_fmu::exporter::Library;
+use adaptive_fmu::explore::{Server, Session, cases, coarse, token, write_page};
+use adaptive_fmu::exporter::{Library, loops};
 use adaptive_fmu::simulation::composite as composite_of;
 use adaptive_fmu::simulation::{LoopFiles, Structure};
 use serde_json::json;
@@ -19,10 +19,28 @@ use super::open;
 use super::parameters::Parameters;
 use super::progress::{Bars, is_interrupted};
 
-/// The most communication points of a loop as one unit while sliders are moved: about one a pixel.
-const POINTS: f64 = 1000.0;
 /// How often it is looked whether the user wants to end.
 const LOOK: Duration = Duration::from_millis(50);
+
+/// What is about a page that a server answers.
+const SERVED: [&str; 16] = [
+    "separate",
+    "composite",
+    "port",
+    "open",
+    "no_open",
+    "duration",
+    "fmus",
+    "step",
+    "until",
+    "order",
+    "accept_algebraic_loops",
+    "case",
+    "set",
+    "in_process",
+    "patience",
+    "json",
+];
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -45,6 +63,10 @@ pub struct Arguments {
     /// Folder for sets and FMUs, which go to LOOP-explored in it
     #[arg(long, default_value = "results")]
     out: PathBuf,
+    /// Writes the page of a loop of this package as files into the folder of --out, which need no server: LIBRARY is this
+    /// package's library, built for wasm32-unknown-unknown. Pages of one folder share it
+    #[arg(long, value_name = "LIBRARY.wasm", conflicts_with_all = SERVED)]
+    page: Option<PathBuf>,
     /// Ends after so many seconds; without it, Ctrl-C ends it
     #[arg(long = "for", value_name = "SECONDS", value_parser = positive)]
     duration: Option<f64>,
@@ -57,6 +79,9 @@ pub struct Arguments {
 
 /// Serves the page of a loop until the user ends it.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    if let Some(library) = &arguments.page {
+        return written(arguments, library);
+    }
     // From here on Ctrl-C is heard.
     let _bars = Bars::new(true);
     let files = LoopFiles::find(&arguments.name)?;
@@ -84,30 +109,29 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Writes the page as files.
+fn written(arguments: &Arguments, library: &Path) -> Result<ExitCode, Error> {
+    if !loops().iter().any(|(name, _)| *name == arguments.name) {
+        let known = loops().iter().map(|(name, _)| *name);
+        return Err(Error::unknown("loop of this package", &arguments.name, known, "`adaptive-fmu list`"));
+    }
+    let bytes = std::fs::read(library).map_err(Error::file(library))?;
+    let page = write_page(&arguments.name, (library, &bytes), &arguments.out)?;
+    say!("{}", page.display());
+    Ok(ExitCode::SUCCESS)
+}
+
 /// The loop, ready to run: as it is, and with each of the cases that lie beside it.
 fn session(arguments: &Arguments, files: &LoopFiles) -> Result<Session, Error> {
     let (options, structure, mut notes) = form(arguments, files)?;
     let fine = options.settings(&structure)?;
-    let mut settings = fine;
-    if options.composite && options.step.is_none() {
-        settings.step = settings.step.max((settings.stop_time - settings.start_time) / POINTS);
-    }
+    let settings = if options.composite && options.step.is_none() { coarse(fine) } else { fine };
     let hosting = options.hosting.hosting()?;
     let load = |structure: &Structure| options.units(structure)?.load(structure, &hosting);
     let plain = LoopOptions { parameters: Parameters::default(), ..options.clone() };
     let plain = load(&plain.structure(files)?)?;
-    let mut bases = vec![Base { name: None, loaded: load(&structure)?, structure }];
-    for case in files.parameter_files() {
-        let mut changed = bases[0].structure.clone();
-        // A set that the loop binds to one of its units is no case: its names have no unit.
-        if changed.apply_case(case.as_ref(), files).is_err() || changed == bases[0].structure {
-            continue;
-        }
-        match load(&changed) {
-            Ok(loaded) => bases.push(Base { name: Some(case), loaded, structure: changed }),
-            Err(error) => notes.push(format!("the case {case} is left out: {error}")),
-        }
-    }
+    let (bases, left_out) = cases(structure, files, load)?;
+    notes.extend(left_out);
     Ok(Session::new(bases, &plain, (settings, fine), options.composite, notes, arguments.out.clone()))
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use super::sliders::role;
+use super::parameters::role;
 use crate::catalogue::Role;
 use crate::exporter::escaped;
 use crate::simulation::{Component, Structure};

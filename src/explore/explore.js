@@ -1,107 +1,28 @@
 // The page of `explore`: each change of a parameter runs the loop anew, and its curves and metrics are drawn in place of the
-// last. Diagrams are drawn by `Diagram` (diagrams.js). What is chosen stands behind the # of the address.
+// last. Diagrams are drawn by
+// `Diagram` (diagrams.js), parameters moved by controls (controls.js); `backend` runs the
+// loop (server.js, or browser.js where there is no server). What is chosen stands behind the # of the address.
 'use strict';
-const TOKEN = new URLSearchParams(location.search).get('token');
-const PAGE = Array.from(crypto.getRandomValues(new Uint32Array(3)), part => part.toString(16)).join('');
-const POSITIONS = 1000;
-// A run that takes longer than this, in ms, is ended when another is wanted; a shorter one is waited for.
-const SHORT = 1000;
 const $ = id => document.getElementById(id);
-const made = (kind, attributes = {}, ...children) => {
-  const made = document.createElement(kind);
-  Object.assign(made, attributes);
-  made.append(...children);
-  return made;
-};
-const written = value => value === null || value === undefined ? '–' : String(Number(value.toPrecision(5)));
 
 let loop = null, asItIs = null, lastTook = 0;
 // The case, and the values that differ from those of the case.
 let chosen = {case: null, values: {}};
-const sliders = new Map(), drawn = [];
+const controls = new Map(), drawn = [];
 
 const starts = () => loop.cases.find(known => known.name === chosen.case)?.values ?? loop.cases[0].values;
 const valueOf = name => chosen.values[name] ?? starts()[name];
 
-const asked = async (path, body) => {
-  const headers = {'X-Token': TOKEN, ...(body && {'Content-Type': 'application/json'})};
-  return fetch(path, {method: body ? 'POST' : 'GET', headers, body: body && JSON.stringify(body)});
+// ---- controls
+
+const choose = (control, value) => {
+  if (value === starts()[control.name]) delete chosen.values[control.name]; else chosen.values[control.name] = value;
+  moved = control;
+  change();
 };
-
-// ---- sliders
-
-class Slider {
-  constructor(given) {
-    Object.assign(this, given);
-    this.short = this.name.slice(this.unit.length + 1);
-    this.wide = this.range;
-    const id = `p-${sliders.size}`;
-    const label = made('label', {htmlFor: id, title: this.description}, this.short);
-    if (this.measure && this.measure !== '1') label.append(' ', made('small', {}, `(${this.measure})`));
-    label.append(' ', made('small', {}, this.description));
-    this.slide = made('input', {type: 'range', min: 0, max: POSITIONS, step: 1, id});
-    this.entry = made('input', {type: 'number', step: 'any', autocomplete: 'off'});
-    this.entry.setAttribute('aria-label', this.name);
-    this.back = made('button', {type: 'button'}, '↺');
-    this.wrong = made('p', {className: 'wrong bad', hidden: true});
-    if (!this.range) this.entry.id = label.htmlFor = `${id}-entry`;
-    const first = this.range ? this.slide : made('span', {className: 'unbounded'}, 'no limit');
-    this.place = made('div', {className: 'slider'}, label, first, this.entry, this.back, this.wrong);
-    this.place.dataset.name = this.name;
-    this.slide.addEventListener('input', () => this.choose(this.at(Number(this.slide.value))));
-    this.entry.addEventListener('change', () => {
-      const value = this.entry.valueAsNumber;
-      if (Number.isFinite(value)) this.choose(value); else this.show();
-    });
-    this.back.addEventListener('click', () => this.choose(starts()[this.name]));
-  }
-
-  at(position) {
-    const [low, high] = this.wide, part = position / POSITIONS;
-    if (position <= 0) return low;
-    if (position >= POSITIONS) return high;
-    const value = this.logarithmic ? low * (high / low) ** part : low + part * (high - low);
-    return Number(value.toPrecision(4));
-  }
-
-  position(value) {
-    const [low, high] = this.wide;
-    const part = this.logarithmic ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
-    return Math.round(Math.min(1, Math.max(0, part)) * POSITIONS);
-  }
-
-  choose(value) {
-    if (value === starts()[this.name]) delete chosen.values[this.name]; else chosen.values[this.name] = value;
-    moved = this;
-    this.show();
-    change();
-  }
-
-  show() {
-    const value = valueOf(this.name), start = starts()[this.name];
-    if (this.range) {
-      // A value that was typed may lie beside the slider: then it goes so far.
-      const [low, high] = this.range;
-      this.wide = [Math.min(low, this.logarithmic && value <= 0 ? low : value), Math.max(high, value)];
-      this.slide.value = this.position(value);
-      this.slide.setAttribute('aria-valuetext', written(value));
-    }
-    if (this.entry.valueAsNumber !== value) this.entry.value = value;
-    this.back.title = `Back to ${start}`;
-    this.back.setAttribute('aria-label', `${this.name} back to ${start}`);
-    this.place.classList.toggle('moved', this.name in chosen.values);
-  }
-
-  refuse(reason) {
-    this.wrong.textContent = reason ?? '';
-    this.wrong.hidden = !reason;
-    this.place.classList.toggle('refused', Boolean(reason));
-    if (reason) this.place.hidden = false;
-  }
-}
 let moved = null;
 
-const showAll = () => sliders.forEach(slider => slider.show());
+const showAll = () => controls.forEach(control => control.show());
 
 const filter = () => {
   const words = $('find').value.toLowerCase().split(/\s+/).filter(Boolean);
@@ -109,9 +30,10 @@ const filter = () => {
   for (const group of $('sliders').children) {
     let any = false;
     for (const place of group.querySelectorAll('.slider')) {
-      const slider = sliders.get(place.dataset.name), text = `${slider.name} ${slider.description}`.toLowerCase();
-      const isFound = words.length ? words.every(word => text.includes(word)) : $('all').checked || slider.first;
-      place.hidden = !(isFound || slider.name in chosen.values && !words.length);
+      const {name, description, first} = controls.get(place.dataset.name);
+      const text = `${name} ${description}`.toLowerCase();
+      const isFound = words.length ? words.every(word => text.includes(word)) : $('all').checked || first;
+      place.hidden = !(isFound || name in chosen.values && !words.length);
       any ||= !place.hidden;
     }
     group.hidden = !any;
@@ -127,8 +49,8 @@ const fromLink = () => {
   const known = link.get('case');
   chosen = {case: loop.cases.some(it => it.name === known) ? known : null, values: {}};
   for (const [name, text] of link) {
-    const value = Number(text);
-    if (sliders.has(name) && text.trim() && Number.isFinite(value) && value !== starts()[name]) chosen.values[name] = value;
+    const value = controls.get(name)?.read(text);
+    if (value !== undefined && value !== starts()[name]) chosen.values[name] = value;
   }
   $('case').value = chosen.case ?? '';
 };
@@ -159,7 +81,7 @@ const change = () => {
 
 const pump = () => {
   if (!isWanted) return;
-  const patience = lastTook < SHORT && !flying?.fine ? SHORT : 0;
+  const patience = lastTook < backend.patience && !flying?.fine ? backend.patience : 0;
   const waits = flying ? patience - (performance.now() - flying.begun) : 0;
   if (waits > 0) {
     later ??= setTimeout(() => { later = null; pump(); }, waits);
@@ -172,12 +94,10 @@ const pump = () => {
 const run = async (fine = false) => {
   flying?.stop.abort();
   const mine = flying = {number: ++number, fine, begun: performance.now(), stop: new AbortController()};
-  const body = JSON.stringify({page: PAGE, number: mine.number, fine, case: chosen.case, values: chosen.values});
+  const wanted = {number: mine.number, fine, case: chosen.case, values: chosen.values};
   const isPlain = chosen.case === null && !Object.keys(chosen.values).length;
   try {
-    const headers = {'X-Token': TOKEN, 'Content-Type': 'application/json'};
-    const answer = await fetch('run', {method: 'POST', headers, body, signal: mine.stop.signal});
-    await lines(answer, line => {
+    await backend.run(wanted, mine.stop.signal, line => {
       if (flying === mine) take(line, isPlain, performance.now() - mine.begun);
     });
   } catch (error) {
@@ -198,19 +118,6 @@ const settle = () => {
 };
 let isFine = true;
 
-// The lines of JSON of an answer, as they come.
-const lines = async (answer, tell) => {
-  const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
-  let rest = '';
-  for (;;) {
-    const {value, done} = await reader.read();
-    const whole = (rest + (value ?? '')).split('\n');
-    rest = done ? '' : whole.pop();
-    whole.filter(Boolean).forEach(line => tell(JSON.parse(line)));
-    if (done) return;
-  }
-};
-
 const take = (line, isPlain, took) => {
   if (line.done !== undefined) {
     $('progress').hidden = false;
@@ -229,7 +136,7 @@ const take = (line, isPlain, took) => {
   }
 };
 
-const lost = () => wrong('The program doesn\'t answer: it may have ended. Run `adaptive-fmu explore` again.');
+const lost = () => wrong(backend.lost);
 
 const wrong = reason => {
   isFine = true;
@@ -241,14 +148,14 @@ const wrong = reason => {
 
 // A unit doesn't take these values: the last curves stay, greyed.
 const refused = ({refused, at}) => {
-  sliders.forEach(slider => slider.refuse(null));
-  const places = at.length ? at.map(name => sliders.get(name)) : [moved];
-  places.filter(Boolean).forEach(slider => slider.refuse(refused));
+  controls.forEach(control => control.refuse(null));
+  const places = at.length ? at.map(name => controls.get(name)) : [moved];
+  places.filter(Boolean).forEach(control => control.refuse(refused));
   wrong(`Not run: ${refused}`);
 };
 
 const show = ({fine, diagrams: given, metrics, warnings, shortfall, end, points, seconds}, took) => {
-  sliders.forEach(slider => slider.refuse(null));
+  controls.forEach(control => control.refuse(null));
   $('diagrams').classList.remove('stale');
   $('shortfall').textContent = shortfall ? `This run ${shortfall}` : '';
   $('shortfall').hidden = !shortfall;
@@ -292,11 +199,10 @@ const list = (place, texts, title) => {
 
 // ---- what is kept
 
-const keep = async (path, told) => {
+const keep = async (what, told) => {
   $('kept').textContent = '…';
   try {
-    const answer = await asked(path, {case: chosen.case, values: chosen.values, name: $('name').value});
-    const given = await answer.json();
+    const given = await backend.keep(what, {case: chosen.case, values: chosen.values, name: $('name').value});
     $('kept').replaceChildren(...(given.error ? [made('span', {className: 'bad'}, given.error)] : told(given)));
   } catch {
     $('kept').textContent = '';
@@ -318,6 +224,7 @@ const exported = ({folder, fmus, left_out: left}) => {
 };
 
 const listen = () => {
+  $('save').hidden = $('export').hidden = !backend.writes;
   $('find').addEventListener('input', filter);
   $('all').addEventListener('change', filter);
   $('case').addEventListener('change', () => {
@@ -360,9 +267,7 @@ const listen = () => {
 };
 
 const begin = async () => {
-  const answer = await asked('loop');
-  if (!answer.ok) throw new Error((await answer.json()).error);
-  loop = await answer.json();
+  loop = await backend.loop();
   const {start, stop, step, fine_step: fine} = loop.settings;
   $('description').textContent = loop.description;
   const then = step > fine ? `; metrics, when you pause, from one every ${fine} s` : '';
@@ -370,11 +275,12 @@ const begin = async () => {
   $('blocks').innerHTML = loop.blocks;
   for (const {name} of loop.cases) $('case').append(made('option', {value: name ?? ''}, name ?? 'as it is'));
   const groups = new Map();
-  for (const given of loop.sliders) {
-    const slider = new Slider(given);
-    sliders.set(slider.name, slider);
-    if (!groups.has(slider.unit)) groups.set(slider.unit, made('section', {}, made('h2', {}, slider.unit)));
-    groups.get(slider.unit).append(slider.place);
+  const values = {of: valueOf, start: name => starts()[name]};
+  for (const given of loop.parameters) {
+    const control = new CONTROLS[given.control](given, `p-${controls.size}`, values, choose);
+    controls.set(control.name, control);
+    if (!groups.has(control.unit)) groups.set(control.unit, made('section', {}, made('h2', {}, control.unit)));
+    groups.get(control.unit).append(control.place);
   }
   $('sliders').append(...[...groups.values()].sort((a, b) => firsts(b) - firsts(a)));
   list($('notes'), loop.notes);
@@ -384,6 +290,6 @@ const begin = async () => {
   filter();
   change();
 };
-const firsts = group => [...group.querySelectorAll('.slider')].filter(place => sliders.get(place.dataset.name).first).length;
+const firsts = group => [...group.querySelectorAll('.slider')].filter(place => controls.get(place.dataset.name).first).length;
 
 begin().catch(error => wrong(error.message));

@@ -1,17 +1,14 @@
-//! What is kept of a session: a parameter set, and FMUs that start with its values.
+//! What is written of a session: a parameter set, and FMUs that start with its values.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::session::{Session, Wanted};
+use super::set::plain;
 use crate::error::Error;
 use crate::exporter::{self, Library};
 use crate::output;
-use crate::simulation::{Component, Value, started};
-use crate::tuning::typed_set;
-
-/// The longest name of a set.
-const LONGEST: usize = 60;
+use crate::simulation::{Component, started};
 
 /// FMUs that were exported.
 #[derive(Debug, serde::Serialize)]
@@ -22,59 +19,10 @@ pub(super) struct Exported {
     left_out: Vec<String>,
 }
 
-/// A name that a file may have on any system: letters, digits, `_`, `-`, spaces and dots, none in front.
-fn plain(name: &str) -> Result<&str, String> {
-    let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || "_-. ".contains(c));
-    if name.is_empty()
-        || name.len() > LONGEST
-        || !is_plain
-        || name.starts_with(['.', ' '])
-        || name.ends_with(['.', ' '])
-    {
-        return Err(format!(
-            "`{name}` must be 1 to {LONGEST} letters, digits, _, -, spaces and dots, with no dot at either end"
-        ));
-    }
-    Ok(name)
-}
-
 impl Session {
     /// The folder below the one that the user named.
     fn below(&self) -> String {
         format!("{}-explored", self.name())
-    }
-
-    /// The parameter set of what differs from the loop as its files have it, with which `run --case` runs it.
-    pub(super) fn set(&self, wanted: &Wanted) -> Result<String, String> {
-        let name = plain(&wanted.name)?;
-        let (base, values) = self.find(wanted)?;
-        let moved: BTreeMap<&str, f64> = values.iter().map(|(slider, value)| (slider.name.as_str(), *value)).collect();
-        let mut kept = Vec::new();
-        for (name, place, variable) in base.loaded.variables() {
-            // What has no unit is of the loop as one unit alone.
-            if base.structure.unit_of(&name).is_none() {
-                continue;
-            }
-            let value = moved.get(name.as_str()).map(|value| Value::Real(*value));
-            let Some(value) = value.or_else(|| base.loaded.given(place).cloned()) else { continue };
-            let own = || variable.start.as_ref().and_then(|start| start.parse().ok()).map(Value::Real);
-            if self.plain.get(&name).cloned().or_else(own).as_ref() == Some(&value) {
-                continue;
-            }
-            let (kind, text) = match value {
-                Value::Real(number) => ("Real", number.to_string()),
-                Value::Boolean(value) => ("Boolean", value.to_string()),
-                Value::String(text) => ("String", text),
-                Value::Integer(number) => match variable.items.iter().find(|(_, item)| *item == number) {
-                    Some((item, _)) => ("Enumeration", item.clone()),
-                    None => ("Integer", number.to_string()),
-                },
-            };
-            kept.push((name, kind, text));
-        }
-        let kept: Vec<_> = kept.iter().map(|(name, kind, text)| (name.as_str(), *kind, text.clone())).collect();
-        let remark = format!("Values of {} that were chosen in its page.", base.structure.name);
-        typed_set(name, &remark, &kept).map_err(|error| error.to_string())
     }
 
     /// Writes that set; its file.
@@ -94,8 +42,8 @@ impl Session {
         let (base, values) = self.find(wanted)?;
         let told = |error: Error| error.to_string();
         let mut structure = base.structure.clone();
-        for (slider, value) in values {
-            structure.set(&format!("{}={value}", slider.name)).map_err(told)?;
+        for (parameter, value) in values {
+            structure.set(&format!("{}={}", parameter.name, parameter.text(&value))).map_err(told)?;
         }
         let library = Library::beside_program().and_then(Library::with_other_platforms).map_err(told)?;
         let (exported, left): (Vec<&Component>, Vec<_>) = structure.components.iter().partition(|it| it.is_exported());
@@ -112,19 +60,5 @@ impl Session {
             fmus.push(exporter::export(source, &library, &own).map_err(told)?);
         }
         Ok(Exported { folder, fmus, left_out: left.iter().map(|unit| unit.name.clone()).collect() })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::plain;
-
-    #[test]
-    fn a_name_leads_to_no_other_folder() {
-        for name in ["", ".", "..", "../x", "a/b", "a\\b", "/etc/x", ".hidden", "a.", "c:x", "ä", "a\nb", " a"] {
-            assert!(plain(name).is_err(), "{name}");
-        }
-        assert!(plain(&"a".repeat(61)).is_err());
-        assert!(plain("fast 2.5").is_ok() && plain("a").is_ok());
     }
 }

@@ -1,12 +1,28 @@
-//! A loop in the browser: a page with sliders for its parameters, and a server on this machine that runs the loop as often
-//! as one is moved.
+//! A loop in the browser: a page with a control for each of its parameters. A server on this machine runs the loop as often as
+//! one is moved; on a page without a server this package's library does that itself, as WebAssembly.
 
 mod blocks;
+#[cfg(target_family = "wasm")]
+#[allow(unsafe_code)]
+mod browser;
+mod cases;
+#[allow(unsafe_code)]
+mod clock;
+#[cfg(not(target_family = "wasm"))]
 mod http;
+#[cfg(not(target_family = "wasm"))]
 mod kept;
+#[cfg(not(target_family = "wasm"))]
+mod page;
+mod parameters;
+#[cfg(not(target_family = "wasm"))]
 mod server;
 mod session;
-mod sliders;
+mod set;
 
+pub use cases::{Base, cases, coarse};
+#[cfg(not(target_family = "wasm"))]
+pub use page::write_page;
+#[cfg(not(target_family = "wasm"))]
 pub use server::{Server, token};
-pub use session::{Base, Session};
+pub use session::Session;

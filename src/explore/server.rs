@@ -9,13 +9,11 @@ use std::thread;
 use serde_json::{Value, json};
 
 use super::http::{Refusal, Request, answer, begin};
+use super::page::{self, Backend};
 use super::session::{Session, Wanted};
-use crate::exporter::escaped;
-use crate::simulation::{DIAGRAMS, SCRIPT, STYLE};
 
-const PAGE: &str = include_str!("explore.html");
-const LOOKS: &str = include_str!("explore.css");
-const BEHAVIOUR: &str = include_str!("explore.js");
+/// Places beside those of the page's files.
+const PATHS: [&str; 6] = ["/", "/loop", "/run", "/set", "/save", "/export"];
 const HTML: &str = "text/html; charset=utf-8";
 const JSON: &str = "application/json";
 /// So many connections are answered at a time.
@@ -91,9 +89,6 @@ impl Server {
         let told = |value: Value| (JSON, value.to_string());
         let answered = match (request.method.as_str(), request.path.as_str()) {
             ("GET", "/") => Ok((HTML, self.page())),
-            ("GET", "/explore.css") => Ok(("text/css; charset=utf-8", format!("{STYLE}{DIAGRAMS}{LOOKS}"))),
-            ("GET", "/diagrams.js") => Ok(("text/javascript; charset=utf-8", SCRIPT.to_owned())),
-            ("GET", "/explore.js") => Ok(("text/javascript; charset=utf-8", BEHAVIOUR.to_owned())),
             ("GET", "/loop") => Ok(told(self.session.told())),
             ("POST", "/run") => match wanted(&request) {
                 Ok(wanted) => return self.run(stream, &wanted),
@@ -102,11 +97,11 @@ impl Server {
             ("POST", "/set") => kept(&request, |wanted| Ok(json!({ "set": self.session.set(wanted)? }))).map(told),
             ("POST", "/save") => kept(&request, |wanted| Ok(json!({ "file": self.session.save(wanted)? }))).map(told),
             ("POST", "/export") => kept(&request, |wanted| Ok(json!(self.session.export(wanted)?))).map(told),
-            (
-                _,
-                "/" | "/explore.css" | "/diagrams.js" | "/explore.js" | "/loop" | "/run" | "/set" | "/save" | "/export",
-            ) => Err((405, format!("{} can't be asked for by {}", request.path, request.method))),
-            _ => Err((404, "there is no such page".to_owned())),
+            (method, path) => match page::file(path.trim_start_matches('/'), Backend::SERVER) {
+                Some((kind, text)) if method == "GET" => Ok((kind, text)),
+                None if !PATHS.contains(&path) => Err((404, "there is no such page".to_owned())),
+                _ => Err((405, format!("{path} can't be asked for by {method}"))),
+            },
         };
         match answered {
             Ok((kind, text)) => answer(stream, 200, kind, "", text.as_bytes()),
@@ -137,7 +132,7 @@ impl Server {
     }
 
     fn page(&self) -> String {
-        PAGE.replace("{token}", &self.token).replace("{name}", &escaped(self.session.name()))
+        page::html(self.session.name(), Backend::SERVER, &format!("?token={}", self.token))
     }
 
     /// Runs the loop, and answers a line of JSON now and then, the result last.

@@ -5,13 +5,15 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::blocks;
-use super::sliders::Slider;
+use super::cases::Base;
+use super::clock::Instant;
+use super::parameters::Parameter;
 use crate::error::Error;
 use crate::simulation::{self, Ending, LoadedLoop, Report, Settings, Structure, measure};
 
@@ -26,24 +28,13 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// The latest requests of so many pages are known.
 const MOST_PAGES: usize = 100;
 
-/// A loop with the start values of one of its cases.
-#[derive(Debug)]
-pub struct Base {
-    /// Name of the case; none of the loop as it is.
-    pub name: Option<String>,
-    /// The loop.
-    pub structure: Structure,
-    /// Its units.
-    pub loaded: LoadedLoop,
-}
-
 /// A loop that is explored.
 #[derive(Debug)]
 pub struct Session {
     pub(super) bases: Vec<Base>,
-    /// The start values that the loop's files give, by names: what a set leaves out.
+    /// What its variables start with as the loop's files have it, by names: what a set leaves out.
     pub(super) plain: BTreeMap<String, simulation::Value>,
-    pub(super) sliders: Vec<Slider>,
+    pub(super) parameters: Vec<Parameter>,
     settings: Settings,
     /// The same with the communication step by which metrics are measured.
     fine: Settings,
@@ -75,14 +66,15 @@ pub(super) struct Wanted {
     pub fine: bool,
     /// The case; the loop as it is without one.
     pub case: Option<String>,
-    pub values: BTreeMap<String, f64>,
+    /// Numbers, truth values, and names of an enumeration's items.
+    pub values: BTreeMap<String, Value>,
     /// What files are to be named.
     #[serde(default)]
     pub name: String,
 }
 
-/// Values by their sliders.
-type Chosen<'a> = Vec<(&'a Slider, f64)>;
+/// Values with their parameters.
+type Chosen<'a> = Vec<(&'a Parameter, simulation::Value)>;
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -99,12 +91,12 @@ impl Session {
         notes: Vec<String>,
         out: PathBuf,
     ) -> Self {
-        let sliders = bases.first().map_or_else(Vec::new, |base| Slider::of(&base.structure, &base.loaded));
-        let given = |(name, place, _)| Some((name, plain.given(place)?.clone()));
-        let plain = plain.variables().filter_map(given).collect();
+        let parameters = bases.first().map_or_else(Vec::new, |base| Parameter::of(&base.structure, &base.loaded));
+        let start = |(name, place, _)| Some((name, plain.value_of(place)?));
+        let plain = plain.variables().filter_map(start).collect();
         let turn = (!whole).then(Mutex::default);
         let (newest, is_ending, running) = (Mutex::default(), AtomicBool::new(false), Arc::default());
-        Session { bases, plain, sliders, settings, fine, whole, notes, out, turn, newest, is_ending, running }
+        Session { bases, plain, parameters, settings, fine, whole, notes, out, turn, newest, is_ending, running }
     }
 
     /// Ends all runs, and waits until their units are freed, but not for ever.
@@ -117,6 +109,7 @@ impl Session {
     }
 
     /// The loop's name.
+    #[cfg(not(target_family = "wasm"))]
     pub(super) fn name(&self) -> &str {
         &self.bases[0].structure.name
     }
@@ -126,22 +119,23 @@ impl Session {
         let Base { structure, loaded, .. } = &self.bases[0];
         let notes = [&self.notes[..], loaded.notes()].concat();
         let values = |base: &Base| {
-            let starts = self.sliders.iter().map(|slider| (slider.name.clone(), base.loaded.start_of(slider.place)));
-            json!({ "name": base.name, "values": starts.collect::<BTreeMap<_, _>>() })
+            let start = |it: &Parameter| Some((it.name.clone(), it.told(&base.loaded.value_of(it.place)?)));
+            let starts: BTreeMap<_, _> = self.parameters.iter().filter_map(start).collect();
+            json!({ "name": base.name, "values": starts })
         };
         let Settings { start_time, stop_time, step, .. } = self.settings;
         json!({ "name": structure.name, "description": structure.description, "whole": self.whole,
                 "notes": notes, "blocks": blocks::told(structure),
                 "settings": { "start": start_time, "stop": stop_time, "step": step,
                               "fine_step": self.fine.step },
-                "sliders": self.sliders, "cases": self.bases.iter().map(values).collect::<Vec<_>>(),
+                "parameters": self.parameters, "cases": self.bases.iter().map(values).collect::<Vec<_>>(),
                 "out": self.out })
     }
 
-    /// The case and the values that are asked for, by their sliders.
+    /// The case and the values that are asked for, with their parameters.
     ///
     /// # Errors
-    /// For a name that isn't there, or a value that is no number.
+    /// For a name that isn't there, or a value of another type.
     pub(super) fn find(&self, wanted: &Wanted) -> Result<(&Base, Chosen<'_>), String> {
         let base = self.bases.iter().find(|base| base.name == wanted.case);
         let case = wanted.case.as_deref().unwrap_or_default();
@@ -149,12 +143,12 @@ impl Session {
             let known: Vec<_> = self.bases.iter().filter_map(|base| base.name.as_deref()).collect();
             format!("there is no case `{case}`; there are: {}", known.join(", "))
         })?;
-        let value = |(name, value): (&String, &f64)| {
-            let slider = self.sliders.iter().find(|slider| slider.name == *name);
-            let slider = slider.ok_or_else(|| format!("there is no parameter `{name}` of type Real"))?;
-            if value.is_finite() { Ok((slider, *value)) } else { Err(format!("`{name}` = {value}: must be finite")) }
+        let value = |(name, given): (&String, &Value)| {
+            let parameter = self.parameters.iter().find(|parameter| parameter.name == *name);
+            let parameter = parameter.ok_or_else(|| format!("there is no parameter `{name}` that can be moved"))?;
+            parameter.value(given).map(|value| (parameter, value))
         };
-        Ok((base, wanted.values.iter().map(value).collect::<Result<_, _>>()?))
+        Ok((base, wanted.values.iter().map(value).collect::<Result<_, String>>()?))
     }
 
     /// Whether a page has asked for nothing since.
@@ -182,8 +176,8 @@ impl Session {
         let begun = Instant::now();
         let Some(_turn) = self.turn(wanted, tell) else { return Ok(ended) };
         let mut told = begun;
-        let places: Vec<_> = values.iter().map(|(slider, value)| (slider.place, *value)).collect();
-        let closed = match base.loaded.instantiate(&places) {
+        let places: Vec<_> = values.into_iter().map(|(parameter, value)| (parameter.place, value)).collect();
+        let closed = match base.loaded.instantiate_with(&places) {
             Ok(closed) => closed,
             Err(error) => return Ok(self.refused(&error, wanted)),
         };
@@ -255,7 +249,7 @@ impl Session {
                    "seconds": begun.elapsed().as_secs_f64() }))
     }
 
-    /// That a unit doesn't start with these values, and at which sliders that is to be shown.
+    /// That a unit doesn't start with these values, and at which controls that is to be shown.
     fn refused(&self, error: &Error, wanted: &Wanted) -> Value {
         let (unit, message) = match error {
             Error::Unit { unit, function, message, .. } => {

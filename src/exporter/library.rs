@@ -10,6 +10,7 @@ use super::binaries::{self, Binaries, Binary};
 use super::held;
 use super::lines;
 use super::platform::Platform;
+use crate::dynamic;
 use crate::error::Error;
 use crate::fmi2::describe::{self, Described, SourceUnit};
 use crate::text_file;
@@ -23,7 +24,7 @@ pub const SHARED: &str = "share/adaptive-fmu";
 #[derive(Debug)]
 pub struct Library {
     path: PathBuf,
-    loaded: libloading::Library,
+    loaded: dynamic::Library,
     binaries: Binaries,
     left_out: Vec<String>,
     /// Its last replies, by questions and descriptions: loops ask for those of their units again and again.
@@ -53,6 +54,22 @@ impl Library {
     /// # Errors
     /// When there is none.
     pub fn beside_program() -> Result<Self, Error> {
+        #[cfg(target_family = "wasm")]
+        return Ok(Self::linked());
+        #[cfg(not(target_family = "wasm"))]
+        Self::found()
+    }
+
+    /// This very library, where none can be loaded.
+    #[cfg(target_family = "wasm")]
+    fn linked() -> Self {
+        let path = PathBuf::from("this library");
+        let binaries = Binaries::of(Binary::own(&path, &[]));
+        Library { path, loaded: dynamic::Library, binaries, left_out: Vec::new(), replies: Mutex::default() }
+    }
+
+    #[cfg(not(target_family = "wasm"))]
+    fn found() -> Result<Self, Error> {
         let found = own_library().ok_or_else(|| {
             let name = Platform::own().library_name();
             let folder = program_folder().unwrap_or_default();
@@ -87,7 +104,7 @@ impl Library {
         // A bare name would be looked for among the libraries of the system.
         let whole = path.canonicalize().map_err(|error| refuse(error.to_string()))?;
         // SAFETY: loading runs the initialisers of a library that the user named or built; one of ours has none.
-        let loaded = unsafe { libloading::Library::new(whole) }.map_err(|error| refuse(with_causes(&error)))?;
+        let loaded = unsafe { dynamic::Library::new(whole) }.map_err(|error| refuse(with_causes(&error)))?;
         let bytes = std::fs::read(path).map_err(Error::file(path))?;
         let own = Binary::own(path, &bytes);
         Ok(Library {

@@ -128,7 +128,7 @@ impl Alone<'_> {
             return Ok(Running::CoSimulation(instance));
         }
         let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
-        let structure = ModelStructure::read(&fmu.text()?).map_err(refuse)?;
+        let structure = ModelStructure::read(fmu.text()).map_err(refuse)?;
         let counts = (structure.states.len(), structure.indicators);
         Ok(Running::Exchange(Box::new(Exchange::begin(instance, self.inputs, counts, self.tolerance, start)?)))
     }

@@ -34,6 +34,8 @@ use unit::Unit;
 use crate::error::Error;
 use crate::exporter::{Entry, Platform, entries, own_library, read_entry, unpack_but};
 use crate::fmi2::resources::DESCRIPTION;
+#[cfg(target_family = "wasm")]
+use crate::fmi2::resources::HELD;
 use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use crate::model_description::ModelDescription;
 
@@ -79,7 +81,12 @@ impl Hosting {
 #[derive(Debug)]
 pub struct Fmu {
     file: PathBuf,
-    folder: tempfile::TempDir,
+    /// Its files, as long as it lives; none where it was never an archive.
+    _folder: Option<tempfile::TempDir>,
+    /// What its instances are told of where its resources lie.
+    resources: String,
+    /// modelDescription.xml
+    text: String,
     /// What it says of itself.
     pub description: ModelDescription,
     /// Where instances for co-simulation run, and those for model exchange, where it is for these.
@@ -117,7 +124,8 @@ impl Fmu {
     /// When it is no FMU 2.0 on this platform.
     pub fn open_any(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
-        let description = ModelDescription::read(&read_entry(file, "modelDescription.xml")?).map_err(refuse)?;
+        let text = read_entry(file, "modelDescription.xml")?;
+        let description = ModelDescription::read(&text).map_err(refuse)?;
         let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
         let (own, entries, common) = (Platform::own(), entries(file)?, OwnLibrary::loaded());
         // The library beside this program isn't unpacked: it is loaded already.
@@ -138,7 +146,22 @@ impl Fmu {
             other => other.as_deref().map(place),
         };
         let co_simulation = description.co_simulation.then_some(first);
-        Ok(Fmu { file: file.to_owned(), folder, description, co_simulation, exchange })
+        let (file, resources) = (file.to_owned(), file_uri(&resources));
+        Ok(Fmu { file, _folder: Some(folder), resources, text, description, co_simulation, exchange })
+    }
+
+    /// A unit of this very library, of its description and the modelDescription.xml of that: where there are no archives.
+    ///
+    /// # Errors
+    /// When that is none for co-simulation.
+    #[cfg(target_family = "wasm")]
+    pub fn linked(described: &str, text: String) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Library(reason);
+        let description = ModelDescription::read(&text).map_err(refuse)?;
+        let place = Place::Here { binary: Arc::new(Binary::linked().map_err(refuse)?), kernel: None };
+        let resources = format!("{HELD}{}", described.replace('%', "%25"));
+        let file = PathBuf::from(format!("{}.fmu", description.name));
+        Ok(Fmu { file, _folder: None, resources, text, description, co_simulation: Some(place), exchange: None })
     }
 
     /// Its archive.
@@ -159,12 +182,8 @@ impl Fmu {
     }
 
     /// The text of its modelDescription.xml.
-    ///
-    /// # Errors
-    /// When it can't be read any more.
-    pub fn text(&self) -> Result<String, Error> {
-        let file = self.folder.path().join("modelDescription.xml");
-        std::fs::read_to_string(&file).map_err(Error::file(file))
+    pub fn text(&self) -> &str {
+        &self.text
     }
 
     /// Whether each instance has a process of its own.
@@ -198,7 +217,7 @@ impl Fmu {
         kind: c_int,
         name: &str,
     ) -> Result<Instance, Error> {
-        let resources = file_uri(&self.folder.path().join("resources"));
+        let resources = self.resources.clone();
         let ModelDescription { guid, generation_tool, .. } = &self.description;
         // Those of this package tell of errors and warnings in any case.
         let logs = !generation_tool.starts_with("adaptive-fmu");

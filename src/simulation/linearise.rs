@@ -100,7 +100,7 @@ pub struct Linearisation {
 /// When a start value is refused, there is no steady state, or what the unit shows is no linear system.
 pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation, Error> {
     let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
-    let structure = ModelStructure::read(&fmu.text()?).map_err(refuse)?;
+    let structure = ModelStructure::read(fmu.text()).map_err(refuse)?;
     let time = point.time.unwrap_or(structure.start_time);
     if !time.is_finite() || time < structure.start_time {
         let allowed = format!("must be from the start time, {} s, on", structure.start_time);

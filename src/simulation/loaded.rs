@@ -251,14 +251,14 @@ impl LoadedLoop {
         &self.notes
     }
 
+    /// The value that a variable starts with in this loop.
+    pub fn value_of(&self, Place { unit, variable }: Place) -> Option<Value> {
+        self.units[unit].value(variable)
+    }
+
     /// The value that a Real variable starts with in this loop.
-    pub fn start_of(&self, Place { unit, variable }: Place) -> Option<f64> {
-        let LoadedUnit { fmu, values, .. } = &self.units[unit];
-        match values.iter().find(|(place, _)| *place == variable) {
-            Some((_, Value::Real(value))) => Some(*value),
-            Some(_) => None,
-            None => fmu.description.variables[variable].start.as_ref()?.parse().ok(),
-        }
+    pub fn start_of(&self, place: Place) -> Option<f64> {
+        if let Value::Real(value) = self.value_of(place)? { Some(value) } else { None }
     }
 
     /// Whether several instances can be there at a time.

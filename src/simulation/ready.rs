@@ -3,11 +3,9 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use tempfile::TempDir;
-
-use super::fmu::{Fmu, Hosting};
+use super::fmu::Fmu;
 use crate::error::Error;
-use crate::exporter::{self, Library, Source};
+use crate::exporter::{Library, Source};
 
 /// So many units are kept; the one that wasn't asked for longest goes.
 const MOST_KEPT: usize = 64;
@@ -16,7 +14,8 @@ const MOST_KEPT: usize = 64;
 #[derive(Debug)]
 pub struct Ready {
     library: Library,
-    folder: TempDir,
+    #[cfg(not(target_family = "wasm"))]
+    folder: tempfile::TempDir,
     kept: Mutex<VecDeque<(String, Arc<Fmu>)>>,
 }
 
@@ -26,8 +25,12 @@ impl Ready {
     /// # Errors
     /// When there is none, or no temporary folder can be had.
     pub fn new() -> Result<Self, Error> {
-        let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-        Ok(Ready { library: Library::beside_program()?, folder, kept: Mutex::default() })
+        Ok(Ready {
+            library: Library::beside_program()?,
+            #[cfg(not(target_family = "wasm"))]
+            folder: tempfile::tempdir().map_err(Error::file("temporary folder"))?,
+            kept: Mutex::default(),
+        })
     }
 
     /// The library that they are of.
@@ -44,18 +47,28 @@ impl Ready {
         let place = kept.iter().position(|(text, _)| *text == source.text);
         let fmu = match place.and_then(|place| kept.remove(place)) {
             Some((_, fmu)) => fmu,
-            None => {
-                let file = exporter::export(source, &self.library, self.folder.path())?;
-                let fmu = Arc::new(Fmu::open_any(&file, &Hosting::InProcess)?);
-                // It was unpacked; the next may have its name.
-                std::fs::remove_file(&file).map_err(Error::file(&file))?;
-                fmu
-            }
+            None => Arc::new(self.made(source)?),
         };
         kept.push_back((source.text.clone(), Arc::clone(&fmu)));
         while kept.len() > MOST_KEPT {
             kept.pop_front();
         }
         Ok(fmu)
+    }
+
+    /// By way of an archive, as any master has it.
+    #[cfg(not(target_family = "wasm"))]
+    fn made(&self, source: &Source) -> Result<Fmu, Error> {
+        let file = crate::exporter::export(source, &self.library, self.folder.path())?;
+        let fmu = Fmu::open_any(&file, &super::fmu::Hosting::InProcess)?;
+        // It was unpacked; the next may have its name.
+        std::fs::remove_file(&file).map_err(Error::file(&file))?;
+        Ok(fmu)
+    }
+
+    #[cfg(target_family = "wasm")]
+    fn made(&self, source: &Source) -> Result<Fmu, Error> {
+        let (unit, _) = crate::exporter::describe(source, &self.library)?;
+        Fmu::linked(&source.text, unit.model_description)
     }
 }

@@ -90,7 +90,7 @@ def test_the_server_listens_on_the_loopback_address_alone(explored: Explored) ->
     assert own == [f"0100007F:{explored.port:04X}"]
 
 
-@pytest.mark.parametrize("path", ["/", "/explore.js", "/diagrams.js", "/explore.css", "/loop"])
+@pytest.mark.parametrize("path", ["/", "/explore.js", "/controls.js", "/diagrams.js", "/explore.css", "/loop"])
 def test_nothing_is_told_without_the_token(explored: Explored, path: str) -> None:
     for token in [None, "", explored.token[:-1], "0" * len(explored.token)]:
         status, text = explored.ask("GET", path, X_Token=token)
@@ -152,6 +152,8 @@ def test_a_run_with_a_value_is_that_of_the_program(explored: Explored, tmp_path:
 def test_a_name_that_is_none_and_a_value_that_a_unit_refuses_are_told(explored: Explored) -> None:
     _, told = explored.wanted("/run", values={"controller.nothing": 1})
     assert "there is no parameter `controller.nothing`" in told["error"]
+    _, told = explored.wanted("/run", values={GAIN: "fast"})
+    assert f'`{GAIN}` = "fast": must be a finite number' in told["error"]
     _, told = explored.wanted("/run", case="other.ssv")
     assert "there is no case `other.ssv`" in told["error"]
     _, told = explored.wanted("/run", values={GAIN: -1, AMPLITUDE: 1})
@@ -362,7 +364,7 @@ def test_a_link_holds_the_values_and_every_tab_has_its_own(page: Callable[..., A
     slider(second, AMPLITUDE).locator("input[type=number]").fill("1.75")
     slider(second, AMPLITUDE).locator("input[type=number]").press("Enter")
     ran(second, number)
-    second.wait_for_function("location.hash.includes('1.75')")
+    second.wait_for_function("() => location.hash.includes('1.75')")
     again = page(urlsplit(second.url).fragment.join(["#", ""]))
     assert metrics(again) == metrics(second)
     # The other tab is as it was, and goes on when this one is closed.

@@ -150,8 +150,8 @@ pub unsafe fn instantiate(
         };
         let guid = guid.ok_or("fmi2Instantiate: fmuGUID is NULL")?.to_string_lossy();
         let location = location.map(CStr::to_bytes);
-        let folder = resources::folder(location).map_err(|reason| format!("fmi2Instantiate: {reason}"))?;
-        let unit = Shared::of(&folder, library).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
+        let described = resources::description(location).map_err(|reason| format!("fmi2Instantiate: {reason}"))?;
+        let unit = Shared::of(described, library).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
         let mut instance = Instance::new(unit, interface, &guid, logger())?;
         instance.set_debug_logging(logging_on != 0, &[])?;
         Ok(instance)

@@ -2,8 +2,30 @@
 
 use std::path::PathBuf;
 
+use crate::text_file;
+
 /// Name of the description within the resources.
 pub const DESCRIPTION: &str = "description.toml";
+
+/// What a location begins with that is no place but holds the description itself: where there are no files, as in a
+/// browser.
+pub const HELD: &str = "data:,";
+
+/// The description of the unit whose resources a master's `fmuResourceLocation` names, and its file, for messages.
+///
+/// # Errors
+/// What is wrong with the location, or that the file can't be read.
+pub fn description(location: Option<&[u8]>) -> Result<(PathBuf, String), String> {
+    if cfg!(target_family = "wasm")
+        && let Some(held) = location.and_then(|location| location.strip_prefix(HELD.as_bytes()))
+    {
+        let text = String::from_utf8(percent_decoded(held)?).map_err(|error| format!("{DESCRIPTION}: {error}"))?;
+        return Ok((PathBuf::from(DESCRIPTION), text));
+    }
+    let file = folder(location)?.join(DESCRIPTION);
+    let text = text_file::read(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+    Ok((file, text))
+}
 
 /// The folder that a master's `fmuResourceLocation` names; without one, found from the library's own path.
 ///

@@ -1,17 +1,15 @@
 //! What all instances of a unit have in common, made once for those that live at a time.
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use crate::model::{Description, Model};
 use crate::system::Registry;
-use crate::text_file;
 
 use super::access::References;
 use super::build::Library;
 use super::instance::{Answer, Refused};
 use super::model_description;
-use super::resources::DESCRIPTION;
 
 /// A unit without its values.
 #[derive(Debug)]
@@ -36,13 +34,12 @@ struct Known {
 static KNOWN: Mutex<Vec<Known>> = Mutex::new(Vec::new());
 
 impl Shared {
-    /// The unit whose resources lie in a folder. Instances share it by what the description says, not where it lies.
+    /// The unit of a description, which lies in a file. Instances share it by what the description says, not where it
+    /// lies.
     ///
     /// # Errors
     /// What is wrong with its description.
-    pub fn of(resources: &Path, library: Library) -> Answer<Arc<Self>> {
-        let file = resources.join(DESCRIPTION);
-        let text = text_file::read(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+    pub fn of((file, text): (PathBuf, String), library: Library) -> Answer<Arc<Self>> {
         let is_this = |known: &&Known| std::ptr::eq(known.registry, library.registry) && known.description == text;
         let alive = known_units().iter().find(is_this).and_then(|known| known.unit.upgrade());
         if let Some(unit) = alive {

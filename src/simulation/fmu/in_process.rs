@@ -5,12 +5,12 @@ use std::ffi::{CString, c_char, c_int, c_void};
 use std::path::Path;
 use std::sync::Arc;
 
-use libloading::Library;
 use serde::{Deserialize, Serialize};
 
 use super::kernel::Awaited;
 use super::messages::{Log, Messages, logger};
 use super::unit::{Answer, Call, Unit};
+use crate::dynamic::Library;
 use crate::exporter::with_causes;
 use crate::fmi2::calls::Function;
 use crate::fmi2::types::{CallbackFunctions, Component, EventInfo};
@@ -44,10 +44,20 @@ type SetNumbers = unsafe extern "C" fn(Component, *const f64, usize) -> Answer;
 type SetTime = unsafe extern "C" fn(Component, f64) -> Answer;
 type CompletedIntegratorStep = unsafe extern "C" fn(Component, c_int, *mut c_int, *mut c_int) -> Answer;
 
+#[cfg(not(target_family = "wasm"))]
 unsafe extern "C" {
     fn calloc(count: usize, size: usize) -> *mut c_void;
     fn free(memory: *mut c_void);
 }
+
+/// This package's units take no memory of a master's, and there are no others.
+#[cfg(target_family = "wasm")]
+unsafe extern "C" fn calloc(_: usize, _: usize) -> *mut c_void {
+    std::ptr::null_mut()
+}
+
+#[cfg(target_family = "wasm")]
+unsafe extern "C" fn free(_: *mut c_void) {}
 
 /// What a loop can't do without.
 const NEEDED: [Function; 5] = [
@@ -84,10 +94,22 @@ pub(super) struct Binary {
 impl Binary {
     /// Loads a library; the reason where that fails.
     pub fn load(path: &Path) -> Result<Self, String> {
-        // SAFETY: the user asked for this FMU to be run; its initialisers run as in any master. Each symbol is only
-        // called as the function that the standard gives its name.
+        // SAFETY: the user asked for this FMU to be run; its initialisers run as in any master.
+        unsafe { Self::of(open(path)?) }
+    }
+
+    /// This very library, where none can be loaded.
+    #[cfg(target_family = "wasm")]
+    pub fn linked() -> Result<Self, String> {
+        // SAFETY: each function has the type that the standard gives its name.
+        unsafe { Self::of(Library) }
+    }
+
+    /// # Safety
+    /// What the library exports under a name of the standard must be that function.
+    unsafe fn of(library: Library) -> Result<Self, String> {
+        // SAFETY: each symbol is only called as the function that the standard gives its name.
         unsafe {
-            let library = open(path)?;
             let find = |name: &str| library.get::<Symbol>(name).map(|symbol| *symbol);
             let needed = |name: &str| find(name).map_err(|error| with_causes(&error));
             NEEDED.iter().try_for_each(|function| needed(function.name()).map(drop))?;

@@ -10,11 +10,11 @@ use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 
-use libloading::Library;
 use sha2::{Digest, Sha256};
 
 use super::in_process::Binary;
 use crate::cache::Entry;
+use crate::dynamic::Library;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::read_kernel;
 use crate::fmi2::source::kernel::ENTRY;

@@ -40,8 +40,8 @@ impl Messages {
         }
     }
 
-    /// Adds what was said later, in another process: where there is none, nothing is.
-    #[cfg_attr(not(unix), expect(dead_code, reason = "units run in the program's own process there"))]
+    /// Adds what was said later.
+    #[cfg(any(unix, test))]
     pub(super) fn append(&mut self, later: Messages) {
         later.kept.iter().for_each(|text| self.push(text));
         if let Some(last) = later.last {
@@ -92,7 +92,10 @@ impl Log {
 
 /// The function that units log by; its environment is a [`Log`].
 pub(super) fn logger() -> LoggerFunction {
+    #[cfg(not(target_family = "wasm"))]
     type Fixed = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char);
+    #[cfg(target_family = "wasm")]
+    type Fixed = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char, *mut c_void);
     // SAFETY: the caller passes what the standard's type says; `keep_message` takes its arguments as they come in a
     // call of a variadic function on its platform.
     unsafe { std::mem::transmute::<Fixed, LoggerFunction>(keep_message) }
@@ -187,8 +190,8 @@ mod expanding {
     }
 }
 
-/// On other platforms the arguments before the dots come as in a function without dots; what follows isn't read, and
-/// the message stays the format that it is.
+/// On other platforms the arguments before the dots come as in a function without dots, on WebAssembly with a pointer to
+/// the others behind them; what follows isn't read, and the message stays the format that it is.
 #[cfg(not(all(target_arch = "x86_64", unix)))]
 unsafe extern "C" fn keep_message(
     environment: *mut c_void,
@@ -196,6 +199,7 @@ unsafe extern "C" fn keep_message(
     status: c_int,
     _category: *const c_char,
     format: *const c_char,
+    #[cfg(target_family = "wasm")] _arguments: *mut c_void,
 ) {
     if !format.is_null() && status != OK {
         // SAFETY: the environment is the instance's log, which outlives it; the message is a C string.

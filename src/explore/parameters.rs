@@ -1,0 +1,304 @@
+//! Which parameters of a loop can be moved, by which control, and over which range.
+
+use serde::{Serialize, Serializer};
+use serde_json::Value as Json;
+
+use crate::catalogue::Role;
+use crate::library;
+use crate::model::Description;
+use crate::model_description::Variable;
+use crate::simulation::{LoadedLoop, Place, Structure, Value};
+use crate::system::NO_LIMIT;
+
+/// So many sliders of a unit are shown at first.
+const FIRST_OF_CONTROLLER: usize = 8;
+const FIRST_OF_OTHERS: usize = 3;
+/// A range over more than this is logarithmic.
+const DECADES: f64 = 1e3;
+/// How many times smaller or larger than its start value a parameter gets that has no limits.
+const APART: f64 = 100.0;
+/// Words of parameters that are about how equations are solved, not about what they say.
+const ABOUT_NUMBERS: [&str; 9] = [
+    "tolerance",
+    "_limit",
+    "phase",
+    "fixed_steps",
+    "nominal",
+    "tracking_time",
+    "integration_method",
+    "input_handling",
+    "on_step_failure",
+];
+/// Words of parameters that are turned first.
+const FIRST: [&str; 7] = ["gain", "pole", "bandwidth", "rate", "frequency", "amplitude", "mass"];
+
+/// A parameter with its control.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Parameter {
+    /// Name in the loop, `unit.variable`.
+    pub name: String,
+    /// Name of the unit.
+    pub unit: String,
+    /// What it is.
+    pub description: String,
+    /// Its unit of measurement.
+    pub measure: String,
+    /// What it is moved by.
+    #[serde(flatten)]
+    pub control: Control,
+    /// Whether it is shown at first.
+    pub first: bool,
+    #[serde(skip)]
+    pub(super) place: Place,
+}
+
+/// What a parameter is moved by.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "control", rename_all = "lowercase")]
+pub enum Control {
+    /// A Real: a slider.
+    Slider {
+        /// Ends of the slider; none where a number says that there is no limit.
+        range: Option<(f64, f64)>,
+        /// Whether the slider is logarithmic.
+        logarithmic: bool,
+        /// Whether it starts at zero.
+        #[serde(skip)]
+        is_zero: bool,
+    },
+    /// An Integer: a field with a whole number.
+    Whole {
+        /// Smallest and largest value that its FMU allows.
+        limits: (Option<i32>, Option<i32>),
+    },
+    /// A Boolean: a box to tick.
+    Tick,
+    /// An Enumeration: one of its items.
+    Choice {
+        /// Their names, with their numbers, which a page doesn't need.
+        #[serde(serialize_with = "names")]
+        items: Vec<(String, i32)>,
+    },
+}
+
+impl Control {
+    fn of(structure: &Structure, name: &str, variable: &Variable, start: &Value) -> Option<Self> {
+        fn number<T: std::str::FromStr>(text: Option<&String>) -> Option<T> {
+            text?.trim().parse().ok()
+        }
+        let (min, max) = (variable.min.as_ref(), variable.max.as_ref());
+        Some(match (variable.kind.as_str(), start) {
+            ("Real", Value::Real(start)) => {
+                let tuned = structure.tuning.iter().flat_map(|tuning| &tuning.parameters);
+                let tuned = tuned.into_iter().find(|parameter| parameter.name == name);
+                let told = tuned.and_then(|parameter| parameter.low.zip(parameter.high));
+                let (range, logarithmic) = range(*start, (number(min), number(max)), told);
+                Control::Slider { range, logarithmic, is_zero: *start == 0.0 }
+            }
+            ("Integer", _) => Control::Whole { limits: (number(min), number(max)) },
+            ("Boolean", _) => Control::Tick,
+            ("Enumeration", _) => Control::Choice { items: variable.items.clone() },
+            _ => return None,
+        })
+    }
+
+    /// Whether it may be among those that are shown at first: a slider of a value that is none, or that stands for no
+    /// limit, isn't.
+    fn can_matter(&self) -> bool {
+        !matches!(self, Control::Slider { range: None, .. } | Control::Slider { is_zero: true, .. })
+    }
+
+    /// A value that a page sends, as one of this parameter's type.
+    ///
+    /// # Errors
+    /// What it must be.
+    fn value(&self, given: &Json) -> Result<Value, String> {
+        let whole = |number: &Json| number.as_i64().and_then(|number| i32::try_from(number).ok());
+        match self {
+            Control::Slider { .. } => {
+                let number = given.as_f64().filter(|number| number.is_finite());
+                number.map(Value::Real).ok_or_else(|| "must be a finite number".to_owned())
+            }
+            Control::Whole { .. } => {
+                whole(given).map(Value::Integer).ok_or_else(|| "must be a whole number of 32 bits".to_owned())
+            }
+            Control::Tick => given.as_bool().map(Value::Boolean).ok_or_else(|| "must be true or false".to_owned()),
+            Control::Choice { items } => {
+                let found = given.as_str().and_then(|given| items.iter().find(|(name, _)| name == given));
+                let names = || items.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+                found.map(|(_, number)| Value::Integer(*number)).ok_or_else(|| format!("must be one of {}", names()))
+            }
+        }
+    }
+}
+
+impl Parameter {
+    /// The parameters of a loop that a page can move, in the order of its units: all but Strings.
+    pub fn of(structure: &Structure, loaded: &LoadedLoop) -> Vec<Self> {
+        let mut parameters: Vec<Self> = loaded
+            .variables()
+            .filter(|(_, _, variable)| variable.causality == "parameter")
+            .filter_map(|(name, place, variable)| Self::new(structure, loaded, name, place, variable))
+            .collect();
+        choose(structure, &mut parameters);
+        parameters
+    }
+
+    fn new(
+        structure: &Structure,
+        loaded: &LoadedLoop,
+        name: String,
+        place: Place,
+        variable: &Variable,
+    ) -> Option<Self> {
+        // What has no unit is of the loop as one unit, which other forms of it don't know.
+        let unit = structure.unit_of(&name)?.name.clone();
+        let control = Control::of(structure, &name, variable, &loaded.value_of(place)?)?;
+        let (description, measure) = (variable.description.clone(), variable.unit.clone().unwrap_or_default());
+        Some(Parameter { name, unit, description, measure, control, first: false, place })
+    }
+
+    /// A value that a page sends.
+    ///
+    /// # Errors
+    /// For one of another type.
+    pub(super) fn value(&self, given: &Json) -> Result<Value, String> {
+        self.control.value(given).map_err(|reason| format!("`{}` = {given}: {reason}", self.name))
+    }
+
+    /// A value of it as a text that is read as a start value.
+    pub(super) fn text(&self, value: &Value) -> String {
+        let items: &[_] = if let Control::Choice { items } = &self.control { items } else { &[] };
+        written(value, items).1
+    }
+
+    /// A value of it as a page has it.
+    pub(super) fn told(&self, value: &Value) -> Json {
+        match value {
+            Value::Real(number) => (*number).into(),
+            Value::Boolean(value) => (*value).into(),
+            Value::Integer(number) if matches!(self.control, Control::Whole { .. }) => (*number).into(),
+            other => self.text(other).into(),
+        }
+    }
+}
+
+/// A value as a parameter set has it, the name of its type there and the text; `items` are those of its enumeration.
+pub(super) fn written(value: &Value, items: &[(String, i32)]) -> (&'static str, String) {
+    match value {
+        Value::Real(number) => ("Real", number.to_string()),
+        Value::Boolean(value) => ("Boolean", value.to_string()),
+        Value::String(text) => ("String", text.clone()),
+        Value::Integer(number) => match items.iter().find(|(_, item)| item == number) {
+            Some((item, _)) => ("Enumeration", item.clone()),
+            None => ("Integer", number.to_string()),
+        },
+    }
+}
+
+fn names<S: Serializer>(items: &[(String, i32)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(items.iter().map(|(name, _)| name))
+}
+
+/// The ends of a slider, and whether it is logarithmic.
+fn range(start: f64, (min, max): (Option<f64>, Option<f64>), told: Option<(f64, f64)>) -> (Option<(f64, f64)>, bool) {
+    let spans_decades = |low: f64, high: f64| low > 0.0 && high / low >= DECADES;
+    if let Some((low, high)) = told {
+        return (Some((low, high)), spans_decades(low, high));
+    }
+    if start.abs() >= NO_LIMIT {
+        return (None, false);
+    }
+    let min = min.filter(|min| min.abs() < NO_LIMIT);
+    let max = max.filter(|max| max.abs() < NO_LIMIT);
+    if let (Some(min), Some(max)) = (min, max)
+        && (min > 0.0 || start == 0.0 || max.abs().max(min.abs()) <= APART * start.abs())
+    {
+        return (Some((min, max)), spans_decades(min, max));
+    }
+    let (low, high) = match start {
+        0.0 => (-1.0, 1.0),
+        start if start > 0.0 => (start / APART, start * APART),
+        start => (3.0 * start, -start),
+    };
+    let inside = |value: f64| value.max(min.unwrap_or(f64::NEG_INFINITY)).min(max.unwrap_or(f64::INFINITY));
+    let (low, high) = (inside(low), inside(high));
+    if low < high { (Some((low, high)), spans_decades(low, high)) } else { (None, false) }
+}
+
+/// Chooses which are shown at first: those that the loop is tuned by, and of each unit a few that matter.
+fn choose(structure: &Structure, parameters: &mut [Parameter]) {
+    let tuned: Vec<&String> = structure.tuning.iter().flat_map(|it| &it.parameters).map(|it| &it.name).collect();
+    parameters.iter_mut().for_each(|parameter| parameter.first = tuned.contains(&&parameter.name));
+    for component in &structure.components {
+        let most = match role(structure, &component.fmu) {
+            Some(Role::Controller | Role::Observer) => FIRST_OF_CONTROLLER,
+            Some(Role::Reference | Role::Sensor) => 2,
+            _ => FIRST_OF_OTHERS,
+        };
+        let given = |name: &str| component.values.iter().any(|value| value.name == name);
+        // Best first; none for what doesn't matter at first.
+        let worth = |parameter: &Parameter| {
+            let name = &parameter.name[component.name.len() + 1..];
+            let is_word = |words: &[&str]| words.iter().any(|word| name.contains(word));
+            let is_turned = given(name) || is_word(&FIRST);
+            (parameter.control.can_matter() && !is_word(&ABOUT_NUMBERS)).then_some(!is_turned)
+        };
+        let of_unit = (0..parameters.len()).filter(|&k| parameters[k].unit == component.name);
+        let of_unit: Vec<usize> = of_unit.filter(|&k| worth(&parameters[k]).is_some()).collect();
+        let (mut sliders, others): (Vec<usize>, Vec<usize>) =
+            of_unit.into_iter().partition(|&k| matches!(parameters[k].control, Control::Slider { .. }));
+        sliders.sort_by_key(|&k| worth(&parameters[k]));
+        sliders.into_iter().take(most).chain(others).for_each(|k| parameters[k].first = true);
+    }
+}
+
+/// What a unit does in its loop, where it is of a kind of this package.
+pub(super) fn role(structure: &Structure, fmu: &str) -> Option<Role> {
+    let description = Description::read(&structure.description_of(fmu).ok()?.text).ok()?;
+    Some(library::find(&description.model)?.role)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::{Control, range};
+    use crate::simulation::Value;
+
+    #[test]
+    fn a_value_must_be_of_its_parameters_type() {
+        let whole = Control::Whole { limits: (Some(1), None) };
+        assert_eq!(whole.value(&json!(3)), Ok(Value::Integer(3)));
+        for wrong in [json!(3.5), json!("3"), json!(true), json!(3_000_000_000_i64), json!(null)] {
+            assert!(whole.value(&wrong).is_err_and(|reason| reason.contains("whole number")), "{wrong}");
+        }
+        assert_eq!(Control::Tick.value(&json!(false)), Ok(Value::Boolean(false)));
+        assert!(Control::Tick.value(&json!(0)).is_err() && Control::Tick.value(&json!("true")).is_err());
+        let choice = Control::Choice { items: vec![("first".to_owned(), 1), ("second".to_owned(), 4)] };
+        assert_eq!(choice.value(&json!("second")), Ok(Value::Integer(4)));
+        assert_eq!(choice.value(&json!("third")), Err("must be one of first, second".to_owned()));
+        assert!(choice.value(&json!(4)).is_err());
+    }
+
+    #[test]
+    fn a_slider_goes_over_what_its_fmu_allows_and_over_decades_by_logarithms() {
+        assert_eq!(range(0.5, (Some(0.0), Some(1.0)), None), (Some((0.0, 1.0)), false));
+        assert_eq!(range(1.0, (Some(1e-3), Some(1e3)), None), (Some((1e-3, 1e3)), true));
+        // The bounds of a search prevail.
+        assert_eq!(range(1.0, (Some(0.0), None), Some((2.0, 3.0))), (Some((2.0, 3.0)), false));
+    }
+
+    #[test]
+    fn a_slider_without_limits_lies_about_the_start_value_and_keeps_to_the_limit_that_there_is() {
+        assert_eq!(range(2.0, (None, None), None), (Some((0.02, 200.0)), true));
+        assert_eq!(range(2.0, (Some(1.0), None), None), (Some((1.0, 200.0)), false));
+        assert_eq!(range(-2.0, (None, None), None), (Some((-6.0, 2.0)), false));
+        assert_eq!(range(0.0, (Some(0.0), None), None), (Some((0.0, 1.0)), false));
+    }
+
+    #[test]
+    fn a_number_that_stands_for_no_limit_has_no_slider() {
+        assert_eq!(range(-1e15, (None, None), None), (None, false));
+    }
+}
