@@ -199,6 +199,18 @@ def test_icons_differ(fmu_folder: Path) -> None:
     assert len(pictures) == len(list((ROOT / "modelDescription" / "icons").glob("*.png"))) - 2, "all but a loop's and the spare one"
 
 
+def leaves(curve: np.ndarray, other: np.ndarray, off: np.ndarray) -> list[int]:
+    """The hundredths of a picture in which a curve goes lower or higher than another one does there, and a little beside."""
+    ends = np.linspace(0, len(curve), 101).astype(int)
+    beside = len(curve) // 200 + 1
+    beyond = []
+    for k, (a, b) in enumerate(zip(ends, ends[1:])):
+        here, there = curve[a:b], other[max(a - beside, 0) : b + beside]
+        if here.min() < there.min() - off[k] or here.max() > there.max() + off[k]:
+            beyond.append(k)
+    return beyond
+
+
 @pytest.mark.parametrize("loop", [loop for loop in LOOP_NAMES if not responses.is_to_fail(loop)])
 def test_the_picture_of_a_loop_is_what_it_records(loop: str, ran: Callable[..., Ran]) -> None:
     """UPDATE_RESPONSES=1 writes examples/LOOP/response.txt anew."""
@@ -210,12 +222,10 @@ def test_the_picture_of_a_loop_is_what_it_records(loop: str, ran: Callable[..., 
     for _, signals in responses.plots(loop):
         plotted = responses.ranges([table[signal] for signal in signals])
         for signal in signals:
-            recorded = table[signal]
-            # A peak at the start, which the picture cuts off, and a fast oscillation have few points.
-            span = max(plotted, np.ptp(recorded))
-            off = np.abs(np.interp(table["time"], *curves[signal]) - recorded)
-            assert np.quantile(off, 0.95) < 0.03 * span, signal
-            assert abs(curves[signal][1].max() - recorded.max()) < 0.03 * span, signal
+            drawn = np.interp(table["time"], *curves[signal])
+            # Numbers have four digits, which is little for a peak at the start.
+            off = 0.02 * plotted + 5e-4 * np.abs(table[signal]).max() * (np.arange(100) == 0)
+            assert leaves(drawn, table[signal], off) == leaves(table[signal], drawn, off) == [], signal
     assert file.stat().st_size < 30_000
 
 
