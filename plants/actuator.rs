@@ -196,7 +196,7 @@ impl Catalogued for Actuator {
             let on_the_way = if rate < UNLIMITED { 2.0 * size / rate } else { 0.0 };
             let late = of("time_constant") + of("delay") + on_the_way;
             let acts = has_limit || zone > 0.0 || late > 0.0;
-            acts.then_some(Scale { about: 0.0, size, duration: if late > 0.0 { 12.0 * late } else { 1.0 } })
+            acts.then_some(Scale { about: 0.0, size, duration: if late > 0.0 { 8.0 * late } else { 1.0 } })
         },
         example: "u_min = -1.0\nu_max = 1.0\nrate_limit = 5.0\ntime_constant = 0.05\ndelay = 0.05",
     });

@@ -70,6 +70,9 @@ impl Guide {
     pub const NONE: Guide = Guide { purpose: "", alone: "", gains: &[], limits: "" };
 }
 
+/// The first element of a parameter, by the model's own name of it.
+pub type Of<'a> = &'a dyn Fn(&str) -> f64;
+
 /// An experiment with a unit alone: pages of units that stand in no loop of this package show what comes of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Demonstration {
@@ -85,7 +88,7 @@ pub struct Demonstration {
     pub shows_all: bool,
     /// How large the stimulus is, and how long all lasts, by the first elements of parameters and the stop time of the
     /// default experiment; none where the unit does nothing as it is set.
-    pub scale: fn(&dyn Fn(&str) -> f64, f64) -> Option<Scale>,
+    pub scale: fn(Of, f64) -> Option<Scale>,
     /// Lines of `[start]` by which a unit is shown that does nothing as it is set.
     pub example: &'static str,
 }

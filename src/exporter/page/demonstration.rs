@@ -70,6 +70,7 @@ struct Experiment {
 struct Recorded {
     demonstration: Demonstration,
     scale: Scale,
+    input: String,
     plot: Plot,
 }
 
@@ -121,9 +122,13 @@ impl Experiment {
             is_reference: self.input.is_some() && column == 0,
             points: rows.iter().map(|(time, row)| (*time, row[column])).collect(),
         });
+        // Of a step it is enough to tell it: beside what it does it may be small.
+        let tells_alone = self.demonstration.stimulus == Stimulus::Step;
+        let curves = curves.filter(|curve| !(curve.is_reference && tells_alone));
         let plot = Plot { title: self.title(), curves: curves.collect() };
-        let Experiment { demonstration, scale, .. } = self;
-        (rows.len() >= FEWEST).then_some(Recorded { demonstration, scale, plot })
+        let Experiment { demonstration, scale, input, .. } = self;
+        let input = input.map_or(String::new(), |(name, _)| name);
+        (rows.len() >= FEWEST).then_some(Recorded { demonstration, scale, input, plot })
     }
 
     fn title(&self) -> String {
@@ -157,9 +162,8 @@ impl Recorded {
     }
 
     fn shown(self, example: &str) -> Shown {
-        let Recorded { demonstration, scale: Scale { about, size, duration }, plot } = self;
-        let input = plot.curves.iter().find(|curve| curve.is_reference).map(|curve| escaped(&curve.name));
-        let input = input.map_or(String::new(), |name| format!("<code>{name}</code>"));
+        let Recorded { demonstration, scale: Scale { about, size, duration }, input, plot } = self;
+        let input = format!("<code>{}</code>", escaped(&input));
         let short = |value: f64| number(format!("{value:.3e}").parse().unwrap_or(value));
         let mut how = "This unit alone, computed while it was exported".to_owned();
         let _ = match demonstration.stimulus {
@@ -177,5 +181,68 @@ impl Recorded {
         }
         how.push('.');
         Shown { how, plot }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::exporter::find_description;
+    use crate::library;
+
+    /// What a unit of this package does, with some lines of `[start]`.
+    fn recorded(name: &str, start: &str) -> Recorded {
+        let mut description = Description::read(&find_description(name).unwrap().text).unwrap();
+        description.start.extend(with_elements(&description, &start.parse().unwrap()));
+        let demonstration = library::find(&description.model).unwrap().demonstration.unwrap();
+        Experiment::of(&description, &demonstration).unwrap().run().unwrap()
+    }
+
+    /// The values of the last curve.
+    fn last(recorded: &Recorded) -> Vec<(f64, f64)> {
+        recorded.plot.curves.last().unwrap().points.clone()
+    }
+
+    #[test]
+    fn a_mass_on_wheels_answers_a_force_by_a_parabola() {
+        let recorded = recorded("StateSpace", "");
+        for (time, position) in last(&recorded) {
+            assert!((position - 0.5 * f64::max(time - 0.5, 0.0).powi(2)).abs() < 1e-6, "{position} m at {time} s");
+        }
+        assert!(recorded.shown("").how.ends_with("<code>u[1]</code> steps from 0 to 1 at 0.5 s."));
+    }
+
+    #[test]
+    fn an_actuator_is_shown_at_its_limits_and_no_faster_than_it_can() {
+        let limits = "u_min = -2.0\nu_max = 2.0\nrate_limit = 4.0";
+        let points = last(&recorded("Actuator", limits));
+        let (low, high) = points.iter().fold((0.0, 0.0), |(low, high), (_, y)| (f64::min(low, *y), f64::max(high, *y)));
+        assert!((high - 2.0).abs() < 1e-3 && (low + 1.5).abs() < 1e-3, "{low} … {high}");
+        let steepest = points.windows(2).map(|ends| (ends[1].1 - ends[0].1).abs() / (ends[1].0 - ends[0].0));
+        let steepest = steepest.fold(0.0, f64::max);
+        assert!((3.9..4.001).contains(&steepest), "{steepest}");
+    }
+
+    #[test]
+    fn a_sensor_is_shown_as_it_is_set_and_by_an_example_where_nothing_is() {
+        let of = |name: &str| Description::read(&find_description(name).unwrap().text).unwrap();
+        let sensor = library::find("sensor").unwrap().demonstration.unwrap();
+        assert!(Experiment::of(&of("Sensor"), &sensor).is_none(), "it changes nothing");
+        let points = last(&recorded("Sensor", sensor.example));
+        assert!(points.iter().all(|(_, y)| (y / 0.1 - (y / 0.1).round()).abs() < 1e-9), "in steps of 0.1");
+        let own = Experiment::of(&of("SensorTwoLinkRobot"), &sensor).unwrap().run().unwrap();
+        assert_eq!(own.scale.size, 15.0 * 1e-4, "fine enough for its resolution");
+    }
+
+    #[test]
+    fn every_example_moves_a_unit_that_nothing_else_moves() {
+        for entry in library::CATALOGUE {
+            let Some(demonstration) = entry.demonstration else { continue };
+            let mut texts = crate::exporter::descriptions().iter().map(|(_, text)| Description::read(text).unwrap());
+            let description = texts.find(|description| description.model == entry.kind.name).unwrap();
+            let (mut set, name) = (description.clone(), entry.kind.name);
+            set.start.extend(with_elements(&description, &demonstration.example.parse().unwrap()));
+            assert!(Experiment::of(&set, &demonstration).unwrap().run().unwrap().moves(), "{name}");
+        }
     }
 }
