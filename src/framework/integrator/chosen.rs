@@ -39,6 +39,8 @@ pub struct Chosen {
     pub holds: Option<(Mode, f64)>,
     /// From which time on, s.
     pub from: f64,
+    /// Whether no further change is told.
+    pub is_last: bool,
 }
 
 impl fmt::Display for Chosen {
@@ -50,7 +52,8 @@ impl fmt::Display for Chosen {
             Integrates::Stiff => "the stiff method",
             Integrates::Fixed => "steps of fixed length",
         };
-        write!(f, "integrated by {method} from t = {} s", Number(self.from))?;
+        let from = format!("{:.4e}", self.from).parse().unwrap_or(self.from);
+        write!(f, "integrated by {method} from t = {} s", Number(from))?;
         if self.is_asked_for {
             return f.write_str(", as integration_method asks");
         }
@@ -65,15 +68,22 @@ impl fmt::Display for Chosen {
         match self.by {
             Integrates::Stiff => write!(f, ": the eigenvalue {eigenvalue} holds the explicit one to {substep} s"),
             _ => write!(f, ": the eigenvalue {eigenvalue} allows it substeps of {substep} s"),
-        }
+        }?;
+        f.write_str(if self.is_last { "; further changes are not told" } else { "" })
     }
 }
+
+/// So many changes between general methods are told: some systems change for ever.
+const MOST_CHANGES: u32 = 5;
 
 /// The choices so far, and the one that nobody was told of.
 #[derive(Debug, Default)]
 pub(super) struct Choices {
     seen: [bool; Integrates::COUNT],
+    /// The general method in force, and the one that was told last.
     general: Option<Integrates>,
+    told: Option<Integrates>,
+    changes: u32,
     news: Option<Chosen>,
 }
 
@@ -83,14 +93,23 @@ impl Choices {
     pub fn note(&mut self, chosen: Chosen) {
         let is_first = !std::mem::replace(&mut self.seen[chosen.by as usize], true);
         let is_other = chosen.by.is_general() && self.general.replace(chosen.by).is_some_and(|by| by != chosen.by);
-        if is_first || is_other {
+        if is_first || (is_other && self.changes < MOST_CHANGES) {
             self.news = Some(chosen);
         }
     }
 
-    /// Takes the latest news.
+    /// Takes the latest news; none where it has gone there and back.
     pub fn take(&mut self) -> Option<Chosen> {
-        self.news.take()
+        let mut news = self.news.take()?;
+        if !news.by.is_general() {
+            return Some(news);
+        }
+        if self.told == Some(news.by) {
+            return None;
+        }
+        self.changes += u32::from(self.told.replace(news.by).is_some());
+        news.is_last = self.changes == MOST_CHANGES;
+        Some(news)
     }
 }
 
@@ -100,7 +119,7 @@ mod tests {
 
     fn chosen(by: Integrates, from: f64) -> Chosen {
         let mode = Mode { growth: -1234.5, frequency: 0.0 };
-        Chosen { by, is_asked_for: false, holds: Some((mode, 2.345e-3)), from }
+        Chosen { by, is_asked_for: false, holds: Some((mode, 2.345e-3)), from, is_last: false }
     }
 
     #[test]
@@ -125,5 +144,28 @@ mod tests {
         let order = [OwnStep, Explicit, OwnStep, Explicit, Stiff, Stiff, Explicit];
         let news: Vec<bool> = order.into_iter().zip(0..).map(|(by, k)| told(by, f64::from(k))).collect();
         assert_eq!(news, [true, true, false, false, true, false, true]);
+    }
+
+    #[test]
+    fn what_went_there_and_back_is_no_news_and_changes_without_end_are_told_to_an_end() {
+        use Integrates::{Explicit, Stiff};
+        let mut choices = Choices::default();
+        choices.note(chosen(Explicit, 0.0));
+        assert!(choices.take().is_some());
+        choices.note(chosen(Stiff, 1.0));
+        assert!(choices.take().is_some());
+        [Explicit, Stiff].into_iter().for_each(|by| choices.note(chosen(by, 2.0)));
+        assert_eq!(choices.take(), None);
+        let mut told = Vec::new();
+        for k in 0..20 {
+            choices.note(chosen(if k % 2 == 0 { Explicit } else { Stiff }, f64::from(k)));
+            told.extend(choices.take());
+        }
+        assert_eq!(told.len(), MOST_CHANGES as usize - 1);
+        let last = told.pop().unwrap().to_string();
+        assert!(
+            last.ends_with("; further changes are not told") && !told.iter().any(|chosen| chosen.is_last),
+            "{last}"
+        );
     }
 }

@@ -188,7 +188,7 @@ impl Methods {
         };
         let is_asked_for = asked != IntegrationMethod::Automatic;
         let holds = self.watch.as_ref().and_then(|watch| watch.holds(pace));
-        self.choices.note(Chosen { by, is_asked_for, holds, from });
+        self.choices.note(Chosen { by, is_asked_for, holds, from, is_last: false });
     }
 
     /// The latest choice that nobody was told of.
