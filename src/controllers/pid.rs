@@ -14,7 +14,7 @@ use super::at_limit::{AtLimit, Limited};
 use super::l1::dot;
 use super::moves::Moves;
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, icon};
+use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, Trial, icon};
 use crate::mathematics::limits::{self, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
@@ -359,6 +359,11 @@ impl Catalogued for Pid {
         write: template::write,
         tried: &[Sizes::inputs(3), Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 2), Sizes::plant(6, 3)],
     });
+    const TRIAL: Trial = Trial {
+        // An error, which a description may start with, is integrated for ever.
+        steady: "y = 0.0",
+        ..Trial::NONE
+    };
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "r",
         stimulus: Stimulus::Step,

@@ -450,6 +450,8 @@ impl Catalogued for MracPpf {
         Some(Template { write: template::write, tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)] });
     const TRIAL: Trial = Trial {
         alone: funnel::OPEN,
+        // Without an error nothing adapts.
+        steady: "x = 0.0",
         // Not sampled, with gains that no funnel's edge needs.
         smooth: "law = 'continuous'\nswitching_width = 0.5\ngamma_1 = 5.0\ngamma_2 = 5.0\nbeta = 0.2",
         ..Trial::NONE

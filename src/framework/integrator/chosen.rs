@@ -119,7 +119,7 @@ mod tests {
 
     fn chosen(by: Integrates, from: f64) -> Chosen {
         let mode = Mode { growth: -1234.5, frequency: 0.0 };
-        Chosen { by, is_asked_for: false, holds: Some((mode, 2.345e-3)), from, is_last: false }
+        Chosen { by, is_asked_for: false, holds: Some((mode, 2.357e-3)), from, is_last: false }
     }
 
     #[test]
@@ -127,7 +127,7 @@ mod tests {
         let told = chosen(Integrates::Stiff, 0.5).to_string();
         assert_eq!(
             told,
-            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1230 1/s holds the explicit one to 0.00235 s"
+            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1230 1/s holds the explicit one to 0.00236 s"
         );
         let asked = Chosen { is_asked_for: true, ..chosen(Integrates::Fixed, 0.0) };
         assert_eq!(asked.to_string(), "integrated by steps of fixed length from t = 0 s, as integration_method asks");
