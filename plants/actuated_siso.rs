@@ -174,6 +174,8 @@ impl Catalogued for ActuatedSiso {
     const GUIDE: Guide = Guide {
         purpose: "A plant of second order with an unknown nonlinearity, which its control reaches \
                   through an actuator.",
+        alone: "With nothing connected it rests where it starts, at 0, which is an equilibrium; from any other `x0` it \
+                diverges. Give it a control `u`.",
         gains: &[
             ("actuator_rate", "Speed of the actuator."),
             ("uncertainty", "Which of three nonlinearities it has."),

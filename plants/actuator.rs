@@ -2,7 +2,7 @@
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, icon};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::system::{
     Declaration, Input, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit,
@@ -169,6 +169,7 @@ impl Catalogued for Actuator {
     const GUIDE: Guide = Guide {
         purpose: "Hands a controller's commands on as far as a drive is able to: dead zone, delay, \
                   limits, rate limit and lag. Put it between a controller and its plant.",
+        alone: "With nothing connected it hands on a command of 0. Give it one: `u` goes in, `y` is what the plant gets.",
         gains: &[
             ("u_max", "Largest output, together with `u_min`."),
             ("rate_limit", "Fastest change of the output."),
@@ -182,6 +183,23 @@ impl Catalogued for Actuator {
     };
     const ROLE: Role = Role::Actuator;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::inputs(1), Sizes::inputs(7)] });
+    const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
+        input: "u",
+        stimulus: Stimulus::Steps,
+        held: &[],
+        output: "y",
+        shows_all: false,
+        scale: |of, _| {
+            let (most, zone, rate) = (of("u_max").min(-of("u_min")), of("dead_zone"), of("rate_limit"));
+            let has_limit = most > 0.0 && most < UNLIMITED;
+            let size = if has_limit { 1.5 * most } else { 1.0_f64.max(5.0 * zone) };
+            let on_the_way = if rate < UNLIMITED { 2.0 * size / rate } else { 0.0 };
+            let late = of("time_constant") + of("delay") + on_the_way;
+            let acts = has_limit || zone > 0.0 || late > 0.0;
+            acts.then_some(Scale { about: 0.0, size, duration: if late > 0.0 { 8.0 * late } else { 1.0 } })
+        },
+        example: "u_min = -1.0\nu_max = 1.0\nrate_limit = 5.0\ntime_constant = 0.05\ndelay = 0.05",
+    });
 }
 
 /// An actuator with the plant's limits, or without any.

@@ -120,6 +120,7 @@ impl Catalogued for CoupledMimo {
     const GUIDE: Guide = Guide {
         purpose: "A plant of three states and three inputs, fully coupled, with an unstable mode and \
                   uncertainty in each channel.",
+        alone: "With nothing connected it leaves its start by itself and diverges: connect a controller.",
         gains: &[
             ("theta_factor", "How much of the time-varying uncertainty there is."),
             ("coefficient", "Sizes of the nonlinear terms."),

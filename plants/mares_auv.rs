@@ -286,6 +286,8 @@ impl Catalogued for MaresAuv {
     const GUIDE: Guide = Guide {
         purpose: "An underwater vehicle that can be pushed and turned in every direction: added mass, \
                   damping and a weak righting couple.",
+        alone: "With nothing connected it rests where it starts, upright and weightless, since weight and buoyancy are \
+                equal. Give it forces and moments `u`.",
         gains: &[
             ("m", "Mass."),
             ("length", "Length of the hull: added mass and damping follow from it."),

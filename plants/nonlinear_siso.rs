@@ -70,6 +70,7 @@ impl Catalogued for NonlinearSiso {
     const GUIDE: Guide = Guide {
         purpose: "A plant of second order with unknown nonlinearity, input gain and disturbance, to \
                   try controllers of one input on.",
+        alone: "With nothing connected it leaves its start by itself and diverges: connect a controller.",
         gains: &[
             ("omega", "Mean input gain, which the controller doesn't know."),
             ("omega_variation", "How much it swings."),

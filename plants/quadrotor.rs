@@ -232,6 +232,8 @@ impl Catalogued for Quadrotor {
     const GUIDE: Guide = Guide {
         purpose: "A quadrotor as a rigid body: thrust along its axis and three torques move its \
                   position and attitude.",
+        alone: "With nothing connected it has the thrust that `u[1]` starts with: at its weight it hovers, and drifts as \
+                far as it starts tilted; at 0 it falls.",
         gains: &[
             ("m", "Mass."),
             ("inertia", "Moments of inertia."),

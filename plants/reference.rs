@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, Trial, icon};
 use crate::system::{
     Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
     Values, VectorOf, any, matrix, quantities, selection, smaller, vector,
@@ -296,6 +296,7 @@ impl Catalogued for Reference {
     const GUIDE: Guide = Guide {
         purpose: "Gives reference signals with exact first and second derivatives: offset, ramp, \
                   cosine, sine, square wave and steps, with a smooth start.",
+        alone: "With nothing connected it runs as it does in a loop. A channel is 0 until one of its shapes is set.",
         gains: &[
             ("offset", "Constant part of each channel."),
             ("cosine_amplitude", "Amplitude of its cosine; sine and square wave have theirs."),
@@ -312,6 +313,16 @@ impl Catalogued for Reference {
         moving: "'offset[1]' = 1.0\n'slope[1]' = 0.5\n'cosine_amplitude[1]' = 2.0\n'cosine_frequency[1]' = 3.0",
         ..Trial::NONE
     };
+    const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
+        input: "",
+        stimulus: Stimulus::Nothing,
+        held: &[],
+        output: "r",
+        shows_all: true,
+        scale: |_, stop_time| Some(Scale { about: 0.0, size: 0.0, duration: stop_time }),
+        example: "cosine_amplitude = 1.0\ncosine_frequency = 1.0\nsmooth_start_rate = 1.0\n'step_time[1,1]' = 6.0\n\
+                  'step_height[1,1]' = 1.0",
+    });
 }
 
 /// Each channel steps to the usual magnitude at 1 s.

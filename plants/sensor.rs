@@ -2,7 +2,7 @@
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, icon};
 use crate::recording::Opaque;
 use crate::system::{
     Declaration, Discrete, Input, IntegerOf, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
@@ -155,6 +155,8 @@ impl Catalogued for Sensor {
     const GUIDE: Guide = Guide {
         purpose: "Hands a plant's signals on as an instrument would measure them: lag, delay, bias, \
                   noise and quantisation. Put it between a plant and its controller.",
+        alone: "With nothing connected it hands on a signal of 0, with its bias and its noise. Give it one: `u` goes in, \
+                `y` is what is measured of it.",
         gains: &[
             ("time_constant", "Lag."),
             ("delay", "Transport delay, a multiple of `sample_time`."),
@@ -169,6 +171,21 @@ impl Catalogued for Sensor {
     };
     const ROLE: Role = Role::Sensor;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::NONE] });
+    const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
+        input: "u",
+        stimulus: Stimulus::Sine,
+        held: &[],
+        output: "y",
+        shows_all: false,
+        scale: |of, _| {
+            let size = of("resolution").max(of("noise_deviation")).max(of("bias").abs());
+            let late = of("time_constant") + of("delay");
+            let duration = if late > 0.0 { 40.0 * late } else { 400.0 * of("sample_time") };
+            let acts = size > 0.0 || late > 0.0;
+            acts.then_some(Scale { about: 0.0, size: if size > 0.0 { 15.0 * size } else { 1.0 }, duration })
+        },
+        example: "resolution = 0.1\nnoise_deviation = 0.05\ntime_constant = 0.05\nsample_time = 0.02\ndelay = 0.04",
+    });
 }
 
 /// A sensor without any effect, until it is set.

@@ -4,8 +4,8 @@
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
-use crate::mathematics::limits::{self, within};
+use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Scale, Stimulus, icon};
+use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::mathematics::matrices::rows;
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, Signal, Signals, State, System, Unit,
@@ -228,6 +228,7 @@ impl Catalogued for StateSpace {
     const GUIDE: Guide = Guide {
         purpose: "A linear plant by its matrices about an operating point, with limits of the input \
                   and a disturbance. Take it for a plant of which you have a linear model.",
+        alone: "With nothing connected it rests at its operating point, unless `x0` is off it. Give it a control `u`.",
         gains: &[
             ("A", "State matrix: the plant's dynamics."),
             ("B", "Input matrix."),
@@ -250,6 +251,19 @@ impl Catalogued for StateSpace {
             Sizes::plant(6, 3),
             Sizes::plant(8, 1),
         ],
+    });
+    const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
+        input: "u",
+        stimulus: Stimulus::Step,
+        held: &["d"],
+        output: "y",
+        shows_all: true,
+        scale: |of, stop_time| {
+            let (about, most) = (of("u_op"), of("u_max"));
+            let size = if most < UNLIMITED && most > about { 0.5 * (most - about) } else { 1.0 };
+            Some(Scale { about, size, duration: stop_time })
+        },
+        example: "",
     });
 }
 

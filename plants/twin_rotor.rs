@@ -199,6 +199,7 @@ impl Catalogued for TwinRotor {
     const GUIDE: Guide = Guide {
         purpose: "The twin rotor laboratory system: a beam that two rotors turn in pitch and yaw, \
                   each disturbing the other's axis.",
+        alone: "With nothing connected it rests where it starts, balanced with both rotors still. Give it voltages `u`.",
         gains: &[
             ("M_g", "Moment of its weight: stiffness in pitch."),
             ("k_c", "How strongly the main rotor turns the beam in yaw."),

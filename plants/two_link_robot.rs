@@ -176,6 +176,7 @@ impl Catalogued for TwoLinkRobot {
     const GUIDE: Guide = Guide {
         purpose: "A robot arm of two links in a vertical plane with a torque at each joint: a plant \
                   whose inertia and gravity change with its pose.",
+        alone: "With nothing connected its links fall from where they start, and swing.",
         gains: &[
             ("m1", "Mass of the first link."),
             ("m2", "Mass of the second: a payload makes it larger."),

@@ -234,6 +234,7 @@ impl Catalogued for UnmatchedMimo {
     const GUIDE: Guide = Guide {
         purpose: "A plant of three states and two inputs with uncertainty that no input reaches \
                   directly, and unmodeled dynamics.",
+        alone: "With nothing connected it leaves its start by itself, and stays near it.",
         gains: &[
             ("omega", "Input gain, which the controller doesn't know."),
             ("A_Delta", "What its state matrix has beside the nominal one."),

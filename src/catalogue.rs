@@ -57,6 +57,8 @@ impl Trial {
 pub struct Guide {
     /// What such a unit is for, in a sentence or two.
     pub purpose: &'static str,
+    /// What such a unit shows while nothing is connected to it, and what to connect.
+    pub alone: &'static str,
     /// The parameters that matter most, and what each does. A unit leaves out those that it doesn't have.
     pub gains: &'static [(&'static str, &'static str)],
     /// What it can't do, as a list.
@@ -65,7 +67,54 @@ pub struct Guide {
 
 impl Guide {
     /// Of kinds that tell nothing of themselves.
-    pub const NONE: Guide = Guide { purpose: "", gains: &[], limits: "" };
+    pub const NONE: Guide = Guide { purpose: "", alone: "", gains: &[], limits: "" };
+}
+
+/// The first element of a parameter, by the model's own name of it.
+pub type Of<'a> = &'a dyn Fn(&str) -> f64;
+
+/// An experiment with a unit alone: pages of units that stand in no loop of this package show what comes of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Demonstration {
+    /// The model's own name of the input whose first element is given something; empty where there is none.
+    pub input: &'static str,
+    /// What that input is given.
+    pub stimulus: Stimulus,
+    /// Inputs that are 0 meanwhile.
+    pub held: &'static [&'static str],
+    /// The model's own name of the output that is shown.
+    pub output: &'static str,
+    /// Whether all its elements are shown, as far as they can be told apart, or the first one alone.
+    pub shows_all: bool,
+    /// How large the stimulus is, and how long all lasts, by the first elements of parameters and the stop time of the
+    /// default experiment; none where the unit does nothing as it is set.
+    pub scale: fn(Of, f64) -> Option<Scale>,
+    /// Lines of `[start]` by which a unit is shown that does nothing as it is set.
+    pub example: &'static str,
+}
+
+/// What an input is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stimulus {
+    /// Nothing: the unit moves by itself.
+    Nothing,
+    /// One step.
+    Step,
+    /// Steps up and down.
+    Steps,
+    /// A sine.
+    Sine,
+}
+
+/// How large a stimulus is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// Where it begins.
+    pub about: f64,
+    /// How far it goes from there.
+    pub size: f64,
+    /// How long the experiment lasts, s.
+    pub duration: f64,
 }
 
 /// The picture of a kind's units.
@@ -119,6 +168,8 @@ pub trait Catalogued: System<Structure: Structured> {
     const GUIDE: Guide;
     /// Start values for tests.
     const TRIAL: Trial = Trial::NONE;
+    /// What the page of a unit shows that stands in no loop; none where a unit alone shows nothing of its work.
+    const DEMONSTRATION: Option<Demonstration> = None;
 }
 
 /// The picture of units of kinds that aren't in this catalogue.
@@ -143,6 +194,8 @@ pub struct Entry {
     pub guide: Guide,
     /// See [`Catalogued::TRIAL`].
     pub trial: Trial,
+    /// See [`Catalogued::DEMONSTRATION`].
+    pub demonstration: Option<Demonstration>,
     /// The schema of its structure.
     #[cfg(feature = "cli")]
     pub schema: fn(schemars::SchemaGenerator) -> schemars::Schema,
@@ -160,6 +213,7 @@ impl Entry {
             icon: M::ICON,
             guide: M::GUIDE,
             trial: M::TRIAL,
+            demonstration: M::DEMONSTRATION,
             #[cfg(feature = "cli")]
             schema: schemars::SchemaGenerator::into_root_schema_for::<M::Structure>,
         }
@@ -174,9 +228,10 @@ impl Entry {
         template: None,
         icon: icon!("composite"),
         guide: Guide {
-            purpose: "A whole loop, or a part of one, as a single unit: its parts are integrated together, so that nothing \
-                      is held or delayed between them. Take it to run the loop at any communication step, or as the \
-                      yardstick of the loop of separate units.",
+            purpose: "A whole loop, or a part of one, as one unit: its parts are integrated together, \
+                      nothing is held or delayed between them. Take it for any communication step, or as a \
+                      yardstick.",
+            alone: "With nothing connected it runs: its parts are connected inside.",
             gains: &[],
             limits: "- Nothing is sampled or delayed between the parts: a controller that runs on a target sees held signals, \
                      which this unit doesn't show.\n\
@@ -184,6 +239,7 @@ impl Entry {
                      - What limits each part limits the whole, too.",
         },
         trial: Trial::NONE,
+        demonstration: None,
         #[cfg(feature = "cli")]
         schema: schemars::SchemaGenerator::into_root_schema_for::<crate::system::CompositeStructure>,
     };

@@ -67,6 +67,7 @@ pub fn script(shell: Shell, command: &clap::Command) -> String {
         Shell::Bash => text.replace(&name.replace('-', "__subcmd__"), &name.replace('-', "__")),
         Shell::Zsh => with_files(text),
         Shell::Fish => text + &of_positions(&name),
+        Shell::PowerShell => with_names(&text),
         _ => text,
     }
 }
@@ -95,6 +96,40 @@ fn of_positions(name: &str) -> String {
         format!("complete -c {name} -n \"__fish_{function}_using_subcommand {subcommand}\" -a \"{known}\"\n")
     };
     by_place.map(line).collect()
+}
+
+/// The script for PowerShell, which holds no names of arguments: what is offered last is what its tail filters. Where no
+/// name fits, PowerShell offers files.
+fn with_names(script: &str) -> String {
+    let table = |by_place: bool| -> String {
+        let named = NAMED.iter().filter(|(_, argument, _)| BY_PLACE.contains(argument) == by_place);
+        let line = |(subcommand, argument, names): &(&str, &str, Names)| {
+            let key = if by_place { (*subcommand).to_owned() } else { format!("{subcommand} --{argument}") };
+            let known: Vec<_> = names.known().into_iter().map(|name| format!("'{name}'")).collect();
+            format!("        '{key}' = @({})\n", known.join(", "))
+        };
+        named.map(line).collect()
+    };
+    let (by_place, of_options) = (table(true), table(false));
+    let names = format!(
+        "    $byPlace = @{{\n{by_place}    }}\n    $ofOptions = @{{\n{of_options}    }}\n{}",
+        "    $words = @($commandElements | Where-Object { $_.Extent.EndOffset -lt $cursorPosition } |
+        ForEach-Object { $_.Extent.Text })
+    $subcommand = $words | Select-Object -Skip 1 | Where-Object { -not $_.StartsWith('-') } | Select-Object -First 1
+    $names = @()
+    if ($subcommand) {
+        $names = $ofOptions[\"$subcommand $($words[-1])\"]
+        if ($names) { $completions = @() } else { $names = $byPlace[$subcommand] }
+    }
+    foreach ($name in $names) {
+        $completions = @($completions) + [CompletionResult]::new($name, $name, [CompletionResultType]::ParameterValue, $name)
+    }
+
+"
+    );
+    let tail = "    $completions.Where{";
+    debug_assert!(script.contains(tail), "the script ends otherwise than it did");
+    script.replacen(tail, &(names + tail), 1)
 }
 
 impl Names {

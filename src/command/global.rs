@@ -3,6 +3,7 @@
 use std::num::NonZeroUsize;
 
 use adaptive_fmu::parallel;
+use adaptive_fmu::simulation::keep_details;
 
 use crate::console::{self, Detail};
 
@@ -13,7 +14,8 @@ pub struct GlobalOptions {
     /// Prints results and errors alone: no warnings, notes, progress or sketches
     #[arg(long, short, global = true, conflicts_with = "verbose", help_heading = HEADING)]
     quiet: bool,
-    /// Tells on stderr what is decided on the way: where units come from, and how they run
+    /// Tells on stderr what is decided on the way: where units come from, how they run, and by which method they are
+    /// integrated, with the eigenvalue that decided it
     #[arg(long, short, global = true, help_heading = HEADING)]
     verbose: bool,
     /// So many runs or exports at a time; without it, as many as there are cores
@@ -29,6 +31,9 @@ impl GlobalOptions {
             (false, true) => Detail::Verbose,
             (false, false) => Detail::Usual,
         });
+        if self.verbose {
+            keep_details();
+        }
         parallel::limit(self.jobs);
     }
 }

@@ -208,6 +208,7 @@ pub fn simulated(
     let (mut recording, ending, failure) =
         Progress::new(bars, name, settings).watch(|go_on| closed.run(settings, go_on));
     let took = begun.elapsed();
+    recording.details.iter().for_each(|text| detail!("{}: {text}", structure.name));
     let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
     let measured = measure(&structure, &mut recording).map_err(wrong)?;
     structure.name = own_name;

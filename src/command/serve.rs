@@ -79,7 +79,7 @@ fn number(code: ExitCode) -> u8 {
 
 /// Sends what was recorded, with what is told of it: times, then a column a name, numbers of eight bytes, the least first.
 pub fn send(recording: &Recording, mut about: Value) {
-    let Recording { names, measures, times, columns, warnings } = recording;
+    let Recording { names, measures, times, columns, warnings, details: _ } = recording;
     about["rows"] = json!(times.len());
     about["names"] = json!(names);
     about["units"] = json!(measures);

@@ -108,6 +108,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     };
     let (recording, ending, failure) = Progress::new(&Bars::new(arguments.json), &description.name, settings)
         .watch(|go_on| alone.run(settings, go_on));
+    recording.details.iter().for_each(|text| detail!("{text}"));
     let structure = structure(&fmu, &recording, settings, &arguments.set);
     let whole = true;
     let report =

@@ -146,9 +146,10 @@ impl Catalogued for FuzzyL1 {
     const PAGE: &'static str = "controllers/fuzzy_l1";
     const ICON: Icon = icon!("fuzzy-l1");
     const GUIDE: Guide = Guide {
-        purpose: "An L1 adaptive controller with a gain that is small where the error is large: the \
-                  start-up transient asks for less control. Take it where the L1 controller's first \
-                  peak is too large.",
+        purpose: "An L1 adaptive controller whose gain is small where the error is large, for less control \
+                  at the start. Take it where the L1 controller's first peak is too large.",
+        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
+                that no plant answers takes its estimates to their bounds, and it warns: connect the plant first.",
         gains: &[
             ("k_e", "Error above which the gain is fuzzy; below it the gain is `feedback_gain`."),
             ("k_p", "Weight of the error's magnitude in the inference: 1/k_p is a very large error."),

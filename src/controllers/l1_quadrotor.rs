@@ -176,9 +176,10 @@ impl<const OBSERVED: bool> Catalogued for L1Quadrotor<OBSERVED> {
     const PAGE: &'static str = "controllers/l1_quadrotor";
     const ICON: Icon = if OBSERVED { icon!("l1-quadrotor-observed") } else { icon!("l1-quadrotor") };
     const GUIDE: Guide = Guide {
-        purpose: "Flies a quadrotor along a trajectory of position and yaw: a loop for the position \
-                  asks for angles, and an L1 adaptive law holds these although the vehicle's \
-                  parameters are unknown.",
+        purpose: "Flies a quadrotor along a trajectory of position and yaw: a loop for the position asks for \
+                  angles, and an adaptive L1 law holds them although parameters are unknown.",
+        alone: "With nothing connected it carries the vehicle: the thrust `u[1]` is the weight, the torques are 0. An \
+                error that no plant answers takes its estimates to their bounds, and it warns: connect the plant first.",
         gains: &[
             ("position_gain", "Stiffness of the loop for the position."),
             ("velocity_gain", "Its damping; 2 √position_gain is critical."),

@@ -318,9 +318,9 @@ impl Catalogued for Observer {
     const PAGE: &'static str = "controllers/observer";
     const ICON: Icon = icon!("observer");
     const GUIDE: Guide = Guide {
-        purpose: "Estimates the whole state of an uncertain plant from its measured output `y`; \
-                  `x_obs` takes the place of the state at a controller's input. Take it where some of \
-                  the state isn't measured.",
+        purpose: "Estimates the whole state of an uncertain plant from its output `y`, for a controller to \
+                  take in the state's place. Take it where some of the state isn't measured.",
+        alone: "With nothing connected its estimate goes from where it starts to an output `y` of 0.",
         gains: &[
             (
                 "observer_pole_real",

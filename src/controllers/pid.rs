@@ -14,7 +14,7 @@ use super::at_limit::{AtLimit, Limited};
 use super::l1::dot;
 use super::moves::Moves;
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, Trial, icon};
 use crate::mathematics::limits::{self, within};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
@@ -334,9 +334,10 @@ impl Catalogued for Pid {
     const PAGE: &'static str = "controllers/pid";
     const ICON: Icon = icon!("pid");
     const GUIDE: Guide = Guide {
-        purpose: "A PID controller of each channel, with weights of the reference, a filtered \
-                  derivative and an integral that doesn't wind up. It needs no model: the yardstick \
-                  to try first.",
+        purpose: "A PID controller of each channel, with weights of the reference, a filtered derivative and \
+                  an integral that doesn't wind up. It needs no model: try it first.",
+        alone: "With nothing connected it answers the error that `r` and `y` start with: by a step, and by the \
+                integral's ramp. Where both start at 0, it stands still.",
         gains: &[
             ("K_p", "Proportional gain."),
             ("K_i", "Integral gain: removes a lasting error. Larger is faster and less damped."),
@@ -357,5 +358,24 @@ impl Catalogued for Pid {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         tried: &[Sizes::inputs(3), Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 2), Sizes::plant(6, 3)],
+    });
+    const TRIAL: Trial = Trial {
+        // An error, which a description may start with, is integrated for ever.
+        steady: "y = 0.0",
+        ..Trial::NONE
+    };
+    const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
+        input: "r",
+        stimulus: Stimulus::Step,
+        held: &["y"],
+        output: "u",
+        shows_all: false,
+        scale: |of, stop_time| {
+            let (K_p, K_i) = (of("K_p"), of("K_i"));
+            // Until the integral is as large as what is proportional.
+            let duration = if K_p > 0.0 && K_i > 0.0 { stop_time.min(K_p / K_i) } else { stop_time };
+            Some(Scale { about: 0.0, size: 1.0, duration })
+        },
+        example: "",
     });
 }

@@ -4,7 +4,7 @@
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
-use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial};
+use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Trial};
 use crate::mathematics::performance::{self, Performance};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, OwnStep, Parameter, Point, Rates, Scalar,
@@ -272,4 +272,5 @@ impl<C: Tracking + Catalogued> Catalogued for Watched<C> {
     const ICON: Icon = C::ICON;
     const GUIDE: Guide = C::GUIDE;
     const TRIAL: Trial = C::TRIAL;
+    const DEMONSTRATION: Option<Demonstration> = C::DEMONSTRATION;
 }

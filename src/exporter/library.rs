@@ -37,11 +37,10 @@ type Asked = (&'static [u8], Option<String>);
 /// So many replies are kept.
 const MOST_REPLIES: usize = 64;
 
-/// What a library refuses of a description, with the lines of its file. A text that was changed since it was read, as by a
-/// parameter set, has none.
-fn refused(Source { file, text }: &Source, reason: &str) -> Error {
-    let is_as_written = text_file::read(file).is_ok_and(|written| written == *text);
-    let reason = if is_as_written { lines::placed(text, reason) } else { reason.to_owned() };
+/// What a library refuses of a description, with the lines of its file, which may lie in an archive. A text that was changed
+/// since it was read, as by a parameter set, has none.
+fn refused(Source { file, text, as_written }: &Source, reason: &str) -> Error {
+    let reason = if *as_written { lines::placed(text, reason) } else { reason.to_owned() };
     Error::Description { file: file.clone(), reason }
 }
 

@@ -50,9 +50,16 @@ pub struct Source {
     pub file: PathBuf,
     /// Its text.
     pub text: String,
+    /// Whether the text is as it was read: its lines are those of the file then.
+    pub as_written: bool,
 }
 
 impl Source {
+    /// The text of a file as it was read.
+    pub fn read(file: PathBuf, text: String) -> Self {
+        Source { file, text, as_written: true }
+    }
+
     /// The same system with other start values; what else stands in the text stays, comments too.
     ///
     /// # Errors
@@ -79,7 +86,7 @@ impl Source {
                 start.insert(name, toml_edit::value(value));
             }
         }
-        Ok(Source { text: text.to_string(), ..self.clone() })
+        Ok(Source { file: self.file.clone(), text: text.to_string(), as_written: false })
     }
 }
 
@@ -112,13 +119,13 @@ pub fn find_description(name: &str) -> Result<Source, Error> {
     let path = Path::new(name);
     if path.extension().is_some_and(|extension| extension == "toml") {
         let text = text_file::read(path).map_err(Error::file(path))?;
-        return Ok(Source { file: path.to_owned(), text });
+        return Ok(Source::read(path.to_owned(), text));
     }
     let found = DESCRIPTIONS.iter().find(|(known, _)| *known == name);
     let (name, text) = found.ok_or_else(|| {
         Error::unknown("FMU", name, DESCRIPTIONS.iter().map(|(name, _)| *name), "`adaptive-fmu list`")
     })?;
-    Ok(Source { file: Path::new("modelDescription").join(format!("{name}.toml")), text: (*text).to_owned() })
+    Ok(Source::read(Path::new("modelDescription").join(format!("{name}.toml")), (*text).to_owned()))
 }
 
 /// The unit of a description, as the library describes it, and how that was built.

@@ -79,7 +79,7 @@ fn with_designed(source: &Source, designed: &[String]) -> Result<Source, Error> 
     };
     let mut text: toml_edit::DocumentMut = source.text.parse().map_err(refuse)?;
     text["designed"] = toml_edit::value(designed.iter().collect::<toml_edit::Array>());
-    Ok(Source { text: text.to_string(), ..source.clone() })
+    Ok(Source { file: source.file.clone(), text: text.to_string(), as_written: false })
 }
 
 /// Libraries compiled from sources: their places in an FMU, and their bytes.

@@ -82,7 +82,7 @@ impl Alone<'_> {
         if let Ok(messages) = &freed {
             said.keep(name, messages, &mut recording.warnings);
         }
-        said.end(name, &mut recording.warnings);
+        said.end(name, recording);
         freed.map(drop)
     }
 

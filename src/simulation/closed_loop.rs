@@ -81,6 +81,8 @@ struct Unit {
 pub(super) struct Said {
     count: usize,
     last: String,
+    /// What it told of calls that went well.
+    details: Vec<String>,
 }
 
 impl Said {
@@ -94,10 +96,12 @@ impl Said {
             self.count += 1;
         }
         self.count += messages.count() - messages.iter().count();
+        self.details.extend(messages.details().iter().map(|text| format!("{unit}: {text}")));
     }
 
-    /// Adds how many more there were, and the last.
-    pub fn end(self, unit: &str, warnings: &mut Vec<String>) {
+    /// Adds how many more there were, and the last, and what was told of calls that went well.
+    pub fn end(self, unit: &str, Recording { warnings, details, .. }: &mut Recording) {
+        details.extend(self.details);
         if self.count > MOST_MESSAGES {
             if self.count > MOST_MESSAGES + 1 {
                 warnings.push(format!("{unit}: {} more messages", self.count - MOST_MESSAGES - 1));
@@ -133,6 +137,8 @@ pub struct Recording {
     pub columns: Vec<Vec<f64>>,
     /// What the loop may lack, and warnings of units.
     pub warnings: Vec<String>,
+    /// What units told beside, where that is kept ([`keep_details`](super::keep_details)).
+    pub details: Vec<String>,
 }
 
 impl Recording {
@@ -202,24 +208,24 @@ impl ClosedLoop {
         let (names, measures, warnings) = (self.names.clone(), self.measures.clone(), self.notes.clone());
         let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
         let result = self.run_into(&mut recording, settings, progress);
-        match self.free(&mut recording.warnings, result) {
+        match self.free(&mut recording, result) {
             Ok(()) => Ok(recording),
             Err(error) => Err((error, Box::new(recording))),
         }
     }
 
     /// Frees all units, also after a failure. The first failure is told, further ones are warnings.
-    fn free(self, warnings: &mut Vec<String>, mut result: Result<(), Error>) -> Result<(), Error> {
+    fn free(self, recording: &mut Recording, mut result: Result<(), Error>) -> Result<(), Error> {
         for unit in self.units {
             let Unit { instance, mut said, .. } = unit;
             let name = instance.name().to_owned();
-            said.keep(&name, &instance.messages(), warnings);
+            said.keep(&name, &instance.messages(), &mut recording.warnings);
             match instance.free() {
-                Ok(messages) => said.keep(&name, &messages, warnings),
+                Ok(messages) => said.keep(&name, &messages, &mut recording.warnings),
                 Err(error) if result.is_ok() => result = Err(error),
-                Err(error) => warnings.push(error.to_string()),
+                Err(error) => recording.warnings.push(error.to_string()),
             }
-            said.end(&name, warnings);
+            said.end(&name, recording);
         }
         result
     }

@@ -17,6 +17,7 @@ mod wire;
 
 use std::ffi::c_int;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -44,6 +45,14 @@ pub const UNIT_PROCESS: &str = "unit-process";
 
 const NOT_FOR_CO_SIMULATION: &str = "modelDescription.xml: it is not for co-simulation";
 const NOT_FOR_EXCHANGE: &str = "modelDescription.xml: it is not for model exchange";
+
+/// Whether what units of this package tell of calls that went well is kept: by which method they are integrated.
+static DETAILS: AtomicBool = AtomicBool::new(false);
+
+/// From now on, what units of this package tell of calls that went well is kept ([`Messages::details`]).
+pub fn keep_details() {
+    DETAILS.store(true, Ordering::Relaxed);
+}
 
 /// A value of a variable.
 #[derive(Debug, Clone, PartialEq)]
@@ -220,8 +229,10 @@ impl Fmu {
         let resources = self.resources.clone();
         let ModelDescription { guid, generation_tool, .. } = &self.description;
         // Those of this package tell of errors and warnings in any case.
-        let logs = !generation_tool.starts_with("adaptive-fmu");
-        let plan = Plan { kind, name: name.to_owned(), guid: guid.clone(), resources, logs };
+        let is_own = generation_tool.starts_with("adaptive-fmu");
+        let details = is_own && DETAILS.load(Ordering::Relaxed);
+        let plan =
+            Plan { kind, name: name.to_owned(), guid: guid.clone(), resources, logs: !is_own || details, details };
         let unit = place.map_err(str::to_owned).and_then(|place| place.unit(&plan));
         let unit = unit.map_err(|reason| Error::Archive { file: self.file.clone(), reason })?;
         Ok(Instance::new(unit, name, self))

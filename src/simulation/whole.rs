@@ -233,7 +233,7 @@ fn source(structure: &Structure, parts: Vec<Value>, (start, about): (Table, Tabl
     description.insert("experiment".to_owned(), Value::Table(experiment.into_iter().collect()));
     description.insert("structure".to_owned(), Value::Table(inside));
     description.insert("start".to_owned(), Value::Table(start));
-    Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string() }
+    Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string(), as_written: false }
 }
 
 impl Unit<'_> {

@@ -36,7 +36,7 @@ fn every_unit_runs_from_its_own_defaults_in_model_exchange() {
 #[test]
 fn limits_are_printed_with_the_digits_that_tell() {
     let text = description("NeuroPpfTwoLinkRobot");
-    let (text, _) = text.rsplit_once("\nr = ").unwrap();
+    let (text, _) = text.rsplit_once("\nx = ").unwrap();
     // An arm on its reference, as any tool has it that sets all inputs to 0.
     let refused = |start: &str| {
         let unit = Unit::from_text(&format!("{text}\n{start}\n"));

@@ -1,7 +1,8 @@
 """The responses of the package's loops that the pages of FMUs draw: examples/LOOP/response.txt, with few points a curve.
 
-Each plot of a loop is a line `plot TITLE`, and each of its curves one line `curve NAME UNIT t y t y …`; a unit that isn't
-known is `-`. Between its points a curve is straight.
+Each plot of a loop is a line `plot TITLE`, and each of its curves one line `curve NAME UNIT t y t y …`, or `reference …`
+where others are to come to it; a unit that isn't known is `-`. Between its points a curve is straight. What oscillates
+faster than a picture shows keeps its least and its largest value in each column of the picture.
 """
 
 import re
@@ -11,8 +12,8 @@ import numpy as np
 from lxml import etree
 
 ROOT = Path(__file__).resolve().parents[2]
-# Part of a plot's range by which a curve may miss what was recorded, and most points of a curve.
-MISS, MOST = 0.003, 300
+# Part of a plot's range by which a curve may miss what was recorded, and columns of a picture, two of its pixels each.
+MISS, COLUMNS = 0.003, 200
 
 
 def structure(loop: str) -> etree._Element:
@@ -27,6 +28,18 @@ def elements(loop: str, name: str) -> list[etree._Element]:
 def plots(loop: str) -> list[tuple[str, list[str]]]:
     """Titles and signals of a loop's plots."""
     return [(plot.get("title"), plot.get("signals").split()) for plot in elements(loop, "Plot")]
+
+
+def references(loop: str, title: str) -> set[str]:
+    """The signals of a plot that others are to come to, as the figures of a run have them: those that it names so, ideal
+    models, and what units give that take nothing from the loop."""
+    (plot,) = [plot for plot in elements(loop, "Plot") if plot.get("title") == title]
+    takes = {link.get("endElement") for link in elements(loop, "Connection")}
+    sources = {unit.get("name") for unit in elements(loop, "Component")} - takes
+    models = {model.get("name") for model in elements(loop, "IdealModel")}
+    signals = plot.get("signals").split()
+    given = {signal for signal in signals if signal in models or signal.split(".")[0] in sources}
+    return given | set((plot.get("references") or "").split())
 
 
 def is_to_fail(loop: str) -> bool:
@@ -52,6 +65,15 @@ def ranges(values: list[np.ndarray]) -> float:
     return rest if 0 < rest < (high - low) / 4 else max(high - low, 1e-12)
 
 
+def extremes(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Places of the least and the largest value in each column of a picture, and of both ends; in their order."""
+    column = np.minimum((COLUMNS * (t - t[0]) / (t[-1] - t[0])).astype(int), COLUMNS - 1)
+    begins = np.flatnonzero(np.diff(column, prepend=-1))
+    parts = zip(begins, np.append(begins[1:], len(t)))
+    places = {a + int(find(y[a:b])) for a, b in parts for find in (np.argmin, np.argmax)}
+    return np.array(sorted(places | {0, len(t) - 1}))
+
+
 def kept(t: np.ndarray, y: np.ndarray, miss: float) -> list[int]:
     """Places of points, between which straight lines miss none of the others by more."""
     places, open_ = {0, len(t) - 1}, [(0, len(t) - 1)]
@@ -71,16 +93,16 @@ def kept(t: np.ndarray, y: np.ndarray, miss: float) -> list[int]:
 
 def text(loop: str, table: dict[str, np.ndarray]) -> str:
     """What response.txt is to hold, from what was recorded of a run."""
-    time, lines = table["time"], []
+    lines = []
     for title, signals in plots(loop):
         lines.append(f"plot {title}")
         span = ranges([table[signal] for signal in signals])
+        followed = references(loop, title)
         for signal in signals:
-            miss, y = MISS * span, table[signal]
-            while len(places := kept(time, y, miss)) > MOST:
-                miss *= 1.5
-            points = " ".join(f"{time[k]:.4g} {y[k] + 0.0:.4g}" for k in places)
-            lines.append(f"curve {signal} {unit(loop, signal)} {points}")
+            seen = extremes(table["time"], table[signal])
+            time, y = table["time"][seen], table[signal][seen]
+            points = " ".join(f"{time[k]:.4g} {y[k] + 0.0:.4g}" for k in kept(time, y, MISS * span))
+            lines.append(f"{'reference' if signal in followed else 'curve'} {signal} {unit(loop, signal)} {points}")
     return "\n".join(lines) + "\n"
 
 
@@ -89,6 +111,6 @@ def read(loop: str) -> dict[str, np.ndarray]:
     curves = {}
     for line in (ROOT / "examples" / loop / "response.txt").read_text().splitlines():
         word, *rest = line.split(" ")
-        if word == "curve":
+        if word in ("curve", "reference"):
             curves[rest[0]] = np.array(rest[2:], dtype=float).reshape(-1, 2).T
     return curves

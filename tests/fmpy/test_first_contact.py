@@ -1,27 +1,46 @@
 """What a person meets who runs `fmpy simulate X.fmu`: each unit alone, as it is, by FMPy's own defaults."""
 
+import zipfile
+from collections.abc import Callable
+
 import fmpy
 import numpy as np
 import pytest
+import responses
+from conftest import FMU_NAMES, LOOP_NAMES
+from lxml import html
 from master import Fmu
 
 # Units whose outputs stand still while nobody gives them anything, and why.
-CONTROLLERS = {  # The measured state is the reference: there is no error to act on.
+CONTROLLERS = {  # There is no error; one that no plant answers would take their estimates to their bounds.
     "FuzzyL1ActuatedSiso", "L1ActuatedSiso", "L1ActuatedSisoObserved", "L1CoupledMimo", "L1MaresAuv", "L1NonlinearSiso",
-    "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo", "MracPpfCoupledMimo", "NeuroPpfCoupledMimo", "PidNonlinearSiso",
+    "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo",
 }
-HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The thrust is the weight.
+HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The same, but their thrust is the weight.
 BALANCED = {"ActuatedSiso", "MaresAuv", "StateSpace", "TwinRotor"}  # Without a control these plants rest where they start.
 HANDED_ON = {"Actuator", "ActuatorTwoLinkRobot", "Sensor"}  # They hand on what they are given.
 UNSHAPED = {"Reference"}  # The general reference is 0 until a shape is set.
 AT_REST = CONTROLLERS | HOVERING | BALANCED | HANDED_ON | UNSHAPED
+# Inputs that start with something, and what they would be without sense at 0: the thrust that carries the vehicle, and what
+# a controller measures, without which it is of no use.
+GIVEN = {
+    "Quadrotor": {"u[1]": 0.5 * 9.81},
+    "PidNonlinearSiso": {"y[1]": 1.0},
+    "MracPpfCoupledMimo": {f"x[{k}]": 0.01 for k in (1, 2, 3)},
+    "NeuroPpfCoupledMimo": {f"x[{k}]": 0.003 for k in (1, 2, 3)},
+    "NeuroPpfTwoLinkRobot": {"x[1]": 0.02, "x[2]": 0.02},
+}
+
+
+def alone(fmu: Fmu) -> tuple[np.ndarray, list[tuple[int, str]]]:
+    """What a unit shows at FMPy's defaults, and what it says."""
+    told: list[tuple[int, str]] = []
+    hear = lambda _, instance, status, category, message: told.append((status, message))  # noqa: E731
+    return fmpy.simulate_fmu(str(fmu.path), logger=hear), told
 
 
 def test_a_unit_alone_runs_by_the_defaults_of_fmpy_and_says_nothing(each_fmu: Fmu) -> None:
-    told: list[tuple[int, str]] = []
-    result = fmpy.simulate_fmu(
-        str(each_fmu.path), logger=lambda _, instance, status, category, message: told.append((status, message))
-    )
+    result, told = alone(each_fmu)
     assert told == [], "neither warnings nor errors"
     outputs = [name for name in result.dtype.names if name != "time"]
     assert all(np.isfinite(result[name]).all() for name in outputs)
@@ -29,7 +48,52 @@ def test_a_unit_alone_runs_by_the_defaults_of_fmpy_and_says_nothing(each_fmu: Fm
     assert (each_fmu.name not in AT_REST) == bool(moves), moves
 
 
-def test_the_controllers_of_the_quadrotor_alone_carry_its_weight(fmu) -> None:
+def test_a_page_says_what_its_unit_shows_alone(each_fmu: Fmu) -> None:
+    with zipfile.ZipFile(each_fmu.path) as archive:
+        page = html.document_fromstring(archive.read("documentation/index.html").decode())
+    said = page.get_element_by_id("alone").text_content()
+    assert said.startswith("With nothing connected ")
+    words = {"stands still": CONTROLLERS, "carries the vehicle": HOVERING, "rests": BALANCED, "hands on": HANDED_ON}
+    for word, names in words.items():
+        assert each_fmu.name not in names or word in said, said
+
+
+def test_the_controllers_of_the_quadrotor_alone_carry_its_weight(fmu: Callable[[str], Fmu]) -> None:
     for name in sorted(HOVERING):
-        result = fmpy.simulate_fmu(str(fmu(name).path))
+        result, _ = alone(fmu(name))
         assert np.allclose(result["u[1]"], 0.5 * 9.81), "mass times gravity"
+
+
+def test_the_quadrotor_alone_hovers_and_drifts_as_it_starts_tilted(fmu: Callable[[str], Fmu]) -> None:
+    result, _ = alone(fmu("Quadrotor"))
+    rates = [np.gradient(result[f"x[{k}]"], result["time"]) for k in (4, 5, 6)]
+    tilt = np.hypot(result["x[7]"][0], result["x[8]"][0])
+    assert np.allclose(np.hypot(rates[0], rates[1]), 9.81 * np.sin(tilt), rtol=0.02)
+    assert np.abs(rates[2]).max() < 0.15, "it loses little of its lift, where it would fall by 9.81 m/s2"
+
+
+def test_controllers_alone_answer_the_error_that_they_start_with_within_bounds(fmu: Callable[[str], Fmu]) -> None:
+    bounds = {"PidNonlinearSiso": 200.0, "MracPpfCoupledMimo": 20.0, "NeuroPpfCoupledMimo": 12.0, "NeuroPpfTwoLinkRobot": 40.0}
+    for name, bound in bounds.items():
+        result, _ = alone(fmu(name))
+        largest = max(np.abs(result[u]).max() for u in result.dtype.names if u.startswith("u["))
+        assert 0.25 * bound < largest < bound, (name, largest)
+    answer, _ = alone(fmu("PidNonlinearSiso"))
+    # S = 1/2 makes twice the plant's gain of the control: K_p/2 at once, K_i/2 a second.
+    assert np.allclose(answer["u[1]"], -0.5 * (64.0 + 5.0 * answer["time"]), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", FMU_NAMES)
+def test_inputs_start_at_0_but_for_those_that_are_senseless_there(name: str, fmu: Callable[[str], Fmu]) -> None:
+    variables = fmu(name).description.modelVariables
+    starts = {v.name: float(v.start) for v in variables if v.causality == "input" and v.type == "Real"}
+    assert {input_: start for input_, start in starts.items() if start} == GIVEN.get(name, {})
+
+
+@pytest.mark.parametrize("loop", LOOP_NAMES)
+def test_no_loop_leaves_an_input_open_that_starts_with_something(loop: str) -> None:
+    connected = {(link.get("endElement"), link.get("endConnector")) for link in responses.elements(loop, "Connection")}
+    for unit in responses.elements(loop, "Component"):
+        fmu = unit.get("source").rsplit("/", 1)[-1].removesuffix(".fmu")
+        open_ = {name for name in GIVEN.get(fmu, {}) if (unit.get("name"), name) not in connected}
+        assert open_ == set(), fmu

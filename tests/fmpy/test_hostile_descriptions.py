@@ -2,10 +2,11 @@
 tests/models/hostile_descriptions.rs."""
 
 import os
+import zipfile
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, files_in
+from conftest import ROOT, adaptive_fmu, files_in
 from master import PLANT
 
 TOML = (ROOT / "modelDescription" / f"{PLANT}.toml").read_text()
@@ -83,3 +84,16 @@ def test_other_line_ends_and_a_byte_order_mark_do_no_harm(bounded, tmp_path: Pat
     (tmp_path / "mine.toml").write_bytes(b"\xef\xbb\xbf" + TOML.replace("\n", "\r\n").encode())
     assert bounded("export", "mine.toml", "--out", "out", folder=tmp_path).returncode == 0
     assert files_in(tmp_path) == {"mine.toml", f"out/{PLANT}.fmu"}
+
+
+def test_a_mistake_in_a_description_within_an_archive_is_told_with_its_line(tmp_path: Path) -> None:
+    own = ROOT / "examples" / "own" / "dc_motor"
+    text = (own / "DcMotor.toml").read_text().replace("u_min = [-12.0]", "u_mim = [-12.0]")
+    line = text[: text.index("u_mim")].count("\n") + 1
+    with zipfile.ZipFile(tmp_path / "mine.ssp", "w") as archive:
+        archive.write(own / "SystemStructure.ssd", "SystemStructure.ssd")
+        for file in own.glob("*.toml"):
+            archive.writestr(f"resources/{file.name}", text if file.name == "DcMotor.toml" else file.read_text())
+    answer = adaptive_fmu("run", "mine.ssp", "--until", "0.1", folder=tmp_path)
+    assert answer.returncode == 1
+    assert f"mine.ssp/resources/DcMotor.toml: line {line}: [start] u_mim" in answer.stderr, answer.stderr

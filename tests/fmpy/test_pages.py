@@ -21,7 +21,7 @@ from master import Fmu
 BROWSER = next(filter(None, map(shutil.which, ["chromium", "chromium-browser", "google-chrome"])), None)
 SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
 ORDER = ["wiring", "pins", "gains", "response", "warnings", "limits", "law", "variables", "report"]
-ALWAYS = {"wiring", "pins", "gains", "warnings", "limits", "law", "variables"}
+ALWAYS = {"wiring", "pins", "gains", "response", "warnings", "limits", "law", "variables"}
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 
 
@@ -79,7 +79,7 @@ def test_a_page_tells_what_is_asked_for_first_first(each_fmu: Fmu) -> None:
     page = page_of(each_fmu.path)
     found = sections(page)
     assert found == [name for name in ORDER if name in found] and set(found) >= ALWAYS
-    assert [p.text_content().strip() for p in page.xpath("//h1/following-sibling::p[2]")][0], "what it is for"
+    assert page.get_element_by_id("purpose").text_content().strip(), "what it is for"
 
 
 def test_a_page_names_every_pin_in_its_diagram(each_fmu: Fmu) -> None:
@@ -93,6 +93,45 @@ def test_a_loops_units_tell_their_partners_and_what_to_connect(fmu: Callable[[st
     assert ["reference.r[1…2]", "r[1…2]"] in rows
     assert ["plant.x[1…4]", "x[1…4]"] in rows and ["u[1…2]", "plant.u[1…2]"] in rows
     assert "enabled" in section(page, "wiring") and "may stay open" in section(page, "wiring")
+
+
+def curves_of(page: html.HtmlElement) -> dict[str, np.ndarray]:
+    """The curves in the pictures of how a unit answers, in pixels, by their names in the legend."""
+    curves = {}
+    for figure in page.iter("figure"):
+        names = [key.text_content().strip() for key in figure.find_class("key")]
+        lines = sorted(figure.xpath(".//*[local-name() = 'polyline']"), key=lambda line: line.get("stroke"))
+        points = [np.array([point.split(",") for point in line.get("points").split()], dtype=float) for line in lines]
+        curves |= dict(zip(names, points, strict=True))
+    return curves
+
+
+ALONE = {"Sensor": ["u[1]", "y[1]"], "Actuator": ["u[1]", "y[1]"], "StateSpace": ["y[1]"], "PidNonlinearSiso": ["u[1]"]}
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_a_unit_in_no_loop_shows_what_it_does_alone(name: str, fmu: Callable[[str], Fmu]) -> None:
+    page = page_of(fmu(name).path)
+    curves = curves_of(page)
+    assert list(curves) == ALONE[name] and all(len(points) > 100 for points in curves.values())
+    # More than a flat line: what is shown uses the height of the picture.
+    assert all(np.ptp(points[:, 1]) > 100 for points in curves.values())
+    assert "computed while it was exported" in section(page, "response") and "new loop" in section(page, "response")
+
+
+def test_every_other_unit_shows_how_its_loop_answers(each_fmu: Fmu) -> None:
+    text = section(page_of(each_fmu.path), "response")
+    assert ("The loop" in text) == (each_fmu.name not in ALONE) and curves_of(page_of(each_fmu.path))
+
+
+def test_a_plant_of_ones_own_shows_its_own_step_response_under_its_own_names(tmp_path: Path) -> None:
+    text = (ROOT / "examples" / "own" / "dc_motor" / "DcMotor.toml").read_text()
+    page = page_of(exported(tmp_path, text))
+    curves = curves_of(page)
+    assert list(curves) == ["speed_output"]
+    speed = curves["speed_output"][:, 1]
+    # In pixels, from above: it rises to a speed that it keeps.
+    assert speed[0] - speed[-1] > 100 and np.abs(np.diff(speed[-20:])).max() <= 0.11
 
 
 WITHOUT = {
@@ -132,7 +171,7 @@ def test_a_page_has_what_a_description_of_ones_own_asks_for(tmp_path: Path) -> N
     page = page_of(made := exported(tmp_path, text))
     assert "Funnel to watch" in section(page, "law")
     assert {"angle", "speed", "wanted", "u[1]", "funnel_left"} <= in_diagram(page)
-    assert "response" not in sections(page), "no loop of this unit was run"
+    assert curves_of(page) == {} and "new loop --units Own.fmu" in section(page, "response"), "no loop of this unit was run"
     terminals = etree.fromstring(entry(made, TERMINALS))
     members = {member.get("variableName"): member.get("memberName") for member in terminals.iter("TerminalMemberVariable")}
     assert members == {"wanted": "r[1]", "angle": "x[1]", "speed": "x[2]", "u[1]": "u[1]"}
@@ -199,6 +238,18 @@ def test_icons_differ(fmu_folder: Path) -> None:
     assert len(pictures) == len(list((ROOT / "modelDescription" / "icons").glob("*.png"))) - 2, "all but a loop's and the spare one"
 
 
+def leaves(curve: np.ndarray, other: np.ndarray, off: np.ndarray) -> list[int]:
+    """The hundredths of a picture in which a curve goes lower or higher than another one does there, and a little beside."""
+    ends = np.linspace(0, len(curve), 101).astype(int)
+    beside = len(curve) // 200 + 1
+    beyond = []
+    for k, (a, b) in enumerate(zip(ends, ends[1:])):
+        here, there = curve[a:b], other[max(a - beside, 0) : b + beside]
+        if here.min() < there.min() - off[k] or here.max() > there.max() + off[k]:
+            beyond.append(k)
+    return beyond
+
+
 @pytest.mark.parametrize("loop", [loop for loop in LOOP_NAMES if not responses.is_to_fail(loop)])
 def test_the_picture_of_a_loop_is_what_it_records(loop: str, ran: Callable[..., Ran]) -> None:
     """UPDATE_RESPONSES=1 writes examples/LOOP/response.txt anew."""
@@ -210,15 +261,25 @@ def test_the_picture_of_a_loop_is_what_it_records(loop: str, ran: Callable[..., 
     for _, signals in responses.plots(loop):
         plotted = responses.ranges([table[signal] for signal in signals])
         for signal in signals:
-            recorded = table[signal]
-            # A peak at the start, which the picture cuts off, and a fast oscillation have few points.
-            span = max(plotted, np.ptp(recorded))
-            off = np.abs(np.interp(table["time"], *curves[signal]) - recorded)
-            assert np.quantile(off, 0.95) < 0.03 * span, signal
-            assert abs(curves[signal][1].max() - recorded.max()) < 0.03 * span, signal
+            drawn = np.interp(table["time"], *curves[signal])
+            # Numbers have four digits, which is little for a peak at the start.
+            off = 0.02 * plotted + 5e-4 * np.abs(table[signal]).max() * (np.arange(100) == 0)
+            assert leaves(drawn, table[signal], off) == leaves(table[signal], drawn, off) == [], signal
     assert file.stat().st_size < 30_000
 
 
+PURPOSE = """
+<script>
+addEventListener("load", () => {
+  const lines = [...document.querySelectorAll("iframe")].map(frame => {
+    const purpose = frame.contentDocument.querySelector("#purpose p"), range = document.createRange();
+    range.selectNodeContents(purpose);
+    return [frame.name, new Set([...range.getClientRects()].map(line => Math.round(line.bottom / 12))).size];
+  });
+  document.body.textContent = JSON.stringify(lines);
+});
+</script>
+"""
 MEASURE = """
 <script>
 addEventListener("load", () => {
@@ -232,15 +293,27 @@ addEventListener("load", () => {
 """
 
 
-@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
-def test_pages_fit_their_screens_and_inputs_are_seen_early(fmu_folder: Path, tmp_path: Path) -> None:
+def measured(fmu_folder: Path, folder: Path, widths: list[int], script: str) -> list:
+    """What a script tells of the pages of all FMUs, each in a frame of some widths, in Chromium."""
     frame = '<iframe name="{}" width="{}" height="900" srcdoc="{}"></iframe>'
     pages = {name: entry(fmu_folder / f"{name}.fmu", "documentation/index.html").decode() for name in FMU_NAMES}
-    frames = [frame.format(name, width, escapes.escape(page)) for name, page in pages.items() for width in (1300, 400)]
-    (tmp_path / "all.html").write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{''.join(frames)}{MEASURE}")
-    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", tmp_path / "all.html"]
+    frames = [frame.format(name, width, escapes.escape(page)) for name, page in pages.items() for width in widths]
+    (folder / "all.html").write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{''.join(frames)}{script}")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", folder / "all.html"]
     answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
     told = json.loads(html.document_fromstring(answer.stdout).xpath("//body")[0].text_content())
-    assert len(told) == 2 * len(FMU_NAMES)
+    assert len(told) == len(widths) * len(FMU_NAMES)
+    return told
+
+
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+def test_what_a_unit_is_for_takes_at_most_two_lines(fmu_folder: Path, tmp_path: Path) -> None:
+    told = measured(fmu_folder, tmp_path, [1300], PURPOSE)
+    assert [(name, lines) for name, lines in told if not 1 <= lines <= 2] == []
+
+
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+def test_pages_fit_their_screens_and_inputs_are_seen_early(fmu_folder: Path, tmp_path: Path) -> None:
+    told = measured(fmu_folder, tmp_path, [1300, 400], MEASURE)
     assert [(name, width, seen) for name, width, seen, _ in told if seen > int(width)] == [], "wider than the screen"
     assert [(name, top) for name, width, _, top in told if width == "1300" and not 0 < top < 1200] == []

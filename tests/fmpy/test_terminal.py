@@ -72,6 +72,20 @@ def test_verbose_tells_where_units_come_from_and_how_they_run(tmp_path: Path) ->
     assert adaptive_fmu("list", "-q", "-v").returncode == 2
 
 
+def test_verbose_tells_by_which_method_units_are_integrated_and_the_eigenvalue_that_decided(tmp_path: Path) -> None:
+    told = lambda *more: adaptive_fmu(*RUN, *more, "--json", "-v", folder=tmp_path).stderr  # noqa: E731
+    method = r"3.2.1-cosine\S*: {}: integrated by the {} from t = \S+ s"
+    value = r": the eigenvalue -\S+( ± \S+i)? 1/s allows it substeps of \S+ s"
+    lines = told()
+    assert re.search(method.format("plant", "explicit method"), lines)
+    assert re.search(method.format("controller", "explicit method") + value, lines), lines
+    assert re.search(method.format("\\S+", r"explicit method") + value, told("--composite"))
+    stiff = told("--set", "controller.integration_method=stiff")
+    assert re.search(method.format("controller", "stiff method") + ", as integration_method asks", stiff), stiff
+    for quiet in [adaptive_fmu(*RUN, folder=tmp_path), adaptive_fmu(*RUN, "-q", folder=tmp_path)]:
+        assert "integrated" not in quiet.stdout + quiet.stderr, "nobody asked"
+
+
 def test_errors_are_red_where_a_terminal_shows_colours_and_nobody_minds(tmp_path: Path) -> None:
     wrong = ["run", "nothing"]
     red = f"{ESCAPE}1m{ESCAPE}31merror:{ESCAPE}0m there is no loop"
@@ -102,8 +116,7 @@ def test_completions_are_sound_and_know_loops_and_fmus(shell: str, tmp_path: Pat
     assert (done.returncode, done.stderr) == (0, "")
     (file := tmp_path / "script").write_text(done.stdout)
     assert "quiet" in done.stdout and "linearise" in done.stdout and "unit-process" not in done.stdout
-    if shell != "powershell":
-        assert [name for name in LOOP_NAMES + FMU_NAMES if name not in done.stdout] == []
+    assert [name for name in LOOP_NAMES + FMU_NAMES if name not in done.stdout] == []
     if program := shutil.which(shell if shell != "powershell" else "pwsh"):
         subprocess.run([program, "-n", file] if shell != "powershell" else [program, "-File", file], check=True)
 
@@ -126,6 +139,35 @@ def test_bash_completes_commands_options_loops_and_fmus(tmp_path: Path) -> None:
     assert completed(script, "adaptive-fmu", "export", "L1Nonl") == {"L1NonlinearSiso"}
     assert completed(script, "adaptive-fmu", "export", "--run", "3.2.1-c") == {"3.2.1-cosine"}
     assert completed(script, "adaptive-fmu", "run", "--unt") == {"--until"}
+
+
+def test_powershell_completes_loops_and_fmus_by_place_and_behind_options() -> None:
+    script = adaptive_fmu("completions", "powershell").stdout
+
+    def names(key: str) -> list[str]:
+        """The names that the script offers for a key of one of its two tables."""
+        (line,) = re.findall(rf"^        '{key}' = @\((.*)\)$", script, re.M)
+        return re.findall(r"'([^']+)'", line)
+
+    assert names("run") == names("tune") == names("export --composite") == LOOP_NAMES
+    assert names("export") == names("check") == FMU_NAMES
+    assert set(names("simulate")) == {*LOOP_NAMES, *FMU_NAMES}
+    # What is offered is filtered by what was typed, after the names are added.
+    assert script.index("foreach ($name in $names)") < script.index("$completions.Where{") < script.index("Sort-Object")
+
+
+@pytest.mark.skipif(shutil.which("pwsh") is None, reason="there is no PowerShell")
+def test_powershell_offers_what_fits(tmp_path: Path) -> None:
+    (script := tmp_path / "script.ps1").write_text(adaptive_fmu("completions", "powershell").stdout)
+
+    def offered(line: str) -> set[str]:
+        asked = f"(TabExpansion2 '{line}' {len(line)}).CompletionMatches.CompletionText"
+        command = ["pwsh", "-NoProfile", "-Command", f". {script}; {asked}"]
+        return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+
+    assert offered("adaptive-fmu run 3.2.1") == {"3.2.1-cosine", "3.2.1-square"}
+    assert offered("adaptive-fmu export Quadrotor L1Nonl") == {"L1NonlinearSiso"}
+    assert offered("adaptive-fmu export --run 3.2.1-c") == {"3.2.1-cosine"}
 
 
 def test_fish_completes_loops_beside_files(tmp_path: Path) -> None:

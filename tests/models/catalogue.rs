@@ -85,8 +85,9 @@ fn every_kind_has_a_title_a_page_and_a_guide() {
         let page = fs::read_to_string(root().join("docs").join(format!("{}.md", entry.page)));
         let page = page.unwrap_or_else(|error| panic!("{name}: {}: {error}", entry.page));
         assert!(entry.kind.documentation.starts_with(&page), "{name}: its documentation begins with {}", entry.page);
-        let Guide { purpose, limits, .. } = entry.guide;
+        let Guide { purpose, alone, limits, .. } = entry.guide;
         assert!(!purpose.is_empty() && limits.starts_with("- "), "{name}: what it is for, and what it can't do");
+        assert!(alone.starts_with("With nothing connected "), "{name}: what it shows until it is connected");
         let Trial { alone, smooth, steady, moving } = entry.trial;
         for text in [alone, smooth, steady, moving] {
             text.parse::<toml::Table>().unwrap_or_else(|error| panic!("{name}: {error}"));

@@ -197,6 +197,7 @@ fn the_control_keeps_its_limits() {
 #[test]
 fn an_error_outside_at_the_start_is_refused_with_what_would_do() {
     let unit = robot(&[]);
+    unit.put("x[1]", 0.0);
     unit.put("r[1]", 1.5);
     assert_eq!(unit.step(0.0, 1e-3), ERROR);
     let message = unit.last_message();
@@ -204,6 +205,7 @@ fn an_error_outside_at_the_start_is_refused_with_what_would_do() {
     assert!(named.iter().all(|name| message.contains(name)), "{message}");
     // With a wider one it starts.
     let unit = robot(&[("rho_0[1]", 1.51)]);
+    unit.put("x[1]", 0.0);
     unit.put("r[1]", 1.5);
     assert_eq!(unit.step(0.0, 1e-3), OK, "{:?}", unit.messages());
 }

@@ -175,10 +175,11 @@ impl Catalogued for L1 {
     const PAGE: &'static str = "controllers/l1";
     const ICON: Icon = icon!("l1");
     const GUIDE: Guide = Guide {
-        purpose: "Follows the reference `r` as a chosen linear model would, although parts of the \
-                  plant are unknown: it estimates them, and takes the slow part of their effect off \
-                  the control `u`. Take it where the whole state is measured and bounds of the \
-                  unknown are known.",
+        purpose: "Follows `r` as a chosen linear model would, though parts of the plant are unknown: it \
+                  estimates them. Take it where the whole state is measured, and bounds of the unknown are \
+                  known.",
+        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
+                that no plant answers takes its estimates to their bounds, and it warns: connect the plant first.",
         gains: &[
             (
                 "adaptation_gain",

@@ -424,9 +424,11 @@ impl Catalogued for MracPpf {
     const PAGE: &'static str = "controllers/mrac_ppf";
     const ICON: Icon = icon!("mrac-ppf");
     const GUIDE: Guide = Guide {
-        purpose: "Keeps each state's error against a reference model inside a funnel that narrows \
-                  with time. Take it where there is an input for each state and an error must never \
-                  exceed a bound.",
+        purpose: "Keeps each state's error against a reference model inside a funnel that narrows with time. \
+                  Take it where each state has an input and an error must never exceed a bound.",
+        alone: "With nothing connected it answers the error that `x` and `r` start with, the more, the narrower the \
+                funnel gets. An error that no plant answers must lie within the funnel all the time; at an error of 0 it \
+                does little.",
         gains: &[
             ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
             ("rho_inf", "Width in the end: the accuracy that is asked for."),
@@ -448,6 +450,8 @@ impl Catalogued for MracPpf {
         Some(Template { write: template::write, tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)] });
     const TRIAL: Trial = Trial {
         alone: funnel::OPEN,
+        // Without an error nothing adapts.
+        steady: "x = 0.0",
         // Not sampled, with gains that no funnel's edge needs.
         smooth: "law = 'continuous'\nswitching_width = 0.5\ngamma_1 = 5.0\ngamma_2 = 5.0\nbeta = 0.2",
         ..Trial::NONE

@@ -274,9 +274,11 @@ impl Catalogued for NeuroPpf {
     const PAGE: &'static str = "controllers/neuro_ppf";
     const ICON: Icon = icon!("neuro-ppf");
     const GUIDE: Guide = Guide {
-        purpose: "Keeps each tracking error inside a funnel that narrows with time, without any model \
-                  of the plant: two networks of neurons learn it. Take it where nobody knows the \
-                  dynamics and an error must keep to a bound.",
+        purpose: "Keeps each tracking error inside a funnel that narrows with time, without a model: two \
+                  networks of neurons learn the plant. Take it where nobody knows the dynamics.",
+        alone: "With nothing connected it answers the error that `x` and `r` start with, the more, the narrower the \
+                funnel gets. An error that no plant answers must lie within the funnel all the time; at an error of 0 it \
+                does nothing, and a funnel without overshoot has no room.",
         gains: &[
             ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
             (

@@ -11,7 +11,14 @@ use crate::model_description::Variable;
 /// Appends what the unit is for.
 pub fn push_purpose(page: &mut String, handed: &Handed) {
     if let Some(entry) = handed.entry {
-        page.push_str(&handed.told(entry.guide.purpose));
+        let _ = writeln!(page, "<div id=\"purpose\">{}</div>", handed.told(entry.guide.purpose));
+    }
+}
+
+/// Appends what the unit shows while nothing is connected to it.
+pub fn push_alone(page: &mut String, handed: &Handed) {
+    if let Some(entry) = handed.entry {
+        let _ = writeln!(page, "<div id=\"alone\">{}</div>", handed.told(entry.guide.alone));
     }
 }
 

@@ -1,6 +1,7 @@
 //! documentation/index.html: what a reader who has nothing but the FMU must know, in the order in which it is asked for;
 //! readable without a network, on a telephone and on paper.
 
+mod demonstration;
 mod diagram;
 mod guide;
 mod markdown;
@@ -108,7 +109,7 @@ pub fn html(handed: &Handed) -> String {
     diagram::push(&mut page, &wiring, handed);
     variables::push_pins(&mut page, handed);
     guide::push_gains(&mut page, handed);
-    response::push(&mut page, &wiring);
+    response::push(&mut page, handed, &wiring);
     guide::push_warnings(&mut page, handed);
     guide::push_limits(&mut page, handed);
     let _ = write!(page, "<h2 id=\"law\">{}</h2>\n{}", guide::heading(handed), handed.told(&unit.documentation));

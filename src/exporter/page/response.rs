@@ -1,12 +1,13 @@
-//! The picture of the loop: what it recorded when it was run, drawn in the page's colours.
+//! The picture of what a unit does: what its loop recorded when it was run, or what it does alone.
 //!
-//! A run takes up to 20 s, and pages are written for each unit: so the curves lie in the package, as few points each
+//! A run takes up to 20 s, and pages are written for each unit: so the curves of loops lie in the package, as few points each
 //! (`examples/LOOP/response.txt`), and a test runs the loops and compares.
 
 use std::fmt::Write;
 
-use super::escaped;
+use super::demonstration::{self, Shown};
 use super::wiring::{From, Wiring};
+use super::{Handed, escaped};
 use crate::exporter::response;
 use crate::report::number;
 
@@ -19,20 +20,50 @@ const MARGIN: f64 = 10.0;
 const START: f64 = 0.05;
 const BEYOND: f64 = 4.0;
 
-struct Curve<'a> {
-    name: &'a str,
-    unit: &'a str,
-    points: Vec<(f64, f64)>,
+/// A curve.
+pub struct Curve {
+    /// Its name.
+    pub name: String,
+    /// Its unit; empty, `-` or `1` where it is a plain number, or isn't known.
+    pub unit: String,
+    /// Whether others are to come to it.
+    pub is_reference: bool,
+    /// Times and values.
+    pub points: Vec<(f64, f64)>,
 }
 
-struct Plot<'a> {
-    title: &'a str,
-    curves: Vec<Curve<'a>>,
+/// Curves in one picture.
+pub struct Plot {
+    /// Its title.
+    pub title: String,
+    /// Its curves.
+    pub curves: Vec<Curve>,
 }
 
-/// Appends the pictures; nothing for units that stand in no loop of this package.
-pub fn push(page: &mut String, wiring: &Wiring) {
-    let Some((name, text)) = wiring.loop_name().and_then(|name| Some((name, response(name)?))) else { return };
+/// Appends the pictures; for a unit that has none, how to come by them.
+pub fn push(page: &mut String, handed: &Handed, wiring: &Wiring) {
+    if let Some((name, text)) = wiring.loop_name().and_then(|name| Some((name, response(name)?))) {
+        return push_loop(page, wiring, name, text);
+    }
+    page.push_str("<h2 id=\"response\">How it answers</h2>\n");
+    if let Some(Shown { how, plot }) = demonstration::shown(handed) {
+        let _ = write!(page, "<p>{how}</p>\n<div class=\"beside\">\n");
+        push_plot(page, &plot);
+        page.push_str("</div>\n");
+    }
+    let name = escaped(&handed.unit.name);
+    let _ = match wiring.from {
+        From::Itself(_) => writeln!(page, "<p><code>adaptive-fmu simulate {name}.fmu</code> runs it.</p>"),
+        _ => writeln!(
+            page,
+            "<p>In a loop: <code>adaptive-fmu new loop --units {name}.fmu …</code>, with the units that belong to it, connects \
+             them, and <code>adaptive-fmu run</code> shows how they answer.</p>"
+        ),
+    };
+}
+
+/// Appends what a loop of this package recorded.
+fn push_loop(page: &mut String, wiring: &Wiring, name: &str, text: &str) {
     let plots = read(text);
     let how = match wiring.from {
         From::Itself(_) => "as recorded when its units were run one by one",
@@ -51,7 +82,7 @@ pub fn push(page: &mut String, wiring: &Wiring) {
 }
 
 /// The first plot, and the first other one with a signal of the unit; else the last.
-fn chosen<'a>(plots: &'a [Plot<'a>], wiring: &Wiring) -> Vec<&'a Plot<'a>> {
+fn chosen<'a>(plots: &'a [Plot], wiring: &Wiring) -> Vec<&'a Plot> {
     let own: Vec<_> = match wiring.from {
         From::Loop(_) => wiring.parts.iter().filter(|part| part.is_own).map(|part| format!("{}.", part.name)).collect(),
         _ => Vec::new(),
@@ -61,18 +92,22 @@ fn chosen<'a>(plots: &'a [Plot<'a>], wiring: &Wiring) -> Vec<&'a Plot<'a>> {
     plots.first().into_iter().chain(others.iter().find(shows).or(others.last())).collect()
 }
 
-fn read(text: &str) -> Vec<Plot<'_>> {
+/// Reads what is kept of a loop's run: lines `plot TITLE`, each with lines `curve NAME UNIT t y t y …` behind it, or
+/// `reference …` where others are to come to it.
+fn read(text: &str) -> Vec<Plot> {
     let mut plots: Vec<Plot> = Vec::new();
     for line in text.lines() {
-        if let Some(title) = line.strip_prefix("plot ") {
-            plots.push(Plot { title, curves: Vec::new() });
-        } else if let Some((plot, rest)) = plots.last_mut().zip(line.strip_prefix("curve ")) {
-            let mut words = rest.split(' ');
-            let (name, unit) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
-            let numbers: Vec<f64> = words.filter_map(|word| word.parse().ok()).collect();
-            let points = numbers.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect();
-            plot.curves.push(Curve { name, unit, points });
-        }
+        let Some((what, rest)) = line.split_once(' ') else { continue };
+        let Some(plot) = plots.last_mut().filter(|_| what != "plot") else {
+            plots.push(Plot { title: rest.to_owned(), curves: Vec::new() });
+            continue;
+        };
+        let mut words = rest.split(' ');
+        let mut word = || words.next().unwrap_or_default().to_owned();
+        let (name, unit) = (word(), word());
+        let numbers: Vec<f64> = words.filter_map(|word| word.parse().ok()).collect();
+        let points = numbers.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect();
+        plot.curves.push(Curve { name, unit, is_reference: what == "reference", points });
     }
     plots
 }
@@ -98,13 +133,13 @@ fn push_plot(page: &mut String, plot: &Plot) {
     let (low, high) = if is_cut { later } else { full };
     let room = if high > low { 0.07 * (high - low) } else { 0.5 };
     let (low, high) = (low - room, high + room);
-    let unit = plot.curves.first().map_or("-", |curve| curve.unit);
+    let unit = plot.curves.first().map_or("-", |curve| curve.unit.as_str());
     let title = match unit {
-        "-" | "1" | "" => escaped(plot.title),
+        "-" | "1" | "" => escaped(&plot.title),
         _ if plot.curves.iter().all(|curve| curve.unit == unit || curve.unit == "-") => {
-            format!("{} in {}", escaped(plot.title), escaped(unit))
+            format!("{} in {}", escaped(&plot.title), escaped(unit))
         }
-        _ => escaped(plot.title),
+        _ => escaped(&plot.title),
     };
     let _ = write!(
         page,
@@ -131,7 +166,7 @@ fn push_plot(page: &mut String, plot: &Plot) {
             page,
             "<span class=\"key\"><svg width=\"26\" height=\"8\"><path class=\"{class}\" stroke=\"{colour}\" \
              d=\"M1 4H25\"/></svg><code>{}</code></span>",
-            escaped(curve.name)
+            escaped(&curve.name)
         );
     }
     if is_cut {
@@ -172,16 +207,16 @@ fn push_axes(page: &mut String, (low, high): (f64, f64), end: f64, x: impl Fn(f6
     }
 }
 
-/// Colours of curves, and whether they are dashed. What is to be followed is, in the colour of what follows it where there
-/// are several.
+/// Colours of curves, and whether they are dashed. References are, in the colour of what follows them where there are
+/// several.
 fn styles(curves: &[Curve]) -> Vec<(usize, bool)> {
-    let is_followed =
-        |name: &str| !name.contains('.') || name.contains("reference") || name.starts_with("observer.x_obs");
-    let several = curves.iter().filter(|curve| !is_followed(curve.name)).count() > 1;
+    let several = curves.iter().filter(|curve| !curve.is_reference).count() > 1;
+    // In a plot that begins with a reference each stands before what comes to it.
+    let behind = usize::from(!curves.first().is_some_and(|curve| curve.is_reference));
     let (mut styles, mut next) = (Vec::new(), 0);
     for curve in curves {
-        let dashed = is_followed(curve.name);
-        let colour = if dashed && several { usize::max(next, 1) - 1 } else { next };
+        let dashed = curve.is_reference;
+        let colour = if dashed && several { usize::max(next, behind) - behind } else { next };
         if !(dashed && several) {
             next += 1;
         }
@@ -205,9 +240,16 @@ mod tests {
 
     #[test]
     fn a_reference_has_the_colour_of_what_follows_it() {
-        let curve = |name| Curve { name, unit: "1", points: Vec::new() };
+        let curve = |name: &str| Curve {
+            name: name.to_owned(),
+            unit: "1".to_owned(),
+            is_reference: !name.starts_with("plant."),
+            points: Vec::new(),
+        };
         let pairs = ["plant.y[1]", "reference.r[1]", "plant.y[2]", "reference.r[2]"].map(curve);
         assert_eq!(styles(&pairs), [(0, false), (0, true), (1, false), (1, true)]);
+        let before = ["x_m1", "plant.y[1]", "x_m2", "plant.y[2]"].map(curve);
+        assert_eq!(styles(&before), [(0, true), (0, false), (1, true), (1, false)]);
         let one = ["plant.y[1]", "y_m", "reference.r[1]"].map(curve);
         assert_eq!(styles(&one), [(0, false), (1, true), (2, true)]);
     }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::guide::push_alone;
 use super::{Handed, escaped};
 use crate::model_description::Variable;
 use crate::report::number;
@@ -11,6 +12,7 @@ pub fn push_pins(page: &mut String, handed: &Handed) {
     let is_pin = |variable: &Variable| matches!(variable.causality.as_str(), "input" | "output");
     if handed.xml.variables.iter().any(is_pin) {
         page.push_str("<h2 id=\"pins\">Inputs and outputs</h2>\n");
+        push_alone(page, handed);
         push(page, handed, &[("input", "Inputs"), ("output", "Outputs")]);
     }
 }

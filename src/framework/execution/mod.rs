@@ -10,7 +10,7 @@ pub use model_exchange::Update;
 
 use crate::controls::TIGHTEST_TOLERANCE;
 use crate::error::{Invalid, StepError};
-use crate::integrator::{Driver, IntegrationMethod, Problem, Ramp, Settings};
+use crate::integrator::{Chosen, Driver, IntegrationMethod, Problem, Ramp, Settings};
 use crate::kernel::Kernel;
 use crate::model::{Block, Model};
 use crate::system::{Causality, Dual, Handle, Message, MessageLog, Point, Section, Values};
@@ -98,6 +98,7 @@ impl Execution {
         self.mark_stepped();
         self.changed();
         self.log.clear();
+        self.driver.forget_choices();
     }
 
     /// Time, s.
@@ -367,6 +368,11 @@ impl Execution {
         point[last] = step;
         self.model.equations().step_completed(t1, step, &mut point);
         Ok(())
+    }
+
+    /// Which method integrates now, where that has changed since it was asked last.
+    pub fn method_news(&mut self) -> Option<Chosen> {
+        self.driver.news()
     }
 
     fn keep_integer_inputs(&mut self) {

@@ -371,6 +371,7 @@ impl Instance {
         match self.execution.step(point, step) {
             Ok(taken_over) => {
                 self.log_taken_over(taken_over, point);
+                self.log_method();
                 Ok(Status::Ok)
             }
             Err(error) => self.failed_step(error, point, step),
@@ -380,6 +381,13 @@ impl Instance {
     pub(super) fn log_taken_over(&mut self, taken_over: bool, time: f64) {
         if taken_over && self.logger.is_enabled(EVENTS) {
             self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {} s", Number(time)));
+        }
+    }
+
+    /// Tells by which method the unit is integrated, where that has changed and the host wants to know.
+    fn log_method(&mut self) {
+        if let Some(chosen) = self.execution.method_news().filter(|_| self.logger.is_enabled(EVENTS)) {
+            self.logger.log(Status::Ok, EVENTS, &chosen.to_string());
         }
     }
 

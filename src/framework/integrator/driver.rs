@@ -7,7 +7,7 @@ use super::fixed::RungeKutta;
 use super::indicators::Indicators;
 use super::methods::Methods;
 use super::outputs::Outputs;
-use super::{IntegrationMethod, Pace, Problem, Settings, Sparsity, Start, Tolerance};
+use super::{Chosen, IntegrationMethod, Pace, Problem, Settings, Sparsity, Start, Tolerance};
 use crate::error::{Invalid, StepError};
 use crate::system::{DynSystem, ErrorEstimate, Section, Variables};
 
@@ -63,6 +63,16 @@ impl Driver {
     /// Takes storage for the kernel that problems come with from now on.
     pub fn take_kernel(&mut self, kernel: &crate::kernel::Kernel) {
         self.methods.take_kernel(kernel);
+    }
+
+    /// Which method integrates now, where that has changed since it was asked last.
+    pub fn news(&mut self) -> Option<Chosen> {
+        self.methods.news()
+    }
+
+    /// Begins anew to tell which method integrates.
+    pub fn forget_choices(&mut self) {
+        self.methods.forget_choices();
     }
 
     /// Magnitudes of the states.
@@ -280,6 +290,7 @@ impl Driver {
         let asked = (settings.method, way, settings.relative_tolerance);
         let begun = self.methods.begin(problem, &self.start, asked, pace);
         self.work += begun.map_err(|state| StepError::NoJacobian { variable: state_name(problem, state), time: t })?;
+        self.methods.note(settings.method, t, pace);
         Ok(())
     }
 

@@ -19,7 +19,7 @@
 
 use super::driver::{Driver, check_divergence};
 use super::events::EventCount;
-use super::{Problem, Settings, Start};
+use super::{Pace, Problem, Settings, Start};
 use crate::error::StepError;
 
 /// The method's workspace.
@@ -57,6 +57,7 @@ impl Driver {
         (t0, t1): (f64, f64),
         settings: &Settings,
     ) -> Result<(), StepError> {
+        self.methods.note(settings.method, t0, &Pace::default());
         let steps = settings.fixed_steps;
         let h = (t1 - t0) / f64::from(steps);
         let mut begun = EventCount::near(t0, 0.0, settings);

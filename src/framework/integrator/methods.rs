@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::chosen::{Choices, Chosen, Integrates};
 use super::dormand_prince::DormandPrince;
 use super::own_step::OwnStep;
 use super::rosenbrock::Rosenbrock;
@@ -114,6 +115,8 @@ pub struct Methods {
     stiff: Option<Box<Rosenbrock>>,
     own: Option<OwnStep>,
     watch: Option<Watch>,
+    /// What was chosen, for messages alone.
+    choices: Choices,
     nominals: Vec<f64>,
     /// Whether the system's own step is in force, and whether it was given up for the rest of a communication step.
     /// Both are decided anew in each.
@@ -142,6 +145,7 @@ impl Methods {
             stiff,
             own,
             watch: Watch::new(states),
+            choices: Choices::default(),
             typical,
             nominals,
             by_itself: false,
@@ -172,6 +176,29 @@ impl Methods {
     /// Begins a communication step.
     pub fn restart(&mut self) {
         self.given_up = false;
+    }
+
+    /// Notes what integrates from a time on, for those who want to know.
+    pub fn note(&mut self, asked: IntegrationMethod, from: f64, pace: &Pace) {
+        let by = match asked {
+            IntegrationMethod::Fixed => Integrates::Fixed,
+            _ if self.by_itself => Integrates::OwnStep,
+            _ if pace.stiff => Integrates::Stiff,
+            _ => Integrates::Explicit,
+        };
+        let is_asked_for = asked != IntegrationMethod::Automatic;
+        let holds = self.watch.as_ref().and_then(|watch| watch.holds(pace));
+        self.choices.note(Chosen { by, is_asked_for, holds, from, is_last: false });
+    }
+
+    /// The latest choice that nobody was told of.
+    pub fn news(&mut self) -> Option<Chosen> {
+        self.choices.take()
+    }
+
+    /// Whoever is told begins anew.
+    pub fn forget_choices(&mut self) {
+        self.choices = Choices::default();
     }
 
     /// Leaves the rest of a communication step to a general method.

@@ -48,6 +48,7 @@
 //! estimates stay at a bound much of the time, where what is linear in the closed form is not the law, and it is left to
 //! the explicit method. `benches/adaptation` measures single steps.
 
+mod chosen;
 mod dormand_prince;
 mod driver;
 mod elimination;
@@ -67,6 +68,7 @@ pub mod tableau;
 mod watch;
 mod work;
 
+pub use chosen::{Chosen, Integrates};
 pub use driver::Driver;
 pub(crate) use driver::check_divergence;
 pub(crate) use elimination::{LOST, Pattern};

@@ -73,12 +73,22 @@ pub struct Limits {
 
 impl Limits {
     /// The limits for the eigenvalues that were found.
+    #[cfg(test)]
     pub fn of(spectrum: &Spectrum) -> Self {
-        let mut limits = Limits::default();
+        Self::with_damped(spectrum).0
+    }
+
+    /// The limits for the eigenvalues that were found, and the damped mode that sets the explicit method's.
+    pub fn with_damped(spectrum: &Spectrum) -> (Self, Mode) {
+        let (mut limits, mut damped) = (Limits::default(), Mode::default());
         for (value, noise) in spectrum.values().filter(|(value, _)| value.im >= 0.0) {
+            let before = limits.stable;
             limits.add(value, noise);
+            if limits.stable > before {
+                damped = Mode { growth: value.re, frequency: value.im };
+            }
         }
-        limits
+        (limits, damped)
     }
 
     /// Adds what an eigenvalue asks for whose rounding error may be as large as `noise`.

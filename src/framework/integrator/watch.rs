@@ -8,7 +8,7 @@
 use super::Pace;
 use super::jacobian::Jacobian;
 use super::spectrum::Spectrum;
-use super::stability::Limits;
+use super::stability::{Limits, Mode};
 use super::work::Work;
 
 /// Eigenvalues of larger systems take too long; these stay with the explicit method, unless a user asks otherwise.
@@ -30,13 +30,16 @@ pub struct Watch {
     spectrum: Spectrum,
     /// Work of finding eigenvalues, and of a Jacobian.
     work: [f64; 2],
+    /// The damped mode that set the explicit method's limit at the last look: for messages alone.
+    damped: Mode,
 }
 
 impl Watch {
     /// For a system of so many states, where it isn't too large.
     pub fn new(states: usize) -> Option<Self> {
         let work = Work::of_states(states);
-        let watch = || Watch { spectrum: Spectrum::new(states), work: [work.eigenvalues, work.jacobian] };
+        let work = [work.eigenvalues, work.jacobian];
+        let watch = || Watch { spectrum: Spectrum::new(states), work, damped: Mode::default() };
         (1..=MOST_STATES).contains(&states).then(watch)
     }
 
@@ -78,8 +81,17 @@ impl Watch {
         pace.until_look = EXPLICIT_WORK * (self.work[0] + self.work[1]);
     }
 
+    /// The damped mode that holds the explicit method to the shortest substeps, and these, s, where one does.
+    pub fn holds(&self, pace: &Pace) -> Option<(Mode, f64)> {
+        let stable = pace.limits.stable;
+        (stable > 0.0 && self.damped != Mode::default()).then(|| (self.damped, stable.recip()))
+    }
+
     fn look(&mut self, jacobian: &Jacobian, pace: &mut Pace) {
-        pace.limits =
-            if self.spectrum.find(jacobian.by_states()) { Limits::of(&self.spectrum) } else { Limits::default() };
+        (pace.limits, self.damped) = if self.spectrum.find(jacobian.by_states()) {
+            Limits::with_damped(&self.spectrum)
+        } else {
+            Default::default()
+        };
     }
 }

@@ -17,16 +17,6 @@ impl Structure {
             || self.unit_of(signal).is_some_and(|unit| self.sources().any(|source| source == unit.name))
     }
 
-    /// Units that hand on what doesn't depend on the loop.
-    fn sources(&self) -> impl Iterator<Item = &str> {
-        let takes = |kind: &str| kind == "input" || kind == "inout";
-        let alone = |name: &str| self.connections.iter().all(|connection| connection.to.0 != name);
-        let gives = |name: &str| self.connections.iter().any(|connection| connection.from.0 == name);
-        let units = self.components.iter();
-        let sources = units.filter(move |unit| !unit.connectors.iter().any(|connector| takes(&connector.kind)));
-        sources.map(|unit| unit.name.as_str()).filter(move |name| alone(name) && gives(name))
-    }
-
     /// What each signal of a plot is in it. What follows a reference is what a metric compares with it, also by an ideal
     /// model of it; else its neighbour: the signal before it, or behind it in a plot that begins with a reference.
     pub fn parts(&self, plot: &Plot) -> Vec<Part> {

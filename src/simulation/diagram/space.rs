@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::Style;
 use super::axis::{Axis, padded_range};
 use super::style::{Part, styles};
-use super::svg::{legend, line, sheet, stroke, text};
+use super::svg::{CURVES, legend, line, sheet, stroke, text};
 
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 450.0;
@@ -53,7 +53,7 @@ pub fn space(paths: &[Path], axes: &[String; 3], down: bool) -> String {
     let parts: Vec<Part> = paths.iter().map(|path| path.part).collect();
     let styles = styles(&parts);
     let (wide, tall) = (WIDTH * TENTHS, HEIGHT * TENTHS);
-    let _ = writeln!(body, "<svg width=\"{WIDTH}\" height=\"{HEIGHT}\" viewBox=\"0 0 {wide} {tall}\">");
+    let _ = writeln!(body, "<svg width=\"{WIDTH}\" height=\"{HEIGHT}\" viewBox=\"0 0 {wide} {tall}\" {CURVES}>");
     let drawn = paths.iter().zip(&styles);
     for beneath in [true, false] {
         for (path, style) in drawn.clone().filter(|(_, style)| style.beneath == beneath) {

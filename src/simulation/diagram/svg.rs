@@ -36,6 +36,8 @@ const MARGIN: f64 = 12.0;
 /// The line in front of a name in a legend.
 const SAMPLE: f64 = 34.0;
 const GREY: &str = "#444";
+/// What holds for all curves.
+pub(super) const CURVES: &str = "fill=\"none\" stroke-linejoin=\"round\"";
 
 /// The diagrams one below the other, with a title.
 pub fn svg(title: &str, diagrams: &[Diagram]) -> String {
@@ -74,7 +76,8 @@ pub(super) fn text(out: &mut String, (x, y): (f64, f64), words: &str, how: &str)
     if words.is_empty() {
         return;
     }
-    let _ = writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" {how}>{}</text>", escaped(words));
+    let before = if how.is_empty() { "" } else { " " };
+    let _ = writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\"{before}{how}>{}</text>", escaped(words));
 }
 
 /// Words in lines of at most so many letters.
@@ -191,24 +194,26 @@ impl Frame {
         let Frame { left, top, width, height, x, y } = self;
         let (right, bottom) = (left + width, top + height);
         let mut grid = String::new();
+        let _ = writeln!(out, "<g text-anchor=\"middle\" fill=\"{GREY}\">");
         for (value, words) in x.ticks((width / 80.0).max(2.0)) {
             let across = left + x.place(value) * width;
             let _ = write!(grid, "M{across:.1} {top:.1}V{bottom:.1}");
-            text(out, (across, bottom + 1.3 * font), &words, &format!("text-anchor=\"middle\" fill=\"{GREY}\""));
+            text(out, (across, bottom + 1.3 * font), &words, "");
         }
+        let _ = writeln!(out, "</g>\n<g text-anchor=\"end\" fill=\"{GREY}\">");
         for (value, words) in y.ticks(height / 45.0) {
             let up = bottom - y.place(value) * height;
             let _ = write!(grid, "M{left:.1} {up:.1}H{right:.1}");
             let at = (left - 0.4 * font, up + 0.35 * font);
-            text(out, at, &words, &format!("text-anchor=\"end\" fill=\"{GREY}\""));
+            text(out, at, &words, "");
         }
-        let _ = writeln!(out, "<path d=\"{grid}\" fill=\"none\" stroke=\"#e4e4e4\"/>");
+        let _ = writeln!(out, "</g>\n<path d=\"{grid}\" fill=\"none\" stroke=\"#e4e4e4\"/>");
         // What lies outside is cut off by an inner picture.
         let (wide, tall) = (width * TENTHS, height * TENTHS);
         let _ = writeln!(
             out,
             "<svg x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
-             viewBox=\"0 0 {wide:.0} {tall:.0}\">"
+             viewBox=\"0 0 {wide:.0} {tall:.0}\" {CURVES}>"
         );
         for beneath in [true, false] {
             for curve in curves.iter().filter(|curve| curve.style.beneath == beneath) {
@@ -264,7 +269,7 @@ pub(super) fn stroke(style: &Style, fine: f64) -> String {
     let width = width * fine;
     let dashes: Vec<String> = dashes.iter().map(|length| (f64::from(*length) * fine).to_string()).collect();
     let dashes = if dashes.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{}\"", dashes.join(" ")) };
-    format!("fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" stroke-linejoin=\"round\"{opacity}{dashes}")
+    format!("stroke=\"{colour}\" stroke-width=\"{width}\"{opacity}{dashes}")
 }
 
 fn name_width(font: f64, name: &str) -> f64 {

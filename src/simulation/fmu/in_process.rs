@@ -79,6 +79,8 @@ pub(super) struct Plan {
     pub resources: String,
     /// Whether it is asked to log: some units tell of their errors only then.
     pub logs: bool,
+    /// Whether what it logs of calls that went well is kept.
+    pub details: bool,
 }
 
 /// A loaded library.
@@ -168,7 +170,7 @@ pub(super) struct InProcess {
 impl InProcess {
     /// Makes an instance; the reason where that fails.
     pub fn new(binary: &Arc<Binary>, kernel: Option<Awaited>, plan: &Plan) -> Result<Self, String> {
-        let log = Box::<Log>::default();
+        let log = Box::new(Log::keeping(plan.details));
         let callbacks = Box::new(CallbackFunctions {
             logger: Some(logger()),
             allocate_memory: Some(calloc),

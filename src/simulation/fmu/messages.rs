@@ -24,14 +24,14 @@ pub struct Messages {
     /// How many came after them, and the last one.
     further: usize,
     last: Option<String>,
+    /// What it told of calls that went well, as far as that is kept.
+    details: Vec<String>,
 }
 
 impl Messages {
     /// Adds a message, cleaned of control characters.
     pub(super) fn push(&mut self, text: &str) {
-        let text = one_line(text.trim_end());
-        let end = (0..=LONGEST.min(text.len())).rev().find(|&end| text.is_char_boundary(end)).unwrap_or_default();
-        let text = if end < text.len() { format!("{}…", &text[..end]) } else { text };
+        let text = cleaned(text);
         if self.kept.len() < MOST {
             self.kept.push(text);
         } else {
@@ -40,9 +40,22 @@ impl Messages {
         }
     }
 
+    /// Adds what was told of a call that went well; of many, the first are kept.
+    fn push_detail(&mut self, text: &str) {
+        if self.details.len() < MOST {
+            self.details.push(cleaned(text));
+        }
+    }
+
+    /// What was told of calls that went well, where that is kept.
+    pub fn details(&self) -> &[String] {
+        &self.details
+    }
+
     /// Adds what was said later.
     #[cfg(any(unix, test))]
     pub(super) fn append(&mut self, later: Messages) {
+        later.details.iter().for_each(|text| self.push_detail(text));
         later.kept.iter().for_each(|text| self.push(text));
         if let Some(last) = later.last {
             self.further += later.further.saturating_sub(1);
@@ -76,17 +89,37 @@ impl Messages {
     }
 }
 
+/// A text in one line that isn't too long.
+fn cleaned(text: &str) -> String {
+    let text = one_line(text.trim_end());
+    let end = (0..=LONGEST.min(text.len())).rev().find(|&end| text.is_char_boundary(end)).unwrap_or_default();
+    if end < text.len() { format!("{}…", &text[..end]) } else { text }
+}
+
 /// Messages of a unit that may log from any thread.
 #[derive(Debug, Default)]
-pub(super) struct Log(Mutex<Messages>);
+pub(super) struct Log {
+    messages: Mutex<Messages>,
+    /// Whether what is told of calls that went well is kept, too.
+    keeps_details: bool,
+}
 
 impl Log {
+    /// A log that keeps what is told of calls that went well, too, or doesn't.
+    pub fn keeping(details: bool) -> Self {
+        Log { messages: Mutex::default(), keeps_details: details }
+    }
+
     pub fn push(&self, text: &str) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+        self.messages.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+    }
+
+    fn push_detail(&self, text: &str) {
+        self.messages.lock().unwrap_or_else(PoisonError::into_inner).push_detail(text);
     }
 
     pub fn take(&self) -> Messages {
-        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
@@ -101,13 +134,23 @@ pub(super) fn logger() -> LoggerFunction {
     unsafe { std::mem::transmute::<Fixed, LoggerFunction>(keep_message) }
 }
 
-/// Keeps an expanded message.
+/// Keeps an expanded message of a call that came to a status.
 ///
 /// # Safety
 /// The environment is a [`Log`] that lives.
-unsafe fn keep(environment: *mut c_void, message: &str) {
+unsafe fn keep(environment: *mut c_void, status: c_int, message: &str) {
     // SAFETY: as this function asks of its caller.
-    unsafe { &*environment.cast::<Log>() }.push(message);
+    let log = unsafe { &*environment.cast::<Log>() };
+    if status == OK { log.push_detail(message) } else { log.push(message) }
+}
+
+/// Whether a message of a status is kept.
+///
+/// # Safety
+/// As of [`keep`].
+unsafe fn is_kept(environment: *mut c_void, status: c_int) -> bool {
+    // SAFETY: as this function asks of its caller.
+    status != OK || unsafe { &*environment.cast::<Log>() }.keeps_details
 }
 
 #[cfg(all(target_arch = "x86_64", unix))]
@@ -117,7 +160,7 @@ use expanding::keep_message;
 /// behind the dots to C's own expansion.
 #[cfg(all(target_arch = "x86_64", unix))]
 mod expanding {
-    use super::{CStr, LONGEST, OK, c_char, c_int, c_void, keep};
+    use super::{CStr, LONGEST, c_char, c_int, c_void, is_kept, keep};
 
     unsafe extern "C" {
         fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
@@ -173,7 +216,8 @@ mod expanding {
         format: *const c_char,
         arguments: *mut c_void,
     ) {
-        if format.is_null() || status == OK {
+        // SAFETY: the environment is the instance's log, which outlives it.
+        if format.is_null() || !unsafe { is_kept(environment, status) } {
             return;
         }
         // One byte more than is kept shows that a text is longer.
@@ -182,9 +226,9 @@ mod expanding {
         // vsnprintf ends what it writes there with a NUL.
         unsafe {
             if vsnprintf(text.as_mut_ptr(), text.len(), format, arguments) < 0 {
-                keep(environment, &CStr::from_ptr(format).to_string_lossy());
+                keep(environment, status, &CStr::from_ptr(format).to_string_lossy());
             } else {
-                keep(environment, &CStr::from_ptr(text.as_ptr()).to_string_lossy());
+                keep(environment, status, &CStr::from_ptr(text.as_ptr()).to_string_lossy());
             }
         }
     }
@@ -201,12 +245,13 @@ unsafe extern "C" fn keep_message(
     format: *const c_char,
     #[cfg(target_family = "wasm")] _arguments: *mut c_void,
 ) {
-    if !format.is_null() && status != OK {
-        // SAFETY: the environment is the instance's log, which outlives it; the message is a C string.
+    // SAFETY: the environment is the instance's log, which outlives it.
+    if !format.is_null() && unsafe { is_kept(environment, status) } {
+        // SAFETY: the message is a C string.
         let format = unsafe { CStr::from_ptr(format) };
         let text = format.to_string_lossy().replace("%%", "%");
         // SAFETY: see above.
-        unsafe { keep(environment, &text) };
+        unsafe { keep(environment, status, &text) };
     }
 }
 
@@ -237,6 +282,19 @@ mod tests {
         assert_eq!(texts[2], "1 2 3 4 1.0 2.0 3.0 4.0 5.0 1.0 2.0 3.0 4.0 9");
         assert_eq!(texts[3], "\\u{1b}[31mred\\r\\nnext");
         assert_eq!(texts.len(), 4, "what is logged of a call that went well is no warning");
+    }
+
+    #[test]
+    #[cfg(all(target_arch = "x86_64", unix))]
+    fn what_is_told_of_a_call_that_went_well_is_kept_where_that_is_asked_for() {
+        let log = Log::keeping(true);
+        let environment = std::ptr::from_ref(&log).cast_mut().cast();
+        // SAFETY: what follows the format is what it asks for.
+        unsafe { logger()(environment, c"unit".as_ptr(), Status::Ok, c"logEvents".as_ptr(), c"%d steps".as_ptr(), 3) };
+        let mut messages = log.take();
+        assert_eq!((messages.is_empty(), messages.details()), (true, ["3 steps".to_owned()].as_slice()));
+        messages.append(Messages { details: vec!["later".to_owned()], ..Messages::default() });
+        assert_eq!((messages.count(), messages.details().len()), (0, 2));
     }
 
     #[test]

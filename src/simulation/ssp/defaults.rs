@@ -1,6 +1,6 @@
 //! How a loop is run that has no annotation of ours: as its units and other tools' annotations propose it.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use roxmltree::Node;
 
@@ -95,18 +95,30 @@ impl Structure {
         self.components = order.into_iter().filter_map(|place| units[place].take()).collect();
     }
 
-    /// A diagram of what each unit hands on.
+    /// A diagram of each unit's signals that are to come to references, with these; then one of what else each hands on.
     pub fn plots_of_units(&self) -> Vec<Plot> {
-        let of_unit = |unit: &Component| {
+        let signal = |(unit, name): &(String, String)| format!("{unit}.{name}");
+        let followed = self.followed();
+        let tracking = |unit: &Component| {
+            let pairs: Vec<_> = followed.iter().filter(|[_, own]| own.0 == unit.name).collect();
+            let mut sources: Vec<&str> = pairs.iter().map(|[reference, _]| reference.0.as_str()).collect();
+            sources.dedup();
+            let title = format!("{} and {}", unit.name, sources.join(", "));
+            let signals: Vec<_> = pairs.iter().flat_map(|[reference, own]| [signal(own), signal(reference)]).collect();
+            (!signals.is_empty()).then(|| Plot { title, signals, ..Plot::default() })
+        };
+        let mut plots: Vec<Plot> = self.components.iter().filter_map(tracking).collect();
+        let seen: HashSet<String> = plots.iter().flat_map(|plot| plot.signals.clone()).collect();
+        let further = |unit: &Component| {
             let handed_on = self.connections.iter().filter(|connection| connection.from.0 == unit.name);
-            let mut signals: Vec<_> =
-                handed_on.map(|connection| format!("{}.{}", unit.name, connection.from.1)).collect();
-            signals.dedup();
+            let mut signals: Vec<_> = handed_on.map(|connection| signal(&connection.from)).collect();
+            signals.retain(|signal| !seen.contains(signal));
             signals.sort();
             signals.dedup();
             (!signals.is_empty()).then(|| Plot { title: unit.name.clone(), signals, ..Plot::default() })
         };
-        self.components.iter().filter_map(of_unit).collect()
+        plots.extend(self.components.iter().filter_map(further));
+        plots
     }
 
     /// Other tools write start values of connected inputs too: their values come from the connection.

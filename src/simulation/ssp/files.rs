@@ -84,6 +84,12 @@ impl LoopFiles {
         self.shown.join(name)
     }
 
+    /// The path of a file of the loop, for messages: within its archive, where that was unpacked.
+    pub(super) fn shown(&self, path: &Path) -> PathBuf {
+        let inside = self.folder().and_then(|folder| path.strip_prefix(folder).ok());
+        inside.map_or_else(|| path.to_owned(), |inside| self.shown.join(inside))
+    }
+
     pub(super) fn structure_file(&self) -> PathBuf {
         self.path(&self.structure)
     }
@@ -159,7 +165,7 @@ impl LoopFiles {
         let names = [format!("{fmu}.toml"), format!("resources/{fmu}.toml")];
         let lies_there = |name: &&String| self.folder().is_some_and(|folder| folder.join(name).is_file());
         let Some(name) = names.iter().find(lies_there) else { return Ok(None) };
-        Ok(Some(Source { file: self.path(name), text: self.read(name)? }))
+        Ok(Some(Source::read(self.path(name), self.read(name)?)))
     }
 
     /// Names of the parameter files that lie beside the structure, in order.

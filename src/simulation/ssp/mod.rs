@@ -3,6 +3,7 @@
 mod annotation;
 mod defaults;
 mod files;
+mod followed;
 mod package;
 mod parameters;
 mod reader;

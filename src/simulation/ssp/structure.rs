@@ -194,7 +194,7 @@ fn descriptions(components: &[Component], files: &LoopFiles) -> Result<BTreeMap<
         let source = match file {
             UnitFile::Description(path) => {
                 let text = text_file::read(path).map_err(Error::file(path))?;
-                Some(Source { file: path.clone(), text })
+                Some(Source::read(files.shown(path), text))
             }
             _ => files.description(fmu)?,
         };

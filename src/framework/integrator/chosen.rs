@@ -1,0 +1,171 @@
+//! Which method integrates, and the eigenvalue that decided it: what a unit tells in its log where that is asked for.
+
+use std::fmt;
+
+use super::stability::Mode;
+use crate::error::Number;
+
+/// What integrates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Integrates {
+    /// The system's own step.
+    OwnStep,
+    /// Dormand and Prince's method.
+    Explicit,
+    /// Rosenbrock's method.
+    Stiff,
+    /// Steps of fixed length.
+    Fixed,
+}
+
+impl Integrates {
+    const COUNT: usize = 4;
+
+    /// Whether it is a method for any system.
+    fn is_general(self) -> bool {
+        self != Integrates::OwnStep
+    }
+}
+
+/// A choice between methods.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Chosen {
+    /// What integrates.
+    pub by: Integrates,
+    /// Whether a user asked for it.
+    pub is_asked_for: bool,
+    /// The mode that holds the explicit method to the shortest substeps that stability asks for, and these, s; none where no
+    /// mode does, or none was looked at.
+    pub holds: Option<(Mode, f64)>,
+    /// From which time on, s.
+    pub from: f64,
+    /// Whether no further change is told.
+    pub is_last: bool,
+}
+
+impl fmt::Display for Chosen {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rounded = |x: f64| Number(format!("{x:.2e}").parse().unwrap_or(x));
+        let method = match self.by {
+            Integrates::OwnStep => "the closed-form step of the adaptive law",
+            Integrates::Explicit => "the explicit method",
+            Integrates::Stiff => "the stiff method",
+            Integrates::Fixed => "steps of fixed length",
+        };
+        let from = format!("{:.4e}", self.from).parse().unwrap_or(self.from);
+        write!(f, "integrated by {method} from t = {} s", Number(from))?;
+        if self.is_asked_for {
+            return f.write_str(", as integration_method asks");
+        }
+        let Some((Mode { growth, frequency }, substep)) = self.holds.filter(|_| self.by.is_general()) else {
+            return Ok(());
+        };
+        let (growth, substep) = (rounded(growth), rounded(substep));
+        let eigenvalue = match frequency {
+            0.0 => format!("{growth} 1/s"),
+            frequency => format!("{growth} ± {}i 1/s", rounded(frequency)),
+        };
+        match self.by {
+            Integrates::Stiff => write!(f, ": the eigenvalue {eigenvalue} holds the explicit one to {substep} s"),
+            _ => write!(f, ": the eigenvalue {eigenvalue} allows it substeps of {substep} s"),
+        }?;
+        f.write_str(if self.is_last { "; further changes are not told" } else { "" })
+    }
+}
+
+/// So many changes between general methods are told: some systems change for ever.
+const MOST_CHANGES: u32 = 5;
+
+/// The choices so far, and the one that nobody was told of.
+#[derive(Debug, Default)]
+pub(super) struct Choices {
+    seen: [bool; Integrates::COUNT],
+    /// The general method in force, and the one that was told last.
+    general: Option<Integrates>,
+    told: Option<Integrates>,
+    changes: u32,
+    news: Option<Chosen>,
+}
+
+impl Choices {
+    /// Notes what integrates. News is what integrates for the first time, and a change between general methods: a system's
+    /// own step comes and goes.
+    pub fn note(&mut self, chosen: Chosen) {
+        let is_first = !std::mem::replace(&mut self.seen[chosen.by as usize], true);
+        let is_other = chosen.by.is_general() && self.general.replace(chosen.by).is_some_and(|by| by != chosen.by);
+        if is_first || (is_other && self.changes < MOST_CHANGES) {
+            self.news = Some(chosen);
+        }
+    }
+
+    /// Takes the latest news; none where it has gone there and back.
+    pub fn take(&mut self) -> Option<Chosen> {
+        let mut news = self.news.take()?;
+        if !news.by.is_general() {
+            return Some(news);
+        }
+        if self.told == Some(news.by) {
+            return None;
+        }
+        self.changes += u32::from(self.told.replace(news.by).is_some());
+        news.is_last = self.changes == MOST_CHANGES;
+        Some(news)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chosen(by: Integrates, from: f64) -> Chosen {
+        let mode = Mode { growth: -1234.5, frequency: 0.0 };
+        Chosen { by, is_asked_for: false, holds: Some((mode, 2.357e-3)), from, is_last: false }
+    }
+
+    #[test]
+    fn a_choice_names_the_eigenvalue_that_decided() {
+        let told = chosen(Integrates::Stiff, 0.5).to_string();
+        assert_eq!(
+            told,
+            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1230 1/s holds the explicit one to 0.00236 s"
+        );
+        let asked = Chosen { is_asked_for: true, ..chosen(Integrates::Fixed, 0.0) };
+        assert_eq!(asked.to_string(), "integrated by steps of fixed length from t = 0 s, as integration_method asks");
+    }
+
+    #[test]
+    fn what_comes_and_goes_is_told_once_and_a_change_of_the_general_method_each_time() {
+        let mut choices = Choices::default();
+        let mut told = |by: Integrates, from: f64| {
+            choices.note(chosen(by, from));
+            choices.take().is_some()
+        };
+        use Integrates::{Explicit, OwnStep, Stiff};
+        let order = [OwnStep, Explicit, OwnStep, Explicit, Stiff, Stiff, Explicit];
+        let news: Vec<bool> = order.into_iter().zip(0..).map(|(by, k)| told(by, f64::from(k))).collect();
+        assert_eq!(news, [true, true, false, false, true, false, true]);
+    }
+
+    #[test]
+    fn what_went_there_and_back_is_no_news_and_changes_without_end_are_told_to_an_end() {
+        use Integrates::{Explicit, Stiff};
+        let mut choices = Choices::default();
+        choices.note(chosen(Explicit, 0.0));
+        assert!(choices.take().is_some());
+        choices.note(chosen(Stiff, 1.0));
+        assert!(choices.take().is_some());
+        [Explicit, Stiff].into_iter().for_each(|by| choices.note(chosen(by, 2.0)));
+        assert_eq!(choices.take(), None);
+        let mut told = Vec::new();
+        for k in 0..20 {
+            choices.note(chosen(if k % 2 == 0 { Explicit } else { Stiff }, f64::from(k)));
+            told.extend(choices.take());
+        }
+        assert_eq!(told.len(), MOST_CHANGES as usize - 1);
+        let last = told.pop().unwrap().to_string();
+        assert!(
+            last.ends_with("; further changes are not told") && !told.iter().any(|chosen| chosen.is_last),
+            "{last}"
+        );
+    }
+}
