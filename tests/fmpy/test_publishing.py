@@ -173,7 +173,7 @@ def test_one_command_makes_everything_that_a_release_page_holds(tmp_path: Path) 
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     if shutil.which("cc") is None or subprocess.run([sys.executable, "-m", "ziglang", "version"], check=False).returncode:
         pytest.skip("ziglang isn't installed")
-    command = [ROOT / "packaging" / "release", "--platforms", "linux64", "--out", tmp_path / "page"]
+    command = [ROOT / "packaging" / "release", "--here", "--platforms", "linux64", "--out", tmp_path / "page"]
     made = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert made.returncode == 0, made.stderr
     files = {file.name: file for file in (tmp_path / "page").iterdir()}
