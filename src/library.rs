@@ -18,6 +18,7 @@ pub const CATALOGUE: &[Entry] = &[
     Entry::of::<Watched<controllers::fuzzy_l1::FuzzyL1>>(),
     Entry::of::<Watched<controllers::l1_quadrotor::L1Quadrotor<false>>>(),
     Entry::of::<Watched<controllers::l1_quadrotor::L1Quadrotor<true>>>(),
+    Entry::of::<Watched<controllers::l1_limit::L1Limit>>(),
     Entry::of::<controllers::mrac_ppf::MracPpf>(),
     Entry::of::<controllers::neuro_ppf::NeuroPpf>(),
     Entry::of::<Watched<controllers::pid::Pid>>(),

@@ -5,6 +5,7 @@ mod funnel;
 mod fuzzy_gain;
 pub mod fuzzy_l1;
 pub mod l1;
+pub mod l1_limit;
 pub mod l1_quadrotor;
 mod moves;
 pub mod mrac_ppf;

@@ -25,6 +25,7 @@ NAMES = [
     "Actuator",
     "FuzzyL1ActuatedSiso",
     "L1CoupledMimo",
+    "L1LimitNonlinearSiso",
     "L1TwoLinkRobot",
     "MracPpfCoupledMimo",
     "NeuroPpfCoupledMimo",

@@ -9,6 +9,7 @@ mod designed;
 mod fuzzy_l1;
 mod hostile_descriptions;
 mod l1_descriptions;
+mod l1_limit;
 mod limits;
 mod mares_auv;
 mod mimo_plants;
