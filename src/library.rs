@@ -22,6 +22,7 @@ pub const CATALOGUE: &[Entry] = &[
     Entry::of::<controllers::mrac_ppf::MracPpf>(),
     Entry::of::<controllers::neuro_ppf::NeuroPpf>(),
     Entry::of::<Watched<controllers::pid::Pid>>(),
+    Entry::of::<Watched<controllers::ladrc::Ladrc>>(),
     Entry::of::<controllers::observer::Observer>(),
     Entry::of::<plants::state_space::StateSpace>(),
     Entry::of::<plants::nonlinear_siso::NonlinearSiso>(),

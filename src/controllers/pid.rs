@@ -16,6 +16,7 @@ use super::moves::Moves;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::mathematics::matrices;
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
     Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,
@@ -304,9 +305,7 @@ impl Pid {
 
 /// S⁻¹; or how small the least singular value is against the largest one, where there is none.
 fn inverse(S: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
-    let sizes = S.singular_values();
-    let least = if sizes.max() > 0.0 { sizes.min() / sizes.max() } else { 0.0 };
-    S.clone().try_inverse().filter(|_| least > LEAST_DIRECTION).ok_or(least)
+    matrices::inverse(S, LEAST_DIRECTION)
 }
 
 impl Catalogued for Pid {

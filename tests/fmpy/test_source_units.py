@@ -27,6 +27,7 @@ NAMES = [
     "L1CoupledMimo",
     "L1LimitNonlinearSiso",
     "L1TwoLinkRobot",
+    "LadrcNonlinearSiso",
     "MracPpfCoupledMimo",
     "NeuroPpfCoupledMimo",
     "NonlinearSiso",

@@ -10,6 +10,7 @@ mod fuzzy_l1;
 mod hostile_descriptions;
 mod l1_descriptions;
 mod l1_limit;
+mod ladrc;
 mod limits;
 mod mares_auv;
 mod mimo_plants;
