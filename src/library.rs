@@ -23,6 +23,7 @@ pub const CATALOGUE: &[Entry] = &[
     Entry::of::<controllers::neuro_ppf::NeuroPpf>(),
     Entry::of::<Watched<controllers::pid::Pid>>(),
     Entry::of::<Watched<controllers::ladrc::Ladrc>>(),
+    Entry::of::<controllers::funnel_control::FunnelControl>(),
     Entry::of::<controllers::observer::Observer>(),
     Entry::of::<plants::state_space::StateSpace>(),
     Entry::of::<plants::nonlinear_siso::NonlinearSiso>(),

@@ -2,6 +2,7 @@
 
 mod at_limit;
 mod funnel;
+pub mod funnel_control;
 mod fuzzy_gain;
 pub mod fuzzy_l1;
 pub mod l1;

@@ -6,6 +6,7 @@ mod catalogue;
 mod descriptions;
 mod design_report;
 mod designed;
+mod funnel_control;
 mod fuzzy_l1;
 mod hostile_descriptions;
 mod l1_descriptions;
