@@ -89,13 +89,13 @@ pub struct L1Structure {
     pub(super) input_gain: InputGain,
     /// Where the static state feedback stands that gives the plant its desired dynamics.
     #[serde(default)]
-    pub(super) baseline: Baseline,
+    pub(in crate::controllers) baseline: Baseline,
     /// How the desired dynamics are given, where a baseline brings them about.
     #[serde(default)]
     pub(super) desired_dynamics: DesiredDynamics,
     /// What the law commands.
     #[serde(default)]
-    pub(super) commands: Commands,
+    pub(in crate::controllers) commands: Commands,
     /// The filter D(s); 1/s where none is given.
     #[serde(default)]
     filter: FilterDescription,
@@ -156,7 +156,7 @@ pub(in crate::controllers) struct Symbols {
 /// The matrices of a structure, whose sizes fit each other.
 #[derive(Debug)]
 #[allow(non_snake_case)]
-pub(super) struct Plant {
+pub(in crate::controllers) struct Plant {
     /// Nominal dynamics, n × n, where they are given.
     pub A: Option<DMatrix<f64>>,
     /// n × m.
@@ -195,7 +195,7 @@ impl L1Structure {
     /// # Errors
     /// What doesn't fit.
     #[allow(non_snake_case)]
-    pub(super) fn plant(&self) -> Result<Plant, Invalid> {
+    pub(in crate::controllers) fn plant(&self) -> Result<Plant, Invalid> {
         let (B, C) = input_and_output(&self.B, &self.C)?;
         let A = self.A.as_ref().map(|A| nominal_dynamics(A, &B)).transpose()?;
         if A.is_none() && self.baseline != Baseline::None {
@@ -262,7 +262,7 @@ impl L1Structure {
 
     /// # Errors
     /// Why it is no filter of this law.
-    pub(super) fn filter(&self) -> Result<Filter, Invalid> {
+    pub(in crate::controllers) fn filter(&self) -> Result<Filter, Invalid> {
         Filter::new(&self.filter)
     }
 }
