@@ -7,8 +7,10 @@ from master import Fmu
 
 # Units whose outputs stand still while nobody gives them anything, and why.
 CONTROLLERS = {  # The measured state is the reference: there is no error to act on.
-    "FuzzyL1ActuatedSiso", "L1ActuatedSiso", "L1ActuatedSisoObserved", "L1CoupledMimo", "L1MaresAuv", "L1NonlinearSiso",
-    "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo", "MracPpfCoupledMimo", "NeuroPpfCoupledMimo", "PidNonlinearSiso",
+    "FunnelNonlinearSiso", "FunnelTwoLinkRobot", "FuzzyL1ActuatedSiso", "L1ActuatedSiso", "L1ActuatedSisoObserved",
+    "L1CoupledMimo", "L1LimitNonlinearSiso", "L1LimitTwoLinkRobot", "L1MaresAuv", "L1NonlinearSiso",
+    "L1SampledNonlinearSiso", "L1SampledTwoLinkRobot", "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo",
+    "LadrcNonlinearSiso", "LadrcTwoLinkRobot", "MracPpfCoupledMimo", "NeuroPpfCoupledMimo", "PidNonlinearSiso",
 }
 HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The thrust is the weight.
 BALANCED = {"ActuatedSiso", "MaresAuv", "StateSpace", "TwinRotor"}  # Without a control these plants rest where they start.
