@@ -1,6 +1,7 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
 mod at_limit;
+mod clock;
 mod funnel;
 pub mod funnel_control;
 mod fuzzy_gain;
@@ -8,6 +9,7 @@ pub mod fuzzy_l1;
 pub mod l1;
 pub mod l1_limit;
 pub mod l1_quadrotor;
+pub mod l1_sampled;
 pub mod ladrc;
 mod moves;
 pub mod mrac_ppf;

@@ -114,6 +114,12 @@ impl Dynamics {
         }
     }
 
+    /// The poles that are to be placed, where they are.
+    pub fn poles(&self, v: &Values<f64>) -> Option<Vec<Complex<f64>>> {
+        let Dynamics::Placed { pole_real, pole_imag, .. } = self else { return None };
+        Some(v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im)).collect())
+    }
+
     /// Where there is a baseline, its K_m, and A_m where poles are to be placed.
     ///
     /// # Errors
@@ -126,9 +132,9 @@ impl Dynamics {
                 let gain = matching_gain(A, &plant.B, (&v.name(*A_m), &v.matrix(*A_m).into_owned()))?;
                 v.matrix_mut(*K_m).copy_from(&gain);
             }
-            Dynamics::Placed { pole_real, pole_imag, A_m, K_m } => {
-                let poles = v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im));
-                let gain = pole_placement::place(A, &plant.B, &poles.collect::<Vec<_>>())?;
+            Dynamics::Placed { A_m, K_m, .. } => {
+                let poles = self.poles(&v.values()).unwrap_or_default();
+                let gain = pole_placement::place(A, &plant.B, &poles)?;
                 v.matrix_mut(*A_m).copy_from(&(A - &plant.B * &gain));
                 v.matrix_mut(*K_m).copy_from(&gain);
             }

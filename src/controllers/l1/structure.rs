@@ -92,7 +92,7 @@ pub struct L1Structure {
     pub(in crate::controllers) baseline: Baseline,
     /// How the desired dynamics are given, where a baseline brings them about.
     #[serde(default)]
-    pub(super) desired_dynamics: DesiredDynamics,
+    pub(in crate::controllers) desired_dynamics: DesiredDynamics,
     /// What the law commands.
     #[serde(default)]
     pub(in crate::controllers) commands: Commands,
@@ -178,7 +178,34 @@ impl Plant {
     }
 }
 
+/// What an L1 controller's estimates need, and a law without them doesn't: it may stand there, and what is assumed where
+/// it doesn't.
+const OF_ESTIMATES: [(&str, &str); 2] = [("regressor", "infinity_norm"), ("input_gain", "diagonal")];
+
 impl L1Structure {
+    /// That of a law without adaptation, from the same description.
+    ///
+    /// # Errors
+    /// What is no such structure.
+    pub(in crate::controllers) fn without_estimates(mut table: toml::Table) -> Result<Self, toml::de::Error> {
+        for (key, value) in OF_ESTIMATES {
+            table.entry(key).or_insert_with(|| value.into());
+        }
+        toml::Value::Table(table).try_into()
+    }
+
+    /// The schema of that.
+    #[cfg(feature = "cli")]
+    pub(in crate::controllers) fn schema_without_estimates(
+        generator: &mut schemars::SchemaGenerator,
+    ) -> schemars::Schema {
+        let mut schema = <Self as schemars::JsonSchema>::json_schema(generator);
+        if let Some(required) = schema.get_mut("required").and_then(serde_json::Value::as_array_mut) {
+            required.retain(|key| OF_ESTIMATES.iter().all(|(known, _)| key.as_str() != Some(known)));
+        }
+        schema
+    }
+
     /// Whether all entries of ω are estimated.
     pub(super) fn is_full(&self) -> bool {
         self.input_gain == InputGain::Full
@@ -319,7 +346,7 @@ pub(in crate::controllers) fn of_motion(control: &'static str) -> (&'static str,
 /// An orthonormal basis of what is orthogonal to the columns of B: the unit vectors as far as they lie there, in their
 /// order, so that directions that a state spans alone stay what they are.
 #[allow(non_snake_case)]
-fn orthogonal_complement(B: &DMatrix<f64>) -> DMatrix<f64> {
+pub(in crate::controllers) fn orthogonal_complement(B: &DMatrix<f64>) -> DMatrix<f64> {
     let n = B.nrows();
     let mut spanned: Vec<DVector<f64>> = Vec::new();
     let mut basis: Vec<DVector<f64>> = Vec::new();

@@ -8,9 +8,6 @@ use serde::{Deserialize, Deserializer};
 use crate::controllers::l1::{L1Structure, Plant};
 use crate::system::Invalid;
 
-/// What an L1 controller's estimates need, and this law doesn't: it may stand there, and what is assumed where it doesn't.
-const OF_ESTIMATES: [(&str, &str); 2] = [("regressor", "infinity_norm"), ("input_gain", "diagonal")];
-
 /// Least singular value of the directions of the uncertainty, in parts of the largest.
 const LEAST_DIRECTION: f64 = 1e-12;
 
@@ -22,11 +19,8 @@ pub struct L1LimitStructure {
 
 impl<'de> Deserialize<'de> for L1LimitStructure {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let mut table = toml::Table::deserialize(deserializer)?;
-        for (key, value) in OF_ESTIMATES {
-            table.entry(key).or_insert_with(|| value.into());
-        }
-        let of_l1 = toml::Value::Table(table).try_into().map_err(D::Error::custom)?;
+        let table = toml::Table::deserialize(deserializer)?;
+        let of_l1 = L1Structure::without_estimates(table).map_err(D::Error::custom)?;
         Ok(L1LimitStructure { of_l1 })
     }
 }
@@ -38,11 +32,7 @@ impl schemars::JsonSchema for L1LimitStructure {
     }
 
     fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        let mut schema = L1Structure::json_schema(generator);
-        if let Some(required) = schema.get_mut("required").and_then(serde_json::Value::as_array_mut) {
-            required.retain(|key| OF_ESTIMATES.iter().all(|(known, _)| key.as_str() != Some(known)));
-        }
-        schema
+        L1Structure::schema_without_estimates(generator)
     }
 }
 
