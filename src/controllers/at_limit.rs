@@ -1,7 +1,8 @@
 //! How long a control has stood at its limit: where that lasts, the plant needs more than there is, and no law helps.
 
 use crate::system::{
-    Declaration, Discrete, Parameter, Point, Scalar, ScalarOf, Signal, VectorOf, Warning, larger, scalar, vector,
+    Declaration, Discrete, Many, Parameter, Point, Scalar, ScalarOf, Signal, Spec, VectorOf, Warning, larger, scalar,
+    vector,
 };
 
 /// A control, and the limits that keep it.
@@ -10,6 +11,33 @@ pub(super) struct Limited {
     pub u: VectorOf<Signal>,
     pub u_min: VectorOf<Parameter>,
     pub u_max: VectorOf<Parameter>,
+}
+
+impl Limited {
+    /// A control of these units and quantities, the limits with their description's end, and where the law is from.
+    pub fn declare(
+        d: &mut Declaration,
+        (units, of_u): (&[&'static str], &[String]),
+        limit: &str,
+        source: &'static str,
+    ) -> Self {
+        let limited = |name: &str, size: &str| {
+            let (text, about) = (format!("{size} control {limit}"), format!("{size} {{}} {limit}"));
+            vector(name, units.len(), &text).about(of_u, &about).units(units)
+        };
+        let u = vector("u", units.len(), "control").about(of_u, "commanded {}").units(units).source(source);
+        Limited {
+            u: d.output(u),
+            u_min: d.parameter(limited("u_min", "smallest").no_lower_limit()),
+            u_max: d.parameter(limited("u_max", "largest").no_upper_limit()),
+        }
+    }
+}
+
+/// The control by hand, of these units and quantities.
+pub(super) fn manual(units: &[&'static str], of_u: &[String]) -> Spec<Many> {
+    let text = "control while the controller is not enabled";
+    vector("u_manual", units.len(), text).about(of_u, "{} while the controller is not enabled").units(units)
 }
 
 /// Looks at a control when a step is completed.

@@ -1,11 +1,16 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
 mod at_limit;
+mod clock;
 mod funnel;
+pub mod funnel_control;
 mod fuzzy_gain;
 pub mod fuzzy_l1;
 pub mod l1;
+pub mod l1_limit;
 pub mod l1_quadrotor;
+pub mod l1_sampled;
+pub mod ladrc;
 mod moves;
 pub mod mrac_ppf;
 pub mod neuro_ppf;
@@ -13,4 +18,5 @@ pub mod observer;
 pub mod pid;
 mod position_loop;
 mod template;
+mod units;
 pub mod watched;

@@ -10,18 +10,20 @@ mod units;
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use super::at_limit::{AtLimit, Limited};
+use super::at_limit::{AtLimit, Limited, manual};
 use super::l1::dot;
 use super::moves::Moves;
+use super::units::Quantities;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, Trial, icon};
 use crate::mathematics::limits::{self, within};
+use crate::mathematics::matrices;
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
-    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, quantities, vector,
+    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,
 };
 use crate::template::{Sizes, Template};
-use units::{Quantities, Symbols, Units};
+use units::{Symbols, Units};
 
 /// Largest number of channels.
 const MOST_CHANNELS: usize = 200;
@@ -113,22 +115,11 @@ impl System for Pid {
         let Symbols { y, v, u, .. } = &units;
         let gain = |name: &str, text: &str| vector(name, m, text).min(0.0);
         let weight = |name: &str, text: &str| vector(name, m, text).start(1.0);
-        let of_y = quantities("y", &structure.quantities.y, m)?;
-        let of_u = quantities("u", &structure.quantities.u, m)?;
-        let control = |name: &str, text: &str, about: &str| vector(name, m, text).about(&of_u, about).units(u);
-        let limited = |name: &str, size: &str| {
-            let text = "that the actuator can give";
-            control(name, &format!("{size} control {text}"), &format!("{size} {{}} {text}"))
-        };
-        let manual = ["control while the controller is not enabled", "{} while the controller is not enabled"];
+        let [of_y, of_u] = structure.quantities.of_signals(m)?;
         let tracking = "time with which the integral follows what the limits leave, so that it doesn't wind up; -1 s: by \
                         the gains, 0: off";
         let enabled = "whether the controller is in command; it takes over without a jump";
-        let limited = Limited {
-            u: d.output(control("u", "control", "commanded {}")),
-            u_min: d.parameter(limited("u_min", "smallest").no_lower_limit()),
-            u_max: d.parameter(limited("u_max", "largest").no_upper_limit()),
-        };
+        let limited = Limited::declare(d, (u, &of_u), "that the actuator can give", "");
         d.indicators(["who is in command"]);
         Ok(Pid {
             K_p: d.parameter(gain("K_p", "proportional gain").start(1.0).units(&units.K_p)),
@@ -154,7 +145,7 @@ impl System for Pid {
             r: d.input(vector("r", m, "reference").about(&of_y, "reference of {}").units(y)),
             y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(y)),
             enabled: d.input(boolean("enabled", enabled).start(true)),
-            u_manual: d.input(control("u_manual", manual[0], manual[1])),
+            u_manual: d.input(manual(u, &of_u)),
             I: d.state(vector("I", m, "integral part").units(v)),
             w: d.state(vector("w", m, "c r - y behind the derivative's filter").units(y)),
             P: d.local(vector("P", m, "proportional part").units(v)),
@@ -324,9 +315,7 @@ impl Pid {
 
 /// S⁻¹; or how small the least singular value is against the largest one, where there is none.
 fn inverse(S: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
-    let sizes = S.singular_values();
-    let least = if sizes.max() > 0.0 { sizes.min() / sizes.max() } else { 0.0 };
-    S.clone().try_inverse().filter(|_| least > LEAST_DIRECTION).ok_or(least)
+    matrices::inverse(S, LEAST_DIRECTION)
 }
 
 impl Catalogued for Pid {

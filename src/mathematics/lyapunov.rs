@@ -66,7 +66,10 @@ pub fn require_hurwitz(name: &str, a: &DMatrix<f64>) -> Result<(), Invalid> {
 }
 
 /// The rate of the slowest decay of a Hurwitz matrix, 1/s.
-fn slowest_decay(name: &str, a: &DMatrix<f64>) -> Result<f64, Invalid> {
+///
+/// # Errors
+/// [`Invalid`] with the eigenvalues of a matrix that isn't Hurwitz.
+pub fn slowest_decay(name: &str, a: &DMatrix<f64>) -> Result<f64, Invalid> {
     let Some(eigenvalues) = eigenvalues(a) else {
         return Err(Invalid::because(format!("{name} is too badly scaled: its eigenvalues can't be found")));
     };

@@ -27,6 +27,16 @@ pub fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
     Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
 }
 
+/// The inverse of a matrix whose least singular value is above so many parts of the largest; or in how many parts it is.
+///
+/// # Errors
+/// The least singular value in parts of the largest.
+pub fn inverse(matrix: &DMatrix<f64>, least_allowed: f64) -> Result<DMatrix<f64>, f64> {
+    let sizes = matrix.singular_values();
+    let least = if sizes.max() > 0.0 { sizes.min() / sizes.max() } else { 0.0 };
+    matrix.clone().try_inverse().filter(|_| least > least_allowed).ok_or(least)
+}
+
 /// The Cholesky factor of a symmetric matrix, where it is positive definite.
 pub fn cholesky<D: Dim>(matrix: OMatrix<f64, D, D>) -> Option<Cholesky<f64, D>>
 where

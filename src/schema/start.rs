@@ -31,6 +31,9 @@ struct Known {
 /// Keys whose texts are a user's own.
 const TEXTS: [&str; 2] = ["units", "quantities"];
 
+/// How many numbers of a choice are tried.
+const MOST_NUMBERS: usize = 10;
+
 impl Start {
     /// That of a kind with this schema of its structure.
     pub fn of(kind: &str, structure: &Value) -> Self {
@@ -100,6 +103,13 @@ fn choices(structure: &Value) -> Vec<(String, toml::Value)> {
             |name: &str| schema["type"] == name || schema["type"].as_array().is_some_and(|t| t.contains(&json!(name)));
         let items = schema["oneOf"].as_array().into_iter().flatten().filter_map(|item| item["const"].as_str());
         choices.extend(items.map(|item| (key.clone(), toml::Value::String(item.to_owned()))));
+        // A number that may be one of a few.
+        if let (true, Some(least), Some(most)) =
+            (named("integer"), schema["minimum"].as_i64(), schema["maximum"].as_i64())
+        {
+            let few = (least..=most).take(MOST_NUMBERS);
+            choices.extend(few.map(|value| (key.clone(), toml::Value::Integer(value))));
+        }
         if named("boolean") {
             choices.extend([true, false].map(|value| (key.clone(), toml::Value::Boolean(value))));
         }

@@ -13,8 +13,10 @@ from master import Fmu
 
 # Units whose outputs stand still while nobody gives them anything, and why.
 CONTROLLERS = {  # There is no error; one that no plant answers would take their estimates to their bounds.
-    "FuzzyL1ActuatedSiso", "L1ActuatedSiso", "L1ActuatedSisoObserved", "L1CoupledMimo", "L1MaresAuv", "L1NonlinearSiso",
-    "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo",
+    "FunnelNonlinearSiso", "FunnelTwoLinkRobot", "FuzzyL1ActuatedSiso", "L1ActuatedSiso", "L1ActuatedSisoObserved",
+    "L1CoupledMimo", "L1LimitNonlinearSiso", "L1LimitTwoLinkRobot", "L1MaresAuv", "L1NonlinearSiso",
+    "L1SampledNonlinearSiso", "L1SampledTwoLinkRobot", "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo",
+    "LadrcNonlinearSiso", "LadrcTwoLinkRobot",
 }
 HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The same, but their thrust is the weight.
 BALANCED = {"ActuatedSiso", "MaresAuv", "StateSpace", "TwinRotor"}  # Without a control these plants rest where they start.

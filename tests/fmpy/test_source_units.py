@@ -23,9 +23,13 @@ from master import Fmu, Unit, refused
 # One of each family, small and large, with states and without, with events of time and of state.
 NAMES = [
     "Actuator",
+    "FunnelNonlinearSiso",
     "FuzzyL1ActuatedSiso",
     "L1CoupledMimo",
+    "L1LimitNonlinearSiso",
+    "L1SampledTwoLinkRobot",
     "L1TwoLinkRobot",
+    "LadrcNonlinearSiso",
     "MracPpfCoupledMimo",
     "NeuroPpfCoupledMimo",
     "NonlinearSiso",

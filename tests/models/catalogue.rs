@@ -17,7 +17,7 @@ use serde_json::Value;
 
 const FOLDERS: [&str; 2] = ["src", "plants"];
 /// Names of kinds that are words of their own, too.
-const WORDS: [&str; 2] = ["reference", "composite"];
+const WORDS: [&str; 3] = ["reference", "composite", "funnel"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -70,7 +70,7 @@ impl Law {
 
     /// The state of H_m⁻¹ H_um, where it has one.
     fn z(&self) -> Option<VectorOf<State>> {
-        self.unmatched.as_ref().and_then(|unmatched| unmatched.zeros.as_ref()).map(|zeros| zeros.z)
+        self.unmatched.as_ref().and_then(|unmatched| unmatched.z)
     }
 
     /// All states, a handle a kind.
@@ -370,7 +370,9 @@ impl Linear<'_> {
 
     /// What u_ad of channel j has of η̂_2 at once, times ω̂, in η̂ of channel i.
     fn add_at_once(&mut self, omega: f64, i: usize, j: usize) {
-        let Some(direct) = self.l1.unmatched.as_ref().and_then(|unmatched| unmatched.direct) else { return };
+        let Some(direct) = self.l1.unmatched.as_ref().and_then(|unmatched| unmatched.cancellation.direct) else {
+            return;
+        };
         let (gains, m, order) = (self.v.matrix(direct), self.l1.eta_hat.len(), self.at.order);
         for (k, gain) in gains.row(j).iter().enumerate() {
             let (matched, unmatched) = self.eta.split_at_mut(m * order);
@@ -434,8 +436,8 @@ impl Linear<'_> {
     fn unmatched_control(&mut self) {
         let Some(unmatched) = &self.l1.unmatched else { return };
         let (v, at, m) = (self.v, self.at, self.l1.eta_hat.len());
-        self.add_rows(at.f, &v.matrix(unmatched.input), -1.0, m);
-        let Some(Zeros { A_z, B_z, KC_z, .. }) = &unmatched.zeros else { return };
+        self.add_rows(at.f, &v.matrix(unmatched.cancellation.input), -1.0, m);
+        let Some(Zeros { A_z, B_z, KC_z, .. }) = &unmatched.cancellation.zeros else { return };
         let (A_z, B_z, KC_z) = (v.matrix(*A_z), v.matrix(*B_z), v.matrix(*KC_z));
         self.add_rows(at.z, &B_z, 1.0, m);
         for j in 0..A_z.ncols() {

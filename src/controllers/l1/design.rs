@@ -13,7 +13,7 @@ use crate::system::{
 };
 
 /// After so many time constants 2 % are left.
-const SETTLED: f64 = 4.0;
+pub(in crate::controllers) const SETTLED: f64 = 4.0;
 
 /// The numbers of the law, and what follows from them.
 #[derive(Debug)]
@@ -49,7 +49,7 @@ pub(super) struct Design {
 
 /// Where the desired dynamics come from.
 #[derive(Debug)]
-enum Dynamics {
+pub(in crate::controllers) enum Dynamics {
     /// They are given; there is no baseline.
     Given(MatrixOf<Parameter>),
     /// They are given, and the baseline's gain K_m brings them about.
@@ -64,7 +64,7 @@ enum Dynamics {
 }
 
 impl Dynamics {
-    fn declare(d: &mut Declaration, plant: &Plant, structure: &L1Structure) -> Self {
+    pub fn declare(d: &mut Declaration, plant: &Plant, structure: &L1Structure) -> Self {
         let (n, m) = plant.B.shape();
         let text = "desired closed-loop dynamics";
         let given = matrix("A_m", n, n, &format!("{text}; must be Hurwitz")).unit("1/s");
@@ -90,8 +90,41 @@ impl Dynamics {
         }
     }
 
+    /// The desired dynamics.
+    pub fn A_m<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
+        match self {
+            Dynamics::Given(A_m) | Dynamics::Matched { A_m, .. } => v.matrix(*A_m),
+            Dynamics::Placed { A_m, .. } => v.matrix(*A_m),
+        }
+    }
+
+    /// The name of the desired dynamics, for a text.
+    pub fn name_of_A_m(&self, v: &Values<f64>) -> String {
+        match self {
+            Dynamics::Given(A_m) | Dynamics::Matched { A_m, .. } => v.name(*A_m),
+            Dynamics::Placed { A_m, .. } => v.name(*A_m),
+        }
+    }
+
+    /// The gain of the baseline, where there is one.
+    pub fn gain(&self) -> Option<MatrixOf<Prepared>> {
+        match self {
+            Dynamics::Given(_) => None,
+            Dynamics::Matched { K_m, .. } | Dynamics::Placed { K_m, .. } => Some(*K_m),
+        }
+    }
+
+    /// The poles that are to be placed, where they are.
+    pub fn poles(&self, v: &Values<f64>) -> Option<Vec<Complex<f64>>> {
+        let Dynamics::Placed { pole_real, pole_imag, .. } = self else { return None };
+        Some(v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im)).collect())
+    }
+
     /// Where there is a baseline, its K_m, and A_m where poles are to be placed.
-    fn prepare(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
+    ///
+    /// # Errors
+    /// [`Invalid`] where no feedback leads there.
+    pub fn prepare(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
         let Some(A) = &plant.A else { return Ok(()) };
         match self {
             Dynamics::Given(_) => {}
@@ -99,9 +132,9 @@ impl Dynamics {
                 let gain = matching_gain(A, &plant.B, (&v.name(*A_m), &v.matrix(*A_m).into_owned()))?;
                 v.matrix_mut(*K_m).copy_from(&gain);
             }
-            Dynamics::Placed { pole_real, pole_imag, A_m, K_m } => {
-                let poles = v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im));
-                let gain = pole_placement::place(A, &plant.B, &poles.collect::<Vec<_>>())?;
+            Dynamics::Placed { A_m, K_m, .. } => {
+                let poles = self.poles(&v.values()).unwrap_or_default();
+                let gain = pole_placement::place(A, &plant.B, &poles)?;
                 v.matrix_mut(*A_m).copy_from(&(A - &plant.B * &gain));
                 v.matrix_mut(*K_m).copy_from(&gain);
             }
@@ -174,34 +207,22 @@ impl Design {
 
     /// The desired dynamics.
     pub fn A_m<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
-        match &self.dynamics {
-            Dynamics::Given(A_m) | Dynamics::Matched { A_m, .. } => v.matrix(*A_m),
-            Dynamics::Placed { A_m, .. } => v.matrix(*A_m),
-        }
+        self.dynamics.A_m(v)
     }
 
     /// The name of the desired dynamics, for a text.
     pub fn name_of_A_m(&self, v: &Values<f64>) -> String {
-        match &self.dynamics {
-            Dynamics::Given(A_m) | Dynamics::Matched { A_m, .. } => v.name(*A_m),
-            Dynamics::Placed { A_m, .. } => v.name(*A_m),
-        }
+        self.dynamics.name_of_A_m(v)
     }
 
     /// The name of the baseline's gain, where there is a baseline.
     pub fn name_of_K_m(&self, v: &Values<f64>) -> Option<String> {
-        match &self.dynamics {
-            Dynamics::Given(_) => None,
-            Dynamics::Matched { K_m, .. } | Dynamics::Placed { K_m, .. } => Some(v.name(*K_m)),
-        }
+        self.dynamics.gain().map(|K_m| v.name(K_m))
     }
 
     /// The baseline's gain, where there is a baseline.
     pub fn K_m<'a, S: Scalar>(&self, v: &Values<'a, S>) -> Option<DMatrixView<'a, S>> {
-        match &self.dynamics {
-            Dynamics::Given(_) => None,
-            Dynamics::Matched { K_m, .. } | Dynamics::Placed { K_m, .. } => Some(v.matrix(*K_m)),
-        }
+        self.dynamics.gain().map(|K_m| v.matrix(K_m))
     }
 
     /// What turns the command of a channel into its control.

@@ -88,7 +88,8 @@ impl Law {
         let design = Design::declare(d, &plant, structure, &units);
         let unmatched = Unmatched::declare(d, &plant, &filter)?;
         // Where nothing else makes u_ad, the integrator's state is u_ad itself.
-        let is_state = filter.is_integrator() && unmatched.as_ref().is_none_or(|unmatched| unmatched.direct.is_none());
+        let is_state = filter.is_integrator()
+            && unmatched.as_ref().is_none_or(|unmatched| unmatched.cancellation.direct.is_none());
         let adaptive = vector("u_ad", m, u_ad).about(&units.of_u, "adaptive control for the {}, the filtered estimate");
         let law = Law {
             filter_at_rest: filter.at_rest(),
@@ -171,14 +172,14 @@ impl Law {
         self.design.prepare(&self.plant, v)?;
         let Some(unmatched) = &self.unmatched else { return Ok(()) };
         let (name, A_m) = (self.design.name_of_A_m(&v.values()), self.design.A_m(&v.values()).into_owned());
-        unmatched.prepare((&name, &A_m), &self.plant, &self.filter, v)
+        unmatched.cancellation.prepare((&name, &A_m), &self.plant, &self.filter, v)
     }
 
     /// What follows from parameters by arithmetic, and the relations that they keep.
     pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         self.design.relate(v);
         if let Some(unmatched) = &self.unmatched {
-            unmatched.relate(self.design.feedback_gain, v);
+            unmatched.cancellation.relate(self.design.feedback_gain, v);
         }
     }
 

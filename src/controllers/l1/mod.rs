@@ -10,7 +10,7 @@ mod report;
 mod structure;
 mod supervision;
 pub(super) mod template;
-mod tracking;
+pub(super) mod tracking;
 mod unmatched;
 
 use nalgebra::DMatrixView;
@@ -23,11 +23,13 @@ use crate::system::{
     System, Values, VectorOf, larger, vector,
 };
 use crate::template::{Request, Sizes, Template};
+pub(super) use design::{Dynamics, SETTLED};
 pub(super) use law::Law;
 pub(super) use ports::Ports;
-pub(super) use report::controllability;
+pub(super) use report::{controllability, tell_delay_margin};
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
-pub(super) use structure::{input_and_output, nominal_dynamics, of_motion};
+pub(super) use structure::{Plant, Symbols, input_and_output, nominal_dynamics, of_motion, orthogonal_complement};
+pub(super) use unmatched::{Cancellation, Zeros};
 
 /// What the adaptive control starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -151,7 +153,7 @@ pub(super) fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S])
 }
 
 /// Adds A x to `sums`, column by column, as A is stored.
-fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: impl Iterator<Item = S>) {
+pub(super) fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: impl Iterator<Item = S>) {
     for (column, x) in A.column_iter().zip(x) {
         sums.iter_mut().zip(column.as_slice()).for_each(|(sum, &a)| *sum += a * x);
     }

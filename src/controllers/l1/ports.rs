@@ -1,7 +1,7 @@
 //! By which signals an L1 law is connected: a unit's own, or a part of them where the law is one part of a unit.
 
 use super::structure::Symbols;
-use crate::controllers::at_limit::Limited;
+use crate::controllers::at_limit::{Limited, manual};
 use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, boolean, vector};
 
 /// The measured state, the control with its limits, and manual control.
@@ -20,25 +20,14 @@ pub(in crate::controllers) struct Ports {
 impl Ports {
     /// Of a unit that is the law alone.
     pub fn declare(d: &mut Declaration, units: &Symbols) -> Self {
-        let (x, u, m) = (&units.x, &units.u, units.u.len());
-        let control = |name: &str, text: &str, about: &str| vector(name, m, text).about(&units.of_u, about).units(u);
-        let limit = "that the actuator can give; the predictor knows of it";
-        let limited =
-            |name: &str, size: &str| control(name, &format!("{size} control {limit}"), &format!("{size} {{}} {limit}"));
+        let (x, u) = (&units.x, &units.u);
         let enabled =
             boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true);
         let x = d.input(vector("x", x.len(), "measured state of the plant").about(&units.of_x, "measured {}").units(x));
         let enabled = d.input(enabled);
-        let u_manual = d.input(control(
-            "u_manual",
-            "control while the controller is not enabled",
-            "{} while the controller is not enabled",
-        ));
-        let limited = Limited {
-            u: d.output(control("u", "control", "commanded {}")),
-            u_min: d.parameter(limited("u_min", "smallest").no_lower_limit()),
-            u_max: d.parameter(limited("u_max", "largest").no_upper_limit()),
-        };
+        let u_manual = d.input(manual(u, &units.of_u));
+        let limited =
+            Limited::declare(d, (u, &units.of_u), "that the actuator can give; the predictor knows of it", "");
         let Limited { u, u_min, u_max } = limited;
         Ports { x, enabled, u_manual, u, u_min, u_max, limited }
     }

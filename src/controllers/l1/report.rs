@@ -96,11 +96,12 @@ impl Law {
         let matrix = |handle: Option<DMatrix<f64>>, rows, columns| handle.unwrap_or(DMatrix::zeros(rows, columns));
         let unmatched = self.unmatched.as_ref().map(|unmatched| {
             let k = self.plant.B_um.ncols();
-            let zeros = unmatched.zeros.as_ref();
+            let cancellation = &unmatched.cancellation;
+            let zeros = cancellation.zeros.as_ref();
             UnmatchedWay {
                 B_um: self.plant.B_um.clone(),
-                input: v.matrix(unmatched.input).into_owned(),
-                direct: matrix(unmatched.direct.map(|direct| v.matrix(direct).into_owned()), m, k),
+                input: v.matrix(cancellation.input).into_owned(),
+                direct: matrix(cancellation.direct.map(|direct| v.matrix(direct).into_owned()), m, k),
                 A_z: matrix(zeros.map(|zeros| v.matrix(zeros.A_z).into_owned()), 0, 0),
                 B_z: matrix(zeros.map(|zeros| v.matrix(zeros.B_z).into_owned()), 0, k),
                 KC_z: matrix(zeros.map(|zeros| v.matrix(zeros.KC_z).into_owned()), m, 0),
@@ -218,42 +219,7 @@ impl Law {
     }
 
     fn report_delay(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
-        let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
-        if !design.is_stable(&identity) {
-            let note = "the loop with omega = I isn't stable even without delay";
-            report.judge("delay margin", 0.0, "s", Verdict::NotSound, note);
-            return;
-        }
-        let broken = self.nominal_loop(design, v);
-        let Some(crossings) = broken.crossings() else {
-            let note = "frequency responses of the loop are too badly scaled";
-            report.judge("delay margin", "not found", "s", Verdict::Warning, note);
-            return;
-        };
-        let Some(&Crossing { frequency, phase, delay }) = crossings.first() else {
-            report.tell_unlimited("delay margin", "s", "the loop's gain is nowhere 1");
-            return;
-        };
-        let of = "delay at the plant's input, in all channels, up to which the loop of the nominal plant is stable";
-        // Held signals lag by half a step; what is measured before the plant's step, by one more.
-        let lag = 1.5 * report.step;
-        if delay > lag {
-            report.tell("delay margin", delay, "s", of);
-        } else {
-            let note = format!(
-                "sampling alone may delay by {} s, 1.5 communication steps. A step below {} s, or a smaller {}, leaves room",
-                number(lag),
-                number(delay / 1.5),
-                v.name(self.design.feedback_gain)
-            );
-            report.judge("delay margin", delay, "s", Verdict::Warning, note);
-        }
-        report.tell("phase there", phase.to_degrees(), "deg", "phase margin of that crossing of the gain through 1");
-        report.tell("frequency there", frequency, "rad/s", "");
-        if crossings.len() > 1 {
-            let all = DMatrix::from_fn(crossings.len(), 2, |i, j| [crossings[i].frequency, crossings[i].delay][j]);
-            report.tell("all crossings", &all, "rad/s, s", "frequency of each crossing through 1, and its delay");
-        }
+        tell_delay_margin(design, &self.nominal_loop(design, v), &v.name(self.design.feedback_gain), report);
     }
 
     fn nominal_loop(&self, design: &L1Design, v: &Values<f64>) -> NominalLoop {
@@ -325,6 +291,49 @@ impl Law {
             number(gain)
         );
         report.judge("longest step at rest", longest, "s", Verdict::Warning, note);
+    }
+}
+
+/// The delay margin of the loop of the nominal plant, of which K has this name.
+pub(in crate::controllers) fn tell_delay_margin(
+    design: &L1Design,
+    broken: &NominalLoop,
+    of_gain: &str,
+    report: &mut DesignReport,
+) {
+    let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
+    if !design.is_stable(&identity) {
+        let note = "the loop with omega = I isn't stable even without delay";
+        report.judge("delay margin", 0.0, "s", Verdict::NotSound, note);
+        return;
+    }
+    let Some(crossings) = broken.crossings() else {
+        let note = "frequency responses of the loop are too badly scaled";
+        report.judge("delay margin", "not found", "s", Verdict::Warning, note);
+        return;
+    };
+    let Some(&Crossing { frequency, phase, delay }) = crossings.first() else {
+        report.tell_unlimited("delay margin", "s", "the loop's gain is nowhere 1");
+        return;
+    };
+    let of = "delay at the plant's input, in all channels, up to which the loop of the nominal plant is stable";
+    // Held signals lag by half a step; what is measured before the plant's step, by one more.
+    let lag = 1.5 * report.step;
+    if delay > lag {
+        report.tell("delay margin", delay, "s", of);
+    } else {
+        let note = format!(
+            "sampling alone may delay by {} s, 1.5 communication steps. A step below {} s, or a smaller {of_gain}, leaves room",
+            number(lag),
+            number(delay / 1.5),
+        );
+        report.judge("delay margin", delay, "s", Verdict::Warning, note);
+    }
+    report.tell("phase there", phase.to_degrees(), "deg", "phase margin of that crossing of the gain through 1");
+    report.tell("frequency there", frequency, "rad/s", "");
+    if crossings.len() > 1 {
+        let all = DMatrix::from_fn(crossings.len(), 2, |i, j| [crossings[i].frequency, crossings[i].delay][j]);
+        report.tell("all crossings", &all, "rad/s, s", "frequency of each crossing through 1, and its delay");
     }
 }
 

@@ -89,13 +89,13 @@ pub struct L1Structure {
     pub(super) input_gain: InputGain,
     /// Where the static state feedback stands that gives the plant its desired dynamics.
     #[serde(default)]
-    pub(super) baseline: Baseline,
+    pub(in crate::controllers) baseline: Baseline,
     /// How the desired dynamics are given, where a baseline brings them about.
     #[serde(default)]
-    pub(super) desired_dynamics: DesiredDynamics,
+    pub(in crate::controllers) desired_dynamics: DesiredDynamics,
     /// What the law commands.
     #[serde(default)]
-    pub(super) commands: Commands,
+    pub(in crate::controllers) commands: Commands,
     /// The filter D(s); 1/s where none is given.
     #[serde(default)]
     filter: FilterDescription,
@@ -156,7 +156,7 @@ pub(in crate::controllers) struct Symbols {
 /// The matrices of a structure, whose sizes fit each other.
 #[derive(Debug)]
 #[allow(non_snake_case)]
-pub(super) struct Plant {
+pub(in crate::controllers) struct Plant {
     /// Nominal dynamics, n × n, where they are given.
     pub A: Option<DMatrix<f64>>,
     /// n × m.
@@ -178,7 +178,34 @@ impl Plant {
     }
 }
 
+/// What an L1 controller's estimates need, and a law without them doesn't: it may stand there, and what is assumed where
+/// it doesn't.
+const OF_ESTIMATES: [(&str, &str); 2] = [("regressor", "infinity_norm"), ("input_gain", "diagonal")];
+
 impl L1Structure {
+    /// That of a law without adaptation, from the same description.
+    ///
+    /// # Errors
+    /// What is no such structure.
+    pub(in crate::controllers) fn without_estimates(mut table: toml::Table) -> Result<Self, toml::de::Error> {
+        for (key, value) in OF_ESTIMATES {
+            table.entry(key).or_insert_with(|| value.into());
+        }
+        toml::Value::Table(table).try_into()
+    }
+
+    /// The schema of that.
+    #[cfg(feature = "cli")]
+    pub(in crate::controllers) fn schema_without_estimates(
+        generator: &mut schemars::SchemaGenerator,
+    ) -> schemars::Schema {
+        let mut schema = <Self as schemars::JsonSchema>::json_schema(generator);
+        if let Some(required) = schema.get_mut("required").and_then(serde_json::Value::as_array_mut) {
+            required.retain(|key| OF_ESTIMATES.iter().all(|(known, _)| key.as_str() != Some(known)));
+        }
+        schema
+    }
+
     /// Whether all entries of ω are estimated.
     pub(super) fn is_full(&self) -> bool {
         self.input_gain == InputGain::Full
@@ -195,7 +222,7 @@ impl L1Structure {
     /// # Errors
     /// What doesn't fit.
     #[allow(non_snake_case)]
-    pub(super) fn plant(&self) -> Result<Plant, Invalid> {
+    pub(in crate::controllers) fn plant(&self) -> Result<Plant, Invalid> {
         let (B, C) = input_and_output(&self.B, &self.C)?;
         let A = self.A.as_ref().map(|A| nominal_dynamics(A, &B)).transpose()?;
         if A.is_none() && self.baseline != Baseline::None {
@@ -262,7 +289,7 @@ impl L1Structure {
 
     /// # Errors
     /// Why it is no filter of this law.
-    pub(super) fn filter(&self) -> Result<Filter, Invalid> {
+    pub(in crate::controllers) fn filter(&self) -> Result<Filter, Invalid> {
         Filter::new(&self.filter)
     }
 }
@@ -319,7 +346,7 @@ pub(in crate::controllers) fn of_motion(control: &'static str) -> (&'static str,
 /// An orthonormal basis of what is orthogonal to the columns of B: the unit vectors as far as they lie there, in their
 /// order, so that directions that a state spans alone stay what they are.
 #[allow(non_snake_case)]
-fn orthogonal_complement(B: &DMatrix<f64>) -> DMatrix<f64> {
+pub(in crate::controllers) fn orthogonal_complement(B: &DMatrix<f64>) -> DMatrix<f64> {
     let n = B.nrows();
     let mut spanned: Vec<DVector<f64>> = Vec::new();
     let mut basis: Vec<DVector<f64>> = Vec::new();

@@ -13,12 +13,12 @@ use crate::mathematics::limits::UNLIMITED;
 use crate::system::{DesignReport, Invalid, Number, Parameter, Point, Rates, Scalar, Values, VectorOf, Verdict};
 
 /// What `tracking_time` is where it follows from K.
-pub(super) const BY_GAIN: f64 = -1.0;
+pub(in crate::controllers) const BY_GAIN: f64 = -1.0;
 /// The least time that is given, s.
 const LEAST: f64 = 1e-9;
 
 /// Refuses given times that are none.
-pub(super) fn check<S: Scalar>(times: VectorOf<Parameter>, v: &mut Point<S>) {
+pub(in crate::controllers) fn check<S: Scalar>(times: VectorOf<Parameter>, v: &mut Point<S>) {
     for i in 0..times.len() {
         let time = v[times][i];
         let is_known = time.equals(S::from(BY_GAIN)) | time.equals(S::from(0.0));
@@ -27,6 +27,14 @@ pub(super) fn check<S: Scalar>(times: VectorOf<Parameter>, v: &mut Point<S>) {
             Invalid::new(v.name(times.at(i)), time.told(), allowed)
         });
     }
+}
+
+/// 1/T_t of a channel whose K has this row, behind a filter whose integral rests at this for an output of 1.
+pub(in crate::controllers) fn rate<'a, S: Scalar>(time: S, row: impl Iterator<Item = &'a S>, rest: f64) -> S {
+    let none = S::from(0.0);
+    let by_gain = || row.fold(none, |sum, k| sum + k.abs()) / rest.abs();
+    let in_force = || S::branch(time.above(none), || time.recip(), by_gain);
+    S::branch(time.equals(none), || none, in_force)
 }
 
 impl Law {
@@ -47,11 +55,8 @@ impl Law {
     /// the integrator in D(s): the time in which the law would answer to what the limit does. A law with other gains in
     /// force has other times.
     pub(super) fn tracking_rate<S: Scalar>(&self, channel: usize, K: DMatrixView<S>, v: &Values<S>) -> S {
-        let (time, none) = (v[self.design.tracking_time][channel], S::from(0.0));
         // The first state is the integral, and its rest that of an output of 1.
-        let by_gain = || K.row(channel).iter().fold(none, |sum, k| sum + k.abs()) / self.filter_at_rest[0].abs();
-        let in_force = || S::branch(time.above(none), || time.recip(), by_gain);
-        S::branch(time.equals(none), || none, in_force)
+        rate(v[self.design.tracking_time][channel], K.row(channel).iter(), self.filter_at_rest[0])
     }
 
     /// f' = … + f_0 (u − u_wanted)/T_t in each channel.

@@ -15,7 +15,7 @@ use crate::system::{
     Values, VectorOf, matrix, scalar, vector,
 };
 
-/// Estimates along B_um, and D(s) H_m⁻¹(s) H_um(s) as it shares the states of D(s).
+/// Estimates along B_um, and how the control law answers to them.
 #[derive(Debug)]
 pub(super) struct Unmatched {
     pub theta_bound: VectorOf<Parameter>,
@@ -25,7 +25,15 @@ pub(super) struct Unmatched {
     pub eta_hat: VectorOf<Signal>,
     /// ‖x‖∞
     pub norm: ScalarOf<Signal>,
-    /// What K η̂_2 adds to the rates of the filter's states, in their order.
+    pub cancellation: Cancellation,
+    /// z' = A_z z + B_z η̂_2, where H_m has transmission zeros.
+    pub z: Option<VectorOf<State>>,
+}
+
+/// D(s) K H_m⁻¹(s) H_um(s), as it shares the states of D(s).
+#[derive(Debug)]
+pub(in crate::controllers) struct Cancellation {
+    /// What K η_2 adds to the rates of the filter's states, in their order.
     pub input: MatrixOf<Prepared>,
     /// What it adds to u_ad at once, where the product with D(s) isn't strictly proper.
     pub direct: Option<MatrixOf<Prepared>>,
@@ -37,10 +45,9 @@ pub(super) struct Unmatched {
     pub zeros: Option<Zeros>,
 }
 
-/// The part of H_m⁻¹ H_um whose poles are the transmission zeros of H_m: z' = A_z z + B_z η̂_2.
+/// The part of H_m⁻¹ H_um whose poles are the transmission zeros of H_m: z' = A_z z + B_z η_2.
 #[derive(Debug)]
-pub(super) struct Zeros {
-    pub z: VectorOf<State>,
+pub(in crate::controllers) struct Zeros {
     pub A_z: MatrixOf<Prepared>,
     pub B_z: MatrixOf<Prepared>,
     C_z: MatrixOf<Prepared>,
@@ -54,10 +61,90 @@ impl Unmatched {
     /// # Errors
     /// [`Invalid`] when H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
     pub fn declare(d: &mut Declaration, plant: &Plant, filter: &Filter) -> Result<Option<Self>, Invalid> {
-        let (m, k) = (plant.B.ncols(), plant.B_um.ncols());
+        let k = plant.B_um.ncols();
         if k == 0 {
             return Ok(None);
         }
+        let bound = "bound on the magnitude of";
+        let theta_hat = "estimate of theta_2, the unmatched uncertainty's dependence on the state's norm";
+        let theta_bound = d.parameter(vector("theta_bound_unmatched", k, &format!("{bound} theta_2")).min(0.0));
+        let sigma_bound = d.parameter(vector("sigma_bound_unmatched", k, &format!("{bound} sigma_2")).min(0.0));
+        let theta_hat = d.state(vector("theta_hat_unmatched", k, theta_hat).source("Hashim (3.61)"));
+        let sigma_hat = d.state(
+            vector("sigma_hat_unmatched", k, "estimate of the unmatched disturbance sigma_2").source("Hashim (3.61)"),
+        );
+        let eta_hat =
+            d.local(vector("eta_hat_unmatched", k, "estimate of the unmatched uncertainty").source("Hashim (3.60)"));
+        let norm = d.local(scalar("#norm of x", "").hidden());
+        let cancellation = Cancellation::declare(d, plant, filter)?;
+        let z = cancellation.order().map(|order| {
+            d.state(
+                vector("inverse_state", order, "state of H_m^-1 H_um, at the zeros of H_m")
+                    .source("Hashim, section 3.4"),
+            )
+        });
+        Ok(Some(Unmatched { theta_bound, sigma_bound, theta_hat, sigma_hat, eta_hat, norm, cancellation, z }))
+    }
+
+    /// η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2.
+    pub fn outputs<S: Scalar>(&self, norm: S, v: &Values<S>, y: &mut Signals<S>) {
+        y[self.norm] = norm;
+        for i in 0..self.eta_hat.len() {
+            y[self.eta_hat][i] = self.estimate(i, norm, v);
+        }
+    }
+
+    /// η̂_2 in a direction.
+    pub fn estimate<S: Scalar>(&self, direction: usize, norm: S, v: &Values<S>) -> S {
+        v[self.theta_hat][direction] * norm + v[self.sigma_hat][direction]
+    }
+
+    /// What u_ad of a channel has at once of η̂_2.
+    pub fn at_once<S: Scalar>(&self, channel: usize, v: &Values<S>, eta_hat: impl Fn(usize) -> S) -> S {
+        self.cancellation.direct.map_or(S::from(0.0), |direct| {
+            let row = v.matrix(direct);
+            (0..row.ncols()).fold(S::from(0.0), |sum, k| sum - row[(channel, k)] * eta_hat(k))
+        })
+    }
+
+    /// Adds it to u_ad of all channels.
+    pub fn add_at_once<S: Scalar>(&self, u_ad: VectorOf<Signal>, v: &Values<S>, y: &mut Signals<S>) {
+        let Some(direct) = self.cancellation.direct else { return };
+        for (i, row) in v.matrix(direct).row_iter().enumerate() {
+            let at_once = row.iter().zip(&y[self.eta_hat]).fold(S::from(0.0), |sum, (&gain, &eta)| sum - gain * eta);
+            y[u_ad][i] += at_once;
+        }
+    }
+
+    /// What the filter's states f get of η̂_2, beside what drives them anyway.
+    pub fn drive<S: Scalar>(&self, filter: &Filter, f: VectorOf<State>, v: &Values<S>, dx: &mut Rates<S>) {
+        let (eta_hat, input) = (&v[self.eta_hat], v.matrix(self.cancellation.input));
+        for (k, rate) in dx[f].iter_mut().enumerate() {
+            *rate -= dot(input.row(k).iter(), eta_hat);
+            if let (Some(z), Some(Zeros { KC_z, .. })) = (self.z, &self.cancellation.zeros) {
+                let (channel, place) = (k / filter.order(), k % filter.order());
+                *rate -= dot(v.matrix(*KC_z).row(channel).iter(), &v[z]) * filter.B_f[place];
+            }
+        }
+    }
+
+    /// z' = A_z z + B_z η̂_2.
+    pub fn derivatives<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
+        let (Some(z), Some(Zeros { A_z, B_z, .. })) = (self.z, &self.cancellation.zeros) else { return };
+        let (A_z, B_z) = (v.matrix(*A_z), v.matrix(*B_z));
+        for i in 0..z.len() {
+            dx[z][i] = dot(A_z.row(i).iter(), &v[z]) + dot(B_z.row(i).iter(), &v[self.eta_hat]);
+        }
+    }
+}
+
+impl Cancellation {
+    /// Of a plant with an unmatched direction.
+    ///
+    /// # Errors
+    /// [`Invalid`] when H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
+    pub fn declare(d: &mut Declaration, plant: &Plant, filter: &Filter) -> Result<Self, Invalid> {
+        let (m, k) = (plant.B.ncols(), plant.B_um.ncols());
         // State feedback moves no zero and raises no degree: any A_m that it leads to has those of A.
         let Some(A) = &plant.A else {
             let reason =
@@ -66,43 +153,35 @@ impl Unmatched {
         };
         let equivalent = MatchedEquivalent::new(("A", A), &plant.B, &plant.C, &plant.B_um)?;
         let filter_direct = equivalent.behind(filter)?.direct;
-        let (direct, relative_degree) = (filter_direct != 0.0, filter.relative_degree());
-        let bound = "bound on the magnitude of";
-        let theta_hat = "estimate of theta_2, the unmatched uncertainty's dependence on the state's norm";
+        let relative_degree = filter.relative_degree();
         let hidden = |name: &str, rows, columns| matrix(name, rows, columns, "").hidden();
         let order = equivalent.A_z.nrows();
-        Ok(Some(Unmatched {
-            theta_bound: d.parameter(vector("theta_bound_unmatched", k, &format!("{bound} theta_2")).min(0.0)),
-            sigma_bound: d.parameter(vector("sigma_bound_unmatched", k, &format!("{bound} sigma_2")).min(0.0)),
-            theta_hat: d.state(vector("theta_hat_unmatched", k, theta_hat).source("Hashim (3.61)")),
-            sigma_hat: d.state(
-                vector("sigma_hat_unmatched", k, "estimate of the unmatched disturbance sigma_2")
-                    .source("Hashim (3.61)"),
-            ),
-            eta_hat: d
-                .local(vector("eta_hat_unmatched", k, "estimate of the unmatched uncertainty").source("Hashim (3.60)")),
-            norm: d.local(scalar("#norm of x", "").hidden()),
+        Ok(Cancellation {
             input: d.prepared(hidden("#D H_m^-1 H_um: input", m * filter.order(), k)),
-            direct: direct.then(|| d.prepared(hidden("#D H_m^-1 H_um: direct", m, k))),
+            direct: (filter_direct != 0.0).then(|| d.prepared(hidden("#D H_m^-1 H_um: direct", m, k))),
             polynomial: (0..=relative_degree)
                 .map(|power| d.prepared(hidden(&format!("#H_m^-1 H_um: s^{power}"), m, k)))
                 .collect(),
             filter_inputs: filter.inputs(relative_degree),
             filter_direct,
             zeros: (order > 0).then(|| Zeros {
-                z: d.state(
-                    vector("inverse_state", order, "state of H_m^-1 H_um, at the zeros of H_m")
-                        .source("Hashim, section 3.4"),
-                ),
                 A_z: d.prepared(hidden("#A_z", order, order)),
                 B_z: d.prepared(hidden("#B_z", order, k)),
                 C_z: d.prepared(hidden("#C_z", m, order)),
                 KC_z: d.prepared(hidden("#K C_z", m, order)),
             }),
-        }))
+        })
+    }
+
+    /// The number of transmission zeros of H_m, where it has any.
+    pub fn order(&self) -> Option<usize> {
+        self.zeros.as_ref().map(|zeros| zeros.A_z.shape().0)
     }
 
     /// H_m⁻¹(s) H_um(s) for the desired dynamics, which messages call by a name.
+    ///
+    /// # Errors
+    /// [`Invalid`] when it isn't of the form that was declared.
     pub fn prepare(
         &self,
         A_m: (&str, &DMatrix<f64>),
@@ -112,7 +191,7 @@ impl Unmatched {
     ) -> Result<(), Invalid> {
         let equivalent = MatchedEquivalent::new(A_m, &plant.B, &plant.C, &plant.B_um)?;
         let direct = equivalent.behind(filter)?.direct;
-        let (order, declared) = (equivalent.A_z.nrows(), self.zeros.as_ref().map_or(0, |zeros| zeros.z.len()));
+        let (order, declared) = (equivalent.A_z.nrows(), self.order().unwrap_or(0));
         if order != declared || (direct != 0.0 && self.direct.is_none()) {
             let text = format!(
                 "{name}: C (sI - {name})^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), or \
@@ -150,57 +229,6 @@ impl Unmatched {
         }
         if let Some(Zeros { C_z, KC_z, .. }) = &self.zeros {
             set_product(*KC_z, K, *C_z, 1.0, v);
-        }
-    }
-
-    /// η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2.
-    pub fn outputs<S: Scalar>(&self, norm: S, v: &Values<S>, y: &mut Signals<S>) {
-        y[self.norm] = norm;
-        for i in 0..self.eta_hat.len() {
-            y[self.eta_hat][i] = self.estimate(i, norm, v);
-        }
-    }
-
-    /// η̂_2 in a direction.
-    pub fn estimate<S: Scalar>(&self, direction: usize, norm: S, v: &Values<S>) -> S {
-        v[self.theta_hat][direction] * norm + v[self.sigma_hat][direction]
-    }
-
-    /// What u_ad of a channel has at once of η̂_2.
-    pub fn at_once<S: Scalar>(&self, channel: usize, v: &Values<S>, eta_hat: impl Fn(usize) -> S) -> S {
-        self.direct.map_or(S::from(0.0), |direct| {
-            let row = v.matrix(direct);
-            (0..row.ncols()).fold(S::from(0.0), |sum, k| sum - row[(channel, k)] * eta_hat(k))
-        })
-    }
-
-    /// Adds it to u_ad of all channels.
-    pub fn add_at_once<S: Scalar>(&self, u_ad: VectorOf<Signal>, v: &Values<S>, y: &mut Signals<S>) {
-        let Some(direct) = self.direct else { return };
-        for (i, row) in v.matrix(direct).row_iter().enumerate() {
-            let at_once = row.iter().zip(&y[self.eta_hat]).fold(S::from(0.0), |sum, (&gain, &eta)| sum - gain * eta);
-            y[u_ad][i] += at_once;
-        }
-    }
-
-    /// What the filter's states f get of η̂_2, beside what drives them anyway.
-    pub fn drive<S: Scalar>(&self, filter: &Filter, f: VectorOf<State>, v: &Values<S>, dx: &mut Rates<S>) {
-        let (eta_hat, input) = (&v[self.eta_hat], v.matrix(self.input));
-        for (k, rate) in dx[f].iter_mut().enumerate() {
-            *rate -= dot(input.row(k).iter(), eta_hat);
-            if let Some(Zeros { z, KC_z, .. }) = &self.zeros {
-                let (channel, place) = (k / filter.order(), k % filter.order());
-                *rate -= dot(v.matrix(*KC_z).row(channel).iter(), &v[*z]) * filter.B_f[place];
-            }
-        }
-    }
-
-    /// z' = A_z z + B_z η̂_2.
-    pub fn derivatives<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
-        let Some(Zeros { z, A_z, B_z, .. }) = &self.zeros else { return };
-        let (A_z, B_z) = (v.matrix(*A_z), v.matrix(*B_z));
-        for i in 0..z.len() {
-            dx[*z][i] = dot(A_z.row(i).iter(), &v[*z]) + dot(B_z.row(i).iter(), &v[self.eta_hat]);
         }
     }
 }

@@ -273,12 +273,12 @@ impl System for MracPpf {
     }
 
     fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
-        self.samples.next(v)
+        self.samples.clock.next(v)
     }
 
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.funnel.event(t, |i, v| v.error(self.e, i), v);
-        let is_due = self.samples.next(&v.values()).at_most(t);
+        let is_due = self.samples.clock.next(&v.values()).at_most(t);
         v.when(is_due, |v| {
             self.sample(v);
             // x_m is set at a sample: where that takes an error out of its funnel, this is the event of it.

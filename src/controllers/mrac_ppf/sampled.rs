@@ -62,7 +62,8 @@ impl MracPpf {
     /// Takes a sample: computes the control until the next one from the present inputs, taken as measured a sample time
     /// before, and advances model and estimates by one.
     pub(super) fn sample<S: Scalar>(&self, v: &mut Point<S>) {
-        let (period, before) = (v[self.samples.period], self.samples.latest(&v.values()));
+        let clock = &self.samples.clock;
+        let (period, before) = (v[clock.period], clock.latest(&v.values()));
         let h = period * S::from_integer(v.get(self.prediction_steps));
         self.samples.advance_model(self.r, self.x_m, v);
         self.hold(v, |i, v| {
@@ -76,7 +77,7 @@ impl MracPpf {
             wanted
         });
         v.copy(self.x_m, self.samples.x_m_before);
-        self.samples.tick(v);
+        clock.tick(v);
     }
 
     /// Holds the control of a wanted rate of each channel, and shows it.
@@ -128,7 +129,7 @@ impl MracPpf {
 
     /// Advances the estimates of a channel by a sample time.
     fn adapt<S: Scalar>(&self, i: usize, ahead: &Ahead<S>, epsilon: S, v: &mut Point<S>) {
-        let (at, period) = (ahead.inverse(epsilon), v[self.samples.period]);
+        let (at, period) = (ahead.inverse(epsilon), v[self.samples.clock.period]);
         for j in 0..self.x.len() {
             let element = (v[self.psi][j], v[self.integral.at(j, i)]);
             let (sigma_hat, _) = ahead.sigma_hat(epsilon, &at, element);

@@ -1,33 +1,20 @@
-//! When the sampled law is evaluated: at instants of its own, whatever steps a master makes.
-//!
-//! Sample k belongs to the time t_0 + k T. All that a sample computes follows from k, from what the last one left and from
-//! the inputs that stand, so that the points at which a master cuts the time between two samples change no bit of it.
+//! When the sampled law is evaluated, and what it holds from sample to sample.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::MracPpf;
+use crate::controllers::clock::{Clock, SHORTEST};
 use crate::mathematics::exponential::{exponential, workspace};
 use crate::system::{
     Declaration, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, State, Values, VectorOf,
-    larger, scalar, smaller, vector,
+    larger, scalar, vector,
 };
-
-/// The shortest sample time, s. A first communication step that is shorter is a remnant, no sample time.
-const SHORTEST: f64 = 1e-9;
-/// Communication points this near to a sample, in parts of the sample time, are the sample's own.
-const EARLY: f64 = 1e-9;
-/// A master's count of its points may run away from k T by this much of a step from one sample to the next, by rounding.
-const ROUNDING: f64 = 1e-6;
 
 /// The clock of the sampled law, and what is held from sample to sample.
 #[derive(Debug)]
 pub(super) struct Samples {
     sample_time: ScalarOf<Parameter>,
-    /// T; 0 where the law isn't sampled, and as long as it waits for the first step's length.
-    pub period: ScalarOf<Discrete>,
-    /// t_0, the number of samples that were taken, and how far the master's points are from t_0 + k T, by rounding.
-    start: ScalarOf<Discrete>,
-    count: ScalarOf<Discrete>,
-    shift: ScalarOf<Discrete>,
+    /// Its sample time is 0 where the law isn't sampled, and as long as it waits for the first step's length.
+    pub clock: Clock,
     /// The control until the next sample.
     pub held: VectorOf<Discrete>,
     /// x_m at the latest sample.
@@ -44,10 +31,10 @@ impl Samples {
         let hidden = |name: &str, size: usize| vector(name, size, "").hidden();
         Samples {
             sample_time: d.parameter(scalar("sample_time", asked).unit("s").min(0.0).fixed()),
-            period: d.discrete(scalar("sample_period", used).unit("s")),
-            start: d.discrete(scalar("#sampling start", "").hidden()),
-            count: d.discrete(scalar("#samples", "").hidden()),
-            shift: d.discrete(scalar("#sample shift", "").hidden()),
+            clock: {
+                let period = d.discrete(scalar("sample_period", used).unit("s"));
+                Clock::declare(d, period)
+            },
             held: d.discrete(hidden("#held", m)),
             x_m_before: d.discrete(hidden("#x_m_before", n)),
             transition: d.discrete(hidden("#transition", n * n + workspace(n))),
@@ -64,41 +51,10 @@ impl Samples {
         });
     }
 
-    /// The time that the latest sample belongs to.
-    pub fn latest<S: Scalar>(&self, v: &Values<S>) -> S {
-        v[self.start] + v[self.count] * v[self.period]
-    }
-
-    /// When the next sample is due: a little early, so that a point that rounding has end before it is its own. Infinity
-    /// where none is.
-    pub fn next<S: Scalar>(&self, v: &Values<S>) -> S {
-        let period = v[self.period];
-        let due = v[self.start] + (v[self.count] + 1.0) * period + v[self.shift];
-        let early = || due - (period * EARLY + due.abs() * (4.0 * f64::EPSILON));
-        S::branch(self.is_known(v), early, || S::from(f64::INFINITY))
-    }
-
-    /// Whether the sample time is known.
-    fn is_known<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
-        v[self.period].above(S::from(0.0))
-    }
-
-    /// A sample was taken.
-    pub fn tick<S: Scalar>(&self, v: &mut Point<S>) {
-        v[self.count] += 1.0;
-    }
-
-    /// Where a sample was taken at the communication point t, the next ones keep to this master's points.
-    fn follow<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        let away = t - self.latest(&v.values());
-        let is_near = (away - v[self.shift]).abs().at_most(smaller(step, v[self.period]) * ROUNDING);
-        v[self.shift] = S::select(is_near, away, v[self.shift]);
-    }
-
     /// e^(A_m T), where T is known.
     pub fn discretise<S: Scalar>(&self, A_m: MatrixOf<Parameter>, v: &mut Point<S>) {
-        let (period, n) = (v[self.period], self.x_m_before.len());
-        v.when(self.is_known(&v.values()), |v| {
+        let (period, n) = (v[self.clock.period], self.x_m_before.len());
+        v.when(self.clock.is_known(&v.values()), |v| {
             v.copy(A_m.elements(), self.transition.part(0..n * n));
             let (matrix, workspace) = v[self.transition].split_at_mut(n * n);
             matrix.iter_mut().for_each(|a| *a *= period);
@@ -120,10 +76,10 @@ impl MracPpf {
     /// Starts the clock at t, where its sample time is known.
     pub(super) fn begin_sampling<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let samples = &self.samples;
-        v[samples.start] = t;
+        v[samples.clock.start] = t;
         v.copy(self.x_m0, samples.x_m_before);
         v.when(self.is_sampled(&v.values()), |v| {
-            v[samples.period] = v[samples.sample_time];
+            v[samples.clock.period] = v[samples.sample_time];
             samples.discretise(self.A_m, v);
         });
     }
@@ -132,16 +88,16 @@ impl MracPpf {
     /// of steps that are longer than that.
     pub(super) fn keep_to_communication_points<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let samples = &self.samples;
-        let is_known = samples.is_known(&v.values());
+        let is_known = samples.clock.is_known(&v.values());
         let is_first = !is_known & step.at_least(S::from(SHORTEST));
-        v.when(is_known, |v| samples.follow(t, step, v));
+        v.when(is_known, |v| samples.clock.follow(t, step, v));
         v.when(is_first, |v| {
-            v[samples.period] = step;
+            v[samples.clock.period] = step;
             samples.discretise(self.A_m, v);
             self.sample(v);
         });
         v.when(!is_known & !is_first, |v| {
-            v[samples.start] = t;
+            v[samples.clock.start] = t;
             v.copy(self.x_m, samples.x_m_before);
         });
         self.warn_of_long_sample(step, v);
@@ -149,20 +105,13 @@ impl MracPpf {
 
     /// Tells of a step that is longer than the sample time, and of a control that moves far from sample to sample.
     fn warn_of_long_sample<S: Scalar>(&self, step: S, v: &mut Point<S>) {
-        let period = v[self.samples.period];
-        let too_long = self.samples.is_known(&v.values()) & step.above(period * (1.0 + ROUNDING));
+        let clock = &self.samples.clock;
+        let period = v[clock.period];
+        let too_long = clock.is_overrun(step, &v.values());
         let moved = self.moves.look(self.u, step, v);
         v.put(self.step_too_long, too_long | moved.flag);
         v.when(too_long, |v| {
-            v.warn(self.long_step, |v| {
-                format!(
-                    "the communication step {} s is longer than the sample time {} s: several samples are taken of the same \
-                     inputs, and only the last one's control is used. Step no further than {}",
-                    step.scientific(3),
-                    period.scientific(3),
-                    v.name(self.samples.sample_time)
-                )
-            });
+            v.warn(self.long_step, |v| clock.told_overrun(step, v, &v.name(self.samples.sample_time)));
         });
         // The control moves once a sample.
         let told = |_: &Values<S>| moved.told(larger(step, period), ", or the loop as one unit");

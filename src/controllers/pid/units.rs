@@ -2,6 +2,7 @@
 
 use serde::Deserialize;
 
+use crate::controllers::units::quotient;
 use crate::system::{Invalid, Unit};
 
 /// Units of the signals, an element each; 1 where none are given.
@@ -15,17 +16,6 @@ pub struct Units {
     u: Vec<String>,
     /// Of what the channels ask for, which S turns into the control; those of the control, where none are given.
     v: Vec<String>,
-}
-
-/// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-pub struct Quantities {
-    /// Of the measured output, and of its reference.
-    pub(super) y: Vec<String>,
-    /// Of the control.
-    pub(super) u: Vec<String>,
 }
 
 /// Known units.
@@ -62,63 +52,5 @@ impl Units {
             u,
             v,
         })
-    }
-}
-
-/// The text of products of units over others; empty, none, where one isn't a plain product of powers, as `N.m/rad` is.
-fn quotient(over: &[&str], under: &[&str]) -> String {
-    let signed = over.iter().map(|&unit| (unit, 1)).chain(under.iter().map(|&unit| (unit, -1)));
-    let mut powers: Vec<(&str, i32)> = Vec::new();
-    for (unit, sign) in signed {
-        if unit.is_empty() || unit.contains(['(', ')', '*', '^', '·', ' ']) || unit.matches('/').count() > 1 {
-            return String::new();
-        }
-        let (over, under) = unit.split_once('/').unwrap_or((unit, ""));
-        let factors =
-            over.split('.').map(|factor| (factor, sign)).chain(under.split('.').map(|factor| (factor, -sign)));
-        for (factor, sign) in factors {
-            let name = factor.trim_end_matches(|c: char| c.is_ascii_digit());
-            let power = sign * factor[name.len()..].parse().unwrap_or(1);
-            match powers.iter_mut().find(|(known, _)| *known == name) {
-                _ if name.is_empty() => {}
-                Some((_, sum)) => *sum += power,
-                None => powers.push((name, power)),
-            }
-        }
-    }
-    let product = |sign: i32| {
-        let factors = powers.iter().map(|(name, power)| (name, sign * power)).filter(|(_, power)| *power > 0);
-        let texts = factors.map(|(name, power)| if power > 1 { format!("{name}{power}") } else { (*name).to_owned() });
-        texts.collect::<Vec<_>>()
-    };
-    let (over, under) = (product(1), product(-1));
-    let over = if over.is_empty() { "1".to_owned() } else { over.join(".") };
-    match &under[..] {
-        [] => over,
-        [one] => format!("{over}/{one}"),
-        many => format!("{over}/({})", many.join(".")),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::quotient;
-
-    #[test]
-    fn a_quotient_is_written_as_people_do() {
-        for (over, under, text) in [
-            (&["N"][..], &["m"][..], "N/m"),
-            (&["1"], &["1"], "1"),
-            (&["V"], &["rad", "1/s"], "V.s/rad"),
-            (&["N.m"], &["rad", "s"], "N.m/(rad.s)"),
-            (&["rad/s2"], &["rad"], "1/s2"),
-            (&["rad/s2"], &["rad", "1/s"], "1/s"),
-            (&["N.m"], &["rad/s2"], "N.m.s2/rad"),
-            (&["m3/h"], &["m"], "m2/h"),
-            (&["V"], &["m/(s.K)"], ""),
-            (&[""], &["m"], ""),
-        ] {
-            assert_eq!(quotient(over, under), text);
-        }
     }
 }

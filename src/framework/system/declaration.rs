@@ -242,6 +242,13 @@ impl Declaration {
         before
     }
 
+    /// Names to which a description may give start values without effect: parameters of another system, whose descriptions
+    /// serve this one as well.
+    pub fn without_effect<'a>(&mut self, names: impl IntoIterator<Item = &'a str>) {
+        let part = self.part.as_ref().map_or(String::new(), |part| format!("{}.", part.name));
+        self.variables.without_effect.extend(names.into_iter().map(|name| format!("{part}{name}")));
+    }
+
     /// Number of event indicators that were declared so far.
     pub(crate) fn indicator_count(&self) -> usize {
         self.variables.indicators.len()

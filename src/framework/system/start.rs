@@ -18,6 +18,9 @@ impl Variables {
         // A scalar goes by its own name and by the user's.
         let is_it = |v: &&mut Variable| v.name == name || v.naming == Naming::Scalar && v.element(0).name() == name;
         let Some(variable) = self.list.iter_mut().filter(settable).find(is_it) else {
+            if self.without_effect.iter().any(|known| is_of(known, name)) {
+                return Ok(());
+            }
             return Err(format!("there is no such parameter; {}", near::choice(name, &self.parameters_near(name), "")));
         };
         let naming = variable.naming;
@@ -60,6 +63,11 @@ fn element<'a>(variable: &'a mut Variable, name: &str) -> Option<(&'a mut Variab
     }
     let found = variable.elements().find(|element| element.name() == name)?.offset;
     Some((variable, found))
+}
+
+/// Whether a name is this one, or that of an element of it.
+fn is_of(known: &str, name: &str) -> bool {
+    name.strip_prefix(known).is_some_and(|indices| indices.is_empty() || indices.starts_with('['))
 }
 
 fn set_element(variable: &mut Variable, offset: usize, value: f64) -> Result<(), String> {

@@ -328,6 +328,8 @@ pub struct Variables {
     pub(super) stepped: Option<usize>,
     /// How many variables are the system's own; those that every model has come after them.
     pub(super) own: usize,
+    /// Names that a description may give start values without effect.
+    pub(super) without_effect: Vec<String>,
     pub(super) real_sizes: [usize; Section::COUNT],
     pub(super) integer_sizes: [usize; Section::COUNT],
     pub(super) offsets: Offsets,

@@ -2,6 +2,7 @@
 // Called by tests alone, with instances that they made.
 #![allow(clippy::new_without_default, clippy::should_implement_trait, clippy::not_unsafe_ptr_arg_deref)]
 
+pub mod closed;
 pub mod contacts;
 pub mod described;
 pub mod drawn;

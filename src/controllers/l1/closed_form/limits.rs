@@ -48,7 +48,9 @@ impl Linear<'_> {
 
     /// What u_ad has of η̂_2 at once, in what is followed.
     fn track_at_once(&mut self, row: usize, gain: f64, channel: usize) {
-        let Some(direct) = self.l1.unmatched.as_ref().and_then(|unmatched| unmatched.direct) else { return };
+        let Some(direct) = self.l1.unmatched.as_ref().and_then(|unmatched| unmatched.cancellation.direct) else {
+            return;
+        };
         let (gains, m, order) = (self.v.matrix(direct), self.l1.eta_hat.len(), self.at.order);
         for (k, at_once) in gains.row(channel).iter().enumerate() {
             for column in 0..order {

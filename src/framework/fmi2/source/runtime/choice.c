@@ -145,7 +145,7 @@ static void judge(real h, int whole, Pace *pace) {
 
 #endif
 
-#if UNIT_STATES > 0
+#if UNIT_MOVES
 
 /* The longest substep that the eigenvalues allow the method in force, s. */
 static real longest_substep(const Pace *pace) {

@@ -1,0 +1,82 @@
+//! The clock of a law that is sampled: at instants of its own, whatever steps a master makes.
+//!
+//! Sample k belongs to the time t_0 + k T. All that a sample computes follows from k, from what the last one left and from
+//! the inputs that stand, so that the points at which a master cuts the time between two samples change no bit of it.
+
+use crate::system::{Declaration, Discrete, Point, Scalar, ScalarOf, Values, scalar, smaller};
+
+/// The shortest sample time, s.
+pub(super) const SHORTEST: f64 = 1e-9;
+/// Communication points this near to a sample, in parts of the sample time, are the sample's own.
+const EARLY: f64 = 1e-9;
+/// A master's count of its points may run away from k T by this much of a step from one sample to the next, by rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// When samples are due.
+#[derive(Debug)]
+pub(super) struct Clock {
+    /// T; 0 as long as it isn't known.
+    pub period: ScalarOf<Discrete>,
+    /// t_0, the number of samples that were taken, and how far the master's points are from t_0 + k T, by rounding.
+    pub start: ScalarOf<Discrete>,
+    pub count: ScalarOf<Discrete>,
+    shift: ScalarOf<Discrete>,
+}
+
+impl Clock {
+    /// Of this sample time.
+    pub fn declare(d: &mut Declaration, period: ScalarOf<Discrete>) -> Self {
+        Clock {
+            period,
+            start: d.discrete(scalar("#sampling start", "").hidden()),
+            count: d.discrete(scalar("#samples", "").hidden()),
+            shift: d.discrete(scalar("#sample shift", "").hidden()),
+        }
+    }
+
+    /// The time that the latest sample belongs to.
+    pub fn latest<S: Scalar>(&self, v: &Values<S>) -> S {
+        v[self.start] + v[self.count] * v[self.period]
+    }
+
+    /// When the next sample is due: a little early, so that a point that rounding has end before it is its own. Infinity
+    /// where none is.
+    pub fn next<S: Scalar>(&self, v: &Values<S>) -> S {
+        let period = v[self.period];
+        let due = v[self.start] + (v[self.count] + 1.0) * period + v[self.shift];
+        let early = || due - (period * EARLY + due.abs() * (4.0 * f64::EPSILON));
+        S::branch(self.is_known(v), early, || S::from(f64::INFINITY))
+    }
+
+    /// Whether the sample time is known.
+    pub fn is_known<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
+        v[self.period].above(S::from(0.0))
+    }
+
+    /// A sample was taken.
+    pub fn tick<S: Scalar>(&self, v: &mut Point<S>) {
+        v[self.count] += 1.0;
+    }
+
+    /// Where a sample was taken at the communication point t, the next ones keep to this master's points.
+    pub fn follow<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        let away = t - self.latest(&v.values());
+        let is_near = (away - v[self.shift]).abs().at_most(smaller(step, v[self.period]) * ROUNDING);
+        v[self.shift] = S::select(is_near, away, v[self.shift]);
+    }
+
+    /// Whether a communication step is longer than the sample time, so that several samples see the same inputs.
+    pub fn is_overrun<S: Scalar>(&self, step: S, v: &Values<S>) -> S::Flag {
+        self.is_known(v) & step.above(v[self.period] * (1.0 + ROUNDING))
+    }
+
+    /// What a warning says of a step that is longer.
+    pub fn told_overrun<S: Scalar>(&self, step: S, v: &Values<S>, sample_time: &str) -> String {
+        format!(
+            "the communication step {} s is longer than the sample time {} s: several samples are taken of the same inputs, and \
+             only the last one's control is used. Step no further than {sample_time}",
+            step.scientific(3),
+            v[self.period].scientific(3)
+        )
+    }
+}

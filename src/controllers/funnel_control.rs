@@ -1,0 +1,499 @@
+//! Funnel control for relative degree 1, 2 and 3.
+//!
+//! T. Berger, A. Ilchmann, E. P. Ryan, Funnel control of nonlinear systems, Mathematics of Control, Signals, and Systems 33
+//! (2021) 151–194. T. Berger, H. H. Lê, T. Reis, Funnel control for nonlinear systems with known strict relative degree,
+//! Automatica 87 (2018) 345–357.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+mod report;
+mod template;
+
+use serde::{Deserialize, Serialize};
+
+use super::at_limit::{AtLimit, Limited, manual};
+use super::moves::Moves;
+use super::units::{OutputUnits, Quantities, of_matrix, with_derivatives};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::mathematics::limits::{self, within};
+use crate::mathematics::performance::Performance;
+use crate::system::{
+    BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
+    ScalarOf, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, scalar, vector,
+};
+use crate::template::{Sizes, Template};
+
+/// Largest number of channels.
+const MOST_CHANNELS: usize = 200;
+/// Largest relative degree.
+const MOST_DEGREE: usize = 3;
+
+/// How the errors are built up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// One funnel, and a filter of the error and its derivatives (Berger, Ilchmann, Ryan 2021).
+    #[default]
+    FilteredError,
+    /// A funnel for the error and one for its derivative (Berger, Lê, Reis 2018), for relative degree 2.
+    TwoFunnels,
+}
+
+/// The description of the structure of a funnel controller.
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct FunnelStructure {
+    /// How many tracked variables, each with a control of its own.
+    channels: usize,
+    /// After how many derivatives of a tracked variable the control shows: 1, 2 or 3.
+    #[cfg_attr(feature = "cli", schemars(range(min = 1, max = MOST_DEGREE)))]
+    relative_degree: usize,
+    /// How the errors are built up.
+    #[serde(default)]
+    form: Form,
+    /// Units of the signals.
+    #[serde(default)]
+    units: OutputUnits,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
+}
+
+/// Bounds ψ(t) = (ψ_0 − ψ_∞) e^(−l t) + ψ_∞ of an error, a channel each.
+#[derive(Debug)]
+struct Bounds {
+    start: VectorOf<Parameter>,
+    end: VectorOf<Parameter>,
+    decay_rate: VectorOf<Parameter>,
+    psi: VectorOf<Signal>,
+}
+
+impl Bounds {
+    /// Those of an error, with names that end so.
+    fn declare(d: &mut Declaration, error: &str, end: &str, (units, of_y): (&[&'static str], &[String])) -> Self {
+        let m = units.len();
+        let bound = |name: &str, when: &str| {
+            let (text, about) = (format!("bound of {error} {when}"), format!("bound of {error} of {{}} {when}"));
+            vector(&format!("{name}{end}"), m, &text).about(of_y, &about).units(units)
+        };
+        let rate = format!("rate at which the bound of {error} decays");
+        Bounds {
+            start: d.parameter(bound("psi_0", "at the start").start(1.0).positive().fixed()),
+            end: d.parameter(bound("psi_inf", "in the end").start(0.1).positive()),
+            decay_rate: d.parameter(vector(&format!("decay_rate{end}"), m, &rate).unit("1/s").start(1.0).min(0.0)),
+            psi: d.local(bound("psi", "in force")),
+        }
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        (0..self.start.len()).for_each(|i| v.require_at_most(self.end.at(i), self.start.at(i)));
+    }
+
+    /// At a time after they opened.
+    fn at<S: Scalar>(&self, i: usize, since: S, v: &Values<S>) -> S {
+        Performance::at(since, v[self.start][i], v[self.end][i], v[self.decay_rate][i]).rho
+    }
+}
+
+/// The errors of a form.
+#[derive(Debug)]
+enum Errors {
+    /// e_1 = e/ψ, e_{i+1} = τ^i e^(i)/ψ + e_i/(1 − e_i²)
+    Filtered { tau: Option<VectorOf<Parameter>> },
+    /// e_1 = e' + g_0 e/(1 − (e/ψ)²), within ψ_1
+    TwoFunnels { g_0: VectorOf<Parameter>, second: Bounds },
+}
+
+/// u = −G g e_ρ/(1 − e_ρ²) within its limits, with the last e_ρ of the errors, each in parts of its bound.
+#[derive(Debug)]
+pub struct FunnelControl {
+    bounds: Bounds,
+    errors: Errors,
+    g: VectorOf<Parameter>,
+    G: MatrixOf<Parameter>,
+    takeover_rate: ScalarOf<Parameter>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    /// r and y with their derivatives.
+    r: Vec<VectorOf<Input>>,
+    y: Vec<VectorOf<Input>>,
+    enabled: BooleanOf<Input>,
+    u_manual: VectorOf<Input>,
+    u_b: VectorOf<State>,
+    /// e = y − r
+    e: VectorOf<Signal>,
+    /// Errors in parts of their bounds, a row a channel.
+    parts: MatrixOf<Signal>,
+    u: VectorOf<Signal>,
+    /// When the bounds opened.
+    opened_at: ScalarOf<Discrete>,
+    /// Whether every error was inside then.
+    began_inside: BooleanOf<Discrete>,
+    /// What `enabled` was when it was last looked at: between events.
+    active: BooleanOf<Discrete>,
+    moves: Moves,
+    at_limit: AtLimit,
+    limited: Warning,
+    step_too_long: BooleanOf<Discrete>,
+    long_step: Warning,
+}
+
+impl System for FunnelControl {
+    type Structure = FunnelStructure;
+    const NAME: &'static str = "funnel";
+    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/funnel.md");
+
+    fn declare(structure: FunnelStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let FunnelStructure { channels: m, relative_degree, form, units, quantities } = structure;
+        if !(1..=MOST_CHANNELS).contains(&m) {
+            return Err(Invalid::new("channels", m, format!("must be within 1 … {MOST_CHANNELS}")));
+        }
+        if !(1..=MOST_DEGREE).contains(&relative_degree) {
+            let allowed = format!("must be within 1 … {MOST_DEGREE}");
+            return Err(Invalid::new("relative_degree", relative_degree, allowed));
+        }
+        if form == Form::TwoFunnels && relative_degree != 2 {
+            let allowed = "must be 2 where form = \"two_funnels\"";
+            return Err(Invalid::new("relative_degree", relative_degree, allowed));
+        }
+        let ([y_units, u_units], [of_y, of_u]) = (units.symbols(m)?, quantities.of_signals(m)?);
+        let derivatives = with_derivatives(&y_units, relative_degree);
+        let limit = "that the actuator can give, on which the guarantee ends";
+        let enabled = "whether the controller is in command; it takes over without a jump, and its funnel opens anew";
+        let limited = Limited::declare(d, (&u_units, &of_u), limit, "Berger et al. (2021), (2018)");
+        let mut known = |names: [&str; 3], (what, about): (&str, &str)| {
+            let orders = ["", "rate of the ", "second derivative of the "];
+            let inputs = names.into_iter().zip(orders).zip(&derivatives).take(relative_degree);
+            let input = |((name, order), units): ((&str, &str), &Vec<_>)| {
+                let (text, about) = (format!("{order}{what}"), format!("{order}{about}"));
+                d.input(vector(name, m, &text).about(&of_y, &about).units(units))
+            };
+            inputs.map(input).collect::<Vec<_>>()
+        };
+        let r = known(["r", "dr", "ddr"], ("reference", "reference of {}"));
+        let y = known(["y", "dy", "ddy"], ("measured output of the plant", "measured {}"));
+        let text = "rate at which what a take-over without a jump has left in the control decays";
+        let direction =
+            "direction: what a channel asks for, in controls. With the plant's input gain it must be positive definite";
+        d.indicators(["who is in command"]);
+        Ok(FunnelControl {
+            bounds: Bounds::declare(d, "the error", "", (&y_units, &of_y)),
+            errors: match form {
+                Form::FilteredError => Errors::Filtered {
+                    tau: (relative_degree > 1).then(|| {
+                        d.parameter(
+                            vector("tau", m, "time constant of the error's filter").unit("s").start(1.0).positive(),
+                        )
+                    }),
+                },
+                Form::TwoFunnels => Errors::TwoFunnels {
+                    g_0: d.parameter(
+                        vector("g_0", m, "gain of the error in the second error").unit("1/s").start(1.0).min(0.0),
+                    ),
+                    second: Bounds::declare(d, "the second error", "_second", (&derivatives[1], &of_y)),
+                },
+            },
+            g: d.parameter(vector("g", m, "gain").start(1.0).positive()),
+            G: d.parameter(
+                matrix("G", m, m, direction).identity().units(&of_matrix(&u_units, &derivatives[relative_degree])?),
+            ),
+            takeover_rate: d.parameter(scalar("takeover_rate", text).unit("1/s").start(1.0).min(0.0)),
+            u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u_units)),
+            e: d.local(vector("e", m, "error, y - r").about(&of_y, "error of {}, y - r").units(&y_units)),
+            parts: d.local(
+                matrix(
+                    "e_part",
+                    m,
+                    if form == Form::TwoFunnels { 2 } else { relative_degree },
+                    "error of each level in parts of its bound: below 1 inside",
+                )
+                .source("Berger et al. (2021), (2018)"),
+            ),
+            enabled: d.input(boolean("enabled", enabled).start(true)),
+            u_manual: d.input(manual(&u_units, &of_u)),
+            opened_at: d.discrete(scalar("#opened_at", "").hidden()),
+            began_inside: d.discrete(boolean("#began_inside", "").hidden()),
+            active: d.discrete(boolean("#active", "").start(true).hidden()),
+            moves: {
+                let is_stepped = d.is_stepped();
+                Moves::declare(d, m, is_stepped)
+            },
+            at_limit: AtLimit::declare(d, limited),
+            limited: d.warning("logFunnel", "a control at its limit, where the funnel isn't guaranteed"),
+            step_too_long: d.discrete(
+                boolean("step_too_long", "whether the communication step is too long for the control").output(),
+            ),
+            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
+            u: limited.u,
+            u_min: limited.u_min,
+            u_max: limited.u_max,
+            r,
+            y,
+        })
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        self.bounds.relate(v);
+        if let Errors::TwoFunnels { second, .. } = &self.errors {
+            second.relate(v);
+        }
+    }
+
+    /// The bounds open.
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.put(self.active, enabled);
+        v[self.opened_at] = t;
+        v[self.u_b].fill(S::from(0.0));
+        let inside = self.all_inside(t, &v.values());
+        v.put(self.began_inside, inside | !enabled);
+    }
+
+    /// u = −G g e_ρ/(1 − e_ρ²) + u_b, or the manual control, within the limits.
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let (since, active) = (t - v[self.opened_at], v.get(self.active));
+        let acts = active & v.get(self.began_inside);
+        for i in 0..self.u.len() {
+            y[self.e][i] = self.error(0, i, v);
+            y[self.bounds.psi][i] = self.bounds.at(i, since, v);
+            if let Errors::TwoFunnels { second, .. } = &self.errors {
+                y[second.psi][i] = second.at(i, since, v);
+            }
+            for (level, part) in self.levels(i, since, v).into_iter().enumerate().take(self.parts.shape().1) {
+                // Outside, where the law isn't in force, what follows from the first is no number.
+                y[self.parts.at(i, level)] = if level == 0 { part } else { S::select(acts, part, S::from(0.0)) };
+            }
+        }
+        for j in 0..self.u.len() {
+            let law = || self.law(j, since, v) + v[self.u_b][j];
+            let wanted = S::branch(acts, law, || S::select(active, S::from(0.0), v[self.u_manual][j]));
+            y[self.u][j] = within(wanted, v[self.u_min][j], v[self.u_max][j]);
+        }
+    }
+
+    /// u_b decays.
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        for j in 0..self.u.len() {
+            dx[self.u_b][j] = -v[self.takeover_rate] * v[self.u_b][j];
+        }
+    }
+
+    /// Tells of an error that is outside: the law is not defined there.
+    fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        let active = v.get(self.active);
+        v.when(active, |v| {
+            for i in 0..self.u.len() {
+                self.check_channel(i, t, v);
+            }
+        });
+    }
+
+    /// Negative when `enabled` has changed.
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
+        let is_same = (enabled & active) | (!enabled & !active);
+        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+    }
+
+    /// Takes over, or hands over, where `enabled` has changed.
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.when(enabled & !v.get(self.active), |v| self.take_over(t, v));
+        v.put(self.active, enabled);
+    }
+
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        // No desired dynamics say when the loop should have settled: the time is told, without a warning.
+        self.at_limit.look(t, S::from(f64::INFINITY), v);
+        let active = v.get(self.active);
+        v.when(active, |v| {
+            let moved = self.moves.look(self.u, step, v);
+            v.put(self.step_too_long, moved.flag);
+            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
+            (0..self.u.len()).for_each(|j| self.tell_limit(j, t, v));
+        });
+        v.when(!active, |v| {
+            self.moves.begin(v);
+            v.put(self.step_too_long, false.into());
+        });
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
+    }
+}
+
+impl FunnelControl {
+    /// The error y − r of a channel, or a derivative of it.
+    fn error<S: Scalar>(&self, derivative: usize, i: usize, v: &Values<S>) -> S {
+        v[self.y[derivative]][i] - v[self.r[derivative]][i]
+    }
+
+    /// The errors of a channel in parts of their bounds, level by level; as many as there are, then zeros.
+    fn levels<S: Scalar>(&self, i: usize, since: S, v: &Values<S>) -> [S; MOST_DEGREE] {
+        let psi = self.bounds.at(i, since, v);
+        let mut levels = [S::from(0.0); MOST_DEGREE];
+        levels[0] = self.error(0, i, v) / psi;
+        match &self.errors {
+            // e_{i+1} = τ^i e^(i)/ψ + e_i/(1 − e_i²)
+            Errors::Filtered { tau } => {
+                let (tau, mut power) = (tau.map_or(S::from(0.0), |tau| v[tau][i]), S::from(1.0));
+                for level in 1..self.r.len() {
+                    power *= tau;
+                    levels[level] = power * self.error(level, i, v) / psi + barrier(levels[level - 1]);
+                }
+            }
+            // e_1 = e' + g_0 e/(1 − (e/ψ)²)
+            Errors::TwoFunnels { g_0, second } => {
+                let e_1 = self.error(1, i, v) + v[*g_0][i] * psi * barrier(levels[0]);
+                levels[1] = e_1 / second.at(i, since, v);
+            }
+        }
+        levels
+    }
+
+    /// What a channel asks for: g times the last error, over 1 less its square in parts of its bound.
+    fn asked<S: Scalar>(&self, i: usize, since: S, v: &Values<S>) -> S {
+        let last = barrier(self.levels(i, since, v)[self.parts.shape().1 - 1]);
+        match &self.errors {
+            Errors::Filtered { .. } => v[self.g][i] * last,
+            Errors::TwoFunnels { second, .. } => v[self.g][i] * second.at(i, since, v) * last,
+        }
+    }
+
+    /// −G g e_ρ/(1 − e_ρ²) of a control.
+    fn law<S: Scalar>(&self, control: usize, since: S, v: &Values<S>) -> S {
+        (0..self.u.len()).fold(S::from(0.0), |sum, i| sum - v[self.G.at(control, i)] * self.asked(i, since, v))
+    }
+
+    fn all_inside<S: Scalar>(&self, t: S, v: &Values<S>) -> S::Flag {
+        let since = t - v[self.opened_at];
+        let mut inside = S::Flag::from(true);
+        for i in 0..self.u.len() {
+            for part in self.levels(i, since, v).into_iter().take(self.parts.shape().1) {
+                inside = inside & part.abs().below(S::from(1.0));
+            }
+        }
+        inside
+    }
+
+    /// The funnel opens anew, and u_b := u_manual − the law: the control stays where the manual one is, within the limits.
+    fn take_over<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        v[self.opened_at] = t;
+        let inside = self.all_inside(t, &v.values());
+        v.put(self.began_inside, inside);
+        for j in 0..self.u.len() {
+            let manual = within(v[self.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
+            let law = S::branch(inside, || self.law(j, S::from(0.0), &v.values()), || S::from(0.0));
+            v[self.u_b][j] = manual - law;
+        }
+    }
+
+    /// Refuses an error of a channel that is outside: the first of its levels that is.
+    fn check_channel<S: Scalar>(&self, i: usize, t: S, v: &mut Point<S>) {
+        let since = t - v[self.opened_at];
+        let levels = self.levels(i, since, &v.values());
+        let is_start = since.equals(S::from(0.0));
+        let mut others_inside = S::Flag::from(true);
+        for (level, part) in levels.into_iter().enumerate().take(self.parts.shape().1) {
+            let inside = part.abs().below(S::from(1.0));
+            for (when, begins) in [(is_start, true), (!is_start, false)] {
+                v.refuse(others_inside & !inside & when, |v| self.refusal((i, level), part, begins, v));
+            }
+            others_inside = others_inside & inside;
+        }
+    }
+
+    /// What is wrong with an error of a channel and level that is outside, and what helps.
+    fn refusal<S: Scalar>(&self, (i, level): (usize, usize), part: S, begins: bool, v: &Values<S>) -> Invalid {
+        let [psi_0, psi_inf, psi] =
+            [v.name(self.bounds.start.at(i)), v.name(self.bounds.end.at(i)), v.name(self.bounds.psi.at(i))];
+        let bound = v[self.bounds.psi][i];
+        let error = v[self.e][i];
+        let gain = v.name(self.g.at(i));
+        let helps = match (begins, level) {
+            (true, 0) => format!("{psi_0} above {} would do", error.abs().rounded()),
+            (true, _) => format!("a larger {psi_0} would do, or a start nearer to the reference and its rate"),
+            (false, _) => format!(
+                "a smaller communication step helps where it is sampled too rarely, a larger {gain} or {psi_inf} where the \
+                 control is too weak, wider limits where it is at one"
+            ),
+        };
+        let place = if begins { "starts outside its funnel" } else { "has left its funnel" };
+        if level == 0 {
+            let allowed = format!("{place}: must lie between -{0} and {0}, {psi}; {helps}", bound.rounded());
+            return Invalid::new(v.name(self.e.at(i)), error.told(), allowed);
+        }
+        let allowed = format!(
+            "{place}: must lie between -1 and 1 (with {} = {} and {psi} = {}); {helps}",
+            v.name(self.e.at(i)),
+            error.told(),
+            bound.rounded()
+        );
+        Invalid::new(v.name(self.parts.at(i, level)), part.told(), allowed)
+    }
+
+    /// Warns once where a control is at its limit.
+    fn tell_limit<S: Scalar>(&self, j: usize, t: S, v: &mut Point<S>) {
+        let is_at_limit = v[self.u][j].at_most(v[self.u_min][j]) | v[self.u][j].at_least(v[self.u_max][j]);
+        v.when(is_at_limit, |v| {
+            v.warn(self.limited, |v| {
+                let [u, e] = [v.name(self.u.at(j)), v.name(self.e)];
+                format!(
+                    "{u} is at its limit at t = {} s: that {e} stays in its funnel isn't guaranteed while it is",
+                    t.told()
+                )
+            });
+        });
+    }
+}
+
+/// e/(1 − e²); no number outside of −1 … 1.
+fn barrier<S: Scalar>(e: S) -> S {
+    let root = (-e * e + 1.0).sqrt();
+    e / (root * root)
+}
+
+impl Catalogued for FunnelControl {
+    const TITLE: &'static str = "Funnel controller";
+    const PAGE: &'static str = "controllers/funnel";
+    const ICON: Icon = icon!("funnel");
+    const GUIDE: Guide = Guide {
+        purpose: "Keeps the error of each output within a funnel that narrows with time: the nearer the error is to its \
+                  bound, the larger the gain. It needs no model, only the relative degree and the sign of the input gain.",
+        gains: &[
+            ("psi_0", "Bound of the error at the start: the error must begin inside."),
+            ("psi_inf", "Bound of the error in the end. Narrower asks for more control, and for a shorter step."),
+            ("decay_rate", "How fast the bound narrows."),
+            ("tau", "Time constant of the error's filter: shorter brings the error back sooner, by larger controls."),
+            ("G", "Direction: what a channel asks for, in controls. Its sizes matter little, its signs do."),
+            ("g", "Gain. Larger keeps the error nearer to the middle of its funnel."),
+        ],
+        limits: "- The error and its derivatives, up to the relative degree, are measured: noise on them is amplified most \
+                  where the error is near its bound.\n\
+                 - A control at its limit ends the guarantee: `logFunnel` tells.\n\
+                 - Held signals may carry an error out of its funnel within a step, which is then refused: take shorter \
+                  steps, or a wider funnel.\n\
+                 - What doesn't show in the output must be stable by itself.",
+    };
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        tried: &[
+            Sizes::inputs(3),
+            Sizes::plant(1, 1),
+            Sizes::plant(2, 1),
+            Sizes::plant(3, 1),
+            Sizes::plant(6, 3),
+            Sizes::plant(6, 2),
+        ],
+    });
+    const TRIAL: Trial = Trial {
+        alone: "psi_0 = 1e4\npsi_inf = 1e4\ndecay_rate = 0.0\n",
+        smooth: "psi_0 = 1e4\npsi_inf = 1e4\ndecay_rate = 0.0\n",
+        steady: "decay_rate = 0.0\n",
+        ..Trial::NONE
+    };
+}

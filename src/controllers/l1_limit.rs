@@ -1,0 +1,483 @@
+//! The linear controller that an L1 controller tends to as its adaptation gets fast, Γ → ∞.
+//!
+//! The estimates are then what moves the plant beside its desired dynamics, at once: η = B⁺ (x' − A_m x), and with unmatched
+//! uncertainty (η, η_2) = B̄⁺ (x' − A_m x), B̄ = (B B_um). R. Ortega and E. Panteley, Adaptation is unnecessary in L1-"adaptive"
+//! control: what makes an adaptive controller "adaptive"?, IEEE Control Systems 36 (2016) 47–52, arXiv 1409.2389, for state
+//! feedback and D(s) = 1/s; the rest is this package's.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+mod report;
+mod structure;
+mod template;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::at_limit::{AtLimit, Limited, manual};
+use super::l1::tracking::{self, BY_GAIN};
+use super::l1::{Cancellation, Commands, Dynamics, Plant, SETTLED, Symbols, Zeros, add_product, dot};
+use super::moves::Moves;
+use super::watched::Tracking;
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::mathematics::filter::Filter;
+use crate::mathematics::limits::{self, within};
+use crate::mathematics::{feedforward, lyapunov};
+use crate::system::{
+    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point,
+    Prepared, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, choice,
+    matrix, scalar, vector,
+};
+use crate::template::{Sizes, Template};
+pub use structure::L1LimitStructure;
+
+/// Parameters of an L1 controller that nothing is left of here.
+const OF_ADAPTATION: [&str; 12] = [
+    "adaptation_gain",
+    "Q",
+    "omega_min",
+    "omega_max",
+    "theta_bound",
+    "sigma_bound",
+    "theta_bound_unmatched",
+    "sigma_bound_unmatched",
+    "projection_tolerance",
+    "adaptation_tolerance",
+    "closed_form_phase",
+    "step_phase_limit",
+];
+
+/// What u_ad starts with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum LinearStart {
+    Zero,
+    Bumpless,
+}
+
+impl Choice for LinearStart {
+    const TYPE: &'static str = "LinearStart";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Zero, "zero", "u_ad starts at zero"),
+        (Self::Bumpless, "bumpless", "u_ad starts such that the control starts at u_manual"),
+    ];
+}
+
+/// u = u_ad − K_m x, u_ad = −K D(s)(η + H_m⁻¹ H_um η_2 − K_g r), (η, η_2) = B̄⁺ (x' − A_m x), without differentiating x.
+#[derive(Debug)]
+pub struct L1Limit {
+    plant: Plant,
+    /// B̄⁺, the pseudoinverse of (B B_um).
+    inverse: DMatrix<f64>,
+    filter: Filter,
+    /// The filter's state at rest, for an output of 1.
+    filter_at_rest: DVector<f64>,
+    dynamics: Dynamics,
+    K: MatrixOf<Parameter>,
+    inertia: Option<VectorOf<Parameter>>,
+    tracking_time: VectorOf<Parameter>,
+    /// T_f, where η_2 shows in u_ad at once.
+    T_f: Option<ScalarOf<Parameter>>,
+    u_ad_start: ChoiceOf<Parameter, LinearStart>,
+    cancellation: Option<Cancellation>,
+    K_g: MatrixOf<Prepared>,
+    settling_time: ScalarOf<Prepared>,
+    /// L of the parameters, and the one in force.
+    L: MatrixOf<Prepared>,
+    L_in_force: MatrixOf<Discrete>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    r: VectorOf<Input>,
+    units_of_r: Vec<&'static str>,
+    of_r: Vec<String>,
+    x: VectorOf<Input>,
+    enabled: BooleanOf<Input>,
+    u_manual: VectorOf<Input>,
+    /// f − L x
+    w: VectorOf<State>,
+    /// States of D(s), channel by channel; then those of H_m⁻¹ H_um; then h, what is differentiated of η_2.
+    f: VectorOf<Signal>,
+    /// A_m x
+    drift: VectorOf<Signal>,
+    /// K_g r
+    command: VectorOf<Signal>,
+    /// K_m x
+    feedback: VectorOf<Signal>,
+    u_ad: VectorOf<Signal>,
+    u: VectorOf<Signal>,
+    /// What the limits add to the control, in the units of u_ad.
+    added: VectorOf<Signal>,
+    /// What `enabled` was when it was last looked at: between events.
+    active: BooleanOf<Discrete>,
+    moves: Moves,
+    at_limit: AtLimit,
+    step_too_long: BooleanOf<Discrete>,
+    long_step: Warning,
+}
+
+impl Tracking for L1Limit {
+    fn error_units(&self) -> Vec<&'static str> {
+        self.units_of_r.clone()
+    }
+
+    fn error_quantities(&self) -> Vec<String> {
+        self.of_r.clone()
+    }
+
+    fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        let y = v[self.x].iter().zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (&x, &c)| sum + x * c);
+        v[self.r][channel] - y
+    }
+}
+
+impl System for L1Limit {
+    type Structure = L1LimitStructure;
+    const NAME: &'static str = "l1-limit";
+    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/l1_limit.md");
+
+    fn declare(structure: L1LimitStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let structure = structure.of_l1;
+        let (plant, filter) = (structure.plant()?, structure.filter()?);
+        let inverse = structure::inverse(&plant)?;
+        let ((n, m), k) = (plant.B.shape(), plant.B_um.ncols());
+        let units = structure.units((n, m))?;
+        let dynamics = Dynamics::declare(d, &plant, &structure);
+        let cancellation = if k > 0 { Some(Cancellation::declare(d, &plant, &filter)?) } else { None };
+        let is_direct = cancellation.as_ref().is_some_and(|cancellation| cancellation.direct.is_some());
+        let zeros = cancellation.as_ref().and_then(Cancellation::order).unwrap_or(0);
+        let order = m * filter.order() + zeros + if is_direct { k } else { 0 };
+        d.without_effect(OF_ADAPTATION);
+        let Symbols { r, x, u, command, inertia, of_r, of_x, of_u } = &units;
+        let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
+        let limited = Limited::declare(d, (u, of_u), "that the actuator can give", "");
+        d.indicators(["who is in command"]);
+        Ok(L1Limit {
+            filter_at_rest: filter.at_rest(),
+            K: d.parameter(
+                matrix("feedback_gain", m, m, "feedback gain K of the filter K D(s)").unit("1/s").identity(),
+            ),
+            inertia: (structure.commands == Commands::Acceleration).then(|| {
+                let text = "nominal inertia that turns a commanded acceleration into the control";
+                d.parameter(vector("nominal_inertia", m, text).units(inertia).start(1.0).positive())
+            }),
+            tracking_time: {
+                let text = "time with which u_ad follows what the limits of the control leave, so that it doesn't wind up; \
+                            -1 s: 1/K, 0: off";
+                d.parameter(vector("tracking_time", m, text).unit("s").start(BY_GAIN).min(BY_GAIN))
+            },
+            T_f: is_direct.then(|| {
+                let text =
+                    "time constant with which the unmatched uncertainty is differentiated, as u_ad shows it at once";
+                d.parameter(scalar("unmatched_filter_time", text).unit("s").start(1e-3).positive())
+            }),
+            u_ad_start: d
+                .parameter(choice::<LinearStart>("u_ad_start", "what the filtered control starts with").fixed()),
+            K_g: d.prepared(matrix("K_g", m, m, "feedforward gain -(C A_m^-1 B)^-1 for unit steady-state gain")),
+            settling_time: d.prepared(scalar("#settling time", "").hidden()),
+            L: d.prepared(matrix("#L", order, n, "").hidden()),
+            L_in_force: d.discrete(matrix("#L in force", order, n, "").hidden()),
+            r: d.input(vector("r", m, "reference").about(of_r, "reference of {}").units(r)),
+            x: d.input(vector("x", n, "measured state of the plant").about(of_x, "measured {}").units(x)),
+            enabled: d.input(
+                boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true),
+            ),
+            u_manual: d.input(manual(u, of_u)),
+            w: d.state(vector("w", order, "state of the controller: that of its filters, less L x")),
+            f: d.local(hidden("#f", order)),
+            drift: d.local(hidden("#A_m x", n)),
+            command: d.local(hidden("#K_g r", m)),
+            feedback: d.local(hidden("#K_m x", m)),
+            u_ad: d.local(
+                vector("u_ad", m, "control that the filter gives")
+                    .about(of_u, "control for the {} that the filter gives")
+                    .units(command),
+            ),
+            added: d.local(hidden("#added by limits", m)),
+            active: d.discrete(boolean("#active", "").start(true).hidden()),
+            moves: {
+                let is_stepped = d.is_stepped();
+                Moves::declare(d, m, is_stepped)
+            },
+            at_limit: AtLimit::declare(d, limited),
+            step_too_long: d.discrete(
+                boolean("step_too_long", "whether the communication step is too long for the control").output(),
+            ),
+            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
+            u: limited.u,
+            u_min: limited.u_min,
+            u_max: limited.u_max,
+            units_of_r: units.r,
+            of_r: units.of_r,
+            plant,
+            inverse,
+            filter,
+            dynamics,
+            cancellation,
+        })
+    }
+
+    /// K_m, A_m, K_g, and H_m⁻¹ H_um.
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        self.dynamics.prepare(&self.plant, v)?;
+        let (name, A_m) = (self.dynamics.name_of_A_m(&v.values()), self.dynamics.A_m(&v.values()).into_owned());
+        v[self.settling_time] = (SETTLED / lyapunov::slowest_decay(&name, &A_m)?).min(f64::MAX);
+        let K_g = feedforward::gain(&A_m, &self.plant.B, &self.plant.C, &name)?;
+        v.matrix_mut(self.K_g).copy_from(&K_g);
+        let Some(cancellation) = &self.cancellation else { return Ok(()) };
+        cancellation.prepare((&name, &A_m), &self.plant, &self.filter, v)
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        tracking::check(self.tracking_time, v);
+        if let Some(cancellation) = &self.cancellation {
+            cancellation.relate(self.K, v);
+        }
+        self.relate_L(v);
+    }
+
+    /// The filters start at zero, f = 0, or where the manual control has them.
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.put(self.active, enabled);
+        v.copy(self.L, self.L_in_force);
+        for k in 0..self.w.len() {
+            v[self.w][k] = -self.of_state(k, &v.values());
+        }
+        let takes_over = !enabled | v.get(self.u_ad_start).is(LinearStart::Bumpless);
+        v.when(takes_over, |v| self.take_over(v));
+    }
+
+    /// f stays where it is under another L.
+    fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        for k in 0..self.w.len() {
+            let f = v[self.w][k] + self.of_state(k, &v.values());
+            v[self.w][k] = f - dot(v.matrix(self.L).row(k).iter(), &v[self.x]);
+        }
+        v.copy(self.L, self.L_in_force);
+    }
+
+    /// f = w + L x; u_ad = C_f f, less what η_2 shows at once; u = u_ad − K_m x, or the manual control, within the limits.
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        for k in 0..self.w.len() {
+            y[self.f][k] = v[self.w][k] + self.of_state(k, v);
+        }
+        for (signal, matrix, along) in
+            [(self.drift, self.dynamics.A_m(v), &v[self.x]), (self.command, v.matrix(self.K_g), &v[self.r])]
+        {
+            y[signal].fill(S::from(0.0));
+            add_product(&mut y[signal], matrix, along.iter().copied());
+        }
+        let active = v.get(self.active);
+        for i in 0..self.u.len() {
+            let (u_ad, feedback) = (self.filtered(i, &y[self.f], v), self.feedback(i, v));
+            let inertia = self.inertia(i, v);
+            let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.u_manual][i]);
+            let u = within(wanted, v[self.u_min][i], v[self.u_max][i]);
+            (y[self.u][i], y[self.feedback][i], y[self.added][i]) = (u, feedback, (u - wanted) / inertia);
+            y[self.u_ad][i] = S::branch(active, || u_ad, || u / inertia + feedback);
+        }
+    }
+
+    /// w' = f' − L x'. Under manual control the filters of the channels rest, to be set when it ends; what follows from x
+    /// alone goes on.
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let active = v.get(self.active);
+        for k in 0..self.w.len() {
+            let beyond_drift = || self.driven(k, v) - dot(v.matrix(self.L_in_force).row(k).iter(), &v[self.drift]);
+            dx[self.w][k] =
+                if k < self.of_filters() { S::branch(active, beyond_drift, || S::from(0.0)) } else { beyond_drift() };
+        }
+    }
+
+    /// Negative when `enabled` has changed.
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
+        let is_same = (enabled & active) | (!enabled & !active);
+        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+    }
+
+    /// Takes over, or hands over, where `enabled` has changed.
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.when(enabled & !v.get(self.active), |v| self.take_over(v));
+        v.put(self.active, enabled);
+    }
+
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        let (active, settling_time) = (v.get(self.active), v[self.settling_time]);
+        self.at_limit.look(t, settling_time, v);
+        v.when(active, |v| {
+            let moved = self.moves.look(self.u, step, v);
+            v.put(self.step_too_long, moved.flag);
+            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
+        });
+        v.when(!active, |v| {
+            self.moves.begin(v);
+            v.put(self.step_too_long, false.into());
+        });
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
+    }
+}
+
+impl L1Limit {
+    /// Number of states of the filters D(s) of all channels.
+    fn of_filters(&self) -> usize {
+        self.u.len() * self.filter.order()
+    }
+
+    /// Number of states of H_m⁻¹ H_um.
+    fn zeros(&self) -> usize {
+        self.cancellation.as_ref().and_then(Cancellation::order).unwrap_or(0)
+    }
+
+    /// Where h begins among the states, η_2 as it is differentiated; nothing where that isn't needed.
+    fn differentiated(&self) -> Option<usize> {
+        self.T_f.map(|_| self.of_filters() + self.zeros())
+    }
+
+    /// L in force, times x.
+    fn of_state<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
+        dot(v.matrix(self.L_in_force).row(k).iter(), &v[self.x])
+    }
+
+    /// L, by which f' = … + L (x' − A_m x): what (η, η_2) = B̄⁺ (x' − A_m x) drives.
+    fn relate_L<S: Scalar>(&self, v: &mut Point<S>) {
+        let n = self.x.len();
+        for (k, column) in (0..self.w.len()).flat_map(|k| (0..n).map(move |column| (k, column))) {
+            let entry = self.entry_of_L(k, column, v);
+            v[self.L.at(k, column)] = entry;
+        }
+    }
+
+    fn entry_of_L<S: Scalar>(&self, k: usize, column: usize, v: &Point<S>) -> S {
+        let (m, order, none) = (self.u.len(), self.filter.order(), S::from(0.0));
+        let matched = |j: usize| self.inverse[(j, column)];
+        let unmatched = |l: usize| self.inverse[(m + l, column)];
+        if let Some((T_f, first)) = self.T_f.zip(self.differentiated()).filter(|(_, first)| k >= *first) {
+            return v[T_f].recip() * unmatched(k - first);
+        }
+        let at_once = self.cancellation.as_ref().filter(|_| self.T_f.is_none());
+        let of_unmatched = |matrix: MatrixOf<Prepared>, row: usize| {
+            (0..self.plant.B_um.ncols()).fold(none, |sum, l| sum + v[matrix.at(row, l)] * unmatched(l))
+        };
+        if k >= self.of_filters() {
+            let zeros = at_once.and_then(|cancellation| cancellation.zeros.as_ref());
+            return zeros.map_or(none, |zeros| of_unmatched(zeros.B_z, k - self.of_filters()));
+        }
+        let (i, place) = (k / order, k % order);
+        let driven = (0..m).fold(none, |sum, j| sum + v[self.K.at(i, j)] * matched(j)) * self.filter.B_f[place];
+        at_once.map_or(-driven, |cancellation| -driven - of_unmatched(cancellation.input, k))
+    }
+
+    /// f' but for L (x' − A_m x): A_f f + B_f K K_g r, less what H_m⁻¹ H_um has; what the limits add.
+    fn driven<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
+        let f = &v[self.f];
+        let (order, filters) = (self.filter.order(), self.of_filters());
+        let (z, h) = f[filters..].split_at(self.zeros());
+        if k >= filters + z.len() {
+            return self.T_f.map_or(S::from(0.0), |T_f| -f[k] / v[T_f]);
+        }
+        let cancellation = self.cancellation.as_ref();
+        let zeros = cancellation.and_then(|cancellation| cancellation.zeros.as_ref());
+        if let Some(Zeros { A_z, B_z, .. }) = zeros.filter(|_| k >= filters) {
+            let row = k - filters;
+            return dot(v.matrix(*A_z).row(row).iter(), z) + dot(v.matrix(*B_z).row(row).iter(), h);
+        }
+        let (i, place) = (k / order, k % order);
+        let of_channel = &f[i * order..][..order];
+        let K_row = || v.matrix(self.K);
+        let own = self.filter.A_f.row(place).iter().zip(of_channel).fold(S::from(0.0), |sum, (&a, &f)| sum + f * a);
+        let mut wanted = dot(K_row().row(i).iter(), &v[self.command]);
+        if let Some(Zeros { KC_z, .. }) = zeros {
+            wanted -= dot(v.matrix(*KC_z).row(i).iter(), z);
+        }
+        let mut rate = own + wanted * self.filter.B_f[place];
+        if let Some(cancellation) = cancellation.filter(|_| !h.is_empty()) {
+            rate -= dot(v.matrix(cancellation.input).row(k).iter(), h);
+        }
+        let tracking = || {
+            tracking::rate(v[self.tracking_time][i], K_row().row(i).iter(), self.filter_at_rest[0])
+                * v[self.added][i]
+                * self.filter_at_rest[place]
+        };
+        rate + S::branch(v[self.added][i].equals(S::from(0.0)), || S::from(0.0), tracking)
+    }
+
+    /// What the filter of a channel gives, of these states.
+    fn filtered<S: Scalar>(&self, i: usize, f: &[S], v: &Values<S>) -> S {
+        let of_channel = &f[i * self.filter.order()..][..self.filter.order()];
+        let u_ad = of_channel.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
+        self.differentiated().map_or(u_ad, |first| u_ad - self.at_once(i, &f[first..], v))
+    }
+
+    /// What u_ad of a channel has of h at once.
+    fn at_once<S: Scalar>(&self, i: usize, h: &[S], v: &Values<S>) -> S {
+        let direct = self.cancellation.as_ref().and_then(|cancellation| cancellation.direct);
+        direct.map_or(S::from(0.0), |direct| dot(v.matrix(direct).row(i).iter(), h))
+    }
+
+    /// K_m x of a channel.
+    fn feedback<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        self.dynamics.gain().map_or(S::from(0.0), |K_m| dot(v.matrix(K_m).row(i).iter(), &v[self.x]))
+    }
+
+    /// What turns the command of a channel into its control.
+    fn inertia<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        self.inertia.map_or(S::from(1.0), |inertia| v[inertia][i])
+    }
+
+    /// Puts the filters where u_ad − K_m x is the manual control, within the limits, and they rest.
+    fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
+        let order = self.filter.order();
+        for i in 0..self.u.len() {
+            let values = v.values();
+            let manual = within(v[self.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
+            let direct = self.cancellation.as_ref().and_then(|cancellation| cancellation.direct);
+            let at_once = self.differentiated().zip(direct).map_or(S::from(0.0), |(first, direct)| {
+                let h = |l: usize| v[self.w][first + l] + self.of_state(first + l, &values);
+                (0..direct.shape().1).fold(S::from(0.0), |sum, l| sum + v[direct.at(i, l)] * h(l))
+            });
+            let u_ad = manual / self.inertia(i, &values) + self.feedback(i, &values) + at_once;
+            for place in 0..order {
+                let k = i * order + place;
+                v[self.w][k] = u_ad * self.filter_at_rest[place] - self.of_state(k, &v.values());
+            }
+        }
+    }
+}
+
+impl Catalogued for L1Limit {
+    const TITLE: &'static str = "Linear controller that an L1 controller tends to";
+    const PAGE: &'static str = "controllers/l1_limit";
+    const ICON: Icon = icon!("l1-limit");
+    const GUIDE: Guide = Guide {
+        purpose: "The linear controller that an L1 controller of the same description tends to as its adaptation gets \
+                  fast: the same loop without estimates. Take it as the yardstick of what adaptation adds, or in place of \
+                  it where that is nothing.",
+        gains: &[
+            (
+                "feedback_gain",
+                "Bandwidth with which uncertainty is cancelled. Larger: the loop is closer to the desired dynamics; \
+                 smaller: more margin against delays.",
+            ),
+            ("pole_real", "Speed of the desired dynamics. Farther left asks for a larger control and a shorter step."),
+            ("A_m", "The desired dynamics themselves, which the loop answers with."),
+            (
+                "tracking_time",
+                "Time with which the integral follows what the limits leave, so that it doesn't wind up.",
+            ),
+            ("u_min", "What the actuator can give at least."),
+            ("u_max", "What the actuator can give at most."),
+        ],
+        limits: "- The whole state `x` is measured, and hardly delayed.\n\
+                 - It has no bounds of what is unknown: what an L1 controller's bounds would stop, it goes on with.\n\
+                 - The sign of the input gain must be known.\n\
+                 - It equals an L1 controller only as far as that adapts fast.",
+    };
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(2, 2), Sizes::plant(3, 1), Sizes::plant(6, 3)],
+    });
+}

@@ -1,0 +1,158 @@
+//! What a designer should know of a sampled L1 controller: desired dynamics, the sampled loop with the nominal plant, and what
+//! more dead time and other input gain it bears.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::{Complex, DMatrix};
+
+use super::nominal::{Estimation, Nominal};
+use super::{L1Sampled, MOST_DELAY};
+use crate::controllers::l1::controllability;
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+
+/// The most states of a plant whose loop is looked at: beyond, it would take long.
+const MOST_STATES: usize = 30;
+/// How many samples of more dead time are tried.
+const MOST_LATE: usize = 40;
+/// Magnitude below which a pole has settled within a sample: several that are 0 are found only so well.
+const SETTLED: f64 = 1e-3;
+/// Imaginary part below which a pole is real.
+const REAL: f64 = 1e-9;
+/// Between which factors of the nominal input gain a loop should at least stand.
+const NARROW: [f64; 2] = [0.8, 1.25];
+
+impl L1Sampled {
+    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let (A_m, of_A_m) = (self.dynamics.A_m(v).into_owned(), self.dynamics.name_of_A_m(v));
+        report.section("Desired dynamics");
+        report.eigenvalues(&format!("eigenvalues of {of_A_m}"), &A_m, true);
+        controllability(["controllability", &of_A_m, "B"], [&A_m, &self.plant.B], report);
+        let (of_K_d, of_K_g) = (v.name(self.K_d), v.name(self.K_gd));
+        report.tell(&of_K_d, &v.matrix(self.K_d).into_owned(), "", "gain of the state, for a control that is held");
+        report.tell(&of_K_g, &v.matrix(self.K_gd).into_owned(), "", "gain of the reference");
+        report.section("Sampled loop");
+        let (T, delay) = (v[self.sample_time], v.get(self.delay_steps) as f64);
+        let note = "from sample to sample; a master's step may be shorter, not longer";
+        report.tell(&v.name(self.sample_time), T, "s", note);
+        if report.step > T * (1.0 + 1e-6) {
+            let note = format!("longer than {}: several samples see the same inputs", v.name(self.sample_time));
+            report.judge("default step", report.step, "s", Verdict::NotSound, note);
+        }
+        let note = format!("designed for: {} samples, from a measurement until its control acts", number(delay));
+        report.tell("dead time", delay * T, "s", &note);
+        if self.x.len() > MOST_STATES {
+            let note = format!("the loop of a plant with more than {MOST_STATES} states would take long");
+            report.judge("stability", "not checked", "", Verdict::NotSound, note);
+            return;
+        }
+        self.tell_loop(&self.nominal_loop(&A_m, v), v, report);
+        self.tell_noise(v, report);
+    }
+
+    fn tell_loop(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
+        let Some(poles) = nominal.poles(1.0, 0.0) else {
+            report.judge(
+                "poles",
+                "not found",
+                "",
+                Verdict::NotSound,
+                "the sampled loop is too badly scaled".to_owned(),
+            );
+            return;
+        };
+        let largest = poles.first().map_or(0.0, |pole| pole.norm());
+        report.tell("poles", texts(&poles), "", "of the loop with the nominal plant, sample by sample");
+        if largest >= 1.0 {
+            let note = "must be below 1: the loop with the nominal plant is unstable".to_owned();
+            report.judge("largest magnitude of the poles", largest, "", Verdict::NotSound, note);
+            return;
+        }
+        report.tell("largest magnitude of the poles", largest, "", "below 1: stable");
+        let of_delay = v.name(self.delay_steps);
+        match nominal.delay_margin(MOST_LATE) {
+            Some(late) if late < 0.5 * nominal.T => {
+                let note =
+                    format!("beyond the dead time of {of_delay}. Less than half a sample: it must be known so well");
+                report.judge("delay margin", late, "s", Verdict::Warning, note);
+            }
+            Some(late) => report.tell("delay margin", late, "s", &format!("beyond the dead time of {of_delay}")),
+            None => report.tell_unlimited("delay margin", "s", &format!("{MOST_LATE} samples are borne")),
+        }
+        self.tell_gains(nominal, v, report);
+    }
+
+    /// Between which input gains of the true plant the loop is stable.
+    fn tell_gains(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
+        let note =
+            format!("in parts of {}, of the true plant, all channels alike, that the loop bears", v.name(self.W_0));
+        let edges = [("least input gain", -1.0, "below 0.01"), ("largest input gain", 1.0, "above 100")];
+        for (((name, way, beyond), narrow), edge) in edges.into_iter().zip(NARROW).zip(nominal.gain_range()) {
+            match edge {
+                Some(gain) if way * (gain - narrow) < 0.0 => {
+                    let note = format!("{note}. A shorter sample time, or a smaller feedback_gain, widens it");
+                    report.judge(name, gain, "", Verdict::Warning, note);
+                }
+                Some(gain) => report.tell(name, gain, "", &note),
+                None => report.tell(name, beyond, "", &note),
+            }
+        }
+    }
+
+    /// What of noise in the state shows in the control.
+    fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
+        report.section("Noise");
+        let W_0_inverse = v.matrix(self.W_0_inverse).into_owned();
+        let note =
+            format!("from {} to {} within a sample, without what the estimate adds", v.name(self.x), v.name(self.u));
+        report.tell("gain of the baseline", &(-W_0_inverse * v.matrix(self.K_d)), "", &note);
+        let by = self.predictor.as_ref().map_or(self.L_inverse, |predictor| predictor.S);
+        let rows = v.matrix(by).rows(0, self.u.len()).into_owned();
+        report.tell(
+            "gain of the estimate",
+            &rows,
+            "",
+            &format!("from {} to {}", v.name(self.x), v.name(self.sigma_hat)),
+        );
+    }
+
+    pub(super) fn nominal_loop(&self, A_m: &DMatrix<f64>, v: &Values<f64>) -> Nominal {
+        let T = v[self.sample_time];
+        let W_0 = v.matrix(self.W_0).into_owned();
+        let estimation = match &self.predictor {
+            None => Estimation::Exact { L_inverse: v.matrix(self.L_inverse).into_owned() },
+            Some(predictor) => Estimation::Published {
+                E: v.matrix(predictor.E).into_owned(),
+                of_u: v.matrix(predictor.of_u).into_owned(),
+                of_x: v.matrix(predictor.of_x).into_owned(),
+                of_sigma: v.matrix(predictor.of_sigma).into_owned(),
+                S: v.matrix(predictor.S).into_owned(),
+            },
+        };
+        Nominal {
+            T,
+            A: self.nominal(A_m),
+            BW_0: &self.plant.B * &W_0,
+            A_d: v.matrix(self.A_d).into_owned(),
+            B_d: v.matrix(self.B_d).into_owned(),
+            L_d: v.matrix(self.L_d).into_owned(),
+            estimation,
+            left: v[self.K].iter().map(|k| (-k * T).exp()).collect(),
+            W_0,
+            W_0_inverse: v.matrix(self.W_0_inverse).into_owned(),
+            K_d: v.matrix(self.K_d).into_owned(),
+            delay: usize::try_from(v.get(self.delay_steps)).unwrap_or(0).min(MOST_DELAY),
+        }
+    }
+}
+
+/// Poles in words, one of a conjugate pair for both; what settles within a sample isn't told.
+fn texts(poles: &[Complex<f64>]) -> String {
+    let three = |value: f64| number(format!("{value:.3e}").parse().unwrap_or(value));
+    let mut texts: Vec<String> = Vec::new();
+    for pole in poles.iter().filter(|pole| pole.norm() > SETTLED && pole.im > -REAL) {
+        let imaginary = if pole.im > REAL { format!(" ± {}j", three(pole.im)) } else { String::new() };
+        texts.push(format!("{}{imaginary}", three(pole.re)));
+    }
+    texts.dedup();
+    if texts.is_empty() { "0".to_owned() } else { texts.join(", ") }
+}

@@ -1,0 +1,185 @@
+//! What a sample computes: the estimate of the last interval, the state where the control will act, the filter, the control.
+
+use super::{L1Sampled, MOST_DELAY};
+use crate::mathematics::limits::within;
+use crate::system::{Class, MatrixOf, Point, Scalar, Values};
+
+impl L1Sampled {
+    /// Begins at the start: the law's control, or the manual one where it is in force or the start is bumpless.
+    pub(super) fn begin<S: Scalar>(&self, by_hand: S::Flag, v: &mut Point<S>) {
+        let none = S::from(0.0);
+        v[self.zeta].fill(none);
+        v[self.sigma_hat].fill(none);
+        if let Some(other) = self.sigma_other {
+            v[other].fill(none);
+        }
+        v.copy(self.x, self.x_before);
+        v.copy(self.x, self.x_ahead);
+        if let Some(predictor) = &self.predictor {
+            v.copy(self.x, predictor.x_hat);
+        }
+        // Where nothing is late, the start is a sample.
+        let is_sample = self.delay(&v.values()).equals(none);
+        v.when(is_sample, |v| self.filter(v));
+        self.control(v);
+        v.when(by_hand, |v| {
+            for i in 0..self.u.len() {
+                v[self.held][i] = within(v[self.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
+            }
+        });
+        for i in 0..self.past.len() {
+            v[self.past][i] = v[self.held][i % self.u.len()];
+        }
+        v.when(by_hand, |v| self.follow(v));
+    }
+
+    /// Takes a sample. What is measured then is of so many samples before as the dead time has.
+    pub(super) fn sample<S: Scalar>(&self, v: &mut Point<S>) {
+        let measured = v[self.clock.count] + 1.0 - self.delay(&v.values());
+        self.remember_control(v);
+        v.when(measured.at_least(S::from(1.0)), |v| self.estimate(v));
+        v.copy(self.x, self.x_before);
+        self.look_ahead(v);
+        let follows = !v.get(self.active) | v.get(self.takes_over);
+        v.when(follows, |v| {
+            self.follow(v);
+            (0..self.u.len()).for_each(|i| v[self.held][i] = v[self.past][i]);
+        });
+        v.when(!follows & measured.at_least(S::from(0.0)), |v| {
+            self.filter(v);
+            self.control(v);
+        });
+        v.put(self.takes_over, false.into());
+        self.clock.tick(v);
+    }
+
+    /// The dead time, in samples.
+    fn delay<S: Scalar>(&self, v: &Values<S>) -> S {
+        S::from_integer(v.get(self.delay_steps))
+    }
+
+    /// The control of the interval that ended, before those of earlier ones.
+    fn remember_control<S: Scalar>(&self, v: &mut Point<S>) {
+        let m = self.u.len();
+        for k in (m..self.past.len()).rev() {
+            v[self.past][k] = v[self.past][k - m];
+        }
+        for i in 0..m {
+            v[self.past][i] = self.in_force(i, &v.values());
+        }
+    }
+
+    /// The control that acted in the interval between the last two measurements.
+    fn acted<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let (m, delay) = (self.u.len(), self.delay(v));
+        (0..=MOST_DELAY)
+            .fold(S::from(0.0), |u, late| S::select(delay.equals(S::from(late as f64)), v[self.past][late * m + i], u))
+    }
+
+    /// σ̂ of the interval between the last two measurements.
+    fn estimate<S: Scalar>(&self, v: &mut Point<S>) {
+        let (n, m) = self.plant.B.shape();
+        if let Some(predictor) = &self.predictor {
+            // x̂ = E x̂ + Φ (B (W_0 u + K_m x) + B̄ σ̂)
+            for i in 0..n {
+                let values = &v.values();
+                let moved = product(predictor.E, i, |j| values[predictor.x_hat][j], values)
+                    + product(predictor.of_u, i, |j| self.acted(j, values), values)
+                    + product(predictor.of_x, i, |j| values[self.x_before][j], values)
+                    + product(predictor.of_sigma, i, |j| self.sigma(j, values), values);
+                v[self.between][i] = moved;
+            }
+            for i in 0..n {
+                v[predictor.x_hat][i] = v[self.between][i];
+                let error = v[self.between][i] - v[self.x][i];
+                v[self.between][i] = error;
+            }
+        } else {
+            // x − A_d x − B_d u, what is left.
+            for i in 0..n {
+                let values = &v.values();
+                let nominal = product(self.A_d, i, |j| values[self.x_before][j], values)
+                    + product(self.B_d, i, |j| self.acted(j, values), values);
+                v[self.between][i] = v[self.x][i] - nominal;
+            }
+        }
+        let by = self.predictor.as_ref().map_or(self.L_inverse, |predictor| predictor.S);
+        for j in 0..n {
+            let values = &v.values();
+            let sigma = product(by, j, |i| values[self.between][i], values);
+            match self.sigma_other {
+                Some(other) if j >= m => v[other][j - m] = sigma,
+                _ => v[self.sigma_hat][j] = sigma,
+            }
+        }
+    }
+
+    fn sigma<S: Scalar>(&self, j: usize, v: &Values<S>) -> S {
+        let m = self.u.len();
+        match self.sigma_other {
+            Some(other) if j >= m => v[other][j - m],
+            _ => v[self.sigma_hat][j],
+        }
+    }
+
+    /// The measured state, advanced over the controls that are under way, with σ̂.
+    fn look_ahead<S: Scalar>(&self, v: &mut Point<S>) {
+        let (n, m) = self.plant.B.shape();
+        v.copy(self.x, self.x_ahead);
+        for late in (0..MOST_DELAY).rev() {
+            let is_under_way = self.delay(&v.values()).above(S::from(late as f64));
+            v.when(is_under_way, |v| {
+                for i in 0..n {
+                    let values = &v.values();
+                    let moved = product(self.A_d, i, |j| values[self.x_ahead][j], values)
+                        + product(self.B_d, i, |j| values[self.past][late * m + j], values)
+                        + product(self.L_d, i, |j| self.sigma(j, values), values);
+                    v[self.between][i] = moved;
+                }
+                v.copy(self.between, self.x_ahead);
+            });
+        }
+    }
+
+    /// ζ⁺ = e^(−k T) ζ + (1 − e^(−k T)) (K_gd r − W_0 σ̂_1), r as it is where the control acts.
+    fn filter<S: Scalar>(&self, v: &mut Point<S>) {
+        let ahead = self.delay(&v.values()) * v[self.sample_time];
+        for i in 0..self.u.len() {
+            let values = &v.values();
+            let left = (-v[self.K][i] * v[self.sample_time]).exp();
+            let wanted = product(self.K_gd, i, |j| values[self.r][j] + ahead * values[self.dr][j], values)
+                - product(self.W_0, i, |j| values[self.sigma_hat][j], values);
+            v[self.zeta][i] = left * v[self.zeta][i] + (-left + 1.0) * wanted;
+        }
+    }
+
+    /// u = W_0⁻¹ (ζ − K_d x_p), within the limits.
+    fn control<S: Scalar>(&self, v: &mut Point<S>) {
+        let m = self.u.len();
+        for i in 0..m {
+            let values = &v.values();
+            let wanted = v[self.zeta][i] - product(self.K_d, i, |j| values[self.x_ahead][j], values);
+            v[self.between][i] = wanted;
+        }
+        for i in 0..m {
+            let values = &v.values();
+            let u = product(self.W_0_inverse, i, |j| values[self.between][j], values);
+            v[self.held][i] = within(u, v[self.u_min][i], v[self.u_max][i]);
+        }
+    }
+
+    /// ζ := W_0 u + K_d x_p: the law's control is the one that stands.
+    fn follow<S: Scalar>(&self, v: &mut Point<S>) {
+        for i in 0..self.u.len() {
+            let values = &v.values();
+            let zeta = product(self.W_0, i, |j| values[self.past][j], values)
+                + product(self.K_d, i, |j| values[self.x_ahead][j], values);
+            v[self.zeta][i] = zeta;
+        }
+    }
+}
+
+/// A row of a matrix times a vector.
+fn product<S: Scalar, C: Class>(matrix: MatrixOf<C>, row: usize, vector: impl Fn(usize) -> S, v: &Values<S>) -> S {
+    (0..matrix.shape().1).fold(S::from(0.0), |sum, j| sum + v[matrix.at(row, j)] * vector(j))
+}

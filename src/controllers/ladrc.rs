@@ -1,0 +1,388 @@
+//! Linear active disturbance rejection control (Gao 2003; Herbst 2013).
+//!
+//! Z. Gao, Scaling and bandwidth-parameterization based controller tuning, American Control Conference 2003, 4989–4996.
+//! G. Herbst, A simulative study on active disturbance rejection control (ADRC) as a control tool for practitioners,
+//! Electronics 2 (2013) 246–279, arXiv 1908.04596.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+mod report;
+mod template;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use super::at_limit::{AtLimit, Limited, manual};
+use super::l1::dot;
+use super::moves::Moves;
+use super::units::{OutputUnits, Quantities, of_matrix, with_derivatives};
+use super::watched::Tracking;
+use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::mathematics::limits::{self, within};
+use crate::mathematics::matrices;
+use crate::system::{
+    BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
+    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,
+};
+use crate::template::{Sizes, Template};
+
+/// Largest number of channels.
+const MOST_CHANNELS: usize = 200;
+/// Largest order of a channel.
+const MOST_ORDER: usize = 3;
+/// What `omega_o` is where it follows from `omega_c`, and how many times that it is then.
+const BY_CONTROLLER: f64 = -1.0;
+const FASTER: f64 = 10.0;
+/// The least singular value of an input gain, in parts of the largest one.
+const LEAST_DIRECTION: f64 = 1e-12;
+
+/// What the law knows of the reference beside its value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Feedforward {
+    /// Nothing: it counts as constant.
+    #[default]
+    None,
+    /// Its derivatives, which are inputs.
+    Given,
+}
+
+/// The description of the structure of an active disturbance rejection controller.
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct LadrcStructure {
+    /// How many tracked variables, each with a control of its own.
+    channels: usize,
+    /// After how many derivatives of a tracked variable the control shows: 1, 2 or 3.
+    #[cfg_attr(feature = "cli", schemars(range(min = 1, max = MOST_ORDER)))]
+    order: usize,
+    /// What the law knows of the reference beside its value.
+    #[serde(default)]
+    feedforward: Feedforward,
+    /// Units of the signals.
+    #[serde(default)]
+    units: OutputUnits,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
+}
+
+/// u = B_0⁻¹ (u_0 − z_{n+1}) + u_b within its limits, for y^(n) = f + B_0 u with an f that nobody knows: z_{n+1} estimates
+/// it.
+#[derive(Debug)]
+pub struct Ladrc {
+    /// n
+    order: usize,
+    omega_c: VectorOf<Parameter>,
+    omega_o: VectorOf<Parameter>,
+    /// What `omega_o` comes to.
+    omega_o_in_force: VectorOf<Prepared>,
+    B_0: MatrixOf<Parameter>,
+    B_0_inverse: MatrixOf<Prepared>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    /// r and its derivatives, as far as they are given.
+    r: Vec<VectorOf<Input>>,
+    y: VectorOf<Input>,
+    units_of_y: Vec<&'static str>,
+    of_y: Vec<String>,
+    enabled: BooleanOf<Input>,
+    u_manual: VectorOf<Input>,
+    /// Estimates of y and its derivatives, and of f: a row a channel.
+    z: MatrixOf<State>,
+    u_b: VectorOf<State>,
+    u_0: VectorOf<Signal>,
+    u: VectorOf<Signal>,
+    /// What `enabled` was when it was last looked at: between events.
+    active: BooleanOf<Discrete>,
+    moves: Moves,
+    at_limit: AtLimit,
+    step_too_long: BooleanOf<Discrete>,
+    long_step: Warning,
+}
+
+impl Tracking for Ladrc {
+    fn error_units(&self) -> Vec<&'static str> {
+        self.units_of_y.clone()
+    }
+
+    fn error_quantities(&self) -> Vec<String> {
+        self.of_y.clone()
+    }
+
+    fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        v[self.r[0]][channel] - v[self.y][channel]
+    }
+}
+
+impl System for Ladrc {
+    type Structure = LadrcStructure;
+    const NAME: &'static str = "ladrc";
+    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/ladrc.md");
+
+    fn declare(structure: LadrcStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let LadrcStructure { channels: m, order: n, feedforward, units, quantities } = structure;
+        if !(1..=MOST_CHANNELS).contains(&m) {
+            return Err(Invalid::new("channels", m, format!("must be within 1 … {MOST_CHANNELS}")));
+        }
+        if !(1..=MOST_ORDER).contains(&n) {
+            return Err(Invalid::new("order", n, format!("must be within 1 … {MOST_ORDER}")));
+        }
+        let ([y, u], [of_y, of_u]) = (units.symbols(m)?, quantities.of_signals(m)?);
+        let derivatives = with_derivatives(&y, n);
+        let highest = &derivatives[n];
+        let of_gain = of_matrix(highest, &u)?;
+        let enabled = "whether the controller is in command; it takes over without a jump";
+        let limited = Limited::declare(d, (&u, &of_u), "that the actuator can give", "Herbst, section 2");
+        let bandwidth = |name: &str, text: &str| vector(name, m, text).unit("rad/s").in_own_unit();
+        let poles = "controller bandwidth: the poles that the loop is to have, as -omega_c";
+        let omega_c = d.parameter(bandwidth("omega_c", poles).start(1.0).positive());
+        let text = "observer bandwidth: the observer's poles, as -omega_o; -1 rad/s: ten times omega_c";
+        d.indicators(["who is in command"]);
+        Ok(Ladrc {
+            order: n,
+            omega_c,
+            omega_o: d.parameter(bandwidth("omega_o", text).start(BY_CONTROLLER)),
+            omega_o_in_force: d.prepared(bandwidth("omega_o_in_force", "observer bandwidth in force")),
+            B_0: d.parameter(
+                matrix(
+                    "B_0",
+                    m,
+                    m,
+                    "nominal input gain: how the control shows in the last derivative; must have an inverse",
+                )
+                .identity()
+                .units(&of_gain),
+            ),
+            B_0_inverse: d.prepared(matrix("#inverse of B_0", m, m, "").hidden()),
+            r: {
+                let names = ["r", "dr", "ddr", "dddr"];
+                let texts = [
+                    "reference",
+                    "rate of the reference",
+                    "second derivative of the reference",
+                    "third derivative of the reference",
+                ];
+                let known = if feedforward == Feedforward::Given { n + 1 } else { 1 };
+                let inputs = names.into_iter().zip(texts).zip(&derivatives).take(known);
+                inputs
+                    .map(|((name, text), units)| {
+                        d.input(vector(name, m, text).about(&of_y, &format!("{text} of {{}}")).units(units))
+                    })
+                    .collect()
+            },
+            y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(&y)),
+            enabled: d.input(boolean("enabled", enabled).start(true)),
+            u_manual: d.input(manual(&u, &of_u)),
+            z: d.state(
+                matrix("z", m, n + 1, "estimates of the output, its derivatives, and what drives the last of them")
+                    .units(&derivatives.concat())
+                    .source("Herbst, section 2"),
+            ),
+            u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u)),
+            u_0: d.local(
+                vector("u_0", m, "last derivative that the law wants").units(highest).source("Herbst, section 2"),
+            ),
+            active: d.discrete(boolean("#active", "").start(true).hidden()),
+            moves: {
+                let is_stepped = d.is_stepped();
+                Moves::declare(d, m, is_stepped)
+            },
+            at_limit: AtLimit::declare(d, limited),
+            step_too_long: d.discrete(
+                boolean("step_too_long", "whether the communication step is too long for the control").output(),
+            ),
+            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
+            u: limited.u,
+            u_min: limited.u_min,
+            u_max: limited.u_max,
+            units_of_y: y,
+            of_y,
+        })
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let inverse = matrices::inverse(&v.matrix(self.B_0).into_owned(), LEAST_DIRECTION).map_err(|least| {
+            let text = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
+            let name = format!("{}: least singular value in parts of the largest", v.name(self.B_0));
+            Invalid::new(name, Number(least), text)
+        })?;
+        v.matrix_mut(self.B_0_inverse).copy_from(&inverse);
+        Ok(())
+    }
+
+    /// ω_o = 10 ω_c, unless it is given.
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        for i in 0..self.omega_o.len() {
+            let (given, omega_c) = (v[self.omega_o][i], v[self.omega_c][i]);
+            let by_controller = given.equals(S::from(BY_CONTROLLER));
+            v.refuse(!by_controller & given.at_most(S::from(0.0)), |v| {
+                let allowed = format!("must be {BY_CONTROLLER} ({FASTER} times omega_c), or above 0 rad/s");
+                Invalid::new(v.name(self.omega_o.at(i)), given.told(), allowed)
+            });
+            v[self.omega_o_in_force][i] = S::branch(by_controller, || omega_c * FASTER, || given);
+        }
+    }
+
+    /// z_1 = y, the others and u_b at 0.
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.put(self.active, enabled);
+        v[self.z.elements()].fill(S::from(0.0));
+        v[self.u_b].fill(S::from(0.0));
+        for i in 0..self.u.len() {
+            v[self.z.at(i, 0)] = v[self.y][i];
+        }
+    }
+
+    /// u = B_0⁻¹ (u_0 − z_{n+1}) + u_b, or the manual control, within the limits.
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        for i in 0..self.u.len() {
+            y[self.u_0][i] = self.wanted(i, v);
+        }
+        let active = v.get(self.active);
+        for j in 0..self.u.len() {
+            let wanted = self.law(j, v) + v[self.u_b][j];
+            let wanted = S::select(active, wanted, v[self.u_manual][j]);
+            y[self.u][j] = within(wanted, v[self.u_min][j], v[self.u_max][j]);
+        }
+    }
+
+    /// z_i' = z_{i+1} + C(n+1, i) ω_o^i (y − z_1), and + (B_0 u) of the channel for i = n;
+    /// z_{n+1}' = ω_o^(n+1) (y − z_1); u_b' = −ω_c u_b.
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let (n, z) = (self.order, self.z);
+        for ch in 0..self.u.len() {
+            let omega_o = v[self.omega_o_in_force][ch];
+            let left = v[self.y][ch] - v[z.at(ch, 0)];
+            let mut power = S::from(1.0);
+            for i in 1..=n {
+                power *= omega_o;
+                dx[z.at(ch, i - 1)] = v[z.at(ch, i)] + power * left * binomial(n + 1, i);
+            }
+            dx[z.at(ch, n - 1)] += dot(v.matrix(self.B_0).row(ch).iter(), &v[self.u]);
+            dx[z.at(ch, n)] = power * omega_o * left;
+            dx[self.u_b][ch] = -v[self.omega_c][ch] * v[self.u_b][ch];
+        }
+    }
+
+    /// Negative when `enabled` has changed.
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
+        let is_same = (enabled & active) | (!enabled & !active);
+        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+    }
+
+    /// Takes over, or hands over, where `enabled` has changed.
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        let enabled = v.get(self.enabled);
+        v.when(enabled & !v.get(self.active), |v| self.take_over(v));
+        v.put(self.active, enabled);
+    }
+
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        // No desired dynamics say when a loop that has met its limits should have settled: the time is told, without a warning.
+        self.at_limit.look(t, S::from(f64::INFINITY), v);
+        let active = v.get(self.active);
+        v.when(active, |v| {
+            let moved = self.moves.look(self.u, step, v);
+            v.put(self.step_too_long, moved.flag);
+            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
+        });
+        v.when(!active, |v| {
+            self.moves.begin(v);
+            v.put(self.step_too_long, false.into());
+        });
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
+    }
+}
+
+impl Ladrc {
+    /// u_0 = Σ C(n, i − 1) ω_c^(n−i+1) (r^(i−1) − z_i) + r^(n) of a channel, i = 1 … n; a derivative that isn't given is 0.
+    fn wanted<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        let (n, omega_c) = (self.order, v[self.omega_c][channel]);
+        let r = |derivative: usize| self.r.get(derivative).map_or(S::from(0.0), |&r| v[r][channel]);
+        (1..=n)
+            .rev()
+            .fold((r(n), omega_c), |(sum, power), i| {
+                let left = r(i - 1) - v[self.z.at(channel, i - 1)];
+                (sum + power * left * binomial(n, i - 1), power * omega_c)
+            })
+            .0
+    }
+
+    /// B_0⁻¹ (u_0 − z_{n+1}) of a control.
+    fn law<S: Scalar>(&self, control: usize, v: &Values<S>) -> S {
+        (0..self.u.len()).fold(S::from(0.0), |sum, ch| {
+            sum + v[self.B_0_inverse.at(control, ch)] * (self.wanted(ch, v) - v[self.z.at(ch, self.order)])
+        })
+    }
+
+    /// u_b := u_manual − B_0⁻¹ (u_0 − z_{n+1}): the control stays where the manual one is, within the limits.
+    fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
+        for j in 0..self.u.len() {
+            let manual = within(v[self.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
+            let left = manual - self.law(j, &v.values());
+            v[self.u_b][j] = left;
+        }
+    }
+}
+
+/// n over k.
+fn binomial(n: usize, k: usize) -> f64 {
+    (0..k).fold(1.0, |product, i| product * (n - i) as f64 / (i + 1) as f64)
+}
+
+/// What the control does to the last derivatives: B_0, where nothing else is known of the plant.
+fn inverse(B_0: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
+    matrices::inverse(B_0, LEAST_DIRECTION)
+}
+
+impl Catalogued for Ladrc {
+    const TITLE: &'static str = "Linear active disturbance rejection controller";
+    const PAGE: &'static str = "controllers/ladrc";
+    const ICON: Icon = icon!("ladrc");
+    const GUIDE: Guide = Guide {
+        purpose: "Takes each output for a chain of integrators with a disturbance that nobody knows, estimates that with \
+                  an observer, and takes it off the control. It needs no model but the input gain: two bandwidths tune it.",
+        gains: &[
+            ("omega_c", "Bandwidth of the loop: its poles. Larger is faster, and moves the control more."),
+            (
+                "omega_o",
+                "Bandwidth of the observer. Larger rejects disturbances faster, takes in more noise, bears less delay, and \
+                 needs a shorter step.",
+            ),
+            (
+                "B_0",
+                "How the control shows in the output's last derivative. Too small a number asks for too much control; half \
+                 of the true one is mostly borne, an opposite sign never.",
+            ),
+            (
+                "u_min",
+                "What the actuator can give at least: the observer sees the limited control, so nothing winds up.",
+            ),
+            ("u_max", "What the actuator can give at most."),
+        ],
+        limits: "- The control shows in the derivative that `order` says, and its sign is known.\n\
+                 - What doesn't show in the output must be stable by itself.\n\
+                 - Without the reference's derivatives as inputs, it lags behind a reference that moves.\n\
+                 - Bandwidths bound nothing: what error is left follows from how fast the disturbance changes.",
+    };
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        tried: &[
+            Sizes::inputs(3),
+            Sizes::plant(1, 1),
+            Sizes::plant(2, 1),
+            Sizes::plant(3, 1),
+            Sizes::plant(6, 3),
+            Sizes::plant(6, 2),
+        ],
+    });
+}
