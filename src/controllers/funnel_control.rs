@@ -463,6 +463,8 @@ impl Catalogued for FunnelControl {
     const GUIDE: Guide = Guide {
         purpose: "Keeps the error of each output within a funnel that narrows with time: the nearer the error is to its \
                   bound, the larger the gain. It needs no model, only the relative degree and the sign of the input gain.",
+        alone: "With nothing connected it stands still: there is no error. One that no plant answers stays, and so does its \
+                control.",
         gains: &[
             ("psi_0", "Bound of the error at the start: the error must begin inside."),
             ("psi_inf", "Bound of the error in the end. Narrower asks for more control, and for a shorter step."),

@@ -455,6 +455,8 @@ impl Catalogued for L1Limit {
         purpose: "The linear controller that an L1 controller of the same description tends to as its adaptation gets \
                   fast: the same loop without estimates. Take it as the yardstick of what adaptation adds, or in place of \
                   it where that is nothing.",
+        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
+                that no plant answers has its filter run on: connect the plant first.",
         gains: &[
             (
                 "feedback_gain",

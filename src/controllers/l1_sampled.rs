@@ -369,6 +369,8 @@ impl Catalogued for L1Sampled {
         purpose: "An L1 controller for a sample time that is given, as on a target or in a slow master: what is unknown is \
                   found anew at each sample, without an adaptation gain, and the gains are placed for a control that is \
                   held, and that acts after a known dead time.",
+        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
+                that no plant answers has its filter run on: connect the plant first.",
         gains: &[
             ("sample_time", "How often it acts. Longer asks for a better `nominal_input_gain`."),
             (

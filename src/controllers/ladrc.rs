@@ -350,6 +350,8 @@ impl Catalogued for Ladrc {
     const GUIDE: Guide = Guide {
         purpose: "Takes each output for a chain of integrators with a disturbance that nobody knows, estimates that with \
                   an observer, and takes it off the control. It needs no model but the input gain: two bandwidths tune it.",
+        alone: "With nothing connected it stands still: output and reference are both 0, so there is no error. One that no \
+                plant answers its observer takes for a disturbance that grows: connect the plant first.",
         gains: &[
             ("omega_c", "Bandwidth of the loop: its poles. Larger is faster, and moves the control more."),
             (
