@@ -179,7 +179,10 @@ impl System for L1Limit {
                 boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true),
             ),
             u_manual: d.input(manual(u, of_u)),
-            w: d.state(vector("w", order, "state of the controller: that of its filters, less L x")),
+            w: d.state(
+                vector("w", order, "state of the controller: that of its filters, less L x")
+                    .source("Hashim (3.4), (3.22), (3.62), as adaptation gets fast"),
+            ),
             f: d.local(hidden("#f", order)),
             drift: d.local(hidden("#A_m x", n)),
             command: d.local(hidden("#K_g r", m)),

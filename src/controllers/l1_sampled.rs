@@ -252,6 +252,7 @@ impl System for L1Sampled {
             held: d.discrete(vector("#held", m, "").hidden()),
             u_ad: d.local(
                 vector("u_ad", m, "control that the filter gives")
+                    .source("Hovakimyan and Cao, section 3.3")
                     .about(of_u, "control for the {} that the filter gives")
                     .units(u),
             ),

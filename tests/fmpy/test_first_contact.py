@@ -1,13 +1,16 @@
 """What a person meets who runs `fmpy simulate X.fmu`: each unit alone, as it is, by FMPy's own defaults."""
 
+import ctypes
 import zipfile
 from collections.abc import Callable
 
 import fmpy
+import fmpy.logging
 import numpy as np
 import pytest
 import responses
 from conftest import FMU_NAMES, LOOP_NAMES
+from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, printLogMessage
 from lxml import html
 from master import Fmu
 
@@ -32,13 +35,19 @@ GIVEN = {
     "NeuroPpfCoupledMimo": {f"x[{k}]": 0.003 for k in (1, 2, 3)},
     "NeuroPpfTwoLinkRobot": {"x[1]": 0.02, "x[2]": 0.02},
 }
+LOGGER = fmi2CallbackLoggerTYPE(printLogMessage)
+STAYING = fmi2CallbackFunctions()
 
 
 def alone(fmu: Fmu) -> tuple[np.ndarray, list[tuple[int, str]]]:
     """What a unit shows at FMPy's defaults, and what it says."""
     told: list[tuple[int, str]] = []
     hear = lambda _, instance, status, category, message: told.append((status, message))  # noqa: E731
-    return fmpy.simulate_fmu(str(fmu.path), logger=hear), told
+    result = fmpy.simulate_fmu(str(fmu.path), logger=hear)
+    # All loggers of FMPy go by one proxy, which keeps the last one although it is gone: it gets one that stays.
+    STAYING.logger = LOGGER
+    fmpy.logging.addLoggerProxy(ctypes.byref(STAYING))
+    return result, told
 
 
 def test_a_unit_alone_runs_by_the_defaults_of_fmpy_and_says_nothing(each_fmu: Fmu) -> None:

@@ -51,7 +51,8 @@ fn directional_derivatives_are_those_of_the_equations() {
             let exact: Vec<_> = unknowns.iter().map(|&unknown| derivatives[unknown as usize].derivative()).collect();
             for (&unknown, exact) in unknowns.iter().zip(&exact) {
                 let (difference, disagreement) = richardson(&execution, &knowns, &seed, unknown);
-                if disagreement > 1e-4 * exact.abs().max(1.0) {
+                // Where a slope has a kink within the steps, as |v| v has at 0, the difference isn't known to what is asked.
+                if disagreement > 1e-5 * exact.abs().max(1.0) {
                     kinks += 1;
                     continue;
                 }

@@ -29,7 +29,7 @@ const LINE: f64 = 1.5;
 /// Coordinates of curves are whole tenths of a pixel.
 const TENTHS: f64 = 10.0;
 /// How far a curve's line may lie from its points, in tenths of a pixel.
-const DISTANCE: f64 = 1.5;
+const DISTANCE: f64 = 2.0;
 /// The part of the width that a peak takes.
 const PEAK_WIDTH: f64 = 0.28;
 const MARGIN: f64 = 12.0;
