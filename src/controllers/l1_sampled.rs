@@ -367,9 +367,8 @@ impl Catalogued for L1Sampled {
     const PAGE: &'static str = "controllers/l1_sampled";
     const ICON: Icon = icon!("l1-sampled");
     const GUIDE: Guide = Guide {
-        purpose: "An L1 controller for a sample time that is given, as on a target or in a slow master: what is unknown is \
-                  found anew at each sample, without an adaptation gain, and the gains are placed for a control that is \
-                  held, and that acts after a known dead time.",
+        purpose: "An L1 controller for a given sample time, as on a target or in a slow master: what is unknown is found \
+                  anew at each sample, without an adaptation gain, for a control that is held and acts after a known dead time.",
         alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
                 that no plant answers has its filter run on: connect the plant first.",
         gains: &[
