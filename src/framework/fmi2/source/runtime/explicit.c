@@ -36,7 +36,7 @@ static const real EXPLICIT_MIDDLE[EXPLICIT_STAGES] = {
     R(11237099.0) / R(470086768.0),
 };
 /* What errors are added to. */
-static const real NO_STATES[UNIT_STATES] = {R(0.0)};
+static const real NO_STATES[AT_LEAST_ONE(UNIT_STATES)] = {R(0.0)};
 /* Below this scaled error there is nothing to look for: what a kink hides is tolerated too. */
 #define CLOSE R(1e-3)
 /* The disagreement with Simpson's rule is about so many times the error of a step with a kink. */
@@ -75,7 +75,7 @@ static Estimate scaled_error(const real *errors, const real *before, const real 
 
 /* to = from + h times the weighted sum of the first stages. */
 static void add_stages(real *restrict to, const real *restrict from, real h, const real *restrict weights,
-                       real (*restrict stages)[UNIT_STATES], int count) {
+                       real (*restrict stages)[AT_LEAST_ONE(UNIT_STATES)], int count) {
     switch (count) {
     case 1:
         OF_EACH_STATE(SUM_1)
