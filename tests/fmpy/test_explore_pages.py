@@ -25,8 +25,6 @@ OUTPUT_APART = 1e-5
 def library() -> Path:
     target = ROOT / "target" / "wasm32-unknown-unknown"
     places = [target / profile / "adaptive_fmu.wasm" for profile in ["release", "debug"]]
-    # Where tests/platforms/build leaves it.
-    places.append(ROOT / "target" / "browser" / "wasm32-unknown-unknown" / "platforms" / "adaptive_fmu.wasm")
     given = os.environ.get("ADAPTIVE_FMU_WASM")
     found = [place for place in ([Path(given)] if given else places) if place.is_file()]
     if not found:
