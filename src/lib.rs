@@ -6,6 +6,8 @@
 #![deny(unsafe_code)]
 
 #[cfg(feature = "cli")]
+mod base64;
+#[cfg(feature = "cli")]
 mod cache;
 pub mod catalogue;
 pub mod controllers;

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::{Files, VERSION, entries, material, read};
+use crate::base64;
 use crate::error::Error;
 use crate::exporter::{self, Binary, Glibc, LIBRARIES, Library, Platform, SHARED};
 
@@ -147,30 +148,5 @@ fn metadata(project: &Project, readme: &str) -> String {
 
 /// A line of the wheel's record: path, checksum, size.
 fn recorded(path: &str, bytes: &[u8]) -> String {
-    format!("{path},sha256={},{}\n", base64(&Sha256::digest(bytes)), bytes.len())
-}
-
-/// RFC 4648, section 5, without padding.
-fn base64(bytes: &[u8]) -> String {
-    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
-    let of_three = |three: &[u8]| {
-        let bits = three.iter().fold(0_u32, |bits, byte| bits << 8 | u32::from(*byte)) << (8 * (3 - three.len()));
-        (0..=three.len()).map(move |k| char::from(ALPHABET[(bits >> (18 - 6 * k) & 63) as usize]))
-    };
-    bytes.chunks(3).flat_map(of_three).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::base64;
-
-    #[test]
-    fn checksums_are_encoded_as_the_standard_has_them() {
-        // RFC 4648, section 10, and what its two last letters are for in addresses.
-        let known = [("", ""), ("f", "Zg"), ("fo", "Zm8"), ("foo", "Zm9v"), ("foob", "Zm9vYg"), ("foobar", "Zm9vYmFy")];
-        for (text, encoded) in known {
-            assert_eq!(base64(text.as_bytes()), encoded);
-        }
-        assert_eq!(base64(&[0xfb, 0xff, 0xfe]), "-__-");
-    }
+    format!("{path},sha256={},{}\n", base64::of_paths(&Sha256::digest(bytes)), bytes.len())
 }

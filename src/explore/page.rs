@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
+use crate::base64;
 use crate::error::Error;
 use crate::exporter::escaped;
 use crate::fmi2::build::Build;
@@ -92,32 +93,5 @@ fn check(bytes: &[u8]) -> Result<(), String> {
 fn program(bytes: &[u8]) -> io::Result<String> {
     let mut compressed = GzEncoder::new(Vec::new(), Compression::best());
     compressed.write_all(bytes)?;
-    Ok(format!("'use strict';\nconst PROGRAM = '{}';\n", base64(&compressed.finish()?)))
-}
-
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let digits = |three: &[u8]| {
-        let byte = |k: usize| u32::from(three.get(k).copied().unwrap_or(0));
-        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
-        let digit = |k: usize| match k > three.len() {
-            true => '=',
-            false => char::from(DIGITS[(bits >> (18 - 6 * k) & 63) as usize]),
-        };
-        [digit(0), digit(1), digit(2), digit(3)]
-    };
-    bytes.chunks(3).flat_map(digits).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::base64;
-
-    #[test]
-    fn bytes_are_written_as_rfc_4648_has_them() {
-        let pairs =
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE=")];
-        pairs.iter().for_each(|(text, told)| assert_eq!(base64(text.as_bytes()), *told));
-        assert_eq!(base64(&[0xfb, 0xff, 0xbf]), "+/+/");
-    }
+    Ok(format!("'use strict';\nconst PROGRAM = '{}';\n", base64::padded(&compressed.finish()?)))
 }
