@@ -68,8 +68,9 @@ impl AtLimit {
         }
     }
 
-    /// Looks at the control at t, and warns once where one has stood at its limit for so long.
-    pub fn look<S: Scalar>(&self, t: S, settling_time: S, v: &mut Point<S>) {
+    /// Looks at the control at t, and warns once where one has stood at its limit for so long. Where a person controls, a
+    /// limit says nothing of the design: then without a warning.
+    pub fn look<S: Scalar>(&self, t: S, settling_time: S, is_active: S::Flag, v: &mut Point<S>) {
         let Limited { u, u_min, u_max } = self.limited;
         let none = S::from(0.0);
         let mut longest = none;
@@ -81,7 +82,7 @@ impl AtLimit {
             longest = larger(longest, self.time(i, t, v));
         }
         v[self.longest] = longest;
-        let lasts = longest.above(none) & longest.at_least(settling_time);
+        let lasts = is_active & longest.above(none) & longest.at_least(settling_time);
         v.when(lasts, |v| (0..u.len()).for_each(|i| self.warn(i, t, v)));
     }
 

@@ -10,9 +10,10 @@ mod template;
 
 use serde::{Deserialize, Serialize};
 
-use super::at_limit::{AtLimit, Limited, manual};
-use super::moves::Moves;
-use super::units::{OutputUnits, Quantities, of_matrix, with_derivatives};
+use super::at_limit::{Limited, manual};
+use super::in_command::InCommand;
+use super::supervised::Supervised;
+use super::units::{OutputUnits, Quantities, check_channels, of_matrix, with_derivatives};
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::performance::Performance;
@@ -22,8 +23,6 @@ use crate::system::{
 };
 use crate::template::{Sizes, Template};
 
-/// Largest number of channels.
-const MOST_CHANNELS: usize = 200;
 /// Largest relative degree.
 const MOST_DEGREE: usize = 3;
 
@@ -118,25 +117,21 @@ pub struct FunnelControl {
     /// r and y with their derivatives.
     r: Vec<VectorOf<Input>>,
     y: Vec<VectorOf<Input>>,
-    enabled: BooleanOf<Input>,
-    u_manual: VectorOf<Input>,
+    in_command: InCommand,
     u_b: VectorOf<State>,
     /// e = y − r
     e: VectorOf<Signal>,
     /// Errors in parts of their bounds, a row a channel.
     parts: MatrixOf<Signal>,
+    /// What a channel asks for.
+    asked: VectorOf<Signal>,
     u: VectorOf<Signal>,
     /// When the bounds opened.
     opened_at: ScalarOf<Discrete>,
     /// Whether every error was inside then.
     began_inside: BooleanOf<Discrete>,
-    /// What `enabled` was when it was last looked at: between events.
-    active: BooleanOf<Discrete>,
-    moves: Moves,
-    at_limit: AtLimit,
+    supervised: Supervised,
     limited: Warning,
-    step_too_long: BooleanOf<Discrete>,
-    long_step: Warning,
 }
 
 impl System for FunnelControl {
@@ -146,9 +141,7 @@ impl System for FunnelControl {
 
     fn declare(structure: FunnelStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let FunnelStructure { channels: m, relative_degree, form, units, quantities } = structure;
-        if !(1..=MOST_CHANNELS).contains(&m) {
-            return Err(Invalid::new("channels", m, format!("must be within 1 … {MOST_CHANNELS}")));
-        }
+        check_channels(m)?;
         if !(1..=MOST_DEGREE).contains(&relative_degree) {
             let allowed = format!("must be within 1 … {MOST_DEGREE}");
             return Err(Invalid::new("relative_degree", relative_degree, allowed));
@@ -160,7 +153,7 @@ impl System for FunnelControl {
         let ([y_units, u_units], [of_y, of_u]) = (units.symbols(m)?, quantities.of_signals(m)?);
         let derivatives = with_derivatives(&y_units, relative_degree);
         let limit = "that the actuator can give, on which the guarantee ends";
-        let enabled = "whether the controller is in command; it takes over without a jump, and its funnel opens anew";
+        let takes_over = "it takes over without a jump, and its funnel opens anew";
         let limited = Limited::declare(d, (&u_units, &of_u), limit, "Berger et al. (2021), (2018)");
         let mut known = |names: [&str; 3], (what, about): (&str, &str)| {
             let orders = ["", "rate of the ", "second derivative of the "];
@@ -176,7 +169,6 @@ impl System for FunnelControl {
         let text = "rate at which what a take-over without a jump has left in the control decays";
         let direction =
             "direction: what a channel asks for, in controls. With the plant's input gain it must be positive definite";
-        d.indicators(["who is in command"]);
         Ok(FunnelControl {
             bounds: Bounds::declare(d, "the error", "", (&y_units, &of_y)),
             errors: match form {
@@ -210,21 +202,12 @@ impl System for FunnelControl {
                 )
                 .source("Berger et al. (2021), (2018)"),
             ),
-            enabled: d.input(boolean("enabled", enabled).start(true)),
-            u_manual: d.input(manual(&u_units, &of_u)),
+            in_command: InCommand::declare(d, takes_over, manual(&u_units, &of_u)),
+            asked: d.local(vector("#asked", m, "").hidden()),
             opened_at: d.discrete(scalar("#opened_at", "").hidden()),
             began_inside: d.discrete(boolean("#began_inside", "").hidden()),
-            active: d.discrete(boolean("#active", "").start(true).hidden()),
-            moves: {
-                let is_stepped = d.is_stepped();
-                Moves::declare(d, m, is_stepped)
-            },
-            at_limit: AtLimit::declare(d, limited),
+            supervised: Supervised::declare(d, limited),
             limited: d.warning("logFunnel", "a control at its limit, where the funnel isn't guaranteed"),
-            step_too_long: d.discrete(
-                boolean("step_too_long", "whether the communication step is too long for the control").output(),
-            ),
-            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
@@ -243,8 +226,7 @@ impl System for FunnelControl {
 
     /// The bounds open.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.put(self.active, enabled);
+        let enabled = self.in_command.begin(v);
         v[self.opened_at] = t;
         v[self.u_b].fill(S::from(0.0));
         let inside = self.all_inside(t, &v.values());
@@ -253,7 +235,7 @@ impl System for FunnelControl {
 
     /// u = −G g e_ρ/(1 − e_ρ²) + u_b, or the manual control, within the limits.
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
-        let (since, active) = (t - v[self.opened_at], v.get(self.active));
+        let (since, active) = (t - v[self.opened_at], self.in_command.is_active(v));
         let acts = active & v.get(self.began_inside);
         for i in 0..self.u.len() {
             y[self.e][i] = self.error(0, i, v);
@@ -261,14 +243,16 @@ impl System for FunnelControl {
             if let Errors::TwoFunnels { second, .. } = &self.errors {
                 y[second.psi][i] = second.at(i, since, v);
             }
-            for (level, part) in self.levels(i, since, v).into_iter().enumerate().take(self.parts.shape().1) {
+            let levels = self.levels(i, since, v);
+            y[self.asked][i] = S::branch(acts, || self.asked(i, &levels, since, v), || S::from(0.0));
+            for (level, part) in levels.into_iter().enumerate().take(self.parts.shape().1) {
                 // Outside, where the law isn't in force, what follows from the first is no number.
                 y[self.parts.at(i, level)] = if level == 0 { part } else { S::select(acts, part, S::from(0.0)) };
             }
         }
         for j in 0..self.u.len() {
-            let law = || self.law(j, since, v) + v[self.u_b][j];
-            let wanted = S::branch(acts, law, || S::select(active, S::from(0.0), v[self.u_manual][j]));
+            let law = || self.law(j, |i| y[self.asked][i], v) + v[self.u_b][j];
+            let wanted = S::branch(acts, law, || S::select(active, S::from(0.0), v[self.in_command.u_manual][j]));
             y[self.u][j] = within(wanted, v[self.u_min][j], v[self.u_max][j]);
         }
     }
@@ -282,7 +266,7 @@ impl System for FunnelControl {
 
     /// Tells of an error that is outside: the law is not defined there.
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(&v.values());
         v.when(active, |v| {
             for i in 0..self.u.len() {
                 self.check_channel(i, t, v);
@@ -290,34 +274,20 @@ impl System for FunnelControl {
         });
     }
 
-    /// Negative when `enabled` has changed.
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
-        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
-        let is_same = (enabled & active) | (!enabled & !active);
-        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+        self.in_command.event_indicators(v, z);
     }
 
     /// Takes over, or hands over, where `enabled` has changed.
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.when(enabled & !v.get(self.active), |v| self.take_over(t, v));
-        v.put(self.active, enabled);
+        self.in_command.event(v, |v| self.take_over(t, v));
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         // No desired dynamics say when the loop should have settled: the time is told, without a warning.
-        self.at_limit.look(t, S::from(f64::INFINITY), v);
-        let active = v.get(self.active);
-        v.when(active, |v| {
-            let moved = self.moves.look(self.u, step, v);
-            v.put(self.step_too_long, moved.flag);
-            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
-            (0..self.u.len()).for_each(|j| self.tell_limit(j, t, v));
-        });
-        v.when(!active, |v| {
-            self.moves.begin(v);
-            v.put(self.step_too_long, false.into());
-        });
+        let active = self.in_command.is_active(&v.values());
+        self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
+        v.when(active, |v| (0..self.u.len()).for_each(|j| self.tell_limit(j, t, v)));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -355,8 +325,8 @@ impl FunnelControl {
     }
 
     /// What a channel asks for: g times the last error, over 1 less its square in parts of its bound.
-    fn asked<S: Scalar>(&self, i: usize, since: S, v: &Values<S>) -> S {
-        let last = barrier(self.levels(i, since, v)[self.parts.shape().1 - 1]);
+    fn asked<S: Scalar>(&self, i: usize, levels: &[S; MOST_DEGREE], since: S, v: &Values<S>) -> S {
+        let last = barrier(levels[self.parts.shape().1 - 1]);
         match &self.errors {
             Errors::Filtered { .. } => v[self.g][i] * last,
             Errors::TwoFunnels { second, .. } => v[self.g][i] * second.at(i, since, v) * last,
@@ -364,8 +334,8 @@ impl FunnelControl {
     }
 
     /// −G g e_ρ/(1 − e_ρ²) of a control.
-    fn law<S: Scalar>(&self, control: usize, since: S, v: &Values<S>) -> S {
-        (0..self.u.len()).fold(S::from(0.0), |sum, i| sum - v[self.G.at(control, i)] * self.asked(i, since, v))
+    fn law<S: Scalar>(&self, control: usize, asked: impl Fn(usize) -> S, v: &Values<S>) -> S {
+        (0..self.u.len()).fold(S::from(0.0), |sum, i| sum - v[self.G.at(control, i)] * asked(i))
     }
 
     fn all_inside<S: Scalar>(&self, t: S, v: &Values<S>) -> S::Flag {
@@ -385,8 +355,10 @@ impl FunnelControl {
         let inside = self.all_inside(t, &v.values());
         v.put(self.began_inside, inside);
         for j in 0..self.u.len() {
-            let manual = within(v[self.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
-            let law = S::branch(inside, || self.law(j, S::from(0.0), &v.values()), || S::from(0.0));
+            let manual = within(v[self.in_command.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
+            let (values, start) = (v.values(), S::from(0.0));
+            let asked = |i: usize| self.asked(i, &self.levels(i, start, &values), start, &values);
+            let law = S::branch(inside, || self.law(j, asked, &values), || start);
             v[self.u_b][j] = manual - law;
         }
     }

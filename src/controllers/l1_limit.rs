@@ -12,19 +12,19 @@ mod template;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::at_limit::{AtLimit, Limited, manual};
+use super::at_limit::{Limited, manual};
+use super::in_command::InCommand;
 use super::l1::tracking::{self, BY_GAIN};
 use super::l1::{Cancellation, Commands, Dynamics, Plant, SETTLED, Symbols, Zeros, add_product, dot};
-use super::moves::Moves;
+use super::supervised::Supervised;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::filter::Filter;
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::{feedforward, lyapunov};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point,
-    Prepared, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, choice,
-    matrix, scalar, vector,
+    Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates,
+    Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 pub use structure::L1LimitStructure;
@@ -88,8 +88,7 @@ pub struct L1Limit {
     units_of_r: Vec<&'static str>,
     of_r: Vec<String>,
     x: VectorOf<Input>,
-    enabled: BooleanOf<Input>,
-    u_manual: VectorOf<Input>,
+    in_command: InCommand,
     /// f − L x
     w: VectorOf<State>,
     /// States of D(s), channel by channel; then those of H_m⁻¹ H_um; then h, what is differentiated of η_2.
@@ -104,12 +103,7 @@ pub struct L1Limit {
     u: VectorOf<Signal>,
     /// What the limits add to the control, in the units of u_ad.
     added: VectorOf<Signal>,
-    /// What `enabled` was when it was last looked at: between events.
-    active: BooleanOf<Discrete>,
-    moves: Moves,
-    at_limit: AtLimit,
-    step_too_long: BooleanOf<Discrete>,
-    long_step: Warning,
+    supervised: Supervised,
 }
 
 impl Tracking for L1Limit {
@@ -122,8 +116,7 @@ impl Tracking for L1Limit {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        let y = v[self.x].iter().zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (&x, &c)| sum + x * c);
-        v[self.r][channel] - y
+        v[self.r][channel] - self.plant.output(channel, &v[self.x])
     }
 }
 
@@ -147,7 +140,6 @@ impl System for L1Limit {
         let Symbols { r, x, u, command, inertia, of_r, of_x, of_u } = &units;
         let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
         let limited = Limited::declare(d, (u, of_u), "that the actuator can give", "");
-        d.indicators(["who is in command"]);
         Ok(L1Limit {
             filter_at_rest: filter.at_rest(),
             K: d.parameter(
@@ -175,10 +167,7 @@ impl System for L1Limit {
             L_in_force: d.discrete(matrix("#L in force", order, n, "").hidden()),
             r: d.input(vector("r", m, "reference").about(of_r, "reference of {}").units(r)),
             x: d.input(vector("x", n, "measured state of the plant").about(of_x, "measured {}").units(x)),
-            enabled: d.input(
-                boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true),
-            ),
-            u_manual: d.input(manual(u, of_u)),
+            in_command: InCommand::declare(d, "it takes over without a jump", manual(u, of_u)),
             w: d.state(
                 vector("w", order, "state of the controller: that of its filters, less L x")
                     .source("Hashim (3.4), (3.22), (3.62), as adaptation gets fast"),
@@ -193,16 +182,7 @@ impl System for L1Limit {
                     .units(command),
             ),
             added: d.local(hidden("#added by limits", m)),
-            active: d.discrete(boolean("#active", "").start(true).hidden()),
-            moves: {
-                let is_stepped = d.is_stepped();
-                Moves::declare(d, m, is_stepped)
-            },
-            at_limit: AtLimit::declare(d, limited),
-            step_too_long: d.discrete(
-                boolean("step_too_long", "whether the communication step is too long for the control").output(),
-            ),
-            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
+            supervised: Supervised::declare(d, limited),
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
@@ -238,8 +218,7 @@ impl System for L1Limit {
 
     /// The filters start at zero, f = 0, or where the manual control has them.
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.put(self.active, enabled);
+        let enabled = self.in_command.begin(v);
         v.copy(self.L, self.L_in_force);
         for k in 0..self.w.len() {
             v[self.w][k] = -self.of_state(k, &v.values());
@@ -268,11 +247,11 @@ impl System for L1Limit {
             y[signal].fill(S::from(0.0));
             add_product(&mut y[signal], matrix, along.iter().copied());
         }
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(v);
         for i in 0..self.u.len() {
             let (u_ad, feedback) = (self.filtered(i, &y[self.f], v), self.feedback(i, v));
             let inertia = self.inertia(i, v);
-            let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.u_manual][i]);
+            let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.in_command.u_manual][i]);
             let u = within(wanted, v[self.u_min][i], v[self.u_max][i]);
             (y[self.u][i], y[self.feedback][i], y[self.added][i]) = (u, feedback, (u - wanted) / inertia);
             y[self.u_ad][i] = S::branch(active, || u_ad, || u / inertia + feedback);
@@ -282,7 +261,7 @@ impl System for L1Limit {
     /// w' = f' − L x'. Under manual control the filters of the channels rest, to be set when it ends; what follows from x
     /// alone goes on.
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(v);
         for k in 0..self.w.len() {
             let beyond_drift = || self.driven(k, v) - dot(v.matrix(self.L_in_force).row(k).iter(), &v[self.drift]);
             dx[self.w][k] =
@@ -290,32 +269,18 @@ impl System for L1Limit {
         }
     }
 
-    /// Negative when `enabled` has changed.
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
-        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
-        let is_same = (enabled & active) | (!enabled & !active);
-        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+        self.in_command.event_indicators(v, z);
     }
 
     /// Takes over, or hands over, where `enabled` has changed.
     fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.when(enabled & !v.get(self.active), |v| self.take_over(v));
-        v.put(self.active, enabled);
+        self.in_command.event(v, |v| self.take_over(v));
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        let (active, settling_time) = (v.get(self.active), v[self.settling_time]);
-        self.at_limit.look(t, settling_time, v);
-        v.when(active, |v| {
-            let moved = self.moves.look(self.u, step, v);
-            v.put(self.step_too_long, moved.flag);
-            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
-        });
-        v.when(!active, |v| {
-            self.moves.begin(v);
-            v.put(self.step_too_long, false.into());
-        });
+        let (active, settling_time) = (self.in_command.is_active(&v.values()), v[self.settling_time]);
+        self.supervised.look((t, step), settling_time, active, v);
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -435,7 +400,7 @@ impl L1Limit {
         let order = self.filter.order();
         for i in 0..self.u.len() {
             let values = v.values();
-            let manual = within(v[self.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
+            let manual = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
             let direct = self.cancellation.as_ref().and_then(|cancellation| cancellation.direct);
             let at_once = self.differentiated().zip(direct).map_or(S::from(0.0), |(first, direct)| {
                 let h = |l: usize| v[self.w][first + l] + self.of_state(first + l, &values);

@@ -14,6 +14,7 @@ mod template;
 
 use super::at_limit::{AtLimit, Limited, manual};
 use super::clock::{Clock, SHORTEST};
+use super::in_command::InCommand;
 use super::l1::{Dynamics, Plant, SETTLED, Symbols, dot};
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
@@ -89,8 +90,7 @@ pub struct L1Sampled {
     units_of_r: Vec<&'static str>,
     of_r: Vec<String>,
     x: VectorOf<Input>,
-    enabled: BooleanOf<Input>,
-    u_manual: VectorOf<Input>,
+    in_command: InCommand,
     clock: Clock,
     zeta: VectorOf<Discrete>,
     sigma_hat: VectorOf<Discrete>,
@@ -106,8 +106,7 @@ pub struct L1Sampled {
     held: VectorOf<Discrete>,
     u: VectorOf<Signal>,
     u_ad: VectorOf<Signal>,
-    /// What `enabled` was when it was last looked at, and whether the next sample begins from the control that stands.
-    active: BooleanOf<Discrete>,
+    /// Whether the next sample begins from the control that stands.
     takes_over: BooleanOf<Discrete>,
     is_stepped: BooleanOf<crate::system::Memory>,
     at_limit: AtLimit,
@@ -153,8 +152,7 @@ impl Tracking for L1Sampled {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        let y = v[self.x].iter().zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (&x, &c)| sum + x * c);
-        v[self.r][channel] - y
+        v[self.r][channel] - self.plant.output(channel, &v[self.x])
     }
 }
 
@@ -176,7 +174,6 @@ impl System for L1Sampled {
         let [A_d, B_d, L_d, L_inverse] = [("#A_d", n), ("#B_d", m), ("#L_d", n), ("#inverse of L_d", n)]
             .map(|(name, columns)| hidden(name, columns));
         let predictor = (structure.estimate == Estimate::Published).then(|| Predictor::declare(d, n, m, &units));
-        d.indicators(["who is in command"]);
         let late = "samples that pass from a measurement until its control acts: 0 where a master steps the plant before the \
                     controller, and in a whole loop as one unit; 1 where it steps both at once";
         Ok(L1Sampled {
@@ -220,10 +217,7 @@ impl System for L1Sampled {
                     .units(&rates),
             ),
             x: d.input(vector("x", n, "measured state of the plant").about(of_x, "measured {}").units(x)),
-            enabled: d.input(
-                boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true),
-            ),
-            u_manual: d.input(manual(u, of_u)),
+            in_command: InCommand::declare(d, "it takes over without a jump", manual(u, of_u)),
             clock: {
                 let period = d.discrete(scalar("#sample period", "").hidden());
                 Clock::declare(d, period)
@@ -256,7 +250,6 @@ impl System for L1Sampled {
                     .about(of_u, "control for the {} that the filter gives")
                     .units(u),
             ),
-            active: d.discrete(boolean("#active", "").start(true).hidden()),
             takes_over: d.discrete(boolean("#takes over", "").hidden()),
             is_stepped: d.is_stepped(),
             at_limit: AtLimit::declare(d, limited),
@@ -292,8 +285,7 @@ impl System for L1Sampled {
 
     /// σ̂ = 0, ζ = 0, and the controls before the start as at it.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.put(self.active, enabled);
+        let enabled = self.in_command.begin(v);
         v.put(self.takes_over, false.into());
         v[self.clock.start] = t;
         v[self.clock.period] = v[self.sample_time];
@@ -315,30 +307,26 @@ impl System for L1Sampled {
         self.clock.next(v)
     }
 
-    /// Negative when `enabled` has changed.
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
-        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
-        let is_same = (enabled & active) | (!enabled & !active);
-        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+        self.in_command.event_indicators(v, z);
     }
 
     /// Takes over, or hands over, where `enabled` has changed; takes a sample that is due.
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.when(enabled & !v.get(self.active), |v| {
+        self.in_command.event(v, |v| {
             for i in 0..self.u.len() {
                 v[self.held][i] = self.in_force(i, &v.values());
             }
             v.put(self.takes_over, true.into());
         });
-        v.put(self.active, enabled);
         let is_due = self.clock.next(&v.values()).at_most(t);
         v.when(is_due, |v| self.sample(v));
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let settling_time = v[self.settling_time];
-        self.at_limit.look(t, settling_time, v);
+        let active = self.in_command.is_active(&v.values());
+        self.at_limit.look(t, settling_time, active, v);
         v.when(v.get(self.is_stepped), |v| {
             self.clock.follow(t, step, v);
             let too_long = self.clock.is_overrun(step, &v.values());
@@ -357,7 +345,7 @@ impl System for L1Sampled {
 impl L1Sampled {
     /// What the plant gets: the held control, or the manual one, within the limits.
     fn in_force<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        let wanted = S::select(v.get(self.active), v[self.held][i], v[self.u_manual][i]);
+        let wanted = S::select(self.in_command.is_active(v), v[self.held][i], v[self.in_command.u_manual][i]);
         within(wanted, v[self.u_min][i], v[self.u_max][i])
     }
 }

@@ -8,32 +8,28 @@
 mod report;
 mod template;
 
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::at_limit::{AtLimit, Limited, manual};
+use super::at_limit::{Limited, manual};
+use super::in_command::InCommand;
+use super::inverse;
 use super::l1::dot;
-use super::moves::Moves;
-use super::units::{OutputUnits, Quantities, of_matrix, with_derivatives};
+use super::supervised::Supervised;
+use super::units::{OutputUnits, Quantities, check_channels, of_matrix, with_derivatives};
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::limits::{self, within};
-use crate::mathematics::matrices;
 use crate::system::{
-    BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
-    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,
+    Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals,
+    State, System, Values, VectorOf, matrix, vector,
 };
 use crate::template::{Sizes, Template};
 
-/// Largest number of channels.
-const MOST_CHANNELS: usize = 200;
 /// Largest order of a channel.
 const MOST_ORDER: usize = 3;
 /// What `omega_o` is where it follows from `omega_c`, and how many times that it is then.
 const BY_CONTROLLER: f64 = -1.0;
 const FASTER: f64 = 10.0;
-/// The least singular value of an input gain, in parts of the largest one.
-const LEAST_DIRECTION: f64 = 1e-12;
 
 /// What the law knows of the reference beside its value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
@@ -87,19 +83,13 @@ pub struct Ladrc {
     y: VectorOf<Input>,
     units_of_y: Vec<&'static str>,
     of_y: Vec<String>,
-    enabled: BooleanOf<Input>,
-    u_manual: VectorOf<Input>,
+    in_command: InCommand,
     /// Estimates of y and its derivatives, and of f: a row a channel.
     z: MatrixOf<State>,
     u_b: VectorOf<State>,
     u_0: VectorOf<Signal>,
     u: VectorOf<Signal>,
-    /// What `enabled` was when it was last looked at: between events.
-    active: BooleanOf<Discrete>,
-    moves: Moves,
-    at_limit: AtLimit,
-    step_too_long: BooleanOf<Discrete>,
-    long_step: Warning,
+    supervised: Supervised,
 }
 
 impl Tracking for Ladrc {
@@ -123,9 +113,7 @@ impl System for Ladrc {
 
     fn declare(structure: LadrcStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let LadrcStructure { channels: m, order: n, feedforward, units, quantities } = structure;
-        if !(1..=MOST_CHANNELS).contains(&m) {
-            return Err(Invalid::new("channels", m, format!("must be within 1 … {MOST_CHANNELS}")));
-        }
+        check_channels(m)?;
         if !(1..=MOST_ORDER).contains(&n) {
             return Err(Invalid::new("order", n, format!("must be within 1 … {MOST_ORDER}")));
         }
@@ -133,13 +121,11 @@ impl System for Ladrc {
         let derivatives = with_derivatives(&y, n);
         let highest = &derivatives[n];
         let of_gain = of_matrix(highest, &u)?;
-        let enabled = "whether the controller is in command; it takes over without a jump";
         let limited = Limited::declare(d, (&u, &of_u), "that the actuator can give", "Herbst, section 2");
         let bandwidth = |name: &str, text: &str| vector(name, m, text).unit("rad/s").in_own_unit();
         let poles = "controller bandwidth: the poles that the loop is to have, as -omega_c";
         let omega_c = d.parameter(bandwidth("omega_c", poles).start(1.0).positive());
         let text = "observer bandwidth: the observer's poles, as -omega_o; -1 rad/s: ten times omega_c";
-        d.indicators(["who is in command"]);
         Ok(Ladrc {
             order: n,
             omega_c,
@@ -173,8 +159,7 @@ impl System for Ladrc {
                     .collect()
             },
             y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(&y)),
-            enabled: d.input(boolean("enabled", enabled).start(true)),
-            u_manual: d.input(manual(&u, &of_u)),
+            in_command: InCommand::declare(d, "it takes over without a jump", manual(&u, &of_u)),
             z: d.state(
                 matrix("z", m, n + 1, "estimates of the output, its derivatives, and what drives the last of them")
                     .units(&derivatives.concat())
@@ -184,16 +169,7 @@ impl System for Ladrc {
             u_0: d.local(
                 vector("u_0", m, "last derivative that the law wants").units(highest).source("Herbst, section 2"),
             ),
-            active: d.discrete(boolean("#active", "").start(true).hidden()),
-            moves: {
-                let is_stepped = d.is_stepped();
-                Moves::declare(d, m, is_stepped)
-            },
-            at_limit: AtLimit::declare(d, limited),
-            step_too_long: d.discrete(
-                boolean("step_too_long", "whether the communication step is too long for the control").output(),
-            ),
-            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
+            supervised: Supervised::declare(d, limited),
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
@@ -203,13 +179,7 @@ impl System for Ladrc {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let inverse = matrices::inverse(&v.matrix(self.B_0).into_owned(), LEAST_DIRECTION).map_err(|least| {
-            let text = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
-            let name = format!("{}: least singular value in parts of the largest", v.name(self.B_0));
-            Invalid::new(name, Number(least), text)
-        })?;
-        v.matrix_mut(self.B_0_inverse).copy_from(&inverse);
-        Ok(())
+        inverse::prepare(self.B_0, self.B_0_inverse, v)
     }
 
     /// ω_o = 10 ω_c, unless it is given.
@@ -228,8 +198,7 @@ impl System for Ladrc {
 
     /// z_1 = y, the others and u_b at 0.
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.put(self.active, enabled);
+        self.in_command.begin(v);
         v[self.z.elements()].fill(S::from(0.0));
         v[self.u_b].fill(S::from(0.0));
         for i in 0..self.u.len() {
@@ -242,10 +211,10 @@ impl System for Ladrc {
         for i in 0..self.u.len() {
             y[self.u_0][i] = self.wanted(i, v);
         }
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(v);
         for j in 0..self.u.len() {
-            let wanted = self.law(j, v) + v[self.u_b][j];
-            let wanted = S::select(active, wanted, v[self.u_manual][j]);
+            let wanted = self.law(j, |ch| y[self.u_0][ch], v) + v[self.u_b][j];
+            let wanted = S::select(active, wanted, v[self.in_command.u_manual][j]);
             y[self.u][j] = within(wanted, v[self.u_min][j], v[self.u_max][j]);
         }
     }
@@ -268,33 +237,19 @@ impl System for Ladrc {
         }
     }
 
-    /// Negative when `enabled` has changed.
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
-        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
-        let is_same = (enabled & active) | (!enabled & !active);
-        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+        self.in_command.event_indicators(v, z);
     }
 
     /// Takes over, or hands over, where `enabled` has changed.
     fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.when(enabled & !v.get(self.active), |v| self.take_over(v));
-        v.put(self.active, enabled);
+        self.in_command.event(v, |v| self.take_over(v));
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         // No desired dynamics say when a loop that has met its limits should have settled: the time is told, without a warning.
-        self.at_limit.look(t, S::from(f64::INFINITY), v);
-        let active = v.get(self.active);
-        v.when(active, |v| {
-            let moved = self.moves.look(self.u, step, v);
-            v.put(self.step_too_long, moved.flag);
-            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
-        });
-        v.when(!active, |v| {
-            self.moves.begin(v);
-            v.put(self.step_too_long, false.into());
-        });
+        let active = self.in_command.is_active(&v.values());
+        self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -317,18 +272,19 @@ impl Ladrc {
     }
 
     /// B_0⁻¹ (u_0 − z_{n+1}) of a control.
-    fn law<S: Scalar>(&self, control: usize, v: &Values<S>) -> S {
+    fn law<S: Scalar>(&self, control: usize, u_0: impl Fn(usize) -> S, v: &Values<S>) -> S {
         (0..self.u.len()).fold(S::from(0.0), |sum, ch| {
-            sum + v[self.B_0_inverse.at(control, ch)] * (self.wanted(ch, v) - v[self.z.at(ch, self.order)])
+            sum + v[self.B_0_inverse.at(control, ch)] * (u_0(ch) - v[self.z.at(ch, self.order)])
         })
     }
 
     /// u_b := u_manual − B_0⁻¹ (u_0 − z_{n+1}): the control stays where the manual one is, within the limits.
     fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
         for j in 0..self.u.len() {
-            let manual = within(v[self.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
-            let left = manual - self.law(j, &v.values());
-            v[self.u_b][j] = left;
+            let manual = within(v[self.in_command.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
+            let values = v.values();
+            let law = self.law(j, |ch| self.wanted(ch, &values), &values);
+            v[self.u_b][j] = manual - law;
         }
     }
 }
@@ -336,11 +292,6 @@ impl Ladrc {
 /// n over k.
 fn binomial(n: usize, k: usize) -> f64 {
     (0..k).fold(1.0, |product, i| product * (n - i) as f64 / (i + 1) as f64)
-}
-
-/// What the control does to the last derivatives: B_0, where nothing else is known of the plant.
-fn inverse(B_0: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
-    matrices::inverse(B_0, LEAST_DIRECTION)
 }
 
 impl Catalogued for Ladrc {

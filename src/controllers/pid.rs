@@ -7,32 +7,28 @@ mod template;
 mod tests;
 mod units;
 
-use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use super::at_limit::{AtLimit, Limited, manual};
+use super::at_limit::{Limited, manual};
+use super::in_command::InCommand;
+use super::inverse;
 use super::l1::dot;
-use super::moves::Moves;
-use super::units::Quantities;
+use super::supervised::Supervised;
+use super::units::{Quantities, check_channels};
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, Trial, icon};
 use crate::mathematics::limits::{self, within};
-use crate::mathematics::matrices;
 use crate::system::{
-    BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared,
-    Rates, Scalar, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, vector,
+    Declaration, DesignReport, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Rates, Scalar, Signal,
+    Signals, State, System, Values, VectorOf, matrix, vector,
 };
 use crate::template::{Sizes, Template};
 use units::{Symbols, Units};
 
-/// Largest number of channels.
-const MOST_CHANNELS: usize = 200;
 /// What `tracking_time` is where it follows from the gains.
 const BY_GAINS: f64 = -1.0;
 /// The least time that is given, s.
 const LEAST_TIME: f64 = 1e-9;
-/// The least singular value of a decoupling matrix, in parts of the largest one.
-const LEAST_DIRECTION: f64 = 1e-12;
 
 /// The description of a PID controller's structure.
 #[derive(Debug, Deserialize)]
@@ -69,8 +65,7 @@ pub struct Pid {
     y: VectorOf<Input>,
     units_of_y: Vec<&'static str>,
     of_y: Vec<String>,
-    enabled: BooleanOf<Input>,
-    u_manual: VectorOf<Input>,
+    in_command: InCommand,
     I: VectorOf<State>,
     w: VectorOf<State>,
     P: VectorOf<Signal>,
@@ -79,12 +74,7 @@ pub struct Pid {
     u: VectorOf<Signal>,
     /// u − S v
     cut: VectorOf<Signal>,
-    /// What `enabled` was when it was last looked at: between events.
-    active: BooleanOf<Discrete>,
-    moves: Moves,
-    at_limit: AtLimit,
-    step_too_long: BooleanOf<Discrete>,
-    long_step: Warning,
+    supervised: Supervised,
 }
 
 impl Tracking for Pid {
@@ -108,9 +98,7 @@ impl System for Pid {
 
     fn declare(structure: PidStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let m = structure.channels;
-        if !(1..=MOST_CHANNELS).contains(&m) {
-            return Err(Invalid::new("channels", m, format!("must be within 1 … {MOST_CHANNELS}")));
-        }
+        check_channels(m)?;
         let units = structure.units.symbols(m)?;
         let Symbols { y, v, u, .. } = &units;
         let gain = |name: &str, text: &str| vector(name, m, text).min(0.0);
@@ -118,9 +106,7 @@ impl System for Pid {
         let [of_y, of_u] = structure.quantities.of_signals(m)?;
         let tracking = "time with which the integral follows what the limits leave, so that it doesn't wind up; -1 s: by \
                         the gains, 0: off";
-        let enabled = "whether the controller is in command; it takes over without a jump";
         let limited = Limited::declare(d, (u, &of_u), "that the actuator can give", "");
-        d.indicators(["who is in command"]);
         Ok(Pid {
             K_p: d.parameter(gain("K_p", "proportional gain").start(1.0).units(&units.K_p)),
             K_i: d.parameter(gain("K_i", "integral gain").units(&units.K_i)),
@@ -144,24 +130,14 @@ impl System for Pid {
             T_t: d.prepared(vector("T_t", m, "tracking time in force; 0 where the integral doesn't track").unit("s")),
             r: d.input(vector("r", m, "reference").about(&of_y, "reference of {}").units(y)),
             y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(y)),
-            enabled: d.input(boolean("enabled", enabled).start(true)),
-            u_manual: d.input(manual(u, &of_u)),
+            in_command: InCommand::declare(d, "it takes over without a jump", manual(u, &of_u)),
             I: d.state(vector("I", m, "integral part").units(v)),
             w: d.state(vector("w", m, "c r - y behind the derivative's filter").units(y)),
             P: d.local(vector("P", m, "proportional part").units(v)),
             D: d.local(vector("D", m, "derivative part").units(v)),
             v: d.local(vector("v", m, "what the channel asks for, P + I + D").units(v)),
             cut: d.local(vector("#u - S v", m, "").hidden()),
-            active: d.discrete(boolean("#active", "").start(true).hidden()),
-            moves: {
-                let is_stepped = d.is_stepped();
-                Moves::declare(d, m, is_stepped)
-            },
-            at_limit: AtLimit::declare(d, limited),
-            step_too_long: d.discrete(
-                boolean("step_too_long", "whether the communication step is too long for the control").output(),
-            ),
-            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
+            supervised: Supervised::declare(d, limited),
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
@@ -171,13 +147,7 @@ impl System for Pid {
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
-        let inverse = inverse(&v.matrix(self.S).into_owned()).map_err(|least| {
-            let text = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
-            let name = format!("{}: least singular value in parts of the largest", v.name(self.S));
-            Invalid::new(name, Number(least), text)
-        })?;
-        v.matrix_mut(self.S_inverse).copy_from(&inverse);
-        Ok(())
+        inverse::prepare(self.S, self.S_inverse, v)
     }
 
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {
@@ -190,8 +160,7 @@ impl System for Pid {
 
     /// I = 0, and the filter at rest: the derivative begins without a kick.
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.put(self.active, enabled);
+        self.in_command.begin(v);
         for i in 0..self.I.len() {
             v[self.I][i] = S::from(0.0);
             v[self.w][i] = self.weighted(self.c, i, &v.values());
@@ -204,10 +173,10 @@ impl System for Pid {
             let [P, D] = self.parts(i, v);
             (y[self.P][i], y[self.D][i], y[self.v][i]) = (P, D, P + v[self.I][i] + D);
         }
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(v);
         for j in 0..self.u.len() {
             let wanted = dot(v.matrix(self.S).row(j).iter(), &y[self.v]);
-            let wanted = S::select(active, wanted, v[self.u_manual][j]);
+            let wanted = S::select(active, wanted, v[self.in_command.u_manual][j]);
             let u = within(wanted, v[self.u_min][j], v[self.u_max][j]);
             (y[self.u][j], y[self.cut][j]) = (u, u - wanted);
         }
@@ -215,7 +184,7 @@ impl System for Pid {
 
     /// I' = K_i (r − y) + [S⁻¹ (u − S v)]_i/T_t, held under manual control; w' = N ((c r − y) − w) always.
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(v);
         for i in 0..self.I.len() {
             let integral = || v[self.K_i][i] * self.tracking_error(i, v) + self.tracked(i, v);
             dx[self.I][i] = S::branch(active, integral, || S::from(0.0));
@@ -223,29 +192,19 @@ impl System for Pid {
         }
     }
 
-    /// Negative when `enabled` has changed.
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
-        let (enabled, active) = (v.get(self.enabled), v.get(self.active));
-        let is_same = (enabled & active) | (!enabled & !active);
-        z[0] = S::select(is_same, S::from(1.0), S::from(-1.0));
+        self.in_command.event_indicators(v, z);
     }
 
     /// Takes over, or hands over, where `enabled` has changed.
     fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        let enabled = v.get(self.enabled);
-        v.when(enabled & !v.get(self.active), |v| self.take_over(v));
-        v.put(self.active, enabled);
+        self.in_command.event(v, |v| self.take_over(v));
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         // No desired dynamics say when a loop should have settled: the time is told, without a warning.
-        self.at_limit.look(t, S::from(f64::INFINITY), v);
-        let active = v.get(self.active);
-        v.when(active, |v| self.judge_step(step, v));
-        v.when(!active, |v| {
-            self.moves.begin(v);
-            v.put(self.step_too_long, false.into());
-        });
+        let active = self.in_command.is_active(&v.values());
+        self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -278,17 +237,10 @@ impl Pid {
         for i in 0..self.I.len() {
             let values = v.values();
             let [P, D] = self.parts(i, &values);
-            let manual = |j: usize| within(v[self.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
+            let manual = |j: usize| within(v[self.in_command.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
             let shares = (0..self.u.len()).map(|j| v[self.S_inverse.at(i, j)] * manual(j));
             v[self.I][i] = shares.fold(S::from(0.0), |sum, share| sum + share) - P - D;
         }
-    }
-
-    /// Tells whether the control moved too far in a communication step.
-    fn judge_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
-        let moved = self.moves.look(self.u, step, v);
-        v.put(self.step_too_long, moved.flag);
-        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
     }
 
     /// T_t of a channel: √(K_d/K_i) unless it is given; K_p/K_i without derivative, and 1/N with the integral alone. 0, none,
@@ -311,11 +263,6 @@ impl Pid {
             Invalid::new(v.name(self.tracking_time.at(i)), time.told(), allowed)
         });
     }
-}
-
-/// S⁻¹; or how small the least singular value is against the largest one, where there is none.
-fn inverse(S: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
-    matrices::inverse(S, LEAST_DIRECTION)
 }
 
 impl Catalogued for Pid {

@@ -4,6 +4,20 @@ use serde::Deserialize;
 
 use crate::system::{Invalid, Unit, quantities};
 
+/// Largest number of channels.
+const MOST_CHANNELS: usize = 200;
+
+/// Refuses a number of channels that is none.
+///
+/// # Errors
+/// How many there may be.
+pub(super) fn check_channels(m: usize) -> Result<(), Invalid> {
+    if (1..=MOST_CHANNELS).contains(&m) {
+        return Ok(());
+    }
+    Err(Invalid::new("channels", m, format!("must be within 1 … {MOST_CHANNELS}")))
+}
+
 /// Units of the signals, an element each; 1 where none are given.
 #[derive(Debug, Default, Deserialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]

@@ -365,6 +365,22 @@ fn a_thrust_at_its_limit_counts_too() {
 }
 
 #[test]
+fn a_limit_that_a_person_stands_at_says_nothing_of_any_design() {
+    for name in
+        ["L1NonlinearSiso", "L1LimitNonlinearSiso", "L1SampledNonlinearSiso", "LadrcNonlinearSiso", "PidNonlinearSiso"]
+    {
+        let unit = Unit::new(name);
+        assert_eq!(unit.set_boolean("enabled", false), OK);
+        unit.put("u_max[1]", 5.0);
+        unit.start(0.0);
+        unit.put("u_manual[1]", 20.0);
+        unit.run(0.0, 2000, 1e-2);
+        assert!(unit.get("u[1]") == 5.0 && (unit.get("time_at_limit") - 19.99).abs() < 1e-6, "{name}");
+        assert_eq!(unit.messages(), [], "{name}");
+    }
+}
+
+#[test]
 fn check_tells_the_time_and_warns_where_it_is_off() {
     use adaptive_fmu::report::{Finding, Value};
     use adaptive_fmu::system::Verdict;

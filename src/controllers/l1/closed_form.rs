@@ -237,7 +237,7 @@ impl Law {
     pub(in crate::controllers) fn closed_form_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         let phase = v[self.adaptation_frequency] * h;
         let least = v[self.design.closed_form_phase] * (relative_tolerance / USUAL_TOLERANCE).powf(1.0 / GENERAL_ORDER);
-        v.get(self.active) && phase >= least && self.projections(v) == 0.0
+        self.in_command.is_active(v) && phase >= least && self.projections(v) == 0.0
     }
 
     /// Compares all states, as a general method does, and η̂ and u_ad, within the tighter of the two tolerances. The states

@@ -9,6 +9,7 @@ use super::structure::{Baseline, L1Structure, Plant, Regressor};
 use super::unmatched::Unmatched;
 use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
 use crate::controllers::at_limit::AtLimit;
+use crate::controllers::in_command::InCommand;
 use crate::controllers::moves::Moves;
 use crate::mathematics::filter::Filter;
 use crate::mathematics::limits::within;
@@ -55,10 +56,7 @@ pub(in crate::controllers) struct Law {
     pub(super) phi: VectorOf<Signal>,
     /// s = −(B B_um)ᵀ P x̃
     s: VectorOf<Signal>,
-    /// What `enabled` was when it was last looked at: between events.
-    pub(super) active: BooleanOf<Discrete>,
-    /// The place of the law's event indicator.
-    pub(super) indicator: usize,
+    pub(super) in_command: InCommand,
     pub(super) step_too_long: BooleanOf<Discrete>,
     pub(super) moves: Moves,
     pub(super) at_limit: AtLimit,
@@ -135,8 +133,7 @@ impl Law {
             v: d.local(vector("#v", m, "").hidden()),
             phi: d.local(vector("#phi", columns, "").hidden()),
             s: d.local(vector("#s", m + plant.B_um.ncols(), "").hidden()),
-            active: d.discrete(boolean("#active", "").start(true).hidden()),
-            indicator: d.indicators(["who is in command"]),
+            in_command: InCommand::by(d, ports.enabled, ports.u_manual),
             step_too_long: d.discrete(
                 boolean(
                     "step_too_long",
@@ -186,8 +183,7 @@ impl Law {
     /// The predictor starts at the measured state; ω̂ at the identity, which its bounds must hold, the other estimates
     /// at zero.
     pub fn initialise<S: Scalar>(&self, v: &mut Point<S>) {
-        let enabled = v.get(self.ports.enabled);
-        v.put(self.active, enabled);
+        let enabled = self.in_command.begin(v);
         v.copy(self.ports.x, self.x_hat);
         v[self.f].fill(S::from(0.0));
         let takes_over = !enabled | v.get(self.u_ad_start).is(AdaptiveStart::Bumpless);
@@ -212,7 +208,7 @@ impl Law {
 
     /// y = C x of a channel.
     pub fn output<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.ports.x].iter().zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (&x, &c)| sum + x * c)
+        self.plant.output(channel, &v[self.ports.x])
     }
 
     /// y' = C A_m x of a channel, as it follows from the state for the nominal plant: without uncertainty, and where the
@@ -243,7 +239,7 @@ impl Law {
 
     /// Whether the controller is in command.
     pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
-        v.get(self.active)
+        self.in_command.is_active(v)
     }
 
     /// The name of u_ad of a channel, for a text.
@@ -288,7 +284,7 @@ impl Law {
 
     /// The control, and what the estimates see of it.
     fn control<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(v);
         y[self.feedback].fill(S::from(0.0));
         if let Some(K_m) = self.design.K_m(v) {
             add_product(&mut y[self.feedback], K_m, v[self.ports.x].iter().copied());
@@ -298,7 +294,7 @@ impl Law {
         for i in 0..self.u_ad.len() {
             let (u_ad, feedback) = (y[self.u_ad][i], y[self.feedback][i]);
             let inertia = inertias.get(i).copied().unwrap_or(S::from(1.0));
-            let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.ports.u_manual][i]);
+            let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.in_command.u_manual][i]);
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
             y[self.ports.u][i] = u;
             y[self.v][i] = match self.baseline {
@@ -346,7 +342,7 @@ impl Law {
             unmatched.derivatives(v, dx);
         }
         self.freeze(dx);
-        let active = v.get(self.active);
+        let active = self.in_command.is_active(v);
         dx.when(active, |dx| {
             self.control_law(K, v, dx);
             self.track_limits(K, v, dx);
@@ -357,7 +353,7 @@ impl Law {
 
     /// x̂' = A_m x̂ + B η̂ + B_um η̂_2; while not enabled, x̂' = A_m (x̂ − x).
     fn predictor<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
-        let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], v.get(self.active));
+        let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], self.in_command.is_active(v));
         let followed = x_hat.iter().zip(x).map(|(&x_hat, &x)| S::branch(active, || x_hat, || x_hat - x));
         dx[self.x_hat].fill(S::from(0.0));
         add_product(&mut dx[self.x_hat], self.design.A_m(v), followed);

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mathematics::filter::{Filter, FilterDescription};
 use crate::mathematics::matrices::rows;
-use crate::system::{Invalid, Unit, of_outputs, quantities};
+use crate::system::{Invalid, Scalar, Unit, of_outputs, quantities};
 
 /// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.
 const MOST_STATES: usize = 200;
@@ -168,6 +168,11 @@ pub(in crate::controllers) struct Plant {
 }
 
 impl Plant {
+    /// y = C x of a channel.
+    pub fn output<S: Scalar>(&self, channel: usize, x: &[S]) -> S {
+        x.iter().zip(self.C.row(channel).iter()).fold(S::from(0.0), |sum, (&x, &c)| sum + x * c)
+    }
+
     /// (B B_um): how each uncertainty moves the state.
     #[allow(non_snake_case)]
     pub fn all_directions(&self) -> DMatrix<f64> {

@@ -12,19 +12,15 @@ use crate::system::{Point, Scalar, Values};
 impl Law {
     /// Negative when `enabled` has changed.
     pub fn event_indicators<S: Scalar>(&self, v: &Values<S>, z: &mut [S]) {
-        let (enabled, active) = (v.get(self.ports.enabled), v.get(self.active));
-        let is_same = (enabled & active) | (!enabled & !active);
-        z[self.indicator] = S::select(is_same, S::from(1.0), S::from(-1.0));
+        self.in_command.event_indicators(v, z);
     }
 
     /// Takes over, or hands over, where `enabled` has changed.
     pub fn event<S: Scalar>(&self, v: &mut Point<S>) {
-        let enabled = v.get(self.ports.enabled);
-        v.when(enabled & !v.get(self.active), |v| {
+        self.in_command.event(v, |v| {
             v.copy(self.ports.x, self.x_hat);
             self.take_over(v);
         });
-        v.put(self.active, enabled);
     }
 
     /// Puts the adaptive control where the control is the manual one.
@@ -33,7 +29,7 @@ impl Law {
             let values = v.values();
             let of_state = |K_m: DMatrixView<S>| dot(K_m.row(i).iter(), &v[self.ports.x]);
             let feedback = self.design.K_m(&values).map_or(S::from(0.0), of_state);
-            let u = within(v[self.ports.u_manual][i], v[self.ports.u_min][i], v[self.ports.u_max][i]);
+            let u = within(v[self.in_command.u_manual][i], v[self.ports.u_min][i], v[self.ports.u_max][i]);
             let u_ad = u / self.design.inertia(i, &values) + feedback;
             // From the estimates: at the start no signals stand yet.
             let norm = infinity_norm(&v[self.ports.x]);
@@ -53,10 +49,8 @@ impl Law {
     /// Counts estimates at their bounds and the time of a control at its limit; warns of them and of a step that is too
     /// long.
     pub fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        let active = v.get(self.active);
-        // Where a person controls, a limit says nothing of the design: no warning.
-        let settling_time = S::select(active, v[self.design.settling_time], S::from(f64::INFINITY));
-        self.at_limit.look(t, settling_time, v);
+        let (active, settling_time) = (self.in_command.is_active(&v.values()), v[self.design.settling_time]);
+        self.at_limit.look(t, settling_time, active, v);
         self.count_projections(v);
         v.when(active, |v| self.judge_step(step, v));
         v.when(!active, |v| {

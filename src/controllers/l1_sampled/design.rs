@@ -4,12 +4,11 @@
 use nalgebra::{Complex, DMatrix};
 
 use super::L1Sampled;
+use crate::controllers::inverse::{inverse, refused};
 use crate::controllers::l1::orthogonal_complement;
-use crate::mathematics::{feedforward, matrices, pole_placement};
+use crate::mathematics::{feedforward, pole_placement};
 use crate::system::{Invalid, Number, Point};
 
-/// The least singular value of an input gain, or of what an interval shows of σ, in parts of the largest.
-const LEAST_DIRECTION: f64 = 1e-12;
 /// Entries of a gain that are smaller, in parts of the largest, are zeros.
 const ROUNDING: f64 = 1e-14;
 /// How far the nominal plant may move in a sample time, as the norm of A T.
@@ -111,14 +110,10 @@ impl L1Sampled {
         let sizes: Vec<_> =
             matrix.column_iter().map(|column| if column.amax() > 0.0 { column.norm() } else { 1.0 }).collect();
         let scaled = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / sizes[j]);
-        let too_near = |least: f64| {
-            let allowed = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
-            Invalid::new(format!("{name}: least singular value in parts of the largest"), Number(least), allowed)
-        };
         if !scaled.norm_squared().is_finite() {
-            return Err(too_near(0.0));
+            return Err(refused(name, 0.0));
         }
-        let inverse = matrices::inverse(&scaled, LEAST_DIRECTION).map_err(too_near)?;
+        let inverse = inverse(&scaled).map_err(|least| refused(name, least))?;
         Ok(DMatrix::from_fn(inverse.nrows(), inverse.ncols(), |i, j| inverse[(i, j)] / sizes[i]))
     }
 }

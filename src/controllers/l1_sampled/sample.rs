@@ -24,7 +24,7 @@ impl L1Sampled {
         self.control(v);
         v.when(by_hand, |v| {
             for i in 0..self.u.len() {
-                v[self.held][i] = within(v[self.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
+                v[self.held][i] = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
             }
         });
         for i in 0..self.past.len() {
@@ -40,7 +40,7 @@ impl L1Sampled {
         v.when(measured.at_least(S::from(1.0)), |v| self.estimate(v));
         v.copy(self.x, self.x_before);
         self.look_ahead(v);
-        let follows = !v.get(self.active) | v.get(self.takes_over);
+        let follows = !self.in_command.is_active(&v.values()) | v.get(self.takes_over);
         v.when(follows, |v| {
             self.follow(v);
             (0..self.u.len()).for_each(|i| v[self.held][i] = v[self.past][i]);

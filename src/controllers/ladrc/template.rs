@@ -24,7 +24,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let (n, gain) = input_gain(&plant, MOST_ORDER)?;
     let B_0 = gain.map(three_digits);
     let text = "A, B, C: the controls must move the outputs, or their derivatives, independently of each other";
-    let B_0_inverse = inverse(&B_0).map_err(|_| Invalid::because(text))?;
+    let B_0_inverse = inverse::inverse(&B_0).map_err(|_| Invalid::because(text))?;
     let least = design::bandwidth(&plant, request.bandwidth)?;
     let tried = FACTORS.map(|factor| three_digits(factor * least));
     let Some(omega_c) = tried.into_iter().find(|&omega_c| is_stable(&plant, n, [&B_0, &B_0_inverse], omega_c)) else {

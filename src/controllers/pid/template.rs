@@ -105,7 +105,7 @@ fn decoupled(plant: &Plant) -> Result<(Vec<Chain>, DMatrix<f64>), Invalid> {
         return Err(Invalid::because("the entries of A, B and C differ by too many powers of ten"));
     }
     let text = "A, B, C: the controls must move the outputs, or their rates, independently of each other";
-    let S = inverse(&G).map_err(|_| Invalid::because(text))?;
+    let S = inverse::inverse(&G).map_err(|_| Invalid::because(text))?;
     Ok((chains, S.map(three_digits)))
 }
 
