@@ -231,6 +231,21 @@ def test_co_simulation_is_the_same_at_any_calls(name: str, seed: int, forms: Cal
         pair.call([pair.go_on, pair.go_on, pair.use_slopes])
 
 
+@pytest.mark.parametrize("method", ["automatic", "stiff", "fixed"])
+def test_both_tell_by_which_method_they_are_integrated_and_which_eigenvalue_decided(method: str, forms: Callable) -> None:
+    told = []
+    for unit in forms(Unit, "TwoLinkRobot"):
+        unit["integration_method"] = method
+        unit.start()
+        for k in range(200):
+            unit["u[1]"] = 50.0 if k % 40 < 20 else -50.0
+            unit.step(k * 0.01, 0.01)
+        told.append(unit.messages)
+    assert told[0] == told[1]
+    texts = [message.text for message in told[0] if "integrated by" in message.text]
+    assert texts and ("eigenvalue" in texts[0] if method == "automatic" else "as integration_method asks" in texts[0])
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("name", NAMES)
 def test_model_exchange_is_the_same_at_any_calls(name: str, seed: int, forms: Callable) -> None:

@@ -21,6 +21,8 @@ const DOWN: f64 = 0.4;
 const OVER: f64 = 0.75;
 /// Periods of a sine.
 const PERIODS: f64 = 1.5;
+/// The work that a communication step of the experiment may take: a large plant's export waits no longer for its picture.
+const MOST_WORK: f64 = 1e6;
 /// The most outputs in one picture.
 const MOST_OUTPUTS: usize = 4;
 
@@ -91,7 +93,9 @@ impl Experiment {
         let units = of_input.into_iter().chain((0..count).map(|k| output.element(k).unit())).collect();
         let held = demonstration.held.iter().filter_map(|name| find(name));
         let held: Vec<usize> = held.flat_map(|variable| (0..variable.len()).map(|k| place(variable, k))).collect();
+        let of_work = find("work_limit").map(|variable| place(variable, 0));
         let mut execution = Execution::new(model);
+        of_work.into_iter().for_each(|place| execution.set_real(place, MOST_WORK));
         held.into_iter().for_each(|place| execution.set_real(place, 0.0));
         Some(Experiment { execution, demonstration: *demonstration, scale, input, outputs, units })
     }
@@ -210,6 +214,28 @@ mod tests {
             assert!((position - 0.5 * f64::max(time - 0.5, 0.0).powi(2)).abs() < 1e-6, "{position} m at {time} s");
         }
         assert!(recorded.shown("").how.ends_with("<code>u[1]</code> steps from 0 to 1 at 0.5 s."));
+    }
+
+    #[test]
+    #[allow(non_snake_case)]
+    fn a_large_plant_that_nobody_controls_is_shown_as_far_as_a_little_work_gets() {
+        // Modes that oscillate at up to 100 000 rad/s and grow: the whole experiment would take minutes.
+        let modes = 50;
+        let mut A = vec![vec![0.0; 2 * modes]; 2 * modes];
+        for mode in 0..modes {
+            let (k, frequency) = (2 * mode, 2e3 * (mode + 1) as f64);
+            (A[k][k], A[k][k + 1], A[k + 1][k], A[k + 1][k + 1]) = (1.0, frequency, -frequency, 1.0);
+        }
+        let text = format!(
+            "name = \"Large\"\nmodel = \"state-space\"\ndescription = \"\"\n[experiment]\nstop_time = 100.0\n[structure]\n\
+             A = {A:?}\nB = {:?}\nC = {:?}\n",
+            vec![[1.0]; 2 * modes],
+            [vec![1.0; 2 * modes]]
+        );
+        let description = Description::read(&text).unwrap();
+        let demonstration = library::find(&description.model).unwrap().demonstration.unwrap();
+        let recorded = Experiment::of(&description, &demonstration).unwrap().run();
+        assert!(recorded.is_none_or(|recorded| recorded.plot.curves[0].points.len() <= STEPS));
     }
 
     #[test]

@@ -60,7 +60,7 @@ pub fn log_categories(model: &Model) -> impl Iterator<Item = (&'static str, &'st
     let standard = [
         (super::logger::ERROR, "a call was refused or failed: what, why, and what to do"),
         (DISCARDED, "a step could not be finished or a value not be computed; a smaller step may help"),
-        (EVENTS, "tunable parameters that were taken over"),
+        (EVENTS, "tunable parameters that were taken over, and by which method the unit is integrated"),
     ];
     // Parts of a system may share a category.
     let mut categories = standard.to_vec();

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::stability::Mode;
-use crate::error::Number;
+use crate::report::number;
 
 /// What integrates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,29 +45,26 @@ pub struct Chosen {
 
 impl fmt::Display for Chosen {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rounded = |x: f64| Number(format!("{x:.2e}").parse().unwrap_or(x));
         let method = match self.by {
             Integrates::OwnStep => "the closed-form step of the adaptive law",
             Integrates::Explicit => "the explicit method",
             Integrates::Stiff => "the stiff method",
             Integrates::Fixed => "steps of fixed length",
         };
-        let from = format!("{:.4e}", self.from).parse().unwrap_or(self.from);
-        write!(f, "integrated by {method} from t = {} s", Number(from))?;
+        write!(f, "integrated by {method} from t = {} s", number(self.from))?;
         if self.is_asked_for {
             return f.write_str(", as integration_method asks");
         }
         let Some((Mode { growth, frequency }, substep)) = self.holds.filter(|_| self.by.is_general()) else {
             return Ok(());
         };
-        let (growth, substep) = (rounded(growth), rounded(substep));
         let eigenvalue = match frequency {
-            0.0 => format!("{growth} 1/s"),
-            frequency => format!("{growth} ± {}i 1/s", rounded(frequency)),
+            0.0 => format!("{growth:.2e} 1/s"),
+            frequency => format!("{growth:.2e} ± {frequency:.2e}i 1/s"),
         };
         match self.by {
-            Integrates::Stiff => write!(f, ": the eigenvalue {eigenvalue} holds the explicit one to {substep} s"),
-            _ => write!(f, ": the eigenvalue {eigenvalue} allows it substeps of {substep} s"),
+            Integrates::Stiff => write!(f, ": the eigenvalue {eigenvalue} holds the explicit one to {substep:.2e} s"),
+            _ => write!(f, ": the eigenvalue {eigenvalue} allows it substeps of {substep:.2e} s"),
         }?;
         f.write_str(if self.is_last { "; further changes are not told" } else { "" })
     }
@@ -127,7 +124,7 @@ mod tests {
         let told = chosen(Integrates::Stiff, 0.5).to_string();
         assert_eq!(
             told,
-            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1230 1/s holds the explicit one to 0.00236 s"
+            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1.23e3 1/s holds the explicit one to 2.36e-3 s"
         );
         let asked = Chosen { is_asked_for: true, ..chosen(Integrates::Fixed, 0.0) };
         assert_eq!(asked.to_string(), "integrated by steps of fixed length from t = 0 s, as integration_method asks");

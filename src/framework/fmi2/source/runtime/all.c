@@ -23,6 +23,7 @@
 #include "stiff.c"
 #include "stability.c"
 #include "choice.c"
+#include "chosen.c"
 #include "indicators.c"
 #include "events.c"
 #include "fixed.c"

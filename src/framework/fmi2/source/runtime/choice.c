@@ -70,6 +70,7 @@ static void look(Driver *driver, Pace *pace) {
         find_limits(driver, &pace->limits);
     } else {
         memset(&pace->limits, 0, sizeof pace->limits);
+        driver->damped = (Mode){R(0.0), R(0.0)};
     }
 }
 
@@ -126,7 +127,8 @@ static real look_for_explicit(Driver *driver, const Problem *problem, real way, 
 
 /* Counts the accepted substep h for or against the method in force. `whole`: it went all the way to where it had to end. */
 static void judge(real h, int whole, Pace *pace) {
-    real explicit_limit = limit_of(&pace->limits, 0), stiff_limit = limit_of(&pace->limits, 1);
+    real explicit_limit = limit_of(&pace->limits, 0);
+    real stiff_limit = limit_of(&pace->limits, 1);
     int against;
     if (pace->stiff) {
         /* Half the work: a system at the border stays with what it has. */

@@ -22,6 +22,7 @@ static void put_at_start(Instance *instance) {
     copy_reals(instance->block.v, unit_start_reals, UNIT_REALS);
     copy_integers(instance->block.n, unit_start_integers, UNIT_INTEGERS);
     mark_stepped(instance);
+    (void)memset(&instance->driver.choices, 0, sizeof instance->driver.choices);
 }
 
 /* Puts the instance at a time: the start, or a communication point as the master counts it. */
@@ -386,6 +387,10 @@ static int advance(Instance *instance, real t, real step, StepError *error) {
         instance->block = instance->saved;
         log_take_back(&instance->log, place);
         return 0;
+    }
+    Chosen news;
+    if (take_news(&instance->driver.choices, &news) && instance->logs_events) {
+        tell_method(&instance->log, place.count + (taken_over ? 1 : 0), &news);
     }
     return 1;
 }

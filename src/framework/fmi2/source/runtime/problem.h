@@ -3,7 +3,7 @@
  * A communication step is taken by substeps of a one-step method under error control, or by a fixed number of them. It
  * keeps no history: what a continuation goes on with is the Pace, which lies in the block between steps. The files of the
  * integrator, in the order in which they are compiled: problem.c, explicit.c, elimination.c, stiff.c, spectrum.c,
- * stability.c, choice.c, indicators.c, events.c, fixed.c, driver.c. Functions that may fail return 1, or 0 with the error filled in. */
+ * stability.c, choice.c, chosen.c, indicators.c, events.c, fixed.c, driver.c. Functions that may fail return 1, or 0 with the error filled in. */
 
 #ifndef ADAPTIVE_FMU_PROBLEM_H
 #define ADAPTIVE_FMU_PROBLEM_H
@@ -53,6 +53,29 @@ typedef struct {
     real stiff;         /* the same for the stiff one */
     Mode mode;          /* the mode that sets the limit of growth */
 } Limits;
+
+/* What integrates. */
+typedef enum { BY_NOTHING, BY_EXPLICIT, BY_STIFF, BY_FIXED, METHODS } Integrates;
+
+/* A choice between methods: whether a user asked for it, and since when. The substep to which stability holds the explicit
+ * method, s, and the mode that does; 0 where none does, or none was looked at. */
+typedef struct {
+    Integrates by;
+    int is_asked_for;
+    int is_last; /* whether no further change is told */
+    real from;
+    real substep;
+    Mode mode;
+} Chosen;
+
+/* The choices so far, and the one that nobody was told of. */
+typedef struct {
+    int seen[METHODS];
+    Integrates in_force;
+    Integrates told; /* the one that was told last */
+    int changes;
+    Chosen news;
+} Choices;
 
 /* What a continuation goes on with. */
 typedef struct {
@@ -152,6 +175,8 @@ typedef struct {
 /* Integrates one instance; holds its workspace, and nothing that a continuation depends on. One of zeros is ready. */
 typedef struct {
     Start start;
+    /* For messages alone. */
+    Choices choices;
     /* Work of the communication step so far, in elementary operations. */
     real work;
     /* Derivatives at the stages of the explicit method, or the stages of the stiff one; the errors of their states. */
@@ -177,6 +202,8 @@ typedef struct {
 #endif
 #if UNIT_HAS_SPECTRUM
     Mode eigenvalues[UNIT_STATES];
+    /* The damped one that held the explicit method to the shortest substeps when they were looked at: for messages alone. */
+    Mode damped;
     /* Which of them took more than a permutation to find, and the rounding errors of that. */
     int found_from;
     int found_to;

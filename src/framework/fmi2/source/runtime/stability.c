@@ -172,12 +172,17 @@ static void add_limit(Limits *limits, Mode value, real noise) {
 }
 
 /* The limits for the eigenvalues that were found. */
-static void find_limits(const Driver *driver, Limits *limits) {
+static void find_limits(Driver *driver, Limits *limits) {
     memset(limits, 0, sizeof *limits);
+    driver->damped = (Mode){R(0.0), R(0.0)};
     for (int i = 0; i < UNIT_STATES; i++) {
         if (driver->eigenvalues[i].frequency >= R(0.0)) {
             int is_found = i >= driver->found_from && i < driver->found_to;
+            real before = limits->stable;
             add_limit(limits, driver->eigenvalues[i], is_found ? driver->noise : R(0.0));
+            if (limits->stable > before) {
+                driver->damped = driver->eigenvalues[i];
+            }
         }
     }
 }

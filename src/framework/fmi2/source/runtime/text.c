@@ -215,6 +215,20 @@ static void tell(Log *log, int category, const char *text, const real *values, i
     fill(&log->waiting[log->count++], text, values, count);
 }
 
+static void tell_before(Log *log, int place, int category, const char *text, const real *values, int count) {
+    int at = log->count;
+    if (at == MOST_WAITING) {
+        log->left_out++;
+        at--;
+    }
+    log->count = at + 1;
+    for (; at > place; at--) {
+        log->waiting[at] = log->waiting[at - 1];
+    }
+    log->waiting[at].category = category;
+    fill(&log->waiting[at], text, values, count);
+}
+
 static LogPlace log_place(const Log *log) {
     LogPlace place = {log->count, log->left_out};
     return place;

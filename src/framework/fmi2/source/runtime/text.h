@@ -25,8 +25,8 @@ static void text_marked(Text *text, const char *marked, const real *values, int 
 
 /* A call's text: long enough for most lists of reasons. */
 enum { TEXT_ROOM = 2048 };
-/* A refusal by limits has the value and two limits. */
-enum { MOST_VALUES = UNIT_MOST_VALUES > 3 ? UNIT_MOST_VALUES : 3 };
+/* A refusal by limits has the value and two limits; what is told of a method, a time, an eigenvalue and a substep. */
+enum { MOST_VALUES = UNIT_MOST_VALUES > 4 ? UNIT_MOST_VALUES : 4 };
 /* Messages and reasons that wait. A step may have many events; what finds no room is counted. */
 enum { MOST_WAITING = UNIT_MOST_MESSAGES + 16, MOST_REASONS = UNIT_MOST_MESSAGES > 8 ? UNIT_MOST_MESSAGES : 8 };
 
@@ -55,6 +55,8 @@ typedef struct {
     int left_out;
 } LogPlace;
 
+/* Tells something before the messages from a place on; where there is no room, the last one gives way. */
+static void tell_before(Log *log, int place, int category, const char *text, const real *values, int count);
 static LogPlace log_place(const Log *log);
 static void log_take_back(Log *log, LogPlace place);
 /* Refuses a variable's value. */
