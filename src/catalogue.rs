@@ -170,6 +170,9 @@ pub trait Catalogued: System<Structure: Structured> {
     const TRIAL: Trial = Trial::NONE;
     /// What the page of a unit shows that stands in no loop; none where a unit alone shows nothing of its work.
     const DEMONSTRATION: Option<Demonstration> = None;
+    /// The kind of the adaptive law that tends to it as adaptation gets fast, if it is such a limit. A description of that
+    /// kind is one of this, too.
+    const LIMIT_OF: Option<&'static str> = None;
 }
 
 /// The picture of units of kinds that aren't in this catalogue.
@@ -196,6 +199,8 @@ pub struct Entry {
     pub trial: Trial,
     /// See [`Catalogued::DEMONSTRATION`].
     pub demonstration: Option<Demonstration>,
+    /// See [`Catalogued::LIMIT_OF`].
+    pub limit_of: Option<&'static str>,
     /// The schema of its structure.
     #[cfg(feature = "cli")]
     pub schema: fn(schemars::SchemaGenerator) -> schemars::Schema,
@@ -214,6 +219,7 @@ impl Entry {
             guide: M::GUIDE,
             trial: M::TRIAL,
             demonstration: M::DEMONSTRATION,
+            limit_of: M::LIMIT_OF,
             #[cfg(feature = "cli")]
             schema: schemars::SchemaGenerator::into_root_schema_for::<M::Structure>,
         }
@@ -240,6 +246,7 @@ impl Entry {
         },
         trial: Trial::NONE,
         demonstration: None,
+        limit_of: None,
         #[cfg(feature = "cli")]
         schema: schemars::SchemaGenerator::into_root_schema_for::<crate::system::CompositeStructure>,
     };

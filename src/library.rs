@@ -55,6 +55,11 @@ pub fn find(name: &str) -> Option<&'static Entry> {
     CATALOGUE.iter().find(|entry| entry.kind.name == name)
 }
 
+/// The kind of the linear controller that a kind's law tends to as its adaptation gets fast, where there is one.
+pub fn limit_of(name: &str) -> Option<&'static Entry> {
+    CATALOGUE.iter().find(|entry| entry.limit_of == Some(name))
+}
+
 /// The kinds that `new` begins.
 pub fn begun() -> impl Iterator<Item = &'static Entry> {
     CATALOGUE.iter().filter(|entry| entry.template.is_some())

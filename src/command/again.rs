@@ -72,6 +72,7 @@ fn options(asked: &Asked) -> Result<LoopOptions, String> {
         stop_time, step, order, composite, accept_algebraic_loops, cases, set, fmus, in_process, patience, ..
     } = asked.clone();
     Ok(LoopOptions {
+        linear: false,
         composite,
         fmus,
         step: Some(step),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
+use adaptive_fmu::reproduction::linear_limit;
 use adaptive_fmu::sealed::checksum;
 use adaptive_fmu::simulation::{Asked, Component, Fmu, Hosting, LoadedLoop, LoopFiles, Mark, Order, Provenance, Ready};
 use adaptive_fmu::simulation::{Settings, Structure, Value, Versions, Whole, check_values};
@@ -43,6 +44,9 @@ pub struct LoopOptions {
     pub parameters: Parameters,
     #[command(flatten)]
     pub hosting: HostingOptions,
+    /// With the linear controllers that adaptive ones tend to in their places.
+    #[arg(skip)]
+    pub linear: bool,
 }
 
 pub fn positive(text: &str) -> Result<f64, String> {
@@ -87,6 +91,9 @@ impl LoopOptions {
     pub fn structure(&self, files: &LoopFiles) -> Result<Structure, Error> {
         let mut structure = files.structure()?;
         self.parameters.apply(&mut structure, files)?;
+        if self.linear {
+            structure = linear_limit(&structure)?.unwrap_or(structure);
+        }
         if self.fmus.is_some() {
             structure.take_from_folder();
         }
@@ -163,7 +170,8 @@ impl LoopOptions {
         if let Some(fmus) = self.fmus.clone() {
             return Ok(Units::Separate(fmus));
         }
-        if let Some(ready) = super::ready::kept() {
+        // Units that only this run has aren't left in a folder.
+        if let Some(ready) = if self.linear { Some(super::ready::units()?) } else { super::ready::kept() } {
             return Ok(Units::Ready(ready));
         }
         let fmus = PathBuf::from("fmus");

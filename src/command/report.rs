@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::parallel;
-use adaptive_fmu::reproduction::{Curve, Done, Example, Figure, Outcome, Page, Run, Study};
+use adaptive_fmu::reproduction::{Curve, Done, Example, Figure, Outcome, Page, Run, Study, linear_limit};
 use adaptive_fmu::simulation::{Ending, LoopFiles};
 use adaptive_fmu::text_file;
 use serde_json::{Value, json};
@@ -37,13 +37,24 @@ pub struct Arguments {
     json: bool,
 }
 
-/// An example with its figures.
+/// An example with its figures, and which of its runs have a linear limit.
 struct Planned<'a> {
     example: &'a Example,
     figures: Vec<Figure>,
+    has_limit: Vec<bool>,
 }
 
-/// Runs every example, each run twice: as it is, and with adaptation frozen.
+/// How a run is run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    AsItIs,
+    /// With adaptation frozen.
+    Frozen,
+    /// With the linear controller that the adaptive one tends to.
+    Linear,
+}
+
+/// Runs every example, each run as it is, with adaptation frozen, and with its linear limit, where it has one.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let file = arguments.study.clone().unwrap_or_else(|| PathBuf::from("examples/thesis.toml"));
     let wrong = |reason| Error::Loop { file: file.clone(), reason };
@@ -66,32 +77,45 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn options(run: &Run, frozen: bool) -> LoopOptions {
-    let set = run.frozen.iter().filter(|_| frozen).map(|(name, value)| format!("{name}={value}"));
+fn options(run: &Run, form: Form) -> LoopOptions {
+    let set = run.frozen.iter().filter(|_| form == Form::Frozen).map(|(name, value)| format!("{name}={value}"));
     let parameters = Parameters::new(run.case.as_deref(), set.collect());
-    LoopOptions { composite: run.composite, step: run.step, parameters, ..LoopOptions::default() }
+    let linear = form == Form::Linear;
+    LoopOptions { composite: run.composite, step: run.step, parameters, linear, ..LoopOptions::default() }
 }
 
 /// Plans an example; claims about what no run measures are refused before anything is run.
 fn planned<'a>(example: &'a Example, file: &Path) -> Result<Planned<'a>, Error> {
-    let structure = |run: &Run| options(run, false).structure(&LoopFiles::find(&run.name)?);
+    let structure = |run: &Run| options(run, Form::AsItIs).structure(&LoopFiles::find(&run.name)?);
     let structures = example.run.iter().map(structure).collect::<Result<Vec<_>, Error>>()?;
     let before = example.run.iter().zip(&structures).map(|(run, structure)| Outcome::before(&run.key(), structure));
     let before: Vec<_> = before.collect();
     let wrong = |reason| Error::Loop { file: file.to_owned(), reason };
     example.claim.iter().try_for_each(|claim| claim.judge(&before).map(drop)).map_err(wrong)?;
-    Ok(Planned { example, figures: Figure::all(example, &structures) })
+    let has_limit = structures.iter().map(|structure| Ok(linear_limit(structure)?.is_some()));
+    let has_limit = has_limit.collect::<Result<_, Error>>()?;
+    Ok(Planned { example, figures: Figure::all(example, &structures), has_limit })
 }
 
-/// The outcomes of all runs in their order, each followed by that with adaptation frozen.
+impl Planned<'_> {
+    /// The forms of its runs, one run after the other.
+    fn forms(&self) -> impl Iterator<Item = (&Run, Form)> {
+        self.example.run.iter().zip(&self.has_limit).flat_map(|(run, has_limit)| {
+            let linear = has_limit.then_some((run, Form::Linear));
+            [(run, Form::AsItIs), (run, Form::Frozen)].into_iter().chain(linear)
+        })
+    }
+}
+
+/// The outcomes of all runs in their order, each in its forms.
 fn run_all(planned: &[Planned], arguments: &Arguments) -> Result<Vec<Outcome>, Error> {
-    let all: Vec<(&Planned, &Run)> =
-        planned.iter().flat_map(|planned| planned.example.run.iter().map(move |run| (planned, run))).collect();
+    let all: Vec<(&Planned, (&Run, Form))> =
+        planned.iter().flat_map(|planned| planned.forms().map(move |form| (planned, form))).collect();
     let (bars, silent) = (Bars::new(arguments.json), Bars::new(true));
-    let counter = Counter::new(&bars, "report", 2 * all.len(), 0);
-    let outcomes = parallel::each(&vec![(); parallel::cores()], 2 * all.len(), |(), place| {
-        let (planned, run) = all[place / 2];
-        let outcome = attempt(planned, run, place % 2 == 1, &silent);
+    let counter = Counter::new(&bars, "report", all.len(), 0);
+    let outcomes = parallel::each(&vec![(); parallel::cores()], all.len(), |(), place| {
+        let (planned, (run, form)) = all[place];
+        let outcome = attempt(planned, run, form, &silent);
         counter.count(&run.key());
         outcome
     });
@@ -99,31 +123,33 @@ fn run_all(planned: &[Planned], arguments: &Arguments) -> Result<Vec<Outcome>, E
     outcomes.into_iter().collect()
 }
 
-fn attempt(planned: &Planned, run: &Run, frozen: bool, bars: &Bars) -> Result<Outcome, Error> {
+fn attempt(planned: &Planned, run: &Run, form: Form, bars: &Bars) -> Result<Outcome, Error> {
     let key = run.key();
-    let shown = planned.figures.iter().flat_map(Figure::needs).filter(|curve| !frozen && curve.run == key);
-    let shown: Vec<&Curve> = shown.collect();
+    let is_shown = |curve: &&Curve| form == Form::AsItIs && curve.run == key;
+    let shown: Vec<&Curve> = planned.figures.iter().flat_map(Figure::needs).filter(is_shown).collect();
     let signals: Vec<&str> =
         shown.iter().flat_map(|curve| [Some(&curve.of), curve.minus.as_ref()]).flatten().map(String::as_str).collect();
-    let done = simulated(&options(run, frozen), &run.name, (None, None), &signals, bars)?;
+    let done = simulated(&options(run, form), &run.name, (None, None), &signals, bars)?;
     let wrong = |reason| Error::Loop { file: PathBuf::from(&run.name), reason };
     Outcome::new(&key, &done.report(), done.took, &shown).map_err(wrong)
 }
 
 /// What came out of each example.
 fn judged(planned: &[Planned], outcomes: Vec<Outcome>) -> Result<Vec<Done>, String> {
-    let mut outcomes = outcomes.into_iter();
+    let mut rest = outcomes.into_iter();
     let mut done = Vec::new();
-    for Planned { example, figures } in planned {
-        let mut halves = (Vec::new(), Vec::new());
-        for _ in &example.run {
-            halves.0.extend(outcomes.next());
-            halves.1.extend(outcomes.next());
+    for planned in planned {
+        let (mut outcomes, mut frozen, mut linear) = (Vec::new(), Vec::new(), Vec::new());
+        for has_limit in &planned.has_limit {
+            outcomes.extend(rest.next());
+            frozen.extend(rest.next());
+            linear.push(if *has_limit { rest.next() } else { None });
         }
-        let claims = example.claim.iter().map(|claim| claim.judge(&halves.0)).collect::<Result<_, _>>()?;
-        let named = |(k, figure): (usize, &Figure)| figure.draw(format!("{}-{}", example.name, k + 1), &halves.0);
+        let Planned { example, figures, .. } = planned;
+        let claims = example.claim.iter().map(|claim| claim.judge(&outcomes)).collect::<Result<_, _>>()?;
+        let named = |(k, figure): (usize, &Figure)| figure.draw(format!("{}-{}", example.name, k + 1), &outcomes);
         let drawings = figures.iter().enumerate().map(named).collect::<Result<_, _>>()?;
-        done.push(Done { outcomes: halves.0, frozen: halves.1, claims, drawings });
+        done.push(Done { outcomes, frozen, linear, claims, drawings });
     }
     Ok(done)
 }
@@ -144,7 +170,8 @@ fn tell(study: &Study, done: &[Done], arguments: &Arguments) {
         let told = study.example.iter().zip(done).map(|(example, done)| {
             let runs = |outcomes: &[Outcome]| -> Vec<Value> { outcomes.iter().map(told).collect() };
             json!({ "example": example.name, "claims": done.claims, "runs": runs(&done.outcomes),
-                    "frozen": runs(&done.frozen), "figures": done.drawings.len() })
+                    "frozen": runs(&done.frozen), "linear": done.linear.iter().map(|it| it.as_ref().map(told)).collect::<Vec<_>>(),
+                    "figures": done.drawings.len() })
         });
         say!("{}", json!({ "examples": told.collect::<Vec<_>>(), "page": page }));
         return;

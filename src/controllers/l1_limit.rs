@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use super::at_limit::{Limited, manual};
 use super::in_command::InCommand;
 use super::l1::tracking::{self, BY_GAIN};
-use super::l1::{Cancellation, Commands, Dynamics, Plant, SETTLED, Symbols, Zeros, add_product, dot};
+use super::l1::{Cancellation, Commands, Dynamics, L1, Plant, SETTLED, Symbols, Zeros, add_product, dot};
 use super::supervised::Supervised;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
@@ -418,6 +418,7 @@ impl L1Limit {
 impl Catalogued for L1Limit {
     const TITLE: &'static str = "Linear controller that an L1 controller tends to";
     const PAGE: &'static str = "controllers/l1_limit";
+    const LIMIT_OF: Option<&'static str> = Some(L1::NAME);
     const ICON: Icon = icon!("l1-limit");
     const GUIDE: Guide = Guide {
         purpose: "The linear controller that an L1 controller of the same description tends to as its adaptation gets \

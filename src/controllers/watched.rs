@@ -273,4 +273,5 @@ impl<C: Tracking + Catalogued> Catalogued for Watched<C> {
     const GUIDE: Guide = C::GUIDE;
     const TRIAL: Trial = C::TRIAL;
     const DEMONSTRATION: Option<Demonstration> = C::DEMONSTRATION;
+    const LIMIT_OF: Option<&'static str> = C::LIMIT_OF;
 }

@@ -5,6 +5,7 @@
 
 mod claim;
 mod figure;
+mod linear;
 mod outcome;
 mod page;
 
@@ -16,6 +17,7 @@ use crate::near;
 
 pub use claim::{Claim, Judged};
 pub use figure::{Coordinate, Drawing, Figure, Line};
+pub use linear::linear_limit;
 pub use outcome::Outcome;
 pub use page::{Done, Page};
 

@@ -24,6 +24,12 @@ const OWN_STYLE: &str = "
   @media print { h2 { break-before: page; } .figures { grid-template-columns: 1fr 1fr; } }
 ";
 
+/// Where there is no number.
+const NONE: &str = "<td class=\"number\">–";
+/// What the columns about linear limits mean.
+const ABOUT_LIMIT: &str = "<p>The linear limit is the loop with the linear controller that its L1 controller tends to as its \
+adaptation gets fast, of the same description. What adaptation adds is the metric as it is, less that of the limit.</p>\n";
+
 /// An example as it came out.
 #[derive(Debug)]
 pub struct Done {
@@ -31,6 +37,8 @@ pub struct Done {
     pub outcomes: Vec<Outcome>,
     /// The same with adaptation frozen.
     pub frozen: Vec<Outcome>,
+    /// The same with the linear controllers that adaptive ones tend to, where they do.
+    pub linear: Vec<Option<Outcome>>,
     /// Its claims.
     pub claims: Vec<Judged>,
     /// Its figures.
@@ -78,19 +86,27 @@ impl Page<'_> {
         page.push_str("</ul></nav>\n");
     }
 
-    /// The first metric of every run, with and without adaptation.
+    /// The first metric of every run, with adaptation, without, and with what adaptation tends to.
     fn push_glance(&self, page: &mut String) {
         page.push_str(
             "<h3>What adaptation adds, at a glance</h3>\n<div class=\"scroll\"><table id=\"glance\">\n\
-             <tr><th>run<th>metric<th class=\"number\">as it is<th class=\"number\">adaptation frozen\n",
+             <tr><th>run<th>metric<th class=\"number\">as it is<th class=\"number\">adaptation frozen\
+             <th class=\"number\">linear limit<th class=\"number\">adaptation adds\n",
         );
-        for (own, frozen) in self.done.iter().flat_map(|done| done.outcomes.iter().zip(&done.frozen)) {
-            let Some(label) = own.measured.first().map(|metric| metric.label.as_str()) else { continue };
-            let cell = |outcome| cells(outcome, std::iter::once(label));
-            let (run, label) = (escaped(&own.run), escaped(label));
-            let _ = writeln!(page, "<tr><td>{run}<td>{label}{}{}", cell(own), cell(frozen));
+        for done in self.done {
+            for ((own, frozen), linear) in done.outcomes.iter().zip(&done.frozen).zip(&done.linear) {
+                let Some(label) = own.measured.first().map(|metric| metric.label.as_str()) else { continue };
+                let label = || std::iter::once(label);
+                let limit = linear.as_ref().map_or(NONE.repeat(2), |linear| {
+                    format!("{}{}", cells(linear, label()), added(own, linear, label()))
+                });
+                let [run, shown] = [&own.run, own.measured[0].label.as_str()].map(escaped);
+                let _ =
+                    writeln!(page, "<tr><td>{run}<td>{shown}{}{}{limit}", cells(own, label()), cells(frozen, label()));
+            }
         }
         page.push_str("</table></div>\n");
+        page.push_str(ABOUT_LIMIT);
     }
 }
 
@@ -149,22 +165,43 @@ fn push_claims(page: &mut String, claims: &[Judged]) {
     page.push_str("</table></div>\n");
 }
 
-/// Each run beside the same with adaptation frozen.
+/// Each run beside the same with adaptation frozen, and beside its linear limit.
 fn push_adaptation(page: &mut String, example: &Example, done: &Done) {
     page.push_str("<h3>What adaptation adds</h3>\n");
-    for ((run, outcome), frozen) in example.run.iter().zip(&done.outcomes).zip(&done.frozen) {
+    let all = example.run.iter().zip(&done.outcomes).zip(&done.frozen).zip(&done.linear);
+    for (((run, outcome), frozen), linear) in all {
         let labels = || outcome.measured.iter().map(|metric| metric.label.as_str());
         let heads: String = labels().map(|label| format!("<th class=\"number\">{}", escaped(label))).collect();
         let set: Vec<_> = run.frozen.iter().map(|(name, value)| format!("{name} = {value}")).collect();
         let (key, set) = (escaped(&run.key()), escaped(&set.join(", ")));
+        let limit = linear.as_ref().map_or(String::new(), |linear| {
+            let (cells, added) = (cells(linear, labels()), added(outcome, linear, labels()));
+            format!("\n<tr><td>linear limit{cells}\n<tr><td>adaptation adds{added}")
+        });
         let _ = writeln!(
             page,
             "<div class=\"scroll\"><table class=\"adaptation\">\n<tr><th>{key}{heads}\n\
-             <tr><td>as it is{}\n<tr><td>adaptation frozen ({set}){}\n</table></div>",
+             <tr><td>as it is{}\n<tr><td>adaptation frozen ({set}){}{limit}\n</table></div>",
             cells(outcome, labels()),
             cells(frozen, labels())
         );
     }
+}
+
+/// By how much a run's metrics differ from those of its linear limit.
+fn added<'a>(own: &Outcome, linear: &Outcome, labels: impl Iterator<Item = &'a str>) -> String {
+    let value = |outcome: &Outcome, label| {
+        let measured = outcome.measured.iter().find(|metric| metric.label == label);
+        measured.and_then(|metric| metric.value).filter(|_| outcome.ending == Ending::Complete)
+    };
+    let difference = |label| Some(value(own, label)? - value(linear, label)?);
+    let cell = |difference: f64| format!("<td class=\"number\">{}", signed(difference));
+    labels.map(|label| difference(label).map_or(NONE.to_owned(), cell)).collect()
+}
+
+fn signed(difference: f64) -> String {
+    let sign = if difference < 0.0 { "−" } else { "+" };
+    format!("{sign}{}", four_digits(difference.abs()))
 }
 
 fn cells<'a>(outcome: &Outcome, labels: impl Iterator<Item = &'a str>) -> String {

@@ -4,6 +4,7 @@ show something."""
 import csv
 import json
 import re
+import shutil
 import subprocess
 import tomllib
 from pathlib import Path
@@ -47,7 +48,48 @@ def test_every_run_has_one_with_adaptation_frozen(report, page) -> None:
         assert len(example["runs"]) == len(next(e for e in STUDY["example"] if e["name"] == example["example"])["run"])
     tables = page.find_class("adaptation")
     rows = [[row[0].text_content() for row in table] for table in tables]
-    assert len(rows) == 5 and all("as it is" == own and "frozen" in frozen for _, own, frozen in rows)
+    assert len(rows) == 5 and all("as it is" == own and "frozen" in frozen for _, own, frozen, *_ in rows)
+    # The quadrotor's controllers have no linear limit.
+    limit = [["linear limit", "adaptation adds"] if example == "own" else [] for example in ["own", "own", "", "", "own"]]
+    assert [further for further in [row[3:] for row in rows]] == limit
+
+
+def test_a_linear_limit_is_the_loop_with_the_unit_of_that_controller(report, page, tmp_path) -> None:
+    for run, of_limit in [("3.2.1-cosine", report[1][0]["linear"][0]), ("3.2.1-square", report[1][0]["linear"][1])]:
+        folder = shutil.copytree(ROOT / "examples" / run, tmp_path / run)
+        file = folder / "SystemStructure.ssd"
+        file.write_text(file.read_text().replace("/L1NonlinearSiso.fmu", "/L1LimitNonlinearSiso.fmu"))
+        done = adaptive_fmu("run", folder, "--json", "--out", tmp_path / "results")
+        assert done.returncode in (0, 1), done.stderr
+        expected = json.loads(done.stdout)["metrics"]
+        assert len(expected) == len(of_limit["metrics"]) == 3
+        for ours, theirs in zip(of_limit["metrics"], expected, strict=True):
+            assert ours["value"] == pytest.approx(theirs["value"], rel=1e-9), ours["label"]
+    assert report[1][1]["linear"] == [None, None]
+    # What adaptation adds is the difference.
+    for example in report[1]:
+        for own, limit in zip(example["runs"], example["linear"], strict=True):
+            if limit is not None:
+                added = own["metrics"][0]["value"] - limit["metrics"][0]["value"]
+                row = next(row for row in page.get_element_by_id("glance")[1:] if row[0].text_content() == own["run"])
+                shown = float(row[5].text_content().strip().replace("−", "-"))
+                assert shown == pytest.approx(added, rel=1e-3), own["run"]
+
+
+def test_what_the_page_about_choosing_says_of_adaptation_beside_its_limit(tmp_path) -> None:
+    answer = adaptive_fmu("report", "--only", "6.5.2", "--only", "7.5.2", "--json", "--out", tmp_path)
+    assert answer.returncode == 0, answer
+    of = {run["run"]: (run, limit) for it in json.loads(answer.stdout)["examples"] for run, limit in zip(it["runs"], it["linear"])}
+    text = " ".join((ROOT / "docs" / "choosing.md").read_text().split())
+
+    def values(run: str, label: str) -> list[float]:
+        return [next(it["value"] for it in form["metrics"] if it["label"] == label) for form in of[run]]
+
+    own, limit = values("6.5.2-l1", "max |e_2|/rho")
+    said = f"is {own:.2f} with adaptation and {limit:.2f} without".replace(" 0.", " .")
+    assert said in text
+    smaller = [1.0 - own / limit for own, limit in (values("7.5.2", f"rms (r_{k} - q_{k}), t >= 5 s") for k in (1, 2))]
+    assert f"errors {100 * smaller[0]:.0f} and {100 * smaller[1]:.0f} % smaller" in text
 
 
 def test_without_adaptation_loops_that_need_it_are_lost_or_worse(report, page) -> None:
