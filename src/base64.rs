@@ -1,6 +1,7 @@
 //! Bytes as text, as RFC 4648 has it.
 
 /// By the usual digits, with padding (section 4): data in a script.
+#[cfg(not(target_family = "wasm"))]
 #[must_use]
 pub fn padded(bytes: &[u8]) -> String {
     let text = digits(bytes, [b'+', b'/']);

@@ -1,5 +1,5 @@
 """Pages of `explore` without a server: this package's library runs the loop in the browser, as WebAssembly. They are tried
-where it was built: `cargo build --release --lib --target wasm32-unknown-unknown`."""
+where it was built: `cargo build --release --lib --target wasm32-unknown-unknown`, or by tests/platforms/build."""
 
 import json
 import os
@@ -23,8 +23,9 @@ OUTPUT_APART = 1e-5
 
 @pytest.fixture(scope="module")
 def library() -> Path:
-    target = ROOT / "target" / "wasm32-unknown-unknown"
-    places = [target / profile / "adaptive_fmu.wasm" for profile in ["release", "debug"]]
+    target = "wasm32-unknown-unknown"
+    folders = [Path(target, "release"), Path(target, "debug"), Path("browser", target, "browser")]
+    places = [ROOT / "target" / folder / "adaptive_fmu.wasm" for folder in folders]
     given = os.environ.get("ADAPTIVE_FMU_WASM")
     found = [place for place in ([Path(given)] if given else places) if place.is_file()]
     if not found:
