@@ -255,8 +255,6 @@ impl Catalogued for L1Ppf {
             ("decay_rate", "How fast the funnel narrows."),
             ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, in a funnel that is only watched."),
             ("lambda", "Weight of the error beside its rate."),
-            ("adaptation_gain", "How fast the estimates follow what is unknown."),
-            ("feedback_gain", "Bandwidth of what adaptation may do."),
             ("u_ad_start", "`bumpless`: the control starts at u_manual, where the first peak would be large."),
         ],
         limits: "- The whole state `x` is measured; noise on it is amplified near the funnel's bounds.\n\
