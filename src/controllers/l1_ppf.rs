@@ -253,7 +253,7 @@ impl Catalogued for L1Ppf {
             ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
             ("rho_inf", "Width in the end. The barrier's stiffness, and so the step, grows as 1/rho²."),
             ("decay_rate", "How fast the funnel narrows."),
-            ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, in a funnel that is only watched."),
+            ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, which nothing keeps inside."),
             ("lambda", "Weight of the error beside its rate."),
             ("u_ad_start", "`bumpless`: the control starts at u_manual, where the first peak would be large."),
         ],

@@ -21,7 +21,7 @@ impl L1Ppf {
         let has_limits = v[self.ports.u_min].iter().any(|&limit| limit > -UNLIMITED)
             || v[self.ports.u_max].iter().any(|&limit| limit < UNLIMITED);
         let (what, note) = match self.order {
-            _ if v[self.barrier_gain].contains(&0.0) => ("not proven", "without a barrier the funnel is only watched"),
+            _ if v[self.barrier_gain].contains(&0.0) => ("not proven", "without a barrier nothing keeps it there"),
             Order::Second { .. } => ("not proven", "for relative degree 2 it was simulated only"),
             Order::First { .. } if has_limits => ("proven", "while no control is at its limit"),
             Order::First { .. } => ("proven", "whatever the uncertainty is, as long as the input gain keeps its sign"),
