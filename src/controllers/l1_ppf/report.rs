@@ -24,7 +24,9 @@ impl L1Ppf {
             _ if v[self.barrier_gain].contains(&0.0) => ("not proven", "without a barrier nothing keeps it there"),
             Order::Second { .. } => ("not proven", "for relative degree 2 it was simulated only"),
             Order::First { .. } if has_limits => ("proven", "while no control is at its limit"),
-            Order::First { .. } => ("proven", "whatever the uncertainty is, as long as the input gain keeps its sign"),
+            Order::First { .. } => {
+                ("proven", "with the baseline outside, and for an input gain that is diagonal and positive")
+            }
         };
         report.tell(guarantee, what, "", note);
         self.tell_barrier(v, report);
