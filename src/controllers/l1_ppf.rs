@@ -160,7 +160,10 @@ impl System for L1Ppf {
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         self.law.step_completed(t, step, v);
         let active = self.law.is_active(&v.values());
-        let is_stiff = active & (step * v[self.stiffness]).above(S::from(1.0));
+        let (limit, none) = (S::from(1.0), S::from(0.0));
+        // A barrier with nothing to do does no harm.
+        let acts = v[self.beside.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
+        let is_stiff = active & acts & (step * v[self.stiffness]).above(limit);
         self.law.judge_step_beside(is_stiff, |v| self.told_stiffness(step, v), v);
         v.when(active, |v| (0..self.ports.u.len()).for_each(|j| self.tell_limit(j, t, v)));
     }

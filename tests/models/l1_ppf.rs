@@ -281,6 +281,9 @@ fn a_step_that_is_too_long_for_the_barrier_is_told() {
     let mut run = unit("L1PpfCoupledMimo", "rho_inf = [0.001, 0.05, 0.05]\ndecay_rate = [1e3, 1.5, 1.5]");
     run.0.initialise().unwrap();
     run.run(20, 0.001);
+    assert_eq!(run.integer("step_too_long"), 0, "without an error the barrier does nothing");
+    run.set("x[1]", 2e-4);
+    run.step(0.001);
     assert!(run.get("barrier_stiffness") > 9e4, "K/rho²: {}", run.get("barrier_stiffness"));
     assert_eq!(run.integer("step_too_long"), 1);
     assert!(run.0.take_messages().any(|message| message.text.contains("too long for the barrier")));

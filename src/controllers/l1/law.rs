@@ -417,7 +417,8 @@ impl Law {
             }
             let beside = self.beside.map_or(&[][..], |beside| &v[beside.now]);
             for (direction, &added) in self.plant.B.column_iter().zip(beside) {
-                dx[self.x_hat].iter_mut().zip(direction.iter()).for_each(|(rate, &b)| *rate += added * b);
+                let moved = dx[self.x_hat].iter_mut().zip(direction.iter()).filter(|(_, b)| **b != 0.0);
+                moved.for_each(|(rate, &b)| *rate += added * b);
             }
         });
     }
