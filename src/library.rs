@@ -20,6 +20,7 @@ pub const CATALOGUE: &[Entry] = &[
     Entry::of::<Watched<controllers::l1_quadrotor::L1Quadrotor<true>>>(),
     Entry::of::<Watched<controllers::l1_limit::L1Limit>>(),
     Entry::of::<Watched<controllers::l1_sampled::L1Sampled>>(),
+    Entry::of::<controllers::l1_ppf::L1Ppf>(),
     Entry::of::<controllers::mrac_ppf::MracPpf>(),
     Entry::of::<controllers::neuro_ppf::NeuroPpf>(),
     Entry::of::<Watched<controllers::pid::Pid>>(),

@@ -169,10 +169,15 @@ impl Funnel {
 
     /// Opens the funnels at the start.
     pub fn open<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
+        v.put(self.reopened, S::integer(0));
+        self.open_anew(t, e, v);
+    }
+
+    /// Opens the funnels where a law takes over.
+    pub fn open_anew<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
         v.copy(self.rho_0, self.opened_to);
         v[self.opened_at].fill(t);
         v.put(self.began_inside, true.into());
-        v.put(self.reopened, S::integer(0));
         for (i, &is_positive) in self.is_positive.iter().enumerate() {
             let e = e(i, &v.values());
             v.put(is_positive, e.at_least(S::from(0.0)));
@@ -180,6 +185,11 @@ impl Funnel {
             let all = v.get(self.began_inside) & inside;
             v.put(self.began_inside, all);
         }
+    }
+
+    /// No funnel is open: an error may be anywhere.
+    pub fn close<S: Scalar>(&self, v: &mut Point<S>) {
+        v.put(self.began_inside, false.into());
     }
 
     /// Bounds of z in a channel.

@@ -10,6 +10,7 @@ mod in_command;
 mod inverse;
 pub mod l1;
 pub mod l1_limit;
+pub mod l1_ppf;
 pub mod l1_quadrotor;
 pub mod l1_sampled;
 pub mod ladrc;

@@ -17,7 +17,8 @@ from master import Fmu
 # Units whose outputs stand still while nobody gives them anything, and why.
 CONTROLLERS = {  # There is no error; one that no plant answers would take their estimates to their bounds.
     "FunnelNonlinearSiso", "FunnelTwoLinkRobot", "FuzzyL1ActuatedSiso", "L1ActuatedSiso", "L1ActuatedSisoObserved",
-    "L1CoupledMimo", "L1LimitNonlinearSiso", "L1LimitTwoLinkRobot", "L1MaresAuv", "L1NonlinearSiso",
+    "L1CoupledMimo", "L1LimitNonlinearSiso", "L1LimitTwoLinkRobot", "L1MaresAuv", "L1NonlinearSiso", "L1PpfCoupledMimo",
+    "L1PpfTwoLinkRobot",
     "L1SampledNonlinearSiso", "L1SampledTwoLinkRobot", "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo",
     "LadrcNonlinearSiso", "LadrcTwoLinkRobot",
 }

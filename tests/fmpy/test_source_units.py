@@ -27,6 +27,7 @@ NAMES = [
     "FuzzyL1ActuatedSiso",
     "L1CoupledMimo",
     "L1LimitNonlinearSiso",
+    "L1PpfTwoLinkRobot",
     "L1SampledTwoLinkRobot",
     "L1TwoLinkRobot",
     "LadrcNonlinearSiso",

@@ -235,8 +235,9 @@ impl Law {
     /// Whether the closed form is worth its while: not while an estimate is at a bound, nor where a general method needs
     /// few steps. That takes the more of them the tighter the tolerance is.
     pub(in crate::controllers) fn closed_form_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
+        let Some(closed_form) = self.design.closed_form else { return false };
         let phase = v[self.adaptation_frequency] * h;
-        let least = v[self.design.closed_form_phase] * (relative_tolerance / USUAL_TOLERANCE).powf(1.0 / GENERAL_ORDER);
+        let least = v[closed_form.phase] * (relative_tolerance / USUAL_TOLERANCE).powf(1.0 / GENERAL_ORDER);
         self.in_command.is_active(v) && phase >= least && self.projections(v) == 0.0
     }
 
@@ -269,7 +270,9 @@ impl Law {
             let magnitude = u_ad.max(self.magnitude(i, halves));
             compare(self.uncertainty_of(i, whole), self.uncertainty_of(i, halves), magnitude);
         }
-        let scaled = worst / halves[self.design.adaptation_tolerance].min(relative_tolerance);
+        let closed_form = self.design.closed_form;
+        let own = closed_form.map_or(relative_tolerance, |closed_form| halves[closed_form.tolerance]);
+        let scaled = worst / own.min(relative_tolerance);
         self.extrapolate(whole, v);
         ErrorEstimate { scaled, order: 2 }
     }

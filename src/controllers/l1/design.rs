@@ -27,8 +27,8 @@ pub(super) struct Design {
     pub theta_bound: VectorOf<Parameter>,
     pub sigma_bound: VectorOf<Parameter>,
     pub projection_tolerance: ScalarOf<Parameter>,
-    pub adaptation_tolerance: ScalarOf<Parameter>,
-    pub closed_form_phase: ScalarOf<Parameter>,
+    /// When a closed-form step is taken, and how sharp it is; none where there is no closed form.
+    pub closed_form: Option<ClosedForm>,
     pub step_phase_limit: ScalarOf<Parameter>,
     /// T_t, with which u_ad follows what the limits leave.
     pub tracking_time: VectorOf<Parameter>,
@@ -45,6 +45,13 @@ pub(super) struct Design {
     pub follow_rate: ScalarOf<Prepared>,
     /// In which the slowest of the desired dynamics has decayed to 2 %, s.
     pub settling_time: ScalarOf<Prepared>,
+}
+
+/// The numbers of the closed-form step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ClosedForm {
+    pub tolerance: ScalarOf<Parameter>,
+    pub phase: ScalarOf<Parameter>,
 }
 
 /// Where the desired dynamics come from.
@@ -144,7 +151,13 @@ impl Dynamics {
 }
 
 impl Design {
-    pub fn declare(d: &mut Declaration, plant: &Plant, structure: &L1Structure, units: &Symbols) -> Self {
+    pub fn declare(
+        d: &mut Declaration,
+        plant: &Plant,
+        structure: &L1Structure,
+        units: &Symbols,
+        has_closed_form: bool,
+    ) -> Self {
         let ((n, m), k) = (plant.B.shape(), plant.B_um.ncols());
         let full = structure.is_full();
         let mut omega_bound = |name: &str, text: &str| {
@@ -185,10 +198,12 @@ impl Design {
                     .positive()
                     .max(10.0),
             ),
-            adaptation_tolerance: d
-                .parameter(scalar("adaptation_tolerance", tolerance).start(1e-3).min(1e-9).max(1.0).nominal(1e-3)),
-            closed_form_phase: d
-                .parameter(scalar("closed_form_phase", closed_form).unit("rad").in_own_unit().start(10.0).min(0.0)),
+            closed_form: has_closed_form.then(|| ClosedForm {
+                tolerance: d
+                    .parameter(scalar("adaptation_tolerance", tolerance).start(1e-3).min(1e-9).max(1.0).nominal(1e-3)),
+                phase: d
+                    .parameter(scalar("closed_form_phase", closed_form).unit("rad").in_own_unit().start(10.0).min(0.0)),
+            }),
             step_phase_limit: d
                 .parameter(scalar("step_phase_limit", phase).unit("rad").in_own_unit().start(10.0).positive()),
             tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAIN).min(BY_GAIN)),

@@ -20,6 +20,24 @@ use crate::system::{
     scalar, vector,
 };
 
+/// What a unit adds to the control beside the law. The predictor knows of it, and the estimates don't see it.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::controllers) struct Beside {
+    /// In units of u_ad; 0 while the law isn't in command.
+    pub now: VectorOf<Signal>,
+    /// What it is where the law takes command without a jump, or starts.
+    pub at_takeover: VectorOf<Discrete>,
+}
+
+/// Where the law is to lead.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::controllers) enum Goal<'a, S> {
+    /// The reference of the outputs.
+    Reference(&'a [S]),
+    /// What stands in place of K_g r.
+    Command(VectorOf<Signal>),
+}
+
 /// The law for a plant x' = A_m x + B (ω v + θ φ(x) + σ) + B_um (θ_2 ‖x‖∞ + σ_2).
 #[derive(Debug)]
 pub(in crate::controllers) struct Law {
@@ -41,6 +59,7 @@ pub(in crate::controllers) struct Law {
     /// State of the filters, channel by channel.
     pub(super) f: VectorOf<State>,
     pub(super) unmatched: Option<Unmatched>,
+    pub(super) beside: Option<Beside>,
     pub(super) u_ad: VectorOf<Signal>,
     /// Whether u_ad is the state f itself, and has its name.
     u_ad_is_state: bool,
@@ -73,6 +92,19 @@ impl Law {
     /// # Errors
     /// [`Invalid`] when the description contradicts itself.
     pub fn declare(structure: &L1Structure, ports: Ports, d: &mut Declaration) -> Result<Self, Invalid> {
+        Self::with(structure, ports, None, d)
+    }
+
+    /// The law of a description, between these ports, with what a unit adds to the control beside it.
+    ///
+    /// # Errors
+    /// [`Invalid`] when the description contradicts itself.
+    pub fn with(
+        structure: &L1Structure,
+        ports: Ports,
+        beside: Option<Beside>,
+        d: &mut Declaration,
+    ) -> Result<Self, Invalid> {
         let (plant, filter) = (structure.plant()?, structure.filter()?);
         let (n, m) = plant.B.shape();
         let units = structure.units((n, m))?;
@@ -83,7 +115,7 @@ impl Law {
         let columns = if structure.regressor == Regressor::State { n } else { 1 };
         let theta_hat = "estimate of theta, the uncertainty's dependence on the state";
         let frequency = "frequency at which the estimates oscillate about their values";
-        let design = Design::declare(d, &plant, structure, &units);
+        let design = Design::declare(d, &plant, structure, &units, beside.is_none());
         let unmatched = Unmatched::declare(d, &plant, &filter)?;
         // Where nothing else makes u_ad, the integrator's state is u_ad itself.
         let is_state = filter.is_integrator()
@@ -155,6 +187,7 @@ impl Law {
                 .warning("logStepTooLong", "communication step too long for the adaptation gain or the control"),
             directions: plant.all_directions(),
             unmatched,
+            beside,
             plant,
             filter,
         };
@@ -237,6 +270,16 @@ impl Law {
         Ok(())
     }
 
+    /// A_m
+    pub fn desired_dynamics<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
+        self.design.A_m(v)
+    }
+
+    /// K_g
+    pub fn reference_gain<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
+        v.matrix(self.design.K_g)
+    }
+
     /// Whether the controller is in command.
     pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         self.in_command.is_active(v)
@@ -250,6 +293,11 @@ impl Law {
     /// u = u_ad − K_m x within its limits; η̂ = ω̂ v + θ̂ φ(x) + σ̂ (+ K_m x), η̂_2 = θ̂_2 ‖x‖∞ + σ̂_2, and η̂ − K_g r;
     /// s = −(B B_um)ᵀ P x̃.
     pub fn outputs<S: Scalar>(&self, r: &[S], v: &Values<S>, y: &mut Signals<S>) {
+        self.outputs_towards(Goal::Reference(r), v, y);
+    }
+
+    /// The same, with this goal; where a unit adds to the control, u and wanted hold it, and η̂ doesn't.
+    pub fn outputs_towards<S: Scalar>(&self, goal: Goal<S>, v: &Values<S>, y: &mut Signals<S>) {
         let (x, x_hat) = (&v[self.ports.x], &v[self.x_hat]);
         let norm = [infinity_norm(x)];
         let phi = if self.regressor == Regressor::State { x } else { &norm };
@@ -271,7 +319,10 @@ impl Law {
             y[self.eta_hat][i] += term;
         }
         y[self.excess].fill(S::from(0.0));
-        add_product(&mut y[self.excess], v.matrix(self.design.K_g), r.iter().copied());
+        match goal {
+            Goal::Reference(r) => add_product(&mut y[self.excess], v.matrix(self.design.K_g), r.iter().copied()),
+            Goal::Command(command) => (0..self.excess.len()).for_each(|i| y[self.excess][i] = y[command][i]),
+        }
         for i in 0..self.excess.len() {
             y[self.excess][i] = y[self.eta_hat][i] - y[self.excess][i];
         }
@@ -294,11 +345,13 @@ impl Law {
         for i in 0..self.u_ad.len() {
             let (u_ad, feedback) = (y[self.u_ad][i], y[self.feedback][i]);
             let inertia = inertias.get(i).copied().unwrap_or(S::from(1.0));
-            let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.in_command.u_manual][i]);
+            let beside = self.beside.map(|beside| y[beside.now][i]);
+            let law = || beside.map_or(u_ad - feedback, |beside| u_ad - feedback + beside) * inertia;
+            let wanted = S::branch(active, law, || v[self.in_command.u_manual][i]);
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
             y[self.ports.u][i] = u;
             y[self.v][i] = match self.baseline {
-                Baseline::None | Baseline::Inside => u / inertia,
+                Baseline::None | Baseline::Inside => beside.map_or(u / inertia, |beside| u / inertia - beside),
                 Baseline::Outside => S::branch(active, || u_ad + (u - wanted) / inertia, || u / inertia + feedback),
             };
         }
@@ -361,6 +414,11 @@ impl Law {
             let unmatched = self.unmatched.as_ref().map_or(&[][..], |unmatched| &v[unmatched.eta_hat]);
             for (direction, &eta) in self.directions.column_iter().zip(v[self.eta_hat].iter().chain(unmatched)) {
                 dx[self.x_hat].iter_mut().zip(direction.iter()).for_each(|(rate, &b)| *rate += eta * b);
+            }
+            let beside = self.beside.map_or(&[][..], |beside| &v[beside.now]);
+            for (direction, &added) in self.plant.B.column_iter().zip(beside) {
+                let moved = dx[self.x_hat].iter_mut().zip(direction.iter()).filter(|(_, b)| **b != 0.0);
+                moved.for_each(|(rate, &b)| *rate += added * b);
             }
         });
     }

@@ -24,7 +24,7 @@ use crate::system::{
 };
 use crate::template::{Request, Sizes, Template};
 pub(super) use design::{Dynamics, SETTLED};
-pub(super) use law::Law;
+pub(super) use law::{Beside, Goal, Law};
 pub(super) use ports::Ports;
 pub(super) use report::{controllability, tell_delay_margin};
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};

@@ -17,20 +17,27 @@ impl Law {
 
     /// Takes over, or hands over, where `enabled` has changed.
     pub fn event<S: Scalar>(&self, v: &mut Point<S>) {
+        self.event_after(|_| {}, v);
+    }
+
+    /// The same, with what a unit does where the law is about to take over.
+    pub fn event_after<S: Scalar>(&self, before: impl FnOnce(&mut Point<S>), v: &mut Point<S>) {
         self.in_command.event(v, |v| {
+            before(v);
             v.copy(self.ports.x, self.x_hat);
             self.take_over(v);
         });
     }
 
     /// Puts the adaptive control where the control is the manual one.
-    pub(super) fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
+    pub fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
         for i in 0..self.u_ad.len() {
             let values = v.values();
             let of_state = |K_m: DMatrixView<S>| dot(K_m.row(i).iter(), &v[self.ports.x]);
             let feedback = self.design.K_m(&values).map_or(S::from(0.0), of_state);
             let u = within(v[self.in_command.u_manual][i], v[self.ports.u_min][i], v[self.ports.u_max][i]);
             let u_ad = u / self.design.inertia(i, &values) + feedback;
+            let u_ad = self.beside.map_or(u_ad, |beside| u_ad - v[beside.at_takeover][i]);
             // From the estimates: at the start no signals stand yet.
             let norm = infinity_norm(&v[self.ports.x]);
             let eta_hat = |unmatched: &Unmatched, k: usize| unmatched.estimate(k, norm, &values);
@@ -74,6 +81,19 @@ impl Law {
                     count.told()
                 )
             });
+        });
+    }
+
+    /// Tells, where this is so, that a communication step was too long for what a unit adds to the control.
+    pub fn judge_step_beside<S: Scalar>(
+        &self,
+        is_too_long: S::Flag,
+        text: impl FnOnce(&Values<S>) -> String,
+        v: &mut Point<S>,
+    ) {
+        v.when(is_too_long, |v| {
+            v.put(self.step_too_long, true.into());
+            v.warn(self.long_step, text);
         });
     }
 

@@ -42,7 +42,8 @@ impl Law {
     fn added_by_limits<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         let inertia = self.design.inertia(channel, v);
         // As the control is computed, so that rounding leaves nothing.
-        let wanted = (v[self.u_ad][channel] - v[self.feedback][channel]) * inertia;
+        let of_law = v[self.u_ad][channel] - v[self.feedback][channel];
+        let wanted = self.beside.map_or(of_law, |beside| of_law + v[beside.now][channel]) * inertia;
         (v[self.ports.u][channel] - wanted) / inertia
     }
 

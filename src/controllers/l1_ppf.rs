@@ -1,0 +1,276 @@
+//! L1 adaptive control with prescribed performance: an L1 controller, and beside it a barrier that keeps the error within a
+//! funnel.
+//!
+//! The barrier is that of prescribed performance and of funnel control: C. P. Bechlioulis and G. A. Rovithakis, IEEE Trans.
+//! Automatic Control 53 (2008) 2090–2099; A. Ilchmann, E. P. Ryan and C. J. Sangwin, Tracking with prescribed transient
+//! behaviour, ESAIM: COCV 7 (2002) 471–493. That it stands beside an L1 law whose predictor knows of it is this package's.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+mod order;
+mod report;
+mod structure;
+mod template;
+
+use nalgebra::DMatrix;
+
+use super::funnel::{self, Funnel, Inside};
+use super::l1::{Beside, Law, Ports};
+use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::mathematics::limits;
+use crate::system::{
+    Declaration, DesignReport, Input, Invalid, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, System,
+    Values, VectorOf, Warning, larger, scalar, vector,
+};
+use crate::template::{Sizes, Template};
+use order::Order;
+pub use structure::L1PpfStructure;
+
+/// The funnel of the examples of section 6.5: rho_0, rho_inf, decay_rate.
+const FUNNEL: [f64; 3] = [2.0, 0.05, 1.5];
+
+/// Parameters of an L1 controller that this one has no use for: it is integrated by a general method alone.
+const OF_CLOSED_FORM: [&str; 2] = ["adaptation_tolerance", "closed_form_phase"];
+
+/// u = u_ad − K_m x + u_ε: the law of an L1 controller, and u_ε, which grows without limit at the funnel's bounds.
+#[derive(Debug)]
+pub struct L1Ppf {
+    r: VectorOf<Input>,
+    order: Order,
+    barrier_gain: VectorOf<Parameter>,
+    funnel: Funnel,
+    /// u_ε, which stands beside the law.
+    beside: Beside,
+    stiffness: ScalarOf<Signal>,
+    ports: Ports,
+    law: Law,
+    /// From the rates that the channels ask for to controls: the inverse of the nominal input gain.
+    inverse: DMatrix<f64>,
+    limited: Warning,
+}
+
+impl System for L1Ppf {
+    type Structure = L1PpfStructure;
+    const NAME: &'static str = "l1-ppf";
+    const DOCUMENTATION: &'static str =
+        concat!(include_str!("../../docs/controllers/l1_ppf.md"), include_str!("../../docs/controllers/l1.md"));
+
+    fn declare(structure: L1PpfStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let plant = structure.plant()?;
+        let m = plant.B.ncols();
+        let is_first = plant.B.nrows() == m;
+        let units = structure.of_l1.units(plant.B.shape())?;
+        let inverse = L1PpfStructure::inverse_gain(&plant)?;
+        d.without_effect(OF_CLOSED_FORM);
+        let r = d.input(vector("r", m, "reference").about(&units.of_r, "reference of {}").units(&units.r));
+        let order = Order::declare(d, plant, &units)?;
+        let ports = Ports::declare(d, &units);
+        let gain = "gain of the barrier, in the square of the error's unit per second; 0: the L1 law alone";
+        let added = vector("u_barrier", m, "what the barrier adds to the control").units(&units.command);
+        let beside = Beside {
+            now: d.local(added.about(&units.of_u, "what the barrier adds to the {}")),
+            at_takeover: d.discrete(vector("#u_barrier, at the start", m, "").hidden()),
+        };
+        let errors = if is_first { (&units.x, &units.of_x) } else { (&units.r, &units.of_r) };
+        let rate =
+            "fastest rate at which the barrier brings an error back where the plant's input gain is the nominal one";
+        Ok(L1Ppf {
+            r,
+            order,
+            barrier_gain: d.parameter(vector("barrier_gain", m, gain).start(0.1).min(0.0)),
+            funnel: Funnel::declare(d, (errors.0, errors.1), FUNNEL),
+            beside,
+            stiffness: d.local(scalar("barrier_stiffness", rate).unit("1/s")),
+            ports,
+            law: Law::with(&structure.of_l1, ports, Some(beside), d)?,
+            inverse,
+            limited: d.warning("logFunnel", "a control at its limit, where the funnel isn't guaranteed"),
+        })
+    }
+
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        self.law.prepare(v)?;
+        self.order.prepare(&self.law, &self.inverse, v)
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.ports.u_min, self.ports.u_max, v);
+        self.funnel.relate(v);
+        self.law.relate(v);
+    }
+
+    /// The funnels open, unless a person is in command.
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.order.initialise(v);
+        self.funnel.open(t, |i, v| self.error(i, v), v);
+        self.note_barrier(t, v);
+        self.law.initialise(v);
+        let active = self.law.is_active(&v.values());
+        v.when(!active, |v| {
+            self.order.follow(self.ports.x, v);
+            v[self.beside.at_takeover].fill(S::from(0.0));
+            self.law.take_over(v);
+            self.funnel.close(v);
+        });
+    }
+
+    fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        self.law.clip_estimates(v);
+    }
+
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let (active, none) = (self.law.is_active(v), S::from(0.0));
+        y[self.beside.now].fill(none);
+        y[self.stiffness] = none;
+        for i in 0..self.barrier_gain.len() {
+            let inside = self.inside(i, t, v);
+            self.funnel.show(i, &inside, y);
+            let asked = S::branch(active, || self.asked(i, &inside, v), || none);
+            for (j, &of_channel) in self.inverse.column(i).iter().enumerate().filter(|(_, of)| **of != 0.0) {
+                y[self.beside.now][j] += asked * of_channel;
+            }
+            y[self.stiffness] = larger(y[self.stiffness], self.stiffness_of(i, &inside, v));
+        }
+        let goal = self.order.goal(self.r, &self.inverse, v, y);
+        self.law.outputs_towards(goal, v, y);
+    }
+
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        self.law.derivatives(v.matrix(self.law.feedback_gain()), v, dx);
+        self.order.derivatives(&self.law, [self.r, self.ports.x], v, dx);
+    }
+
+    /// Tells of an error that has left its funnel: the law is not defined there.
+    fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        let active = self.law.is_active(&v.values());
+        v.when(active, |v| self.funnel.check(t, |i, v| self.error(i, v), v));
+    }
+
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        self.law.event_indicators(v, z);
+        self.funnel.event_indicators(t, |i, v| self.error(i, v), v, z);
+    }
+
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        self.law.event_after(|v| self.open_anew(t, v), v);
+        let active = self.law.is_active(&v.values());
+        v.when(!active, |v| self.funnel.close(v));
+        self.funnel.event(t, |i, v| self.error(i, v), v);
+    }
+
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        self.law.step_completed(t, step, v);
+        let active = self.law.is_active(&v.values());
+        let (limit, none) = (S::from(1.0), S::from(0.0));
+        // A barrier with nothing to do does no harm.
+        let acts = v[self.beside.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
+        let is_stiff = active & acts & (step * v[self.stiffness]).above(limit);
+        self.law.judge_step_beside(is_stiff, |v| self.told_stiffness(step, v), v);
+        v.when(active, |v| (0..self.ports.u.len()).for_each(|j| self.tell_limit(j, t, v)));
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
+        self.law.report(&[("", v.matrix(self.law.feedback_gain()).into_owned())], v, report);
+    }
+}
+
+impl L1Ppf {
+    /// The error of a channel.
+    fn error<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        self.order.error(i, [self.r, self.ports.x], v)
+    }
+
+    fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
+        self.funnel.inside(i, t, self.error(i, v), v)
+    }
+
+    /// −K_ε R E of a channel: the rate, of the error or of its rate, that the barrier asks for.
+    fn asked<S: Scalar>(&self, i: usize, inside: &Inside<S>, v: &Values<S>) -> S {
+        -v[self.barrier_gain][i] * inside.R * self.order.driven(i, inside, self.ports.x, v)
+    }
+
+    /// s: how fast the barrier alone brings the error of a channel back, or its rate, where the plant's input gain is the
+    /// nominal one.
+    fn stiffness_of<S: Scalar>(&self, i: usize, inside: &Inside<S>, v: &Values<S>) -> S {
+        v[self.barrier_gain][i] * self.order.slope(inside)
+    }
+
+    /// Notes what the barrier adds where the law takes command.
+    fn note_barrier<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        v[self.beside.at_takeover].fill(S::from(0.0));
+        for i in 0..self.barrier_gain.len() {
+            let asked = self.asked(i, &self.inside(i, t, &v.values()), &v.values());
+            for (j, &of_channel) in self.inverse.column(i).iter().enumerate().filter(|(_, of)| **of != 0.0) {
+                v[self.beside.at_takeover][j] += asked * of_channel;
+            }
+        }
+    }
+
+    /// The funnels open anew, a reference model starts at the measured state.
+    fn open_anew<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.order.follow(self.ports.x, v);
+        self.funnel.open_anew(t, |i, v| self.error(i, v), v);
+        self.note_barrier(t, v);
+    }
+
+    /// What is said of a step that is too long for the barrier.
+    fn told_stiffness<S: Scalar>(&self, step: S, v: &Values<S>) -> String {
+        let rate = v[self.stiffness];
+        format!(
+            "the communication step {} s is too long for the barrier, which brings an error back at {} 1/s now. Use {} s or \
+             less, a smaller {}, a wider funnel, or the loop as one unit",
+            step.scientific(3),
+            rate.scientific(3),
+            rate.recip().scientific(1),
+            v.name(self.barrier_gain)
+        )
+    }
+
+    /// Warns once where a control is at its limit.
+    fn tell_limit<S: Scalar>(&self, j: usize, t: S, v: &mut Point<S>) {
+        let Ports { u, u_min, u_max, .. } = self.ports;
+        let is_at_limit = v[u][j].at_most(v[u_min][j]) | v[u][j].at_least(v[u_max][j]);
+        v.when(is_at_limit, |v| {
+            v.warn(self.limited, |v| {
+                let u = v.name(u.at(j));
+                format!(
+                    "{u} is at its limit at t = {} s: that e stays in its funnel isn't guaranteed while it is",
+                    t.told()
+                )
+            });
+        });
+    }
+}
+
+impl Catalogued for L1Ppf {
+    const TITLE: &'static str = "L1 adaptive controller with prescribed performance";
+    const PAGE: &'static str = "controllers/l1_ppf";
+    const ICON: Icon = icon!("l1-ppf");
+    const GUIDE: Guide = Guide {
+        purpose: "An L1 adaptive controller that keeps the error inside a funnel, which narrows with time: the nearer the \
+                  error is to its bound, the harder a barrier beside the law pushes it back. Take it where the L1 controller \
+                  suits the plant, and an error must never exceed a bound.",
+        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
+                that no plant answers leaves the funnel as that narrows, and the step is refused: connect the plant first.",
+        gains: &[
+            ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
+            ("rho_inf", "Width in the end. The barrier's stiffness, and so the step, grows as 1/rho²."),
+            ("decay_rate", "How fast the funnel narrows."),
+            ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, which nothing keeps inside."),
+            ("lambda", "Weight of the error beside its rate."),
+            ("u_ad_start", "`bumpless`: the control starts at u_manual, where the first peak would be large."),
+        ],
+        limits: "- The whole state `x` is measured; noise on it is amplified near the funnel's bounds.\n\
+                 - An error that leaves its funnel ends the step with an error, unless `on_funnel_exit` = reopen.\n\
+                 - A control at its limit ends the guarantee: `logFunnel` tells.\n\
+                 - For relative degree 2 nothing is proven.\n\
+                 - Held signals may carry an error out within a step: `step_too_long` tells where the barrier is too stiff \
+                 for the step.",
+    };
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 3), Sizes::plant(6, 3)],
+    });
+    const TRIAL: Trial = Trial { alone: funnel::OPEN, ..Trial::NONE };
+}

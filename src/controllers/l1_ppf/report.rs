@@ -1,0 +1,83 @@
+//! What a designer should know of the barrier: its funnel, how stiff it is, and which step it bears.
+#![allow(non_snake_case)] // R is the thesis' name
+
+use nalgebra::DMatrix;
+
+use super::L1Ppf;
+use super::order::Order;
+use crate::mathematics::limits::UNLIMITED;
+use crate::mathematics::performance::{Bounds, Performance};
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+
+/// Places of the error in parts of its bound at which the stiffness is told.
+const PLACES: [f64; 3] = [0.0, 0.57, 0.9];
+
+impl L1Ppf {
+    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        report.section("Funnel");
+        self.funnel.report(v, report);
+        let guarantee = "the error stays inside";
+        let has_limits = v[self.ports.u_min].iter().any(|&limit| limit > -UNLIMITED)
+            || v[self.ports.u_max].iter().any(|&limit| limit < UNLIMITED);
+        let (what, note) = match self.order {
+            _ if v[self.barrier_gain].contains(&0.0) => ("not proven", "without a barrier nothing keeps it there"),
+            Order::Second { .. } => ("not proven", "for relative degree 2 it was simulated only"),
+            Order::First { .. } if has_limits => ("proven", "while no control is at its limit"),
+            Order::First { .. } => {
+                ("proven", "with the baseline outside, and for an input gain that is diagonal and positive")
+            }
+        };
+        report.tell(guarantee, what, "", note);
+        self.tell_barrier(v, report);
+    }
+
+    fn tell_barrier(&self, v: &Values<f64>, report: &mut DesignReport) {
+        report.section("Barrier");
+        let row =
+            |place: f64| DMatrix::from_fn(1, self.barrier_gain.len(), |_, i| self.stiffness_in_the_end(i, place, v));
+        let what = match self.order {
+            Order::First { .. } => "rate at which it brings the error back",
+            Order::Second { .. } => "rate at which it brings the error's rate back",
+        };
+        for place in PLACES {
+            let note = format!("{what} at {place} of the bound in the end, where the input gain is the nominal one");
+            report.tell(&format!("stiffness at {place}"), &row(place), "1/s", &note);
+        }
+        if report.step > 0.0 {
+            self.tell_step(row(0.0).max(), v, report);
+        }
+    }
+
+    /// Of a unit that is stepped by itself.
+    fn tell_step(&self, stiffness: f64, v: &Values<f64>, report: &mut DesignReport) {
+        let name = "longest step in the middle";
+        if stiffness == 0.0 {
+            report.tell_unlimited(name, "s", "there is no barrier");
+            return;
+        }
+        let (longest, of_gain) = (1.0 / stiffness, v.name(self.barrier_gain));
+        if report.step <= longest {
+            let note =
+                "1/stiffness in the middle; 2/stiffness where the plant is stepped first. Near the bounds it is less";
+            report.tell(name, longest, "s", note);
+            return;
+        }
+        let note = format!(
+            "shorter than the default step, {} s: take one as short, {of_gain} = {}, or the loop as one unit",
+            number(report.step),
+            number(v[self.barrier_gain][0] * longest / report.step)
+        );
+        report.judge(name, longest, "s", Verdict::Warning, note);
+    }
+
+    /// The stiffness of a channel at an error of this part of the bound in the end.
+    fn stiffness_in_the_end(&self, i: usize, place: f64, v: &Values<f64>) -> f64 {
+        let rho = self.funnel.narrowest(i, v);
+        let bounds = Bounds { lower: 1.0, upper: 1.0 };
+        let performance = Performance { rho, rate: 0.0, second_rate: 0.0 };
+        let (epsilon, R) = (bounds.transformed(place), bounds.slope(place) / rho);
+        let inside = super::Inside { e: place * rho, performance, bounds, z: place, epsilon, R };
+        self.stiffness_of(i, &inside, v)
+    }
+}
