@@ -21,6 +21,7 @@ pub const CATALOGUE: &[Entry] = &[
     Entry::of::<Watched<controllers::l1_limit::L1Limit>>(),
     Entry::of::<Watched<controllers::l1_sampled::L1Sampled>>(),
     Entry::of::<controllers::mrac_ppf::MracPpf>(),
+    Entry::of::<controllers::mrac_ppf_unmatched::MracPpfUnmatched>(),
     Entry::of::<controllers::neuro_ppf::NeuroPpf>(),
     Entry::of::<Watched<controllers::pid::Pid>>(),
     Entry::of::<Watched<controllers::ladrc::Ladrc>>(),

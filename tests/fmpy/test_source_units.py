@@ -31,6 +31,7 @@ NAMES = [
     "L1TwoLinkRobot",
     "LadrcNonlinearSiso",
     "MracPpfCoupledMimo",
+    "MracPpfUnmatchedMimo",
     "NeuroPpfCoupledMimo",
     "NonlinearSiso",
     "ObserverQuadrotor",
