@@ -248,10 +248,10 @@ struct Found {
 impl Found {
     fn note(&mut self, run: &Run, prefix: &str, e: [f64; 3]) {
         let get = |name: &str, i: usize| run.get(&format!("{prefix}{name}[{}]", i + 1));
-        for i in 0..3 {
-            self.part[i] = self.part[i].max(e[i].abs() / get("rho", i));
-            self.largest[i] = self.largest[i].max(e[i].abs());
-            self.rms[i] += e[i] * e[i];
+        for (i, e) in e.into_iter().enumerate() {
+            self.part[i] = self.part[i].max(e.abs() / get("rho", i));
+            self.largest[i] = self.largest[i].max(e.abs());
+            self.rms[i] += e * e;
         }
         (0..2).for_each(|i| self.u[i] = self.u[i].max(get("u", i).abs()));
         self.turned = self.turned.min(1.0 + run.get(&format!("{prefix}theta_hat[3,2]")));
@@ -354,14 +354,8 @@ fn in_separate_units_it_stays_in_its_funnels() {
         (Order::AtOnce, 5e-3, [0.146, 0.265]),
     ] {
         let found = of_units("", order, step, 30.0).unwrap();
-        for i in 0..2 {
-            let part = found.part[i];
-            assert!(
-                (part - known[i]).abs() <= 5.5e-4,
-                "{order:?}, {step} s, e/rho {}: {part}, not {}",
-                i + 1,
-                known[i]
-            );
+        for (part, known) in found.part.into_iter().zip(known) {
+            assert!((part - known).abs() <= 5.5e-4, "{order:?}, {step} s, e/rho: {part}, not {known}");
         }
     }
 }
@@ -575,5 +569,5 @@ fn a_new_controller_keeps_the_speed_of_a_motor_whose_load_no_voltage_reaches() {
     let speed = run.get("plant.x[1]");
     println!("{speed}, largest e/rho {part}");
     assert_eq!(run.integer("controller.funnel_reopened"), 0);
-    assert!((speed - 100.0).abs() < 1.0 && (0.01..1.0).contains(&part), "{speed}, {part}");
+    assert!((speed - 100.0).abs() < 1.0 && (0.01..0.9).contains(&part), "{speed}, {part}");
 }

@@ -17,11 +17,11 @@ use crate::template::{
 };
 
 /// Rates of the barriers, in parts of the bandwidth: of a state that drives an unmatched row, of that row, and of the others.
-const BARRIERS: [f64; 3] = [100.0, 10.0, 30.0];
+const BARRIERS: [f64; 3] = [300.0, 30.0, 30.0];
 /// Bounds of the estimates of an unmatched row, in parts of what drives it: below 1, so that it drives it the same way.
 const OF_DRIVE: f64 = 0.5;
 /// How much slower than the barrier that answers it an adaptation is.
-const SLOWER: f64 = 6.0;
+const SLOWER: f64 = 30.0;
 
 /// A funnel about each state.
 pub fn write(request: &Request) -> Result<String, Invalid> {
@@ -34,7 +34,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let A_m = exact(&A_m, &plant.A, &driven);
     let numbers = Numbers::of([&plant.A, &A_m], &driven, [bandwidth, reference]);
     let fastest = numbers.rates.iter().copied().fold(bandwidth, f64::max);
-    let step = round_down((0.1 / fastest).min(1e-3));
+    let step = round_down((0.3 / fastest).min(1e-3));
     let mut text = request.begin(MracPpfUnmatched::TITLE, MracPpfUnmatched::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     write_plant(&mut text, &plant, "what is to follow the reference");
