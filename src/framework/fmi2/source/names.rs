@@ -5,7 +5,7 @@ use std::collections::HashSet;
 /// Words that C, its library and the functions around have for themselves.
 const TAKEN: &str = "auto break case char const continue default do double else enum extern float for goto if inline int long \
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while real \
-    t dt v n d z R F log step crossed slopes jacobian by_time i \
+    t dt v n d z R F log told step crossed slopes jacobian by_time i \
     acos acosh asin asinh atan atan2 atanh cabs carg cbrt ceil conj copysign cos cosh cpow creal erf erfc exp exp2 expm1 fabs \
     fdim floor fma fmax fmin fmod frexp gamma hypot ilogb index isinf isnan j0 j1 jn ldexp lgamma llrint llround log10 log1p \
     log2 logb lrint lround memchr memcmp memcpy memmove memset modf nan nearbyint nextafter pow power powl remainder \
