@@ -22,6 +22,7 @@ pub const CATALOGUE: &[Entry] = &[
     Entry::of::<Watched<controllers::l1_sampled::L1Sampled>>(),
     Entry::of::<controllers::l1_ppf::L1Ppf>(),
     Entry::of::<controllers::mrac_ppf::MracPpf>(),
+    Entry::of::<controllers::mrac_ppf_unmatched::MracPpfUnmatched>(),
     Entry::of::<controllers::neuro_ppf::NeuroPpf>(),
     Entry::of::<Watched<controllers::pid::Pid>>(),
     Entry::of::<Watched<controllers::ladrc::Ladrc>>(),

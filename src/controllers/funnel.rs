@@ -214,6 +214,17 @@ impl Funnel {
         let (performance, bounds) = (self.performance(i, t, v), self.bounds(i, v));
         let middle = || (bounds.upper - bounds.lower) * 0.5;
         let z = S::branch(v.get(self.began_inside), || e / performance.rho, middle);
+        Self::of_part(e, z, performance, bounds)
+    }
+
+    /// The same of an error that isn't taken for another before the simulation either: outside, ε is no number.
+    pub fn of_error<S: Scalar>(&self, i: usize, t: S, e: S, v: &Values<S>) -> Inside<S> {
+        let (performance, bounds) = (self.performance(i, t, v), self.bounds(i, v));
+        Self::of_part(e, e / performance.rho, performance, bounds)
+    }
+
+    /// An error, that is z in parts of ρ.
+    fn of_part<S: Scalar>(e: S, z: S, performance: Performance<S>, bounds: Bounds<S>) -> Inside<S> {
         let (epsilon, R) = (bounds.transformed(z), bounds.slope(z) / performance.rho);
         Inside { e, performance, bounds, z, epsilon, R }
     }

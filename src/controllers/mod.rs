@@ -16,6 +16,7 @@ pub mod l1_sampled;
 pub mod ladrc;
 mod moves;
 pub mod mrac_ppf;
+pub mod mrac_ppf_unmatched;
 pub mod neuro_ppf;
 pub mod observer;
 pub mod pid;

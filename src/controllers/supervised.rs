@@ -3,13 +3,17 @@
 
 use super::at_limit::{AtLimit, Limited};
 use super::moves::Moves;
-use crate::system::{BooleanOf, Declaration, Discrete, Point, Scalar, Signal, VectorOf, Warning, boolean};
+use crate::system::{
+    BooleanOf, Declaration, Discrete, Memory, Point, Scalar, Signal, Values, VectorOf, Warning, boolean,
+};
 
 /// Of one control.
 #[derive(Debug)]
 pub(super) struct Supervised {
     u: VectorOf<Signal>,
     moves: Moves,
+    /// Whether a master of co-simulation steps the unit.
+    is_stepped: BooleanOf<Memory>,
     at_limit: AtLimit,
     step_too_long: BooleanOf<Discrete>,
     long_step: Warning,
@@ -23,6 +27,7 @@ impl Supervised {
         Supervised {
             u: limited.u,
             moves: Moves::declare(d, limited.u.len(), is_stepped),
+            is_stepped,
             at_limit: AtLimit::declare(d, limited),
             step_too_long: d.discrete(flag),
             long_step: d.warning("logStepTooLong", "communication step too long for the control"),
@@ -42,5 +47,14 @@ impl Supervised {
             self.moves.begin(v);
             v.put(self.step_too_long, false.into());
         });
+    }
+
+    /// Tells too, after [`Supervised::look`], of a communication step that is too long for the law itself: where there are such
+    /// steps, in co-simulation.
+    pub fn judge<S: Scalar>(&self, too_long: S::Flag, v: &mut Point<S>, text: impl FnOnce(&Values<S>) -> String) {
+        let too_long = too_long & v.get(self.is_stepped);
+        let told = v.get(self.step_too_long);
+        v.put(self.step_too_long, told | too_long);
+        v.when(too_long, |v| v.warn(self.long_step, text));
     }
 }

@@ -20,7 +20,7 @@ CONTROLLERS = {  # There is no error; one that no plant answers would take their
     "L1CoupledMimo", "L1LimitNonlinearSiso", "L1LimitTwoLinkRobot", "L1MaresAuv", "L1NonlinearSiso", "L1PpfCoupledMimo",
     "L1PpfTwoLinkRobot",
     "L1SampledNonlinearSiso", "L1SampledTwoLinkRobot", "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo",
-    "LadrcNonlinearSiso", "LadrcTwoLinkRobot",
+    "LadrcNonlinearSiso", "LadrcTwoLinkRobot", "MracPpfUnmatchedMimo",
 }
 HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The same, but their thrust is the weight.
 BALANCED = {"ActuatedSiso", "MaresAuv", "StateSpace", "TwinRotor"}  # Without a control these plants rest where they start.

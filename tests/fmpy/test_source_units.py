@@ -32,6 +32,7 @@ NAMES = [
     "L1TwoLinkRobot",
     "LadrcNonlinearSiso",
     "MracPpfCoupledMimo",
+    "MracPpfUnmatchedMimo",
     "NeuroPpfCoupledMimo",
     "NonlinearSiso",
     "ObserverQuadrotor",

@@ -18,6 +18,7 @@ mod limits;
 mod mares_auv;
 mod mimo_plants;
 mod mrac_ppf;
+mod mrac_ppf_unmatched;
 mod mrac_samples;
 mod names;
 mod neuro_ppf;

@@ -1,0 +1,413 @@
+//! Robust model reference adaptive control with prescribed performance, for uncertainty that the controls don't reach: chapter 6
+//! of the thesis, carried on by the recursion of approximation-free prescribed performance.
+//!
+//! C. P. Bechlioulis and G. A. Rovithakis, A low-complexity global approximation-free control scheme with prescribed performance
+//! for unknown pure feedback systems, Automatica 50 (2014) 1217–1226. The estimates in the virtual control, the reference model
+//! and the take-over are this package's.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+mod report;
+mod structure;
+mod supervision;
+mod template;
+
+use super::at_limit::{Limited, manual};
+use super::funnel::{Funnel, Inside};
+use super::in_command::InCommand;
+use super::l1::{SETTLED, dot};
+use super::supervised::Supervised;
+use super::units::of_matrix;
+use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::mathematics::limits::{self, within};
+use crate::mathematics::projection::projection;
+use crate::mathematics::{feedforward, lyapunov};
+use crate::system::{
+    Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, IntegerOf, Invalid, MatrixOf, Parameter, Point,
+    Prepared, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, choice,
+    integer, matrix, scalar, vector,
+};
+use crate::template::{Sizes, Template};
+pub use structure::UnmatchedStructure;
+use structure::{Driven, Plant, Words};
+
+/// What the reference model starts with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ModelStart {
+    Measured,
+    Given,
+}
+
+impl Choice for ModelStart {
+    const TYPE: &'static str = "ModelStart";
+    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
+        (Self::Measured, "measured", "where the plant is: every error starts at 0"),
+        (Self::Given, "given", "with x_m0"),
+    ];
+}
+
+/// u = B_a⁻¹ w, w_i = x_m,i' − A_i x − θ̂_iᵀx − σ̂_i + b_i in the rows that the controls reach, b_i = −K_ε,i R_i ε_i + z_i ρ_i';
+/// a state that drives an unmatched row follows the α by which that row would do the same.
+#[derive(Debug)]
+pub struct MracPpfUnmatched {
+    plant: Plant,
+    A_m: MatrixOf<Parameter>,
+    gamma: VectorOf<Parameter>,
+    upsilon: VectorOf<Parameter>,
+    K_epsilon: VectorOf<Parameter>,
+    theta_bound: VectorOf<Parameter>,
+    sigma_bound: VectorOf<Parameter>,
+    projection_tolerance: ScalarOf<Parameter>,
+    x_m_start: ChoiceOf<Parameter, ModelStart>,
+    x_m0: VectorOf<Parameter>,
+    takeover_rate: ScalarOf<Parameter>,
+    u_min: VectorOf<Parameter>,
+    u_max: VectorOf<Parameter>,
+    K_g: MatrixOf<Prepared>,
+    /// B K_g
+    command: MatrixOf<Prepared>,
+    settling_time: ScalarOf<Prepared>,
+    r: VectorOf<Input>,
+    x: VectorOf<Input>,
+    in_command: InCommand,
+    funnel: Funnel,
+    x_m: VectorOf<State>,
+    /// A column a row of the plant.
+    theta_hat: MatrixOf<State>,
+    sigma_hat: VectorOf<State>,
+    u_b: VectorOf<State>,
+    /// What each state that drives an unmatched row is to be, in the order of the description; none without such rows.
+    alpha: Option<VectorOf<Signal>>,
+    /// What the controls are to bring to the rows that they reach.
+    wanted: VectorOf<Signal>,
+    u: VectorOf<Signal>,
+    projection_active: IntegerOf<Discrete>,
+    supervised: Supervised,
+    limited: Warning,
+    at_bounds: Warning,
+}
+
+impl System for MracPpfUnmatched {
+    type Structure = UnmatchedStructure;
+    const NAME: &'static str = "mrac-ppf-unmatched";
+    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/mrac_ppf_unmatched.md");
+
+    fn declare(structure: UnmatchedStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let plant = structure.plant()?;
+        let (n, m) = plant.B.shape();
+        let Words { units: [r_units, x_units, u_units], quantities: [of_r, of_x, of_u] } = structure.words(&plant)?;
+        let rates: Vec<_> = x_units.iter().map(|unit| Unit::per_second(unit)).collect();
+        let gain = |name: &str, text: &str, start: f64| vector(name, n, text).start(start).min(0.0);
+        let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
+        let limited =
+            Limited::declare(d, (&u_units, &of_u), "that the actuator can give, on which the guarantee ends", "");
+        let takes_over = "it takes over without a jump, and begins anew: from the measured state, without estimates";
+        let of_state = |name: &str, text: &str, about: &str| vector(name, n, text).about(&of_x, about).units(&x_units);
+        Ok(MracPpfUnmatched {
+            A_m: d.parameter(
+                matrix("A_m", n, n, "state matrix of the reference model; its unmatched rows are those of A")
+                    .starts(plant.A.as_slice())
+                    .units(&of_matrix(&rates, &x_units)?),
+            ),
+            gamma: d.parameter(gain("gamma", "adaptation gain of a row's estimates", 1.0)),
+            upsilon: d.parameter(gain("upsilon", "leakage of sigma_hat", 0.05)),
+            K_epsilon: d.parameter(vector("K_epsilon", n, "gain of the barrier").start(0.1).positive()),
+            theta_bound: d.parameter(gain("theta_bound", "bound of the estimates theta_hat of a row", 40.0)),
+            sigma_bound: d.parameter(gain("sigma_bound", "bound of the estimate sigma_hat of a row", 5.0)),
+            projection_tolerance: d.parameter(
+                scalar("projection_tolerance", "width of the layer at the bounds of estimates, in parts of them")
+                    .start(0.1)
+                    .positive(),
+            ),
+            x_m_start: d
+                .parameter(choice::<ModelStart>("x_m_start", "what the reference model starts with").fixed()),
+            x_m0: d.parameter(
+                of_state("x_m0", "state that the reference model is given at the start", "{} that the reference model is given at the start").fixed(),
+            ),
+            takeover_rate: {
+                let text = "rate at which what a take-over without a jump has left in the control decays";
+                d.parameter(scalar("takeover_rate", text).unit("1/s").start(1.0).min(0.0))
+            },
+            K_g: d.prepared(
+                matrix("K_g", m, m, "feedforward gain -(C A_m^-1 B)^-1 for unit steady-state gain")
+                    .units(&of_matrix(&u_units, &r_units)?),
+            ),
+            command: d.prepared(matrix("#B K_g", n, m, "").hidden()),
+            settling_time: d.prepared(scalar("#settling time", "").hidden()),
+            r: d.input(vector("r", m, "reference").about(&of_r, "reference of {}").units(&r_units)),
+            x: d.input(of_state("x", "measured state of the plant", "measured {}")),
+            in_command: InCommand::declare(d, takes_over, manual(&u_units, &of_u)),
+            limited: d.warning(
+                "logFunnel",
+                "an error that left its funnel, which re-opened; a control at its limit, where the funnel isn't guaranteed",
+            ),
+            funnel: Funnel::declare(d, (&x_units, &of_x), [0.5, 0.05, 1.0]),
+            x_m: d.state(of_state("x_m", "state of the reference model", "{} of the reference model").source("Hashim (6.2)")),
+            theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each row of the plant")),
+            sigma_hat: d.state(vector("sigma_hat", n, "estimate of the disturbance of each row").units(&rates)),
+            u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u_units)),
+            alpha: (!plant.unmatched.is_empty()).then(|| {
+                let units: Vec<_> = plant.unmatched.iter().map(|driven| x_units[driven.by]).collect();
+                let text = "virtual control: what the state that drives an unmatched row is to be";
+                d.local(vector("alpha", units.len(), text).units(&units).source("Bechlioulis and Rovithakis (2014)"))
+            }),
+            wanted: d.local(hidden("#wanted", m)),
+            projection_active: d.discrete(
+                integer("projection_active", "number of estimates that are kept within their bounds").output(),
+            ),
+            supervised: Supervised::declare(d, limited),
+            at_bounds: d.warning("logProjection", "estimates at their bounds"),
+            u: limited.u,
+            u_min: limited.u_min,
+            u_max: limited.u_max,
+            plant,
+        })
+    }
+
+    /// K_g, and how long the reference model takes to settle.
+    fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
+        let (name, A_m) = (v.name(self.A_m), v.matrix(self.A_m).into_owned());
+        v[self.settling_time] = (SETTLED / lyapunov::slowest_decay(&name, &A_m)?).min(f64::MAX);
+        let size = self.plant.A.amax().max(A_m.amax());
+        for (row, column) in self.plant.unmatched.iter().flat_map(|of| (0..A_m.ncols()).map(|column| (of.row, column)))
+        {
+            let (entry, own) = (A_m[(row, column)], self.plant.A[(row, column)]);
+            if (entry - own).abs() > 1e-9 * size {
+                let allowed = format!("must be {own}, as in A: the controls don't reach this row");
+                return Err(Invalid::new(v.name(self.A_m.at(row, column)), entry, allowed));
+            }
+        }
+        let K_g = feedforward::gain(&A_m, &self.plant.B, &self.plant.C, &name)?;
+        v.matrix_mut(self.command).copy_from(&(&self.plant.B * &K_g));
+        v.matrix_mut(self.K_g).copy_from(&K_g);
+        Ok(())
+    }
+
+    fn relate<S: Scalar>(&self, v: &mut Point<S>) {
+        limits::require_room(self.u_min, self.u_max, v);
+        self.funnel.relate(v);
+    }
+
+    /// The reference model starts where the plant is, or where it is told; the estimates at 0.
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        let enabled = self.in_command.begin(v);
+        self.begin(v);
+        let is_given = v.get(self.x_m_start).is(ModelStart::Given);
+        v.when(is_given, |v| v.copy(self.x_m0, self.x_m));
+        self.open(t, enabled, v);
+    }
+
+    /// u = B_a⁻¹ w + u_b, or the manual control, within the limits.
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
+        let active = self.in_command.is_active(v);
+        for i in 0..self.x.len() {
+            self.funnel.show(i, &self.inside(i, t, active, v), y);
+        }
+        for (place, &driven) in self.plant.unmatched.iter().enumerate() {
+            let virtual_control = || self.alpha(driven, &self.inside(driven.row, t, active, v), v);
+            if let Some(alpha) = self.alpha {
+                y[alpha.at(place)] = S::branch(active, virtual_control, || v[self.x][driven.by]);
+            }
+        }
+        for q in 0..self.u.len() {
+            y[self.wanted.at(q)] = self.wanted(q, t, active, v);
+        }
+        for k in 0..self.u.len() {
+            let law = || self.law(k, |q| y[self.wanted.at(q)]) + v[self.u_b][k];
+            let wanted = S::branch(active, law, || v[self.in_command.u_manual][k]);
+            y[self.u.at(k)] = within(wanted, v[self.u_min][k], v[self.u_max][k]);
+        }
+    }
+
+    /// x_m' = A_m x_m + B K_g r; θ̂_i' = Proj(γ_i ε_i R_i x), σ̂_i' = Proj(γ_i R_i (ε_i − υ_i |ε_i| σ̂_i)). Under manual control the
+    /// model follows the plant, and the estimates rest.
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let (active, tolerance) = (self.in_command.is_active(v), v[self.projection_tolerance]);
+        for i in 0..self.x.len() {
+            dx[self.x_m.at(i)] = S::branch(active, || self.model_rate(i, v), || self.following(i, v));
+            let Inside { epsilon, R, .. } = self.inside(i, t, active, v);
+            let projected = |estimate: S, rate: S, bound: S| {
+                S::branch(active, || projection(estimate, rate, -bound, bound, tolerance), || S::from(0.0))
+            };
+            let gain = v[self.gamma][i] * R;
+            for j in 0..self.x.len() {
+                let rate = gain * epsilon * v[self.x][j];
+                dx[self.theta_hat.at(j, i)] = projected(v[self.theta_hat.at(j, i)], rate, v[self.theta_bound][i]);
+            }
+            let sigma_hat = v[self.sigma_hat][i];
+            let rate = gain * (epsilon - v[self.upsilon][i] * epsilon.abs() * sigma_hat);
+            dx[self.sigma_hat.at(i)] = projected(sigma_hat, rate, v[self.sigma_bound][i]);
+        }
+        for k in 0..self.u.len() {
+            dx[self.u_b.at(k)] = -v[self.takeover_rate] * v[self.u_b][k];
+        }
+    }
+
+    fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        let active = self.in_command.is_active(&v.values());
+        v.when(active, |v| self.funnel.check(t, |i, v| self.error(i, t, active, v), v));
+    }
+
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        let active = self.in_command.is_active(v);
+        self.in_command.event_indicators(v, z);
+        self.funnel.event_indicators(t, |i, v| self.error(i, t, active, v), v, z);
+    }
+
+    /// Takes over, or hands over, where `enabled` has changed; re-opens funnels.
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        self.in_command.event(v, |v| self.take_over(t, v));
+        let active = self.in_command.is_active(&v.values());
+        // The second time for a state that follows another α as the funnel of the row that it drives re-opens.
+        for _ in 0..2 {
+            self.funnel.event(t, |i, v| self.error(i, t, active, v), v);
+        }
+    }
+
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        self.supervise((t, step), v);
+    }
+
+    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_design(v, report);
+    }
+}
+
+impl MracPpfUnmatched {
+    /// The model where the plant is, and nothing estimated.
+    fn begin<S: Scalar>(&self, v: &mut Point<S>) {
+        v.copy(self.x, self.x_m);
+        for states in [self.theta_hat.elements(), self.sigma_hat, self.u_b] {
+            v[states].fill(S::from(0.0));
+        }
+    }
+
+    /// Opens the funnels.
+    fn open<S: Scalar>(&self, t: S, active: S::Flag, v: &mut Point<S>) {
+        // The second time for a state whose α depends on the side on which the error of the row that it drives begins.
+        for _ in 0..2 {
+            self.funnel.open(t, |i, v| self.error(i, t, active, v), v);
+        }
+    }
+
+    /// Begins anew, with u_b := u_manual − the law: the control stays where the manual one is, within the limits.
+    fn take_over<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.begin(v);
+        self.open(t, true.into(), v);
+        for k in 0..self.u.len() {
+            let values = v.values();
+            let law = self.law(k, |q| self.wanted(q, t, true.into(), &values));
+            v[self.u_b][k] = within(v[self.in_command.u_manual][k], v[self.u_min][k], v[self.u_max][k]) - law;
+        }
+    }
+
+    /// The error of a row: x − x_m, or x − α of a state that drives an unmatched row. Not told of while that row's own error is
+    /// outside, and nothing while a person is in command.
+    fn error<S: Scalar>(&self, i: usize, t: S, active: S::Flag, v: &Values<S>) -> S {
+        let nothing = || S::from(0.0);
+        let of_model = || v[self.x][i] - v[self.x_m][i];
+        let Some(&driven) = self.plant.unmatched.iter().find(|driven| driven.by == i) else {
+            return S::branch(active, of_model, nothing);
+        };
+        let row = driven.row;
+        let upper = self.funnel.of_error(row, t, self.error(row, t, active, v), v);
+        let is_inside = upper.bounds.hold(upper.z);
+        S::branch(active & is_inside, || v[self.x][i] - self.alpha(driven, &upper, v), nothing)
+    }
+
+    fn inside<S: Scalar>(&self, i: usize, t: S, active: S::Flag, v: &Values<S>) -> Inside<S> {
+        self.funnel.inside(i, t, self.error(i, t, active, v), v)
+    }
+
+    /// α: what makes an unmatched row follow its model, by what is estimated of it and its barrier.
+    fn alpha<S: Scalar>(&self, Driven { row, by }: Driven, upper: &Inside<S>, v: &Values<S>) -> S {
+        let entry = self.plant.A[(row, by)];
+        let own = self.nominal(row, v) - v[self.x][by] * entry;
+        (self.model_rate(row, v) - own - self.estimate(row, v) + self.barrier(row, upper, v)) / entry
+    }
+
+    /// w of a reached row: what the controls are to bring to it.
+    fn wanted<S: Scalar>(&self, q: usize, t: S, active: S::Flag, v: &Values<S>) -> S {
+        let i = self.plant.reached[q];
+        let barrier = self.barrier(i, &self.inside(i, t, active, v), v);
+        self.model_rate(i, v) - self.nominal(i, v) - self.estimate(i, v) + barrier
+    }
+
+    /// B_a⁻¹ w of a control.
+    fn law<S: Scalar>(&self, k: usize, wanted: impl Fn(usize) -> S) -> S {
+        (0..self.u.len()).fold(S::from(0.0), |sum, q| sum + wanted(q) * self.plant.inverse[(k, q)])
+    }
+
+    /// b = −K_ε R ε + z ρ'
+    fn barrier<S: Scalar>(&self, i: usize, inside: &Inside<S>, v: &Values<S>) -> S {
+        let Inside { performance, z, epsilon, R, .. } = *inside;
+        z * performance.rate - v[self.K_epsilon][i] * R * epsilon
+    }
+
+    /// A x of a row.
+    fn nominal<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        v[self.x].iter().enumerate().fold(S::from(0.0), |sum, (j, &x)| sum + x * self.plant.A[(i, j)])
+    }
+
+    /// A_m x_m + B K_g r of a row.
+    fn model_rate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let of_model = dot(v.matrix(self.A_m).row(i).iter(), &v[self.x_m]);
+        if self.plant.reached.contains(&i) {
+            return of_model + dot(v.matrix(self.command).row(i).iter(), &v[self.r]);
+        }
+        of_model
+    }
+
+    /// A_m (x_m − x) of a row.
+    fn following<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let A_m = v.matrix(self.A_m);
+        dot(A_m.row(i).iter(), &v[self.x_m]) - dot(A_m.row(i).iter(), &v[self.x])
+    }
+
+    /// θ̂ᵀx + σ̂ of a row.
+    fn estimate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        dot(v.matrix(self.theta_hat).column(i).iter(), &v[self.x]) + v[self.sigma_hat][i]
+    }
+}
+
+impl Catalogued for MracPpfUnmatched {
+    const TITLE: &'static str = "Robust MRAC with prescribed performance for unmatched uncertainty";
+    const PAGE: &'static str = "controllers/mrac_ppf_unmatched";
+    const ICON: Icon = icon!("mrac-ppf-unmatched");
+    const GUIDE: Guide = Guide {
+        purpose: "Keeps each state's error against a reference model inside a funnel that narrows with time, states that no \
+                  control reaches directly among them: another state, which a control does reach, is moved so that they follow. \
+                  Take it where what disturbs those states is unknown and their errors must never exceed a bound.",
+        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. One that no plant \
+                answers grows until it leaves its funnel, which ends the step: connect the plant first.",
+        gains: &[
+            ("rho_inf", "Width of each funnel in the end: the accuracy that is asked for."),
+            ("rho_0", "Width at the start. By itself every error starts at 0."),
+            ("decay_rate", "How fast the funnels narrow."),
+            (
+                "K_epsilon",
+                "Push away from a funnel's edge. Over `rho_inf` squared it is a rate, which sets the longest step.",
+            ),
+            (
+                "gamma",
+                "Adaptation gain. In an unmatched row it must be small against the barrier of the state that drives it.",
+            ),
+            ("A_m", "The reference model, which the plant is to behave as."),
+        ],
+        limits: "- The whole state `x` is measured.\n\
+                 - One integrator lies between a control and an unmatched row, not more, and each such row is driven by a state of \
+                   its own.\n\
+                 - A step of `r` reaches the control at once.\n\
+                 - An error that leaves its funnel ends the step with an error, unless `on_funnel_exit` = reopen.\n\
+                 - A control at its limit ends the guarantee: `logFunnel` tells.",
+    };
+    const ROLE: Role = Role::Controller;
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 2), Sizes::plant(6, 3)],
+    });
+    const TRIAL: Trial = Trial {
+        alone: "rho_0 = 1e4\nrho_inf = 9e3\ndecay_rate = 0.0\nfunnel = 'symmetric'\novershoot = 1.0\n",
+        steady: "x = 0.0",
+        ..Trial::NONE
+    };
+}

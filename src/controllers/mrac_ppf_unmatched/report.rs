@@ -1,0 +1,96 @@
+//! What a designer should know of an MRAC for unmatched uncertainty.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use super::MracPpfUnmatched;
+use super::structure::Driven;
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+
+/// By how much faster than the adaptation of an unmatched row the barrier of the state that drives it must be.
+const FASTER: f64 = 3.0;
+
+impl MracPpfUnmatched {
+    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let A_m = v.matrix(self.A_m).into_owned();
+        report.section("Reference model");
+        report.eigenvalues(&format!("eigenvalues of {}", v.name(self.A_m)), &A_m, true);
+        report.eigenvalues("eigenvalues of A", &self.plant.A, false);
+        report.tell(&v.name(self.K_g), &v.matrix(self.K_g).into_owned(), "", "gain of the reference");
+        report.section("Funnel");
+        self.funnel.report(v, report);
+        report.section("Input gain");
+        let sizes = self.plant.inverse.singular_values();
+        let note = "the proof holds for any input gain B (I + D) with a D whose largest singular value is below this";
+        report.tell("error of the input gain", sizes.min() / sizes.max(), "", note);
+        for &driven in &self.plant.unmatched {
+            self.tell_unmatched(driven, v, report);
+        }
+        self.tell_limits(v, report);
+        if report.step > 0.0 {
+            self.tell_step(v, report);
+        }
+    }
+
+    /// The rule for the gains of an unmatched row: √(γ (1 + |x|²))/ρ_∞ below a third of the barrier's rate.
+    fn tell_unmatched(&self, Driven { row, by }: Driven, v: &Values<f64>, report: &mut DesignReport) {
+        let [gamma, K, end] = [v.name(self.gamma.at(row)), v.name(self.K_epsilon.at(by)), self.funnel.name_of_end(v)];
+        let (x_row, x_by) = (v.name(self.x.at(row)), v.name(self.x.at(by)));
+        report.section(&format!("Unmatched row of {x_row}, driven by {x_by}"));
+        let rate = self.barrier_rate(by, v);
+        report.tell("rate of the barrier", rate, "1/s", &format!("{K} over the square of {end}, of {x_by}"));
+        let adaptation = v[self.gamma][row].sqrt() / self.funnel.narrowest(row, v);
+        report.tell(
+            "rate of the adaptation at x = 0",
+            adaptation,
+            "1/s",
+            &format!("root of {gamma} over {end}, of {x_row}"),
+        );
+        let name = format!("largest |x| for {gamma}");
+        let room = (rate / (FASTER * adaptation)).powi(2);
+        if adaptation == 0.0 {
+            report.tell_unlimited(&name, "", "nothing of this row is estimated");
+        } else if room > 1.0 {
+            let note =
+                "2-norm, up to which the adaptation stays below a third of the barrier's rate; beyond, the loop swings";
+            report.tell(&name, (room - 1.0).sqrt(), "", note);
+        } else {
+            let note = format!(
+                "the adaptation must stay below a third of the barrier's rate, else the loop swings or is lost: take {gamma} below {}, or a \
+                 larger {K}",
+                number((rate * self.funnel.narrowest(row, v) / FASTER).powi(2))
+            );
+            report.judge(&name, 0.0, "", Verdict::Warning, note);
+        }
+        let (entry, theta) = (self.plant.A[(row, by)], v.name(self.theta_hat.at(by, row)));
+        let least = if entry > 0.0 { "above" } else { "below" };
+        let note = format!(
+            "the proof wants {theta} to stay {least} this: of what is estimated in this row it turns {x_by} round"
+        );
+        report.tell(&format!("bound of {theta}"), -entry, "", &note);
+    }
+
+    fn tell_limits(&self, v: &Values<f64>, report: &mut DesignReport) {
+        use crate::mathematics::limits::UNLIMITED;
+        report.section("Limits");
+        let is_limited = |k: &usize| v[self.u_min][*k] > -UNLIMITED || v[self.u_max][*k] < UNLIMITED;
+        for k in (0..self.u.len()).filter(is_limited) {
+            let note = "the errors are sure to stay in their funnels only while the limits don't act";
+            report.judge(&format!("limits of {}", v.name(self.u.at(k))), "given", "", Verdict::Warning, note);
+        }
+    }
+
+    fn tell_step(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let stiffness = self.stiffness(v);
+        report.section("Communication step");
+        let note = "fastest rate at which a barrier brings an error back, where its funnel is narrowest";
+        report.tell("s", stiffness, "1/s", note);
+        let (name, longest) = ("longest step", 1.0 / stiffness);
+        if report.step <= longest {
+            report.tell(name, longest, "s", "1/s; where the plant is stepped first, 2/s");
+        } else {
+            let step = number(report.step);
+            let note = format!("shorter than the default step, {step} s: take one as short, or the loop as one unit");
+            report.judge(name, longest, "s", Verdict::Warning, note);
+        }
+    }
+}

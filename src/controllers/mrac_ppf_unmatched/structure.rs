@@ -1,0 +1,184 @@
+//! The structure of an MRAC for unmatched uncertainty: the nominal plant, and by which state each row is driven that the
+//! controls don't reach.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::DMatrix;
+use serde::Deserialize;
+
+use crate::controllers::l1::{input_and_output, nominal_dynamics};
+use crate::mathematics::matrices;
+use crate::system::{Invalid, Unit, of_outputs, quantities};
+
+/// Least singular value of the reached rows of B, and least entry of A by which a row is driven, in parts of the largest.
+const LEAST: f64 = 1e-9;
+
+/// Nominal plant x' = A x + B u, y = C x: n states, m controls and as many outputs.
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct UnmatchedStructure {
+    /// Nominal dynamics, n rows of n numbers.
+    A: Vec<Vec<f64>>,
+    /// Input matrix, n rows of m numbers. Rows of zeros are the unmatched ones; the m others must have an inverse.
+    B: Vec<Vec<f64>>,
+    /// What follows the reference, m rows of n numbers.
+    C: Vec<Vec<f64>>,
+    /// Unmatched rows: the numbers of each and of the state that drives it, the derivative of which the controls reach.
+    #[serde(default)]
+    unmatched: Vec<DrivenBy>,
+    /// Units of the signals.
+    #[serde(default)]
+    units: Symbols,
+    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    #[serde(default)]
+    quantities: Quantities,
+}
+
+/// An unmatched row.
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+struct DrivenBy {
+    /// Its number, from 1.
+    row: usize,
+    /// The number of the state that drives it, from 1.
+    driven_by: usize,
+}
+
+/// Quantities of the signals, an element each; descriptions count elements where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+struct Quantities {
+    /// Of the outputs that follow the reference; those of the states that C takes, where none are given.
+    r: Vec<String>,
+    /// Of the plant's state.
+    x: Vec<String>,
+    /// Of the control.
+    u: Vec<String>,
+}
+
+/// Units of the signals; 1 where none are given.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+struct Symbols {
+    /// Of the reference.
+    r: Vec<String>,
+    /// Of the plant's state.
+    x: Vec<String>,
+    /// Of the control.
+    u: Vec<String>,
+}
+
+/// An unmatched row and the state that drives it, from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Driven {
+    pub row: usize,
+    pub by: usize,
+}
+
+/// The nominal plant.
+#[derive(Debug)]
+pub(super) struct Plant {
+    pub A: DMatrix<f64>,
+    pub B: DMatrix<f64>,
+    pub C: DMatrix<f64>,
+    /// The rows that the controls reach, in their order.
+    pub reached: Vec<usize>,
+    /// The inverse of these rows of B.
+    pub inverse: DMatrix<f64>,
+    pub unmatched: Vec<Driven>,
+}
+
+/// Units and quantities of r, x and u.
+#[derive(Debug)]
+pub(super) struct Words {
+    pub units: [Vec<&'static str>; 3],
+    pub quantities: [Vec<String>; 3],
+}
+
+impl UnmatchedStructure {
+    /// # Errors
+    /// What doesn't fit, or which plant this law can't control.
+    pub(super) fn plant(&self) -> Result<Plant, Invalid> {
+        let (B, C) = input_and_output(&self.B, &self.C)?;
+        let A = nominal_dynamics(&self.A, &B)?;
+        let reached = reached_rows(&B);
+        let m = B.ncols();
+        if reached.len() != m {
+            let allowed = format!("must be {m}, one a control: the law can't share a control among rows");
+            return Err(Invalid::new("rows of B that aren't zero", reached.len(), allowed));
+        }
+        let of_reached = B.select_rows(&reached);
+        if !of_reached.norm_squared().is_finite() {
+            return Err(Invalid::because("B: its entries must be small enough to be squared"));
+        }
+        let inverse = matrices::inverse(&of_reached, LEAST).map_err(|least| {
+            let allowed = format!("must be above {LEAST:e}: the controls must move them independently of each other");
+            let name = "rows of B that aren't zero: least singular value in parts of the largest";
+            Invalid::new(name, format!("{least:.3e}"), allowed)
+        })?;
+        let unmatched = self.unmatched_rows(&A, &reached)?;
+        Ok(Plant { A, B, C, reached, inverse, unmatched })
+    }
+
+    /// The unmatched rows as they are given: all of them, each driven by a state of its own that the controls reach.
+    fn unmatched_rows(&self, A: &DMatrix<f64>, reached: &[usize]) -> Result<Vec<Driven>, Invalid> {
+        let n = A.nrows();
+        let mut found: Vec<Driven> = Vec::new();
+        for DrivenBy { row, driven_by } in &self.unmatched {
+            let within = |name: &str, number: usize| {
+                let allowed = format!("must be within 1 … {n}");
+                (1..=n).contains(&number).then(|| number - 1).ok_or_else(|| Invalid::new(name, number, allowed))
+            };
+            let driven = Driven { row: within("row", *row)?, by: within("driven_by", *driven_by)? };
+            if reached.contains(&driven.row) {
+                let allowed = "must be a row of zeros in B: the controls reach this one, so that it isn't unmatched";
+                return Err(Invalid::new("row", row, allowed));
+            }
+            if !reached.contains(&driven.by) {
+                let allowed = "must be a state whose row of B isn't zero: one integrator lies between a control and an \
+                               unmatched row, not more";
+                return Err(Invalid::new("driven_by", driven_by, allowed));
+            }
+            let entry = A[(driven.row, driven.by)];
+            if entry.abs() <= LEAST * A.row(driven.row).amax() {
+                let name = format!("A: row {row}, column {driven_by}");
+                return Err(Invalid::new(name, entry, "must not be zero: by it the state drives the unmatched row"));
+            }
+            if found.iter().any(|known| known.row == driven.row || known.by == driven.by) {
+                let allowed = "must be given once: each unmatched row is driven by a state of its own";
+                return Err(Invalid::new("unmatched", format!("row {row}, driven by {driven_by}"), allowed));
+            }
+            found.push(driven);
+        }
+        let is_known = |row: &usize| reached.contains(row) || found.iter().any(|known| known.row == *row);
+        if let Some(missing) = (0..n).find(|row| !is_known(row)) {
+            let allowed = "must say by which state each row is driven that is zero in B";
+            return Err(Invalid::new("unmatched", format!("nothing of row {}", missing + 1), allowed));
+        }
+        Ok(found)
+    }
+
+    /// # Errors
+    /// Which text can't be one, or how many there must be.
+    pub(super) fn words(&self, plant: &Plant) -> Result<Words, Invalid> {
+        let (n, m) = plant.B.shape();
+        let of_x = quantities("x", &self.quantities.x, n)?;
+        let of_r = match &self.quantities.r[..] {
+            [] => of_outputs(&plant.C, &of_x),
+            given => quantities("r", given, m)?,
+        };
+        let Symbols { r, x, u } = &self.units;
+        Ok(Words {
+            units: [Unit::symbols("r", r, m)?, Unit::symbols("x", x, n)?, Unit::symbols("u", u, m)?],
+            quantities: [of_r, of_x, quantities("u", &self.quantities.u, m)?],
+        })
+    }
+}
+
+/// The rows of B that aren't zero.
+pub(super) fn reached_rows(B: &DMatrix<f64>) -> Vec<usize> {
+    (0..B.nrows()).filter(|&row| B.row(row).iter().any(|&entry| entry != 0.0)).collect()
+}

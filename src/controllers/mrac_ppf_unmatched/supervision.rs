@@ -1,0 +1,84 @@
+//! What is looked at after each step: estimates at their bounds, controls at their limits, and whether steps are too long.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use super::MracPpfUnmatched;
+use crate::mathematics::projection::is_in_layer;
+use crate::system::{Point, Scalar, Values, larger};
+
+impl MracPpfUnmatched {
+    /// Looks at the unit at t after a step.
+    pub(super) fn supervise<S: Scalar>(&self, (t, step): (S, S), v: &mut Point<S>) {
+        let (active, settling_time) = (self.in_command.is_active(&v.values()), v[self.settling_time]);
+        self.supervised.look((t, step), settling_time, active, v);
+        self.count_projections(active, v);
+        v.when(active, |v| {
+            (0..self.u.len()).for_each(|k| self.tell_limit(k, t, v));
+            self.judge_step(step, v);
+        });
+    }
+
+    /// s, the fastest rate at which a barrier brings an error back where its funnel is narrowest, and the input gain is the
+    /// nominal one. A held control turns that into an oscillation when the step is beyond 1/s to 2/s, by the order in which
+    /// units are stepped.
+    pub(super) fn stiffness<S: Scalar>(&self, v: &Values<S>) -> S {
+        (0..self.x.len()).map(|i| self.barrier_rate(i, v)).fold(S::from(0.0), larger)
+    }
+
+    /// K_ε/ρ_∞² of a row.
+    pub(super) fn barrier_rate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        let width = self.funnel.narrowest(i, v);
+        v[self.K_epsilon][i] / (width * width)
+    }
+
+    fn judge_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
+        let stiffness = self.stiffness(&v.values());
+        let too_long = (step * stiffness).above(S::from(1.0));
+        self.supervised.judge(too_long, v, |_| {
+            format!(
+                "the communication step {} s is too long for the barrier of a funnel, which brings its error back at {} 1/s. Use \
+                 {} s or less, twice that where the plant is stepped first, or the loop as one unit",
+                step.scientific(3),
+                stiffness.scientific(3),
+                stiffness.recip().scientific(1)
+            )
+        });
+    }
+
+    /// Counts estimates at their bounds, and warns of them.
+    fn count_projections<S: Scalar>(&self, active: S::Flag, v: &mut Point<S>) {
+        let tolerance = v[self.projection_tolerance];
+        let is_held = |estimate: S, bound: S| S::from_flag(is_in_layer(estimate, -bound, bound, tolerance));
+        let mut count = S::from(0.0);
+        for i in 0..self.x.len() {
+            count += is_held(v[self.sigma_hat][i], v[self.sigma_bound][i]);
+            for j in 0..self.x.len() {
+                count += is_held(v[self.theta_hat.at(j, i)], v[self.theta_bound][i]);
+            }
+        }
+        v.put(self.projection_active, count.to_integer());
+        v.when(active & count.above(S::from(0.0)), |v| {
+            v.warn(self.at_bounds, |v| {
+                let [theta_bound, sigma_bound] = [self.theta_bound, self.sigma_bound].map(|it| v.name(it));
+                format!(
+                    "{} of the estimates at a bound: where that lasts, the barriers alone answer what is beyond it. Widen \
+                     {theta_bound} or {sigma_bound} if tracking suffers",
+                    count.told()
+                )
+            });
+        });
+    }
+
+    /// Warns once where a control is at its limit.
+    fn tell_limit<S: Scalar>(&self, k: usize, t: S, v: &mut Point<S>) {
+        let is_at_limit = v[self.u][k].at_most(v[self.u_min][k]) | v[self.u][k].at_least(v[self.u_max][k]);
+        v.when(is_at_limit, |v| {
+            v.warn(self.limited, |v| {
+                format!(
+                    "{} is at its limit at t = {} s: that the errors stay in their funnels isn't guaranteed while it is",
+                    v.name(self.u.at(k)),
+                    t.told()
+                )
+            });
+        });
+    }
+}

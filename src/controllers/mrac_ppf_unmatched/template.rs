@@ -1,0 +1,134 @@
+//! The text of a new MRAC for unmatched uncertainty.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use std::fmt::Write as _;
+
+use nalgebra::DMatrix;
+
+use super::MracPpfUnmatched;
+use super::structure::reached_rows;
+use crate::catalogue::Catalogued;
+use crate::controllers::template::{design, stop_time, write_plant};
+use crate::error::Invalid;
+use crate::mathematics::pole_placement;
+use crate::template::{
+    Plant, Request, all, list, named, round_down, rows, three_digits, write_limits, write_names, write_quantities,
+    write_units,
+};
+
+/// Rates of the barriers, in parts of the bandwidth: of a state that drives an unmatched row, of that row, and of the others.
+const BARRIERS: [f64; 3] = [300.0, 30.0, 30.0];
+/// Bounds of the estimates of an unmatched row, in parts of what drives it: below 1, so that it drives it the same way.
+const OF_DRIVE: f64 = 0.5;
+/// How much slower than the barrier that answers it an adaptation is.
+const SLOWER: f64 = 30.0;
+
+/// A funnel about each state.
+pub fn write(request: &Request) -> Result<String, Invalid> {
+    let plant = request.plant(true)?;
+    let (n, m, _) = plant.sizes();
+    let (bandwidth, reference) = (design::bandwidth(&plant, request.bandwidth)?, request.reference);
+    let driven = driven(&plant)?;
+    let poles = design::poles(&plant.A, &plant.B, bandwidth)?;
+    let A_m = &plant.A - &plant.B * pole_placement::place(&plant.A, &plant.B, &poles)?;
+    let A_m = exact(&A_m, &plant.A, &driven);
+    let numbers = Numbers::of([&plant.A, &A_m], &driven, [bandwidth, reference]);
+    let fastest = numbers.rates.iter().copied().fold(bandwidth, f64::max);
+    let step = round_down((0.3 / fastest).min(1e-3));
+    let mut text = request.begin(MracPpfUnmatched::TITLE, MracPpfUnmatched::PAGE, stop_time(bandwidth), step);
+    text.table("structure");
+    write_plant(&mut text, &plant, "what is to follow the reference");
+    if !driven.is_empty() {
+        let mut listed = String::new();
+        for (place, (row, by)) in driven.iter().enumerate() {
+            let comma = if place > 0 { ", " } else { "" };
+            let _ = write!(listed, "{comma}{{ row = {}, driven_by = {} }}", row + 1, by + 1);
+        }
+        text.set("unmatched", format!("[{listed}]"), "rows of zeros in B, and what drives each");
+    }
+    write_units(&mut text, &[("r", &plant.y, m), ("x", &plant.x, n), ("u", &plant.u, m)]);
+    write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
+    let (r, x, u) = (named(&plant.y, "_reference"), named(&plant.x, ""), named(&plant.u, ""));
+    write_names(&mut text, &[("r", r), ("x", x), ("u", u)]);
+    text.table("start");
+    text.set("A_m", rows(&A_m), "reference model; its unmatched rows are those of A");
+    text.set("rho_0", list(&numbers.start), "bound of each error at the start");
+    text.set("rho_inf", list(&numbers.end), "and in the end");
+    text.set("decay_rate", all(three_digits(0.5 * bandwidth), n), "1/s, how fast the bounds narrow");
+    text.set("on_funnel_exit", "\"reopen\"", "\"error\": a step in which an error leaves is refused");
+    text.set("K_epsilon", list(&numbers.K), "gain of the barriers");
+    text.set("gamma", list(&numbers.gamma), "adaptation gains; in unmatched rows check tells how large");
+    text.set("theta_bound", list(&numbers.theta), "bounds of the estimates");
+    text.set("sigma_bound", list(&numbers.sigma), "and of those of disturbances");
+    write_limits(&mut text, Some(&plant), m);
+    Ok(text.finish())
+}
+
+/// The unmatched rows, each with the state that drives it most and no other row.
+fn driven(plant: &Plant) -> Result<Vec<(usize, usize)>, Invalid> {
+    let reached = reached_rows(&plant.B);
+    let mut found: Vec<(usize, usize)> = Vec::new();
+    for row in (0..plant.A.nrows()).filter(|row| !reached.contains(row)) {
+        let size = |&by: &usize| plant.A[(row, by)].abs();
+        let free = reached.iter().copied().filter(|by| found.iter().all(|(_, taken)| taken != by));
+        let by = free.max_by(|one, other| size(one).total_cmp(&size(other))).filter(|by| size(by) > 0.0);
+        let because = || {
+            let row = row + 1;
+            Invalid::because(format!(
+                "row {row} of B is zero, and row {row} of A has no state left for it that the controls reach: one integrator may lie \
+                 between a control and such a row, not more"
+            ))
+        };
+        found.push((row, by.ok_or_else(because)?));
+    }
+    Ok(found)
+}
+
+/// A_m with the rows of A where no control reaches: feedback changes nothing in them but by rounding.
+fn exact(A_m: &DMatrix<f64>, A: &DMatrix<f64>, driven: &[(usize, usize)]) -> DMatrix<f64> {
+    let mut exact = A_m.clone();
+    driven.iter().for_each(|&(row, _)| exact.row_mut(row).copy_from(&A.row(row)));
+    exact
+}
+
+/// What each row is given.
+struct Numbers {
+    start: Vec<f64>,
+    end: Vec<f64>,
+    rates: Vec<f64>,
+    K: Vec<f64>,
+    gamma: Vec<f64>,
+    theta: Vec<f64>,
+    sigma: Vec<f64>,
+}
+
+impl Numbers {
+    fn of([A, A_m]: [&DMatrix<f64>; 2], driven: &[(usize, usize)], [bandwidth, reference]: [f64; 2]) -> Self {
+        let n = A.nrows();
+        let of_row = |i: usize| driven.iter().find(|(row, _)| *row == i).copied();
+        let by = |i: usize| driven.iter().find(|(_, by)| *by == i).copied();
+        // A state that drives a row is as large as that row needs it.
+        let size = |i: usize| {
+            let (row, by) = by(i)?;
+            Some(reference * (bandwidth + A[(row, row)].abs()) / A[(row, by)].abs())
+        };
+        let size = |i: usize| size(i).unwrap_or(reference);
+        let rate = |i: usize| if by(i).is_some() { 0 } else { 2 - usize::from(of_row(i).is_some()) };
+        let rates: Vec<_> = (0..n).map(|i| BARRIERS[rate(i)] * bandwidth).collect();
+        let end: Vec<_> = (0..n).map(|i| three_digits(0.1 * size(i))).collect();
+        let answered = |i: usize| rates[of_row(i).map_or(i, |(_, by)| by)];
+        let largest = 1.0 + (0..n).map(|i| size(i).powi(2)).sum::<f64>();
+        let unknown = A.amax().max(A_m.amax()).max(bandwidth);
+        let theta = |i: usize| of_row(i).map_or(unknown, |(row, by)| OF_DRIVE * A[(row, by)].abs());
+        let numbers = |of: &dyn Fn(usize) -> f64| (0..n).map(|i| three_digits(of(i))).collect::<Vec<_>>();
+        Numbers {
+            start: numbers(&|i| 2.0 * size(i)),
+            K: numbers(&|i| rates[i] * end[i] * end[i]),
+            gamma: numbers(&|i| (end[i] * answered(i) / SLOWER).powi(2) / largest),
+            theta: numbers(&theta),
+            sigma: numbers(&|i| unknown * size(i)),
+            rates,
+            end,
+        }
+    }
+}
