@@ -35,7 +35,7 @@ impl MracPpfUnmatched {
     fn tell_unmatched(&self, Driven { row, by }: Driven, v: &Values<f64>, report: &mut DesignReport) {
         let [gamma, K, end] = [v.name(self.gamma.at(row)), v.name(self.K_epsilon.at(by)), self.funnel.name_of_end(v)];
         let (x_row, x_by) = (v.name(self.x.at(row)), v.name(self.x.at(by)));
-        report.section(&format!("Unmatched row of {x_row}, driven by {x_by}"));
+        report.section(&format!("Unmatched row {}, driven by state {}", row + 1, by + 1));
         let rate = self.barrier_rate(by, v);
         report.tell("rate of the barrier", rate, "1/s", &format!("{K} over the square of {end}, of {x_by}"));
         let adaptation = v[self.gamma][row].sqrt() / self.funnel.narrowest(row, v);
@@ -62,10 +62,8 @@ impl MracPpfUnmatched {
             report.judge(&name, 0.0, "", Verdict::Warning, note);
         }
         let (entry, theta) = (self.plant.A[(row, by)], v.name(self.theta_hat.at(by, row)));
-        let least = if entry > 0.0 { "above" } else { "below" };
-        let note = format!(
-            "the proof wants {theta} to stay {least} this: of what is estimated in this row it turns {x_by} round"
-        );
+        let side = if entry > 0.0 { "above" } else { "below" };
+        let note = format!("the proof wants {theta} to stay {side} this, else the virtual control turns {x_by} round");
         report.tell(&format!("bound of {theta}"), -entry, "", &note);
     }
 
