@@ -413,7 +413,9 @@ impl Law {
         dx.when(active, |dx| {
             let unmatched = self.unmatched.as_ref().map_or(&[][..], |unmatched| &v[unmatched.eta_hat]);
             for (direction, &eta) in self.directions.column_iter().zip(v[self.eta_hat].iter().chain(unmatched)) {
-                dx[self.x_hat].iter_mut().zip(direction.iter()).for_each(|(rate, &b)| *rate += eta * b);
+                // What isn't moved stays clear of an η̂ that is no number.
+                let moved = dx[self.x_hat].iter_mut().zip(direction.iter()).filter(|(_, b)| **b != 0.0);
+                moved.for_each(|(rate, &b)| *rate += eta * b);
             }
             let beside = self.beside.map_or(&[][..], |beside| &v[beside.now]);
             for (direction, &added) in self.plant.B.column_iter().zip(beside) {
