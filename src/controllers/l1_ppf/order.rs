@@ -22,7 +22,7 @@ pub(super) enum Order {
     First { B: DMatrix<f64>, x_m0: VectorOf<Parameter>, x_m: VectorOf<State> },
     /// e = C x − r, e' = C A x − r'.
     Second {
-        plant: Plant,
+        C: DMatrix<f64>,
         /// C A
         CA: DMatrix<f64>,
         dr: VectorOf<Input>,
@@ -66,7 +66,7 @@ impl Order {
             lambda: d.parameter(weight.start(30.0).positive()),
             feedforward: d.prepared(matrix("#feedforward", m, 2 * m, "").hidden()),
             command: d.local(vector("#command", m, "").hidden()),
-            plant,
+            C: plant.C,
             CA,
         };
         order.shown()?;
@@ -75,9 +75,9 @@ impl Order {
 
     /// The inverse of (C, C A), by which the state follows from the outputs and their rates.
     fn shown(&self) -> Result<DMatrix<f64>, Invalid> {
-        let Order::Second { plant, CA, .. } = self else { return Ok(DMatrix::zeros(0, 0)) };
+        let Order::Second { C, CA, .. } = self else { return Ok(DMatrix::zeros(0, 0)) };
         let (m, n) = CA.shape();
-        let mut all = plant.C.clone().resize_vertically(2 * m, 0.0);
+        let mut all = C.clone().resize_vertically(2 * m, 0.0);
         all.view_mut((m, 0), (m, n)).copy_from(CA);
         matrices::inverse(&all, LEAST).map_err(|least| {
             let name = "(C, C A): least singular value in parts of the largest";
@@ -91,9 +91,9 @@ impl Order {
     /// # Errors
     /// As [`Order::declare`].
     pub fn prepare(&self, law: &Law, inverse: &DMatrix<f64>, v: &mut Point) -> Result<(), Invalid> {
-        let Order::Second { plant, feedforward, .. } = self else { return Ok(()) };
+        let Order::Second { C, feedforward, .. } = self else { return Ok(()) };
         let A_m = law.desired_dynamics(&v.values()).into_owned();
-        let held = -(inverse * &plant.C * &A_m * &A_m * self.shown()?);
+        let held = -(inverse * C * &A_m * &A_m * self.shown()?);
         v.matrix_mut(*feedforward).copy_from(&held);
         Ok(())
     }
@@ -116,7 +116,7 @@ impl Order {
     pub fn error<S: Scalar>(&self, i: usize, [r, x]: [VectorOf<Input>; 2], v: &Values<S>) -> S {
         match self {
             Order::First { x_m, .. } => v[x][i] - v[*x_m][i],
-            Order::Second { plant, .. } => row_times(&plant.C, i, &v[x]) - v[r][i],
+            Order::Second { C, .. } => row_times(C, i, &v[x]) - v[r][i],
         }
     }
 
