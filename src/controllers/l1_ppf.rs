@@ -247,9 +247,8 @@ impl Catalogued for L1Ppf {
     const PAGE: &'static str = "controllers/l1_ppf";
     const ICON: Icon = icon!("l1-ppf");
     const GUIDE: Guide = Guide {
-        purpose: "An L1 adaptive controller that keeps the error inside a funnel, which narrows with time: the nearer the \
-                  error is to its bound, the harder a barrier beside the law pushes it back. Take it where the L1 controller \
-                  suits the plant, and an error must never exceed a bound.",
+        purpose: "An L1 adaptive controller that keeps the error inside a funnel by a barrier, which pushes harder near its \
+                  bound. Take it where an error must never exceed a bound.",
         alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
                 that no plant answers leaves the funnel as that narrows, and the step is refused: connect the plant first.",
         gains: &[

@@ -374,9 +374,8 @@ impl Catalogued for MracPpfUnmatched {
     const PAGE: &'static str = "controllers/mrac_ppf_unmatched";
     const ICON: Icon = icon!("mrac-ppf-unmatched");
     const GUIDE: Guide = Guide {
-        purpose: "Keeps each state's error against a reference model inside a funnel that narrows with time, states that no \
-                  control reaches directly among them: another state, which a control does reach, is moved so that they follow. \
-                  Take it where what disturbs those states is unknown and their errors must never exceed a bound.",
+        purpose: "Keeps each state's error against a reference model inside a funnel, also of states that no control reaches \
+                  directly. Take it where these are disturbed by what is unknown.",
         alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. One that no plant \
                 answers grows until it leaves its funnel, which ends the step: connect the plant first.",
         gains: &[

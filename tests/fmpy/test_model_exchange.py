@@ -34,7 +34,7 @@ def test_fmpys_cvode_gets_the_motion_of_co_simulation(each_fmu: Fmu) -> None:
     """
     inputs = {name: 0.3 - 0.2 * k for k, name in enumerate(each_fmu.named(causality="input", type="Real"))}
     start = at_ease(each_fmu) | inputs
-    stop = duration(each_fmu, inputs)
+    stop = duration(each_fmu, start)
     moving = [v.name for v in each_fmu.variables.values() if v.variability == "continuous" and v.causality != "input"]
     names = [name for name in moving if not name.startswith("der(")]
     # By a general method, whose tolerance that is.

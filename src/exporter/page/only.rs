@@ -61,6 +61,7 @@ fn is(value: &Value, text: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::catalogue::Entry;
     use crate::library::CATALOGUE;
 
     fn structure(text: &str) -> Table {
@@ -96,8 +97,10 @@ mod tests {
     fn parts_of_pages_depend_on_keys_that_their_kinds_have_and_are_closed() {
         let mut count = 0;
         for entry in CATALOGUE {
-            let generator = schemars::SchemaGenerator::default();
-            let schema = (entry.schema)(generator).to_value().to_string();
+            // A page may hold another's, parts of which are then never shown.
+            let held = CATALOGUE.iter().filter(|other| entry.kind.documentation.contains(other.kind.documentation));
+            let schema = |held: &Entry| (held.schema)(schemars::SchemaGenerator::default()).to_value().to_string();
+            let schema: String = held.map(schema).collect();
             let text = [entry.kind.documentation, entry.guide.purpose, entry.guide.limits].join("\n");
             let conditions: Vec<&str> = text.lines().filter_map(condition).collect();
             for term in

@@ -49,6 +49,7 @@ const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 /// The units of this package's systems, with their derivatives by time.
 const COMMON: &[Common] = &[
     plain("s", "1"),
+    plain("s2", "s"),
     plain("1/s", "1/s2"),
     plain("Hz", "1/s2"),
     plain("1/s2", "1/s3"),
@@ -81,6 +82,8 @@ const COMMON: &[Common] = &[
     plain("N.m.s/rad", ""),
     plain("N.m.s2/rad2", ""),
     plain("N.m/rad", ""),
+    plain("N.m.s2/rad", ""),
+    plain("rad/(s2.N.m)", ""),
     plain("Pa", "Pa/s"),
     plain("Pa/s", ""),
     plain("J", "W"),
