@@ -40,6 +40,42 @@ pub(super) fn manual(units: &[&'static str], of_u: &[String]) -> Spec<Many> {
     vector("u_manual", units.len(), text).about(of_u, "{} while the controller is not enabled").units(units)
 }
 
+/// What is told of a law that keeps errors in funnels for as long as no control stands at a limit.
+#[derive(Debug)]
+pub(super) struct Guarantee {
+    limited: Limited,
+    warning: Warning,
+}
+
+impl Guarantee {
+    /// Of a control; the category with this text, which is told where nothing else has declared it before.
+    pub fn declare(d: &mut Declaration, limited: Limited, category: &'static str) -> Self {
+        Guarantee { limited, warning: d.warning("logFunnel", category) }
+    }
+
+    /// Warns once where a control is at its limit at t; the errors are those that the law keeps in their funnels.
+    pub fn look<S: Scalar>(&self, t: S, errors: VectorOf<Signal>, v: &mut Point<S>) {
+        let Limited { u, u_min, u_max } = self.limited;
+        for k in 0..u.len() {
+            let is_at_limit = v[u][k].at_most(v[u_min][k]) | v[u][k].at_least(v[u_max][k]);
+            v.when(is_at_limit, |v| {
+                v.warn(self.warning, |v| {
+                    format!(
+                        "{} is at its limit at t = {} s: that {} stays in its funnel isn't guaranteed while it is",
+                        v.name(u.at(k)),
+                        t.told(),
+                        v.name(errors)
+                    )
+                });
+            });
+        }
+    }
+}
+
+/// What a category tells of where funnels re-open, too.
+pub(super) const REOPENED_OR_AT_LIMIT: &str =
+    "an error that left its funnel, which re-opened; a control at its limit, where the funnel isn't guaranteed";
+
 /// Looks at a control when a step is completed.
 #[derive(Debug)]
 pub(super) struct AtLimit {

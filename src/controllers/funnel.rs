@@ -239,6 +239,11 @@ impl Funnel {
         v.name(self.rho_inf)
     }
 
+    /// The errors as they are shown.
+    pub fn error(&self) -> VectorOf<Signal> {
+        self.e
+    }
+
     /// Shows a channel.
     pub fn show<S: Scalar>(&self, i: usize, inside: &Inside<S>, y: &mut Signals<S>) {
         let Inside { e, performance: Performance { rho, .. }, bounds, epsilon, .. } = *inside;

@@ -10,7 +10,7 @@ mod template;
 
 use serde::{Deserialize, Serialize};
 
-use super::at_limit::{Limited, manual};
+use super::at_limit::{Guarantee, Limited, manual};
 use super::in_command::InCommand;
 use super::supervised::Supervised;
 use super::units::{OutputUnits, Quantities, check_channels, of_matrix, with_derivatives};
@@ -19,7 +19,7 @@ use crate::mathematics::limits::{self, within};
 use crate::mathematics::performance::Performance;
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
-    ScalarOf, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, matrix, scalar, vector,
+    ScalarOf, Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 
@@ -131,7 +131,7 @@ pub struct FunnelControl {
     /// Whether every error was inside then.
     began_inside: BooleanOf<Discrete>,
     supervised: Supervised,
-    limited: Warning,
+    guarantee: Guarantee,
 }
 
 impl System for FunnelControl {
@@ -207,7 +207,7 @@ impl System for FunnelControl {
             opened_at: d.discrete(scalar("#opened_at", "").hidden()),
             began_inside: d.discrete(boolean("#began_inside", "").hidden()),
             supervised: Supervised::declare(d, limited),
-            limited: d.warning("logFunnel", "a control at its limit, where the funnel isn't guaranteed"),
+            guarantee: Guarantee::declare(d, limited, "a control at its limit, where the funnel isn't guaranteed"),
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
@@ -287,7 +287,7 @@ impl System for FunnelControl {
         // No desired dynamics say when the loop should have settled: the time is told, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
-        v.when(active, |v| (0..self.u.len()).for_each(|j| self.tell_limit(j, t, v)));
+        v.when(active, |v| self.guarantee.look(t, self.e, v));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -405,20 +405,6 @@ impl FunnelControl {
             bound.rounded()
         );
         Invalid::new(v.name(self.parts.at(i, level)), part.told(), allowed)
-    }
-
-    /// Warns once where a control is at its limit.
-    fn tell_limit<S: Scalar>(&self, j: usize, t: S, v: &mut Point<S>) {
-        let is_at_limit = v[self.u][j].at_most(v[self.u_min][j]) | v[self.u][j].at_least(v[self.u_max][j]);
-        v.when(is_at_limit, |v| {
-            v.warn(self.limited, |v| {
-                let [u, e] = [v.name(self.u.at(j)), v.name(self.e)];
-                format!(
-                    "{u} is at its limit at t = {} s: that {e} stays in its funnel isn't guaranteed while it is",
-                    t.told()
-                )
-            });
-        });
     }
 }
 

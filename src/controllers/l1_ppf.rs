@@ -13,13 +13,14 @@ mod template;
 
 use nalgebra::DMatrix;
 
+use super::at_limit::{Guarantee, REOPENED_OR_AT_LIMIT};
 use super::funnel::{self, Funnel, Inside};
 use super::l1::{Beside, Law, Ports};
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits;
 use crate::system::{
     Declaration, DesignReport, Input, Invalid, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, System,
-    Values, VectorOf, Warning, larger, scalar, vector,
+    Values, VectorOf, larger, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 use order::Order;
@@ -45,7 +46,7 @@ pub struct L1Ppf {
     law: Law,
     /// From the rates that the channels ask for to controls: the inverse of the nominal input gain.
     inverse: DMatrix<f64>,
-    limited: Warning,
+    guarantee: Guarantee,
 }
 
 impl System for L1Ppf {
@@ -77,13 +78,13 @@ impl System for L1Ppf {
             r,
             order,
             barrier_gain: d.parameter(vector("barrier_gain", m, gain).start(0.1).min(0.0)),
+            guarantee: Guarantee::declare(d, ports.limited, REOPENED_OR_AT_LIMIT),
             funnel: Funnel::declare(d, (errors.0, errors.1), FUNNEL),
             beside,
             stiffness: d.local(scalar("barrier_stiffness", rate).unit("1/s")),
             ports,
             law: Law::with(&structure.of_l1, ports, Some(beside), d)?,
             inverse,
-            limited: d.warning("logFunnel", "a control at its limit, where the funnel isn't guaranteed"),
         })
     }
 
@@ -165,7 +166,7 @@ impl System for L1Ppf {
         let acts = v[self.beside.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
         let is_stiff = active & acts & (step * v[self.stiffness]).above(limit);
         self.law.judge_step_beside(is_stiff, |v| self.told_stiffness(step, v), v);
-        v.when(active, |v| (0..self.ports.u.len()).for_each(|j| self.tell_limit(j, t, v)));
+        v.when(active, |v| self.guarantee.look(t, self.funnel.error(), v));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -225,21 +226,6 @@ impl L1Ppf {
             v.name(self.barrier_gain)
         )
     }
-
-    /// Warns once where a control is at its limit.
-    fn tell_limit<S: Scalar>(&self, j: usize, t: S, v: &mut Point<S>) {
-        let Ports { u, u_min, u_max, .. } = self.ports;
-        let is_at_limit = v[u][j].at_most(v[u_min][j]) | v[u][j].at_least(v[u_max][j]);
-        v.when(is_at_limit, |v| {
-            v.warn(self.limited, |v| {
-                let u = v.name(u.at(j));
-                format!(
-                    "{u} is at its limit at t = {} s: that e stays in its funnel isn't guaranteed while it is",
-                    t.told()
-                )
-            });
-        });
-    }
 }
 
 impl Catalogued for L1Ppf {
@@ -256,7 +242,7 @@ impl Catalogued for L1Ppf {
             ("rho_inf", "Width in the end. The barrier's stiffness, and so the step, grows as 1/rho²."),
             ("decay_rate", "How fast the funnel narrows."),
             ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, which nothing keeps inside."),
-            ("lambda", "Weight of the error beside its rate."),
+            ("error_weight", "Weight of the error beside its rate."),
             ("u_ad_start", "`bumpless`: the control starts at u_manual, where the first peak would be large."),
         ],
         limits: "- The whole state `x` is measured; noise on it is amplified near the funnel's bounds.\n\

@@ -11,7 +11,7 @@ mod structure;
 mod supervision;
 mod template;
 
-use super::at_limit::{Limited, manual};
+use super::at_limit::{Guarantee, Limited, REOPENED_OR_AT_LIMIT, manual};
 use super::funnel::{Funnel, Inside};
 use super::in_command::InCommand;
 use super::l1::{SETTLED, dot};
@@ -28,7 +28,7 @@ use crate::system::{
 };
 use crate::template::{Sizes, Template};
 pub use structure::UnmatchedStructure;
-use structure::{Driven, Plant, Words};
+use structure::{Driven, Plant};
 
 /// What the reference model starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,7 +82,7 @@ pub struct MracPpfUnmatched {
     u: VectorOf<Signal>,
     projection_active: IntegerOf<Discrete>,
     supervised: Supervised,
-    limited: Warning,
+    guarantee: Guarantee,
     at_bounds: Warning,
 }
 
@@ -94,7 +94,8 @@ impl System for MracPpfUnmatched {
     fn declare(structure: UnmatchedStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let plant = structure.plant()?;
         let (n, m) = plant.B.shape();
-        let Words { units: [r_units, x_units, u_units], quantities: [of_r, of_x, of_u] } = structure.words(&plant)?;
+        let [r_units, x_units, u_units] = structure.units.symbols((n, m))?;
+        let [of_r, of_x, of_u] = structure.quantities.of_signals((n, m), &plant.C)?;
         let rates: Vec<_> = x_units.iter().map(|unit| Unit::per_second(unit)).collect();
         let gain = |name: &str, text: &str, start: f64| vector(name, n, text).start(start).min(0.0);
         let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
@@ -118,10 +119,14 @@ impl System for MracPpfUnmatched {
                     .start(0.1)
                     .positive(),
             ),
-            x_m_start: d
-                .parameter(choice::<ModelStart>("x_m_start", "what the reference model starts with").fixed()),
+            x_m_start: d.parameter(choice::<ModelStart>("x_m_start", "what the reference model starts with").fixed()),
             x_m0: d.parameter(
-                of_state("x_m0", "state that the reference model is given at the start", "{} that the reference model is given at the start").fixed(),
+                of_state(
+                    "x_m0",
+                    "state that the reference model is given at the start",
+                    "{} that the reference model is given at the start",
+                )
+                .fixed(),
             ),
             takeover_rate: {
                 let text = "rate at which what a take-over without a jump has left in the control decays";
@@ -136,12 +141,11 @@ impl System for MracPpfUnmatched {
             r: d.input(vector("r", m, "reference").about(&of_r, "reference of {}").units(&r_units)),
             x: d.input(of_state("x", "measured state of the plant", "measured {}")),
             in_command: InCommand::declare(d, takes_over, manual(&u_units, &of_u)),
-            limited: d.warning(
-                "logFunnel",
-                "an error that left its funnel, which re-opened; a control at its limit, where the funnel isn't guaranteed",
-            ),
+            guarantee: Guarantee::declare(d, limited, REOPENED_OR_AT_LIMIT),
             funnel: Funnel::declare(d, (&x_units, &of_x), [0.5, 0.05, 1.0]),
-            x_m: d.state(of_state("x_m", "state of the reference model", "{} of the reference model").source("Hashim (6.2)")),
+            x_m: d.state(
+                of_state("x_m", "state of the reference model", "{} of the reference model").source("Hashim (6.2)"),
+            ),
             theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each row of the plant")),
             sigma_hat: d.state(vector("sigma_hat", n, "estimate of the disturbance of each row").units(&rates)),
             u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u_units)),

@@ -8,11 +8,11 @@ use crate::simulation::Structure;
 use crate::system::Variables;
 
 /// The loop with the linear controllers that its adaptive ones tend to as their adaptation gets fast, each of the same
-/// description; none where no controller of it has such a limit. What is set or measured of a controller and isn't there in
-/// its limit, as an estimate, is left out, and so are the loop's figures.
+/// description; none where no controller of it has such a limit, or one refuses the description. What is set or measured of
+/// a controller and isn't there in its limit, as an estimate, is left out, and so are the loop's figures.
 ///
 /// # Errors
-/// When a unit has no description, or its limit is refused.
+/// When a unit has no description, or one that can't be read.
 pub fn linear_limit(structure: &Structure) -> Result<Option<Structure>, Error> {
     let mut limit = structure.clone();
     let mut replaced = Vec::new();
@@ -21,9 +21,9 @@ pub fn linear_limit(structure: &Structure) -> Result<Option<Structure>, Error> {
         let wrong = |reason: String| Error::Loop { file: source.file.clone(), reason };
         let description = Description::read(&source.text).map_err(|error| wrong(error.to_string()))?;
         let Some(kind) = library::limit_of(&description.model) else { continue };
-        let (text, variables) = of_kind(&source.text, kind.kind.name).map_err(wrong)?;
+        let Ok((text, variables)) = of_kind(&source.text, kind.kind.name) else { return Ok(None) };
         component.values.retain(|value| is_there(&variables, &value.name));
-        component.fmu.push_str("Linear");
+        // Under its name: all units of this description are replaced.
         limit.descriptions.insert(component.fmu.clone(), Source { file: source.file, text, as_written: false });
         replaced.push((format!("{}.", component.name), variables));
     }
@@ -43,18 +43,60 @@ pub fn linear_limit(structure: &Structure) -> Result<Option<Structure>, Error> {
 }
 
 /// A description as one of another kind, with its variables.
+///
+/// # Errors
+/// When that kind refuses it.
 fn of_kind(text: &str, kind: &str) -> Result<(String, Variables), String> {
     let mut table: toml::Table = text.parse().map_err(|error: toml::de::Error| error.to_string())?;
     table.insert("model".to_owned(), kind.into());
-    if let Some(name) = table.get_mut("name") {
-        *name = format!("{}Linear", name.as_str().unwrap_or_default()).into();
-    }
     let text = table.to_string();
     let description = Description::read(&text).map_err(|error| error.to_string())?;
-    let variables = Model::variables_of(&description, REGISTRY).map_err(|error| error.to_string())?;
-    Ok((text, variables))
+    let model = Model::from_description(description, REGISTRY).map_err(|error| error.to_string())?;
+    Ok((text, model.variables().clone()))
 }
 
 fn is_there(variables: &Variables, name: &str) -> bool {
     variables.find(name).is_some() || variables.iter().any(|variable| variable.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulation::LoopFiles;
+
+    fn of(name: &str) -> Structure {
+        LoopFiles::find(name).unwrap().structure().unwrap()
+    }
+
+    #[test]
+    fn a_loop_without_such_a_controller_has_no_limit() {
+        for name in ["3.3.2-case1", "4-case1-fuzzy", "6.5.1-mrac"] {
+            assert_eq!(linear_limit(&of(name)).unwrap(), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn what_the_limit_has_not_is_neither_set_nor_measured_and_all_else_stays() {
+        let mut structure = of("3.3.1-case2");
+        let own = linear_limit(&structure).unwrap().unwrap();
+        let estimate = structure.metrics[0].clone();
+        structure.metrics.push(crate::simulation::Metric { of: "controller.sigma_hat[1]".to_owned(), ..estimate });
+        let controller = structure.components.iter_mut().find(|component| component.name == "controller").unwrap();
+        let gain = controller.values[0].clone();
+        controller.values.push(crate::simulation::StartValue { name: "adaptation_gain".to_owned(), ..gain });
+        let limit = linear_limit(&structure).unwrap().unwrap();
+        assert_eq!((&limit.metrics, &limit.components), (&own.metrics, &own.components));
+        assert_eq!(limit.metrics, of("3.3.1-case2").metrics);
+        let described = Description::read(&limit.description_of("L1TwoLinkRobot").unwrap().text).unwrap();
+        assert_eq!((described.name.as_str(), described.model.as_str()), ("L1TwoLinkRobot", "l1-limit"));
+    }
+
+    #[test]
+    fn a_description_that_the_limit_refuses_has_none() {
+        let mut structure = of("3.3.1-case2");
+        let mut source = structure.description_of("L1TwoLinkRobot").unwrap();
+        source.text = source.text.replace("[start]", "[start]\nfeedback_gain_of_another = 1.0");
+        structure.descriptions.insert("L1TwoLinkRobot".to_owned(), source);
+        assert_eq!(linear_limit(&structure).unwrap(), None);
+    }
 }

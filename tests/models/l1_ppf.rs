@@ -123,6 +123,17 @@ fn the_system_that_the_control_enters_nonlinearly_stays_in_its_funnel() {
 }
 
 #[test]
+fn a_bumpless_start_spares_the_peak_where_the_state_starts_elsewhere() {
+    let elsewhere = "x0 = [0.6, 0.2, 1.4]\nnonaffine = true";
+    for (start, largest) in [("", 4020.0), (BUMPLESS, 23.3)] {
+        let found = whole(COUPLED, [elsewhere, &format!("x_m0 = [0.6, 0.2, 1.4]\n{start}")], [3, 3]);
+        let of_all = found.max.iter().copied().fold(0.0, f64::max);
+        near(start, of_all, largest, 5e-3);
+        assert!(found.part.iter().all(|&part| part < 1.0));
+    }
+}
+
+#[test]
 fn without_the_barrier_the_error_leaves() {
     let closed = Closed::new().part("reference", COUPLED[0], "").part("plant", COUPLED[1], SECOND);
     let closed = closed.part("controller", COUPLED[2], &format!("{MODEL}barrier_gain = [0.0, 0.0, 0.0]"));

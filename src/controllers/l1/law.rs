@@ -270,6 +270,11 @@ impl Law {
         Ok(())
     }
 
+    /// Whether the static feedback stands outside of what the predictor sees.
+    pub fn has_baseline_outside(&self) -> bool {
+        self.baseline == Baseline::Outside
+    }
+
     /// A_m
     pub fn desired_dynamics<'a, S: Scalar>(&self, v: &Values<'a, S>) -> DMatrixView<'a, S> {
         self.design.A_m(v)

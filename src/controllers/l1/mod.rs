@@ -28,7 +28,9 @@ pub(super) use law::{Beside, Goal, Law};
 pub(super) use ports::Ports;
 pub(super) use report::{controllability, tell_delay_margin};
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
-pub(super) use structure::{Plant, Symbols, input_and_output, nominal_dynamics, of_motion, orthogonal_complement};
+pub(super) use structure::{
+    Plant, Quantities, Symbols, Units, input_and_output, nominal_dynamics, of_motion, orthogonal_complement,
+};
 pub(super) use unmatched::{Cancellation, Zeros};
 
 /// What the adaptive control starts with.

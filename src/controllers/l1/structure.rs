@@ -115,7 +115,7 @@ pub struct L1Structure {
 #[derive(Debug, Default, Deserialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
-struct Units {
+pub(in crate::controllers) struct Units {
     /// Of the reference.
     r: Vec<String>,
     /// Of the plant's state.
@@ -128,13 +128,40 @@ struct Units {
 #[derive(Debug, Default, Deserialize)]
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
-struct Quantities {
+pub(in crate::controllers) struct Quantities {
     /// Of the outputs that follow the reference; those of the states that C takes, where none are given.
     r: Vec<String>,
     /// Of the plant's state.
     x: Vec<String>,
     /// Of the control.
     u: Vec<String>,
+}
+
+impl Units {
+    /// Those of r, x and u, for n states and m inputs.
+    ///
+    /// # Errors
+    /// Which text can't be a unit, or how many there must be.
+    pub fn symbols(&self, (n, m): (usize, usize)) -> Result<[Vec<&'static str>; 3], Invalid> {
+        let Units { r, x, u } = self;
+        Ok([Unit::symbols("r", r, m)?, Unit::symbols("x", x, n)?, Unit::symbols("u", u, m)?])
+    }
+}
+
+impl Quantities {
+    /// Those of r, x and u, for n states and m inputs; those of r by the states that C takes, where none are given.
+    ///
+    /// # Errors
+    /// Which text can't be one, or how many there must be.
+    #[allow(non_snake_case)]
+    pub fn of_signals(&self, (n, m): (usize, usize), C: &DMatrix<f64>) -> Result<[Vec<String>; 3], Invalid> {
+        let (of_x, of_u) = (quantities("x", &self.x, n)?, quantities("u", &self.u, m)?);
+        let of_r = match &self.r[..] {
+            [] => of_outputs(C, &of_x),
+            given => quantities("r", given, m)?,
+        };
+        Ok([of_r, of_x, of_u])
+    }
 }
 
 /// Known units and quantities of the signals.
@@ -275,20 +302,13 @@ impl L1Structure {
     /// # Errors
     /// Which unit isn't known, or how many there must be.
     pub(in crate::controllers) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
-        let Units { r, x, u } = &self.units;
-        let u = Unit::symbols("u", u, m)?;
+        let [r, x, u] = self.units.symbols((n, m))?;
         let commanded = |unit: &&'static str| match self.commands {
             Commands::Acceleration => of_motion(unit),
             Commands::Control => (*unit, "1"),
         };
         let (command, inertia) = u.iter().map(commanded).unzip();
-        let given = &self.quantities;
-        let (of_x, of_u) = (quantities("x", &given.x, n)?, quantities("u", &given.u, m)?);
-        let of_r = match &given.r[..] {
-            [] => of_outputs(&rows("C", &self.C)?, &of_x),
-            given => quantities("r", given, m)?,
-        };
-        let (r, x) = (Unit::symbols("r", r, m)?, Unit::symbols("x", x, n)?);
+        let [of_r, of_x, of_u] = self.quantities.of_signals((n, m), &rows("C", &self.C)?)?;
         Ok(Symbols { r, x, u, command, inertia, of_r, of_x, of_u })
     }
 

@@ -23,10 +23,13 @@ impl L1Ppf {
         let (what, note) = match self.order {
             _ if v[self.barrier_gain].contains(&0.0) => ("not proven", "without a barrier nothing keeps it there"),
             Order::Second { .. } => ("not proven", "for relative degree 2 it was simulated only"),
-            Order::First { .. } if has_limits => ("proven", "while no control is at its limit"),
-            Order::First { .. } => {
-                ("proven", "with the baseline outside, and for an input gain that is diagonal and positive")
+            Order::First { .. } if !self.law.has_baseline_outside() => {
+                ("not proven", "the proof is for the baseline outside")
             }
+            Order::First { .. } if has_limits => {
+                ("proven", "while no control is at its limit, and for an input gain that is diagonal and positive")
+            }
+            Order::First { .. } => ("proven", "for an input gain that is diagonal and positive"),
         };
         report.tell(guarantee, what, "", note);
         self.tell_barrier(v, report);
@@ -64,9 +67,9 @@ impl L1Ppf {
             return;
         }
         let note = format!(
-            "shorter than the default step, {} s: take one as short, {of_gain} = {}, or the loop as one unit",
+            "shorter than the default step, {} s: take one as short, {of_gain} times {}, or the loop as one unit",
             number(report.step),
-            number(v[self.barrier_gain][0] * longest / report.step)
+            number(longest / report.step)
         );
         report.judge(name, longest, "s", Verdict::Warning, note);
     }

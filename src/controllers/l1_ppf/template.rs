@@ -26,7 +26,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let gain = three_digits(STIFFNESS * bandwidth * rho_inf * rho_inf);
     text.set("barrier_gain", all(gain, m), "how hard the barrier pushes an error back");
     if degree == 2 {
-        text.set("lambda", all(three_digits(bandwidth), m), "1/s, weight of the error beside its rate");
+        text.set("error_weight", all(three_digits(bandwidth), m), "1/s, weight of the error beside its rate");
     }
     Ok(text.finish())
 }

@@ -5,9 +5,9 @@
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use crate::controllers::l1::{input_and_output, nominal_dynamics};
+use crate::controllers::l1::{Quantities, Units, input_and_output, nominal_dynamics};
 use crate::mathematics::matrices;
-use crate::system::{Invalid, Unit, of_outputs, quantities};
+use crate::system::Invalid;
 
 /// Least singular value of the reached rows of B, and least entry of A by which a row is driven, in parts of the largest.
 const LEAST: f64 = 1e-9;
@@ -28,10 +28,10 @@ pub struct UnmatchedStructure {
     unmatched: Vec<DrivenBy>,
     /// Units of the signals.
     #[serde(default)]
-    units: Symbols,
+    pub(super) units: Units,
     /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
     #[serde(default)]
-    quantities: Quantities,
+    pub(super) quantities: Quantities,
 }
 
 /// An unmatched row.
@@ -43,32 +43,6 @@ struct DrivenBy {
     row: usize,
     /// The number of the state that drives it, from 1.
     driven_by: usize,
-}
-
-/// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-struct Quantities {
-    /// Of the outputs that follow the reference; those of the states that C takes, where none are given.
-    r: Vec<String>,
-    /// Of the plant's state.
-    x: Vec<String>,
-    /// Of the control.
-    u: Vec<String>,
-}
-
-/// Units of the signals; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
-#[serde(default, deny_unknown_fields)]
-struct Symbols {
-    /// Of the reference.
-    r: Vec<String>,
-    /// Of the plant's state.
-    x: Vec<String>,
-    /// Of the control.
-    u: Vec<String>,
 }
 
 /// An unmatched row and the state that drives it, from 0.
@@ -89,13 +63,6 @@ pub(super) struct Plant {
     /// The inverse of these rows of B.
     pub inverse: DMatrix<f64>,
     pub unmatched: Vec<Driven>,
-}
-
-/// Units and quantities of r, x and u.
-#[derive(Debug)]
-pub(super) struct Words {
-    pub units: [Vec<&'static str>; 3],
-    pub quantities: [Vec<String>; 3],
 }
 
 impl UnmatchedStructure {
@@ -159,22 +126,6 @@ impl UnmatchedStructure {
             return Err(Invalid::new("unmatched", format!("nothing of row {}", missing + 1), allowed));
         }
         Ok(found)
-    }
-
-    /// # Errors
-    /// Which text can't be one, or how many there must be.
-    pub(super) fn words(&self, plant: &Plant) -> Result<Words, Invalid> {
-        let (n, m) = plant.B.shape();
-        let of_x = quantities("x", &self.quantities.x, n)?;
-        let of_r = match &self.quantities.r[..] {
-            [] => of_outputs(&plant.C, &of_x),
-            given => quantities("r", given, m)?,
-        };
-        let Symbols { r, x, u } = &self.units;
-        Ok(Words {
-            units: [Unit::symbols("r", r, m)?, Unit::symbols("x", x, n)?, Unit::symbols("u", u, m)?],
-            quantities: [of_r, of_x, quantities("u", &self.quantities.u, m)?],
-        })
     }
 }
 

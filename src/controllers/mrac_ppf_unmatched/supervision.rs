@@ -12,7 +12,7 @@ impl MracPpfUnmatched {
         self.supervised.look((t, step), settling_time, active, v);
         self.count_projections(active, v);
         v.when(active, |v| {
-            (0..self.u.len()).for_each(|k| self.tell_limit(k, t, v));
+            self.guarantee.look(t, self.funnel.error(), v);
             self.judge_step(step, v);
         });
     }
@@ -63,20 +63,6 @@ impl MracPpfUnmatched {
                     "{} of the estimates at a bound: where that lasts, the barriers alone answer what is beyond it. Widen \
                      {theta_bound} or {sigma_bound} if tracking suffers",
                     count.told()
-                )
-            });
-        });
-    }
-
-    /// Warns once where a control is at its limit.
-    fn tell_limit<S: Scalar>(&self, k: usize, t: S, v: &mut Point<S>) {
-        let is_at_limit = v[self.u][k].at_most(v[self.u_min][k]) | v[self.u][k].at_least(v[self.u_max][k]);
-        v.when(is_at_limit, |v| {
-            v.warn(self.limited, |v| {
-                format!(
-                    "{} is at its limit at t = {} s: that the errors stay in their funnels isn't guaranteed while it is",
-                    v.name(self.u.at(k)),
-                    t.told()
                 )
             });
         });

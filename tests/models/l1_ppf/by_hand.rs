@@ -90,7 +90,7 @@ impl Hand {
         let [omega, theta, sigma] = self.bounds;
         let each = |k: usize| [self.funnel[0][k], self.funnel[1][k]];
         let own = if self.is_second {
-            format!("lambda = {:?}", self.lambda)
+            format!("error_weight = {:?}", self.lambda)
         } else {
             format!("x_m0 = {:?}", self.x_m0.as_slice())
         };
