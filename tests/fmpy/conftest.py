@@ -14,6 +14,7 @@ import fcntl
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -40,6 +41,9 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "python"), o
 os.environ.setdefault("ADAPTIVE_FMU_CACHE", str(ROOT / "target" / "cache"))
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
 IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook", "test_publishing"}
+
+# Folders of a run of tests that stay until its end.
+SHARED = {"exported", "fmus", "unpacked"}
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -85,6 +89,18 @@ def fmu_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module", autouse=True)
+def room_is_given_back(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What the tests of a file made on the disk goes with them, unless one of them failed: all of it together is 10 GB."""
+    base, failed = tmp_path_factory.getbasetemp(), request.session.testsfailed
+    before = set(base.iterdir())
+    yield
+    if request.session.testsfailed == failed:
+        for made in set(base.iterdir()) - before:
+            if not made.is_symlink() and made.name not in SHARED:
+                shutil.rmtree(made, ignore_errors=True)
+
+
 @pytest.fixture(scope="session")
 def fmu(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Fmu]:
     """An FMU by its name, unpacked once."""
@@ -92,7 +108,8 @@ def fmu(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[
 
     def get(name: str) -> Fmu:
         if name not in opened:
-            opened[name] = Fmu(fmu_folder / f"{name}.fmu", tmp_path_factory.mktemp(name))
+            unpacked = tmp_path_factory.getbasetemp() / "unpacked" / name
+            opened[name] = Fmu(fmu_folder / f"{name}.fmu", unpacked)
         return opened[name]
 
     return get
