@@ -32,9 +32,12 @@ fn embed() {
     let responses: String = loops.iter().filter_map(|folder| response(folder)).collect();
     let loops =
         loops.iter().map(|folder| format!("({:?}, &[\n{}]),\n", name(folder), texts(folder, &["ssd", "ssv"], name)));
+    let league = root.join("examples/league");
+    println!("cargo::rerun-if-changed={}", league.display());
     let code = format!(
-        "static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
+        "static LEAGUE: Embedded = &[\n{}];\nstatic DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
          static RESPONSES: Embedded = &[\n{responses}];\n",
+        texts(&league, &["toml"], name),
         loops.collect::<String>()
     );
     let file = Path::new(&env::var("OUT_DIR").unwrap_or_default()).join("embedded.rs");

@@ -13,9 +13,11 @@ use crate::template::{Request, Sizes, Template, all, named, write_limits, write_
 /// Event indicators of a channel: two of each piecewise linear effect.
 const KINKS: usize = 6;
 
-/// Each channel: dead zone, delay, limits, rate limit and lag, in this order.
+/// Each channel: dead zone, delay, limits, rate limit and lag, in this order; then a gain and a bias.
 #[derive(Debug)]
 pub struct Actuator {
+    gain: VectorOf<Parameter>,
+    bias: VectorOf<Parameter>,
     dead_zone: VectorOf<Parameter>,
     u_min: VectorOf<Parameter>,
     u_max: VectorOf<Parameter>,
@@ -54,6 +56,8 @@ impl System for Actuator {
             ),
             time_constant: d
                 .parameter(vector("time_constant", m, "time constant of the lag; 0: none").unit("s").min(0.0)),
+            gain: d.parameter(vector("gain", m, "part of it that takes effect; 1: all of it").start(1.0)),
+            bias: d.parameter(parameter("bias", "constant that is added to what takes effect", 0.0)),
             clock,
             lag: Lag::declare(d, &units),
             working_time_constant: d.prepared(vector("#working time constant", m, "").hidden()),
@@ -97,7 +101,7 @@ impl System for Actuator {
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
         for i in 0..self.u.len() {
-            y[self.y][i] = self.lag.lagged(i, self.possible(t, i, v), v);
+            y[self.y][i] = v[self.gain][i] * self.lag.lagged(i, self.possible(t, i, v), v) + v[self.bias][i];
         }
     }
 
@@ -168,7 +172,7 @@ impl Catalogued for Actuator {
     const ICON: Icon = icon!("actuator");
     const GUIDE: Guide = Guide {
         purpose: "Hands a controller's commands on as far as a drive is able to: dead zone, delay, \
-                  limits, rate limit and lag. Put it between a controller and its plant.",
+                  limits, rate limit, lag, loss of effect. Put it between a controller and its plant.",
         alone: "With nothing connected it hands on a command of 0. Give it one: `u` goes in, `y` is what the plant gets.",
         gains: &[
             ("u_max", "Largest output, together with `u_min`."),
@@ -176,6 +180,8 @@ impl Catalogued for Actuator {
             ("time_constant", "Lag."),
             ("delay", "Transport delay, a multiple of `sample_time`."),
             ("dead_zone", "Commands up to this magnitude do nothing."),
+            ("gain", "Part that takes effect: below 1 for an actuator that lost some of it."),
+            ("bias", "Added to what takes effect: a load, or a disturbance at the plant's input."),
         ],
         limits: "- A delay is at most `delay_samples` sample times, a number of its description (100 \
                   where none is given).\n\

@@ -20,6 +20,8 @@ mod dynamic;
 pub mod explore;
 #[cfg(feature = "cli")]
 pub mod exporter;
+#[cfg(feature = "cli")]
+pub mod league;
 pub mod library;
 pub mod mathematics;
 #[cfg(feature = "cli")]

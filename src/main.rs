@@ -60,6 +60,8 @@ enum Command {
     Sweep(command::sweep::Arguments),
     /// Reproduces the thesis: runs every example, judges what it claims, and writes one page of it
     Report(command::report::Arguments),
+    /// Compares controllers on equal terms: gains by the same search, the same conditions, margins and random plants
+    League(command::league::Arguments),
     /// Shows a closed loop in the browser: sliders for its parameters, and at once what they do
     Explore(command::explore::Arguments),
     /// Tunes parameters of a closed loop by a particle swarm
@@ -170,6 +172,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Compare(arguments) => command::compare::execute(&arguments),
         Command::Sweep(arguments) => command::sweep::execute(&arguments),
         Command::Report(arguments) => command::report::execute(&arguments),
+        Command::League(arguments) => command::league::execute(&arguments),
         Command::Explore(arguments) => command::explore::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
         Command::Completions(arguments) => Ok(command::completions::execute(&arguments, &Arguments::command())),

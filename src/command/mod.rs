@@ -10,6 +10,7 @@ pub mod export;
 pub mod global;
 mod hosting;
 pub mod info;
+pub mod league;
 pub mod linearise;
 pub mod list;
 mod loop_options;

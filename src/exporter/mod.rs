@@ -95,6 +95,11 @@ pub fn descriptions() -> &'static [(&'static str, &'static str)] {
     DESCRIPTIONS
 }
 
+/// The league of this package: its study, and the descriptions that it has of its own.
+pub fn league() -> Embedded {
+    LEAGUE
+}
+
 /// The closed loops of this package: name and files.
 pub fn loops() -> &'static [(&'static str, Embedded)] {
     LOOPS

@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::fmu::{Instance, Messages};
+use super::loaded::Place;
 use super::port::Ports;
 use super::settling::Settling;
 use crate::error::Error;
@@ -65,6 +66,17 @@ impl Settings {
         let time_of = move |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
         (0..steps).map(move |k| (time_of(k), time_of(k + 1)))
     }
+}
+
+/// A value that a Real variable gets while a loop runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// When, s.
+    pub at: f64,
+    /// Of which variable.
+    pub place: Place,
+    /// The value.
+    pub value: f64,
 }
 
 /// A unit with what it gives and takes.
@@ -195,6 +207,23 @@ impl ClosedLoop {
         &self.names
     }
 
+    /// Runs the loop and keeps nothing of it: `watch` is told the time and all signals, in the order of their names, at every
+    /// communication point, and may end the run by answering false. Changes, in the order of their times, are set at the
+    /// first point that isn't before them.
+    ///
+    /// # Errors
+    /// When a unit fails.
+    pub fn watch(
+        mut self,
+        settings: Settings,
+        changes: &[Change],
+        mut watch: impl FnMut(f64, &[f64]) -> bool,
+    ) -> Result<(), Error> {
+        let mut told = Recording::default();
+        let result = self.run_into(&mut told, settings, changes, |_, time, row| watch(time, row));
+        self.free(&mut told, result)
+    }
+
     /// Runs the loop. `progress` is told the time, and may end the run by answering false.
     ///
     /// # Errors
@@ -202,12 +231,16 @@ impl ClosedLoop {
     pub fn run(
         mut self,
         settings: Settings,
-        progress: impl FnMut(f64) -> bool,
+        mut progress: impl FnMut(f64) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
         let columns = vec![Vec::new(); self.names.len()];
         let (names, measures, warnings) = (self.names.clone(), self.measures.clone(), self.notes.clone());
         let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
-        let result = self.run_into(&mut recording, settings, progress);
+        let start = settings.start_time;
+        let result = self.run_into(&mut recording, settings, &[], |recording, time, row| {
+            recording.push(time, row);
+            time == start || progress(time)
+        });
         match self.free(&mut recording, result) {
             Ok(()) => Ok(recording),
             Err(error) => Err((error, Box::new(recording))),
@@ -230,16 +263,27 @@ impl ClosedLoop {
         result
     }
 
+    /// `watch` is handed the recording too, of which this keeps the messages alone.
     fn run_into(
         &mut self,
         recording: &mut Recording,
         settings: Settings,
-        mut progress: impl FnMut(f64) -> bool,
+        changes: &[Change],
+        mut watch: impl FnMut(&mut Recording, f64, &[f64]) -> bool,
     ) -> Result<(), Error> {
         let Settings { start_time, stop_time, order, .. } = settings;
         recording.warnings.extend(self.initialise(start_time, stop_time)?);
-        recording.push(start_time, &self.row);
+        let mut goes_on = watch(recording, start_time, &self.row);
+        let mut changes = changes.iter().peekable();
         for (time, next) in settings.points() {
+            if !goes_on {
+                break;
+            }
+            while let Some(change) = changes.next_if(|change| change.at <= time) {
+                let Place { unit, variable } = change.place;
+                let instance = &self.units[unit].instance;
+                instance.set_real(&[instance.description().variables[variable].reference], &[change.value])?;
+            }
             if order == Order::Jacobi {
                 self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
             }
@@ -257,10 +301,7 @@ impl ClosedLoop {
             if order == Order::Jacobi {
                 self.units.iter_mut().try_for_each(|unit| unit.give(&mut self.row))?;
             }
-            recording.push(next, &self.row);
-            if !progress(next) {
-                break;
-            }
+            goes_on = watch(recording, next, &self.row);
         }
         self.units.iter().try_for_each(|unit| unit.instance.terminate())
     }

@@ -89,8 +89,8 @@ fn told(value: &Value, variable: &Variable) -> serde_json::Value {
 /// A variable of a unit, by places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
-    unit: usize,
-    variable: usize,
+    pub(super) unit: usize,
+    pub(super) variable: usize,
 }
 
 impl LoadedLoop {

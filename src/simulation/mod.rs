@@ -34,7 +34,7 @@ mod whole;
 
 pub use alone::Alone;
 pub use check::{Circles, Link, Wiring, check, start_values};
-pub use closed_loop::{ClosedLoop, Order, Recording, Settings};
+pub use closed_loop::{Change, ClosedLoop, Order, Recording, Settings};
 pub use comparison::Comparison;
 pub use diagram::{COLOURS, Diagram, Given, Part, Path, Peak, Shown, Style};
 pub use diagram::{bound, figure, labelled, of_plot, space, svg, thinned, time_label};

@@ -1,0 +1,202 @@
+//! `league`: controllers on equal terms.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::league::{Budget, Entry, Page, Pair, Plant, Record, Stage, Study};
+use adaptive_fmu::output;
+use adaptive_fmu::simulation::Ready;
+use serde_json::json;
+
+use super::open::OpenOption;
+use super::progress::{self, Bars, Counter};
+
+const PAGE: &str = "index.html";
+/// The parts of the work of a pair.
+const STAGES: usize = 4;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Only these pairs: PLANT, PLANT/CONTROLLER or /CONTROLLER; repeatable
+    #[arg(long, value_name = "PAIR")]
+    only: Vec<String>,
+    /// Another study than this package's own: a file like examples/league/league.toml; units are descriptions beside it, or
+    /// this package's
+    #[arg(long, value_name = "FILE.toml")]
+    study: Option<PathBuf>,
+    /// A small part of the runs, which shows that all of it works: its numbers are no result
+    #[arg(long)]
+    quick: bool,
+    /// Goes on with an earlier league: what was computed is not computed again
+    #[arg(long)]
+    resume: bool,
+    /// Runs nothing: only makes the page anew, of the results that are there
+    #[arg(long, conflicts_with_all = ["only", "resume"])]
+    page: bool,
+    /// Folder for the page, and for the results of each pair
+    #[arg(long, default_value = "results/league")]
+    out: PathBuf,
+    #[command(flatten)]
+    open: OpenOption,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A league with its folders.
+struct League {
+    study: Study,
+    folder: PathBuf,
+    out: PathBuf,
+    /// What this package's own league has beside its study lies there while it runs.
+    _unpacked: Option<tempfile::TempDir>,
+}
+
+/// Computes what is asked for and isn't there yet, and makes the page of all that is there.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let league = League::new(arguments)?;
+    output::check(&arguments.out, "", &[PAGE])?;
+    let complete = arguments.page || league.compute(arguments)?;
+    let records = league.records()?;
+    let wrong = |reason| Error::Loop { file: league.folder.clone(), reason };
+    if records.is_empty() {
+        let reason = format!("{} holds no results of this league", arguments.out.display());
+        return if complete { Err(wrong(reason)) } else { Ok(ExitCode::from(progress::INTERRUPTED)) };
+    }
+    let page = Page { study: &league.study, records: &records }.html().map_err(wrong)?;
+    let page_file = arguments.out.join(PAGE);
+    output::write(&page_file, page)?;
+    if arguments.json {
+        tell!("{}", json!({ "page": page_file, "pairs": records }));
+    } else {
+        records.iter().for_each(|record| tell!("{}", told(record)));
+        tell!("{}", page_file.display());
+    }
+    if !complete {
+        tell!("interrupted: --resume goes on");
+        return Ok(ExitCode::from(progress::INTERRUPTED));
+    }
+    arguments.open.show(&page_file);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A pair in a line.
+fn told(record: &Record) -> String {
+    let held = record.conditions.as_ref().map_or("–".to_owned(), |conditions| {
+        let held = conditions.values().filter(|judged| judged.outcome.holds()).count();
+        format!("{held} of {} conditions", conditions.len())
+    });
+    let failed = record.spread.as_ref().map_or("–".to_owned(), |spread| {
+        format!("{} of {} random plants fail", spread.failed(), spread.errors.len())
+    });
+    let dead_time =
+        record.margins.map_or("–".to_owned(), |margins| format!("dead time {:.2} ms", 1e3 * margins.dead_time.value));
+    format!("{}/{}: {held}, {failed}, {dead_time}", record.plant, record.controller)
+}
+
+impl League {
+    fn new(arguments: &Arguments) -> Result<Self, Error> {
+        let (mut study, folder, unpacked) = match &arguments.study {
+            Some(file) => {
+                let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+                (Study::read(file)?, folder.unwrap_or(Path::new(".")).to_owned(), None)
+            }
+            None => {
+                let unpacked = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+                (Study::own(unpacked.path())?, unpacked.path().to_owned(), Some(unpacked))
+            }
+        };
+        if arguments.quick {
+            study.budget = study.budget.quick();
+        }
+        Ok(League { study, folder, out: arguments.out.clone(), _unpacked: unpacked })
+    }
+
+    /// Whether all of it was done, not interrupted.
+    fn compute(&self, arguments: &Arguments) -> Result<bool, Error> {
+        let wrong = |reason| Error::Loop { file: "--only".into(), reason };
+        let chosen = self.study.chosen(&arguments.only).map_err(wrong)?;
+        let ready = Ready::new()?;
+        // All names are checked before anything runs.
+        for (plant, entry) in &chosen {
+            self.pair(plant, entry, &ready)?;
+        }
+        let bars = Bars::new(arguments.json);
+        let counter = Counter::new(&bars, "league", STAGES * chosen.len(), 0);
+        for (plant, entry) in chosen {
+            let mut pair = self.pair(plant, entry, &ready)?;
+            if !self.compute_pair(&mut pair, arguments.resume, &counter)? {
+                counter.clear();
+                return Ok(false);
+            }
+        }
+        counter.clear();
+        Ok(true)
+    }
+
+    fn pair<'a>(&self, plant: &'a Plant, entry: &'a Entry, ready: &Ready) -> Result<Pair<'a>, Error> {
+        let budget: Budget = self.study.budget;
+        Pair::new(plant, entry, budget, &self.folder, ready)
+    }
+
+    fn compute_pair(&self, pair: &mut Pair, resume: bool, counter: &Counter) -> Result<bool, Error> {
+        let below = &pair.plant.name;
+        output::make_folder(&self.out, below)?;
+        let file = self.file(below, &pair.entry.name);
+        let fresh = Record::new(pair);
+        let mut record = if resume && file.is_file() { Record::read(&file)? } else { fresh.clone() };
+        if (&record.question, &record.units) != (&fresh.question, &fresh.units) {
+            let reason = "is of another study, or of other descriptions: remove it, or begin anew without --resume";
+            return Err(Error::Loop { file, reason: reason.to_owned() });
+        }
+        let name = format!("{}/{}", pair.plant.name, pair.entry.name);
+        let stages = || std::iter::once(record.next()).flatten();
+        let known = STAGES - remaining(stages().next());
+        (0..known).for_each(|_| counter.count(&name));
+        while let Some(stage) = record.next() {
+            let wrong = |reason| Error::Loop { file: PathBuf::from(&name), reason };
+            if !pair.go_on(&mut record, &progress::is_interrupted).map_err(wrong)? {
+                return Ok(false);
+            }
+            record.write(&file)?;
+            counter.count(&format!("{name}: {}", stage.word()));
+        }
+        Ok(true)
+    }
+
+    fn file(&self, plant: &str, controller: &str) -> PathBuf {
+        self.out.join(plant).join(format!("{controller}.json"))
+    }
+
+    /// The results of this study that are there.
+    fn records(&self) -> Result<Vec<Record>, Error> {
+        let mut records = Vec::new();
+        for plant in &self.study.plant {
+            for entry in &plant.controller {
+                let file = self.file(&plant.name, &entry.name);
+                if !file.is_file() {
+                    continue;
+                }
+                let record = Record::read(&file)?;
+                if record.question == Record::question(plant, entry, &self.study.budget) {
+                    records.push(record);
+                } else {
+                    remark!("{} is left out: it is of another study", file.display());
+                }
+            }
+        }
+        Ok(records)
+    }
+}
+
+/// How many parts of the work of a pair are left.
+fn remaining(next: Option<Stage>) -> usize {
+    match next {
+        Some(Stage::Gains) => 4,
+        Some(Stage::Conditions) => 3,
+        Some(Stage::Margins) => 2,
+        Some(Stage::Spread) => 1,
+        None => 0,
+    }
+}

@@ -1,0 +1,244 @@
+//! The page: which controller to take, what each law is good and bad at, and a table and a picture of every plant. It loads
+//! nothing and needs no script.
+
+use std::fmt::Write;
+
+use super::advice::{Measured, advice};
+use super::condition::Condition;
+use super::laws::{Law, laws, of_plant};
+use super::margins::{Bound, Margin};
+use super::panels::panels;
+use super::record::Record;
+use super::standing::{Rank, standings};
+use super::study::{Budget, Plant, Study};
+use crate::exporter::escaped;
+use crate::simulation::{STYLE, four_digits};
+
+/// A browser that obeys this loads nothing, and runs nothing.
+const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
+const OWN_STYLE: &str = "
+  h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
+  h3 { font-size: 1em; margin: 1.2em 0 .3em; }
+  td small { color: #555; display: block; }
+  td, th { padding-right: .9em; }
+  .good { color: #006b3c; }
+  .panels { display: block; width: 100%; max-width: 70em; height: auto; margin: 1em 0; }
+  .panels text { font-size: 12px; fill: #333; }
+  .panels .title { font-weight: bold; }
+  .panels .frame { fill: none; stroke: #aaa; }
+  .panels .interval { stroke: #0072b2; stroke-width: 2.5; stroke-opacity: .45; }
+  .panels .mark { fill: #0072b2; }
+  .panels .open { fill: #fff; stroke: #0072b2; stroke-width: 2; }
+  .panels .none { fill: #b00020; }
+  dt { font-weight: bold; margin-top: .6em; }
+  @media print { h2 { break-before: page; } }
+";
+
+/// A league as far as it was computed.
+#[derive(Debug)]
+pub struct Page<'a> {
+    /// What was asked for.
+    pub study: &'a Study,
+    /// What came out.
+    pub records: &'a [Record],
+}
+
+impl Page<'_> {
+    /// The page.
+    ///
+    /// # Errors
+    /// When the study's advice names what the league doesn't have.
+    pub fn html(&self) -> Result<String, String> {
+        let Study { title, about, .. } = self.study;
+        let (title, about) = (escaped(title), escaped(about));
+        let mut page = format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>{STYLE}{OWN_STYLE}</style>\n</head>\n\
+             <body>\n<h1>{title}</h1>\n<p>{about}</p>\n"
+        );
+        let pairs = self.study.plant.iter().map(|plant| plant.controller.len()).sum::<usize>();
+        let known = self.records.iter().filter(|record| record.next().is_none()).count();
+        if known < pairs {
+            let _ = writeln!(page, "<p class=\"bad\">{known} of {pairs} pairs were computed.</p>");
+        }
+        push_advice(&mut page, &advice(self.study, self.records)?);
+        push_laws(&mut page, &laws(self.study, self.records));
+        for plant in &self.study.plant {
+            let records = of_plant(self.study, self.records, &plant.name);
+            if !records.is_empty() {
+                push_plant(&mut page, plant, &records);
+            }
+        }
+        push_method(&mut page, &self.study.budget);
+        let version = env!("CARGO_PKG_VERSION");
+        let _ = writeln!(page, "<p>Made by adaptive-fmu {version}, from runs of its own FMUs.</p>\n</body>\n</html>");
+        Ok(page)
+    }
+}
+
+fn push_advice(page: &mut String, lines: &[Measured]) {
+    if lines.is_empty() {
+        return;
+    }
+    page.push_str(
+        "<h2 id=\"advice\">Which to take</h2>\n<div class=\"scroll\"><table>\n<tr><th>when<th>take<th>because<th>borne out?\n",
+    );
+    for Measured { when, take, because, holds } in lines {
+        let word = match holds {
+            Some(true) => "<td class=\"good\">yes",
+            Some(false) => "<td class=\"bad\">no",
+            None => "<td>not known",
+        };
+        let [when, take, because] = [when, take, because].map(|text| escaped(text));
+        let _ = writeln!(page, "<tr><td>{when}<td><b>{take}</b><td>{because}{word}");
+    }
+    page.push_str("</table></div>\n");
+}
+
+fn push_laws(page: &mut String, laws: &[Law]) {
+    page.push_str("<h2 id=\"laws\">What each law is good and bad at</h2>\n<dl>\n");
+    for Law { name, sentences } in laws {
+        let _ = writeln!(page, "<dt>{}<dd>{}", escaped(name), escaped(&sentences.join(" ")));
+    }
+    page.push_str("</dl>\n");
+}
+
+fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
+    let (name, title) = (escaped(&plant.name), escaped(&plant.title));
+    let _ = writeln!(page, "<h2 id=\"{name}\">{title}</h2>");
+    page.push_str(&panels(plant, records));
+    push_results(page, plant, records);
+    push_conditions(page, plant, records);
+    page.push_str("<h3>Gains that were found</h3>\n<dl>\n");
+    for record in records {
+        let Some(gains) = &record.gains else { continue };
+        let told = if gains.values.is_empty() { "as it is".to_owned() } else { gains.told() };
+        let (before, after) = (cost(gains.before), cost(gains.after));
+        let told = escaped(&format!("{told} (cost {before} before, {after} after {} runs)", gains.runs));
+        let _ = writeln!(page, "<dt>{}<dd>{told}", escaped(&record.controller));
+    }
+    page.push_str("</dl>\n");
+}
+
+fn cost(cost: f64) -> String {
+    if cost >= 1e3 { "of a failure".to_owned() } else { four_digits(cost) }
+}
+
+/// Random plants, effort and margins.
+fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
+    page.push_str(
+        "<div class=\"scroll\"><table class=\"results\">\n<tr><th>controller<th>random plants that fail<th>median error\
+         <th>effort<th>variation<th>dead time<th>lag<th>gain<th>gain divided<th>step, Jacobi\n",
+    );
+    for (record, standing) in records.iter().zip(standings(records)) {
+        let _ = write!(page, "<tr><td>{}", escaped(&record.controller));
+        match &record.spread {
+            Some(spread) => {
+                let (rate, [low, high]) = spread.rate();
+                let told = format!("{:.0} % <small>{:.0} … {:.0} %</small>", 100.0 * rate, 100.0 * low, 100.0 * high);
+                let _ = write!(page, "<td>{told}{}", place(standing.failures));
+                let (median, [low, high]) = spread.median();
+                let end = |end: Option<f64>| end.map_or("fails".to_owned(), four_digits);
+                let told = format!("{} <small>{} … {}</small>", end(median), end(low), end(high));
+                let _ = write!(page, "<td>{told}{}", place(standing.error));
+            }
+            None => page.push_str("<td>–<td>–"),
+        }
+        let bench = record.conditions.as_ref().and_then(|all| all.get(&Condition::Bench));
+        match bench.filter(|judged| judged.outcome.holds()) {
+            Some(judged) => {
+                let (effort, moved) = (judged.outcome.commanded(plant), judged.outcome.moved(plant));
+                let _ = write!(page, "<td class=\"number\">{}<td class=\"number\">{}", four_digits(effort), four_digits(moved));
+            }
+            None => page.push_str("<td>–<td>–"),
+        }
+        match &record.margins {
+            Some(margins) => {
+                let times = [margins.dead_time, margins.lag].map(|margin| time(&margin));
+                let gains = [margins.gain, margins.divided].map(|margin| margin_told(&margin, 1.0, ""));
+                for told in times.into_iter().chain(gains).chain([time(&margins.step)]) {
+                    let _ = write!(page, "<td class=\"number\">{told}");
+                }
+            }
+            None => page.push_str(&"<td>–".repeat(5)),
+        }
+        page.push('\n');
+    }
+    page.push_str("</table></div>\n");
+}
+
+fn place(rank: Option<Rank>) -> String {
+    rank.map_or(String::new(), |Rank { place, shared }| {
+        format!("<small>place {place}{}</small>", if shared { ", shared" } else { "" })
+    })
+}
+
+fn time(margin: &Margin) -> String {
+    margin_told(margin, 1e3, " ms")
+}
+
+fn margin_told(margin: &Margin, scale: f64, unit: &str) -> String {
+    let value = scale * margin.value;
+    let value = if value >= 10.0 { format!("{value:.0}") } else { format!("{value:.2}") };
+    match margin.bound {
+        Bound::Within => format!("{value}{unit}"),
+        Bound::AtLeast => format!("≥ {value}{unit}"),
+        Bound::Below => format!("&lt; {value}{unit}"),
+    }
+}
+
+/// The errors under each condition.
+fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
+    page.push_str("<div class=\"scroll\"><table class=\"conditions\">\n<tr><th>error");
+    Condition::ALL.iter().for_each(|condition| _ = write!(page, "<th>{}", condition.title()));
+    page.push('\n');
+    for record in records {
+        let Some(conditions) = &record.conditions else { continue };
+        let _ = write!(page, "<tr><td>{}", escaped(&record.controller));
+        for condition in Condition::ALL {
+            let Some(judged) = conditions.get(&condition) else {
+                page.push_str("<td>–");
+                continue;
+            };
+            match &judged.outcome.failure {
+                None => _ = write!(page, "<td class=\"number\">{}", four_digits(judged.outcome.error(plant))),
+                Some(failure) => {
+                    let (at, reason) = (four_digits(failure.at), escaped(&failure.reason));
+                    let _ = write!(page, "<td class=\"bad\" title=\"{reason}\">fails at {at} s");
+                }
+            }
+        }
+        page.push('\n');
+    }
+    page.push_str("</table></div>\n");
+    let limits: Vec<_> = plant.errors.iter().zip(&plant.error_limits).map(|([of, minus], limit)| format!("|{of} − {minus}| ≤ {limit}")).collect();
+    let _ = writeln!(
+        page,
+        "<p>An error is the root mean square, from {} s on, in parts of the largest that is no failure: {}.</p>",
+        plant.settled,
+        escaped(&limits.join(", "))
+    );
+}
+
+fn push_method(page: &mut String, budget: &Budget) {
+    let Budget { particles, generations, noises, tuning_time, gain_range: [low, high], plants, spread, margin, .. } = budget;
+    let _ = writeln!(
+        page,
+        "<h2 id=\"method\">How it was made</h2>\n<p>Every controller's gains were searched by the same swarm: {particles} \
+         particles, {generations} generations, the mean of {noises} noises, {tuning_time} s of the nominal plant behind its \
+         sensors and actuators; each gain within {low} to {high} times what it was before. What is minimised is the integral of \
+         the squared errors, in parts of their limits, and a hundredth of the squared commands and of their total variation, in \
+         parts of the largest control. Then nothing is touched.</p>\n\
+         <p>A run fails where an output of the plant is beyond its envelope, an error beyond its limit once it is judged, or a \
+         unit refuses to go on; near a margin also where a command varies three times as much as nominally. What failed was run \
+         again with a hundredth of the tolerance and half the step, and counts only where it failed again. Margins are those of \
+         the nominal plant without noise, found by halving ratios to {:.0} %: what lies between is taken to be borne too.</p>\n\
+         <p>{plants} random plants, the same for all controllers: each parameter that isn't known well is anywhere within ±{:.0} \
+         %, sensors and actuators are there. Intervals hold the true value with a probability of 95 %, for plants drawn so. A \
+         place is one more than the number of those that are better for certain: where intervals overlap, it is shared.</p>",
+        100.0 * margin,
+        100.0 * spread
+    );
+}

@@ -1,0 +1,87 @@
+//! Numbers of a record by their names: what the page shows, and what advice is measured by.
+
+use super::condition::Condition;
+use super::record::Record;
+use super::study::{Plant, Study};
+use crate::near;
+
+/// A number that a record comes to.
+#[derive(Debug, Clone, Copy)]
+pub struct Quantity {
+    /// Its name in advice.
+    pub name: &'static str,
+    /// In a few words, with its unit.
+    pub title: &'static str,
+    /// Whether more of it is better.
+    pub more_is_better: bool,
+    of: fn(&Plant, &Record) -> Option<f64>,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Quantity; 11] = [
+        quantity("error", "error, nominal", false, |plant, record| {
+            let judged = record.conditions.as_ref()?.get(&Condition::Nominal)?;
+            judged.outcome.holds().then(|| judged.outcome.error(plant))
+        }),
+        quantity("bench_error", "error, bench", false, |plant, record| {
+            let judged = record.conditions.as_ref()?.get(&Condition::Bench)?;
+            judged.outcome.holds().then(|| judged.outcome.error(plant))
+        }),
+        quantity("effort", "effort, bench", false, |plant, record| {
+            let judged = record.conditions.as_ref()?.get(&Condition::Bench)?;
+            judged.outcome.holds().then(|| judged.outcome.commanded(plant))
+        }),
+        quantity("variation", "variation of the control, bench, 1/s", false, |plant, record| {
+            let judged = record.conditions.as_ref()?.get(&Condition::Bench)?;
+            judged.outcome.holds().then(|| judged.outcome.moved(plant))
+        }),
+        quantity("held", "conditions held", true, |_, record| {
+            let held = record.conditions.as_ref()?.values().filter(|judged| judged.outcome.holds()).count();
+            Some(held as f64)
+        }),
+        quantity("failed", "random plants that fail", false, |_, record| Some(record.spread.as_ref()?.rate().0)),
+        quantity("median", "median error, random plants", false, |_, record| record.spread.as_ref()?.median().0),
+        quantity("dead_time", "dead time that is borne, s", true, |_, record| Some(record.margins?.dead_time.value)),
+        quantity("lag", "lag that is borne, s", true, |_, record| Some(record.margins?.lag.value)),
+        quantity("gain", "gain that is borne", true, |_, record| Some(record.margins?.gain.value)),
+        quantity("step", "communication step that is borne, s", true, |_, record| Some(record.margins?.step.value)),
+    ];
+
+    /// The quantity of a name.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn named(name: &str) -> Result<Quantity, String> {
+        let names = || Quantity::ALL.iter().map(|quantity| quantity.name).collect::<Vec<_>>();
+        let found = Quantity::ALL.into_iter().find(|quantity| quantity.name == name);
+        found.ok_or_else(|| format!("there is no quantity `{name}`; {}", near::choice(name, &names(), "")))
+    }
+
+    /// What a record comes to; none where it wasn't computed, or the run failed.
+    pub fn of(&self, plant: &Plant, record: &Record) -> Option<f64> {
+        (self.of)(plant, record)
+    }
+}
+
+const fn quantity(
+    name: &'static str,
+    title: &'static str,
+    more_is_better: bool,
+    of: fn(&Plant, &Record) -> Option<f64>,
+) -> Quantity {
+    Quantity { name, title, more_is_better, of }
+}
+
+/// The number that `PLANT/CONTROLLER.QUANTITY` stands for; none where it isn't known.
+///
+/// # Errors
+/// When the league has no such pair, or there is no such quantity.
+pub(super) fn number_of(study: &Study, records: &[Record], word: &str) -> Result<Option<f64>, String> {
+    let parts = word.split_once('/').and_then(|(plant, rest)| Some((plant, rest.rsplit_once('.')?)));
+    let (of, (law, quantity)) = parts.ok_or_else(|| format!("`{word}` must be PLANT/CONTROLLER.QUANTITY"))?;
+    let quantity = Quantity::named(quantity)?;
+    let (plant, _) = study.chosen(&[format!("{of}/{law}")])?[0];
+    let record = records.iter().find(|record| record.plant == of && record.controller == law);
+    Ok(record.and_then(|record| quantity.of(plant, record)))
+}
