@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::league::{Budget, Entry, Page, Pair, Plant, Record, Stage, Study};
+use adaptive_fmu::league::{Budget, Entry, Page, Pair, Plant, Record, Stage, Study, advice};
 use adaptive_fmu::output;
 use adaptive_fmu::simulation::Ready;
 use serde_json::json;
@@ -110,6 +110,8 @@ impl League {
         if arguments.quick {
             study.budget = study.budget.quick();
         }
+        // What advice rests on is there, whether it holds or not.
+        advice(&study, &[]).map_err(|reason| Error::Loop { file: folder.clone(), reason })?;
         Ok(League { study, folder, out: arguments.out.clone(), _unpacked: unpacked })
     }
 

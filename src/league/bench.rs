@@ -70,7 +70,9 @@ pub(super) fn benched(plain: &Structure, plant: &Plant, described: &ModelDescrip
     ] {
         let fmu = format!("League{}_{}", model, plain.name);
         structure.descriptions.insert(fmu.clone(), description(&fmu, model, &units));
-        structure.components.push(component(name, &fmu, units.len()));
+        // In the order in which separate units are stepped: each takes what was just given.
+        let place = structure.components.iter().position(|unit| unit.name == CONTROLLER).unwrap_or(0);
+        structure.components.insert(place + usize::from(name == ACTUATOR), component(name, &fmu, units.len()));
     }
     Ok(Benched { structure, measured, commands })
 }

@@ -154,6 +154,7 @@ impl Pair<'_> {
                 deviation.set(self.place(&format!("{SENSOR}.{name}[{}]", k + 1))?, value);
             }
         }
+        deviation.set(self.place(&format!("{SENSOR}.sample_time"))?, bench.sample_time);
         deviation.start.push((self.place(&format!("{SENSOR}.seed"))?, Value::Integer(seed)));
         Ok(())
     }

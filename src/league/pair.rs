@@ -8,7 +8,10 @@ use super::condition::{Condition, Deviation};
 use super::judged::{Judged, Outcome, Signals, Watch};
 use super::study::{Budget, Entry, Plant};
 use crate::error::Error;
+use crate::model::Description;
+use crate::sealed;
 use crate::simulation::{Draft, Found, LoadedLoop, LoopFiles, Order, Place, Ready, Settings, Structure, Value, Whole, Wishes};
+use crate::system::Kind;
 
 /// The parameter of a unit, or of a loop that is one, that says how well it is integrated.
 const TOLERANCE: &str = "relative_tolerance";
@@ -27,6 +30,8 @@ pub struct Pair<'a> {
     /// Outputs of the plant that are measured, a channel of the sensor each.
     pub(super) measured: Vec<String>,
     whole: LoadedLoop,
+    /// Whether that is one unit; else units that are stepped one after the other.
+    pub(super) is_one: bool,
     signals: Signals,
     separate: LoadedLoop,
     apart: Signals,
@@ -62,10 +67,18 @@ impl<'a> Pair<'a> {
         let unit = unit.ok_or_else(|| refuse(format!("there is no `{PLANT}`")))?;
         let described = ready.fmu(&plain.description_of(&unit.fmu)?)?;
         let benched = benched(&plain, plant, &described.description)?;
-        let Whole { source, values, .. } = Whole::new(&benched.structure, ready.library())?;
-        let checksum = crate::sealed::checksum(format!("{}\n{values:?}", source.text));
-        let whole = LoadedLoop::whole(&plain.name, ready.fmu(&source)?, &values, Vec::new())?;
-        let separate = LoadedLoop::of(&plain, |unit| ready.fmu(&plain.description_of(&unit.fmu)?))?;
+        let separately = |structure: &Structure| {
+            LoadedLoop::of(structure, |unit| ready.fmu(&structure.description_of(&unit.fmu)?))
+        };
+        let as_one = as_one(&benched.structure, ready)?;
+        let (whole, is_one) = match &as_one {
+            Some(Whole { source, values, .. }) => {
+                (LoadedLoop::whole(&plain.name, ready.fmu(source)?, values, Vec::new())?, true)
+            }
+            None => (separately(&benched.structure)?, false),
+        };
+        let separate = separately(&plain)?;
+        let checksum = checksum(&benched.structure)?;
         let signals = |loaded: &LoadedLoop| signals(loaded, plant, &benched.commands).map_err(refuse);
         let pair = Pair {
             signals: signals(&whole)?,
@@ -77,6 +90,7 @@ impl<'a> Pair<'a> {
             entry,
             budget,
             whole,
+            is_one,
             separate,
             checksum,
         };
@@ -161,7 +175,8 @@ impl<'a> Pair<'a> {
         let tolerances = loaded.variables().filter(|(name, ..)| name.rsplit('.').next() == Some(TOLERANCE));
         start.extend(tolerances.map(|(_, place, _)| (place, tolerance.clone())));
         start.extend(deviation.start.iter().cloned());
-        let settings = Settings { start_time: 0.0, stop_time: duration, step, order: Order::Jacobi };
+        let order = if form == Form::Whole { Order::GaussSeidel } else { Order::Jacobi };
+        let settings = Settings { start_time: 0.0, stop_time: duration, step, order };
         let mut watch = Watch::new(self.plant, signals, duration);
         let watched = |closed: crate::simulation::ClosedLoop, watch: &mut Watch| {
             closed.watch(settings, &deviation.changes, |time, row| !is_interrupted() && watch.point(time, row))
@@ -197,6 +212,27 @@ impl<'a> Pair<'a> {
         let mended = holds(&again);
         Judged { outcome: if mended { again } else { outcome }, mended }
     }
+}
+
+/// A loop as one unit; none where a part of it is made of parts itself, which can't be.
+fn as_one(structure: &Structure, ready: &Ready) -> Result<Option<Whole>, Error> {
+    for unit in &structure.components {
+        let source = structure.description_of(&unit.fmu)?;
+        let wrong = |reason: crate::error::Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
+        if Description::read(&source.text).map_err(wrong)?.model == Kind::COMPOSITE.name {
+            return Ok(None);
+        }
+    }
+    Whole::new(structure, ready.library()).map(Some)
+}
+
+/// Checksum of the descriptions of a loop's units, and of the values that it sets.
+fn checksum(structure: &Structure) -> Result<String, Error> {
+    let mut text = String::new();
+    for unit in &structure.components {
+        text += &structure.description_of(&unit.fmu)?.text;
+    }
+    Ok(sealed::checksum(format!("{text}{:?}", structure.all_values())))
 }
 
 /// Whether a variable is that of a name, or an element of it.

@@ -27,6 +27,8 @@ pub struct Record {
     pub question: String,
     /// Checksum of the descriptions of its units.
     pub units: String,
+    /// Whether its loop ran as one unit; else as separate ones.
+    pub as_one: bool,
     /// The gains that were found.
     pub gains: Option<Gains>,
     /// What it came to under each condition.
@@ -67,7 +69,7 @@ impl Record {
     pub fn new(pair: &Pair) -> Self {
         let (plant, controller) = (pair.plant.name.clone(), pair.entry.name.clone());
         let question = Record::question(pair.plant, pair.entry, &pair.budget);
-        Record { plant, controller, question, units: pair.checksum.clone(), ..Record::default() }
+        Record { plant, controller, question, units: pair.checksum.clone(), as_one: pair.is_one, ..Record::default() }
     }
 
     /// Checksum of what a study says of a pair.

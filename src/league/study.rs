@@ -143,6 +143,10 @@ fn usual_loss() -> f64 {
     0.7
 }
 
+fn usual_sample_time() -> f64 {
+    1e-3
+}
+
 /// A value in place of another.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
@@ -182,6 +186,9 @@ pub struct Bench {
     pub u_max: Vec<f64>,
     /// Time constant of the actuators, s.
     pub lag: f64,
+    /// Time from one sample of the sensors to the next, s.
+    #[serde(default = "usual_sample_time")]
+    pub sample_time: f64,
     /// Standard deviation of the noise of measured outputs, by name; a name without index stands for all its elements.
     #[serde(default)]
     pub noise: BTreeMap<String, f64>,
@@ -290,11 +297,11 @@ impl Plant {
             let told = format!("step = {step}, settled = {settled}, duration = {duration}");
             return Err(format!("{told}: must be 0 < step, 0 <= settled < duration, in s"));
         }
-        let Bench { u_min, u_max, lag, .. } = &self.bench;
+        let Bench { u_min, u_max, lag, sample_time, .. } = &self.bench;
         let has_room = u_min.len() == u_max.len() && u_min.iter().zip(u_max).all(|(low, high)| low < high);
-        if u_min.is_empty() || !has_room || !(lag.is_finite() && *lag >= 0.0) {
-            return Err(format!("bench: u_min = {u_min:?}, u_max = {u_max:?}, lag = {lag}: must be a limit of each kind a \
-                                channel, the smaller in u_min, and a lag of 0 s at least"));
+        if u_min.is_empty() || !has_room || !(lag.is_finite() && *lag >= 0.0) || !(*sample_time > 0.0) {
+            return Err(format!("bench: u_min = {u_min:?}, u_max = {u_max:?}, lag = {lag}, sample_time = {sample_time}: must be a \
+                                limit of each kind a channel, the smaller in u_min, a lag of 0 s at least, and a sample time"));
         }
         if error_limits.iter().chain([&self.envelope]).any(|limit| !(limit.is_finite() && *limit > 0.0)) {
             return Err("error_limits and envelope must be finite numbers above 0".to_owned());

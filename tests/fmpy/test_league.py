@@ -1,0 +1,235 @@
+"""The league: a loop whose margins are known, the same numbers as a run of the loop, work that is resumed, and wrong names."""
+
+import json
+import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, adaptive_fmu
+
+# An integrator, y' = a u, and a proportional controller: the loop's only frequency is the gain.
+PLANT = """
+name = "Integrator"
+model = "state-space"
+description = "y' = a u"
+[structure]
+A = [[0.0]]
+B = [[1.0]]
+C = [[1.0]]
+"""
+CONTROLLER = """
+name = "Proportional"
+model = "pid"
+description = "u = K_p (r - y)"
+[structure]
+channels = 1
+[start]
+K_p = [{gain}]
+K_i = [0.0]
+K_d = [0.0]
+"""
+REFERENCE = """
+name = "Cosine"
+model = "reference"
+description = "A cosine"
+[structure]
+channels = 1
+[start]
+cosine_amplitude = [1.0]
+cosine_frequency = [0.5]
+"""
+STUDY = """
+title = "An integrator <alone>"
+about = "Margins that are known."
+[budget]
+particles = 2
+generations = 1
+noises = 1
+tuning_time = 2.0
+plants = 8
+{budget}
+[[advice]]
+when = "always"
+take = "p"
+because = "it bears {{integrator/p.dead_time}} s"
+holds = ["integrator/p.dead_time > 0.05", "integrator/p.failed < 0.5"]
+[[advice]]
+when = "never"
+take = "p"
+because = "it bears {{integrator/p.dead_time}} s"
+holds = ["integrator/p.dead_time > 1"]
+[[plant]]
+name = "integrator"
+title = "An integrator"
+unit = "Integrator.toml"
+reference = "Cosine.toml"
+duration = 20.0
+step = 0.002
+settled = 5.0
+errors = [["plant.y[1]", "reference.r[1]"]]
+error_limits = [0.9]
+envelope = 1e3
+uncertain = ["B"]
+payload = {{ "plant.B[1,1]" = {{ times = 0.7 }} }}
+pulse = {{ "actuator.bias[1]" = 0.5 }}
+[plant.bench]
+u_min = [-20.0]
+u_max = [20.0]
+lag = 0.01
+noise = {{ y = 1e-3 }}
+[[plant.controller]]
+name = "p"
+unit = "Proportional.toml"
+{tune}
+"""
+
+
+def study(folder: Path, gain: float = 10.0, tune: str = "", budget: str = "") -> Path:
+    """A study in a folder, with the descriptions of its units beside it."""
+    folder.mkdir(exist_ok=True)
+    (folder / "Integrator.toml").write_text(PLANT)
+    (folder / "Proportional.toml").write_text(CONTROLLER.format(gain=gain))
+    (folder / "Cosine.toml").write_text(REFERENCE)
+    file = folder / "study.toml"
+    file.write_text(STUDY.format(tune=tune, budget=budget))
+    return file
+
+
+def league(*words: str | Path) -> list[dict]:
+    answer = adaptive_fmu("league", *words, "--json")
+    assert answer.returncode == 0, answer.stderr
+    return json.loads(answer.stdout)["pairs"]
+
+
+@pytest.mark.parametrize("gain", [4.0, 10.0, 25.0])
+def test_margins_are_those_that_theory_knows(tmp_path: Path, gain: float) -> None:
+    """k/s bears a dead time of pi/2k, any gain and any lag; the control counts as lost a little earlier where it swings long."""
+    (record,) = league("--study", study(tmp_path, gain), "--out", tmp_path / "out")
+    margins = record["margins"]
+    assert margins["dead_time"]["bound"] == "within"
+    assert 0.8 < margins["dead_time"]["value"] / (math.pi / 2 / gain) < 1.02, margins
+    # Stepped at once, the loop is x' = x - k H x of the last step: it is lost from k H = 1 on, and swings before.
+    assert 0.5 < margins["step"]["value"] * gain < 1.0, margins
+    assert margins["gain"]["bound"] == "at_least" and margins["lag"]["bound"] == "within", margins
+    # e = r - y of the nominal loop is w/sqrt(w^2 + k^2) of the reference.
+    rms = 0.5 / math.hypot(0.5, gain) / math.sqrt(2)
+    assert record["conditions"]["nominal"]["outcome"]["rms"][0] == pytest.approx(rms, rel=0.03)
+    # A plant that is .7 of what it should be is one whose gain is .7.
+    payload = 0.5 / math.hypot(0.5, 0.7 * gain) / math.sqrt(2)
+    assert record["conditions"]["payload"]["outcome"]["rms"][0] == pytest.approx(payload, rel=0.03)
+
+
+def test_a_nominal_run_is_that_of_the_loop(tmp_path: Path) -> None:
+    """The linear limit of the robot's controller has the numbers that the loop has, which were found independently."""
+    text = (ROOT / "examples" / "league" / "league.toml").read_text()
+    start = text.index('[[plant]]\nname = "robot"')
+    plant = text[start : text.index("[[plant.controller]]", start)]
+    entry = '[[plant.controller]]\nname = "l1-limit"\nunit = "L1LimitTwoLinkRobot"\n'
+    budget = "[budget]\nparticles = 1\ngenerations = 1\nnoises = 1\nplants = 2\nmargin = 2.0\nrelative_tolerance = 1e-5\n"
+    file = tmp_path / "study.toml"
+    file.write_text(f'title = "One"\nabout = ""\n{budget}{plant}{entry}')
+    (record,) = league("--study", file, "--out", tmp_path / "out")
+    outcome = record["conditions"]["nominal"]["outcome"]
+    assert outcome["rms"] == pytest.approx([0.024851, 0.022633], rel=1e-3)
+    assert outcome["peak"] == pytest.approx([113.44, 88.86], rel=2e-3)
+    assert record["as_one"] and record["gains"]["values"] == {}
+
+
+def test_what_was_computed_is_not_computed_again(tmp_path: Path) -> None:
+    file, out = study(tmp_path, tune='tune = ["K_p"]'), tmp_path / "out"
+    first = league("--study", file, "--out", out)
+    kept = out / "integrator" / "p.json"
+    # Without its last part it is gone on with; the same plants give the same numbers.
+    written = kept.stat().st_mtime_ns
+    assert league("--study", file, "--out", out, "--resume") == first and kept.stat().st_mtime_ns == written
+    shutil.copytree(out, tmp_path / "copy")
+    assert league("--study", file, "--out", tmp_path / "copy", "--page") == first
+    assert league("--study", file, "--out", tmp_path / "again", "--jobs", "1") == first, "on any number of threads"
+    # Another study is another question.
+    other = study(tmp_path, tune='tune = ["K_p"]', budget="seed = 2")
+    answer = adaptive_fmu("league", "--study", other, "--out", out, "--resume")
+    assert answer.returncode == 1 and "is of another study" in answer.stderr, answer.stderr
+    (other.parent / "Proportional.toml").write_text(CONTROLLER.format(gain=11.0))
+    study_of_before = tmp_path / "study.toml"
+    study_of_before.write_text(STUDY.format(tune='tune = ["K_p"]', budget=""))
+    answer = adaptive_fmu("league", "--study", study_of_before, "--out", out, "--resume")
+    assert answer.returncode == 1 and "other descriptions" in answer.stderr, answer.stderr
+    # A file that was changed is no result.
+    kept.write_text(kept.read_text().replace('"failure":null', '"failure": null', 1))
+    answer = adaptive_fmu("league", "--study", file, "--out", out, "--page")
+    assert answer.returncode in (0, 1)
+
+
+def test_gains_are_better_after_the_search_or_stay(tmp_path: Path) -> None:
+    file = study(tmp_path, gain=2.0, tune='tune = ["K_p"]', budget="")
+    file.write_text(file.read_text().replace("particles = 2\ngenerations = 1", "particles = 6\ngenerations = 4"))
+    (record,) = league("--study", file, "--out", tmp_path / "out")
+    gains = record["gains"]
+    assert gains["after"] < 0.5 * gains["before"] and gains["runs"] == 25
+    (value,) = gains["values"].values()
+    assert 2.0 < value <= 10.0 + 1e-9, "within five times what it was"
+
+
+def test_the_page_loads_nothing_and_judges_its_advice(tmp_path: Path) -> None:
+    league("--study", study(tmp_path), "--out", tmp_path / "out")
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "An integrator &lt;alone&gt;" in page and "<script" not in page and "http://" not in page
+    assert "default-src 'none'" in page
+    lines = [line for line in page.splitlines() if line.startswith("<tr><td>always") or line.startswith("<tr><td>never")]
+    assert "yes" in lines[0] and "no" in lines[1] and "{" not in lines[0], lines
+    for title in ["nominal", "all together", "Gains that were found", "How it was made"]:
+        assert title in page
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('"plant.y[1]", "ref', '"plant.z[1]", "ref', "no output `plant.z[1]`"),
+        ('uncertain = ["B"]', 'uncertain = ["Q"]', "no parameter `Q`"),
+        ("noise = { y = ", "noise = { speed = ", "no output `speed`"),
+        ('"actuator.bias[1]"', '"actuator.bias[2]"', "no variable `actuator.bias[2]`"),
+        ('name = "p"', 'name = "p/q"', "a name has letters, digits"),
+        ("error_limits = [0.9]", "error_limits = [0.9, 1.0]", "1 errors and 2 error_limits"),
+        ("u_min = [-20.0]", "u_min = [20.0]", "the smaller in u_min"),
+        ("settled = 5.0", "settled = 25.0", "settled < duration"),
+        ('unit = "Integrator.toml"', 'unit = "Integrators.toml"', "Integrators.toml"),
+        ("plants = 8", "plants = 0", "must be 1 at least"),
+        ("plants = 8", "planets = 8", "unknown field `planets`"),
+        ("integrator/p.dead_time > 1", "integrator/p.deadtime > 1", "no quantity `deadtime`"),
+    ],
+)
+def test_what_is_wrong_with_a_study_is_told_before_anything_runs(tmp_path: Path, old: str, new: str, told: str) -> None:
+    file = study(tmp_path)
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    answer = adaptive_fmu("league", "--study", file, "--out", tmp_path / "out")
+    assert answer.returncode == 1 and told in answer.stderr, answer.stderr
+    assert not (tmp_path / "out" / "integrator").exists(), "nothing was computed"
+
+
+def test_a_pair_that_is_not_there_is_told_with_near_ones(tmp_path: Path) -> None:
+    answer = adaptive_fmu("league", "--only", "robot/pd", "--out", tmp_path / "out")
+    assert answer.returncode == 1 and "`robot/pd`" in answer.stderr and "robot/pid" in answer.stderr, answer.stderr
+
+
+def test_dask_computes_what_the_program_computes(tmp_path: Path) -> None:
+    """Two workers of its own, and the same results to the last bit; what is there isn't computed again."""
+    text = study(tmp_path).read_text()
+    second = text[text.index("[[plant.controller]]") :].replace('name = "p"', 'name = "p2"')
+    file = tmp_path / "study.toml"
+    file.write_text(text + second)
+    alone = league("--study", file, "--out", tmp_path / "alone")
+    assert [record["controller"] for record in alone] == ["p", "p2"]
+    script = [sys.executable, ROOT / "examples" / "robustness_dask" / "league.py", "--workers", "2", "--study", file]
+    for _ in range(2):
+        command = [*map(str, script), "--out", str(tmp_path / "out")]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+        assert (tmp_path / "out" / "index.html").read_text() == (tmp_path / "alone" / "index.html").read_text()
+        for name in ["p", "p2"]:
+            kept = (tmp_path / "out" / "integrator" / f"{name}.json").read_text()
+            assert kept == (tmp_path / "alone" / "integrator" / f"{name}.json").read_text()
