@@ -8,6 +8,7 @@
 
 mod order;
 mod report;
+mod sampled;
 mod structure;
 mod template;
 
@@ -16,14 +17,16 @@ use nalgebra::DMatrix;
 use super::at_limit::{Guarantee, REOPENED_OR_AT_LIMIT};
 use super::funnel::{self, Funnel, Inside};
 use super::l1::{Beside, Law, Ports};
+use super::sampling::Evaluation;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits;
 use crate::system::{
-    Declaration, DesignReport, Input, Invalid, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, System,
-    Values, VectorOf, larger, scalar, vector,
+    ChoiceOf, Declaration, DesignReport, Input, Invalid, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
+    System, Values, VectorOf, larger, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 use order::Order;
+use sampled::Samples;
 pub use structure::L1PpfStructure;
 
 /// The funnel of the examples of section 6.5: rho_0, rho_inf, decay_rate.
@@ -47,6 +50,10 @@ pub struct L1Ppf {
     /// From the rates that the channels ask for to controls: the inverse of the nominal input gain.
     inverse: DMatrix<f64>,
     guarantee: Guarantee,
+    /// When the barrier is evaluated.
+    evaluation: ChoiceOf<Parameter, Evaluation>,
+    /// Its samples, where it can be sampled.
+    samples: Option<Samples>,
 }
 
 impl System for L1Ppf {
@@ -85,6 +92,9 @@ impl System for L1Ppf {
             ports,
             law: Law::with(&structure.of_l1, ports, Some(beside), d)?,
             inverse,
+            evaluation: d
+                .parameter(Evaluation::parameter("when the barrier is evaluated").start(Evaluation::Continuous)),
+            samples: is_first.then(|| Samples::declare(d, m)),
         })
     }
 
@@ -97,12 +107,20 @@ impl System for L1Ppf {
         limits::require_room(self.ports.u_min, self.ports.u_max, v);
         self.funnel.relate(v);
         self.law.relate(v);
+        match &self.samples {
+            Some(samples) => samples.sampling.relate(v),
+            None => self.refuse_samples(v),
+        }
     }
 
     /// The funnels open, unless a person is in command.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        if self.samples.is_some() {
+            Evaluation::require_steps(self.evaluation, self.law.is_stepped(), v);
+        }
         self.order.initialise(v);
         self.funnel.open(t, |i, v| self.error(i, v), v);
+        self.begin_sampling(t, v);
         self.note_barrier(t, v);
         self.law.initialise(v);
         let active = self.law.is_active(&v.values());
@@ -126,10 +144,17 @@ impl System for L1Ppf {
             let inside = self.inside(i, t, v);
             self.funnel.show(i, &inside, y);
             let asked = S::branch(active, || self.asked(i, &inside, v), || none);
-            for (j, &of_channel) in self.inverse.column(i).iter().enumerate().filter(|(_, of)| **of != 0.0) {
+            for (j, of_channel) in self.reached(i) {
                 y[self.beside.now][j] += asked * of_channel;
             }
             y[self.stiffness] = larger(y[self.stiffness], self.stiffness_of(i, &inside, v));
+        }
+        if let Some(samples) = &self.samples {
+            for j in 0..self.beside.now.len() {
+                let held = || S::branch(active, || v[samples.held][j], || none);
+                let continuous = y[self.beside.now][j];
+                y[self.beside.now][j] = S::branch(self.is_sampled(v), held, || continuous);
+            }
         }
         let goal = self.order.goal(self.r, &self.inverse, v, y);
         self.law.outputs_towards(goal, v, y);
@@ -151,21 +176,28 @@ impl System for L1Ppf {
         self.funnel.event_indicators(t, |i, v| self.error(i, v), v, z);
     }
 
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
+        self.samples.as_ref().map_or(S::from(f64::INFINITY), |samples| samples.sampling.clock.next(v))
+    }
+
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.law.event_after(|v| self.open_anew(t, v), v);
         let active = self.law.is_active(&v.values());
         v.when(!active, |v| self.funnel.close(v));
         self.funnel.event(t, |i, v| self.error(i, v), v);
+        self.sample_where_due(t, v);
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        self.when_sampled(v, |samples, v| self.keep_to_communication_points(samples, (t, step), v));
         self.law.step_completed(t, step, v);
         let active = self.law.is_active(&v.values());
         let (limit, none) = (S::from(1.0), S::from(0.0));
         // A barrier with nothing to do does no harm.
         let acts = v[self.beside.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
-        let is_stiff = active & acts & (step * v[self.stiffness]).above(limit);
+        let is_stiff = active & acts & (step * v[self.stiffness]).above(limit) & !self.is_sampled(&v.values());
         self.law.judge_step_beside(is_stiff, |v| self.told_stiffness(step, v), v);
+        self.when_sampled(v, |samples, v| self.judge_sampling(samples, step, v));
         v.when(active, |v| self.guarantee.look(t, self.funnel.error(), v));
     }
 
@@ -201,10 +233,20 @@ impl L1Ppf {
         v[self.beside.at_takeover].fill(S::from(0.0));
         for i in 0..self.barrier_gain.len() {
             let asked = self.asked(i, &self.inside(i, t, &v.values()), &v.values());
-            for (j, &of_channel) in self.inverse.column(i).iter().enumerate().filter(|(_, of)| **of != 0.0) {
+            for (j, of_channel) in self.reached(i) {
                 v[self.beside.at_takeover][j] += asked * of_channel;
             }
         }
+        // A sampled barrier waits for its next sample.
+        self.when_sampled(v, |samples, v| {
+            v[samples.held].fill(S::from(0.0));
+            v.copy(samples.held, self.beside.at_takeover);
+        });
+    }
+
+    /// The controls that a channel's rate is brought about by, and the part of each.
+    fn reached(&self, channel: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.inverse.column(channel).into_iter().copied().enumerate().filter(|(_, part)| *part != 0.0)
     }
 
     /// The funnels open anew, a reference model starts at the measured state.
