@@ -167,13 +167,17 @@ impl System for L1Ppf {
 
     /// Tells of an error that has left its funnel: the law is not defined there.
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        let active = self.law.is_active(&v.values());
+        let active = self.law.is_active(&v.values()) & !self.waits_for_sample(t, &v.values());
         v.when(active, |v| self.funnel.check(t, |i, v| self.error(i, v), v));
     }
 
     fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
         self.law.event_indicators(v, z);
         self.funnel.event_indicators(t, |i, v| self.error(i, v), v, z);
+        if self.samples.is_some() {
+            let is_sampled = self.is_sampled(v);
+            z[self.funnel.indicators()].iter_mut().for_each(|z| *z = S::select(is_sampled, S::from(1.0), *z));
+        }
     }
 
     fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
@@ -184,7 +188,8 @@ impl System for L1Ppf {
         self.law.event_after(|v| self.open_anew(t, v), v);
         let active = self.law.is_active(&v.values());
         v.when(!active, |v| self.funnel.close(v));
-        self.funnel.event(t, |i, v| self.error(i, v), v);
+        let is_continuous = !self.is_sampled(&v.values());
+        v.when(is_continuous, |v| self.funnel.event(t, |i, v| self.error(i, v), v));
         self.sample_where_due(t, v);
     }
 
@@ -214,7 +219,16 @@ impl L1Ppf {
     }
 
     fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
-        self.funnel.inside(i, t, self.error(i, v), v)
+        let e = self.error(i, v);
+        let continuous = || self.funnel.inside(i, t, e, v);
+        if self.samples.is_none() {
+            return continuous();
+        }
+        let places = |inside: Inside<S>| [inside.z, inside.epsilon, inside.R];
+        let between = || places(self.funnel.inside_between_samples(i, t, e, v));
+        let [z, epsilon, R] = S::branch(self.is_sampled(v), between, || places(continuous()));
+        let (performance, bounds) = (self.funnel.performance(i, t, v), self.funnel.bounds(i, v));
+        Inside { e, performance, bounds, z, epsilon, R }
     }
 
     /// −K_ε R E of a channel: the rate, of the error or of its rate, that the barrier asks for.
@@ -259,9 +273,11 @@ impl L1Ppf {
     /// What is said of a step that is too long for the barrier.
     fn told_stiffness<S: Scalar>(&self, step: S, v: &Values<S>) -> String {
         let rate = v[self.stiffness];
+        let sampled =
+            if self.samples.is_some() { format!("{} = sampled, ", v.name(self.evaluation)) } else { String::new() };
         format!(
             "the communication step {} s is too long for the barrier, which brings an error back at {} 1/s now. Use {} s or \
-             less, a smaller {}, a wider funnel, or the loop as one unit",
+             less, {sampled}a smaller {}, a wider funnel, or the loop as one unit",
             step.scientific(3),
             rate.scientific(3),
             rate.recip().scientific(1),
@@ -285,6 +301,7 @@ impl Catalogued for L1Ppf {
             ("decay_rate", "How fast the funnel narrows."),
             ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, which nothing keeps inside."),
             ("error_weight", "Weight of the error beside its rate."),
+            ("law", "`sampled`: for steps that the barrier is too stiff for."),
             ("u_ad_start", "`bumpless`: the control starts at u_manual, where the first peak would be large."),
         ],
         limits: "- The whole state `x` is measured; noise on it is amplified near the funnel's bounds.\n\
@@ -292,7 +309,7 @@ impl Catalogued for L1Ppf {
                  - A control at its limit ends the guarantee: `logFunnel` tells.\n\
                  - For relative degree 2 nothing is proven.\n\
                  - Held signals may carry an error out within a step: `step_too_long` tells where the barrier is too stiff \
-                 for the step.",
+                 for the step, and `law` = sampled bears longer ones.",
     };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {

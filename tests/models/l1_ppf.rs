@@ -206,7 +206,10 @@ impl Split<'_> {
                 hand_on(&reference, ["r", "r"], &mut controller);
                 hand_on(&sensor, ["y", "x"], &mut controller);
             }
-            controller.0.step(controller.0.time(), step).ok()?;
+            if let Err(error) = controller.0.step(controller.0.time(), step) {
+                println!("{error}");
+                return None;
+            }
             // The error as it is, not as it was handed on.
             found.note(k as f64 * step, |name| match name.strip_prefix('e') {
                 Some(i) => plant.get(&format!("x{i}")) - controller.get(&format!("x_m{i}")),

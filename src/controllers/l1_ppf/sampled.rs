@@ -72,7 +72,16 @@ impl L1Ppf {
         }
     }
 
-    /// Starts the clock at t. Until the first sample the barrier adds nothing.
+    /// Whether an error isn't judged now: at the start, before the first sample, and where its funnel opens to it at the
+    /// next one.
+    pub(super) fn waits_for_sample<S: Scalar>(&self, t: S, v: &Values<S>) -> S::Flag {
+        let Some(samples) = &self.samples else { return false.into() };
+        let is_start = t.at_most(v[samples.sampling.clock.start]);
+        self.is_sampled(v) & (is_start | self.funnel.reopens(v))
+    }
+
+    /// Starts the clock at t. Until the first sample the barrier adds nothing, and no error is judged: where the plant is
+    /// stepped first, a unit starts with what is measured at the end of its first step.
     pub(super) fn begin_sampling<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         if let Some(samples) = &self.samples {
             samples.sampling.begin(t, self.is_sampled(&v.values()), v);
@@ -87,12 +96,14 @@ impl L1Ppf {
         v.when(is_due, |v| self.sample(samples, t, v));
     }
 
-    /// Takes a sample: finds what the barrier adds until the next one.
+    /// Takes a sample: looks at the funnel, and finds what the barrier adds until the next sample.
     fn sample<S: Scalar>(&self, samples: &Samples, t: S, v: &mut Point<S>) {
         let h = v[samples.sampling.clock.period] * S::from_integer(v.get(samples.prediction_steps));
         v[samples.held].fill(S::from(0.0));
         let active = self.law.is_active(&v.values());
         v.when(active, |v| {
+            self.funnel.look_from_now_on(v);
+            self.funnel.event(t, |i, v| self.error(i, v), v);
             for i in 0..self.barrier_gain.len() {
                 let asked = self.ahead(i, t, h, &v.values()).asked();
                 for (j, of_channel) in self.reached(i) {
@@ -145,9 +156,11 @@ impl<S: Scalar> Ahead<S> {
         (at.z * self.rho + stiff * at.R * epsilon - self.e, at.dz * self.rho + stiff * (at.R + at.dR * epsilon))
     }
 
-    /// −K_ε R ε at the root of F.
+    /// −K_ε R ε at the root of F: to the last bit nothing of an error in the middle of its bounds.
     fn asked(&self) -> S {
-        let epsilon = root::of_increasing(|epsilon| self.residual(epsilon));
+        let zero = S::from(0.0);
+        let is_middle = self.residual(zero).0.equals(zero);
+        let epsilon = S::branch(is_middle, || zero, || root::of_increasing(|epsilon| self.residual(epsilon)));
         -self.K_epsilon * self.bounds.at(epsilon, self.rho).R * epsilon
     }
 }
