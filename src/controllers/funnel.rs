@@ -187,6 +187,16 @@ impl Funnel {
         }
     }
 
+    /// Takes the errors as inside, whatever they were at the start: a sampled law begins to look at its first sample.
+    pub fn look_from_now_on<S: Scalar>(&self, v: &mut Point<S>) {
+        v.put(self.began_inside, true.into());
+    }
+
+    /// Whether a funnel opens to an error that leaves it.
+    pub fn reopens<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
+        v.get(self.on_exit).is(OnExit::Reopen)
+    }
+
     /// No funnel is open: an error may be anywhere.
     pub fn close<S: Scalar>(&self, v: &mut Point<S>) {
         v.put(self.began_inside, false.into());
@@ -214,6 +224,15 @@ impl Funnel {
         let (performance, bounds) = (self.performance(i, t, v), self.bounds(i, v));
         let middle = || (bounds.upper - bounds.lower) * 0.5;
         let z = S::branch(v.get(self.began_inside), || e / performance.rho, middle);
+        Self::of_part(e, z, performance, bounds)
+    }
+
+    /// The same of a law that looks at the error at its samples alone: an error that is outside between them counts as one
+    /// in the middle.
+    pub fn inside_between_samples<S: Scalar>(&self, i: usize, t: S, e: S, v: &Values<S>) -> Inside<S> {
+        let (performance, bounds) = (self.performance(i, t, v), self.bounds(i, v));
+        let z = e / performance.rho;
+        let z = S::select(bounds.hold(z), z, (bounds.upper - bounds.lower) * 0.5);
         Self::of_part(e, z, performance, bounds)
     }
 
@@ -297,9 +316,14 @@ impl Funnel {
         }
     }
 
+    /// The places of its event indicators.
+    pub fn indicators(&self) -> std::ops::Range<usize> {
+        self.indicator..self.indicator + self.e.len()
+    }
+
     /// How far each error is from where its funnel re-opens, if it does.
     pub fn event_indicators<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &Values<S>, z: &mut [S]) {
-        let reopens = v.get(self.on_exit).is(OnExit::Reopen);
+        let reopens = self.reopens(v);
         for i in 0..self.e.len() {
             z[self.indicator + i] = S::branch(reopens, || self.distance(i, t, e(i, v), v), || S::from(1.0));
         }
@@ -313,7 +337,7 @@ impl Funnel {
 
     /// Re-opens the funnels that errors have left.
     pub fn event<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
-        let reopens = v.get(self.on_exit).is(OnExit::Reopen) & v.get(self.began_inside);
+        let reopens = self.reopens(&v.values()) & v.get(self.began_inside);
         v.when(reopens, |v| {
             for i in 0..self.e.len() {
                 let error = e(i, &v.values());

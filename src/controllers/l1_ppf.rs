@@ -8,6 +8,7 @@
 
 mod order;
 mod report;
+mod sampled;
 mod structure;
 mod template;
 
@@ -16,14 +17,16 @@ use nalgebra::DMatrix;
 use super::at_limit::{Guarantee, REOPENED_OR_AT_LIMIT};
 use super::funnel::{self, Funnel, Inside};
 use super::l1::{Beside, Law, Ports};
+use super::sampling::Evaluation;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits;
 use crate::system::{
-    Declaration, DesignReport, Input, Invalid, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, System,
-    Values, VectorOf, larger, scalar, vector,
+    ChoiceOf, Declaration, DesignReport, Input, Invalid, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
+    System, Values, VectorOf, larger, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 use order::Order;
+use sampled::Samples;
 pub use structure::L1PpfStructure;
 
 /// The funnel of the examples of section 6.5: rho_0, rho_inf, decay_rate.
@@ -47,6 +50,10 @@ pub struct L1Ppf {
     /// From the rates that the channels ask for to controls: the inverse of the nominal input gain.
     inverse: DMatrix<f64>,
     guarantee: Guarantee,
+    /// When the barrier is evaluated.
+    evaluation: ChoiceOf<Parameter, Evaluation>,
+    /// Its samples, where it can be sampled.
+    samples: Option<Samples>,
 }
 
 impl System for L1Ppf {
@@ -85,6 +92,9 @@ impl System for L1Ppf {
             ports,
             law: Law::with(&structure.of_l1, ports, Some(beside), d)?,
             inverse,
+            evaluation: d
+                .parameter(Evaluation::parameter("when the barrier is evaluated").start(Evaluation::Continuous)),
+            samples: is_first.then(|| Samples::declare(d, m)),
         })
     }
 
@@ -97,12 +107,20 @@ impl System for L1Ppf {
         limits::require_room(self.ports.u_min, self.ports.u_max, v);
         self.funnel.relate(v);
         self.law.relate(v);
+        match &self.samples {
+            Some(samples) => samples.sampling.relate(v),
+            None => self.refuse_samples(v),
+        }
     }
 
     /// The funnels open, unless a person is in command.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        if self.samples.is_some() {
+            Evaluation::require_steps(self.evaluation, self.law.is_stepped(), v);
+        }
         self.order.initialise(v);
         self.funnel.open(t, |i, v| self.error(i, v), v);
+        self.begin_sampling(t, v);
         self.note_barrier(t, v);
         self.law.initialise(v);
         let active = self.law.is_active(&v.values());
@@ -126,10 +144,17 @@ impl System for L1Ppf {
             let inside = self.inside(i, t, v);
             self.funnel.show(i, &inside, y);
             let asked = S::branch(active, || self.asked(i, &inside, v), || none);
-            for (j, &of_channel) in self.inverse.column(i).iter().enumerate().filter(|(_, of)| **of != 0.0) {
+            for (j, of_channel) in self.reached(i) {
                 y[self.beside.now][j] += asked * of_channel;
             }
             y[self.stiffness] = larger(y[self.stiffness], self.stiffness_of(i, &inside, v));
+        }
+        if let Some(samples) = &self.samples {
+            for j in 0..self.beside.now.len() {
+                let held = || S::branch(active, || v[samples.held][j], || none);
+                let continuous = y[self.beside.now][j];
+                y[self.beside.now][j] = S::branch(self.is_sampled(v), held, || continuous);
+            }
         }
         let goal = self.order.goal(self.r, &self.inverse, v, y);
         self.law.outputs_towards(goal, v, y);
@@ -142,30 +167,42 @@ impl System for L1Ppf {
 
     /// Tells of an error that has left its funnel: the law is not defined there.
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        let active = self.law.is_active(&v.values());
+        let active = self.law.is_active(&v.values()) & !self.waits_for_sample(t, &v.values());
         v.when(active, |v| self.funnel.check(t, |i, v| self.error(i, v), v));
     }
 
     fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
         self.law.event_indicators(v, z);
         self.funnel.event_indicators(t, |i, v| self.error(i, v), v, z);
+        if self.samples.is_some() {
+            let is_sampled = self.is_sampled(v);
+            z[self.funnel.indicators()].iter_mut().for_each(|z| *z = S::select(is_sampled, S::from(1.0), *z));
+        }
+    }
+
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
+        self.samples.as_ref().map_or(S::from(f64::INFINITY), |samples| samples.sampling.clock.next(v))
     }
 
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.law.event_after(|v| self.open_anew(t, v), v);
         let active = self.law.is_active(&v.values());
         v.when(!active, |v| self.funnel.close(v));
-        self.funnel.event(t, |i, v| self.error(i, v), v);
+        let is_continuous = !self.is_sampled(&v.values());
+        v.when(is_continuous, |v| self.funnel.event(t, |i, v| self.error(i, v), v));
+        self.sample_where_due(t, v);
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        self.when_sampled(v, |samples, v| self.keep_to_communication_points(samples, (t, step), v));
         self.law.step_completed(t, step, v);
         let active = self.law.is_active(&v.values());
         let (limit, none) = (S::from(1.0), S::from(0.0));
         // A barrier with nothing to do does no harm.
         let acts = v[self.beside.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
-        let is_stiff = active & acts & (step * v[self.stiffness]).above(limit);
+        let is_stiff = active & acts & (step * v[self.stiffness]).above(limit) & !self.is_sampled(&v.values());
         self.law.judge_step_beside(is_stiff, |v| self.told_stiffness(step, v), v);
+        self.when_sampled(v, |samples, v| self.judge_sampling(samples, step, v));
         v.when(active, |v| self.guarantee.look(t, self.funnel.error(), v));
     }
 
@@ -182,7 +219,16 @@ impl L1Ppf {
     }
 
     fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
-        self.funnel.inside(i, t, self.error(i, v), v)
+        let e = self.error(i, v);
+        let continuous = || self.funnel.inside(i, t, e, v);
+        if self.samples.is_none() {
+            return continuous();
+        }
+        let places = |inside: Inside<S>| [inside.z, inside.epsilon, inside.R];
+        let between = || places(self.funnel.inside_between_samples(i, t, e, v));
+        let [z, epsilon, R] = S::branch(self.is_sampled(v), between, || places(continuous()));
+        let (performance, bounds) = (self.funnel.performance(i, t, v), self.funnel.bounds(i, v));
+        Inside { e, performance, bounds, z, epsilon, R }
     }
 
     /// −K_ε R E of a channel: the rate, of the error or of its rate, that the barrier asks for.
@@ -201,10 +247,20 @@ impl L1Ppf {
         v[self.beside.at_takeover].fill(S::from(0.0));
         for i in 0..self.barrier_gain.len() {
             let asked = self.asked(i, &self.inside(i, t, &v.values()), &v.values());
-            for (j, &of_channel) in self.inverse.column(i).iter().enumerate().filter(|(_, of)| **of != 0.0) {
+            for (j, of_channel) in self.reached(i) {
                 v[self.beside.at_takeover][j] += asked * of_channel;
             }
         }
+        // A sampled barrier waits for its next sample.
+        self.when_sampled(v, |samples, v| {
+            v[samples.held].fill(S::from(0.0));
+            v.copy(samples.held, self.beside.at_takeover);
+        });
+    }
+
+    /// The controls that a channel's rate is brought about by, and the part of each.
+    fn reached(&self, channel: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.inverse.column(channel).into_iter().copied().enumerate().filter(|(_, part)| *part != 0.0)
     }
 
     /// The funnels open anew, a reference model starts at the measured state.
@@ -217,9 +273,11 @@ impl L1Ppf {
     /// What is said of a step that is too long for the barrier.
     fn told_stiffness<S: Scalar>(&self, step: S, v: &Values<S>) -> String {
         let rate = v[self.stiffness];
+        let sampled =
+            if self.samples.is_some() { format!("{} = sampled, ", v.name(self.evaluation)) } else { String::new() };
         format!(
             "the communication step {} s is too long for the barrier, which brings an error back at {} 1/s now. Use {} s or \
-             less, a smaller {}, a wider funnel, or the loop as one unit",
+             less, {sampled}a smaller {}, a wider funnel, or the loop as one unit",
             step.scientific(3),
             rate.scientific(3),
             rate.recip().scientific(1),
@@ -243,6 +301,7 @@ impl Catalogued for L1Ppf {
             ("decay_rate", "How fast the funnel narrows."),
             ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, which nothing keeps inside."),
             ("error_weight", "Weight of the error beside its rate."),
+            ("law", "`sampled`: for steps that the barrier is too stiff for."),
             ("u_ad_start", "`bumpless`: the control starts at u_manual, where the first peak would be large."),
         ],
         limits: "- The whole state `x` is measured; noise on it is amplified near the funnel's bounds.\n\
@@ -250,7 +309,7 @@ impl Catalogued for L1Ppf {
                  - A control at its limit ends the guarantee: `logFunnel` tells.\n\
                  - For relative degree 2 nothing is proven.\n\
                  - Held signals may carry an error out within a step: `step_too_long` tells where the barrier is too stiff \
-                 for the step.",
+                 for the step, and `law` = sampled bears longer ones.",
     };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {

@@ -21,6 +21,7 @@ pub mod neuro_ppf;
 pub mod observer;
 pub mod pid;
 mod position_loop;
+mod sampling;
 mod supervised;
 mod template;
 mod units;

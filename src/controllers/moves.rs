@@ -20,7 +20,7 @@ const PASSED: f64 = 5.0;
 pub(super) struct Moves {
     limit: ScalarOf<Parameter>,
     /// Whether anything is held at all.
-    is_stepped: BooleanOf<Memory>,
+    pub is_stepped: BooleanOf<Memory>,
     /// How many moves there were.
     count: ScalarOf<Discrete>,
     /// The control where the last step ended, its largest magnitude, its farthest move, and the steps since the largest

@@ -16,3 +16,4 @@ pub mod performance;
 pub mod pole_placement;
 pub mod prediction_error;
 pub mod projection;
+pub mod root;

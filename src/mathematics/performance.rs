@@ -3,6 +3,7 @@
 //! C. P. Bechlioulis and G. A. Rovithakis, Robust adaptive control of feedback linearizable MIMO nonlinear systems with
 //! prescribed performance, IEEE Trans. Automatic Control 53 (2008) 2090–2099; chapters 5 and 6 of the thesis, where the
 //! transformation is printed of ρ/e in place of e/ρ.
+#![allow(non_snake_case)] // R is the thesis' name
 
 use nalgebra::DMatrix;
 
@@ -46,6 +47,22 @@ pub fn report(parameters: [VectorOf<Parameter>; 3], v: &Values<f64>, report: &mu
 
 /// Part of ρ_∞ within which a funnel counts as narrow.
 const NARROW: f64 = 0.05;
+
+/// An error within a bound ρ, by the transformed error ε: functions of that, and their derivatives to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Transformed<T> {
+    /// z = S(ε)
+    pub z: T,
+    /// dz/dε
+    pub dz: T,
+    /// R = 1/(ρ S'(ε))
+    pub R: T,
+    /// dR/dε
+    pub dR: T,
+}
+
+/// Beyond this ε the transformation is flat in every digit.
+const FLAT: f64 = 300.0;
 
 /// Bounds −δ_lo < z < δ_up of the error in parts of ρ, z = e/ρ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,6 +117,24 @@ impl<T: Scalar> Bounds<T> {
         };
         T::branch(epsilon.at_least(T::from(0.0)), above, below)
     }
+
+    /// What belongs to ε within the bound ρ.
+    pub fn at(&self, epsilon: T, rho: T) -> Transformed<T> {
+        let (zero, sign) = (T::from(0.0), epsilon.signum());
+        let is_flat = epsilon.abs().above(T::from(FLAT));
+        let limited = T::select(is_flat, sign * FLAT, epsilon);
+        let small = (-limited.abs() * 2.0).exp();
+        let slope = small * ((self.lower + self.upper) * 2.0) / (small + 1.0).powi(2);
+        let R = (slope * rho).recip();
+        // With tanh ε: the slope's derivative is −2 tanh ε of it.
+        let steeper = || R * sign * ((-small + 1.0) / (small + 1.0)) * 2.0;
+        Transformed {
+            z: self.inverse(limited),
+            dz: T::select(is_flat, zero, slope),
+            R,
+            dR: T::branch(is_flat, || zero, steeper),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -131,6 +166,20 @@ mod tests {
                 Dual::of(|epsilon: Dual| Bounds { lower: 0.3.into(), upper: 1.0.into() }.inverse(epsilon), epsilon);
             let of = Bounds { lower: 0.3, upper: 1.0 }.slope(z);
             assert!((slope * of - 1.0).abs() < 1e-12, "at {epsilon}: {slope}");
+        }
+    }
+
+    #[test]
+    fn what_belongs_to_a_transformed_error_has_the_derivatives_that_dual_numbers_find() {
+        for (lower, upper) in BOUNDS {
+            let bounds = Bounds { lower: lower.into(), upper: upper.into() };
+            for epsilon in [-100.0, -20.0, -1.0, -0.003, 1e-9, 0.02, 0.7, 5.0, 400.0] {
+                let at = bounds.at(Dual::new(epsilon, 1.0), 0.3.into());
+                for (dual, slope) in [(at.z, at.dz.value), (at.R, at.dR.value)] {
+                    let size = slope.abs() + 1e-3 * dual.value.abs();
+                    assert!((dual.derivative() - slope).abs() <= 1e-12 * size, "at {epsilon}: {slope}");
+                }
+            }
         }
     }
 

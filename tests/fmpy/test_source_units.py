@@ -27,6 +27,7 @@ NAMES = [
     "FuzzyL1ActuatedSiso",
     "L1CoupledMimo",
     "L1LimitNonlinearSiso",
+    "L1PpfCoupledMimo",
     "L1PpfTwoLinkRobot",
     "L1SampledTwoLinkRobot",
     "L1TwoLinkRobot",
@@ -72,13 +73,15 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return unpacked
 
 
-def outputs_of(unit: Unit, names: list[str], method: str, steps: int, step: float) -> list[bytes]:
+def outputs_of(unit: Unit, names: list[str], method: str, steps: int, step: float, law: str | None = None) -> list[bytes]:
     """All that some variables have been, bit by bit, at random inputs."""
     numbers, taken = random.Random(25), []
     inputs = [n for n in unit.fmu.named(causality="input") if unit.fmu.variables[n].type == "Real"]
     if "integration_method" in unit.fmu.variables:
         unit["integration_method"] = unit.fmu.item("integration_method", method)
         unit["fixed_steps"] = MOST_FIXED_STEPS
+    if law is not None:
+        unit["law"] = unit.fmu.item("law", law)
     unit.start()
     for k in range(steps):
         for name in inputs:
@@ -94,14 +97,34 @@ def test_compiled_units_give_the_bits_of_the_generic_ones(name, method, compiled
     generic, compiled = fmu(name), Fmu(compiled_folder / f"{name}.fmu", tmp_path)
     if method != "explicit" and "integration_method" not in generic.variables:
         pytest.skip("no states: nothing is integrated")
-    names = [v.name for v in generic.variables.values() if v.type == "Real" and v.causality in ("output", "local")]
-    names = [name for name in names if compiled.variables[name].variability != "constant"]
+    shown = shown_by_both(generic, compiled)
     runs = []
     for made in (generic, compiled):
         unit = Unit(made, name)
-        runs.append(outputs_of(unit, names, method, 30, 1e-3))
+        runs.append(outputs_of(unit, shown, method, 30, 1e-3))
         unit.free()
     assert runs[0] == runs[1]
+
+
+def shown_by_both(generic: Fmu, compiled: Fmu) -> list[str]:
+    """The numbers that a unit shows, but for those that its design has fixed."""
+    names = [v.name for v in generic.variables.values() if v.type == "Real" and v.causality in ("output", "local")]
+    return [name for name in names if compiled.variables[name].variability != "constant"]
+
+
+@pytest.mark.parametrize("method", ["explicit", "stiff", "fixed"])
+def test_a_sampled_barrier_compiled_gives_the_bits_of_the_generic_one(method, compiled_folder, fmu, tmp_path) -> None:
+    name = "L1PpfCoupledMimo"
+    generic, compiled = fmu(name), Fmu(compiled_folder / f"{name}.fmu", tmp_path)
+    shown = shown_by_both(generic, compiled)
+    runs = {law: [] for law in ("sampled", "continuous")}
+    for law, of_both in runs.items():
+        for made in (generic, compiled):
+            unit = Unit(made, name)
+            of_both.append(outputs_of(unit, shown, method, 30, 1e-3, law))
+            unit.free()
+    assert runs["sampled"][0] == runs["sampled"][1]
+    assert runs["sampled"][0] != runs["continuous"][0]
 
 
 def test_a_whole_loop_compiled_gives_the_bits_of_the_generic_one(compiled_folder, tmp_path) -> None:

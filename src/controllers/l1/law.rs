@@ -7,7 +7,7 @@ use super::design::Design;
 use super::ports::Ports;
 use super::structure::{Baseline, L1Structure, Plant, Regressor};
 use super::unmatched::Unmatched;
-use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
+use super::{AdaptiveStart, add_product, commanded, dot, infinity_norm, squared};
 use crate::controllers::at_limit::AtLimit;
 use crate::controllers::in_command::InCommand;
 use crate::controllers::moves::Moves;
@@ -15,7 +15,7 @@ use crate::mathematics::filter::Filter;
 use crate::mathematics::limits::within;
 use crate::mathematics::projection::projection;
 use crate::system::{
-    BooleanOf, ChoiceOf, Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
+    BooleanOf, ChoiceOf, Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Memory, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, State, Values, VectorOf, Warning, boolean, choice, diagonal, integer, larger, matrix,
     scalar, vector,
 };
@@ -285,6 +285,11 @@ impl Law {
         v.matrix(self.design.K_g)
     }
 
+    /// Whether a master of co-simulation steps the unit.
+    pub fn is_stepped(&self) -> BooleanOf<Memory> {
+        self.moves.is_stepped
+    }
+
     /// Whether the controller is in command.
     pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         self.in_command.is_active(v)
@@ -351,7 +356,7 @@ impl Law {
             let (u_ad, feedback) = (y[self.u_ad][i], y[self.feedback][i]);
             let inertia = inertias.get(i).copied().unwrap_or(S::from(1.0));
             let beside = self.beside.map(|beside| y[beside.now][i]);
-            let law = || beside.map_or(u_ad - feedback, |beside| u_ad - feedback + beside) * inertia;
+            let law = || commanded(u_ad, feedback, beside) * inertia;
             let wanted = S::branch(active, law, || v[self.in_command.u_manual][i]);
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
             y[self.ports.u][i] = u;

@@ -161,6 +161,11 @@ pub(super) fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: impl 
     }
 }
 
+/// u_ad − K_m x, and what a unit adds beside it.
+fn commanded<S: Scalar>(u_ad: S, feedback: S, beside: Option<S>) -> S {
+    beside.map_or(u_ad - feedback, |beside| u_ad - feedback + beside)
+}
+
 pub(super) fn squared<S: Scalar>(x: &[S]) -> S {
     dot(x.iter(), x)
 }

@@ -5,7 +5,7 @@ use nalgebra::DMatrixView;
 
 use super::law::Law;
 use super::unmatched::Unmatched;
-use super::{dot, infinity_norm};
+use super::{commanded, dot, infinity_norm};
 use crate::mathematics::limits::within;
 use crate::system::{Point, Scalar, Values};
 
@@ -82,6 +82,17 @@ impl Law {
                 )
             });
         });
+    }
+
+    /// Shows the control with what a unit adds beside the law, where that has changed after a step.
+    pub fn show_beside<S: Scalar>(&self, v: &mut Point<S>) {
+        let active = self.in_command.is_active(&v.values());
+        for i in 0..self.u_ad.len() {
+            let beside = self.beside.map(|beside| v[beside.now][i]);
+            let wanted = commanded(v[self.u_ad][i], v[self.feedback][i], beside) * self.design.inertia(i, &v.values());
+            let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
+            v[self.ports.u][i] = S::select(active, u, v[self.ports.u][i]);
+        }
     }
 
     /// Tells, where this is so, that a communication step was too long for what a unit adds to the control.

@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 
 use super::L1Ppf;
 use super::order::Order;
+use crate::controllers::sampling::Evaluation;
 use crate::mathematics::limits::UNLIMITED;
 use crate::mathematics::performance::{Bounds, Performance};
 use crate::report::number;
@@ -60,14 +61,21 @@ impl L1Ppf {
             return;
         }
         let (longest, of_gain) = (1.0 / stiffness, v.name(self.barrier_gain));
+        if self.samples.is_some() && !v.get(self.evaluation).is(Evaluation::Continuous) {
+            let note = "1/stiffness in the middle; in co-simulation the barrier is sampled, which longer steps suit";
+            report.tell(name, longest, "s", note);
+            return;
+        }
         if report.step <= longest {
             let note =
                 "1/stiffness in the middle; 2/stiffness where the plant is stepped first. Near the bounds it is less";
             report.tell(name, longest, "s", note);
             return;
         }
+        let sampled =
+            if self.samples.is_some() { format!("{} = sampled, ", v.name(self.evaluation)) } else { String::new() };
         let note = format!(
-            "shorter than the default step, {} s: take one as short, {of_gain} times {}, or the loop as one unit",
+            "shorter than the default step, {} s: take one as short, {sampled}{of_gain} times {}, or the loop as one unit",
             number(report.step),
             number(longest / report.step)
         );

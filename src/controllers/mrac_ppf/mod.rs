@@ -11,33 +11,17 @@ use serde::Deserialize;
 
 use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
+use super::sampling::{Evaluation, prediction_steps};
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::lyapunov;
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf,
-    Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
-    boolean, choice, integer, larger, matrix, quantities, scalar, vector,
+    BooleanOf, ChoiceOf, Declaration, DesignReport, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf, Memory,
+    Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
+    boolean, larger, matrix, quantities, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 use samples::Samples;
-
-/// When the law is evaluated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Evaluation {
-    Automatic,
-    Continuous,
-    Sampled,
-}
-
-impl Choice for Evaluation {
-    const TYPE: &'static str = "MracLaw";
-    const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
-        (Self::Automatic, "automatic", "sampled in co-simulation; continuous in model exchange and in a whole loop"),
-        (Self::Continuous, "continuous", "at all times; in co-simulation only where the step is short against 1/s"),
-        (Self::Sampled, "sampled", "once a sample time, so that the loop follows the law's own dynamics in it"),
-    ];
-}
 
 /// Nominal matrices: n states, of which each is controlled by its channel.
 #[derive(Debug, Deserialize)]
@@ -161,16 +145,8 @@ impl System for MracPpf {
                 scalar("switching_width", "epsilon within which the sign is smoothed, phi").start(0.01).positive(),
             ),
             x_m0: d.parameter(vector("x_m0", n, "initial state of the reference model").units(&unit_x).fixed()),
-            law: d.parameter(choice::<Evaluation>("law", "when the law is evaluated").fixed()),
-            prediction_steps: d.parameter(
-                integer(
-                    "prediction_steps",
-                    "samples over which the sampled law looks ahead: 1 is sharper, where the plant is stepped before the \
-                     controller; 2 serves any master",
-                )
-                .start(2)
-                .within(1, 100),
-            ),
+            law: d.parameter(Evaluation::parameter("when the law is evaluated").type_name("MracLaw")),
+            prediction_steps: d.parameter(prediction_steps()),
             u_min: d.parameter(limit("u_min", "smallest").no_lower_limit()),
             u_max: d.parameter(limit("u_max", "largest").no_upper_limit()),
             funnel: Funnel::declare(d, (&unit_x, &of_x), [2.0, 0.05, 1.5]),
@@ -205,14 +181,11 @@ impl System for MracPpf {
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         limits::require_room(self.u_min, self.u_max, v);
         self.funnel.relate(v);
-        self.samples.relate(v);
+        self.samples.sampling.relate(v);
     }
 
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        v.refuse(v.get(self.law).is(Evaluation::Sampled) & !v.get(self.is_stepped), |v| {
-            let allowed = "must be continuous or automatic: only a unit that is stepped in co-simulation is sampled";
-            Invalid::new(v.name(self.law), "sampled", allowed)
-        });
+        Evaluation::require_steps(self.law, self.is_stepped, v);
         v.copy(self.x_m0, self.x_m);
         v[self.theta_hat.elements()].fill(S::from(0.0));
         v[self.integral.elements()].fill(S::from(0.0));
@@ -273,12 +246,12 @@ impl System for MracPpf {
     }
 
     fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
-        self.samples.clock.next(v)
+        self.samples.sampling.clock.next(v)
     }
 
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.funnel.event(t, |i, v| v.error(self.e, i), v);
-        let is_due = self.samples.clock.next(&v.values()).at_most(t);
+        let is_due = self.samples.sampling.clock.next(&v.values()).at_most(t);
         v.when(is_due, |v| {
             self.sample(v);
             // x_m is set at a sample: where that takes an error out of its funnel, this is the event of it.

@@ -1,7 +1,8 @@
 //! What a designer should know of a robust MRAC law.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
-use super::{Evaluation, MracPpf};
+use super::MracPpf;
+use crate::controllers::sampling::Evaluation;
 use crate::report::number;
 use crate::system::{DesignReport, Values, Verdict};
 

@@ -11,17 +11,9 @@
 
 use super::MracPpf;
 use crate::mathematics::limits::within;
-use crate::mathematics::performance::{Bounds, Performance};
+use crate::mathematics::performance::{Bounds, Performance, Transformed};
+use crate::mathematics::root;
 use crate::system::{Point, Scalar, Values};
-
-/// Beyond this the transformation is flat in every digit.
-const FLAT: f64 = 300.0;
-const BRACKET: f64 = 1e12;
-/// As many as it takes from 1 to beyond BRACKET.
-const DOUBLINGS: usize = 40;
-const ITERATIONS: usize = 200;
-/// Relative precision of the root.
-const PRECISION: f64 = 1e-14;
 
 /// What F of a channel is made of.
 #[derive(Debug, Clone, Copy)]
@@ -38,17 +30,6 @@ struct Ahead<S> {
     K_epsilon: S,
 }
 
-/// Functions of ε, and their derivatives to it.
-#[derive(Debug, Clone, Copy)]
-struct Inverse<S> {
-    /// z = S(ε)
-    z: S,
-    dz: S,
-    /// R = 1/(ρ S'(ε))
-    R: S,
-    dR: S,
-}
-
 impl MracPpf {
     /// Before the first sample: the control that leaves e/ρ as it is on the nominal plant.
     pub(super) fn hold_nominal_control<S: Scalar>(&self, t: S, v: &mut Point<S>) {
@@ -62,7 +43,7 @@ impl MracPpf {
     /// Takes a sample: computes the control until the next one from the present inputs, taken as measured a sample time
     /// before, and advances model and estimates by one.
     pub(super) fn sample<S: Scalar>(&self, v: &mut Point<S>) {
-        let clock = &self.samples.clock;
+        let clock = &self.samples.sampling.clock;
         let (period, before) = (v[clock.period], clock.latest(&v.values()));
         let h = period * S::from_integer(v.get(self.prediction_steps));
         self.samples.advance_model(self.r, self.x_m, v);
@@ -129,7 +110,7 @@ impl MracPpf {
 
     /// Advances the estimates of a channel by a sample time.
     fn adapt<S: Scalar>(&self, i: usize, ahead: &Ahead<S>, epsilon: S, v: &mut Point<S>) {
-        let (at, period) = (ahead.inverse(epsilon), v[self.samples.clock.period]);
+        let (at, period) = (ahead.inverse(epsilon), v[self.samples.sampling.clock.period]);
         for j in 0..self.x.len() {
             let element = (v[self.psi][j], v[self.integral.at(j, i)]);
             let (sigma_hat, _) = ahead.sigma_hat(epsilon, &at, element);
@@ -141,26 +122,12 @@ impl MracPpf {
 }
 
 impl<S: Scalar> Ahead<S> {
-    fn inverse(&self, epsilon: S) -> Inverse<S> {
-        let Bounds { lower, upper } = self.bounds;
-        let (zero, sign) = (S::from(0.0), epsilon.signum());
-        let is_flat = epsilon.abs().above(S::from(FLAT));
-        let limited = S::select(is_flat, sign * FLAT, epsilon);
-        let small = (-limited.abs() * 2.0).exp();
-        let slope = small * ((lower + upper) * 2.0) / (small + 1.0).powi(2);
-        let R = (slope * self.performance.rho).recip();
-        // With tanh ε: the slope's derivative is −2 tanh ε of it.
-        let steeper = || R * sign * ((-small + 1.0) / (small + 1.0)) * 2.0;
-        Inverse {
-            z: self.bounds.inverse(limited),
-            dz: S::select(is_flat, zero, slope),
-            R,
-            dR: S::branch(is_flat, || zero, steeper),
-        }
+    fn inverse(&self, epsilon: S) -> Transformed<S> {
+        self.bounds.at(epsilon, self.performance.rho)
     }
 
     /// σ̂ of an element at the end, from its ψ and I, and its derivative.
-    fn sigma_hat(&self, epsilon: S, at: &Inverse<S>, (psi, integral): (S, S)) -> (S, S) {
+    fn sigma_hat(&self, epsilon: S, at: &Transformed<S>, (psi, integral): (S, S)) -> (S, S) {
         let (gain, dgain) = ((at.R * self.h + self.beta) * self.gamma_2, at.dR * self.h * self.gamma_2);
         let leaking = gain * epsilon.abs() * self.upsilon + 1.0;
         let sigma_hat = (gain * epsilon * psi + integral) / leaking;
@@ -186,28 +153,9 @@ impl<S: Scalar> Ahead<S> {
         )
     }
 
-    /// The root of F, by Newton's method within a bracket.
+    /// The root of F.
     fn root<E: Iterator<Item = (S, S)>>(&self, elements: impl Fn() -> E) -> S {
-        let F = |epsilon: S| self.residual(epsilon, elements());
-        let (zero, bracket) = (S::from(0.0), S::from(BRACKET));
-        let (mut low, mut high) = ([S::from(-1.0)], [S::from(1.0)]);
-        let is_below = |high: &[S]| F(high[0]).0.below(zero) & high[0].below(bracket);
-        S::iterate(&mut high, DOUBLINGS, is_below, |high| high[0] *= 2.0);
-        let is_above = |low: &[S]| F(low[0]).0.above(zero) & low[0].above(-bracket);
-        S::iterate(&mut low, DOUBLINGS, is_above, |low| low[0] *= 2.0);
-        // ε, the bracket, and how far ε has moved.
-        let mut state = [zero, low[0], high[0], S::from(f64::INFINITY)];
-        let moves = |state: &[S]| !state[3].at_most(state[0].abs() * PRECISION);
-        S::iterate(&mut state, ITERATIONS, moves, |state| {
-            let (epsilon, low, high) = (state[0], state[1], state[2]);
-            let (value, slope) = F(epsilon);
-            let (low, high) = S::branch(value.above(zero), || (low, epsilon), || (epsilon, high));
-            let newton = epsilon - value / slope;
-            let is_within = newton.above(low) & newton.below(high);
-            let next = S::branch(is_within, || newton, || (low + high) * 0.5);
-            state.copy_from_slice(&[next, low, high, (next - epsilon).abs()]);
-        });
-        state[0]
+        root::of_increasing(|epsilon| self.residual(epsilon, elements()))
     }
 }
 

@@ -2,19 +2,16 @@
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::MracPpf;
-use crate::controllers::clock::{Clock, SHORTEST};
+use crate::controllers::sampling::Sampling;
 use crate::mathematics::exponential::{exponential, workspace};
 use crate::system::{
-    Declaration, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Scalar, ScalarOf, State, Values, VectorOf,
-    larger, scalar, vector,
+    Declaration, Discrete, Input, MatrixOf, Parameter, Point, Scalar, State, Values, VectorOf, larger, vector,
 };
 
 /// The clock of the sampled law, and what is held from sample to sample.
 #[derive(Debug)]
 pub(super) struct Samples {
-    sample_time: ScalarOf<Parameter>,
-    /// Its sample time is 0 where the law isn't sampled, and as long as it waits for the first step's length.
-    pub clock: Clock,
+    pub sampling: Sampling,
     /// The control until the next sample.
     pub held: VectorOf<Discrete>,
     /// x_m at the latest sample.
@@ -26,35 +23,19 @@ pub(super) struct Samples {
 impl Samples {
     /// Of n states and m controls.
     pub fn declare(d: &mut Declaration, n: usize, m: usize) -> Self {
-        let asked = "time from sample to sample of the sampled law; 0: the length of the first communication step";
-        let used = "time from sample to sample; 0 until it is known, and where the law is continuous";
         let hidden = |name: &str, size: usize| vector(name, size, "").hidden();
         Samples {
-            sample_time: d.parameter(scalar("sample_time", asked).unit("s").min(0.0).fixed()),
-            clock: {
-                let period = d.discrete(scalar("sample_period", used).unit("s"));
-                Clock::declare(d, period)
-            },
+            sampling: Sampling::declare(d),
             held: d.discrete(hidden("#held", m)),
             x_m_before: d.discrete(hidden("#x_m_before", n)),
             transition: d.discrete(hidden("#transition", n * n + workspace(n))),
         }
     }
 
-    /// Refuses a sample time that is next to nothing.
-    pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
-        let asked = v[self.sample_time];
-        let is_known = asked.equals(S::from(0.0)) | asked.at_least(S::from(SHORTEST));
-        v.refuse(!is_known, |v| {
-            let allowed = format!("must be {SHORTEST:e} or more, or 0 for the length of the first communication step");
-            Invalid::new(v.name(self.sample_time), asked.told(), allowed)
-        });
-    }
-
     /// e^(A_m T), where T is known.
     pub fn discretise<S: Scalar>(&self, A_m: MatrixOf<Parameter>, v: &mut Point<S>) {
-        let (period, n) = (v[self.clock.period], self.x_m_before.len());
-        v.when(self.clock.is_known(&v.values()), |v| {
+        let (period, n) = (v[self.sampling.clock.period], self.x_m_before.len());
+        v.when(self.sampling.clock.is_known(&v.values()), |v| {
             v.copy(A_m.elements(), self.transition.part(0..n * n));
             let (matrix, workspace) = v[self.transition].split_at_mut(n * n);
             matrix.iter_mut().for_each(|a| *a *= period);
@@ -76,42 +57,34 @@ impl MracPpf {
     /// Starts the clock at t, where its sample time is known.
     pub(super) fn begin_sampling<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let samples = &self.samples;
-        v[samples.clock.start] = t;
+        let is_sampled = self.is_sampled(&v.values());
+        samples.sampling.begin(t, is_sampled, v);
         v.copy(self.x_m0, samples.x_m_before);
-        v.when(self.is_sampled(&v.values()), |v| {
-            v[samples.clock.period] = v[samples.sample_time];
-            samples.discretise(self.A_m, v);
-        });
+        v.when(is_sampled, |v| samples.discretise(self.A_m, v));
     }
 
     /// At a communication point, after a step: takes the first step's length where it is to be the sample time, and tells
     /// of steps that are longer than that.
     pub(super) fn keep_to_communication_points<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let samples = &self.samples;
-        let is_known = samples.clock.is_known(&v.values());
-        let is_first = !is_known & step.at_least(S::from(SHORTEST));
-        v.when(is_known, |v| samples.clock.follow(t, step, v));
-        v.when(is_first, |v| {
-            v[samples.clock.period] = step;
+        let first = |v: &mut Point<S>| {
             samples.discretise(self.A_m, v);
             self.sample(v);
-        });
-        v.when(!is_known & !is_first, |v| {
-            v[samples.clock.start] = t;
-            v.copy(self.x_m, samples.x_m_before);
-        });
+        };
+        let remnant = |v: &mut Point<S>| v.copy(self.x_m, samples.x_m_before);
+        samples.sampling.keep_to_communication_points((t, step), first, remnant, v);
         self.warn_of_long_sample(step, v);
     }
 
     /// Tells of a step that is longer than the sample time, and of a control that moves far from sample to sample.
     fn warn_of_long_sample<S: Scalar>(&self, step: S, v: &mut Point<S>) {
-        let clock = &self.samples.clock;
+        let Sampling { sample_time, clock } = &self.samples.sampling;
         let period = v[clock.period];
         let too_long = clock.is_overrun(step, &v.values());
         let moved = self.moves.look(self.u, step, v);
         v.put(self.step_too_long, too_long | moved.flag);
         v.when(too_long, |v| {
-            v.warn(self.long_step, |v| clock.told_overrun(step, v, &v.name(self.samples.sample_time)));
+            v.warn(self.long_step, |v| clock.told_overrun(step, v, &v.name(*sample_time)));
         });
         // The control moves once a sample.
         let told = |_: &Values<S>| moved.told(larger(step, period), ", or the loop as one unit");

@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 use super::declaration::MOST_VALUES;
-use super::values::{Choice, Class, MatrixOf, ScalarOf, VectorOf};
+use super::values::{Choice, Class, MatrixOf, ScalarOf, VectorOf, number_of};
 use super::variable::{Causality, Data, NO_LIMIT, Naming, Shown};
 
 /// A real variable to be declared; see [`scalar`], [`vector`], [`matrix`], [`diagonal`].
@@ -315,6 +315,24 @@ impl DiscreteSpec<i32> {
     pub fn within(mut self, min: i32, max: i32) -> Self {
         if let Data::Integer { limits, .. } = &mut self.data {
             *limits = Some((min, max));
+        }
+        self
+    }
+}
+
+impl<E: Choice> DiscreteSpec<E> {
+    /// The item that it starts at, where that isn't the first.
+    pub fn start(mut self, item: E) -> Self {
+        if let Data::Choice { start, .. } = &mut self.data {
+            *start = number_of(item);
+        }
+        self
+    }
+
+    /// The name of its type, where several choices have the same items.
+    pub fn type_name(mut self, name: &str) -> Self {
+        if let Data::Choice { type_name, .. } = &mut self.data {
+            name.clone_into(type_name);
         }
         self
     }

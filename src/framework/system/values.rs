@@ -239,7 +239,7 @@ impl<S: Scalar, E: Choice> From<E> for Chosen<S, E> {
 }
 
 /// The number of an item, counted from 1.
-fn number_of<E: Choice>(value: E) -> i32 {
+pub(super) fn number_of<E: Choice>(value: E) -> i32 {
     let same = |item: &E| std::mem::discriminant(item) == std::mem::discriminant(&value);
     1 + E::ITEMS.iter().position(|(item, ..)| same(item)).unwrap_or(0) as i32
 }

@@ -34,10 +34,14 @@ impl Run {
         self.0.set_real(index, value);
     }
 
-    pub fn set_boolean(&mut self, name: &str, value: bool) {
+    pub fn set_integer(&mut self, name: &str, value: i32) {
         let variables = self.0.model().variables();
         let index = variables.index(variables.find(name).unwrap());
-        self.0.set_integer(index, i32::from(value));
+        self.0.set_integer(index, value);
+    }
+
+    pub fn set_boolean(&mut self, name: &str, value: bool) {
+        self.set_integer(name, i32::from(value));
     }
 
     pub fn step(&mut self, step: f64) {

@@ -1,5 +1,6 @@
 //! The law written out plainly, with numbers that are anything, against the unit.
 
+use common::models::Run;
 use common::random::Random;
 use nalgebra::{DMatrix, DVector};
 
@@ -118,6 +119,20 @@ impl Hand {
         )
     }
 
+    /// Initialises a unit with these inputs.
+    fn begin(&self, run: &mut Run) {
+        for i in 0..2 {
+            let of_order = if self.is_second { 3 } else { 1 };
+            for (name, values) in ["r", "dr", "ddr"].iter().zip(self.r).take(of_order) {
+                run.set(&format!("{name}[{}]", i + 1), values[i]);
+            }
+        }
+        for (i, &x) in self.x.iter().enumerate() {
+            run.set(&format!("x[{}]", i + 1), x);
+        }
+        run.0.initialise().unwrap();
+    }
+
     /// −K_ε R ε, or −K_E R (R w + λ ε), of both channels, and z.
     fn barrier(&self, t: f64, x_m: &DMatrix<f64>) -> (DVector<f64>, f64) {
         let mut furthest = 0.0_f64;
@@ -139,8 +154,25 @@ impl Hand {
         (asked, furthest)
     }
 
-    /// The rates of the law, and its control.
-    fn rates(&self, t: f64, state: &State) -> (State, DVector<f64>) {
+    /// What a sampled barrier holds from t on: −K_ε R ε where ρ z + h K_ε R ε = e, by bisection.
+    fn sampled_barrier(&self, t: f64, x_m: &DMatrix<f64>, h: f64) -> DVector<f64> {
+        DVector::from_fn(2, |i, _| {
+            let [start, end, rate] = self.funnel[i];
+            let rho = (start - end) * (-rate * t).exp() + end;
+            let e = self.x[i] - x_m[i];
+            assert!(e.abs() < 0.99 * rho, "the error stays inside here");
+            let pushes = |z: f64| self.K_epsilon[i] / (rho * (1.0 - z * z)) * ((1.0 + z) / (1.0 - z)).ln() / 2.0;
+            let (mut low, mut high) = (-1.0, 1.0);
+            for _ in 0..100 {
+                let z = (low + high) / 2.0;
+                (low, high) = if rho * z + h * pushes(z) > e { (low, z) } else { (z, high) };
+            }
+            -pushes(low)
+        })
+    }
+
+    /// The rates of the law, and its control; with what the barrier asks for where that is held.
+    fn rates(&self, t: f64, state: &State, held: Option<&DVector<f64>>) -> (State, DVector<f64>) {
         let [x_m, x_hat, omega, theta, sigma, u_ad] = &state.0;
         let n = self.A.nrows();
         let low = |matrix: &DMatrix<f64>| matrix.rows(n - 2, 2).into_owned();
@@ -148,8 +180,11 @@ impl Hand {
         let K_m = &gain * low(&(&self.A - &self.A_m));
         let x = DMatrix::from_column_slice(n, 1, self.x.as_slice());
         let feedback = &K_m * &x;
-        let (asked, furthest) = self.barrier(t, x_m);
-        assert!(furthest < 0.99, "the error stays inside here");
+        let asked = held.cloned().unwrap_or_else(|| {
+            let (asked, furthest) = self.barrier(t, x_m);
+            assert!(furthest < 0.99, "the error stays inside here");
+            asked
+        });
         let u_barrier = &gain * DMatrix::from_column_slice(2, 1, asked.as_slice());
         let wanted = u_ad - &feedback + &u_barrier;
         let u = DMatrix::from_fn(2, 1, |i, _| {
@@ -200,31 +235,52 @@ impl Hand {
         (State(rates), DVector::from_column_slice(u.as_slice()))
     }
 
-    /// The control after a time, by the classical Runge–Kutta method.
-    fn control_after(&self, until: f64) -> DVector<f64> {
+    /// The states that the law starts with.
+    fn start(&self) -> State {
         let n = self.A.nrows();
-        let columns = if self.by_state { n } else { 1 };
-        let mut state = State([
+        State([
             DMatrix::from_column_slice(2, 1, self.x_m0.as_slice()),
             DMatrix::from_column_slice(n, 1, self.x.as_slice()),
             DMatrix::identity(2, 2),
-            DMatrix::zeros(2, columns),
+            DMatrix::zeros(2, if self.by_state { n } else { 1 }),
             DMatrix::zeros(2, 1),
             DMatrix::zeros(2, 1),
-        ]);
-        let steps = 4000;
-        let h = until / f64::from(steps);
+        ])
+    }
+
+    /// The states so much later, by steps of the classical Runge–Kutta method.
+    fn later(&self, from: f64, time: f64, mut state: State, held: Option<&DVector<f64>>) -> State {
+        let steps = (time * 13_333.0).ceil() as u32;
+        let h = time / f64::from(steps);
         for k in 0..steps {
-            let t = f64::from(k) * h;
-            let one = self.rates(t, &state).0;
-            let two = self.rates(t + h / 2.0, &state.moved(&one, h / 2.0)).0;
-            let three = self.rates(t + h / 2.0, &state.moved(&two, h / 2.0)).0;
-            let four = self.rates(t + h, &state.moved(&three, h)).0;
+            let t = from + f64::from(k) * h;
+            let one = self.rates(t, &state, held).0;
+            let two = self.rates(t + h / 2.0, &state.moved(&one, h / 2.0), held).0;
+            let three = self.rates(t + h / 2.0, &state.moved(&two, h / 2.0), held).0;
+            let four = self.rates(t + h, &state.moved(&three, h), held).0;
             for (rate, part) in [(one, 6.0), (two, 3.0), (three, 3.0), (four, 6.0)] {
                 state = state.moved(&rate, h / part);
             }
         }
-        self.rates(until, &state).1
+        state
+    }
+
+    /// The control after a time.
+    fn control_after(&self, until: f64) -> DVector<f64> {
+        let state = self.later(0.0, until, self.start(), None);
+        self.rates(until, &state, None).1
+    }
+
+    /// The control of the sampled law after each of so many samples, looking ahead over a number of them.
+    fn controls_at_samples(&self, count: u32, period: f64, ahead: u32) -> Vec<DVector<f64>> {
+        let (mut state, mut held) = (self.start(), DVector::zeros(2));
+        let at_sample = |k: u32| {
+            let t = f64::from(k) * period;
+            state = self.later(t - period, period, state.clone(), Some(&held));
+            held = self.sampled_barrier(t, &state.0[0], f64::from(ahead) * period);
+            self.rates(t, &state, Some(&held)).1
+        };
+        (1..=count).map(at_sample).collect()
     }
 }
 
@@ -244,16 +300,7 @@ fn it_is_the_law_that_is_written() {
     for k in 0..24 {
         let hand = Hand::random(&mut random, k);
         let mut run = run_of(&hand.text()).unwrap();
-        for i in 0..2 {
-            let of_order = if hand.is_second { 3 } else { 1 };
-            for (name, values) in ["r", "dr", "ddr"].iter().zip(hand.r).take(of_order) {
-                run.set(&format!("{name}[{}]", i + 1), values[i]);
-            }
-        }
-        for (i, &x) in hand.x.iter().enumerate() {
-            run.set(&format!("x[{}]", i + 1), x);
-        }
-        run.0.initialise().unwrap();
+        hand.begin(&mut run);
         run.run(5, 0.06);
         let exact = hand.control_after(0.3);
         at_limit += usize::from(exact[0].abs() >= hand.limit);
@@ -268,4 +315,29 @@ fn it_is_the_law_that_is_written() {
         }
     }
     assert!((1..24).contains(&at_limit), "limits act in some: {at_limit}");
+}
+
+/// With the sample time from the first step, and with one that a master's steps divide.
+#[test]
+fn sampled_it_is_the_law_that_is_written() {
+    let mut random = Random::new(43);
+    let (count, period) = (8, 0.03);
+    for k in 0..16 {
+        let (hand, ahead) = (Hand::random(&mut random, 2 * k), 1 + k as u32 % 3);
+        let exact = hand.controls_at_samples(count, period, ahead);
+        for (given, steps) in [("", 1), ("\nsample_time = 0.03", 3)] {
+            let text = format!("{}\nlaw = 'sampled'\nprediction_steps = {ahead}{given}", hand.text());
+            let mut run = run_of(&text).unwrap();
+            hand.begin(&mut run);
+            for (at, exact) in exact.iter().enumerate() {
+                run.run(steps, period / steps as f64);
+                for i in 0..2 {
+                    let found = run.get(&format!("u[{}]", i + 1));
+                    let is_near = (found - exact[i]).abs() < 1e-6 * (1.0 + exact[i].abs());
+                    assert!(is_near, "{k}, sample {at}{given}: u[{}] = {found}, {}", i + 1, exact[i]);
+                }
+            }
+            assert_eq!(run.get("sample_period"), period);
+        }
+    }
 }
