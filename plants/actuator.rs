@@ -180,8 +180,7 @@ impl Catalogued for Actuator {
             ("time_constant", "Lag."),
             ("delay", "Transport delay, a multiple of `sample_time`."),
             ("dead_zone", "Commands up to this magnitude do nothing."),
-            ("gain", "Part that takes effect: below 1 for an actuator that lost some of it."),
-            ("bias", "Added to what takes effect: a load, or a disturbance at the plant's input."),
+            ("gain", "Part that takes effect, below 1 after a loss; `bias` is added to it, as a disturbance."),
         ],
         limits: "- A delay is at most `delay_samples` sample times, a number of its description (100 \
                   where none is given).\n\

@@ -7,13 +7,16 @@ use super::study::Plant;
 use crate::error::Error;
 use crate::exporter::Source;
 use crate::model_description::{Affine, ModelDescription};
+use crate::plants::actuator::Actuator;
+use crate::plants::sensor::Sensor;
 use crate::simulation::{Component, Connection, Connector, Structure, UnitFile};
+use crate::system::System;
 
 /// The most samples of a delay: a third of a second at the usual sample time.
 pub(super) const DELAY_SAMPLES: usize = 300;
 /// Names in the loop.
-pub(super) const SENSOR: &str = "sensor";
-pub(super) const ACTUATOR: &str = "actuator";
+pub(super) const SENSOR: &str = Sensor::NAME;
+pub(super) const ACTUATOR: &str = Actuator::NAME;
 pub(super) const PLANT: &str = "plant";
 pub(super) const CONTROLLER: &str = "controller";
 
@@ -62,14 +65,13 @@ pub(super) fn benched(plain: &Structure, plant: &Plant, described: &ModelDescrip
         let variable = described.variables.iter().find(|variable| variable.name == name);
         variable.and_then(|variable| variable.unit.clone()).unwrap_or_else(|| "1".to_owned())
     };
-    let inputs: Vec<String> =
-        (1..=channels).filter_map(|channel| input_of(&structure, ACTUATOR, channel)).map(|name| unit_of(&name)).collect();
-    for (name, model, units) in [
-        (SENSOR, "sensor", measured.iter().map(|name| unit_of(name)).collect()),
-        (ACTUATOR, "actuator", inputs),
-    ] {
-        let fmu = format!("League{}_{}", model, plain.name);
-        structure.descriptions.insert(fmu.clone(), description(&fmu, model, &units));
+    let inputs: Vec<String> = (1..=channels)
+        .filter_map(|channel| input_of(&structure, ACTUATOR, channel))
+        .map(|name| unit_of(&name))
+        .collect();
+    for (name, units) in [(SENSOR, measured.iter().map(|name| unit_of(name)).collect()), (ACTUATOR, inputs)] {
+        let fmu = format!("League_{name}_{}", plain.name);
+        structure.descriptions.insert(fmu.clone(), description(&fmu, name, &units));
         // In the order in which separate units are stepped: each takes what was just given.
         let place = structure.components.iter().position(|unit| unit.name == CONTROLLER).unwrap_or(0);
         structure.components.insert(place + usize::from(name == ACTUATOR), component(name, &fmu, units.len()));
@@ -85,9 +87,10 @@ fn input_of(structure: &Structure, unit: &str, channel: usize) -> Option<String>
 
 /// A unit that hands on signals.
 fn description(name: &str, model: &str, units: &[String]) -> Source {
-    let mut text = format!("name = \"{name}\"\nmodel = \"{model}\"\ndescription = \"{model} of a league\"\n\n[structure]\n");
+    let mut text =
+        format!("name = \"{name}\"\nmodel = \"{model}\"\ndescription = \"{model} of a league\"\n\n[structure]\n");
     let _ = writeln!(text, "channels = {}\nunits = {units:?}\ndelay_samples = {DELAY_SAMPLES}\n\n[start]", units.len());
-    if model == "actuator" {
+    if model == ACTUATOR {
         let all = |value: &str| format!("[{}]", vec![value; units.len()].join(", "));
         let _ = writeln!(text, "u_min = {}\nu_max = {}\nrate_limit = {}", all("-1e15"), all("1e15"), all("1e15"));
     }

@@ -41,8 +41,7 @@ impl Pair<'_> {
         // Factors are searched by their logarithms.
         let [low, high] = self.budget.gain_range.map(f64::ln);
         let bounds = vec![(low, high); groups.len()];
-        let mut swarm =
-            Swarm::new(self.budget.particles, bounds, Some(as_it_is), Motion::default(), self.budget.seed);
+        let mut swarm = Swarm::new(self.budget.particles, bounds, Some(as_it_is), Motion::default(), self.budget.seed);
         for _ in 0..self.budget.generations {
             let costs = self.costs(&swarm.positions(), is_interrupted)?;
             if is_interrupted() {

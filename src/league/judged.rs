@@ -88,7 +88,7 @@ impl<'a> Watch<'a> {
     /// Takes a point of the run; whether it goes on.
     pub fn point(&mut self, time: f64, row: &[f64]) -> bool {
         let lost = self.signals.outputs.iter().map(|&place| row[place].abs());
-        if let Some(value) = lost.filter(|value| !(*value <= self.plant.envelope)).reduce(f64::max) {
+        if let Some(value) = lost.filter(|value| *value > self.plant.envelope).reduce(f64::max) {
             return self.fail(time, format!("an output of the plant is lost, at {}", number(value)));
         }
         let span = self.last.as_ref().map_or(0.0, |(before, _)| time - before);
@@ -99,7 +99,7 @@ impl<'a> Watch<'a> {
             if is_judged {
                 self.outcome.rms[k] += error * error;
                 self.outcome.worst[k] = self.outcome.worst[k].max(error);
-                if !(error <= limit) {
+                if error > limit {
                     let name = &self.plant.errors[k][0];
                     return self.fail(time, format!("`{name}` is off by {}, more than {limit}", number(error)));
                 }

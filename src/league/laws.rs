@@ -83,7 +83,9 @@ fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
     }
     let with_others = ranked - first.len() - behind.len();
     if with_others > 0 {
-        told.push(format!("among the first, without a difference that intervals show, on {with_others} of {ranked} plants"));
+        told.push(format!(
+            "among the first, without a difference that intervals show, on {with_others} of {ranked} plants"
+        ));
     }
     if !behind.is_empty() {
         told.push(format!("behind others on {}", behind.join(", ")));
@@ -123,5 +125,6 @@ fn capital(text: &str) -> String {
 pub(super) fn of_plant<'a>(study: &Study, records: &'a [Record], name: &str) -> Vec<&'a Record> {
     let plant = study.plant.iter().find(|plant| plant.name == name);
     let laws = plant.into_iter().flat_map(|plant| &plant.controller);
-    laws.filter_map(|entry| records.iter().find(|record| record.plant == name && record.controller == entry.name)).collect()
+    laws.filter_map(|entry| records.iter().find(|record| record.plant == name && record.controller == entry.name))
+        .collect()
 }

@@ -78,13 +78,19 @@ impl Pair<'_> {
         is_interrupted: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<Margins>, String> {
         let workers = vec![(); parallel::cores()];
-        let found = parallel::each(&workers, Kind::ALL.len(), |(), k| self.margin(Kind::ALL[k], nominal, is_interrupted));
+        let found =
+            parallel::each(&workers, Kind::ALL.len(), |(), k| self.margin(Kind::ALL[k], nominal, is_interrupted));
         let found = found.into_iter().collect::<Result<Vec<Margin>, String>>()?;
         let [dead_time, lag, gain, divided, step] = found[..] else { return Ok(None) };
         Ok((!is_interrupted()).then_some(Margins { dead_time, lag, gain, divided, step }))
     }
 
-    fn margin(&self, kind: Kind, nominal: &Outcome, is_interrupted: &(dyn Fn() -> bool + Sync)) -> Result<Margin, String> {
+    fn margin(
+        &self,
+        kind: Kind,
+        nominal: &Outcome,
+        is_interrupted: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Margin, String> {
         let bears = |value: f64| -> Result<bool, String> {
             let holds = |outcome: &Outcome| outcome.holds_beside(nominal);
             let (deviation, form, step) = match kind {

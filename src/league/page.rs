@@ -150,7 +150,12 @@ fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
         match bench.filter(|judged| judged.outcome.holds()) {
             Some(judged) => {
                 let (effort, moved) = (judged.outcome.commanded(plant), judged.outcome.moved(plant));
-                let _ = write!(page, "<td class=\"number\">{}<td class=\"number\">{}", four_digits(effort), four_digits(moved));
+                let _ = write!(
+                    page,
+                    "<td class=\"number\">{}<td class=\"number\">{}",
+                    four_digits(effort),
+                    four_digits(moved)
+                );
             }
             None => page.push_str("<td>–<td>–"),
         }
@@ -213,7 +218,12 @@ fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
         page.push('\n');
     }
     page.push_str("</table></div>\n");
-    let limits: Vec<_> = plant.errors.iter().zip(&plant.error_limits).map(|([of, minus], limit)| format!("|{of} − {minus}| ≤ {limit}")).collect();
+    let limits: Vec<_> = plant
+        .errors
+        .iter()
+        .zip(&plant.error_limits)
+        .map(|([of, minus], limit)| format!("|{of} − {minus}| ≤ {limit}"))
+        .collect();
     let _ = writeln!(
         page,
         "<p>An error is the root mean square, from {} s on, in parts of the largest that is no failure: {}.</p>",
@@ -223,7 +233,8 @@ fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
 }
 
 fn push_method(page: &mut String, budget: &Budget) {
-    let Budget { particles, generations, noises, tuning_time, gain_range: [low, high], plants, spread, margin, .. } = budget;
+    let Budget { particles, generations, noises, tuning_time, gain_range: [low, high], plants, spread, margin, .. } =
+        budget;
     let _ = writeln!(
         page,
         "<h2 id=\"method\">How it was made</h2>\n<p>Every controller's gains were searched by the same swarm: {particles} \

@@ -10,7 +10,9 @@ use super::study::{Budget, Entry, Plant};
 use crate::error::Error;
 use crate::model::Description;
 use crate::sealed;
-use crate::simulation::{Draft, Found, LoadedLoop, LoopFiles, Order, Place, Ready, Settings, Structure, Value, Whole, Wishes};
+use crate::simulation::{
+    Draft, Found, LoadedLoop, LoopFiles, Order, Place, Ready, Settings, Structure, Value, Whole, Wishes,
+};
 use crate::system::Kind;
 
 /// The parameter of a unit, or of a loop that is one, that says how well it is integrated.
@@ -67,9 +69,8 @@ impl<'a> Pair<'a> {
         let unit = unit.ok_or_else(|| refuse(format!("there is no `{PLANT}`")))?;
         let described = ready.fmu(&plain.description_of(&unit.fmu)?)?;
         let benched = benched(&plain, plant, &described.description)?;
-        let separately = |structure: &Structure| {
-            LoadedLoop::of(structure, |unit| ready.fmu(&structure.description_of(&unit.fmu)?))
-        };
+        let separately =
+            |structure: &Structure| LoadedLoop::of(structure, |unit| ready.fmu(&structure.description_of(&unit.fmu)?));
         let as_one = as_one(&benched.structure, ready)?;
         let (whole, is_one) = match &as_one {
             Some(Whole { source, values, .. }) => {
@@ -94,7 +95,8 @@ impl<'a> Pair<'a> {
             separate,
             checksum,
         };
-        pair.check(&described.description.variables.iter().map(|v| v.name.as_str()).collect::<Vec<_>>()).map_err(refuse)?;
+        pair.check(&described.description.variables.iter().map(|v| v.name.as_str()).collect::<Vec<_>>())
+            .map_err(refuse)?;
         Ok(pair)
     }
 
@@ -218,7 +220,10 @@ impl<'a> Pair<'a> {
 fn as_one(structure: &Structure, ready: &Ready) -> Result<Option<Whole>, Error> {
     for unit in &structure.components {
         let source = structure.description_of(&unit.fmu)?;
-        let wrong = |reason: crate::error::Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
+        let wrong = |reason: crate::error::Invalid| Error::Description {
+            file: source.file.clone(),
+            reason: reason.to_string(),
+        };
         if Description::read(&source.text).map_err(wrong)?.model == Kind::COMPOSITE.name {
             return Ok(None);
         }
@@ -250,11 +255,12 @@ fn of_name(loaded: &LoadedLoop, unit: &str, name: &str) -> Vec<(String, Place)> 
 /// The units of a pair as a loop, with the start values of the study.
 fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error> {
     let mut found = Found::new(folder);
-    let units = [("reference", &plant.reference), (PLANT, &plant.unit), (CONTROLLER, &entry.unit)].map(|(name, unit)| {
-        let beside = folder.join(unit);
-        let file = if beside.is_file() { beside.display().to_string() } else { unit.clone() };
-        found.unit(&format!("{name}={file}"))
-    });
+    let units =
+        [("reference", &plant.reference), (PLANT, &plant.unit), (CONTROLLER, &entry.unit)].map(|(name, unit)| {
+            let beside = folder.join(unit);
+            let file = if beside.is_file() { beside.display().to_string() } else { unit.clone() };
+            found.unit(&format!("{name}={file}"))
+        });
     let units = units.into_iter().collect::<Result<Vec<_>, _>>()?;
     let wishes = Wishes {
         name: format!("{}_{}", plant.name, entry.name),
@@ -265,7 +271,9 @@ fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error
     let text = draft.text();
     let mut structure = Structure::parse(&text, &LoopFiles::within(folder))?;
     structure.file = format!("{}/{}", plant.name, entry.name).into();
-    let is_left = |open: &&String| !entry.open.iter().any(|name| open.contains(&format!(".{name}`")) || open.contains(&format!(".{name}[")));
+    let is_left = |open: &&String| {
+        !entry.open.iter().any(|name| open.contains(&format!(".{name}`")) || open.contains(&format!(".{name}[")))
+    };
     if let Some(open) = draft.open().iter().find(is_left) {
         let reason = format!("{open}; name it in the entry's `open` if it is to stay as it is");
         return Err(Error::Loop { file: structure.file, reason });

@@ -104,7 +104,9 @@ impl Record {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
         let Sealed { content, fits } = sealed::read(file, "result of a league")?;
         if fits != Some(true) {
-            return Err(refuse("its content doesn't fit its checksum: it was changed; remove it to compute it anew".to_owned()));
+            return Err(refuse(
+                "its content doesn't fit its checksum: it was changed; remove it to compute it anew".to_owned(),
+            ));
         }
         Record::deserialize::<Value>(content).map_err(|error| refuse(format!("can't be read: {error}")))
     }

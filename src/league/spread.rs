@@ -94,7 +94,9 @@ mod tests {
     #[test]
     fn wilsons_interval_has_its_published_values() {
         // Newcombe, Statistics in Medicine 17 (1998), table I.
-        for (found, count, low, high) in [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)] {
+        for (found, count, low, high) in
+            [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)]
+        {
             let [below, above] = interval(found, count);
             assert!((below - low).abs() < 5e-5 && (above - high).abs() < 5e-5, "{found} of {count}: {below} {above}");
         }

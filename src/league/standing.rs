@@ -55,8 +55,15 @@ mod tests {
             places(&[Some([0.0, 0.2]), Some([0.1, 0.3]), Some([0.25, 0.5]), None]),
             [Some((1, true)), Some((1, true)), Some((2, false)), None]
         );
-        assert_eq!(places(&[Some([0.0, 0.1]), Some([0.1, 0.3])]), [Some((1, true)), Some((1, true))], "an end in common");
+        assert_eq!(
+            places(&[Some([0.0, 0.1]), Some([0.1, 0.3])]),
+            [Some((1, true)), Some((1, true))],
+            "an end in common"
+        );
         let lost = [f64::INFINITY; 2];
-        assert_eq!(places(&[Some(lost), Some([0.1, 0.2]), Some(lost)]), [Some((2, true)), Some((1, false)), Some((2, true))]);
+        assert_eq!(
+            places(&[Some(lost), Some([0.1, 0.2]), Some(lost)]),
+            [Some((2, true)), Some((1, false)), Some((2, true))]
+        );
     }
 }

@@ -251,7 +251,9 @@ impl Study {
         }
         let [low, high] = self.budget.gain_range;
         if !(low > 0.0 && low < high && high.is_finite()) {
-            return Err(format!("budget: gain_range = [{low}, {high}]: must be two factors above 0, the smaller first"));
+            return Err(format!(
+                "budget: gain_range = [{low}, {high}]: must be two factors above 0, the smaller first"
+            ));
         }
         for (name, value) in [
             ("tuning_time", self.budget.tuning_time),
@@ -264,7 +266,9 @@ impl Study {
             }
         }
         each_once("plant", self.plant.iter().map(|plant| plant.name.as_str()))?;
-        self.plant.iter().try_for_each(|plant| plant.check().map_err(|reason| format!("plant {}: {reason}", plant.name)))
+        self.plant
+            .iter()
+            .try_for_each(|plant| plant.check().map_err(|reason| format!("plant {}: {reason}", plant.name)))
     }
 
     /// The pairs that are asked for by names, `PLANT`, `PLANT/CONTROLLER` or `/CONTROLLER`; all without any.
@@ -291,7 +295,11 @@ impl Plant {
     fn check(&self) -> Result<(), String> {
         let Plant { errors, error_limits, duration, step, settled, .. } = self;
         if errors.is_empty() || errors.len() != error_limits.len() {
-            return Err(format!("{} errors and {} error_limits: must be as many, at least 1", errors.len(), error_limits.len()));
+            return Err(format!(
+                "{} errors and {} error_limits: must be as many, at least 1",
+                errors.len(),
+                error_limits.len()
+            ));
         }
         if !(*step > 0.0 && *settled >= 0.0 && settled < duration && duration.is_finite()) {
             let told = format!("step = {step}, settled = {settled}, duration = {duration}");
@@ -299,9 +307,12 @@ impl Plant {
         }
         let Bench { u_min, u_max, lag, sample_time, .. } = &self.bench;
         let has_room = u_min.len() == u_max.len() && u_min.iter().zip(u_max).all(|(low, high)| low < high);
-        if u_min.is_empty() || !has_room || !(lag.is_finite() && *lag >= 0.0) || !(*sample_time > 0.0) {
-            return Err(format!("bench: u_min = {u_min:?}, u_max = {u_max:?}, lag = {lag}, sample_time = {sample_time}: must be a \
-                                limit of each kind a channel, the smaller in u_min, a lag of 0 s at least, and a sample time"));
+        let has_time = lag.is_finite() && *lag >= 0.0 && sample_time.is_finite() && *sample_time > 0.0;
+        if u_min.is_empty() || !has_room || !has_time {
+            return Err(format!(
+                "bench: u_min = {u_min:?}, u_max = {u_max:?}, lag = {lag}, sample_time = {sample_time}: must be a \
+                                limit of each kind a channel, the smaller in u_min, a lag of 0 s at least, and a sample time"
+            ));
         }
         if error_limits.iter().chain([&self.envelope]).any(|limit| !(limit.is_finite() && *limit > 0.0)) {
             return Err("error_limits and envelope must be finite numbers above 0".to_owned());

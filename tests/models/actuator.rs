@@ -44,15 +44,15 @@ fn derivative_by_the_command(unit: &Unit) -> f64 {
 
 #[test]
 fn a_gain_and_a_bias_act_behind_the_limits_and_at_once() {
-    let unit = at_rest("u_min = -1.0\nu_max = 1.0\ngain = 0.7\nbias = 0.25", 3.0);
+    let unit = at_rest("u_min = [-1.0]\nu_max = [1.0]\ngain = [0.7]\nbias = [0.25]", 3.0);
     assert_eq!(unit.get("y[1]"), 0.7 + 0.25, "the limit is of what the drive gives");
     unit.put("gain[1]", -0.5);
     unit.put("bias[1]", 2.0);
     unit.run(0.0, 1, 0.01);
     assert_eq!(unit.get("y[1]"), 2.0 - 0.5, "while it runs");
-    assert_eq!(derivative_by_the_command(&at_rest("gain = 0.7\nbias = 5.0", 0.1)), 0.7);
+    assert_eq!(derivative_by_the_command(&at_rest("gain = [0.7]\nbias = [5.0]", 0.1)), 0.7);
     // Behind a lag it is the lagged value that is lost, at once.
-    let unit = at_rest("time_constant = 0.5", 1.0);
+    let unit = at_rest("time_constant = [0.5]", 1.0);
     unit.put("u[1]", 0.0);
     unit.run(0.0, 1, 0.1);
     let before = unit.get("y[1]");
