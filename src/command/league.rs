@@ -68,10 +68,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let page_file = arguments.out.join(PAGE);
     output::write(&page_file, page)?;
     if arguments.json {
-        tell!("{}", json!({ "page": page_file, "pairs": records }));
+        say!("{}", json!({ "page": page_file, "pairs": records }));
     } else {
-        records.iter().for_each(|record| tell!("{}", told(record)));
-        tell!("{}", page_file.display());
+        records.iter().for_each(|record| say!("{}", told(record)));
+        aside!("{}", page_file.display());
     }
     if !complete {
         tell!("interrupted: --resume goes on");

@@ -297,8 +297,10 @@ impl Catalogued for L1Ppf {
                 that no plant answers leaves the funnel as that narrows, and the step is refused: connect the plant first.",
         gains: &[
             ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
-            ("rho_inf", "Width in the end. The barrier's stiffness, and so the step, grows as 1/rho²."),
-            ("decay_rate", "How fast the funnel narrows."),
+            (
+                "rho_inf",
+                "Width in the end, reached at `decay_rate`. The barrier's stiffness, and so the step, grows as 1/rho².",
+            ),
             ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, which nothing keeps inside."),
             ("error_weight", "Weight of the error beside its rate."),
             ("law", "`sampled`: for steps that the barrier is too stiff for."),

@@ -70,7 +70,9 @@ pub(super) fn benched(plain: &Structure, plant: &Plant, described: &ModelDescrip
         .map(|name| unit_of(&name))
         .collect();
     for (name, units) in [(SENSOR, measured.iter().map(|name| unit_of(name)).collect()), (ACTUATOR, inputs)] {
-        let fmu = format!("League_{name}_{}", plain.name);
+        // Its name is an identifier of C, which a pair's needn't be.
+        let plain_name: String = plain.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+        let fmu = format!("League_{name}_{plain_name}");
         structure.descriptions.insert(fmu.clone(), description(&fmu, name, &units));
         // In the order in which separate units are stepped: each takes what was just given.
         let place = structure.components.iter().position(|unit| unit.name == CONTROLLER).unwrap_or(0);
