@@ -91,14 +91,19 @@ def fmu_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module", autouse=True)
 def room_is_given_back(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What the tests of a file made on the disk goes with them, unless one of them failed: all of it together is 10 GB."""
+    """What the tests of a file made on the disk goes with them, unless one of them failed: all of it together is 10 GB. The folders
+    stay, empty: a library that is loaded from a path is not loaded again from there, so no path may be used twice."""
     base, failed = tmp_path_factory.getbasetemp(), request.session.testsfailed
     before = set(base.iterdir())
     yield
     if request.session.testsfailed == failed:
         for made in set(base.iterdir()) - before:
-            if not made.is_symlink() and made.name not in SHARED:
-                shutil.rmtree(made, ignore_errors=True)
+            if made.is_dir() and not made.is_symlink() and made.name not in SHARED:
+                for inside in made.iterdir():
+                    if inside.is_dir() and not inside.is_symlink():
+                        shutil.rmtree(inside, ignore_errors=True)
+                    else:
+                        inside.unlink()
 
 
 @pytest.fixture(scope="session")

@@ -134,15 +134,21 @@ def test_margins_are_those_of_another_simulation_and_of_theory(tmp_path: Path, g
     dead_time = margins["dead_time"]["value"]
     assert margins["dead_time"]["bound"] == "within" and dead_time < math.pi / 2 / gain
     assert bears(gain, dead_time / 1.02) and not bears(gain, 1.07 * dead_time), margins
-    assert margins["gain"]["bound"] == "at_least" and margins["lag"]["bound"] == "at_least", margins
+    assert margins["gain"]["bound"] == "at_least", margins
+    # A lag makes the loop swing, the longer the larger gain times lag is: here that counts from 3.5 on, and .3 s is the longest.
+    assert margins["lag"]["bound"] == ("at_least" if gain < 12.0 else "within") and margins["lag"]["value"] * gain > 1.5, margins
     # Stepped at once, the next y is y less k H times the y before it: lost from k H = 1 on, and swings long before.
     assert 0.6 < margins["step"]["value"] * gain < 1.0, margins
-    # e = r - y of the nominal loop is w/sqrt(w^2 + k^2) of the reference.
-    rms = 0.5 / math.hypot(0.5, gain) / math.sqrt(2)
-    assert record["conditions"]["nominal"]["outcome"]["rms"][0] == pytest.approx(rms, rel=0.03)
     # A plant that is .7 of what it should be is one whose gain is .7.
-    payload = 0.5 / math.hypot(0.5, 0.7 * gain) / math.sqrt(2)
-    assert record["conditions"]["payload"]["outcome"]["rms"][0] == pytest.approx(payload, rel=0.03)
+    for condition, factor in [("nominal", 1.0), ("payload", 0.7), ("larger", 1.3), ("smaller", 0.7)]:
+        rms = record["conditions"][condition]["outcome"]["rms"][0]
+        assert rms == pytest.approx(settled_error(factor * gain), rel=0.01), condition
+
+
+def settled_error(gain: float) -> float:
+    """The root mean square of e = s/(s + k) r, from 5 to 20 s."""
+    times, response = np.linspace(5.0, 20.0, 100_001), 0.5j / (0.5j + gain)
+    return float(np.sqrt(np.mean((response * np.exp(0.5j * times)).real ** 2)))
 
 
 def test_a_nominal_run_is_that_of_the_loop(tmp_path: Path) -> None:
