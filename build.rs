@@ -35,7 +35,8 @@ fn embed() {
     let league = root.join("examples/league");
     println!("cargo::rerun-if-changed={}", league.display());
     let code = format!(
-        "static LEAGUE: Embedded = &[\n{}];\nstatic DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
+        "static LEAGUE: Embedded = &[\n{}];\n\
+         static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
          static RESPONSES: Embedded = &[\n{responses}];\n",
         texts(&league, &["toml"], name),
         loops.collect::<String>()

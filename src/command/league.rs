@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::league::{Budget, Entry, Page, Pair, Plant, Record, Stage, Study, advice};
+use adaptive_fmu::league::{Entry, Page, Pair, Plant, Record, Stage, Study, advice};
 use adaptive_fmu::output;
 use adaptive_fmu::simulation::Ready;
 use serde_json::json;
@@ -13,8 +13,6 @@ use super::open::OpenOption;
 use super::progress::{self, Bars, Counter};
 
 const PAGE: &str = "index.html";
-/// The parts of the work of a pair.
-const STAGES: usize = 4;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -47,6 +45,8 @@ pub struct Arguments {
 /// A league with its folders.
 struct League {
     study: Study,
+    /// The study's file, for messages.
+    file: PathBuf,
     folder: PathBuf,
     out: PathBuf,
     /// What this package's own league has beside its study lies there while it runs.
@@ -59,7 +59,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     output::check(&arguments.out, "", &[PAGE])?;
     let complete = arguments.page || league.compute(arguments)?;
     let records = league.records()?;
-    let wrong = |reason| Error::Loop { file: league.folder.clone(), reason };
+    let wrong = |reason| Error::Loop { file: league.file.clone(), reason };
     if records.is_empty() {
         let reason = format!("{} holds no results of this league", arguments.out.display());
         return if complete { Err(wrong(reason)) } else { Ok(ExitCode::from(progress::INTERRUPTED)) };
@@ -97,22 +97,23 @@ fn told(record: &Record) -> String {
 
 impl League {
     fn new(arguments: &Arguments) -> Result<Self, Error> {
-        let (mut study, folder, unpacked) = match &arguments.study {
+        let (mut study, file, folder, unpacked) = match &arguments.study {
             Some(file) => {
                 let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-                (Study::read(file)?, folder.unwrap_or(Path::new(".")).to_owned(), None)
+                (Study::read(file)?, file.clone(), folder.unwrap_or(Path::new(".")).to_owned(), None)
             }
             None => {
                 let unpacked = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
-                (Study::own(unpacked.path())?, unpacked.path().to_owned(), Some(unpacked))
+                let file = PathBuf::from("examples/league/league.toml");
+                (Study::own(unpacked.path())?, file, unpacked.path().to_owned(), Some(unpacked))
             }
         };
         if arguments.quick {
             study.budget = study.budget.quick();
         }
         // What advice rests on is there, whether it holds or not.
-        advice(&study, &[]).map_err(|reason| Error::Loop { file: folder.clone(), reason })?;
-        Ok(League { study, folder, out: arguments.out.clone(), _unpacked: unpacked })
+        advice(&study, &[]).map_err(|reason| Error::Loop { file: file.clone(), reason })?;
+        Ok(League { study, file, folder, out: arguments.out.clone(), _unpacked: unpacked })
     }
 
     /// Whether all of it was done, not interrupted.
@@ -125,7 +126,7 @@ impl League {
             self.pair(plant, entry, &ready)?;
         }
         let bars = Bars::new(arguments.json);
-        let counter = Counter::new(&bars, "league", STAGES * chosen.len(), 0);
+        let counter = Counter::new(&bars, "league", Stage::ALL.len() * chosen.len(), 0);
         for (plant, entry) in chosen {
             let mut pair = self.pair(plant, entry, &ready)?;
             if !self.compute_pair(&mut pair, arguments.resume, &counter)? {
@@ -138,14 +139,13 @@ impl League {
     }
 
     fn pair<'a>(&self, plant: &'a Plant, entry: &'a Entry, ready: &Ready) -> Result<Pair<'a>, Error> {
-        let budget: Budget = self.study.budget;
-        Pair::new(plant, entry, budget, &self.folder, ready)
+        Pair::new(plant, entry, self.study.budget, &self.folder, ready)
     }
 
     fn compute_pair(&self, pair: &mut Pair, resume: bool, counter: &Counter) -> Result<bool, Error> {
         let below = &pair.plant.name;
         output::make_folder(&self.out, below)?;
-        let file = self.file(below, &pair.entry.name);
+        let file = self.result(below, &pair.entry.name);
         let fresh = Record::new(pair);
         let mut record = if resume && file.is_file() { Record::read(&file)? } else { fresh.clone() };
         if (&record.question, &record.units) != (&fresh.question, &fresh.units) {
@@ -153,9 +153,7 @@ impl League {
             return Err(Error::Loop { file, reason: reason.to_owned() });
         }
         let name = format!("{}/{}", pair.plant.name, pair.entry.name);
-        let stages = || std::iter::once(record.next()).flatten();
-        let known = STAGES - remaining(stages().next());
-        (0..known).for_each(|_| counter.count(&name));
+        (0..record.done()).for_each(|_| counter.count(&name));
         while let Some(stage) = record.next() {
             let wrong = |reason| Error::Loop { file: PathBuf::from(&name), reason };
             if !pair.go_on(&mut record, &progress::is_interrupted).map_err(wrong)? {
@@ -167,7 +165,8 @@ impl League {
         Ok(true)
     }
 
-    fn file(&self, plant: &str, controller: &str) -> PathBuf {
+    /// The file of a pair.
+    fn result(&self, plant: &str, controller: &str) -> PathBuf {
         self.out.join(plant).join(format!("{controller}.json"))
     }
 
@@ -176,7 +175,7 @@ impl League {
         let mut records = Vec::new();
         for plant in &self.study.plant {
             for entry in &plant.controller {
-                let file = self.file(&plant.name, &entry.name);
+                let file = self.result(&plant.name, &entry.name);
                 if !file.is_file() {
                     continue;
                 }
@@ -189,16 +188,5 @@ impl League {
             }
         }
         Ok(records)
-    }
-}
-
-/// How many parts of the work of a pair are left.
-fn remaining(next: Option<Stage>) -> usize {
-    match next {
-        Some(Stage::Gains) => 4,
-        Some(Stage::Conditions) => 3,
-        Some(Stage::Margins) => 2,
-        Some(Stage::Spread) => 1,
-        None => 0,
     }
 }

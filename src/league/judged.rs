@@ -63,6 +63,8 @@ pub(super) struct Watch<'a> {
     signals: &'a Signals,
     sizes: Vec<f64>,
     duration: f64,
+    /// From when on errors are judged, s.
+    settled: f64,
     last: Option<(f64, Vec<f64>)>,
     judged: u32,
     points: u32,
@@ -82,7 +84,9 @@ impl<'a> Watch<'a> {
             ..Outcome::default()
         };
         let sizes = plant.sizes();
-        Watch { plant, signals, sizes, duration, last: None, judged: 0, points: 0, errors: 0.0, outcome }
+        // A run that is shorter than the plant's own is judged in its second half at least.
+        let settled = if duration < plant.duration { plant.settled.min(0.5 * duration) } else { plant.settled };
+        Watch { plant, signals, sizes, duration, settled, last: None, judged: 0, points: 0, errors: 0.0, outcome }
     }
 
     /// Takes a point of the run; whether it goes on.
@@ -92,7 +96,7 @@ impl<'a> Watch<'a> {
             return self.fail(time, format!("an output of the plant is lost, at {}", number(value)));
         }
         let span = self.last.as_ref().map_or(0.0, |(before, _)| time - before);
-        let is_judged = time >= self.plant.settled.min(0.5 * self.duration);
+        let is_judged = time >= self.settled;
         for (k, &[of, minus]) in self.signals.errors.iter().enumerate() {
             let (error, limit) = ((row[of] - row[minus]).abs(), self.plant.error_limits[k]);
             self.errors += span * (error / limit).powi(2);

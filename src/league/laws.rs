@@ -15,7 +15,7 @@ pub struct Law {
     pub sentences: Vec<String>,
 }
 
-/// All laws, in the order in which the study names them first.
+/// All laws of which some pair was computed, in the order in which the study names them first.
 pub fn laws(study: &Study, records: &[Record]) -> Vec<Law> {
     let mut names: Vec<&str> = Vec::new();
     for entry in study.plant.iter().flat_map(|plant| &plant.controller) {
@@ -24,7 +24,8 @@ pub fn laws(study: &Study, records: &[Record]) -> Vec<Law> {
         }
     }
     let law = |name: &str| {
-        let own: Vec<&Record> = records.iter().filter(|record| record.controller == name).collect();
+        let is_own = |record: &&Record| record.controller == name && record.next().is_none();
+        let own: Vec<&Record> = records.iter().filter(is_own).collect();
         (!own.is_empty()).then(|| Law { name: name.to_owned(), sentences: sentences(study, records, &own) })
     };
     names.into_iter().filter_map(law).collect()
@@ -48,7 +49,8 @@ fn conditions(own: &[&Record]) -> String {
     let all: Vec<(&str, Condition, bool)> = all.collect();
     let failed: Vec<_> = all.iter().filter(|(.., holds)| !holds).collect();
     let held = all.len() - failed.len();
-    let mut told = format!("Holds under {held} of {} conditions on {} plants", all.len(), own.len());
+    let plants = if own.len() == 1 { format!("on {}", own[0].plant) } else { format!("on {} plants", own.len()) };
+    let mut told = format!("Holds under {held} of {} conditions {plants}", all.len());
     if !failed.is_empty() {
         let plants = own.iter().map(|record| record.plant.as_str());
         let listed = plants.filter_map(|plant| {
@@ -66,12 +68,15 @@ fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
     for record in own {
         let of_plant = of_plant(study, records, &record.plant);
         let place = of_plant.iter().position(|other| other.controller == record.controller)?;
-        let Some(Rank { place, shared }) = standings(&of_plant)[place].error else { continue };
+        let standings = standings(&of_plant);
+        let others = standings.iter().filter(|standing| standing.error.is_some()).count();
+        // Alone it is neither first nor last.
+        let Some(Rank { place, shared }) = standings[place].error.filter(|_| others > 1) else { continue };
         ranked += 1;
         match (place, shared) {
             (1, false) => first.push(record.plant.as_str()),
             (1, true) => {}
-            _ => behind.push(format!("{} (place {place} of {})", record.plant, of_plant.len())),
+            _ => behind.push(format!("{} (place {place} of {others})", record.plant)),
         }
     }
     if ranked == 0 {
@@ -107,12 +112,17 @@ fn beside_best(study: &Study, records: &[Record], own: &[&Record], quantity: Qua
         }
     }
     ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let ((low, at_low), (high, at_high)) = (*ratios.first()?, *ratios.last()?);
-    let title = quantity.title.split(", s").next().unwrap_or(quantity.title).trim_end_matches(", 1/s");
+    let title = capital(quantity.title);
+    let (Some((low, at_low)), Some((high, at_high))) = (ratios.first(), ratios.last()) else {
+        return Some(format!("{title}: none, where it fails."));
+    };
+    // Where it fails there is no number, which is not to be taken for a good one.
+    let without = own.len() - ratios.len();
+    let without = if without == 0 { String::new() } else { format!("; none on {without} of {} plants", own.len()) };
     if ratios.len() == 1 {
-        return Some(format!("{}: {low:.2} times the best of {at_low}.", capital(title)));
+        return Some(format!("{title}: {low:.2} times the best of {at_low}{without}."));
     }
-    Some(format!("{}: {low:.2} ({at_low}) to {high:.2} ({at_high}) times the best of each plant.", capital(title)))
+    Some(format!("{title}: {low:.2} ({at_low}) to {high:.2} ({at_high}) times the best of each plant{without}."))
 }
 
 fn capital(text: &str) -> String {

@@ -8,14 +8,13 @@ use super::condition::Condition;
 use super::laws::{Law, laws, of_plant};
 use super::margins::{Bound, Margin};
 use super::panels::panels;
+use super::quantity::under;
 use super::record::Record;
 use super::standing::{Rank, standings};
 use super::study::{Budget, Plant, Study};
 use crate::exporter::escaped;
-use crate::simulation::{STYLE, four_digits};
+use crate::simulation::{four_digits, still, still_ending};
 
-/// A browser that obeys this loads nothing, and runs nothing.
-const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 const OWN_STYLE: &str = "
   h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
   h3 { font-size: 1em; margin: 1.2em 0 .3em; }
@@ -50,14 +49,7 @@ impl Page<'_> {
     /// When the study's advice names what the league doesn't have.
     pub fn html(&self) -> Result<String, String> {
         let Study { title, about, .. } = self.study;
-        let (title, about) = (escaped(title), escaped(about));
-        let mut page = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>{STYLE}{OWN_STYLE}</style>\n</head>\n\
-             <body>\n<h1>{title}</h1>\n<p>{about}</p>\n"
-        );
+        let mut page = still(title, about, OWN_STYLE);
         let pairs = self.study.plant.iter().map(|plant| plant.controller.len()).sum::<usize>();
         let known = self.records.iter().filter(|record| record.next().is_none()).count();
         if known < pairs {
@@ -71,9 +63,8 @@ impl Page<'_> {
                 push_plant(&mut page, plant, &records);
             }
         }
-        push_method(&mut page, &self.study.budget);
-        let version = env!("CARGO_PKG_VERSION");
-        let _ = writeln!(page, "<p>Made by adaptive-fmu {version}, from runs of its own FMUs.</p>\n</body>\n</html>");
+        push_method(&mut page, &self.study.budget, self.records);
+        page.push_str(&still_ending());
         Ok(page)
     }
 }
@@ -109,31 +100,31 @@ fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
     let (name, title) = (escaped(&plant.name), escaped(&plant.title));
     let _ = writeln!(page, "<h2 id=\"{name}\">{title}</h2>");
     page.push_str(&panels(plant, records));
+    page.push_str("<h3>Random plants, bench and margins</h3>\n");
     push_results(page, plant, records);
+    page.push_str("<h3>Errors under each condition</h3>\n");
     push_conditions(page, plant, records);
     page.push_str("<h3>Gains that were found</h3>\n<dl>\n");
     for record in records {
         let Some(gains) = &record.gains else { continue };
         let told = if gains.values.is_empty() { "as it is".to_owned() } else { gains.told() };
-        let (before, after) = (cost(gains.before), cost(gains.after));
+        let (before, after) = (four_digits(gains.before), four_digits(gains.after));
         let told = escaped(&format!("{told} (cost {before} before, {after} after {} runs)", gains.runs));
         let _ = writeln!(page, "<dt>{}<dd>{told}", escaped(&record.controller));
     }
     page.push_str("</dl>\n");
 }
 
-fn cost(cost: f64) -> String {
-    if cost >= 1e3 { "of a failure".to_owned() } else { four_digits(cost) }
-}
-
 /// Random plants, effort and margins.
 fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
     page.push_str(
         "<div class=\"scroll\"><table class=\"results\">\n<tr><th>controller<th>random plants that fail<th>median error\
-         <th>effort<th>variation<th>dead time<th>lag<th>gain<th>gain divided<th>step, Jacobi\n",
+         <th class=\"number\">effort<th class=\"number\">variation<th class=\"number\">dead time<th class=\"number\">lag\
+         <th class=\"number\">gain<th class=\"number\">gain divided<th class=\"number\">step, Jacobi\n",
     );
     for (record, standing) in records.iter().zip(standings(records)) {
-        let _ = write!(page, "<tr><td>{}", escaped(&record.controller));
+        let form = if record.as_one { "" } else { "<small>as separate units</small>" };
+        let _ = write!(page, "<tr><td>{}{form}", escaped(&record.controller));
         match &record.spread {
             Some(spread) => {
                 let (rate, [low, high]) = spread.rate();
@@ -146,10 +137,9 @@ fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
             }
             None => page.push_str("<td>–<td>–"),
         }
-        let bench = record.conditions.as_ref().and_then(|all| all.get(&Condition::Bench));
-        match bench.filter(|judged| judged.outcome.holds()) {
-            Some(judged) => {
-                let (effort, moved) = (judged.outcome.commanded(plant), judged.outcome.moved(plant));
+        match under(record, Condition::Bench) {
+            Some(outcome) => {
+                let (effort, moved) = (outcome.commanded(plant), outcome.moved(plant));
                 let _ = write!(
                     page,
                     "<td class=\"number\">{}<td class=\"number\">{}",
@@ -171,7 +161,10 @@ fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
         }
         page.push('\n');
     }
-    page.push_str("</table></div>\n");
+    page.push_str(
+        "</table></div>\n<p>Effort is the root mean square of the commands on the bench, in parts of the largest control; variation \
+         is how far they move there, in largest controls a second. A dash: not computed, or failed on the bench.</p>\n",
+    );
 }
 
 fn place(rank: Option<Rank>) -> String {
@@ -197,7 +190,7 @@ fn margin_told(margin: &Margin, scale: f64, unit: &str) -> String {
 /// The errors under each condition.
 fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
     page.push_str("<div class=\"scroll\"><table class=\"conditions\">\n<tr><th>error");
-    Condition::ALL.iter().for_each(|condition| _ = write!(page, "<th>{}", condition.title()));
+    Condition::ALL.iter().for_each(|condition| _ = write!(page, "<th class=\"number\">{}", condition.title()));
     page.push('\n');
     for record in records {
         let Some(conditions) = &record.conditions else { continue };
@@ -211,7 +204,7 @@ fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
                 None => _ = write!(page, "<td class=\"number\">{}", four_digits(judged.outcome.error(plant))),
                 Some(failure) => {
                     let (at, reason) = (four_digits(failure.at), escaped(&failure.reason));
-                    let _ = write!(page, "<td class=\"bad\" title=\"{reason}\">fails at {at} s");
+                    let _ = write!(page, "<td class=\"number bad\" title=\"{reason}\">fails at {at} s");
                 }
             }
         }
@@ -232,19 +225,32 @@ fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
     );
 }
 
-fn push_method(page: &mut String, budget: &Budget) {
+/// How many runs failed at first, and not when they were run again.
+fn mended(records: &[Record]) -> usize {
+    let conditions = records.iter().flat_map(|record| record.conditions.iter().flatten());
+    let of_conditions = conditions.filter(|(_, judged)| judged.mended).count();
+    of_conditions
+        + records.iter().filter_map(|record| record.spread.as_ref()).map(|spread| spread.mended).sum::<usize>()
+}
+
+fn push_method(page: &mut String, budget: &Budget, records: &[Record]) {
+    let mended = match mended(records) {
+        0 => String::new(),
+        count => format!("; {count} did not"),
+    };
     let Budget { particles, generations, noises, tuning_time, gain_range: [low, high], plants, spread, margin, .. } =
         budget;
+    let plural = if *noises == 1 { "" } else { "s" };
     let _ = writeln!(
         page,
         "<h2 id=\"method\">How it was made</h2>\n<p>Every controller's gains were searched by the same swarm: {particles} \
-         particles, {generations} generations, the mean of {noises} noises, {tuning_time} s of the nominal plant behind its \
+         particles, {generations} generations, {noises} noise{plural} a position, {tuning_time} s of the nominal plant behind its \
          sensors and actuators; each gain within {low} to {high} times what it was before. What is minimised is the integral of \
          the squared errors, in parts of their limits, and a hundredth of the squared commands and of their total variation, in \
-         parts of the largest control. Then nothing is touched.</p>\n\
+         parts of the largest control; a failure costs up to a million. Then nothing is touched.</p>\n\
          <p>A run fails where an output of the plant is beyond its envelope, an error beyond its limit once it is judged, or a \
          unit refuses to go on; near a margin also where a command varies three times as much as nominally. What failed was run \
-         again with a hundredth of the tolerance and half the step, and counts only where it failed again. Margins are those of \
+         again with a hundredth of the tolerance and half the step, and counts only where it failed again{mended}. Margins are those of \
          the nominal plant without noise, found by halving ratios to {:.0} %: what lies between is taken to be borne too.</p>\n\
          <p>{plants} random plants, the same for all controllers: each parameter that isn't known well is anywhere within ±{:.0} \
          %, sensors and actuators are there. Intervals hold the true value with a probability of 95 %, for plants drawn so. A \

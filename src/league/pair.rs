@@ -9,11 +9,11 @@ use super::judged::{Judged, Outcome, Signals, Watch};
 use super::study::{Budget, Entry, Plant};
 use crate::error::Error;
 use crate::model::Description;
-use crate::sealed;
 use crate::simulation::{
     Draft, Found, LoadedLoop, LoopFiles, Order, Place, Ready, Settings, Structure, Value, Whole, Wishes,
 };
 use crate::system::Kind;
+use crate::{near, sealed};
 
 /// The parameter of a unit, or of a loop that is one, that says how well it is integrated.
 const TOLERANCE: &str = "relative_tolerance";
@@ -108,23 +108,44 @@ impl<'a> Pair<'a> {
         let bench = &self.plant.bench;
         for name in bench.noise.keys().chain(bench.resolution.keys()) {
             if !outputs.iter().any(|output| is_of(output, name)) {
-                return Err(format!("bench: the plant has no output `{name}`"));
+                let near = near::choice(name, outputs, "");
+                return Err(format!("bench: the plant has no output `{name}`; {near}"));
             }
         }
         for name in &self.plant.uncertain {
             if self.elements(PLANT, name).is_empty() {
-                return Err(format!("uncertain: the plant has no parameter `{name}`"));
+                let near = near::choice(name, &self.parameters(PLANT), "");
+                return Err(format!("uncertain: the plant has no parameter `{name}`; {near}"));
             }
         }
-        let mut tuned = self.entry.tune.iter().flat_map(|names| names.split_whitespace());
-        let unknown = tuned.find(|name| self.elements(CONTROLLER, name).is_empty());
-        unknown.map_or(Ok(()), |name| Err(format!("tune: the controller `{}` has no `{name}`", self.entry.name)))
+        for name in self.entry.tune.iter().flat_map(|names| names.split_whitespace()) {
+            let elements = self.elements(CONTROLLER, name);
+            if elements.is_empty() {
+                let near = near::choice(name, &self.parameters(CONTROLLER), "");
+                return Err(format!("tune: the controller `{}` has no parameter `{name}`; {near}", self.entry.name));
+            }
+            if elements.iter().all(|place| self.nominal(*place) == 0.0) {
+                return Err(format!(
+                    "tune: `{name}` is 0, which no factor changes: give it a value by `set`, or leave it out"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The names of a unit's Real parameters.
+    fn parameters(&self, unit: &str) -> Vec<String> {
+        let names = self.whole.tunable().into_iter();
+        names.filter_map(|name| name.strip_prefix(unit)?.strip_prefix('.').map(str::to_owned)).collect()
     }
 
     /// The place of a variable of the loop as one unit.
     pub(super) fn place(&self, name: &str) -> Result<Place, String> {
         let found = self.whole.variable(name);
-        found.map(|(place, _)| place).ok_or_else(|| format!("the loop has no variable `{name}`"))
+        found.map(|(place, _)| place).ok_or_else(|| {
+            let known: Vec<_> = self.whole.variables().map(|(known, ..)| known).collect();
+            format!("the loop has no variable `{name}`; {}", near::choice(name, &known, ""))
+        })
     }
 
     /// The places of a unit's Real variable: all its elements.
@@ -271,11 +292,9 @@ fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error
     let text = draft.text();
     let mut structure = Structure::parse(&text, &LoopFiles::within(folder))?;
     structure.file = format!("{}/{}", plant.name, entry.name).into();
-    let is_left = |open: &&String| {
-        !entry.open.iter().any(|name| open.contains(&format!(".{name}`")) || open.contains(&format!(".{name}[")))
-    };
-    if let Some(open) = draft.open().iter().find(is_left) {
-        let reason = format!("{open}; name it in the entry's `open` if it is to stay as it is");
+    let stays = |input: &str| entry.open.iter().any(|name| is_of(input, &format!("{CONTROLLER}.{name}")));
+    if let Some((input, reason)) = draft.undecided().find(|(input, _)| !stays(input)) {
+        let reason = format!("`{input}`: {reason}; name it in the entry's `open` if it is to stay as it is");
         return Err(Error::Loop { file: structure.file, reason });
     }
     structure.metrics.clear();
@@ -292,7 +311,7 @@ fn signals(loaded: &LoadedLoop, plant: &Plant, commands: &[String]) -> Result<Si
     let closed = loaded.instantiate(&[]).map_err(|error| error.to_string())?;
     let place = |name: &str| {
         let place = closed.names().iter().position(|known| known == name);
-        place.ok_or_else(|| format!("the loop has no output `{name}`"))
+        place.ok_or_else(|| format!("the loop has no output `{name}`; {}", near::choice(name, closed.names(), "")))
     };
     let pair = |[of, minus]: &[String; 2]| Ok::<_, String>([place(of)?, place(minus)?]);
     let outputs = closed.names().iter().enumerate().filter(|(_, name)| name.starts_with(&format!("{PLANT}.")));

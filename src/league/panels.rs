@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
+use super::condition::Condition;
 use super::margins::Bound;
+use super::quantity::under;
 use super::record::Record;
 use super::study::Plant;
 use crate::exporter::escaped;
@@ -42,9 +44,7 @@ pub fn panels(plant: &Plant, records: &[&Record]) -> String {
             Some(Mark { value: value?, interval: low.zip(high).map(|(low, high)| [low, high]), open: high.is_none() })
         }),
         panel("variation of the control, 1/s", true, records, |record| {
-            let judged = record.conditions.as_ref()?.get(&super::Condition::Bench)?;
-            let value = judged.outcome.moved(plant);
-            judged.outcome.holds().then_some(Mark { value, interval: None, open: false })
+            Some(Mark { value: under(record, Condition::Bench)?.moved(plant), interval: None, open: false })
         }),
         panel("dead time that is borne, s", true, records, |record| {
             let margin = record.margins?.dead_time;

@@ -1,6 +1,7 @@
 //! Numbers of a record by their names: what the page shows, and what advice is measured by.
 
 use super::condition::Condition;
+use super::judged::Outcome;
 use super::record::Record;
 use super::study::{Plant, Study};
 use crate::near;
@@ -10,7 +11,7 @@ use crate::near;
 pub struct Quantity {
     /// Its name in advice.
     pub name: &'static str,
-    /// In a few words, with its unit.
+    /// In a few words.
     pub title: &'static str,
     /// Whether more of it is better.
     pub more_is_better: bool,
@@ -21,31 +22,25 @@ impl Quantity {
     /// All of them.
     pub const ALL: [Quantity; 11] = [
         quantity("error", "error, nominal", false, |plant, record| {
-            let judged = record.conditions.as_ref()?.get(&Condition::Nominal)?;
-            judged.outcome.holds().then(|| judged.outcome.error(plant))
+            Some(under(record, Condition::Nominal)?.error(plant))
         }),
         quantity("bench_error", "error, bench", false, |plant, record| {
-            let judged = record.conditions.as_ref()?.get(&Condition::Bench)?;
-            judged.outcome.holds().then(|| judged.outcome.error(plant))
+            Some(under(record, Condition::Bench)?.error(plant))
         }),
-        quantity("effort", "effort, bench", false, |plant, record| {
-            let judged = record.conditions.as_ref()?.get(&Condition::Bench)?;
-            judged.outcome.holds().then(|| judged.outcome.commanded(plant))
-        }),
-        quantity("variation", "variation of the control, bench, 1/s", false, |plant, record| {
-            let judged = record.conditions.as_ref()?.get(&Condition::Bench)?;
-            judged.outcome.holds().then(|| judged.outcome.moved(plant))
+        quantity("effort", "effort", false, |plant, record| Some(under(record, Condition::Bench)?.commanded(plant))),
+        quantity("variation", "variation of the control", false, |plant, record| {
+            Some(under(record, Condition::Bench)?.moved(plant))
         }),
         quantity("held", "conditions held", true, |_, record| {
             let held = record.conditions.as_ref()?.values().filter(|judged| judged.outcome.holds()).count();
             Some(held as f64)
         }),
         quantity("failed", "random plants that fail", false, |_, record| Some(record.spread.as_ref()?.rate().0)),
-        quantity("median", "median error, random plants", false, |_, record| record.spread.as_ref()?.median().0),
-        quantity("dead_time", "dead time that is borne, s", true, |_, record| Some(record.margins?.dead_time.value)),
-        quantity("lag", "lag that is borne, s", true, |_, record| Some(record.margins?.lag.value)),
+        quantity("median", "median error", false, |_, record| record.spread.as_ref()?.median().0),
+        quantity("dead_time", "dead time that is borne", true, |_, record| Some(record.margins?.dead_time.value)),
+        quantity("lag", "lag that is borne", true, |_, record| Some(record.margins?.lag.value)),
         quantity("gain", "gain that is borne", true, |_, record| Some(record.margins?.gain.value)),
-        quantity("step", "communication step that is borne, s", true, |_, record| Some(record.margins?.step.value)),
+        quantity("step", "communication step that is borne", true, |_, record| Some(record.margins?.step.value)),
     ];
 
     /// The quantity of a name.
@@ -62,6 +57,12 @@ impl Quantity {
     pub fn of(&self, plant: &Plant, record: &Record) -> Option<f64> {
         (self.of)(plant, record)
     }
+}
+
+/// What a pair came to under a condition, where it didn't fail.
+pub(super) fn under(record: &Record, condition: Condition) -> Option<&Outcome> {
+    let outcome = &record.conditions.as_ref()?.get(&condition)?.outcome;
+    outcome.holds().then_some(outcome)
 }
 
 const fn quantity(

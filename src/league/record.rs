@@ -53,6 +53,9 @@ pub enum Stage {
 }
 
 impl Stage {
+    /// All of them.
+    pub const ALL: [Stage; 4] = [Stage::Gains, Stage::Conditions, Stage::Margins, Stage::Spread];
+
     /// In a word.
     pub fn word(self) -> &'static str {
         match self {
@@ -80,11 +83,15 @@ impl Record {
         sealed::checksum(serde_json::to_string(&asked).unwrap_or_default())
     }
 
+    /// How many parts of the work are done; they are done in their order.
+    pub fn done(&self) -> usize {
+        let known = [self.gains.is_some(), self.conditions.is_some(), self.margins.is_some(), self.spread.is_some()];
+        known.iter().take_while(|known| **known).count()
+    }
+
     /// What is to be done next.
     pub fn next(&self) -> Option<Stage> {
-        let known = [self.gains.is_some(), self.conditions.is_some(), self.margins.is_some(), self.spread.is_some()];
-        let stages = [Stage::Gains, Stage::Conditions, Stage::Margins, Stage::Spread];
-        stages.into_iter().zip(known).find(|(_, known)| !known).map(|(stage, _)| stage)
+        Stage::ALL.get(self.done()).copied()
     }
 
     /// Writes it. An earlier file is replaced at once or not at all.

@@ -8,10 +8,8 @@ use super::figure::Drawing;
 use super::outcome::Outcome;
 use super::{Example, Study, Table};
 use crate::exporter::escaped;
-use crate::simulation::{Ending, Measured, STYLE, Verdict, four_digits};
+use crate::simulation::{Ending, Measured, Verdict, four_digits, still, still_ending};
 
-/// A browser that obeys this loads nothing, and runs nothing.
-const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 const OWN_STYLE: &str = "
   h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
   h3 { font-size: 1em; margin: 1.2em 0 .3em; }
@@ -58,21 +56,13 @@ impl Page<'_> {
     /// The page.
     pub fn html(&self) -> String {
         let Study { title, about, .. } = self.study;
-        let (title, about) = (escaped(title), escaped(about));
-        let mut page = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>{STYLE}{OWN_STYLE}</style>\n</head>\n\
-             <body>\n<h1>{title}</h1>\n<p>{about}</p>\n"
-        );
+        let mut page = still(title, about, OWN_STYLE);
         self.push_contents(&mut page);
         self.push_glance(&mut page);
         for (example, done) in self.study.example.iter().zip(self.done) {
             push_example(&mut page, example, done);
         }
-        let version = env!("CARGO_PKG_VERSION");
-        let _ = writeln!(page, "<p>Made by adaptive-fmu {version}, from runs of its own FMUs.</p>\n</body>\n</html>");
+        page.push_str(&still_ending());
         page
     }
 

@@ -47,7 +47,7 @@ pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
 pub use metrics::{Measured, measure};
 pub use overview::{Row, Verdict, four_digits, table};
-pub use page::{DIAGRAMS, Ending, Report, SCRIPT, STYLE};
+pub use page::{DIAGRAMS, Ending, Report, SCRIPT, STYLE, still, still_ending};
 pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
 pub use ready::Ready;
 pub use recorded::{METRICS, PARQUET, Recorded, RecordedRun, TABLE, told};

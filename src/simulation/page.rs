@@ -10,6 +10,8 @@ use crate::exporter::escaped;
 
 /// A browser that obeys this loads nothing from anywhere.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
+/// A browser that obeys this loads nothing, and runs nothing.
+const STILL: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 /// How pages look.
 pub const STYLE: &str = "
   body { font: 16px/1.5 system-ui, sans-serif; max-width: 75em; margin: 1.5em auto; padding: 0 1em; color: #1b1b1b; }
@@ -50,6 +52,25 @@ pub const DIAGRAMS: &str = "
 ";
 /// What draws the diagrams, and lets a reader zoom them.
 pub const SCRIPT: &str = include_str!("page.js");
+
+/// The beginning of a page that needs no script and loads nothing: title, what it is about, and how it looks beside what every
+/// page has.
+pub fn still(title: &str, about: &str, style: &str) -> String {
+    let (title, about) = (escaped(title), escaped(about));
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{STILL}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>{STYLE}{style}</style>\n</head>\n\
+         <body>\n<h1>{title}</h1>\n<p>{about}</p>\n"
+    )
+}
+
+/// The end of such a page.
+pub fn still_ending() -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    format!("<p>Made by adaptive-fmu {version}, from runs of its own FMUs.</p>\n</body>\n</html>\n")
+}
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -227,6 +227,8 @@ def test_the_page_loads_nothing_and_judges_its_advice(tmp_path: Path) -> None:
         ('unit = "Integrator.toml"', 'unit = "Integrators.toml"', "Integrators.toml"),
         ("plants = 8", "plants = 0", "must be 1 at least"),
         ("plants = 8", "planets = 8", "unknown field `planets`"),
+        ("[[plant.controller]]\nname", '[[plant.controller]]\ntune = ["k_p"]\nname', "no parameter `k_p`; did you mean"),
+        ("[[plant.controller]]\nname", '[[plant.controller]]\ntune = ["K_i"]\nname', "`K_i` is 0, which no factor changes"),
         ("integrator/p.dead_time > 1", "integrator/p.deadtime > 1", "no quantity `deadtime`"),
     ],
 )

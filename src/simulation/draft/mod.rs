@@ -95,13 +95,17 @@ impl Draft {
         self.wires.inputs.iter().filter(|(_, input)| matches!(input, Input::Connected { .. })).count()
     }
 
-    /// The inputs that a person must decide about, a line each.
-    pub fn open(&self) -> Vec<String> {
-        let open = self.wires.inputs.iter().filter_map(|(signal, input)| match input {
-            Input::Open { reason, .. } => Some(format!("`{}`: {reason}", self.shown(*signal))),
+    /// The inputs that a person must decide about, by their names in the loop, and why.
+    pub fn undecided(&self) -> impl Iterator<Item = (String, &str)> {
+        self.wires.inputs.iter().filter_map(|(signal, input)| match input {
+            Input::Open { reason, .. } => Some((self.shown(*signal), reason.as_str())),
             _ => None,
-        });
-        open.collect()
+        })
+    }
+
+    /// The same, a line each.
+    pub fn open(&self) -> Vec<String> {
+        self.undecided().map(|(input, reason)| format!("`{input}`: {reason}")).collect()
     }
 
     /// The inputs that need no connection.
