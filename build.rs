@@ -1,4 +1,4 @@
-//! What the program and the library of this package hold beside their code, and linker flags of the shared library.
+//! What the crate holds beside its code.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -7,16 +7,13 @@ use adaptive_fmu_sources::{self as sources, entries};
 
 fn main() {
     embed();
-    // The framework lies within src, but in a package from a registry, where it is one of its own. Of the documentation there is
-    // what FMUs and archives hold.
-    let texts = ["docs/controllers", "docs/plants", "docs/license.txt", "docs/start.txt"];
-    sources::tell(&[["src", "plants", "Cargo.toml"].as_slice(), &texts].concat());
-    // A fuzzer's library leaves symbols of its sanitizer to the program that loads it.
-    let fuzzing = env::var_os("CARGO_CFG_FUZZING").is_some();
-    if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("linux") && !fuzzing {
-        // An undefined symbol is an error here, not in a user's tool.
-        println!("cargo::rustc-link-arg-cdylib=-Wl,-z,defs");
-    }
+    // All that the library is made of. The framework lies within src, but in a package from a registry, where it is one of its
+    // own. Of the documentation there is what FMUs and archives hold.
+    let code = entries(Path::new("src"))
+        .into_iter()
+        .filter(|path| !path.ends_with("program") && !path.ends_with("command_line"));
+    let texts = ["plants", "Cargo.toml", "docs/controllers", "docs/plants", "docs/license.txt", "docs/start.txt"];
+    sources::tell(&code.chain(texts.map(PathBuf::from)).collect::<Vec<_>>());
 }
 
 /// The descriptions of FMUs and the closed loops, within the program: it needs no files beside it.

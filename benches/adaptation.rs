@@ -8,7 +8,6 @@
 //! magnitude that each has among all ends.
 
 use std::hint::black_box;
-use std::path::Path;
 use std::time::Duration;
 
 use adaptive_fmu::execution::Execution;
@@ -51,7 +50,7 @@ const GENERAL: Method = ("general", "integration_method = 'explicit'\nrelative_t
 
 /// A unit with further lines in its `[start]`, in place of those of the same names.
 fn unit(name: &str, start: &str) -> Run {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("modelDescription");
+    let folder = common::description_folder();
     let text = std::fs::read_to_string(folder.join(format!("{name}.toml"))).unwrap();
     let mut description = Description::read(&text).unwrap();
     description.start.extend(start.parse::<toml::Table>().unwrap());

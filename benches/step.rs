@@ -109,7 +109,7 @@ struct Peer {
 impl Peer {
     /// Compiles it, with an Euler step of this size; `None` where there is no C compiler.
     fn compile(h: f64) -> Option<PathBuf> {
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/van_der_pol.c");
+        let source = common::at_top("benches/van_der_pol.c");
         let library = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("van_der_pol_{h}.so"));
         let mut compiler = Command::new("cc");
         let compiler = compiler.args(["-O2", "-shared", "-fPIC", "-o"]).arg(&library).arg(source);

@@ -11,8 +11,7 @@ use crate::system::{
 const LARGEST_LINES: usize = 1_000_000;
 
 /// Number of channels, their units (1 where none are given), and how many samples the longest delay may have.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Channels {
     /// How many channels, 1 … 1000.

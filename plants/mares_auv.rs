@@ -15,10 +15,12 @@ const SMALLEST_FINENESS: f64 = 1.001;
 /// Where the initial pitch angle stands.
 const PITCH: usize = 4;
 
-/// M ν' + C(ν) ν + D(ν) ν + g(η) = J(η)ᵀ u, η' = J(η) ν.
+/// M ν_r' + C(ν_r) ν_r + D(ν_r) ν_r + g(η) = J(η)ᵀ u, η' = J(η) ν; ν_r is ν beside the water, which moves evenly.
 #[derive(Debug)]
 pub struct MaresAuv {
     x0: VectorOf<Parameter>,
+    /// Velocity of the water in earth axes.
+    current: VectorOf<Parameter>,
     hull: Hull,
     u: VectorOf<Input>,
     eta: VectorOf<State>,
@@ -62,6 +64,7 @@ impl System for MaresAuv {
         let initial: Vec<_> = initial.iter().map(String::as_str).collect();
         let tracked = pose.map(|text| format!("tracked output, {text}"));
         let forces = ["force north", "force east", "force down", "moment of phi", "moment of theta", "moment of psi"];
+        let currents = ["north", "east", "down"].map(|axis| format!("velocity of the water, {axis}"));
         let units = ["m", "rad", "m/s", "rad/s"].map(|unit| [unit; 3]).concat();
         let nominals = [[1.0; 3], [0.1; 3], [0.1; 3], [0.1; 3]].concat();
         let state_like = |name: &str, first: usize, last: usize, texts: &[&str]| {
@@ -69,6 +72,7 @@ impl System for MaresAuv {
         };
         Ok(MaresAuv {
             x0: d.parameter(state_like("x0", 0, 12, &initial).fixed()),
+            current: d.parameter(vector("current", 3, "").each(&texts(&currents)).unit("m/s")),
             hull: Hull::declare(d),
             u: d.input(
                 vector("u", 6, "")
@@ -107,12 +111,21 @@ impl System for MaresAuv {
         let [_, angles] = thirds(&v[self.eta]);
         let attitude = Attitude::new(angles);
         let [force, moment] = thirds(&v[self.u]);
-        let nu = v.array(self.nu);
+        let nu: [S; 6] = v.array(self.nu);
+        let current = attitude.to_body(v.array(self.current));
+        let [_, turning] = thirds(&nu);
+        // The velocity beside the water, and how the water's own changes in body axes as these turn.
+        let beside: [S; 6] = std::array::from_fn(|i| if i < 3 { nu[i] - current[i] } else { nu[i] });
+        let turned = cross(current, turning);
         let acting = [attitude.to_body(force), attitude.body_moments(moment)];
-        let (coriolis, damping) = (self.hull.coriolis(nu, v), self.hull.damping(nu, v));
+        let (coriolis, damping) = (self.hull.coriolis(beside, v), self.hull.damping(beside, v));
         let restoring = self.hull.restoring(&attitude, v);
         let total = std::array::from_fn(|i| acting.as_flattened()[i] - coriolis[i] - damping[i] - restoring[i]);
-        dx.set(self.nu, times(v.matrix(self.hull.inverse), total));
+        let by_forces = times(v.matrix(self.hull.inverse), total);
+        dx.set(
+            self.nu,
+            std::array::from_fn::<_, 6, _>(|i| if i < 3 { by_forces[i] + turned[i] } else { by_forces[i] }),
+        );
         // η' = J(η) ν is the second half of x.
         dx.set(self.eta, &v[self.x][6..]);
     }
@@ -294,10 +307,11 @@ impl Catalogued for MaresAuv {
             ("diameter", "Its thickness."),
             ("z_g", "How far the mass centre lies below that of buoyancy: what rights it."),
             ("cross_flow_drag", "Drag coefficient across."),
+            ("current", "Velocity of the water."),
         ],
         limits: "- Numbers are derived from the size of such a vehicle, none of it is measured.\n\
                  - No thrusters: forces and moments act at once and without limits.\n\
-                 - No currents or waves, and its weight equals its buoyancy. At 90° of pitch the \
+                 - No waves; the water's `current` is the same everywhere. Its weight equals its buoyancy. At 90° of pitch the \
                   unit ends with an error.",
     };
 }

@@ -11,7 +11,7 @@ use crate::system::{
 /// Where the pitch angle stands in the state.
 const PITCH: usize = 7;
 
-/// p'' = R(η) (0, 0, τ_z)/m − g e_z; η'' = f(η, η') + G(η) τ.
+/// p'' = (R(η) (0, 0, τ_z) + F)/m − g e_z; η'' = f(η, η') + G(η) τ.
 #[derive(Debug)]
 pub struct Quadrotor {
     x0: VectorOf<Parameter>,
@@ -20,13 +20,24 @@ pub struct Quadrotor {
     g: ScalarOf<Parameter>,
     thrust_min: ScalarOf<Parameter>,
     thrust_max: ScalarOf<Parameter>,
+    /// F: what wind or a rope does.
+    disturbance_force: VectorOf<Parameter>,
     exact_kinematics: BooleanOf<Parameter>,
+    rotors: Rotors,
     uncertainty: Uncertainty,
     u: VectorOf<Input>,
     x: VectorOf<State>,
     y: VectorOf<Signal>,
-    /// τ_z within its limits.
+    /// τ_z within its limits, less what rotors lack.
     thrust: ScalarOf<Signal>,
+}
+
+/// What tells the controls' parts of each rotor: 1 in front, 2 left, 3 behind, 4 right; 1 and 3 turn the body to the left.
+#[derive(Debug)]
+struct Rotors {
+    effect: VectorOf<Parameter>,
+    arm: ScalarOf<Parameter>,
+    drag_to_thrust: ScalarOf<Parameter>,
 }
 
 /// What the second case of the example adds.
@@ -60,6 +71,8 @@ impl System for Quadrotor {
         let initial: Vec<_> = initial.iter().map(String::as_str).collect();
         let outputs = ["position in x", "position in y", "height", "psi, yaw"].map(|y| format!("tracked output, {y}"));
         let axes = ["x", "y", "z"].map(|axis| format!("moment of inertia about the body's {axis} axis"));
+        let forces = ["x", "y", "z"].map(|axis| format!("force from outside, as of wind, along earth's {axis} axis"));
+        let forces = forces.each_ref().map(String::as_str);
         let controls = ["thrust along the body's z axis", "torque of roll", "torque of pitch", "torque of yaw"];
         let exact = "whether the body's rates are told from those of the angles";
         Ok(Quadrotor {
@@ -75,7 +88,9 @@ impl System for Quadrotor {
             g: d.parameter(scalar("g", "acceleration of gravity").unit("m/s2").start(9.81)),
             thrust_min: d.parameter(scalar("thrust_min", "smallest thrust").unit("N")),
             thrust_max: d.parameter(scalar("thrust_max", "largest thrust").unit("N").start(15.0)),
+            disturbance_force: d.parameter(vector("disturbance_force", 3, "").each(&forces).unit("N")),
             exact_kinematics: d.parameter(boolean("exact_kinematics", exact)),
+            rotors: Rotors::declare(d),
             uncertainty: Uncertainty::declare(d),
             u: d.input(
                 vector("u", 4, "")
@@ -87,7 +102,11 @@ impl System for Quadrotor {
             y: d.output(
                 vector("y", 4, "").each(&outputs.each_ref().map(String::as_str)).units(&["m", "m", "m", "rad"]),
             ),
-            thrust: d.local(scalar("thrust", "thrust that acts, within its limits").unit("N").nominal(5.0)),
+            thrust: d.local(
+                scalar("thrust", "thrust that acts, within its limits and less what rotors lack")
+                    .unit("N")
+                    .nominal(5.0),
+            ),
         })
     }
 
@@ -104,7 +123,7 @@ impl System for Quadrotor {
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         let [p1, p2, p3, _, _, _, _, _, psi, ..] = v.array::<_, 12>(self.x);
         y.set(self.y, [p1, p2, p3, psi]);
-        y[self.thrust] = within(v[self.u.at(0)], v[self.thrust_min], v[self.thrust_max]);
+        [y[self.thrust], ..] = self.acting(v);
     }
 
     fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
@@ -112,7 +131,8 @@ impl System for Quadrotor {
         let [velocity, angles, rates] = [3, 6, 9].map(|first| [x[first], x[first + 1], x[first + 2]]);
         let attitude = Attitude::new(angles);
         let [_, _, up] = attitude.axes();
-        let [a1, a2, a3] = up.map(|component| component * v[self.thrust] / v[self.m]);
+        let force = v.array::<_, 3>(self.disturbance_force);
+        let [a1, a2, a3] = std::array::from_fn(|i| (up[i] * v[self.thrust] + force[i]) / v[self.m]);
         let turning = self.uncertainty.applied(angles, self.angular_accelerations(&attitude, rates, v), v);
         let parts = [velocity, [a1, a2, a3 - v[self.g]], rates, turning];
         dx.set(self.x, parts.as_flattened());
@@ -121,10 +141,17 @@ impl System for Quadrotor {
 }
 
 impl Quadrotor {
+    /// The thrust and the torques that act.
+    fn acting<S: Scalar>(&self, v: &Values<S>) -> [S; 4] {
+        let [thrust, torques @ ..] = v.array::<_, 4>(self.u);
+        let [p, q, r] = torques;
+        self.rotors.acting([within(thrust, v[self.thrust_min], v[self.thrust_max]), p, q, r], v)
+    }
+
     /// f(η, η') and G(η) τ. The printed f takes the angles' rates for those of the body, and G for I⁻¹.
     fn angular_accelerations<S: Scalar>(&self, attitude: &Attitude<S>, rates: [S; 3], v: &Values<S>) -> [[S; 3]; 2] {
         let [i_x, i_y, i_z] = v.array(self.inertia);
-        let [_, tau_p, tau_q, tau_r] = v.array(self.u);
+        let [_, tau_p, tau_q, tau_r] = self.acting(v);
         let gyroscopic =
             |[p, q, r]: [S; 3]| [(i_y - i_z) / i_x * q * r, (i_z - i_x) / i_y * p * r, (i_x - i_y) / i_z * p * q];
         let by_torques = [tau_p / i_x, tau_q / i_y, tau_r / i_z];
@@ -134,6 +161,43 @@ impl Quadrotor {
             [free, by_torques].map(|acceleration| attitude.angle_rates(acceleration))
         };
         S::branch(v.get(self.exact_kinematics), exact, || [gyroscopic(rates), by_torques])
+    }
+}
+
+impl Rotors {
+    fn declare(d: &mut Declaration) -> Self {
+        let effect =
+            ["front", "left", "rear", "right"].map(|place| format!("part of its thrust that the {place} rotor gives"));
+        let effect = effect.each_ref().map(String::as_str);
+        let ratio = "a rotor's torque about its axis for its thrust";
+        Rotors {
+            effect: d.parameter(vector("rotor_effect", 4, "").each(&effect).start(1.0).min(0.0).max(1.0)),
+            arm: d.parameter(
+                scalar("arm_length", "distance of the rotors from the middle").unit("m").start(0.225).positive(),
+            ),
+            drag_to_thrust: d.parameter(scalar("drag_to_thrust", ratio).unit("m").start(0.038).positive()),
+        }
+    }
+
+    /// What is left of the controls (T, τ): each rotor lacks a part of the thrust that it would give, and of its torques.
+    fn acting<S: Scalar>(&self, [thrust, roll, pitch, yaw]: [S; 4], v: &Values<S>) -> [S; 4] {
+        let (arm, drag) = (v[self.arm], v[self.drag_to_thrust]);
+        let (quarter, by_yaw) = (thrust / 4.0, yaw / (drag * 4.0));
+        let (by_roll, by_pitch) = (roll / (arm * 2.0), pitch / (arm * 2.0));
+        let would = [
+            quarter - by_pitch + by_yaw,
+            quarter + by_roll - by_yaw,
+            quarter + by_pitch + by_yaw,
+            quarter - by_roll - by_yaw,
+        ];
+        let [front, left, rear, right] = std::array::from_fn(|i| (S::from(1.0) - v[self.effect.at(i)]) * would[i]);
+        let (along, across) = (front + rear, left + right);
+        [
+            thrust - along - across,
+            roll - arm * (left - right),
+            pitch - arm * (rear - front),
+            yaw - drag * (along - across),
+        ]
     }
 }
 
@@ -249,7 +313,8 @@ impl Catalogued for Quadrotor {
                                    hover.",
             ),
         ],
-        limits: "- No rotors' dynamics, no drag, no wind, no ground.\n\
+        limits: "- No rotors' dynamics, no drag, no ground; of wind only the force `disturbance_force`, of faults only \
+                  `rotor_effect`, which you set. A rotor isn't kept from pulling down.\n\
                  - Near hover the rates of the angles are taken for those of the body, unless \
                   `exact_kinematics` is set.\n\
                  - At 90° of pitch roll and yaw are one: the unit ends with an error there.",

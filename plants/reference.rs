@@ -14,8 +14,7 @@ use crate::template::{Plant, Request, Sizes, Template, all, named, number, write
 const STEPS: usize = 4;
 
 /// The parts of a reference that can be chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum Part {
     Cosine,
@@ -30,8 +29,7 @@ impl Part {
 }
 
 /// A named choice of parts.
-#[derive(Debug, Clone, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct NamedSignal {
     /// Item of the parameter `signal`.
@@ -44,8 +42,7 @@ struct NamedSignal {
 
 /// Number of channels, their units (1 where none are given), and names for choices of parts (a parameter `signal`), where
 /// there are several.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceStructure {
     /// How many channels, 1 … 1000.

@@ -19,8 +19,7 @@ use crate::template::{
 const MOST: usize = 200;
 
 /// The matrices of a plant.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StateSpaceStructure {
     /// State matrix, n rows of n numbers; n at most 200.
@@ -40,8 +39,7 @@ pub struct StateSpaceStructure {
 }
 
 /// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct StateSpaceQuantities {
     /// Of the states.
@@ -53,8 +51,7 @@ struct StateSpaceQuantities {
 }
 
 /// Units of the signals, an element each; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct StateSpaceUnits {
     /// Of the states.

@@ -140,20 +140,8 @@ macro_rules! icon {
 }
 pub(crate) use icon;
 
-/// A structure of which there is a schema, where there is the command line.
-#[cfg(feature = "cli")]
-pub trait Structured: schemars::JsonSchema {}
-#[cfg(feature = "cli")]
-impl<T: schemars::JsonSchema> Structured for T {}
-
-/// A structure.
-#[cfg(not(feature = "cli"))]
-pub trait Structured {}
-#[cfg(not(feature = "cli"))]
-impl<T> Structured for T {}
-
 /// A system that stands in this package's catalogue.
-pub trait Catalogued: System<Structure: Structured> {
+pub trait Catalogued: System<Structure: schemars::JsonSchema> {
     /// What it is, in a few words: "L1 adaptive controller".
     const TITLE: &'static str;
     /// Its page below `docs`, without an ending; [`System::DOCUMENTATION`] begins with it.
@@ -202,7 +190,6 @@ pub struct Entry {
     /// See [`Catalogued::LIMIT_OF`].
     pub limit_of: Option<&'static str>,
     /// The schema of its structure.
-    #[cfg(feature = "cli")]
     pub schema: fn(schemars::SchemaGenerator) -> schemars::Schema,
 }
 
@@ -220,7 +207,6 @@ impl Entry {
             trial: M::TRIAL,
             demonstration: M::DEMONSTRATION,
             limit_of: M::LIMIT_OF,
-            #[cfg(feature = "cli")]
             schema: schemars::SchemaGenerator::into_root_schema_for::<M::Structure>,
         }
     }
@@ -247,7 +233,6 @@ impl Entry {
         trial: Trial::NONE,
         demonstration: None,
         limit_of: None,
-        #[cfg(feature = "cli")]
         schema: schemars::SchemaGenerator::into_root_schema_for::<crate::system::CompositeStructure>,
     };
 

@@ -1,4 +1,4 @@
-//! This package's own units: the catalogue of its systems, and, with the feature `library`, their C functions.
+//! This package's own units: the catalogue of its systems.
 //!
 //! To add a kind: its own file (with the `mod` of its folder), its page, a description in `modelDescription/`, and a line
 //! here.
@@ -12,8 +12,7 @@ use crate::system::Registry;
 use crate::template::{MOST, Request, Sizes};
 use crate::{controllers, plants};
 
-/// Every system of this package, in the order in which they are listed.
-pub const CATALOGUE: &[Entry] = &[
+const ENTRIES: &[Entry] = &[
     Entry::of::<Watched<controllers::l1::L1>>(),
     Entry::of::<Watched<controllers::fuzzy_l1::FuzzyL1>>(),
     Entry::of::<Watched<controllers::l1_quadrotor::L1Quadrotor<false>>>(),
@@ -43,13 +42,17 @@ pub const CATALOGUE: &[Entry] = &[
     Entry::COMPOSITE,
 ];
 
+/// Every system of this package, in the order in which they are listed. A static, as what follows: whoever uses a constant
+/// compiles all models once more.
+pub static CATALOGUE: &[Entry] = ENTRIES;
+
 /// Their kinds, from which the library makes units.
-pub static REGISTRY: Registry = &Entry::kinds::<{ CATALOGUE.len() }>(CATALOGUE);
+pub static REGISTRY: Registry = &Entry::kinds::<{ ENTRIES.len() }>(ENTRIES);
 
-/// This package, as its library tells it.
-pub const PACKAGE: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+/// What the units are told to be made by.
+pub const PACKAGE: &str = concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION"));
 
-/// Checksum of all that its library and its program are made of.
+/// Checksum of all that its library is made of.
 pub const SOURCE: &str = env!("ADAPTIVE_FMU_SOURCE");
 
 /// The entry of this name, where there is one.
@@ -87,6 +90,3 @@ pub fn begin(request: &Request) -> Result<String, Invalid> {
     Execution::new(model).initialise().map_err(Invalid::because)?;
     Ok(text)
 }
-
-#[cfg(feature = "library")]
-adaptive_fmu_framework::define_fmi2_functions!(crate::library::REGISTRY, crate::library::SOURCE);

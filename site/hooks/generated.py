@@ -4,7 +4,9 @@ the study that reproduces the thesis."""
 import json
 import os
 import re
+import shutil
 import subprocess
+import tempfile
 import textwrap
 import tomllib
 import xml.etree.ElementTree as ET
@@ -17,6 +19,8 @@ from mkdocs.structure.files import File
 REPORT = "ADAPTIVE_FMU_REPORT"
 # How wide help is on the page, and an option with what it does.
 WIDTH = 88
+# Where the site has the league's page.
+LEAGUE = "league_results/index.html"
 OPTION = re.compile(r"^(?P<option> +\S.*?  +)(?P<text>\S.*)$")
 ROW = re.compile(r"^\| `(\w+)` \| \[.*?\]\((\S+?\.md)\) \|", re.M)
 ELEMENT = re.compile(r"^(?P<array>.*?)\[[\d,]+\]$")
@@ -35,6 +39,7 @@ def on_files(files, config):
         pages[f"reference/fmus/{file.stem}.md"] = unit(file, equations[file.stem])
     for place, text in pages.items():
         files.append(File.generated(config, place, content=text))
+    files.append(File.generated(config, LEAGUE, content=league(root)))
     if report := os.environ.get(REPORT):
         if not (Path(report) / "index.html").is_file():
             raise PluginError(f"{REPORT}: {report} has no index.html: is it what `adaptive-fmu report` leaves?")
@@ -45,12 +50,23 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """In the table of FMUs each name leads to the page of its variables; the report's page leads to the report."""
+    """In the table of FMUs each name leads to the page of its variables; the pages of report and league lead to them."""
     if page.file.src_uri == "report.md" and REPORT in os.environ:
         return markdown + "\n[The report of this version](thesis/index.html){ .md-button }\n"
+    if page.file.src_uri == "league.md":
+        return markdown.replace("`site/league`", f"[a page of their own]({LEAGUE})", 1)
     if page.file.src_uri != "fmus.md":
         return markdown
     return re.sub(r"^\| `(\w+)` \|", r"| [`\1`](reference/fmus/\1.md) |", markdown, flags=re.M)
+
+
+def league(root: Path) -> str:
+    """The page of the league's results, which are kept."""
+    with tempfile.TemporaryDirectory() as folder:
+        results = shutil.copytree(root / "site" / "league", Path(folder) / "results")
+        study = root / "examples" / "league" / "league.toml"
+        said(root, "league", "--page", "--study", str(study), "--out", str(results))
+        return (results / "index.html").read_text(encoding="utf-8")
 
 
 def said(root: Path, *arguments: str) -> str:

@@ -15,7 +15,7 @@ LOOPS = {
     "6.5.1-l1": "an L1 controller of a coupled plant",
     "6.5.1-mrac": "robust MRAC that keeps the same plant's errors in a funnel",
 }
-# What `cargo build --release --lib --target wasm32-unknown-unknown` makes, or another of the same sources.
+# What the program compiles to for browsers (CONTRIBUTING.md has the command), or another of the same sources.
 LIBRARY = "ADAPTIVE_FMU_WASM"
 FOLDER = "live"
 log = logging.getLogger("mkdocs.hooks.live")

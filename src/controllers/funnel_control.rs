@@ -27,8 +27,7 @@ use crate::template::{Sizes, Template};
 const MOST_DEGREE: usize = 3;
 
 /// How the errors are built up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
     /// One funnel, and a filter of the error and its derivatives (Berger, Ilchmann, Ryan 2021).
@@ -39,14 +38,13 @@ pub enum Form {
 }
 
 /// The description of the structure of a funnel controller.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FunnelStructure {
     /// How many tracked variables, each with a control of its own.
     channels: usize,
     /// After how many derivatives of a tracked variable the control shows: 1, 2 or 3.
-    #[cfg_attr(feature = "cli", schemars(range(min = 1, max = MOST_DEGREE)))]
+    #[schemars(range(min = 1, max = MOST_DEGREE))]
     relative_degree: usize,
     /// How the errors are built up.
     #[serde(default)]

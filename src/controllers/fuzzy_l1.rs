@@ -1,7 +1,10 @@
-//! L1 adaptive control with a fuzzy feedback gain (thesis, chapter 4).
+//! L1 adaptive control with a fuzzy feedback gain (thesis, chapter 4), of one channel or several.
 
-use super::fuzzy_gain::FuzzyGain;
-use super::l1::{self, L1Structure, Law, Ports};
+mod structure;
+mod template;
+
+use super::fuzzy_gain::{Channels, FuzzyGain, Held};
+use super::l1::{Law, Ports, enters_rates};
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::limits;
@@ -9,7 +12,8 @@ use crate::system::{
     Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride, System,
     Unit, Values, VectorOf, vector,
 };
-use crate::template::{Request, Sizes, Template, number, three_digits};
+use crate::template::{Sizes, Template};
+pub use structure::FuzzyL1Structure;
 
 /// The L1 law with a feedback gain that follows from the tracking error and its rate.
 #[derive(Debug)]
@@ -17,7 +21,8 @@ pub struct FuzzyL1 {
     r: VectorOf<Input>,
     units_of_r: Vec<&'static str>,
     of_r: Vec<String>,
-    dr: VectorOf<Input>,
+    /// None where no output's rate is known.
+    dr: Option<VectorOf<Input>>,
     ports: Ports,
     law: Law,
     gain: FuzzyGain,
@@ -43,6 +48,11 @@ impl FuzzyL1 {
         v[self.r][channel] - self.law.output(channel, v)
     }
 
+    /// e' = r' − y' of a channel; 0 where no rate is known.
+    fn error_rate<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        self.dr.map_or(S::from(0.0), |dr| v[dr][channel] - self.law.output_rate(channel, v))
+    }
+
     fn choose_gains<S: Scalar>(&self, v: &mut Point<S>) {
         for i in 0..self.r.len() {
             let e = self.error(i, &v.values());
@@ -52,22 +62,32 @@ impl FuzzyL1 {
 }
 
 impl System for FuzzyL1 {
-    type Structure = L1Structure;
+    type Structure = FuzzyL1Structure;
     const NAME: &'static str = "fuzzy-l1";
     const DOCUMENTATION: &'static str =
         concat!(include_str!("../../docs/controllers/fuzzy_l1.md"), include_str!("../../docs/controllers/l1.md"));
 
-    fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let size = structure.size()?;
-        let units = structure.units(size)?;
+    fn declare(structure: FuzzyL1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let FuzzyL1Structure { sharing, of_l1: structure } = structure;
+        let plant = structure.plant()?;
+        let units = structure.units(plant.B.shape())?;
         let rates: Vec<_> = units.r.iter().map(|unit| Unit::per_second(unit)).collect();
-        let r = d.input(vector("r", size.1, "reference").about(&units.of_r, "reference of {}").units(&units.r));
-        let dr = vector("dr", size.1, "time derivative of the reference");
-        let dr = d.input(dr.about(&units.of_r, "time derivative of the reference of {}").units(&rates));
+        let has_rate: Vec<_> = enters_rates(&plant.B, &plant.C).iter().map(|entered| !entered).collect();
+        let m = units.r.len();
+        let r = d.input(vector("r", m, "reference").about(&units.of_r, "reference of {}").units(&units.r));
+        // Channels that share their weights have a rate each, or none is allowed.
+        let needs_rate = sharing.weights == Held::Shared || has_rate.contains(&true);
+        let dr = || vector("dr", m, "time derivative of the reference");
+        let dr = needs_rate
+            .then(|| d.input(dr().about(&units.of_r, "time derivative of the reference of {}").units(&rates)));
         let ports = Ports::declare(d, &units);
         let law = Law::declare(&structure, ports, d)?;
         law.allows_scheduling()?;
-        let gain = FuzzyGain::declare(d, size.1);
+        if sharing.weights == Held::Shared {
+            structure::require_rates(&plant)?;
+        }
+        let channels = Channels { units: &units.r, quantities: &units.of_r, has_rate: &has_rate };
+        let gain = FuzzyGain::declare(d, sharing, channels);
         Ok(FuzzyL1 { r, units_of_r: units.r, of_r: units.of_r, dr, ports, law, gain })
     }
 
@@ -92,7 +112,7 @@ impl System for FuzzyL1 {
 
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         self.law.outputs(&v[self.r], v, y);
-        let errors = |i: usize| [self.error(i, v), v[self.dr][i] - self.law.output_rate(i, v)];
+        let errors = |i: usize| [self.error(i, v), self.error_rate(i, v)];
         self.gain.outputs(self.law.feedback_gain(), errors, v, y);
     }
 
@@ -171,16 +191,15 @@ impl Catalogued for FuzzyL1 {
     };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
-        write: template,
-        tried: &[Sizes::plant(2, 1), Sizes::plant(4, 2), Sizes::plant(3, 1), Sizes::plant(9, 3)],
+        write: template::write,
+        tried: &[
+            Sizes::plant(1, 1),
+            Sizes::plant(2, 1),
+            Sizes::plant(2, 2),
+            Sizes::plant(4, 2),
+            Sizes::plant(3, 1),
+            Sizes::plant(3, 2),
+            Sizes::plant(9, 3),
+        ],
     });
-}
-
-fn template(request: &Request) -> Result<String, Invalid> {
-    let (mut text, bandwidth) = l1::template::begin(request, FuzzyL1::TITLE, FuzzyL1::PAGE)?;
-    let reference = request.reference;
-    text.set("k_e", number(three_digits(0.1 * reference)), "error above which the gain is fuzzy");
-    text.set("k_p", number(three_digits(1.0 / reference)), "factor of |e| in the inference: 1 is `very large`");
-    text.set("k_d", number(three_digits(0.5 / (reference * bandwidth))), "s, factor of |e'| in the inference");
-    Ok(text.finish())
 }

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use super::at_limit::{Limited, manual};
 use super::in_command::InCommand;
 use super::l1::tracking::{self, BY_GAIN};
-use super::l1::{Cancellation, Commands, Dynamics, L1, Plant, SETTLED, Symbols, Zeros, add_product, dot};
+use super::l1::{Cancellation, Commands, Dynamics, L1, PlantMatrices, SETTLED, Symbols, Zeros, add_product, dot};
 use super::supervised::Supervised;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
@@ -63,7 +63,7 @@ impl Choice for LinearStart {
 /// u = u_ad − K_m x, u_ad = −K D(s)(η + H_m⁻¹ H_um η_2 − K_g r), (η, η_2) = B̄⁺ (x' − A_m x), without differentiating x.
 #[derive(Debug)]
 pub struct L1Limit {
-    plant: Plant,
+    plant: PlantMatrices,
     /// B̄⁺, the pseudoinverse of (B B_um).
     inverse: DMatrix<f64>,
     filter: Filter,

@@ -6,6 +6,7 @@
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 mod design;
+mod filter;
 mod nominal;
 mod report;
 mod sample;
@@ -15,17 +16,18 @@ mod template;
 use super::at_limit::{AtLimit, Limited, manual};
 use super::clock::{Clock, SHORTEST};
 use super::in_command::InCommand;
-use super::l1::{Dynamics, Plant, SETTLED, Symbols, dot};
+use super::l1::{Dynamics, PlantMatrices, SETTLED, Symbols, dot};
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::lyapunov;
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, IntegerOf, Invalid, MatrixOf, Parameter,
-    Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit, Values, VectorOf, Warning, boolean,
-    choice, diagonal, integer, matrix, scalar, vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, IntegerOf, Invalid, Many, MatrixOf,
+    Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, Spec, System, Unit, Values, VectorOf,
+    Warning, boolean, choice, integer, matrix, scalar, vector,
 };
 use crate::template::{Sizes, Template};
+use filter::SampledFilter;
 pub use structure::{Estimate, L1SampledStructure};
 
 /// The longest dead time, in samples.
@@ -63,12 +65,12 @@ impl Choice for SampledStart {
 }
 
 /// u = W_0⁻¹ (ζ − K_d x_p) for x' = A x + B W_0 (u + σ_1) + B_um σ_2, with σ of the last interval, ζ behind the filter, and x_p
-/// where the control will act.
+/// where the control will act. What no control reaches and isn't in B_um counts as well, behind it.
 #[derive(Debug)]
 pub struct L1Sampled {
-    plant: Plant,
+    plant: PlantMatrices,
     dynamics: Dynamics,
-    K: VectorOf<Parameter>,
+    filter: SampledFilter,
     W_0: MatrixOf<Parameter>,
     W_0_inverse: MatrixOf<Prepared>,
     sample_time: ScalarOf<Parameter>,
@@ -177,16 +179,7 @@ impl System for L1Sampled {
         let late = "samples that pass from a measurement until its control acts: 0 where a master steps the plant before the \
                     controller, and in a whole loop as one unit; 1 where it steps both at once";
         Ok(L1Sampled {
-            K: d.parameter(
-                diagonal(
-                    "feedback_gain",
-                    m,
-                    "feedback gain of the filter: the bandwidth with which uncertainty is cancelled",
-                )
-                .unit("1/s")
-                .start(1.0)
-                .positive(),
-            ),
+            filter: SampledFilter::declare(d, &structure.of_l1, &plant)?,
             W_0: d.parameter(
                 matrix(
                     "nominal_input_gain",
@@ -228,13 +221,7 @@ impl System for L1Sampled {
                     .about(of_u, "what the plant had beside the {} in the last interval, as such a control")
                     .units(u),
             ),
-            sigma_other: (n > m).then(|| {
-                d.discrete(vector(
-                    "sigma_hat_unmatched",
-                    n - m,
-                    "what the plant had in the last interval that no control reaches",
-                ))
-            }),
+            sigma_other: (n > m).then(|| d.discrete(beside_controls(n - m, plant.B_um.ncols()))),
             x_before: d.discrete(vector("#x before", n, "").hidden()),
             x_ahead: d.discrete(
                 vector("x_ahead", n, "state where the control begins to act, of the nominal plant with the estimates")
@@ -342,6 +329,21 @@ impl System for L1Sampled {
     }
 }
 
+/// σ̂_2 along the columns of B_um, so many of all directions that no control reaches.
+fn beside_controls(all: usize, along: usize) -> Spec<Many> {
+    let text = "what the plant had in the last interval that no control reaches";
+    let spec = vector("sigma_hat_unmatched", all, text);
+    if along == 0 {
+        return spec;
+    }
+    let each = |k: usize| match k {
+        k if k < along => format!("{text}, along column {} of B_um: it is cancelled", k + 1),
+        _ => format!("{text}, beside B_um: it isn't cancelled"),
+    };
+    let texts: Vec<_> = (0..all).map(each).collect();
+    spec.each(&texts.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
 impl L1Sampled {
     /// What the plant gets: the held control, or the manual one, within the limits.
     fn in_force<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
@@ -377,7 +379,7 @@ impl Catalogued for L1Sampled {
         limits: "- The whole state `x` is measured, at the samples.\n\
                  - The nominal input gain must be near the true one: the longer the sample time, the nearer.\n\
                  - The dead time must be known to less than a sample.\n\
-                 - What the controls don't reach is not cancelled, and the filter is 1/s.\n\
+                 - What the controls don't reach is not cancelled, unless `unmatched = true` stands in the structure.\n\
                  - Estimates have no bounds: noise shows in them by one over the sample time.",
     };
     const ROLE: Role = Role::Controller;

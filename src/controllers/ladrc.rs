@@ -32,8 +32,7 @@ const BY_CONTROLLER: f64 = -1.0;
 const FASTER: f64 = 10.0;
 
 /// What the law knows of the reference beside its value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Feedforward {
     /// Nothing: it counts as constant.
@@ -44,14 +43,13 @@ pub enum Feedforward {
 }
 
 /// The description of the structure of an active disturbance rejection controller.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LadrcStructure {
     /// How many tracked variables, each with a control of its own.
     channels: usize,
     /// After how many derivatives of a tracked variable the control shows: 1, 2 or 3.
-    #[cfg_attr(feature = "cli", schemars(range(min = 1, max = MOST_ORDER)))]
+    #[schemars(range(min = 1, max = MOST_ORDER))]
     order: usize,
     /// What the law knows of the reference beside its value.
     #[serde(default)]

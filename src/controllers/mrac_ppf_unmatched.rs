@@ -28,7 +28,7 @@ use crate::system::{
 };
 use crate::template::{Sizes, Template};
 pub use structure::UnmatchedStructure;
-use structure::{Driven, Plant};
+use structure::{Driven, PlantMatrices};
 
 /// What the reference model starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl Choice for ModelStart {
 /// a state that drives an unmatched row follows the α by which that row would do the same.
 #[derive(Debug)]
 pub struct MracPpfUnmatched {
-    plant: Plant,
+    plant: PlantMatrices,
     A_m: MatrixOf<Parameter>,
     gamma: VectorOf<Parameter>,
     upsilon: VectorOf<Parameter>,

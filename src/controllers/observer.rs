@@ -16,8 +16,7 @@ use crate::system::{
 use crate::template::{Request, Sizes, Template, all, named, round_down, write_names, write_quantities, write_units};
 
 /// How the gain k_l is given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObserverDynamics {
     /// By the poles of A − k_l C.
@@ -28,8 +27,7 @@ pub enum ObserverDynamics {
 }
 
 /// The description of an observer's structure.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ObserverStructure {
     /// Nominal dynamics, n rows of n numbers.
@@ -50,8 +48,7 @@ pub struct ObserverStructure {
 }
 
 /// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Quantities {
     /// Of the plant's state.
@@ -63,8 +60,7 @@ struct Quantities {
 }
 
 /// Units of the signals, an element each; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Units {
     /// Of the plant's state.

@@ -31,8 +31,7 @@ const BY_GAINS: f64 = -1.0;
 const LEAST_TIME: f64 = 1e-9;
 
 /// The description of a PID controller's structure.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PidStructure {
     /// How many tracked variables, each with a control of its own.

@@ -19,8 +19,7 @@ pub(super) fn check_channels(m: usize) -> Result<(), Invalid> {
 }
 
 /// Units of the signals, an element each; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputUnits {
     /// Of the measured output, and of its reference.
@@ -40,8 +39,7 @@ impl OutputUnits {
 }
 
 /// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Quantities {
     /// Of the measured output, and of its reference.

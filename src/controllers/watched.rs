@@ -39,7 +39,6 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for WatchedStructure<T> {
     }
 }
 
-#[cfg(feature = "cli")]
 impl<T: schemars::JsonSchema> schemars::JsonSchema for WatchedStructure<T> {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         format!("Watched{}", T::schema_name()).into()
@@ -60,12 +59,12 @@ impl<T: schemars::JsonSchema> schemars::JsonSchema for WatchedStructure<T> {
 #[derive(Debug)]
 pub struct Watched<C> {
     controller: C,
-    funnel: Option<Funnel>,
+    funnel: Option<WatchedFunnel>,
 }
 
 /// −ρ < e < ρ in each channel.
 #[derive(Debug)]
-struct Funnel {
+struct WatchedFunnel {
     rho_0: VectorOf<Parameter>,
     rho_inf: VectorOf<Parameter>,
     decay_rate: VectorOf<Parameter>,
@@ -81,7 +80,7 @@ struct Funnel {
     warning: Warning,
 }
 
-impl Funnel {
+impl WatchedFunnel {
     fn declare<C: Tracking>(controller: &C, d: &mut Declaration) -> Self {
         let units = controller.error_units();
         let m = units.len();
@@ -89,7 +88,7 @@ impl Funnel {
         let signal =
             |name: &str, text: &str, about: &str| vector(name, m, text).about(&quantities, about).units(&units);
         let outside = |i: usize| boolean(&format!("#is_outside[{}]", i + 1), "").hidden();
-        Funnel {
+        WatchedFunnel {
             rho_0: d.parameter(
                 signal(
                     "rho_0",
@@ -185,7 +184,7 @@ impl<C: Tracking> System for Watched<C> {
 
     fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let controller = C::declare(structure.controller, d)?;
-        let funnel = structure.funnel.then(|| Funnel::declare(&controller, d));
+        let funnel = structure.funnel.then(|| WatchedFunnel::declare(&controller, d));
         Ok(Watched { controller, funnel })
     }
 

@@ -10,8 +10,7 @@ use crate::error::{Invalid, Number};
 ///
 /// A factor is a polynomial of degree one or two, highest power first: s/25 + 1 is `[0.04, 1]`. Without factors D(s) is
 /// 1/s.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, PartialEq, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FilterDescription {
     /// Its factor.

@@ -5,11 +5,11 @@ use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
 /// Tells a crate, as `ADAPTIVE_FMU_SOURCE`, the checksum of files and of all files in folders.
-pub fn tell(places: &[&str]) {
+pub fn tell(places: &[impl AsRef<Path>]) {
     let mut hasher = DefaultHasher::new();
-    for place in places {
-        println!("cargo::rerun-if-changed={place}");
-        hash(Path::new(place), &mut hasher);
+    for place in places.iter().map(AsRef::as_ref) {
+        println!("cargo::rerun-if-changed={}", place.display());
+        hash(place, &mut hasher);
     }
     println!("cargo::rustc-env=ADAPTIVE_FMU_SOURCE={:016x}", hasher.finish());
 }

@@ -2,8 +2,9 @@
 //! steps that take over parameters, or tell something, which allocate no more than docs/memory.md says.
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::{self, fmi2_functions::*};
+use adaptive_fmu::library;
 use adaptive_fmu::system::{Causality, Kind, Registry, Variability};
+use adaptive_fmu_library::fmi2_functions::*;
 use common::described::open_description;
 use common::loops::whole;
 use common::pages;
@@ -106,6 +107,28 @@ fn a_step_with_changing_inputs_allocates_nothing() {
             assert_eq!(allocations(&unit, step, 100), [0; 3], "{name}, handling {handling}");
         }
     }
+}
+
+#[test]
+fn a_step_of_a_law_that_samples_or_does_not_allocates_nothing() {
+    let mut known = 0;
+    for (name, law) in description_names().into_iter().flat_map(|name| [(name.clone(), 2), (name, 3)]) {
+        let unit = Unit::from_text(&open_description(&name));
+        if unit.model.variables().find("law").is_none() {
+            continue;
+        }
+        assert_eq!(unit.set_integer("law", law), OK);
+        unit.enter(0.0);
+        // Not every plant has a control for each state, which sampling needs.
+        if unit.exit() != OK {
+            assert!(unit.last_message().contains("law = sampled: must be continuous"), "{name}");
+            continue;
+        }
+        known += 1;
+        let step = unit.model.description().experiment.step;
+        assert_eq!(allocations(&unit, step, 300), [0; 3], "{name}, law {law}");
+    }
+    assert!(known >= 5, "only {known} were stepped");
 }
 
 #[test]

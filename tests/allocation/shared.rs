@@ -5,9 +5,9 @@ use std::thread;
 
 use adaptive_fmu::fmi2::types::CO_SIMULATION;
 use adaptive_fmu::library::REGISTRY;
-use adaptive_fmu::library::fmi2_functions::fmi2FreeInstance;
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::Section;
+use adaptive_fmu_library::fmi2_functions::fmi2FreeInstance;
 use common::{Request, Unit, callbacks, description, description_names, guid};
 
 use crate::BYTES;

@@ -3,8 +3,8 @@
 use std::ptr::{null, null_mut};
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::fmi2_functions::*;
 use adaptive_fmu::system::Causality;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::*;
 
 fn controller() -> Unit {

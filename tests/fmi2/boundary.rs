@@ -1,6 +1,6 @@
 //! A closed loop as a master sees it.
 
-use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::loops::Loop;
 use common::*;
 

@@ -4,8 +4,9 @@
 use std::ops::Range;
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::system::{Causality, Section};
+use adaptive_fmu_library::fmi2_functions::*;
 use common::random::Random;
 use common::systems::SquareIntegral;
 use common::{ERROR, OK, Unit, description, description_names};

@@ -9,10 +9,10 @@ use adaptive_fmu::fmi2::access::References;
 use adaptive_fmu::fmi2::build::Library;
 use adaptive_fmu::fmi2::interface;
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::fmi2_functions::*;
 use adaptive_fmu::library::{REGISTRY, SOURCE};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::Causality;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::{OK, description, description_names, guid};
 
 const STEPS: i32 = 20;

@@ -11,8 +11,8 @@ use std::sync::OnceLock;
 use adaptive_fmu::fmi2::access::References;
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::library::REGISTRY;
-use adaptive_fmu::library::fmi2_functions::*;
 use adaptive_fmu::model::{Description, Model};
+use adaptive_fmu_library::fmi2_functions::*;
 use common::*;
 use libloading::Library;
 
@@ -39,7 +39,7 @@ struct Host {
 
 fn compiled(folder: &Path) -> Library {
     let library = folder.join("host.so");
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hosts/logger.cpp");
+    let source = at_top("tests/hosts/logger.cpp");
     let compiler = std::env::var("CXX").unwrap_or_else(|_| "c++".to_owned());
     let done = Command::new(compiler).args(["-shared", "-fPIC", "-O1", "-o"]).arg(&library).arg(source).output();
     let done = done.expect("a C++ compiler");

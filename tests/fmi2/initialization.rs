@@ -1,7 +1,7 @@
 //! Initialization Mode, and what may change after it. Masters differ: some set inputs there, some don't; some read
 //! feedthrough outputs again after setting an input, some only after a step. All must get the same loop.
 
-use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::loops::{Loop, STEP};
 use common::*;
 

@@ -6,8 +6,8 @@ use std::ptr::null;
 
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::library::REGISTRY;
-use adaptive_fmu::library::fmi2_functions::*;
 use adaptive_fmu::model::{Description, Model};
+use adaptive_fmu_library::fmi2_functions::*;
 use common::*;
 
 const NAME: &str = "ReferenceNonlinearSiso";

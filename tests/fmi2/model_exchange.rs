@@ -1,7 +1,8 @@
 //! Model exchange: the master integrates, and asks for values at times, states and inputs of its own.
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use adaptive_fmu::library::REGISTRY;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::described::open_description;
 use common::exchange::Event;
 use common::systems::*;

@@ -3,11 +3,11 @@
 use std::ptr::{null, null_mut};
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::fmi2_functions::*;
 use adaptive_fmu::system::{
     Declaration, Input, Invalid, Kind, NoStructure, Point, Rates, Registry, Scalar, ScalarOf, Signals, State, System,
     Values, scalar,
 };
+use adaptive_fmu_library::fmi2_functions::*;
 use common::{ERROR, OK, Unit};
 
 /// x' = 1; panics in its equations where the input is above 1, in `initialise` where it is below −1.

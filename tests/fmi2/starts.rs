@@ -3,14 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use adaptive_fmu::execution::Execution;
-use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::simulation::LoopFiles;
 use adaptive_fmu::structure::Place;
 use adaptive_fmu::system::{Causality, Section, Variable};
+use adaptive_fmu_library::fmi2_functions::*;
 use common::described::open_description;
 use common::random::Random;
-use common::{ERROR, OK, Unit, description, description_names};
+use common::{ERROR, OK, Unit, at_top, description, description_names};
 
 fn model(text: &str) -> Model {
     Model::from_description(Description::read(text).unwrap(), REGISTRY).unwrap()
@@ -132,7 +133,7 @@ fn graph(name: &str) -> BTreeMap<(String, String), BTreeSet<(String, String)>> {
 
 #[test]
 fn no_loop_is_circular_at_its_start() {
-    let examples = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/examples")).unwrap();
+    let examples = std::fs::read_dir(at_top("examples")).unwrap();
     let folders = examples.map(|entry| entry.unwrap().path()).filter(|path| path.join("SystemStructure.ssd").is_file());
     let mut count = 0;
     for folder in folders {

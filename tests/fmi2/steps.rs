@@ -65,7 +65,7 @@ fn a_master_that_adds_up_its_times_and_one_that_multiplies_are_both_followed() {
 fn a_step_beyond_the_stop_time_is_refused() {
     let unit = clock();
     assert_eq!(unit.setup(0.0, Some(2.0)), OK);
-    assert_eq!(unsafe { adaptive_fmu::library::fmi2_functions::fmi2EnterInitializationMode(unit.component) }, OK);
+    assert_eq!(unsafe { adaptive_fmu_library::fmi2_functions::fmi2EnterInitializationMode(unit.component) }, OK);
     assert_eq!(unit.exit(), OK);
     unit.run(0.0, 1, 1.0);
     for step in [1.0 + 3e-6, 1.5, 1e9] {

@@ -80,7 +80,7 @@ def test_without_a_compiler_that_works_a_line_says_so_and_results_are_the_same(
 
 def test_another_library_has_other_kernels_however_it_was_built(tmp_path: Path) -> None:
     """A user's own models change without a change of version or description."""
-    cache, [library] = tmp_path / "cache", PROGRAM.parent.glob("deps/libadaptive_fmu.so")
+    cache, [library] = tmp_path / "cache", PROGRAM.parent.glob("deps/libadaptive_fmu_library.so")
     other = tmp_path / "libother.so"
     other.write_bytes(library.read_bytes() + b"\0")
     found = set[str]()

@@ -16,10 +16,12 @@ from master import Fmu
 
 # Units whose outputs stand still while nobody gives them anything, and why.
 CONTROLLERS = {  # There is no error; one that no plant answers would take their estimates to their bounds.
-    "FunnelNonlinearSiso", "FunnelTwoLinkRobot", "FuzzyL1ActuatedSiso", "L1ActuatedSiso", "L1ActuatedSisoObserved",
+    "FunnelNonlinearSiso", "FunnelTwoLinkRobot", "FuzzyL1ActuatedSiso", "FuzzyL1CoupledMimo",
+    "FuzzyL1TwoLinkRobot", "L1ActuatedSiso", "L1ActuatedSisoObserved",
     "L1CoupledMimo", "L1LimitNonlinearSiso", "L1LimitTwoLinkRobot", "L1MaresAuv", "L1NonlinearSiso", "L1PpfCoupledMimo",
     "L1PpfTwoLinkRobot",
-    "L1SampledNonlinearSiso", "L1SampledTwoLinkRobot", "L1TwinRotor", "L1TwoLinkRobot", "L1UnmatchedMimo",
+    "L1SampledNonlinearSiso", "L1SampledTwoLinkRobot", "L1SampledUnmatchedMimo", "L1TwinRotor", "L1TwoLinkRobot",
+    "L1UnmatchedMimo",
     "LadrcNonlinearSiso", "LadrcTwoLinkRobot", "MracPpfUnmatchedMimo",
 }
 HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The same, but their thrust is the weight.

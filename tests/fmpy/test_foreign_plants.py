@@ -98,7 +98,8 @@ def shared_python() -> bool:
 
 
 is_here = (sys.platform, platform.machine()) == ("linux", "x86_64")
-C = pytest.param(in_c, id="C", marks=pytest.mark.skipif(not is_here, reason="the motor in C is built for Linux on x86-64"))
+C_ONLY = pytest.mark.skipif(not is_here, reason="the motor in C is built for Linux on x86-64")
+C = pytest.param(in_c, id="C", marks=C_ONLY)
 needs_python = pytest.mark.skipif(
     not (is_here and shared_python()),
     reason="python3 has no shared library (Py_ENABLE_SHARED is 0), or PythonFMU no library for this machine",
@@ -190,3 +191,59 @@ def test_an_exception_of_a_unit_in_python_is_told_by_its_text(begun: Callable, t
 def test_it_says_what_is_missing_where_there_is_no_such_unit(tmp_path: Path) -> None:
     refused = adaptive_fmu("new", "loop", "--units", tmp_path / "Gone.fmu", "--out", tmp_path / "loop")
     assert refused.returncode == 1 and "Gone.fmu" in refused.stderr and not (tmp_path / "loop").exists()
+
+
+STUDY = """
+title = "Motors"
+about = "A motor of another tool."
+[budget]
+particles = 1
+generations = 1
+noises = 1
+tuning_time = 1.0
+plants = 3
+margin = 1.0
+[[plant]]
+name = "motor"
+title = "DC motor"
+unit = "Motor.fmu"
+reference = "MotorReference.toml"
+duration = 3.0
+step = 0.001
+settled = 2.0
+errors = [["plant.speed", "reference.speed_reference"]]
+error_limits = [20.0]
+envelope = 1e4
+uncertain = []
+pulse = { "actuator.bias[1]" = 1.0 }
+[plant.bench]
+u_min = [-12.0]
+u_max = [12.0]
+lag = 0.001
+noise = { speed = 0.1 }
+[[plant.controller]]
+name = "l1"
+unit = "MotorController.toml"
+"""
+
+
+@C_ONLY
+def test_it_takes_part_in_a_league(begun: Callable, tmp_path: Path) -> None:
+    """As separate units, and with the numbers of the loop: the bench that does nothing changes none of them."""
+    folder = begun(in_c)
+    study = folder / "study.toml"
+    study.write_text(STUDY)
+    done = adaptive_fmu("league", "--study", study, "--out", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    (record,) = json.loads(done.stdout)["pairs"]
+    assert record["as_one"] is False and record["conditions"]["nominal"]["outcome"]["failure"] is None
+    ran = command(COMMANDS[-1], folder, "--until", "3", "--json", "--out", str(tmp_path / "run"))
+    result = read_csv(Path(json.loads(ran.stdout)["results"]) / "result.csv")
+    settled = result["time"] >= 2.0
+    error = (result["plant.speed"] - result["reference.speed_reference"])[settled]
+    (rms,) = record["conditions"]["nominal"]["outcome"]["rms"]
+    assert rms == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.02, abs=1e-3)
+    # Another file of the same name is another unit.
+    (folder / "Motor.fmu").write_bytes((folder / "Motor.fmu").read_bytes() + b" ")
+    again = adaptive_fmu("league", "--study", study, "--out", tmp_path / "out", "--resume")
+    assert again.returncode == 1 and "other descriptions" in again.stderr, again.stderr

@@ -189,18 +189,13 @@ def test_models_of_another_library_are_not_found_in_this_one(library, tmp_path) 
     assert "van-der-pol, rooms" in fails("export", "NonlinearSiso", "--library", library, "--out", tmp_path)
 
 
-FRAMEWORK = f'package = "adaptive-fmu-framework", path = "{ROOT / "src" / "framework"}"'
-# A package of models itself, whose own library has functions of the same names.
-MODELS = f'path = "{ROOT}", default-features = false, features = ["library"]'
-
-
-def crate(folder: Path, package: str, models: str) -> subprocess.CompletedProcess[str]:
-    """Checks a copy of the crate with another dependency, and other models in the macro's line."""
+def crate(folder: Path, models: str, dependency: str = "") -> subprocess.CompletedProcess[str]:
+    """Checks a copy of the crate with other models in the macro's line, and another dependency beside the framework."""
     shutil.copytree(CRATE, folder, ignore=shutil.ignore_patterns("target"))
-    dependency = f"adaptive-fmu = {{ {package} }}"
+    framework = f'adaptive-fmu = {{ package = "adaptive-fmu-framework", path = "{ROOT / "src" / "framework"}" }}'
     manifest = (folder / "Cargo.toml").read_text()
     line = next(line for line in manifest.splitlines() if line.startswith("adaptive-fmu"))
-    (folder / "Cargo.toml").write_text(manifest.replace(line, dependency))
+    (folder / "Cargo.toml").write_text(manifest.replace(line, f"{framework}\n{dependency}"))
     source = folder / "src" / "lib.rs"
     source.write_text(source.read_text().replace("[VanDerPol, Rooms, Ball]", models))
     command = ["cargo", "check", "-q", "--offline", "--manifest-path", folder / "Cargo.toml", "--target-dir", TARGET]
@@ -208,17 +203,19 @@ def crate(folder: Path, package: str, models: str) -> subprocess.CompletedProces
 
 
 @pytest.mark.parametrize(
-    ("package", "models", "told"),
-    [
-        (MODELS, "[VanDerPol, Rooms, Ball]", 'cfg(not(feature = "library"))'),
-        (FRAMEWORK, "[VanDerPol, Rooms, VanDerPol]", "two models have the same NAME"),
-        (FRAMEWORK, "[]", "expected"),
-    ],
-    ids=["models of adaptive-fmu beside one's own", "one model twice", "no model"],
+    ("models", "told"),
+    [("[VanDerPol, Rooms, VanDerPol]", "two models have the same NAME"), ("[]", "expected")],
+    ids=["one model twice", "no model"],
 )
-def test_the_macro_refuses_what_would_make_a_wrong_library(tmp_path, package: str, models: str, told: str) -> None:
-    answer = crate(tmp_path / "my_plant", package, models)
+def test_the_macro_refuses_what_would_make_a_wrong_library(tmp_path, models: str, told: str) -> None:
+    answer = crate(tmp_path / "my_plant", models)
     assert answer.returncode != 0 and told in answer.stderr, answer.stderr
+
+
+def test_a_library_may_hold_models_of_this_package_beside_its_own(tmp_path: Path) -> None:
+    models = "[VanDerPol, adaptive_fmu_models::plants::two_link_robot::TwoLinkRobot]"
+    answer = crate(tmp_path / "my_plant", models, f'adaptive-fmu-models = {{ path = "{ROOT}" }}')
+    assert answer.returncode == 0, answer.stderr
 
 
 def test_a_library_of_another_version_or_none_at_all_is_named(tmp_path: Path) -> None:

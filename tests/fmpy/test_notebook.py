@@ -18,7 +18,7 @@ def executed() -> nbformat.NotebookNode:
     """The notebook after all its cells, and one that tells the points of the loop."""
     notebook = nbformat.read(FILE, as_version=4)
     notebook.cells.append(nbformat.v4.new_code_cell("import json\nprint(json.dumps(points))"))
-    return NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(FILE.parent)}}).execute()
+    return NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(FILE.parent)}}).execute()
 
 
 def test_the_notebook_gives_the_loop_that_the_program_gives(executed: nbformat.NotebookNode, ran) -> None:

@@ -120,7 +120,7 @@ def test_a_unit_in_no_loop_shows_what_it_does_alone(name: str, fmu: Callable[[st
 
 
 # No loop of the package holds them: their pages tell how to make one.
-WITHOUT_LOOP = ("Funnel", "L1Limit", "L1Ppf", "L1Sampled", "Ladrc", "MracPpfUnmatched")
+WITHOUT_LOOP = ("Funnel", "FuzzyL1CoupledMimo", "FuzzyL1TwoLinkRobot", "L1Limit", "L1Ppf", "L1Sampled", "Ladrc", "MracPpfUnmatched")
 
 
 def test_every_other_unit_shows_how_its_loop_answers(each_fmu: Fmu) -> None:

@@ -141,7 +141,7 @@ def test_an_export_tells_what_a_library_asks_for_if_old_systems_lack_it(version:
 
 
 def test_a_library_built_for_old_systems_asks_for_an_old_glibc() -> None:
-    target, library = ROOT / "target", "libadaptive_fmu.so"
+    target, library = ROOT / "target", "libadaptive_fmu_library.so"
     places = [target / "x86_64-unknown-linux-gnu" / "release" / library]
     # Where tests/platforms/build leaves it.
     places += [target / "old_linux" / "x86_64-unknown-linux-gnu" / "platforms" / library]
@@ -225,13 +225,13 @@ def test_what_was_built_beside_the_program_of_the_same_sources_goes_into_every_f
     """Libraries for other targets lie where cargo leaves them; one for older systems takes the place of this one's."""
     target = tmp_path / "target"
     built = {
-        target / "release" / "libadaptive_fmu.so": library,
-        target / "x86_64-pc-windows-gnu" / "release" / "adaptive_fmu.dll": foreign("a.dll", "x86_64-pc-windows-gnu"),
-        target / "aarch64-unknown-linux-gnu" / "release" / "libadaptive_fmu.so": foreign(
+        target / "release" / "libadaptive_fmu_library.so": library,
+        target / "x86_64-pc-windows-gnu" / "release" / "adaptive_fmu_library.dll": foreign("a.dll", "x86_64-pc-windows-gnu"),
+        target / "aarch64-unknown-linux-gnu" / "release" / "libadaptive_fmu_library.so": foreign(
             "a.so", "aarch64-unknown-linux-gnu", "0" * 16
         ),
     }
-    older = target / "x86_64-unknown-linux-gnu" / "release" / "libadaptive_fmu.so"
+    older = target / "x86_64-unknown-linux-gnu" / "release" / "libadaptive_fmu_library.so"
     for place, file in built.items():
         place.parent.mkdir(parents=True)
         shutil.copy(file, place)

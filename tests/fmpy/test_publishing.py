@@ -44,11 +44,11 @@ def test_a_package_holds_every_file_that_its_code_includes_and_the_licences(name
             assert included in files, f"{file} includes {included}, which isn't in the package {name}"
 
 
-def test_the_program_holds_what_its_build_script_embeds() -> None:
+def test_the_models_hold_what_their_build_script_embeds() -> None:
     embedded = [*ROOT.glob("modelDescription/*.toml"), *ROOT.glob("modelDescription/icons/*"), *ROOT.glob("examples/*/response.txt")]
     for structure in ROOT.glob("examples/*/SystemStructure.ssd"):
         embedded += [file for file in structure.parent.iterdir() if file.suffix in (".ssd", ".ssv")]
-    assert {file.relative_to(ROOT).as_posix() for file in embedded} <= held("adaptive-fmu")
+    assert {file.relative_to(ROOT).as_posix() for file in embedded} <= held("adaptive-fmu-models")
 
 
 @pytest.mark.parametrize("name", PUBLISHED)

@@ -38,7 +38,7 @@ def test_a_wheel_holds_what_its_record_says(wheel: Path) -> None:
     shared = f"{data}/data/share/adaptive-fmu"
     assert {f"{shared}/modelDescription/{fmu}.toml" for fmu in FMU_NAMES} <= set(held)
     assert {f"{shared}/examples/{loop}/SystemStructure.ssd" for loop in LOOP_NAMES} <= set(held)
-    assert f"{shared}/README.md" in held and f"{shared}/libraries/linux64/libadaptive_fmu.so" in held
+    assert f"{shared}/README.md" in held and f"{shared}/libraries/linux64/libadaptive_fmu_library.so" in held
     # Where shells look for them in an environment.
     pages = {"man/man1/adaptive-fmu.1", "man/man1/adaptive-fmu-run.1", "bash-completion/completions/adaptive-fmu"}
     pages |= {"zsh/site-functions/_adaptive-fmu", "fish/vendor_completions.d/adaptive-fmu.fish"}

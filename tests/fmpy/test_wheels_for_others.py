@@ -55,7 +55,7 @@ def test_a_machine_that_built_for_windows_and_an_old_linux_makes_a_wheel_for_eac
         with zipfile.ZipFile(wheel) as archive:
             names = set(archive.namelist())
         shared = next(name for name in names if name.endswith("share/adaptive-fmu/README.md")).removesuffix("README.md")
-        libraries = {f"{shared}libraries/linux64/libadaptive_fmu.so", f"{shared}libraries/win64/adaptive_fmu.dll"}
+        libraries = {f"{shared}libraries/linux64/libadaptive_fmu_library.so", f"{shared}libraries/win64/adaptive_fmu_library.dll"}
         assert libraries <= names, "every wheel exports for all platforms"
 
 
@@ -79,7 +79,7 @@ def test_the_wheel_for_an_old_linux_asks_for_glibc_2_17_and_works(
     programs = tmp_path / "venv" / "bin"
     # numpy and pandas belong to the Python package, which other tests try.
     ran(programs / "python", "-m", "pip", "install", "--quiet", "--no-deps", wheels["manylinux_2_17_x86_64"])
-    program, library = programs / "adaptive-fmu", "share/adaptive-fmu/libraries/linux64/libadaptive_fmu.so"
+    program, library = programs / "adaptive-fmu", "share/adaptive-fmu/libraries/linux64/libadaptive_fmu_library.so"
     for file in (program, tmp_path / "venv" / library):
         versions = re.findall(r"GLIBC_([0-9.]+)", ran("readelf", "--version-info", file).stdout)
         assert versions and max(tuple(map(int, version.split("."))) for version in versions) <= OLDEST_GLIBC, file

@@ -1,7 +1,5 @@
 //! A connection of systems is a system: parts, connections, order of evaluation, error coordinates.
 
-use std::path::Path;
-
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::exporter::{self, Library};
 use adaptive_fmu::fmi2::model_description;
@@ -10,6 +8,7 @@ use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::simulation::{LoopFiles, Structure, composite};
 use adaptive_fmu::structure::Place;
 use adaptive_fmu::system::*;
+use common::at_top;
 use common::loops::whole as whole_loop;
 use common::models::Run;
 
@@ -88,7 +87,7 @@ struct ModelReference {
     x: VectorOf<Input>,
     x_m: VectorOf<State>,
     u: VectorOf<Signal>,
-    error: ErrorOf,
+    error: DifferenceOf,
 }
 
 impl System for ModelReference {
@@ -98,7 +97,7 @@ impl System for ModelReference {
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let x = d.input(vector("x", 1, "measured state").start(0.0));
         let x_m = d.state(vector("x_m", 1, "state of the model"));
-        let error = d.tracking_error(x, x_m, 1e-9);
+        let error = d.difference(x, x_m, 1e-9);
         let u = d.output(vector("u", 1, "control"));
         Ok(ModelReference { gain: d.parameter(scalar("gain", "gain").start(1e12)), x, x_m, u, error })
     }
@@ -106,7 +105,7 @@ impl System for ModelReference {
         v.copy(self.x, self.x_m);
     }
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        y.set(self.u, [-v[self.gain] * v.error(self.error, 0)]);
+        y.set(self.u, [-v[self.gain] * v.difference(self.error, 0)]);
     }
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let [x_m] = v.array(self.x_m);
@@ -217,7 +216,7 @@ parts = [{ name = "plant", model = "plant", start = { "x0[1]" = 0.25 } }, { name
 "#;
 
 #[test]
-fn a_tiny_tracking_error_keeps_its_digits() {
+fn a_tiny_difference_keeps_its_digits() {
     let mut run = whole(IN_ERRORS);
     assert_eq!((run.get("plant.x[1]"), run.get("plant.x_error[1]")), (0.25, 0.0));
     run.run(5, 1e-11);
@@ -257,7 +256,7 @@ fn a_whole_loop_of_this_package_starts_and_depends_on_what_it_says() {
 /// The cosine loop with some text of its file in place of another.
 fn changed(old: &str, new: &str) -> Structure {
     let folder = tempfile::tempdir().unwrap();
-    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/3.2.1-cosine");
+    let example = at_top("examples/3.2.1-cosine");
     std::fs::copy(example.join("reference.ssv"), folder.path().join("reference.ssv")).unwrap();
     let text = std::fs::read_to_string(example.join("SystemStructure.ssd")).unwrap();
     assert!(text.contains(old), "{old}");

@@ -2,9 +2,10 @@
 
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::fmi2::access::References;
-use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::Section;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::described::open_description;
 use common::random::Random;
 use common::systems::Root;

@@ -1,9 +1,9 @@
 //! fmi2GetRealOutputDerivatives: exact, at the last communication point, of what is in force there.
 
-use adaptive_fmu::library::fmi2_functions::fmi2GetRealOutputDerivatives;
 use adaptive_fmu::system::{
     Declaration, Input, Invalid, Kind, NoStructure, Registry, Scalar, ScalarOf, Signal, Signals, System, Values, scalar,
 };
+use adaptive_fmu_library::fmi2_functions::fmi2GetRealOutputDerivatives;
 use common::loops::{Loop, STEP};
 use common::{DISCARD, OK, Unit};
 

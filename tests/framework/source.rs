@@ -9,7 +9,7 @@ use adaptive_fmu::model::{Block, Description, Model};
 use adaptive_fmu::recording::Method;
 use adaptive_fmu::system::*;
 use common::random::Random;
-use common::{description, description_names};
+use common::{at_top, description, description_names};
 use libloading::Library;
 
 use crate::recording::{Draw, same, whole_loops};
@@ -29,9 +29,8 @@ fn compiled(model: &Model, folder: &Path, optimised: &str) -> PathBuf {
     let library = folder.join("unit.so");
     let mut command = Command::new("cc");
     command.args(WARNINGS).args([optimised, "-ffp-contract=off", "-fPIC", "-shared", "-I"]).arg(folder);
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    INCLUDED.iter().for_each(|included| _ = command.arg("-I").arg(root.join(included)));
-    command.arg(root.join("tests/framework/source/harness.c")).arg("-o").arg(&library).arg("-lm");
+    INCLUDED.iter().for_each(|included| _ = command.arg("-I").arg(at_top(included)));
+    command.arg(at_top("tests/framework/source/harness.c")).arg("-o").arg(&library).arg("-lm");
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}: {}", folder.display(), String::from_utf8_lossy(&output.stderr));
     library

@@ -1,6 +1,6 @@
 //! The actuator: what each of its effects makes of a command, by numbers worked out by hand.
 
-use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::random::Random;
 use common::{ERROR, OK, Unit, described};
 

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use adaptive_fmu::catalogue::{Entry, Guide, ICON, Trial};
 use adaptive_fmu::library::{CATALOGUE, REGISTRY, find};
@@ -12,15 +12,15 @@ use adaptive_fmu::schema::{self, Key};
 use adaptive_fmu::system::{Causality, Element};
 use common::described::model;
 use common::pages::assert_generated;
-use common::{description, description_folder, description_names};
+use common::{at_top, description, description_folder, description_names};
 use serde_json::Value;
 
 const FOLDERS: [&str; 2] = ["src", "plants"];
 /// Names of kinds that are words of their own, too.
 const WORDS: [&str; 3] = ["reference", "composite", "funnel"];
 
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
+fn root() -> PathBuf {
+    at_top("")
 }
 
 /// The Rust files of this package.

@@ -1,6 +1,11 @@
 //! The sampled L1 law: against its equations written out, on the loops of the thesis, as one unit and as separate ones.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
+mod by_hand;
+mod examples;
+mod general;
+mod general_design;
+
 use adaptive_fmu::report::Value;
 use adaptive_fmu::system::{DesignReport, Verdict};
 use common::closed::{Closed, near};
@@ -349,8 +354,6 @@ fn the_report_tells_what_input_gains_and_dead_times_the_loop_bears() {
 fn what_this_law_has_no_use_for_is_refused_with_the_reason() {
     let text = description(ROBOT);
     let with = |line: &str| text.replace("baseline = \"inside\"", &format!("baseline = \"inside\"\n{line}"));
-    refused(&with("unmatched = true"), &["unmatched", "matched uncertainty alone"]);
-    refused(&with("filter = { denominator = [[1.0, 0.0]] }"), &["filter", "1/s"]);
     refused(&with("commands = \"acceleration\""), &["commands", "nominal_input_gain"]);
     refused(&with("desired_dynamics = \"matrix\""), &["desired_dynamics", "poles"]);
     refused(&text.replace("sample_time = 0.005", "sample_time = 10.0"), &["sample_time", "at most"]);

@@ -7,6 +7,7 @@ mod descriptions;
 mod design_report;
 mod designed;
 mod funnel_control;
+mod fuzzy_channels;
 mod fuzzy_l1;
 mod hostile_descriptions;
 mod l1_descriptions;

@@ -138,6 +138,30 @@ fn without_drag_momentum_changes_by_the_forces_alone() {
     }
 }
 
+/// Who drifts with the water sees no current: velocities beside the water change as they do in water at rest, positions by
+/// the current besides.
+#[test]
+fn in_water_that_moves_evenly_it_moves_as_in_water_at_rest() {
+    let (mut random, still) = (Random::new(4), Vehicle::new(&[]));
+    for _ in 0..30 {
+        let (x, u) = (random_state(&mut random), Vector6::from(random.vector()) * 30.0);
+        let current = Vector3::from(random.vector());
+        let name = |i: usize| format!("current[{}]", i + 1);
+        let names: [String; 3] = std::array::from_fn(name);
+        let parameters: [(&str, f64); 3] = std::array::from_fn(|i| (names[i].as_str(), current[i]));
+        let moving = Vehicle::new(&parameters);
+        let mut carried = x;
+        carried.fixed_rows_mut::<3>(6).copy_from(&(part(&x, 6) + rotation(&x).transpose() * current));
+        let (beside, rate) = (still.rate(&x, &u), moving.rate(&carried, &u));
+        let in_earth = |x: &State| rotation(x) * part(x, 6);
+        let (expected, found) = (along(&x, &beside, in_earth), along(&carried, &rate, in_earth));
+        assert!((found - expected).norm() < 1e-7 * (1.0 + rate.norm_squared()), "{found} for {expected}");
+        assert!((part(&rate, 9) - part(&beside, 9)).norm() < 1e-10 * (1.0 + beside.norm()));
+        assert!((part(&rate, 0) - part(&beside, 0) - current).norm() < 1e-12);
+        assert!((part(&rate, 3) - part(&beside, 3)).norm() < 1e-12);
+    }
+}
+
 #[test]
 fn the_inertia_matrix_is_symmetric_positive_definite_and_that_of_the_motion() {
     let vehicle = Vehicle::new(&[]);

@@ -39,6 +39,20 @@ fn a_unit_has_its_users_names_in_place_of_its_own() {
     assert_eq!((element.description().as_ref(), element.unit()), ("rate of the speed", "1/s"));
 }
 
+/// Keys are the names that a model gives, whatever other keys of the table say.
+#[test]
+fn names_can_be_exchanged() {
+    let own = model(&description("L1NonlinearSiso")).unwrap();
+    for [one, other] in [["x[1]", "x[2]"], ["r[1]", "x[1]"], ["u[1]", "r[1]"]] {
+        let named = model(&controller(&format!("\"{one}\" = \"{other}\"\n\"{other}\" = \"{one}\""))).unwrap();
+        for (name, before) in [(one, other), (other, one)] {
+            let (now, then) = (named.variables().find(name).unwrap(), own.variables().find(before).unwrap());
+            assert_eq!((now.variable.causality, now.offset), (then.variable.causality, then.offset), "{name}");
+            assert_eq!(now.variable.name, then.variable.name, "{name}");
+        }
+    }
+}
+
 #[test]
 fn value_references_and_dependencies_stay_as_they_are() {
     let attributes = |text: &str, name: &str| {

@@ -1,6 +1,6 @@
 //! Observers: their equations with numbers worked out by hand, their gains, and what is refused.
 
-use adaptive_fmu::library::fmi2_functions::fmi2GetDirectionalDerivative;
+use adaptive_fmu_library::fmi2_functions::fmi2GetDirectionalDerivative;
 use common::described::refused;
 use common::{ERROR, OK, Unit, description};
 

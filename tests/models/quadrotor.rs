@@ -118,6 +118,58 @@ fn without_thrust_it_falls_freely() {
     }
 }
 
+/// A force from outside pushes the mass, whatever the attitude is, and turns nothing.
+#[test]
+fn a_force_from_outside_pushes_its_mass_in_earth_axes() {
+    let mut random = Random::new(3);
+    for switches in [&[][..], &["exact_kinematics"], &["uncertain"]] {
+        for _ in 0..20 {
+            let (x, force) = (random_state(&mut random), Vector3::from(random.vector()) * 5.0);
+            let u = [6.0 + 5.0 * random.next(), random.next(), random.next(), random.next()];
+            let name = |i: usize| format!("disturbance_force[{}]", i + 1);
+            let names: [String; 3] = std::array::from_fn(name);
+            let pushed: [(&str, f64); 3] = std::array::from_fn(|i| (names[i].as_str(), force[i]));
+            let change = Quadrotor::new(switches, &pushed).rate(&x, u) - Quadrotor::new(switches, &[]).rate(&x, u);
+            let mut expected = State::zeros();
+            expected.fixed_rows_mut::<3>(3).copy_from(&(force / M));
+            assert!((change - expected).amax() < 1e-12, "{change}");
+        }
+    }
+}
+
+/// Force and torque of four rotors that push at their places, some of them less than they are asked to.
+#[test]
+fn what_a_rotor_lacks_is_missing_of_thrust_and_torques() {
+    let (mut random, inertia) = (Random::new(5), INERTIA);
+    let effects = ["rotor_effect[1]", "rotor_effect[2]", "rotor_effect[3]", "rotor_effect[4]"];
+    for _ in 0..50 {
+        let (arm, drag) = (0.3 + 0.2 * random.next(), 0.05 + 0.04 * random.next());
+        let effect: [f64; 4] = std::array::from_fn(|_| 0.5 + 0.5 * random.next());
+        let asked: [f64; 4] = std::array::from_fn(|_| 1.5 + random.next());
+        let places = [[arm, 0.0, 0.0], [0.0, arm, 0.0], [-arm, 0.0, 0.0], [0.0, -arm, 0.0]];
+        let wrench = |pushes: [f64; 4]| {
+            let mut wrench = [0.0; 4];
+            for (i, push) in pushes.into_iter().enumerate() {
+                let force = Vector3::new(0.0, 0.0, push);
+                let about = if i % 2 == 0 { drag } else { -drag };
+                let torque = Vector3::from(places[i]).cross(&force) + Vector3::new(0.0, 0.0, about * push);
+                wrench[0] += push;
+                (0..3).for_each(|k| wrench[k + 1] += torque[k]);
+            }
+            wrench
+        };
+        let mut set: Vec<(&str, f64)> = effects.into_iter().zip(effect).collect();
+        set.extend([("arm_length", arm), ("drag_to_thrust", drag)]);
+        // Level and at rest, where angles turn as the body does.
+        let rate = Quadrotor::new(&[], &set).rate(&State::zeros(), wrench(asked));
+        let left = wrench(std::array::from_fn(|i| effect[i] * asked[i]));
+        assert!((rate[5] - (left[0] / M - G)).abs() < 1e-12, "{rate}");
+        for k in 0..3 {
+            assert!((rate[9 + k] - left[k + 1] / inertia[k]).abs() < 1e-9, "{rate}");
+        }
+    }
+}
+
 #[test]
 fn thrust_acts_within_its_limits() {
     for (limits, thrust, acting) in [

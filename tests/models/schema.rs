@@ -1,17 +1,16 @@
 //! The schema of descriptions: what is checked in is what the types give, and the page of keys knows every key.
 
-use std::path::Path;
-
 use adaptive_fmu::library::{CATALOGUE, REGISTRY, begin};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::schema;
 use adaptive_fmu::system::Causality;
 use adaptive_fmu::template::Request;
+use common::at_top;
 use serde_json::Value;
 
 #[test]
 fn the_checked_in_schema_is_that_of_the_types() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("modelDescription").join(schema::FILE);
+    let file = at_top("modelDescription").join(schema::FILE);
     let text = schema::text();
     if std::env::var_os("UPDATE_DESCRIPTIONS").is_some() {
         std::fs::write(&file, &text).unwrap();
@@ -74,7 +73,7 @@ fn every_key_says_what_it_is() {
 
 #[test]
 fn every_key_that_all_descriptions_have_stands_on_the_page_of_keys() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/description.md");
+    let file = at_top("docs/description.md");
     let page = std::fs::read_to_string(&file).unwrap_or_default();
     let section = page.split("## Every description").nth(1).and_then(|rest| rest.split("\n## ").next()).unwrap();
     for key in schema::keys().into_iter().filter(|key| key.model.is_none()) {

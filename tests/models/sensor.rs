@@ -1,6 +1,6 @@
 //! The sensor: what each of its effects makes of what is measured, and noise that is the same whoever steps it.
 
-use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu_library::fmi2_functions::*;
 use common::random::Random;
 use common::{OK, Unit, described};
 

@@ -2,8 +2,8 @@
 
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::library::REGISTRY;
-use adaptive_fmu::library::fmi2_functions::fmi2GetDirectionalDerivative;
 use adaptive_fmu::model::{Description, Model};
+use adaptive_fmu_library::fmi2_functions::fmi2GetDirectionalDerivative;
 use common::models::Run;
 use common::{OK, Unit, description};
 

@@ -3,7 +3,7 @@
 
 use adaptive_fmu::fmi2::types::{Boolean, CO_SIMULATION, MODEL_EXCHANGE, Status};
 use adaptive_fmu::library::REGISTRY;
-use adaptive_fmu::library::fmi2_functions::{fmi2CompletedIntegratorStep, fmi2SetBoolean};
+use adaptive_fmu_library::fmi2_functions::{fmi2CompletedIntegratorStep, fmi2SetBoolean};
 use common::random::Random;
 use common::{DISCARD, ERROR, OK, Unit, description};
 use nalgebra::{Matrix2, Vector2, Vector4};

@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use adaptive_fmu::exporter::{Platform, write_entries};
+use common::at_top;
 
 /// Writes `NAME.fmu` into a folder, from a C source in `tests/foreign` and a modelDescription.xml.
 pub fn fmu(folder: &Path, name: &str, source: &str, description: &str) -> PathBuf {
-    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign");
+    let sources = at_top("tests/foreign");
     let library = folder.join(format!("{name}.library"));
     let mut cc = Command::new("cc");
     cc.args(["-shared", "-fPIC", "-O1", "-w", "-fvisibility=hidden"]).arg("-o").arg(&library);

@@ -1,6 +1,6 @@
 //! Units of other tools in model exchange: `simulate` finds their events, and ends where they fail.
 
-#![cfg(all(unix, feature = "cli"))]
+#![cfg(unix)]
 
 use std::fs;
 use std::process::{Command, Output};

@@ -1,17 +1,16 @@
 //! Units of other tools in `run`: whatever they do wrong, it says which unit, in which function and at what time, and
 //! keeps what was computed.
 
-#![cfg(all(unix, feature = "cli"))]
+#![cfg(unix)]
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 use adaptive_fmu::exporter::{Platform, write_entries};
+use common::at_top;
 use serde_json::Value;
-
-const SOURCES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/foreign");
 
 /// Two motors in a row, `first` and `second`, and their constant input.
 const LOOP: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
@@ -48,12 +47,12 @@ fn motor() -> &'static [u8] {
         let compiled = Command::new("cc")
             .args(["-O1", "-fPIC", "-shared", "-pthread", "-o"])
             .arg(&library)
-            .arg(Path::new(SOURCES).join("motor.c"))
+            .arg(at_top("tests/foreign/motor.c"))
             .arg("-lm")
             .status()
             .expect("a C compiler");
         assert!(compiled.success());
-        let (xml, bytes) = (fs::read(Path::new(SOURCES).join("motor.xml")).unwrap(), fs::read(library).unwrap());
+        let (xml, bytes) = (fs::read(at_top("tests/foreign/motor.xml")).unwrap(), fs::read(library).unwrap());
         write_entries(&archive, &[("modelDescription.xml", &xml), (&Platform::own().binary("Motor"), &bytes)]).unwrap();
         fs::read(archive).unwrap()
     })

@@ -1,6 +1,6 @@
 //! `new loop`: the structure of a loop for given units, wired by names, with comments where a person must decide.
 
-#![cfg(all(unix, feature = "cli"))]
+#![cfg(unix)]
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use crate::foreign;
 
-const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/own/dc_motor");
+const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/own/dc_motor");
 const TOLD: &str = "<ModelStructure><Outputs><Unknown index='2' dependencies='1' dependenciesKind='dependent'/></Outputs></ModelStructure>";
 
 /// Runs the program in a folder.

@@ -13,13 +13,14 @@ use std::sync::OnceLock;
 use adaptive_fmu::exporter::{self, Platform};
 use adaptive_fmu::simulation::Hosting;
 use adaptive_fmu::validation::{Finding, Report, Severity, Trial, validate};
+use common::at_top;
 use tempfile::TempDir;
 
 /// A unit with variables of every kind that the package has.
 const UNIT: &str = "L1NonlinearSiso";
 
 fn program(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_adaptive-fmu")).args(arguments).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_adaptive-fmu")).args(arguments).current_dir(at_top("")).output().unwrap()
 }
 
 /// The unit, exported once.
@@ -356,7 +357,7 @@ fn built(faults: &[&str], flags: &str) -> (TempDir, PathBuf) {
 fn built_as(faults: &[&str], description: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let library = folder.path().join("unit.so");
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/validation/unit.c");
+    let source = at_top("tests/validation/unit.c");
     let faults: Vec<_> = faults.iter().map(|fault| format!("-D{fault}")).collect();
     let done = Command::new("cc").args(["-shared", "-fPIC", "-o"]).arg(&library).arg(source).args(faults).output();
     let done = done.unwrap();

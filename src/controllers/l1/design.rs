@@ -4,7 +4,7 @@
 use nalgebra::{Complex, DMatrix, DMatrixView};
 
 use super::squared;
-use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, Plant, Symbols};
+use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, PlantMatrices, Symbols};
 use super::tracking::{self, BY_GAIN};
 use crate::mathematics::{feedforward, lyapunov, pole_placement};
 use crate::system::{
@@ -71,7 +71,7 @@ pub(in crate::controllers) enum Dynamics {
 }
 
 impl Dynamics {
-    pub fn declare(d: &mut Declaration, plant: &Plant, structure: &L1Structure) -> Self {
+    pub fn declare(d: &mut Declaration, plant: &PlantMatrices, structure: &L1Structure) -> Self {
         let (n, m) = plant.B.shape();
         let text = "desired closed-loop dynamics";
         let given = matrix("A_m", n, n, &format!("{text}; must be Hurwitz")).unit("1/s");
@@ -131,7 +131,7 @@ impl Dynamics {
     ///
     /// # Errors
     /// [`Invalid`] where no feedback leads there.
-    pub fn prepare(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
+    pub fn prepare(&self, plant: &PlantMatrices, v: &mut Point) -> Result<(), Invalid> {
         let Some(A) = &plant.A else { return Ok(()) };
         match self {
             Dynamics::Given(_) => {}
@@ -153,7 +153,7 @@ impl Dynamics {
 impl Design {
     pub fn declare(
         d: &mut Declaration,
-        plant: &Plant,
+        plant: &PlantMatrices,
         structure: &L1Structure,
         units: &Symbols,
         has_closed_form: bool,
@@ -251,7 +251,7 @@ impl Design {
     }
 
     /// Poles, P, K_g and what follows from them.
-    pub fn prepare(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
+    pub fn prepare(&self, plant: &PlantMatrices, v: &mut Point) -> Result<(), Invalid> {
         self.dynamics.prepare(plant, v)?;
         self.prepare_laws(plant, v)
     }
@@ -267,7 +267,7 @@ impl Design {
     }
 
     /// P, K_g and what follows from them.
-    fn prepare_laws(&self, plant: &Plant, v: &mut Point) -> Result<(), Invalid> {
+    fn prepare_laws(&self, plant: &PlantMatrices, v: &mut Point) -> Result<(), Invalid> {
         let A_m = self.A_m(&v.values()).into_owned();
         let names = [self.name_of_A_m(&v.values()), v.name(self.Q)];
         let Q = v.matrix(self.Q).into_owned();

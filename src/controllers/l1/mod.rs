@@ -29,9 +29,10 @@ pub(super) use ports::Ports;
 pub(super) use report::{controllability, tell_delay_margin};
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
 pub(super) use structure::{
-    Plant, Quantities, Symbols, Units, input_and_output, nominal_dynamics, of_motion, orthogonal_complement,
+    PlantMatrices, Quantities, Symbols, Units, enters_rates, input_and_output, nominal_dynamics, of_motion,
+    orthogonal_complement,
 };
-pub(super) use unmatched::{Cancellation, Zeros};
+pub(super) use unmatched::{Cancellation, Form, Zeros};
 
 /// What the adaptive control starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -245,6 +246,6 @@ impl Catalogued for L1 {
 }
 
 fn begun(request: &Request) -> Result<String, Invalid> {
-    let (text, _) = template::begin(request, L1::TITLE, L1::PAGE)?;
+    let (text, _) = template::begin(request, L1::TITLE, L1::PAGE, &[])?;
     Ok(text.finish())
 }

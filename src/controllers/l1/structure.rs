@@ -11,8 +11,7 @@ use crate::system::{Invalid, Scalar, Unit, of_outputs, quantities};
 const MOST_STATES: usize = 200;
 
 /// What multiplies the estimates θ̂.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Regressor {
     /// φ(x) = x: θ̂ is m × n.
@@ -22,8 +21,7 @@ pub enum Regressor {
 }
 
 /// Which entries of the input gain ω are estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum InputGain {
     /// All.
@@ -33,8 +31,7 @@ pub enum InputGain {
 }
 
 /// Where the static state feedback −K_m x stands that gives the nominal plant its desired dynamics.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Baseline {
     /// There is none: the plant is written in the desired dynamics already.
@@ -47,8 +44,7 @@ pub enum Baseline {
 }
 
 /// How the desired dynamics are given, where a baseline brings them about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DesiredDynamics {
     /// By their poles.
@@ -59,8 +55,7 @@ pub enum DesiredDynamics {
 }
 
 /// What the law commands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Commands {
     /// The control itself.
@@ -71,8 +66,7 @@ pub enum Commands {
 }
 
 /// The description of an L1 controller's structure.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(non_snake_case)] // matrices have the names of the thesis
 pub struct L1Structure {
@@ -112,8 +106,7 @@ pub struct L1Structure {
 }
 
 /// Units of the signals, an element each; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::controllers) struct Units {
     /// Of the reference.
@@ -125,8 +118,7 @@ pub(in crate::controllers) struct Units {
 }
 
 /// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::controllers) struct Quantities {
     /// Of the outputs that follow the reference; those of the states that C takes, where none are given.
@@ -183,7 +175,7 @@ pub(in crate::controllers) struct Symbols {
 /// The matrices of a structure, whose sizes fit each other.
 #[derive(Debug)]
 #[allow(non_snake_case)]
-pub(in crate::controllers) struct Plant {
+pub(in crate::controllers) struct PlantMatrices {
     /// Nominal dynamics, n × n, where they are given.
     pub A: Option<DMatrix<f64>>,
     /// n × m.
@@ -194,7 +186,7 @@ pub(in crate::controllers) struct Plant {
     pub B_um: DMatrix<f64>,
 }
 
-impl Plant {
+impl PlantMatrices {
     /// y = C x of a channel.
     pub fn output<S: Scalar>(&self, channel: usize, x: &[S]) -> S {
         x.iter().zip(self.C.row(channel).iter()).fold(S::from(0.0), |sum, (&x, &c)| sum + x * c)
@@ -227,7 +219,6 @@ impl L1Structure {
     }
 
     /// The schema of that.
-    #[cfg(feature = "cli")]
     pub(in crate::controllers) fn schema_without_estimates(
         generator: &mut schemars::SchemaGenerator,
     ) -> schemars::Schema {
@@ -254,7 +245,7 @@ impl L1Structure {
     /// # Errors
     /// What doesn't fit.
     #[allow(non_snake_case)]
-    pub(in crate::controllers) fn plant(&self) -> Result<Plant, Invalid> {
+    pub(in crate::controllers) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let (B, C) = input_and_output(&self.B, &self.C)?;
         let A = self.A.as_ref().map(|A| nominal_dynamics(A, &B)).transpose()?;
         if A.is_none() && self.baseline != Baseline::None {
@@ -264,7 +255,7 @@ impl L1Structure {
             let allowed = "belongs to a baseline (\"outside\" or \"inside\"); without one, A_m is a parameter anyway";
             return Err(Invalid::new("desired_dynamics", "\"matrix\"", allowed));
         }
-        Ok(Plant { A, B_um: self.unmatched_directions(&B)?, B, C })
+        Ok(PlantMatrices { A, B_um: self.unmatched_directions(&B)?, B, C })
     }
 
     /// B_um: as given, or the orthogonal complement of B.
@@ -336,6 +327,13 @@ pub(in crate::controllers) fn input_and_output(
     }
     require_size("C", &C, (m, n), &B)?;
     Ok((B, C))
+}
+
+/// Whether the control enters the rate of an output at once, each output: where C B isn't 0.
+#[allow(non_snake_case)]
+pub(in crate::controllers) fn enters_rates(B: &DMatrix<f64>, C: &DMatrix<f64>) -> Vec<bool> {
+    let least = 1e-9 * C.amax() * B.amax();
+    (C * B).row_iter().map(|row| row.amax() > least).collect()
 }
 
 /// A, n × n.

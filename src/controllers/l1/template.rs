@@ -6,11 +6,12 @@ use crate::template::{
     Request, Text, all, diagonal, list, named, number, write_limits, write_names, write_quantities, write_units,
 };
 
-/// The text of a law with this title and page, to which more can be added, and its bandwidth, rad/s.
+/// The text of a law with this title and page, to which more can be added, and its bandwidth, rad/s; with these further
+/// keys of its structure, their values and what these are.
 ///
 /// # Errors
 /// Why there is no design for the plant.
-pub fn begin(request: &Request, title: &str, page: &str) -> Result<(Text, f64), Invalid> {
+pub fn begin(request: &Request, title: &str, page: &str, keys: &[[&str; 3]]) -> Result<(Text, f64), Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
     let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
@@ -21,6 +22,7 @@ pub fn begin(request: &Request, title: &str, page: &str) -> Result<(Text, f64), 
     text.set("baseline", "\"outside\"", "-K_m x puts the poles of A where pole_real, pole_imag say");
     text.set("regressor", "\"state\"", "theta multiplies x; \"infinity_norm\": its largest element, fewer estimates");
     text.set("input_gain", "\"diagonal\"", "omega; \"full\" where inputs act on each other's channels");
+    keys.iter().for_each(|[key, value, what]| text.set(key, value, what));
     write_units(&mut text, &[("r", &plant.y, m), ("x", &plant.x, n), ("u", &plant.u, m)]);
     write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
     let (r, x, u) = (named(&plant.y, "_reference"), named(&plant.x, ""), named(&plant.u, ""));

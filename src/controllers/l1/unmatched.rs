@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::dot;
-use super::structure::Plant;
+use super::structure::PlantMatrices;
 use crate::mathematics::filter::Filter;
 use crate::mathematics::matched_equivalent::MatchedEquivalent;
 use crate::system::{
@@ -42,7 +42,58 @@ pub(in crate::controllers) struct Cancellation {
     filter_inputs: Vec<DVector<f64>>,
     /// What the last of them has at once in the output of D(s).
     filter_direct: f64,
+    form: Form,
     pub zeros: Option<Zeros>,
+}
+
+/// What of H_m⁻¹ H_um any feedback of the state leaves as it is: it moves no zero and raises no degree.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::controllers) struct Form {
+    /// The number of transmission zeros of H_m.
+    pub zeros: usize,
+    /// Whether its product with D(s) isn't strictly proper, and what the highest power of s has at once behind D(s).
+    pub is_direct: bool,
+    filter_direct: f64,
+}
+
+impl Form {
+    /// Of the nominal dynamics.
+    ///
+    /// # Errors
+    /// [`Invalid`] when these aren't given, H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
+    pub fn of_nominal(plant: &PlantMatrices, filter: &Filter) -> Result<Self, Invalid> {
+        let Some(A) = &plant.A else {
+            let reason =
+                "A is missing: with unmatched uncertainty the number of states depends on the nominal dynamics";
+            return Err(Invalid::because(reason));
+        };
+        let equivalent = MatchedEquivalent::new(("A", A), &plant.B, &plant.C, &plant.B_um)?;
+        let filter_direct = equivalent.behind(filter)?.direct;
+        Ok(Form { zeros: equivalent.A_z.nrows(), is_direct: filter_direct != 0.0, filter_direct })
+    }
+
+    /// H_m⁻¹(s) H_um(s) for dynamics that messages call by a name.
+    ///
+    /// # Errors
+    /// [`Invalid`] when it isn't of this form.
+    pub fn equivalent(
+        &self,
+        (name, A_m): (&str, &DMatrix<f64>),
+        plant: &PlantMatrices,
+        filter: &Filter,
+    ) -> Result<MatchedEquivalent, Invalid> {
+        let equivalent = MatchedEquivalent::new((name, A_m), &plant.B, &plant.C, &plant.B_um)?;
+        let direct = equivalent.behind(filter)?.direct;
+        let (order, declared) = (equivalent.A_z.nrows(), self.zeros);
+        if order != declared || (direct != 0.0 && !self.is_direct) {
+            let text = format!(
+                "{name}: C (sI - {name})^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), or \
+                 another relative degree: give {name} there"
+            );
+            return Err(Invalid::because(text));
+        }
+        Ok(equivalent)
+    }
 }
 
 /// The part of H_m⁻¹ H_um whose poles are the transmission zeros of H_m: z' = A_z z + B_z η_2.
@@ -60,7 +111,7 @@ impl Unmatched {
     ///
     /// # Errors
     /// [`Invalid`] when H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
-    pub fn declare(d: &mut Declaration, plant: &Plant, filter: &Filter) -> Result<Option<Self>, Invalid> {
+    pub fn declare(d: &mut Declaration, plant: &PlantMatrices, filter: &Filter) -> Result<Option<Self>, Invalid> {
         let k = plant.B_um.ncols();
         if k == 0 {
             return Ok(None);
@@ -143,27 +194,21 @@ impl Cancellation {
     ///
     /// # Errors
     /// [`Invalid`] when H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
-    pub fn declare(d: &mut Declaration, plant: &Plant, filter: &Filter) -> Result<Self, Invalid> {
+    pub fn declare(d: &mut Declaration, plant: &PlantMatrices, filter: &Filter) -> Result<Self, Invalid> {
         let (m, k) = (plant.B.ncols(), plant.B_um.ncols());
-        // State feedback moves no zero and raises no degree: any A_m that it leads to has those of A.
-        let Some(A) = &plant.A else {
-            let reason =
-                "A is missing: with unmatched uncertainty the number of states depends on the nominal dynamics";
-            return Err(Invalid::because(reason));
-        };
-        let equivalent = MatchedEquivalent::new(("A", A), &plant.B, &plant.C, &plant.B_um)?;
-        let filter_direct = equivalent.behind(filter)?.direct;
+        let form = Form::of_nominal(plant, filter)?;
+        let order = form.zeros;
         let relative_degree = filter.relative_degree();
         let hidden = |name: &str, rows, columns| matrix(name, rows, columns, "").hidden();
-        let order = equivalent.A_z.nrows();
         Ok(Cancellation {
             input: d.prepared(hidden("#D H_m^-1 H_um: input", m * filter.order(), k)),
-            direct: (filter_direct != 0.0).then(|| d.prepared(hidden("#D H_m^-1 H_um: direct", m, k))),
+            direct: form.is_direct.then(|| d.prepared(hidden("#D H_m^-1 H_um: direct", m, k))),
             polynomial: (0..=relative_degree)
                 .map(|power| d.prepared(hidden(&format!("#H_m^-1 H_um: s^{power}"), m, k)))
                 .collect(),
             filter_inputs: filter.inputs(relative_degree),
-            filter_direct,
+            filter_direct: form.filter_direct,
+            form,
             zeros: (order > 0).then(|| Zeros {
                 A_z: d.prepared(hidden("#A_z", order, order)),
                 B_z: d.prepared(hidden("#B_z", order, k)),
@@ -185,21 +230,11 @@ impl Cancellation {
     pub fn prepare(
         &self,
         A_m: (&str, &DMatrix<f64>),
-        plant: &Plant,
+        plant: &PlantMatrices,
         filter: &Filter,
         v: &mut Point,
     ) -> Result<(), Invalid> {
-        let equivalent = MatchedEquivalent::new(A_m, &plant.B, &plant.C, &plant.B_um)?;
-        let direct = equivalent.behind(filter)?.direct;
-        let (order, declared) = (equivalent.A_z.nrows(), self.order().unwrap_or(0));
-        if order != declared || (direct != 0.0 && self.direct.is_none()) {
-            let text = format!(
-                "{name}: C (sI - {name})^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), or \
-                 another relative degree: give {name} there",
-                name = A_m.0
-            );
-            return Err(Invalid::because(text));
-        }
+        let equivalent = self.form.equivalent(A_m, plant, filter)?;
         for (power, &coefficient) in self.polynomial.iter().enumerate() {
             match equivalent.polynomial.get(power) {
                 Some(known) => v.matrix_mut(coefficient).copy_from(known),

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
-use crate::controllers::l1::{L1Structure, Plant};
+use crate::controllers::l1::{L1Structure, PlantMatrices};
 use crate::system::Invalid;
 
 /// Least singular value of the directions of the uncertainty, in parts of the largest.
@@ -25,7 +25,6 @@ impl<'de> Deserialize<'de> for L1LimitStructure {
     }
 }
 
-#[cfg(feature = "cli")]
 impl schemars::JsonSchema for L1LimitStructure {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "L1LimitStructure".into()
@@ -37,7 +36,7 @@ impl schemars::JsonSchema for L1LimitStructure {
 }
 
 /// B̄⁺, the pseudoinverse of the directions (B B_um) of the uncertainty.
-pub(super) fn inverse(plant: &Plant) -> Result<DMatrix<f64>, Invalid> {
+pub(super) fn inverse(plant: &PlantMatrices) -> Result<DMatrix<f64>, Invalid> {
     let directions = plant.all_directions();
     if !directions.norm_squared().is_finite() {
         return Err(Invalid::because("B, B_um: their entries must be small enough to be squared"));

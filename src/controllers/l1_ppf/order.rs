@@ -5,7 +5,7 @@
 use nalgebra::DMatrix;
 
 use crate::controllers::funnel::Inside;
-use crate::controllers::l1::{Goal, Law, Plant, Symbols, add_product};
+use crate::controllers::l1::{Goal, Law, PlantMatrices, Symbols, add_product};
 use crate::mathematics::matrices;
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals, State, Unit,
@@ -37,7 +37,7 @@ pub(super) enum Order {
 impl Order {
     /// # Errors
     /// An output matrix that doesn't show the whole state together with its rate.
-    pub fn declare(d: &mut Declaration, plant: Plant, units: &Symbols) -> Result<Self, Invalid> {
+    pub fn declare(d: &mut Declaration, plant: PlantMatrices, units: &Symbols) -> Result<Self, Invalid> {
         let m = plant.B.ncols();
         let A = match plant.A.as_ref() {
             Some(A) if plant.B.nrows() > m => A,

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
-use crate::controllers::l1::{Baseline, L1Structure, Plant};
+use crate::controllers::l1::{Baseline, L1Structure, PlantMatrices};
 use crate::mathematics::matrices;
 use crate::system::Invalid;
 
@@ -37,7 +37,6 @@ impl<'de> Deserialize<'de> for L1PpfStructure {
     }
 }
 
-#[cfg(feature = "cli")]
 impl schemars::JsonSchema for L1PpfStructure {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "L1PpfStructure".into()
@@ -55,7 +54,7 @@ impl schemars::JsonSchema for L1PpfStructure {
 impl L1PpfStructure {
     /// # Errors
     /// What doesn't fit, or isn't for this law.
-    pub(super) fn plant(&self) -> Result<Plant, Invalid> {
+    pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let plant = self.of_l1.plant()?;
         let (n, m) = plant.B.shape();
         if n != m && n != 2 * m {
@@ -77,8 +76,8 @@ impl L1PpfStructure {
     ///
     /// # Errors
     /// Where the controls don't show after so many derivatives, independently of each other.
-    pub(super) fn inverse_gain(plant: &Plant) -> Result<DMatrix<f64>, Invalid> {
-        let Plant { A, B, C, .. } = plant;
+    pub(super) fn inverse_gain(plant: &PlantMatrices) -> Result<DMatrix<f64>, Invalid> {
+        let PlantMatrices { A, B, C, .. } = plant;
         let (name, gain) = match A {
             Some(A) if B.nrows() > B.ncols() => {
                 let entered = (C * B).amax();

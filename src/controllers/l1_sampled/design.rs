@@ -4,10 +4,11 @@
 use nalgebra::{Complex, DMatrix};
 
 use super::L1Sampled;
+use super::filter::SampledFilter;
 use crate::controllers::inverse::{inverse, refused};
 use crate::controllers::l1::orthogonal_complement;
 use crate::mathematics::{feedforward, pole_placement};
-use crate::system::{Invalid, Number, Point};
+use crate::system::{Invalid, Number, Point, Values};
 
 /// Entries of a gain that are smaller, in parts of the largest, are zeros.
 const ROUNDING: f64 = 1e-14;
@@ -59,7 +60,21 @@ impl L1Sampled {
         ] {
             v.matrix_mut(handle).copy_from(matrix);
         }
+        if let SampledFilter::General(filter) = &self.filter {
+            let (name, dynamics) = self.filtered_dynamics(A_m, &v.values());
+            filter.prepare(self, (&name, &dynamics), v)?;
+        }
         self.prepare_predictor(A_m, &W_0, &directions, v)
+    }
+
+    /// The dynamics for which unmatched uncertainty is cancelled, with their name: the desired ones; those with the baseline as
+    /// it is held, A − B K_d, where there is one, so that what is constant is cancelled whatever the sample time.
+    pub(super) fn filtered_dynamics(&self, A_m: &DMatrix<f64>, v: &Values<f64>) -> (String, DMatrix<f64>) {
+        let name = match self.dynamics.gain() {
+            Some(_) => format!("A - B {}", v.name(self.K_d)),
+            None => self.dynamics.name_of_A_m(v),
+        };
+        (name, self.nominal(A_m) - &self.plant.B * v.matrix(self.K_d))
     }
 
     fn prepare_predictor(
@@ -95,12 +110,13 @@ impl L1Sampled {
         given.unwrap_or(A_m).clone()
     }
 
-    /// B̄ = (B W_0, B_um), with all that B doesn't reach.
+    /// B̄ = (B W_0, B_um), with all that these don't reach.
     fn directions(&self, W_0: &DMatrix<f64>) -> DMatrix<f64> {
-        let (n, m) = self.plant.B.shape();
+        let ((n, m), k) = (self.plant.B.shape(), self.plant.B_um.ncols());
         let mut all = (&self.plant.B * W_0).resize_horizontally(n, 0.0);
-        if n > m {
-            all.columns_mut(m, n - m).copy_from(&orthogonal_complement(&self.plant.B));
+        all.columns_mut(m, k).copy_from(&self.plant.B_um);
+        if n > m + k {
+            all.columns_mut(m + k, n - m - k).copy_from(&orthogonal_complement(&self.plant.all_directions()));
         }
         all
     }

@@ -15,6 +15,42 @@ pub(super) enum Estimation {
     Published { E: DMatrix<f64>, of_u: DMatrix<f64>, of_x: DMatrix<f64>, of_sigma: DMatrix<f64>, S: DMatrix<f64> },
 }
 
+/// q⁺ = F q + G (−W_0 σ̂_1, σ̂_2), ζ = C q − D_2 σ̂_2.
+#[derive(Debug)]
+pub(super) struct HeldFilter {
+    pub F: DMatrix<f64>,
+    pub G: DMatrix<f64>,
+    pub C: DMatrix<f64>,
+    pub direct: DMatrix<f64>,
+}
+
+impl HeldFilter {
+    /// D(s) = 1/s, with e^(−k T) of each channel.
+    pub fn integrator(left: &[f64]) -> Self {
+        let m = left.len();
+        HeldFilter {
+            F: DMatrix::from_diagonal(&DVector::from_column_slice(left)),
+            G: DMatrix::from_diagonal(&DVector::from_fn(m, |i, _| 1.0 - left[i])),
+            C: DMatrix::identity(m, m),
+            direct: DMatrix::zeros(m, 0),
+        }
+    }
+
+    /// q⁺ and ζ.
+    fn step(&self, q: &DVector<f64>, W_0: &DMatrix<f64>, sigma: &DVector<f64>) -> [DVector<f64>; 2] {
+        let (m, k) = self.direct.shape();
+        let uncertain = W_0 * sigma.rows(0, m);
+        let mut driving = DVector::zeros(m + k);
+        driving.rows_mut(0, m).copy_from(&(-uncertain));
+        driving.rows_mut(m, k).copy_from(&sigma.rows(m, k));
+        let q = &self.F * q + &self.G * driving;
+        let zeta = &self.C * &q;
+        // A matrix without columns makes no vector of zeros.
+        let zeta = if k > 0 { zeta - &self.direct * sigma.rows(m, k) } else { zeta };
+        [q, zeta]
+    }
+}
+
 /// A controller and its plant.
 #[derive(Debug)]
 pub(super) struct Nominal {
@@ -26,8 +62,7 @@ pub(super) struct Nominal {
     pub B_d: DMatrix<f64>,
     pub L_d: DMatrix<f64>,
     pub estimation: Estimation,
-    /// e^(−k T)
-    pub left: Vec<f64>,
+    pub filter: HeldFilter,
     pub W_0: DMatrix<f64>,
     pub W_0_inverse: DMatrix<f64>,
     pub K_d: DMatrix<f64>,
@@ -41,7 +76,7 @@ struct Left {
     x_before: DVector<f64>,
     x_hat: DVector<f64>,
     sigma: DVector<f64>,
-    zeta: DVector<f64>,
+    q: DVector<f64>,
     /// Controls that acted, the latest first, and those that will.
     acted: Vec<DVector<f64>>,
     queue: Vec<DVector<f64>>,
@@ -70,7 +105,7 @@ impl Nominal {
 
     fn size(&self, more: usize) -> usize {
         let (n, m) = self.BW_0.shape();
-        4 * n + m * (1 + self.delay + more + 2)
+        4 * n + self.filter.F.nrows() + m * (self.delay + more + 2)
     }
 
     fn unpack(&self, all: &DVector<f64>, more: usize) -> Left {
@@ -85,14 +120,14 @@ impl Nominal {
             x_before: take(n),
             x_hat: take(n),
             sigma: take(n),
-            zeta: take(m),
+            q: take(self.filter.F.nrows()),
             acted: (0..more + 2).map(|_| take(m)).collect(),
             queue: (0..self.delay).map(|_| take(m)).collect(),
         }
     }
 
     fn step(&self, at: Left, [now, before]: [&DMatrix<f64>; 2], gain: f64, more: usize) -> Left {
-        let Left { x, x_before, x_hat, sigma, zeta, mut acted, mut queue } = at;
+        let Left { x, x_before, x_hat, sigma, q, mut acted, mut queue } = at;
         let (x_hat, sigma) = match &self.estimation {
             Estimation::Exact { L_inverse } => {
                 (x_hat * 0.0, L_inverse * (&x - &self.A_d * &x_before - &self.B_d * &acted[0]))
@@ -103,14 +138,13 @@ impl Nominal {
                 (moved, sigma)
             }
         };
-        let uncertain = &self.W_0 * sigma.rows(0, zeta.len());
-        let zeta = DVector::from_fn(zeta.len(), |i, _| self.left[i] * zeta[i] - (1.0 - self.left[i]) * uncertain[i]);
+        let [q, zeta] = self.filter.step(&q, &self.W_0, &sigma);
         let ahead = queue.iter().fold(x.clone(), |x, u| &self.A_d * x + &self.B_d * u + &self.L_d * &sigma);
         queue.push(&self.W_0_inverse * (&zeta - &self.K_d * ahead));
         acted.insert(0, queue.remove(0));
         acted.pop();
         let driven = now * &acted[more] + before * &acted[more + 1];
-        Left { x: &self.A_d * &x + driven * gain, x_before: x, x_hat, sigma, zeta, acted, queue }
+        Left { x: &self.A_d * &x + driven * gain, x_before: x, x_hat, sigma, q, acted, queue }
     }
 
     /// The poles of the loop, the largest first; nothing where they can't be found.
@@ -143,8 +177,8 @@ impl Nominal {
 }
 
 fn pack(left: &Left) -> DVector<f64> {
-    let Left { x, x_before, x_hat, sigma, zeta, acted, queue } = left;
-    let parts = [x, x_before, x_hat, sigma, zeta].into_iter().chain(acted).chain(queue);
+    let Left { x, x_before, x_hat, sigma, q, acted, queue } = left;
+    let parts = [x, x_before, x_hat, sigma, q].into_iter().chain(acted).chain(queue);
     let values: Vec<f64> = parts.flat_map(|part| part.iter().copied()).collect();
     DVector::from_vec(values)
 }

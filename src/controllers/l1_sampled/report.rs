@@ -4,7 +4,8 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use super::nominal::{Estimation, Nominal};
+use super::filter::SampledFilter;
+use super::nominal::{Estimation, HeldFilter, Nominal};
 use super::{L1Sampled, MOST_DELAY};
 use crate::controllers::l1::controllability;
 use crate::report::number;
@@ -12,6 +13,8 @@ use crate::system::{DesignReport, Values, Verdict};
 
 /// The most states of a plant whose loop is looked at: beyond, it would take long.
 const MOST_STATES: usize = 30;
+/// The most states of its filters.
+const MOST_FILTER_STATES: usize = 60;
 /// How many samples of more dead time are tried.
 const MOST_LATE: usize = 40;
 /// Magnitude below which a pole has settled within a sample: several that are 0 are found only so well.
@@ -30,6 +33,7 @@ impl L1Sampled {
         let (of_K_d, of_K_g) = (v.name(self.K_d), v.name(self.K_gd));
         report.tell(&of_K_d, &v.matrix(self.K_d).into_owned(), "", "gain of the state, for a control that is held");
         report.tell(&of_K_g, &v.matrix(self.K_gd).into_owned(), "", "gain of the reference");
+        self.tell_filter(&A_m, v, report);
         report.section("Sampled loop");
         let (T, delay) = (v[self.sample_time], v.get(self.delay_steps) as f64);
         let note = "from sample to sample; a master's step may be shorter, not longer";
@@ -40,13 +44,29 @@ impl L1Sampled {
         }
         let note = format!("designed for: {} samples, from a measurement until its control acts", number(delay));
         report.tell("dead time", delay * T, "s", &note);
-        if self.x.len() > MOST_STATES {
-            let note = format!("the loop of a plant with more than {MOST_STATES} states would take long");
+        if self.x.len() > MOST_STATES || self.filter.order() > MOST_FILTER_STATES {
+            let note = format!(
+                "the loop of a plant with more than {MOST_STATES} states, or of filters with more than \
+                 {MOST_FILTER_STATES}, would take long"
+            );
             report.judge("stability", "not checked", "", Verdict::NotSound, note);
             return;
         }
         self.tell_loop(&self.nominal_loop(&A_m, v), v, report);
         self.tell_noise(v, report);
+    }
+
+    /// The filter, in a loop with the nominal input gain, where it isn't 1/s.
+    fn tell_filter(&self, A_m: &DMatrix<f64>, v: &Values<f64>, report: &mut DesignReport) {
+        let SampledFilter::General(filter) = &self.filter else { return };
+        let (name, dynamics) = self.filtered_dynamics(A_m, v);
+        let Ok(continuous) = filter.continuous((&name, &dynamics), &self.plant, v) else { return };
+        report.section("Filter loop");
+        report.eigenvalues("poles of C(s)", &continuous.of_channels(), true);
+        let zeros = continuous.of_zeros();
+        if !zeros.is_empty() {
+            report.eigenvalues("zeros of H_m(s)", &zeros, true);
+        }
     }
 
     fn tell_loop(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
@@ -106,13 +126,27 @@ impl L1Sampled {
             format!("from {} to {} within a sample, without what the estimate adds", v.name(self.x), v.name(self.u));
         report.tell("gain of the baseline", &(-W_0_inverse * v.matrix(self.K_d)), "", &note);
         let by = self.predictor.as_ref().map_or(self.L_inverse, |predictor| predictor.S);
-        let rows = v.matrix(by).rows(0, self.u.len()).into_owned();
+        let (m, k) = (self.u.len(), self.plant.B_um.ncols());
+        let rows = v.matrix(by).rows(0, m).into_owned();
         report.tell(
             "gain of the estimate",
             &rows,
             "",
             &format!("from {} to {}", v.name(self.x), v.name(self.sigma_hat)),
         );
+        let (Some(other), SampledFilter::General(filter)) = (self.sigma_other, &self.filter) else { return };
+        if k == 0 {
+            return;
+        }
+        let unmatched = v.matrix(by).rows(m, k).into_owned();
+        let note = format!("from {} to {} along B_um", v.name(self.x), v.name(other));
+        report.tell("gain of the unmatched estimate", &unmatched, "", &note);
+        if let Some(direct) = filter.direct(v) {
+            let note =
+                format!("from {} to {} within a sample: noise of the estimate shows so", v.name(other), v.name(self.u));
+            let W_0_inverse = v.matrix(self.W_0_inverse).into_owned();
+            report.tell("gain of what is unmatched", &(-W_0_inverse * direct), "", &note);
+        }
     }
 
     pub(super) fn nominal_loop(&self, A_m: &DMatrix<f64>, v: &Values<f64>) -> Nominal {
@@ -136,7 +170,15 @@ impl L1Sampled {
             B_d: v.matrix(self.B_d).into_owned(),
             L_d: v.matrix(self.L_d).into_owned(),
             estimation,
-            left: v[self.K].iter().map(|k| (-k * T).exp()).collect(),
+            filter: match &self.filter {
+                SampledFilter::Integrator(K) => {
+                    HeldFilter::integrator(&v[*K].iter().map(|k| (-k * T).exp()).collect::<Vec<_>>())
+                }
+                SampledFilter::General(filter) => {
+                    let [F, G, C, direct] = filter.matrices(v);
+                    HeldFilter { F, G, C, direct }
+                }
+            },
             W_0,
             W_0_inverse: v.matrix(self.W_0_inverse).into_owned(),
             K_d: v.matrix(self.K_d).into_owned(),

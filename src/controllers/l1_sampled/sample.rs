@@ -1,5 +1,6 @@
 //! What a sample computes: the estimate of the last interval, the state where the control will act, the filter, the control.
 
+use super::filter::SampledFilter;
 use super::{L1Sampled, MOST_DELAY};
 use crate::mathematics::limits::within;
 use crate::system::{Class, MatrixOf, Point, Scalar, Values};
@@ -9,6 +10,9 @@ impl L1Sampled {
     pub(super) fn begin<S: Scalar>(&self, by_hand: S::Flag, v: &mut Point<S>) {
         let none = S::from(0.0);
         v[self.zeta].fill(none);
+        if let SampledFilter::General(filter) = &self.filter {
+            filter.begin(v);
+        }
         v[self.sigma_hat].fill(none);
         if let Some(other) = self.sigma_other {
             v[other].fill(none);
@@ -114,7 +118,8 @@ impl L1Sampled {
         }
     }
 
-    fn sigma<S: Scalar>(&self, j: usize, v: &Values<S>) -> S {
+    /// σ̂, of the controls and then of what no control reaches.
+    pub(super) fn sigma<S: Scalar>(&self, j: usize, v: &Values<S>) -> S {
         let m = self.u.len();
         match self.sigma_other {
             Some(other) if j >= m => v[other][j - m],
@@ -141,15 +146,30 @@ impl L1Sampled {
         }
     }
 
-    /// ζ⁺ = e^(−k T) ζ + (1 − e^(−k T)) (K_gd r − W_0 σ̂_1), r as it is where the control acts.
+    /// The filter over a sample, driven by K_gd r − W_0 σ̂_1, r as it is where the control acts; for D(s) = 1/s
+    /// ζ⁺ = e^(−k T) ζ + (1 − e^(−k T)) (K_gd r − W_0 σ̂_1).
     fn filter<S: Scalar>(&self, v: &mut Point<S>) {
         let ahead = self.delay(&v.values()) * v[self.sample_time];
-        for i in 0..self.u.len() {
-            let values = &v.values();
-            let left = (-v[self.K][i] * v[self.sample_time]).exp();
-            let wanted = product(self.K_gd, i, |j| values[self.r][j] + ahead * values[self.dr][j], values)
-                - product(self.W_0, i, |j| values[self.sigma_hat][j], values);
-            v[self.zeta][i] = left * v[self.zeta][i] + (-left + 1.0) * wanted;
+        let wanted = |i: usize, values: &Values<S>| {
+            product(self.K_gd, i, |j| values[self.r][j] + ahead * values[self.dr][j], values)
+                - product(self.W_0, i, |j| values[self.sigma_hat][j], values)
+        };
+        match &self.filter {
+            SampledFilter::Integrator(K) => {
+                for i in 0..self.u.len() {
+                    let left = (-v[*K][i] * v[self.sample_time]).exp();
+                    v[self.zeta][i] = left * v[self.zeta][i] + (-left + 1.0) * wanted(i, &v.values());
+                }
+            }
+            SampledFilter::General(filter) => {
+                for i in 0..self.u.len() {
+                    v[self.zeta][i] = wanted(i, &v.values());
+                }
+                filter.advance(self, self.zeta, v);
+                for i in 0..self.u.len() {
+                    v[self.zeta][i] = filter.output(self, i, &v.values());
+                }
+            }
         }
     }
 
@@ -176,10 +196,18 @@ impl L1Sampled {
                 + product(self.K_d, i, |j| values[self.x_ahead][j], values);
             v[self.zeta][i] = zeta;
         }
+        if let SampledFilter::General(filter) = &self.filter {
+            filter.follow(self, self.zeta, v);
+        }
     }
 }
 
 /// A row of a matrix times a vector.
-fn product<S: Scalar, C: Class>(matrix: MatrixOf<C>, row: usize, vector: impl Fn(usize) -> S, v: &Values<S>) -> S {
+pub(super) fn product<S: Scalar, C: Class>(
+    matrix: MatrixOf<C>,
+    row: usize,
+    vector: impl Fn(usize) -> S,
+    v: &Values<S>,
+) -> S {
     (0..matrix.shape().1).fold(S::from(0.0), |sum, j| sum + v[matrix.at(row, j)] * vector(j))
 }

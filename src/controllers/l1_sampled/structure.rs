@@ -1,16 +1,14 @@
-//! The structure of a sampled L1 controller: that of an L1 controller with the filter 1/s, without what belongs to its
-//! adaptation.
+//! The structure of a sampled L1 controller: that of an L1 controller, without what belongs to its adaptation.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::controllers::l1::{Commands, DesiredDynamics, L1Structure, Plant};
+use crate::controllers::l1::{Commands, DesiredDynamics, L1Structure, PlantMatrices};
 use crate::system::Invalid;
 
 /// How what is unknown is found from the measured state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimate {
     /// What the nominal plant lacked in the last interval, exactly.
@@ -29,28 +27,16 @@ pub struct L1SampledStructure {
 
 /// The key of an [`Estimate`].
 const ESTIMATE: &str = "estimate";
-/// Keys of an L1 controller's structure that this law has no use for, each with the reason.
-const NOT_HERE: [(&str, &str); 3] = [
-    ("filter", "this law has the filter D(s) = 1/s alone; leave it out, or take model = \"l1\""),
-    ("unmatched", "this law cancels matched uncertainty alone; leave it out, or take model = \"l1\""),
-    ("B_um", "this law cancels matched uncertainty alone; leave it out, or take model = \"l1\""),
-];
-
 impl<'de> Deserialize<'de> for L1SampledStructure {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let mut table = toml::Table::deserialize(deserializer)?;
         let estimate = table.remove(ESTIMATE).map(toml::Value::try_into).transpose();
         let estimate = estimate.map_err(|error| D::Error::custom(format!("{ESTIMATE}: {error}")))?;
-        let is_used = |key: &str| table.get(key).is_some_and(|value| value.as_bool() != Some(false));
-        if let Some((key, reason)) = NOT_HERE.into_iter().find(|(key, _)| is_used(key)) {
-            return Err(D::Error::custom(format!("{key}: {reason}")));
-        }
         let of_l1 = L1Structure::without_estimates(table).map_err(D::Error::custom)?;
         Ok(L1SampledStructure { estimate: estimate.unwrap_or_default(), of_l1 })
     }
 }
 
-#[cfg(feature = "cli")]
 impl schemars::JsonSchema for L1SampledStructure {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "L1SampledStructure".into()
@@ -61,7 +47,6 @@ impl schemars::JsonSchema for L1SampledStructure {
         let mut estimate = Estimate::json_schema(generator);
         estimate.insert("default".to_owned(), serde_json::json!("exact"));
         if let Some(properties) = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut) {
-            NOT_HERE.iter().for_each(|(key, _)| drop(properties.remove(*key)));
             ["commands", "desired_dynamics"].into_iter().for_each(|key| drop(properties.remove(key)));
             properties.insert(ESTIMATE.to_owned(), estimate.to_value());
         }
@@ -72,7 +57,7 @@ impl schemars::JsonSchema for L1SampledStructure {
 impl L1SampledStructure {
     /// # Errors
     /// What doesn't fit, or isn't for this law.
-    pub(super) fn plant(&self) -> Result<Plant, Invalid> {
+    pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let plant = self.of_l1.plant()?;
         if self.of_l1.desired_dynamics == DesiredDynamics::Matrix {
             let allowed = "must be \"poles\": the gain is placed for the plant as it is sampled";

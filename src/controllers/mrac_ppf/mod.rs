@@ -16,16 +16,15 @@ use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::lyapunov;
 use crate::system::{
-    BooleanOf, ChoiceOf, Declaration, DesignReport, Discrete, ErrorOf, Input, IntegerOf, Invalid, MatrixOf, Memory,
-    Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
+    BooleanOf, ChoiceOf, Declaration, DesignReport, DifferenceOf, Discrete, Input, IntegerOf, Invalid, MatrixOf,
+    Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
     boolean, larger, matrix, quantities, scalar, vector,
 };
 use crate::template::{Sizes, Template};
 use samples::Samples;
 
 /// Nominal matrices: n states, of which each is controlled by its channel.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MracStructure {
     /// Nominal dynamics, n rows of n numbers.
@@ -41,8 +40,7 @@ pub struct MracStructure {
 }
 
 /// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Quantities {
     /// Of the plant's state, of the reference and of its model.
@@ -52,8 +50,7 @@ struct Quantities {
 }
 
 /// Units of the state and the control; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 struct Symbols {
     /// Of the plant's state.
@@ -93,7 +90,7 @@ pub struct MracPpf {
     sigma_hat: MatrixOf<Signal>,
     u: VectorOf<Signal>,
     /// e = x − x_m
-    e: ErrorOf,
+    e: DifferenceOf,
     /// Whether the unit is stepped by a master of co-simulation.
     is_stepped: BooleanOf<Memory>,
     /// When the sampled law is evaluated, and what it holds between samples.
@@ -155,7 +152,7 @@ impl System for MracPpf {
             integral: d.state(matrix("sigma_integral", n, n, "integral part of sigma_hat, a column for each channel").source("Hashim (6.21)")),
             sigma_hat: d.local(matrix("sigma_hat", n, n, "estimate of the disturbance's bound, a column for each channel").source("Hashim (6.21)")),
             u: d.output(vector("u", m, "control").about(&of_u, "commanded {}").units(&unit_u).source("Hashim (6.19), (6.24)")),
-            e: d.tracking_error(x, x_m, ERROR_NOMINAL),
+            e: d.difference(x, x_m, ERROR_NOMINAL),
             is_stepped,
             moves: Moves::declare(d, m, is_stepped),
             samples: Samples::declare(d, n, m),
@@ -189,7 +186,7 @@ impl System for MracPpf {
         v.copy(self.x_m0, self.x_m);
         v[self.theta_hat.elements()].fill(S::from(0.0));
         v[self.integral.elements()].fill(S::from(0.0));
-        self.funnel.open(t, |i, v| v.error(self.e, i), v);
+        self.funnel.open(t, |i, v| v.difference(self.e, i), v);
         self.begin_sampling(t, v);
         self.hold_nominal_control(t, v);
     }
@@ -238,11 +235,11 @@ impl System for MracPpf {
     }
 
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        self.funnel.check(t, |i, v| v.error(self.e, i), v);
+        self.funnel.check(t, |i, v| v.difference(self.e, i), v);
     }
 
     fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
-        self.funnel.event_indicators(t, |i, v| v.error(self.e, i), v, z);
+        self.funnel.event_indicators(t, |i, v| v.difference(self.e, i), v, z);
     }
 
     fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
@@ -250,12 +247,12 @@ impl System for MracPpf {
     }
 
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        self.funnel.event(t, |i, v| v.error(self.e, i), v);
+        self.funnel.event(t, |i, v| v.difference(self.e, i), v);
         let is_due = self.samples.sampling.clock.next(&v.values()).at_most(t);
         v.when(is_due, |v| {
             self.sample(v);
             // x_m is set at a sample: where that takes an error out of its funnel, this is the event of it.
-            self.funnel.event(t, |i, v| v.error(self.e, i), v);
+            self.funnel.event(t, |i, v| v.difference(self.e, i), v);
         });
     }
 
@@ -277,7 +274,7 @@ impl MracPpf {
     }
 
     fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
-        self.funnel.inside(i, t, v.error(self.e, i), v)
+        self.funnel.inside(i, t, v.difference(self.e, i), v)
     }
 
     /// σ̂ = (I + β γ_2 ε ψ)/(1 + β γ_2 υ |ε|)

@@ -13,8 +13,7 @@ use crate::system::Invalid;
 const LEAST: f64 = 1e-9;
 
 /// Nominal plant x' = A x + B u, y = C x: n states, m controls and as many outputs.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct UnmatchedStructure {
     /// Nominal dynamics, n rows of n numbers.
@@ -35,8 +34,7 @@ pub struct UnmatchedStructure {
 }
 
 /// An unmatched row.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct DrivenBy {
     /// Its number, from 1.
@@ -54,7 +52,7 @@ pub(super) struct Driven {
 
 /// The nominal plant.
 #[derive(Debug)]
-pub(super) struct Plant {
+pub(super) struct PlantMatrices {
     pub A: DMatrix<f64>,
     pub B: DMatrix<f64>,
     pub C: DMatrix<f64>,
@@ -68,7 +66,7 @@ pub(super) struct Plant {
 impl UnmatchedStructure {
     /// # Errors
     /// What doesn't fit, or which plant this law can't control.
-    pub(super) fn plant(&self) -> Result<Plant, Invalid> {
+    pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let (B, C) = input_and_output(&self.B, &self.C)?;
         let A = nominal_dynamics(&self.A, &B)?;
         let reached = reached_rows(&B);
@@ -87,7 +85,7 @@ impl UnmatchedStructure {
             Invalid::new(name, format!("{least:.3e}"), allowed)
         })?;
         let unmatched = self.unmatched_rows(&A, &reached)?;
-        Ok(Plant { A, B, C, reached, inverse, unmatched })
+        Ok(PlantMatrices { A, B, C, reached, inverse, unmatched })
     }
 
     /// The unmatched rows as they are given: all of them, each driven by a state of its own that the controls reach.

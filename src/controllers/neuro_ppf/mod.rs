@@ -28,8 +28,7 @@ use order::Order;
 const FUNNEL: [f64; 3] = [1.1, 0.005, 2.0];
 
 /// The description of the law's structure.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeuroPpfStructure {
     /// After how many derivatives of a tracked variable the control shows: 1 or 2.
@@ -50,8 +49,7 @@ pub struct NeuroPpfStructure {
 }
 
 /// Quantities of the signals, an element each; descriptions count elements where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Quantities {
     /// Of the tracked variables.
@@ -65,8 +63,7 @@ fn yes() -> bool {
 }
 
 /// Units of the signals, an element each; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Units {
     /// Of the reference.

@@ -11,8 +11,7 @@ const MOST: usize = 1000;
 const PRIMES: [f64; 7] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
 
 /// How the weights of the neurons are given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WeightRule {
     /// Within ±1, neuron j's from the fractions of j √2, j √3, j √5, …
@@ -25,8 +24,7 @@ pub enum WeightRule {
 }
 
 /// The description of the layer.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkStructure {
     /// How the weights are given.

@@ -6,8 +6,7 @@ use crate::controllers::units::quotient;
 use crate::system::{Invalid, Unit};
 
 /// Units of the signals, an element each; 1 where none are given.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
+#[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Units {
     /// Of the measured output, and of its reference.

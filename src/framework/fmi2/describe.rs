@@ -20,12 +20,12 @@ pub struct Described {
     /// The systems that it knows.
     pub models: Vec<String>,
     /// The unit, where a description was given.
-    pub unit: Option<Unit>,
+    pub unit: Option<DescribedUnit>,
 }
 
 /// A unit as its library describes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Unit {
+pub struct DescribedUnit {
     /// Name, and model identifier.
     pub name: String,
     /// modelDescription.xml
@@ -46,7 +46,7 @@ pub struct Unit {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SourceUnit {
     /// The unit, in which parameters of its design are constants.
-    pub unit: Unit,
+    pub unit: DescribedUnit,
     /// The names of these.
     pub designed: Vec<String>,
     /// Its own files: names and texts.
@@ -79,7 +79,7 @@ pub fn reply(description: Option<&str>, library: Library) -> String {
 }
 
 /// A model's unit.
-fn unit(model: Model) -> Result<Unit, Invalid> {
+fn unit(model: Model) -> Result<DescribedUnit, Invalid> {
     model.check_recorded()?;
     let xml = model_description::xml(&model);
     let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
@@ -89,7 +89,7 @@ fn unit(model: Model) -> Result<Unit, Invalid> {
     let warnings = warnings.collect();
     // A unit that can't start from its own start values is not worth packing.
     Execution::new(model).initialise().map_err(Invalid::because)?;
-    Ok(Unit { name, model_description: xml, documentation, report, declared, warnings })
+    Ok(DescribedUnit { name, model_description: xml, documentation, report, declared, warnings })
 }
 
 /// The name that a variable has where no user gives it another.

@@ -13,8 +13,9 @@ macro_rules! export_fmi2 {
         #[cfg(panic = "abort")]
         compile_error!("remove `panic = \"abort\"` from the profile: a panic must become fmi2Error, not end the host");
         $crate::define_fmi2_functions!(
-            &[$($crate::system::Kind::of::<$system>(),)+ $crate::system::Kind::COMPOSITE],
-            $crate::fmi2::build::SOURCE
+            const { &[$($crate::system::Kind::of::<$system>(),)+ $crate::system::Kind::COMPOSITE] },
+            $crate::fmi2::build::SOURCE,
+            concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"))
         );
     };
 }
@@ -27,11 +28,12 @@ macro_rules! bind_old_glibc {
     () => {};
 }
 
-/// The functions themselves, for a registry of kinds, and the checksum of the sources that they are made of.
+/// The functions themselves, for a registry of kinds, the checksum of the sources that they are made of, and the package that
+/// they are of.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! define_fmi2_functions {
-    ($registry:expr, $source:expr) => {
+    ($registry:expr, $source:expr, $package:expr) => {
         /// The functions of FMI 2.0, as the standard names them.
         #[allow(non_snake_case, missing_docs, clippy::missing_safety_doc, clippy::too_many_arguments, unsafe_code)]
         pub mod fmi2_functions {
@@ -46,11 +48,13 @@ macro_rules! define_fmi2_functions {
             $crate::bind_old_glibc!();
 
             /// The package that this library is built from.
-            const PACKAGE: &str = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"));
+            const PACKAGE: &str = $package;
             static BUILD: [u8; $crate::fmi2::build::length(PACKAGE, $source)] =
                 $crate::fmi2::build::text(PACKAGE, $source);
-            static LIBRARY: $crate::fmi2::build::Library =
-                $crate::fmi2::build::Library { registry: $registry, source: $source, build: &BUILD };
+            // No static: a crate that reads a registry of another one in a constant compiles all its models once more.
+            fn library() -> $crate::fmi2::build::Library {
+                $crate::fmi2::build::Library { registry: $registry, source: $source, build: &BUILD }
+            }
             const _: () = assert!(
                 $crate::system::Kind::have_different_names($registry),
                 "two models have the same NAME (`composite` is taken): a description could not tell them apart"
@@ -61,7 +65,7 @@ macro_rules! define_fmi2_functions {
                 // those that the called function states.
                 fn fmi2Instantiate(name: StringPointer, kind: c_int, guid: StringPointer, resources: StringPointer,
                     functions: *const CallbackFunctions, visible: Boolean, logging: Boolean) -> Component
-                { fmi2::instantiate(LIBRARY, name, kind, guid, resources, functions, visible, logging) }
+                { fmi2::instantiate(library(), name, kind, guid, resources, functions, visible, logging) }
                 fn fmi2FreeInstance(c: Component) -> () { fmi2::free_instance(c) }
                 fn fmi2GetTypesPlatform() -> StringPointer { c"default".as_ptr() }
                 fn fmi2GetVersion() -> StringPointer { c"2.0".as_ptr() }
@@ -136,11 +140,11 @@ macro_rules! define_fmi2_functions {
                 fn fmi2GetNominalsOfContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
                 { fmi2::get_nominals_of_continuous_states(c, x, n) }
                 fn adaptive_fmu_describe(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(LIBRARY, $crate::fmi2::describe::reply, description, reply, context) }
+                { fmi2::describe(library(), $crate::fmi2::describe::reply, description, reply, context) }
                 fn adaptive_fmu_source(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(LIBRARY, $crate::fmi2::describe::source, description, reply, context) }
+                { fmi2::describe(library(), $crate::fmi2::describe::source, description, reply, context) }
                 fn adaptive_fmu_kernel_text(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(LIBRARY, $crate::fmi2::describe::kernel, description, reply, context) }
+                { fmi2::describe(library(), $crate::fmi2::describe::kernel, description, reply, context) }
                 fn adaptive_fmu_take_kernel(c: Component, kernel: *const $crate::kernel::Kernel) -> Boolean
                 { fmi2::take_kernel(c, kernel) }
             }

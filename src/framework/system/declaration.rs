@@ -4,7 +4,9 @@ use std::collections::HashSet;
 use std::marker::PhantomData;
 
 use super::spec::{DiscreteSpec, Shape, Spec, boolean, vector};
-use super::values::{BooleanOf, Choice, ChoiceOf, Class, ErrorOf, Handle, IntegerOf, Offsets, Span, VectorOf, class};
+use super::values::{
+    BooleanOf, Choice, ChoiceOf, Class, DifferenceOf, Handle, IntegerOf, Offsets, Span, VectorOf, class,
+};
 use super::variable::{Causality, Data, Naming, Section, Shown, Variability, Variable, Variables};
 use crate::error::Invalid;
 
@@ -92,13 +94,13 @@ pub struct Warning {
     pub(super) category: &'static str,
 }
 
-/// A tracking error that a part declared, at places counted from the beginning of each section.
+/// A difference that a part declared, at places counted from the beginning of each section.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TrackingError {
+pub(super) struct Difference {
     pub(super) x: Span,
     pub(super) x_m: Span,
     pub(super) passed: Span,
-    /// Place of the flag that tells the law so.
+    /// Place of the flag that tells the part so.
     pub(super) is_passed: usize,
     pub(super) nominal: f64,
 }
@@ -112,7 +114,7 @@ const MOST_SHOWN: usize = 200_000;
 pub struct Declaration {
     pub(super) variables: Variables,
     pub(super) problems: Invalid,
-    pub(super) errors: Vec<TrackingError>,
+    pub(super) differences: Vec<Difference>,
     /// Names of variables, and whether they are derivatives: these have the names of their states.
     names: HashSet<(String, bool)>,
     /// Numbers that are shown outside.
@@ -187,27 +189,29 @@ impl Declaration {
         spec.role(Causality::Hidden).declare(self)
     }
 
-    /// The error e = x − x_m of a measured state against the state of a reference model, read by
-    /// [`super::Values::error`]. Where it is many orders of magnitude smaller than both (`nominal` says how small, in
-    /// their unit), a difference of them would be rounding: a composite that holds both integrates e in place of x.
+    /// The difference e = x − x_m of an input and a state that follows it, or that it follows, read by
+    /// [`super::Values::difference`]: an error against a reference model, say, or that of an observer. Where it is many
+    /// orders of magnitude smaller than both (`nominal` says how small, in their unit), a subtraction would leave
+    /// rounding errors: a composite in which x is a state integrates e in its place.
     ///
     /// # Panics
-    /// When x and x_m have different sizes.
-    pub fn tracking_error(&mut self, x: VectorOf<class::Input>, x_m: VectorOf<class::State>, nominal: f64) -> ErrorOf {
-        assert_eq!(x.len(), x_m.len(), "a state and its model have the same size");
-        let number = self.errors.len();
-        let passed = vector(&format!("#error {number}"), x.len(), "").hidden().declare::<class::Connected>(self);
-        let is_passed = boolean(&format!("#error {number} is passed"), "").hidden().declare::<class::Connected>(self);
+    /// When they have different sizes.
+    pub fn difference(&mut self, x: VectorOf<class::Input>, x_m: VectorOf<class::State>, nominal: f64) -> DifferenceOf {
+        assert_eq!(x.len(), x_m.len(), "an input and a state whose difference is meant have the same size");
+        let number = self.differences.len();
+        let passed = vector(&format!("#difference {number}"), x.len(), "").hidden().declare::<class::Connected>(self);
+        let is_passed =
+            boolean(&format!("#difference {number} is passed"), "").hidden().declare::<class::Connected>(self);
         let (x_span, x_m_span) = (self.absolute(x.span()), self.absolute(x_m.span()));
         let is_passed_place = is_passed.start + self.base(Section::Connected, false);
-        self.errors.push(TrackingError {
+        self.differences.push(Difference {
             x: x_span,
             x_m: x_m_span,
             passed: self.absolute(passed.span()),
             is_passed: is_passed_place,
             nominal,
         });
-        ErrorOf { x, x_m, passed, is_passed }
+        DifferenceOf { x, x_m, passed, is_passed }
     }
 
     /// A log category for what is out of the system's own assumptions, as in `logProjection`.

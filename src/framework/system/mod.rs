@@ -125,8 +125,8 @@ pub use spec::{
 };
 pub use unit::{BASE_UNITS, Base, DisplayUnit, Unit};
 pub use values::{
-    BooleanOf, Choice, ChoiceOf, Chosen, Class, DiscreteHandle, ErrorOf, Handle, IntegerOf, MatrixOf, Offsets, Rates,
-    ScalarOf, Signals, Span, Values, VectorOf,
+    BooleanOf, Choice, ChoiceOf, Chosen, Class, DifferenceOf, DiscreteHandle, Handle, IntegerOf, MatrixOf, Offsets,
+    Rates, ScalarOf, Signals, Span, Values, VectorOf,
 };
 pub use variable::{
     Causality, Data, Element, NO_LIMIT, Naming, Section, Shown, TELLS_NO_LIMIT, Variability, Variable, Variables,

@@ -99,8 +99,11 @@ pub(super) fn apply(names: &Names, first: usize, part: Option<&str>, d: &mut Dec
     }
     let prefix = part.map_or(String::new(), |part| format!("{part}."));
     let mut invalid = Invalid::none();
-    for (key, words) in names {
-        if let Err(reason) = give(key, words, &prefix, &mut d.variables.list[first..]) {
+    let list = &mut d.variables.list[first..];
+    // All are looked for before any has a new name, which may be the name of another until then.
+    let found: Vec<_> = names.keys().map(|key| find(&format!("{prefix}{key}"), list)).collect();
+    for ((key, words), found) in names.iter().zip(found) {
+        if let Err(reason) = give(key, words, &prefix, found, list) {
             invalid.and(Invalid::because(format!("[names] {key}: {reason}")));
         }
     }
@@ -112,10 +115,12 @@ pub(super) fn apply(names: &Names, first: usize, part: Option<&str>, d: &mut Dec
     invalid.into_result()
 }
 
-/// Gives the words for one key.
-fn give(key: &str, words: &Words, prefix: &str, list: &mut [Variable]) -> Result<(), String> {
-    let full = format!("{prefix}{key}");
-    let (index, offsets) = find(&full, list).ok_or_else(|| {
+/// A variable by its place, and which of its elements.
+type Place = (usize, Vec<usize>);
+
+/// Gives the words for one key, to what it stands for.
+fn give(key: &str, words: &Words, prefix: &str, found: Option<Place>, list: &mut [Variable]) -> Result<(), String> {
+    let (index, offsets) = found.ok_or_else(|| {
         let shown = list.iter().filter(|v| is_nameable(v)).map(|v| v.name.strip_prefix(prefix).unwrap_or(&v.name));
         format!("there is no such variable; {}", near::choice(key, &shown.collect::<Vec<_>>(), ""))
     })?;
@@ -159,7 +164,7 @@ fn is_nameable(variable: &Variable) -> bool {
 }
 
 /// The variable of a name with all its elements, rows first, or the one element of the name.
-fn find(name: &str, list: &[Variable]) -> Option<(usize, Vec<usize>)> {
+fn find(name: &str, list: &[Variable]) -> Option<Place> {
     let nameable = || list.iter().enumerate().filter(|(_, v)| is_nameable(v));
     let whole = nameable().find(|(_, v)| v.name == name);
     if let Some((index, variable)) = whole {

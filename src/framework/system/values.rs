@@ -163,9 +163,9 @@ macro_rules! rate {
 }
 rate!(ScalarOf {}, VectorOf { len }, MatrixOf { rows, columns });
 
-/// Handle of a tracking error e = x − x_m; see [`super::Declaration::tracking_error`].
+/// Handle of a difference e = x − x_m; see [`super::Declaration::difference`].
 #[derive(Debug, Clone, Copy)]
-pub struct ErrorOf {
+pub struct DifferenceOf {
     pub(super) x: VectorOf<class::Input>,
     pub(super) x_m: VectorOf<class::State>,
     pub(super) passed: VectorOf<class::Connected>,
@@ -349,11 +349,11 @@ impl<'a, S: Scalar> Values<'a, S> {
         DMatrixView::from_slice(self.slice(matrix.span()), matrix.rows, matrix.columns)
     }
 
-    /// An element of a tracking error, counted from 0: where the system is part of a composite that integrates the error
-    /// itself, that very number, never a difference of large ones.
-    pub fn error(&self, error: ErrorOf, index: usize) -> S {
-        let difference = || self[error.x.at(index)] - self[error.x_m.at(index)];
-        S::branch(self.get(error.is_passed), || self[error.passed.at(index)], difference)
+    /// An element of a difference, counted from 0: where the system is part of a composite that integrates the difference
+    /// itself, that very number, without subtracting large ones.
+    pub fn difference(&self, of: DifferenceOf, index: usize) -> S {
+        let subtracted = || self[of.x.at(index)] - self[of.x_m.at(index)];
+        S::branch(self.get(of.is_passed), || self[of.passed.at(index)], subtracted)
     }
 
     /// An integer, Boolean or choice.

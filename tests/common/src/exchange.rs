@@ -1,8 +1,9 @@
 //! A master of model exchange.
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::{REGISTRY, fmi2_functions::*};
+use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::system::{Kind, NoStructure, Registry, System};
+use adaptive_fmu_library::fmi2_functions::*;
 
 use super::{OK, Unit, description};
 

@@ -29,9 +29,10 @@ use adaptive_fmu::fmi2::build::Library;
 use adaptive_fmu::fmi2::interface;
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::fmi2::{access::References, model_description};
-use adaptive_fmu::library::{self, REGISTRY, SOURCE, fmi2_functions::*};
+use adaptive_fmu::library::{self, REGISTRY, SOURCE};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::{Data, Registry};
+use adaptive_fmu_library::fmi2_functions::*;
 
 pub const OK: Status = Status::Ok;
 pub const ERROR: Status = Status::Error;
@@ -106,11 +107,16 @@ pub struct Unit {
     _folder: tempfile::TempDir,
 }
 
+/// A file or a folder by its path in the repository.
+pub fn at_top(path: &str) -> PathBuf {
+    let folder =
+        Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().find(|folder| folder.join("modelDescription").is_dir());
+    folder.expect("this package lies within that of the descriptions").join(path)
+}
+
 /// The folder of this package's descriptions.
 pub fn description_folder() -> PathBuf {
-    // This package lies within that of the descriptions.
-    let folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(|folder| folder.join("modelDescription"));
-    folders.into_iter().find(|folder| folder.is_dir()).expect("a folder of descriptions")
+    at_top("modelDescription")
 }
 
 /// The text of a description of this package.

@@ -3,7 +3,7 @@
 use adaptive_fmu::exporter::Library;
 use adaptive_fmu::simulation::{LoopFiles, composite};
 
-use super::{OK, Unit};
+use super::{OK, Unit, at_top};
 
 pub const STEP: f64 = 1e-3;
 
@@ -15,8 +15,7 @@ pub fn whole(name: &str) -> String {
 
 /// The names of this package's loops.
 pub fn loop_names() -> Vec<String> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples");
-    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    let entries = std::fs::read_dir(at_top("examples")).unwrap().map(|entry| entry.unwrap());
     let loops = entries.filter(|entry| entry.path().join("SystemStructure.ssd").is_file());
     let mut names: Vec<_> = loops.map(|entry| entry.file_name().into_string().unwrap()).collect();
     names.sort();

@@ -1,7 +1,7 @@
 //! Tables in the documentation that follow from the catalogue, the descriptions and what is counted: each stands in its
 //! page between `<!-- generated: NAME -->` and `<!-- end -->`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 /// Whether files that follow from others are to be written anew.
@@ -39,7 +39,7 @@ pub fn write(page: &str, name: &str, table: &str) {
 }
 
 fn file(page: &str) -> PathBuf {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join(page)
+    crate::at_top(page)
 }
 
 fn read(page: &str) -> String {

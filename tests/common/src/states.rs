@@ -1,7 +1,7 @@
 //! Saved states of a unit.
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu_library::fmi2_functions::*;
 
 use super::{OK, Unit};
 

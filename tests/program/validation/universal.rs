@@ -59,7 +59,7 @@ fn found_of(library: Vec<u8>) -> Vec<String> {
 #[test]
 fn a_universal_library_exports_what_all_of_its_parts_export() {
     // The unit in C has all functions.
-    let source = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/validation/unit.c")).unwrap();
+    let source = fs::read_to_string(at_top("tests/validation/unit.c")).unwrap();
     let words = source.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| word.starts_with("fmi2"));
     let all: Vec<String> = words.map(str::to_owned).collect();
     let without: Vec<String> = all.iter().filter(|name| *name != "fmi2DoStep").cloned().collect();

@@ -5,7 +5,7 @@
 //! is computed before it is used.
 
 mod connection;
-mod errors;
+mod differences;
 mod schedule;
 
 use std::ops::Range;
@@ -23,7 +23,7 @@ use super::{MessageLog, OwnStep, Point, Scalar, Section};
 use crate::error::Invalid;
 use crate::report::DesignReport;
 use crate::scalar::of_part;
-use errors::ErrorCoordinates;
+use differences::DifferenceCoordinates;
 use schedule::Step;
 
 /// The most parts of a composite.
@@ -101,7 +101,7 @@ impl Part {
 struct Composite {
     parts: Vec<Part>,
     steps: Vec<Step>,
-    errors: Vec<ErrorCoordinates>,
+    differences: Vec<DifferenceCoordinates>,
 }
 
 /// Declares the parts of a composite, and connects them.
@@ -122,8 +122,8 @@ pub(super) fn declare(
     }
     let links = connection::resolve(&structure.connections, &d.variables)?;
     let open = connection::open_inputs(&links, d);
-    let errors = errors::apply(&links, &mut parts, d);
-    let links = errors::redirect(links, &parts, d).into_iter().chain(open).collect::<Vec<_>>();
+    let differences = differences::apply(&links, &mut parts, d);
+    let links = differences::redirect(links, &parts, d).into_iter().chain(open).collect::<Vec<_>>();
     let steps = schedule::schedule(&links, &parts, d)?;
     let mut invalid = Invalid::none();
     for part in &structure.parts {
@@ -135,7 +135,7 @@ pub(super) fn declare(
         }
     }
     invalid.into_result()?;
-    Ok(Box::new(Composite { parts, steps, errors }))
+    Ok(Box::new(Composite { parts, steps, differences }))
 }
 
 fn declare_part(
@@ -195,7 +195,7 @@ impl<S: Compiled> Equations<S> for Composite {
             S::equations(part.system.as_ref()).derivatives(t, reals, integers, &part.offsets(whole));
         }
         let first = whole.real[Section::Derivative as usize];
-        for (state, model_state) in self.errors.iter().flat_map(ErrorCoordinates::pairs) {
+        for (state, model_state) in self.differences.iter().flat_map(DifferenceCoordinates::pairs) {
             let rate = reals[first + model_state];
             reals[first + state] -= rate;
         }

@@ -268,7 +268,7 @@ impl Sequence<'_> {
     fn note_whether_it_failed_for_good(&mut self) {
         let none = std::ptr::null();
         let alive =
-            unsafe { adaptive_fmu::library::fmi2_functions::fmi2SetReal(self.unit.component, none, 0, none.cast()) };
+            unsafe { adaptive_fmu_library::fmi2_functions::fmi2SetReal(self.unit.component, none, 0, none.cast()) };
         if alive != OK {
             self.now.phase = 'E';
         }
@@ -313,7 +313,7 @@ impl Sequence<'_> {
 
     /// A few calls that fit where the instance is; all answers.
     fn go_on(&self, unit: &Unit) -> (Vec<Status>, Vec<u64>, Vec<u8>) {
-        use adaptive_fmu::library::fmi2_functions::*;
+        use adaptive_fmu_library::fmi2_functions::*;
         let c = unit.component;
         let mut dx = vec![7.0; self.subject.catalog.states];
         let (mut answers, t, h) = (Vec::new(), self.now.time, 1e-4);

@@ -3,7 +3,7 @@
 use std::ptr::null_mut;
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::fmi2_functions::*;
+use adaptive_fmu_library::fmi2_functions::*;
 
 use super::dice::Dice;
 use super::{Arguments, Mark, OK, Sequence};

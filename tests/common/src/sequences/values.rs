@@ -4,8 +4,8 @@ use std::ffi::{CStr, c_int};
 use std::ptr::{null, null_mut};
 
 use adaptive_fmu::fmi2::types::*;
-use adaptive_fmu::library::fmi2_functions::*;
 use adaptive_fmu::system::Causality;
+use adaptive_fmu_library::fmi2_functions::*;
 
 use super::catalog::Entry;
 use super::dice::Dice;

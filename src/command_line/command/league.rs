@@ -1,0 +1,237 @@
+//! `league`: controllers on equal terms.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use adaptive_fmu::error::Error;
+use adaptive_fmu::league::{Page, Pair, Record, Stage, Study, Units, advice};
+use adaptive_fmu::{output, text_file};
+use serde_json::json;
+
+use super::hosting::HostingOptions;
+use super::open::OpenOption;
+use super::progress::{self, Bars, Counter};
+
+const PAGE: &str = "index.html";
+/// Instructions of a step by `PLANT/CONTROLLER`, which a bench counts.
+const INSTRUCTIONS: &str = "instructions.json";
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Only these pairs: PLANT, PLANT/CONTROLLER or /CONTROLLER; repeatable
+    #[arg(long, value_name = "PAIR")]
+    only: Vec<String>,
+    /// Another study than this package's own: a file like examples/league/league.toml; units are descriptions beside it, or
+    /// this package's
+    #[arg(long, value_name = "FILE.toml")]
+    study: Option<PathBuf>,
+    /// A small part of the runs, which shows that all of it works: its numbers are no result
+    #[arg(long)]
+    quick: bool,
+    /// Goes on with an earlier league: what was computed is not computed again
+    #[arg(long)]
+    resume: bool,
+    /// Runs nothing: only makes the page anew, of the results that are there
+    #[arg(long, conflicts_with_all = ["only", "resume"])]
+    page: bool,
+    /// Runs nothing: names the pairs, each wired and checked, with the gains that the search may scale
+    #[arg(long, conflicts_with_all = ["page", "resume"])]
+    list: bool,
+    /// Folder for the page, and for the results of each pair
+    #[arg(long, default_value = "results/league")]
+    out: PathBuf,
+    #[command(flatten)]
+    hosting: HostingOptions,
+    #[command(flatten)]
+    open: OpenOption,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A league with its folders.
+struct League {
+    study: Study,
+    /// The study's file, for messages.
+    file: PathBuf,
+    folder: PathBuf,
+    out: PathBuf,
+    /// What this package's own league has beside its study lies there while it runs.
+    _unpacked: Option<tempfile::TempDir>,
+}
+
+/// Computes what is asked for and isn't there yet, and makes the page of all that is there.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let league = League::new(arguments)?;
+    if arguments.list {
+        league.list(arguments)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    output::check(&arguments.out, "", &[PAGE])?;
+    let complete = arguments.page || league.compute(arguments)?;
+    let records = league.records()?;
+    let wrong = |reason| Error::Loop { file: league.file.clone(), reason };
+    if records.is_empty() {
+        let reason = format!("{} holds no results of this league", arguments.out.display());
+        return if complete { Err(wrong(reason)) } else { Ok(ExitCode::from(progress::INTERRUPTED)) };
+    }
+    let judged = advice(&league.study, &records).map_err(wrong)?;
+    let page = Page { study: &league.study, records: &records }.html().map_err(wrong)?;
+    let page_file = arguments.out.join(PAGE);
+    output::write(&page_file, page)?;
+    if arguments.json {
+        say!("{}", json!({ "page": page_file, "pairs": records, "advice": judged }));
+    } else {
+        records.iter().for_each(|record| say!("{}", told(record)));
+        aside!("{}", page_file.display());
+    }
+    if !complete {
+        tell!("interrupted: --resume goes on");
+        return Ok(ExitCode::from(progress::INTERRUPTED));
+    }
+    arguments.open.show(&page_file);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A pair in a line.
+fn told(record: &Record) -> String {
+    let held = record.conditions.as_ref().map_or("–".to_owned(), |conditions| {
+        let held = conditions.values().filter(|judged| judged.outcome.holds()).count();
+        format!("{held} of {} conditions", conditions.len())
+    });
+    let failed = record.spread.as_ref().map_or("–".to_owned(), |spread| {
+        format!("{} of {} random plants fail", spread.failed(), spread.errors.len())
+    });
+    let dead_time =
+        record.margins.map_or("–".to_owned(), |margins| format!("dead time {:.2} ms", 1e3 * margins.dead_time.value));
+    format!("{}/{}: {held}, {failed}, {dead_time}", record.plant, record.controller)
+}
+
+impl League {
+    fn new(arguments: &Arguments) -> Result<Self, Error> {
+        let (mut study, file, folder, unpacked) = match &arguments.study {
+            Some(file) => {
+                let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+                (Study::read(file)?, file.clone(), folder.unwrap_or(Path::new(".")).to_owned(), None)
+            }
+            None => {
+                let unpacked = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+                let file = PathBuf::from("examples/league/league.toml");
+                (Study::own(unpacked.path())?, file, unpacked.path().to_owned(), Some(unpacked))
+            }
+        };
+        if arguments.quick {
+            study.budget = study.budget.quick();
+        }
+        // What advice rests on is there, whether it holds or not.
+        advice(&study, &[]).map_err(|reason| Error::Loop { file: file.clone(), reason })?;
+        Ok(League { study, file, folder, out: arguments.out.clone(), _unpacked: unpacked })
+    }
+
+    /// The pairs that are asked for, all of whose names are there.
+    fn pairs(&self, arguments: &Arguments) -> Result<Vec<Pair<'_>>, Error> {
+        let wrong = |reason| Error::Loop { file: "--only".into(), reason };
+        let chosen = self.study.chosen(&arguments.only).map_err(wrong)?;
+        let units = Units::new(arguments.hosting.hosting()?)?;
+        let pair = |(plant, entry)| Pair::new(plant, entry, self.study.budget, &self.folder, &units);
+        chosen.into_iter().map(pair).collect()
+    }
+
+    /// Names the pairs that are asked for, without running any.
+    fn list(&self, arguments: &Arguments) -> Result<(), Error> {
+        let pairs = self.pairs(arguments)?;
+        let listed = |pair: &Pair| {
+            let (plant, controller) = (&pair.plant.name, &pair.entry.name);
+            json!({ "plant": plant, "controller": controller, "as_one": pair.is_one_unit(), "gains": pair.gains() })
+        };
+        if arguments.json {
+            say!("{}", json!({ "pairs": pairs.iter().map(listed).collect::<Vec<_>>() }));
+            return Ok(());
+        }
+        for pair in &pairs {
+            let form = if pair.is_one_unit() { "one unit" } else { "separate units" };
+            let gains = pair.entry.tune.join(", ");
+            let gains = if gains.is_empty() { "no gains to search".to_owned() } else { format!("gains {gains}") };
+            say!("{}/{}: {}, {form}; {gains}", pair.plant.name, pair.entry.name, pair.entry.unit);
+        }
+        Ok(())
+    }
+
+    /// Whether all of it was done, not interrupted.
+    fn compute(&self, arguments: &Arguments) -> Result<bool, Error> {
+        // All names are checked before anything runs.
+        let mut pairs = self.pairs(arguments)?;
+        let bars = Bars::new(arguments.json);
+        let counter = Counter::new(&bars, "league", Stage::ALL.len() * pairs.len(), 0);
+        for pair in &mut pairs {
+            if !self.compute_pair(pair, arguments.resume, &counter)? {
+                counter.clear();
+                return Ok(false);
+            }
+        }
+        counter.clear();
+        Ok(true)
+    }
+
+    fn compute_pair(&self, pair: &mut Pair, resume: bool, counter: &Counter) -> Result<bool, Error> {
+        let below = &pair.plant.name;
+        output::make_folder(&self.out, below)?;
+        let file = self.result(below, &pair.entry.name);
+        let fresh = Record::new(pair);
+        let mut record = if resume && file.is_file() { Record::read(&file)? } else { fresh.clone() };
+        if !fresh.goes_on_with(&record) {
+            let reason = "is of another study, of other descriptions or of another version: remove it, or begin anew without \
+                          --resume";
+            return Err(Error::Loop { file, reason: reason.to_owned() });
+        }
+        let name = format!("{}/{}", pair.plant.name, pair.entry.name);
+        (0..record.done()).for_each(|_| counter.count(&name));
+        while let Some(stage) = record.next() {
+            let wrong = |reason| Error::Loop { file: PathBuf::from(&name), reason };
+            if !pair.go_on(&mut record, &progress::is_interrupted).map_err(wrong)? {
+                return Ok(false);
+            }
+            record.write(&file)?;
+            counter.count(&format!("{name}: {}", stage.word()));
+        }
+        Ok(true)
+    }
+
+    /// The file of a pair.
+    fn result(&self, plant: &str, controller: &str) -> PathBuf {
+        self.out.join(plant).join(format!("{controller}.json"))
+    }
+
+    /// What a bench has counted, where it has.
+    fn instructions(&self) -> Result<BTreeMap<String, f64>, Error> {
+        let file = self.out.join(INSTRUCTIONS);
+        if !file.is_file() {
+            return Ok(BTreeMap::new());
+        }
+        let text = text_file::read(&file).map_err(Error::file(&file))?;
+        serde_json::from_str(&text).map_err(|error| Error::Loop { file, reason: error.to_string() })
+    }
+
+    /// The results of this study that are there.
+    fn records(&self) -> Result<Vec<Record>, Error> {
+        let mut records = Vec::new();
+        let counted = self.instructions()?;
+        for plant in &self.study.plant {
+            for entry in &plant.controller {
+                let file = self.result(&plant.name, &entry.name);
+                if !file.is_file() {
+                    continue;
+                }
+                let mut record = Record::read(&file)?;
+                record.instructions = counted.get(&format!("{}/{}", plant.name, entry.name)).copied();
+                if record.question == Record::question(plant, entry, &self.study.budget) {
+                    records.push(record);
+                } else {
+                    remark!("{} is left out: it is of another study", file.display());
+                }
+            }
+        }
+        Ok(records)
+    }
+}

@@ -1,0 +1,232 @@
+//! The command line: reads arguments, calls what does the work, prints. Nothing is decided here.
+// They panic where nobody reads; see `console`.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
+#[macro_use]
+mod console;
+
+mod command;
+
+use std::any::TypeId;
+use std::ffi::OsString;
+use std::process::ExitCode;
+use std::sync::Once;
+
+use adaptive_fmu::error::{Error, one_line};
+use adaptive_fmu::{exporter, simulation};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+
+/// Adaptive controllers and their plants as FMI 2.0 units.
+///
+/// Exit codes: 0 done; 1 it could not be done, with the reason on stderr; 2 the arguments are wrong; 3 a loop ran,
+/// but a metric is beyond its limit, or a design or an FMU was checked and isn't sound; 130 a run was interrupted.
+///
+/// Environment: NO_COLOR and CLICOLOR_FORCE for colours; ADAPTIVE_FMU_CACHE for the folder of compiled equations; CC for the
+/// compiler.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: command::global::GlobalOptions,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Lists the FMUs and the closed loops
+    List(command::list::Arguments),
+    /// Writes the description of a unit of your own, to be filled in, or the structure of a loop
+    New(command::new::Arguments),
+    /// Prints the JSON schema of descriptions
+    Schema,
+    /// Reports on the design of an FMU's description: poles, margins, and whether its conditions hold
+    Check(command::check::Arguments),
+    /// Writes FMUs
+    Export(command::export::Arguments),
+    /// Writes an archive for users without Rust: program, libraries, descriptions, documentation, licences
+    Dist(command::dist::Arguments),
+    /// Shows what an FMU is made of, its platforms and its variables
+    Info(command::info::Arguments),
+    /// Checks an FMU against the standard: its archive, description and libraries, and a short run
+    Validate(command::validate::Arguments),
+    /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
+    Run(command::run::Arguments),
+    /// Runs one unit alone, with inputs over time: a page with plots, CSV
+    Simulate(command::simulate::Arguments),
+    /// Runs closed loops, as they are or with other values, and shows them and earlier results on one page
+    Compare(command::compare::Arguments),
+    /// Runs a closed loop with all combinations of some values: metrics over parameters, families of curves, maps
+    Sweep(command::sweep::Arguments),
+    /// Reproduces the thesis: runs every example, judges what it claims, and writes one page of it
+    Report(command::report::Arguments),
+    /// Compares controllers on equal terms: gains by the same search, the same conditions, margins and random plants
+    League(command::league::Arguments),
+    /// Shows a closed loop in the browser: sliders for its parameters, and at once what they do
+    Explore(command::explore::Arguments),
+    /// Tunes parameters of a closed loop by a particle swarm
+    Tune(command::tune::Arguments),
+    /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
+    Linearise(command::linearise::Arguments),
+    /// Prints what completes commands, options and names in a shell
+    Completions(command::completions::Arguments),
+    /// Writes manual pages, one a command
+    Manual(command::manual::Arguments),
+    /// Answers requests of another program, which hands them over as JSON
+    #[command(hide = true)]
+    Serve,
+    /// Runs a unit of another tool for another process of this program
+    #[command(name = simulation::UNIT_PROCESS, hide = true)]
+    UnitProcess,
+}
+
+/// The longest message, in characters.
+const LONGEST_MESSAGE: usize = 4000;
+
+/// The shared library that goes into FMUs. A build for tests does without: it takes what lies beside it.
+#[cfg(not(debug_assertions))]
+static LIBRARY: Option<&[u8]> = adaptive_fmu_embedded::library!(adaptive_fmu_library);
+#[cfg(debug_assertions)]
+static LIBRARY: Option<&[u8]> = None;
+
+fn main() -> ExitCode {
+    LIBRARY.into_iter().for_each(exporter::hold);
+    let code = match parsed(std::env::args_os()) {
+        Ok(arguments) => run(arguments),
+        // Also help and the version, which were asked for.
+        Err(told) => {
+            let printed = told.print();
+            if !told.use_stderr() {
+                console::note(printed);
+            }
+            u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
+        }
+    };
+    exporter::tidy();
+    console::ended(code)
+}
+
+/// What the words of a command line ask for. A value may be a negative number, whatever option or place it is for.
+fn parsed(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Arguments, clap::Error> {
+    let mut command = taking_negative_numbers(Arguments::command());
+    let mut found = command.try_get_matches_from_mut(words)?;
+    Arguments::from_arg_matches_mut(&mut found).map_err(|error| error.format(&mut command))
+}
+
+fn taking_negative_numbers(command: clap::Command) -> clap::Command {
+    let names: Vec<_> = command.get_subcommands().map(|command| command.get_name().to_owned()).collect();
+    let command = command.mut_args(|argument| {
+        let takes_values = argument.get_action().takes_values();
+        // clap takes `-1e-3` for no number.
+        let is_real = takes_values && argument.get_value_parser().type_id() == TypeId::of::<f64>();
+        if is_real { argument.allow_hyphen_values(true) } else { argument.allow_negative_numbers(takes_values) }
+    });
+    names.into_iter().fold(command, |command, name| command.mut_subcommand(name, taking_negative_numbers))
+}
+
+/// What a command line asks for, for a program that is served.
+fn answer(words: &[String]) -> ExitCode {
+    match parsed(words) {
+        Ok(arguments) => run(arguments),
+        Err(told) => {
+            tell!("{}", told.to_string().trim_end());
+            u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
+        }
+    }
+}
+
+fn run(Arguments { command, global }: Arguments) -> ExitCode {
+    static TOLD: Once = Once::new();
+    global.apply();
+    let code = match execute(command) {
+        Ok(code) => code,
+        Err(error) => {
+            // Names and values of a file may hold anything, of any length.
+            let text = one_line(&error.to_string());
+            let shown = text.char_indices().nth(LONGEST_MESSAGE).map_or(&*text, |(end, _)| &text[..end]);
+            tell!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
+            ExitCode::FAILURE
+        }
+    };
+    if let Some(note) = simulation::compiler_trouble() {
+        TOLD.call_once(|| remark!("{note}"));
+    }
+    code
+}
+
+fn execute(command: Command) -> Result<ExitCode, Error> {
+    match command {
+        Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::New(arguments) => command::new::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Schema => Ok(command::schema::execute()),
+        Command::Check(arguments) => command::check::execute(&arguments),
+        Command::Export(arguments) => command::export::execute(&arguments),
+        Command::Dist(arguments) => {
+            command::dist::execute(&arguments, &Arguments::command()).map(|()| ExitCode::SUCCESS)
+        }
+        Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Validate(arguments) => command::validate::execute(&arguments),
+        Command::Simulate(arguments) => command::simulate::execute(&arguments),
+        Command::Run(arguments) => command::run::execute(&arguments),
+        Command::Compare(arguments) => command::compare::execute(&arguments),
+        Command::Sweep(arguments) => command::sweep::execute(&arguments),
+        Command::Report(arguments) => command::report::execute(&arguments),
+        Command::League(arguments) => command::league::execute(&arguments),
+        Command::Explore(arguments) => command::explore::execute(&arguments),
+        Command::Tune(arguments) => command::tune::execute(&arguments),
+        Command::Completions(arguments) => Ok(command::completions::execute(&arguments, &Arguments::command())),
+        Command::Manual(arguments) => {
+            command::manual::execute(&arguments, &Arguments::command()).map(|()| ExitCode::SUCCESS)
+        }
+        Command::Serve => Ok(command::serve::execute(answer)),
+        Command::UnitProcess => serve_unit(),
+    }
+}
+
+#[cfg(unix)]
+fn serve_unit() -> Result<ExitCode, Error> {
+    simulation::serve_unit().map_err(Error::file("the connection to the other process"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(not(unix))]
+fn serve_unit() -> Result<ExitCode, Error> {
+    tell!("units of other tools run in the process of the loop on this platform");
+    Ok(ExitCode::FAILURE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every command with what leads to it, those of `new` too.
+    fn commands(command: &clap::Command, way: &[String]) -> Vec<(Vec<String>, clap::Command)> {
+        let own = [way, &[command.get_name().to_owned()]].concat();
+        let below = command.get_subcommands().flat_map(|command| commands(command, &own)).collect::<Vec<_>>();
+        [(own, command.clone())].into_iter().chain(below).collect()
+    }
+
+    #[test]
+    fn a_negative_number_is_a_value_of_every_option() {
+        let mut options = 0;
+        for (way, command) in commands(&Arguments::command(), &[]) {
+            for argument in command.get_arguments().filter(|argument| argument.get_action().takes_values()) {
+                let Some(name) = argument.get_long() else { continue };
+                for number in ["-1", "-0.5", "-1e3"] {
+                    let words = way.iter().cloned().chain([format!("--{name}"), number.to_owned()]);
+                    let refused = parsed(words).err().map(|error| error.kind());
+                    // It may be beyond what is allowed, or something else may be missing.
+                    assert_ne!(refused, Some(clap::error::ErrorKind::UnknownArgument), "{way:?} --{name} {number}");
+                    options += 1;
+                }
+            }
+        }
+        assert!(options > 150, "{options}");
+    }
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Arguments::command().debug_assert();
+    }
+}

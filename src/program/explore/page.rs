@@ -1,0 +1,104 @@
+//! The page and its files: the same whether a server answers it or this package's library within it.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+
+use crate::base64;
+use crate::error::Error;
+use crate::exporter::escaped;
+use crate::fmi2::build::Build;
+use crate::output;
+use crate::simulation::{DIAGRAMS, SCRIPT, STYLE};
+use crate::{SOURCE, library};
+
+const PAGE: &str = include_str!("explore.html");
+const LOOKS: &str = include_str!("explore.css");
+const SCRIPT_KIND: &str = "text/javascript; charset=utf-8";
+
+/// What answers a page: its scripts, names and texts, in their order.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Backend(&'static [(&'static str, &'static str)]);
+
+impl Backend {
+    /// The server that the page comes from.
+    pub const SERVER: Backend = Backend(&[("server.js", include_str!("server.js"))]);
+    /// This package's library within the page, which [`PROGRAM`] holds.
+    const LIBRARY: Backend = Backend(&[("browser.js", include_str!("browser.js"))]);
+}
+
+/// The file of a page without a server that holds the library, by far the largest.
+const PROGRAM: &str = "program.js";
+
+/// The scripts of any page, in their order, but for those of its backend.
+const SCRIPTS: [(&str, &str); 3] =
+    [("diagrams.js", SCRIPT), ("controls.js", include_str!("controls.js")), ("explore.js", include_str!("explore.js"))];
+
+/// A file of the page by its name: its type and its text.
+pub(super) fn file(name: &str, backend: Backend) -> Option<(&'static str, String)> {
+    if name == "explore.css" {
+        return Some(("text/css; charset=utf-8", format!("{STYLE}{DIAGRAMS}{LOOKS}")));
+    }
+    let mut scripts = SCRIPTS.iter().chain(backend.0);
+    scripts.find(|(known, _)| *known == name).map(|(_, text)| (SCRIPT_KIND, (*text).to_owned()))
+}
+
+/// The page of a loop; `query` follows the names of its files.
+pub(super) fn html(name: &str, backend: Backend, query: &str) -> String {
+    let script = |name: &str| format!("<script src=\"{name}{query}\"></script>\n");
+    // What answers comes before what asks.
+    let scripts: String = backend.0.iter().chain(&SCRIPTS).map(|(name, _)| script(name)).collect();
+    PAGE.replace("{query}", query).replace("{scripts}", &scripts).replace("{name}", &escaped(name))
+}
+
+/// Writes the page of one of this package's loops into a folder: it needs no server, for it holds the library, compiled
+/// to WebAssembly, which all pages of a folder share. The page's file.
+///
+/// # Errors
+/// When the library isn't WebAssembly, or a file can't be written.
+pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<PathBuf, Error> {
+    let (file, bytes) = library;
+    check(bytes).map_err(|reason| Error::Library(format!("{}: {reason}", file.display())))?;
+    std::fs::create_dir_all(out).map_err(Error::file(out))?;
+    let program = program(bytes).map_err(Error::file(file))?;
+    output::write(&out.join(PROGRAM), program)?;
+    let others = SCRIPTS.iter().chain(Backend::LIBRARY.0).map(|(name, _)| *name).chain(["explore.css"]);
+    for name in others {
+        let (_, text) = self::file(name, Backend::LIBRARY).unwrap_or_default();
+        output::write(&out.join(name), text)?;
+    }
+    let page = out.join(format!("{name}.html"));
+    let scripts = format!("<script src=\"{PROGRAM}\"></script>\n<script src=\"browser.js\">");
+    let text = html(name, Backend::LIBRARY, "").replace("<script src=\"browser.js\">", &scripts);
+    output::write(&page, text)?;
+    Ok(page)
+}
+
+/// Refuses what isn't this very library as WebAssembly.
+fn check(bytes: &[u8]) -> Result<(), String> {
+    const ADVICE: &str = "build it by `cargo rustc --release --package adaptive-fmu-program --lib --crate-type cdylib --target wasm32-unknown-unknown`";
+    if !bytes.starts_with(b"\0asm") {
+        return Err(format!("is no WebAssembly; {ADVICE}"));
+    }
+    match Build::within(bytes) {
+        None => Err(format!("isn't the library of this package; {ADVICE}")),
+        Some(build) if build.source != library::SOURCE || !holds(bytes, SOURCE.as_bytes()) => {
+            Err(format!("is of other sources than this program; {ADVICE}"))
+        }
+        Some(_) => Ok(()),
+    }
+}
+
+/// Whether bytes hold others.
+fn holds(bytes: &[u8], text: &[u8]) -> bool {
+    bytes.windows(text.len()).any(|place| place == text)
+}
+
+/// The library as a script, which a page may load from a file as well as from a server: compressed, as text.
+fn program(bytes: &[u8]) -> io::Result<String> {
+    let mut compressed = GzEncoder::new(Vec::new(), Compression::best());
+    compressed.write_all(bytes)?;
+    Ok(format!("'use strict';\nconst PROGRAM = '{}';\n", base64::padded(&compressed.finish()?)))
+}

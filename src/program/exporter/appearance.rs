@@ -1,0 +1,43 @@
+//! What an FMU shows of itself: its page, its picture, and its pins in groups.
+
+use super::page::{self, Handed};
+use super::{Source, terminals};
+use crate::catalogue::{self, Entry, Icon};
+use crate::error::{Error, Invalid};
+use crate::fmi2::build::Build;
+use crate::fmi2::describe::DescribedUnit;
+use crate::library as own;
+use crate::model::Description;
+use crate::model_description::ModelDescription;
+
+/// What a reader, and a tool that shows blocks, see of an FMU.
+pub struct Appearance {
+    /// documentation/index.html
+    pub page: String,
+    /// Its picture.
+    pub icon: Icon,
+    /// terminalsAndIcons/terminalsAndIcons.xml
+    pub terminals: String,
+}
+
+/// That of a unit, which was made from a description.
+///
+/// # Errors
+/// When the description, or what the library makes of it, can't be read.
+pub fn appearance(source: &Source, unit: &DescribedUnit, build: &Build) -> Result<Appearance, Error> {
+    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+    let description = Description::read(&source.text).map_err(|invalid: Invalid| refuse(invalid.to_string()))?;
+    let xml = ModelDescription::read(&unit.model_description).map_err(refuse)?;
+    let entry = entry(&description, build);
+    let handed = Handed::new(unit, build, &xml, &description, entry);
+    Ok(Appearance {
+        page: page::html(&handed),
+        icon: entry.map_or(catalogue::ICON, |entry| entry.icon),
+        terminals: terminals::xml(&handed.pins),
+    })
+}
+
+/// The kind of a unit in the catalogue, where it is one of this package, not of another by the same name.
+fn entry(description: &Description, build: &Build) -> Option<&'static Entry> {
+    (build.package == own::PACKAGE).then(|| own::find(&description.model)).flatten()
+}

@@ -1,0 +1,136 @@
+//! From descriptions to FMU archives.
+
+mod appearance;
+mod archive;
+mod asked;
+mod binaries;
+mod compiler;
+mod held;
+#[allow(unsafe_code)]
+mod library;
+mod lines;
+mod page;
+mod pins;
+mod platform;
+mod source;
+mod terminals;
+
+use std::path::{Path, PathBuf};
+
+pub use archive::{BUILD, Entry, entries, read_bytes, read_entry, unpack, unpack_but, write_entries, write_program};
+pub use asked::{Asked, Glibc, asked_within};
+pub use binaries::{Binary, programs};
+pub use held::{hold, tidy};
+pub(crate) use library::with_causes;
+pub use library::{LIBRARIES, Library, SHARED, own_library};
+pub(crate) use page::escaped;
+pub use platform::Platform;
+pub use source::{Form, export_as};
+
+pub use crate::texts::{Embedded, descriptions, league, loops};
+
+use appearance::appearance;
+use archive::{Contents, Libraries};
+
+use crate::error::Error;
+use crate::fmi2::build::Build;
+use crate::fmi2::describe::DescribedUnit;
+use crate::text_file;
+
+/// Name of the file that every loop has.
+pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
+
+/// A description, and where it came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Source {
+    /// The file, for messages.
+    pub file: PathBuf,
+    /// Its text.
+    pub text: String,
+    /// Whether the text is as it was read: its lines are those of the file then.
+    pub as_written: bool,
+}
+
+impl Source {
+    /// The text of a file as it was read.
+    pub fn read(file: PathBuf, text: String) -> Self {
+        Source { file, text, as_written: true }
+    }
+
+    /// The same system with other start values; what else stands in the text stays, comments too.
+    ///
+    /// # Errors
+    /// When the text is no description.
+    pub fn with_start<'a, V: Into<toml_edit::Value>>(
+        &self,
+        values: impl IntoIterator<Item = (&'a str, V)>,
+    ) -> Result<Self, Error> {
+        let refuse = |reason: &str| Error::Description { file: self.file.clone(), reason: reason.to_owned() };
+        let mut text: toml_edit::DocumentMut =
+            self.text.parse().map_err(|error: toml_edit::TomlError| refuse(error.message()))?;
+        let mut values = values.into_iter().peekable();
+        if values.peek().is_none() {
+            return Ok(self.clone());
+        }
+        let start = text.entry("start").or_insert_with(toml_edit::table);
+        let start = start.as_table_like_mut().ok_or_else(|| refuse("start must be a table"))?;
+        for (name, value) in values {
+            let mut value = value.into();
+            if let Some(before) = start.get_mut(name).and_then(toml_edit::Item::as_value_mut) {
+                *value.decor_mut() = before.decor().clone();
+                *before = value;
+            } else {
+                start.insert(name, toml_edit::value(value));
+            }
+        }
+        Ok(Source { file: self.file.clone(), text: text.to_string(), as_written: false })
+    }
+}
+
+/// The name of a loop as one FMU: `Loop_3_2_1_cosine`.
+pub fn name_of_whole(name: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+    format!("Loop_{}", name.chars().map(plain).collect::<String>())
+}
+
+/// The description of one of this package's FMUs, or of a TOML file.
+///
+/// # Errors
+/// When there is no such FMU or file.
+pub fn find_description(name: &str) -> Result<Source, Error> {
+    let path = Path::new(name);
+    if path.extension().is_some_and(|extension| extension == "toml") {
+        let text = text_file::read(path).map_err(Error::file(path))?;
+        return Ok(Source::read(path.to_owned(), text));
+    }
+    let found = descriptions().iter().find(|(known, _)| *known == name);
+    let (name, text) = found.ok_or_else(|| {
+        Error::unknown("FMU", name, descriptions().iter().map(|(name, _)| *name), "`adaptive-fmu list`")
+    })?;
+    Ok(Source::read(Path::new("modelDescription").join(format!("{name}.toml")), (*text).to_owned()))
+}
+
+/// The unit of a description, as the library describes it, and how that was built.
+///
+/// # Errors
+/// For a description that the library refuses.
+pub fn describe(source: &Source, library: &Library) -> Result<(DescribedUnit, Build), Error> {
+    let described = library.describe(Some(source))?;
+    let unit = described.unit.ok_or_else(|| Error::Library("the library described no unit".to_owned()))?;
+    Ok((unit, described.build))
+}
+
+/// Writes the FMU of a description into a folder; its path.
+///
+/// # Errors
+/// For a description that is refused, or files that can't be written; nothing is left half.
+pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+    let (unit, build) = describe(source, library)?;
+    std::fs::create_dir_all(out).map_err(Error::file(out))?;
+    let file = out.join(format!("{}.fmu", unit.name));
+    let appearance = appearance(source, &unit, &build)?;
+    let contents =
+        Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &[] };
+    archive::write(&file, &contents, &Libraries::Common(library))?;
+    Ok(file)
+}

@@ -1,0 +1,160 @@
+//! The pins of a unit: its inputs and outputs, by what they are for.
+
+use std::collections::HashMap;
+
+use crate::catalogue::Role;
+use crate::fmi2::describe::DescribedUnit;
+use crate::model_description::{ModelDescription, Variable};
+
+/// What pins of a loop's units have to do with each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Group {
+    /// What is to be followed, with its derivatives.
+    Reference,
+    /// What is measured of a plant.
+    Measurement,
+    /// What a sensor measures, or an observer makes use of.
+    Measured,
+    /// What an observer estimates.
+    Estimate,
+    /// What acts on a plant.
+    Control,
+    /// What an actuator is told.
+    Command,
+    /// All that needn't be connected.
+    Other,
+}
+
+impl Group {
+    /// Its name as a terminal, and what it is; none where its pins make none.
+    pub fn terminal(self) -> Option<(&'static str, &'static str)> {
+        match self {
+            Group::Reference => Some(("reference", "what is to be followed, with its derivatives")),
+            Group::Measurement => Some(("measurement", "what is measured of the plant")),
+            Group::Measured => Some(("measured", "what is measured of the plant, as it comes from there")),
+            Group::Estimate => Some(("estimate", "estimate of the plant's state")),
+            Group::Control => Some(("control", "what acts on the plant")),
+            Group::Command => Some(("command", "what the controller commands")),
+            Group::Other => None,
+        }
+    }
+}
+
+/// An input or output.
+#[derive(Debug, Clone)]
+pub struct Pin<'a> {
+    /// It, under the name in force.
+    pub variable: &'a Variable,
+    /// The part of a whole loop that it belongs to.
+    pub part: Option<&'a str>,
+    /// The model's own name of it, without the part's.
+    pub declared: &'a str,
+    /// What it is for.
+    pub group: Group,
+    /// Whether it is an input.
+    pub is_input: bool,
+}
+
+impl Pin<'_> {
+    /// The name by which a pin of another unit is the one to connect: that of the signal, whatever the units call it.
+    pub fn member(&self, role: Option<Role>) -> String {
+        let (name, index) = self.declared.split_at(self.declared.find('[').unwrap_or(self.declared.len()));
+        let name = match (role, self.group, name) {
+            (Some(Role::Sensor), ..) | (_, Group::Estimate, _) => "x",
+            (Some(Role::Actuator), ..) => "u",
+            (_, _, name) => name,
+        };
+        format!("{name}{index}")
+    }
+}
+
+/// The pins of a unit of a role, or of the parts of a whole loop, by the roles of these.
+pub fn pins<'a>(
+    unit: &'a DescribedUnit,
+    xml: &'a ModelDescription,
+    role: Option<Role>,
+    parts: &HashMap<&'a str, Option<Role>>,
+) -> Vec<(Pin<'a>, Option<Role>)> {
+    let pin = |(place, variable): (usize, &'a Variable)| {
+        let is_input = variable.causality == "input";
+        if !is_input && variable.causality != "output" {
+            return None;
+        }
+        let full = unit.declared.get(place).map_or(variable.name.as_str(), String::as_str);
+        let part = full.split_once('.').filter(|(part, _)| parts.contains_key(part));
+        let (part, declared) = part.map_or((None, full), |(part, rest)| (Some(part), rest));
+        let role = part.map_or(role, |part| parts[part]);
+        let name = declared.split('[').next().unwrap_or_default();
+        let group = group(role, is_input, name);
+        Some((Pin { variable, part, declared, group, is_input }, role))
+    };
+    xml.variables.iter().enumerate().filter_map(pin).collect()
+}
+
+/// What a pin of a unit of some role is for, by the model's own name of it.
+fn group(role: Option<Role>, is_input: bool, name: &str) -> Group {
+    let Some(role) = role else { return Group::Other };
+    match (role, is_input, name) {
+        (Role::Controller, true, "r" | "dr" | "ddr") | (Role::Reference, false, "r" | "dr" | "ddr") => Group::Reference,
+        (Role::Controller, true, "x" | "y") | (Role::Plant, false, "x" | "y") => Group::Measurement,
+        (Role::Sensor, false, "y") => Group::Measurement,
+        (Role::Sensor, true, "u") | (Role::Observer, true, "y") => Group::Measured,
+        (Role::Controller, true, "x_obs") | (Role::Observer, false, "x_obs") => Group::Estimate,
+        (Role::Controller, false, "u") | (Role::Plant | Role::Observer, true, "u") => Group::Control,
+        (Role::Actuator, false, "y") => Group::Control,
+        (Role::Actuator, true, "u") => Group::Command,
+        _ => Group::Other,
+    }
+}
+
+/// A name's elements in the fewest words: `x[1…4]` for `x[1]`, `x[2]`, `x[3]`, `x[4]`.
+pub fn ranges<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+    runs(names.map(|name| [name])).into_iter().map(|[range]| range).collect()
+}
+
+/// The same of names side by side, all of whose indices go on together.
+pub fn runs<'a, const N: usize>(rows: impl Iterator<Item = [&'a str; N]>) -> Vec<[String; N]> {
+    let mut runs: Vec<([&'a str; N], usize)> = Vec::new();
+    for row in rows {
+        let goes_on = runs.last().is_some_and(|(first, length)| (0..N).all(|k| follows(first[k], row[k], *length)));
+        match runs.last_mut().filter(|_| goes_on) {
+            Some((_, length)) => *length += 1,
+            None => runs.push((row, 1)),
+        }
+    }
+    runs.into_iter().map(|(first, length)| first.map(|name| range(name, length))).collect()
+}
+
+/// A name of a vector's element, without its index, and that.
+fn element(name: &str) -> Option<(&str, usize)> {
+    let (name, index) = name.strip_suffix(']')?.rsplit_once('[')?;
+    Some((name, index.parse().ok()?))
+}
+
+/// Whether a name is that of the element some places behind a first one.
+fn follows(first: &str, name: &str, places: usize) -> bool {
+    let (Some((vector, begin)), Some((same, index))) = (element(first), element(name)) else { return false };
+    vector == same && begin + places == index
+}
+
+fn range(first: &str, length: usize) -> String {
+    match element(first).filter(|_| length > 1) {
+        Some((name, begin)) => format!("{name}[{begin}…{}]", begin + length - 1),
+        None => first.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_of_a_vector_are_told_as_a_range() {
+        let told = |names: &[&str]| ranges(names.iter().copied());
+        assert_eq!(told(&["x[1]", "x[2]", "x[3]", "u[1]", "enabled"]), ["x[1…3]", "u[1]", "enabled"]);
+        assert_eq!(told(&["x[1]", "x[3]", "speed", "current"]), ["x[1]", "x[3]", "speed", "current"]);
+        let pairs = [["x[7]", "y[1]"], ["x[8]", "y[2]"], ["x[9]", "y[4]"]];
+        let told = runs(pairs.into_iter());
+        assert_eq!(told, [["x[7…8]".to_owned(), "y[1…2]".to_owned()], ["x[9]".to_owned(), "y[4]".to_owned()]]);
+    }
+}

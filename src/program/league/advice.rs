@@ -1,0 +1,69 @@
+//! Which controller to take: lines that a person wrote, with the numbers behind them, and whether these bear them out.
+
+use serde::Serialize;
+
+use super::quantity::meant;
+use super::record::Record;
+use super::study::{Advice, Study};
+
+/// A line of advice beside what was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Measured {
+    /// When it is meant.
+    pub when: String,
+    /// What to take; nothing where only what is within says so.
+    pub take: String,
+    /// Why, with the numbers in their places.
+    pub because: String,
+    /// Whether all that it rests on holds; none where not all of it is known.
+    pub holds: Option<bool>,
+    /// What to take where something else is true, too.
+    pub within: Vec<Measured>,
+}
+
+/// The advice of a study with its numbers.
+///
+/// # Errors
+/// When it names what the league doesn't have.
+pub fn advice(study: &Study, records: &[Record]) -> Result<Vec<Measured>, String> {
+    all_measured(study, records, &study.advice)
+}
+
+fn all_measured(study: &Study, records: &[Record], lines: &[Advice]) -> Result<Vec<Measured>, String> {
+    lines.iter().map(|advice| measured(study, records, advice)).collect()
+}
+
+fn measured(study: &Study, records: &[Record], advice: &Advice) -> Result<Measured, String> {
+    let mut because = String::new();
+    let mut rest = advice.because.as_str();
+    while let Some((before, after)) = rest.split_once('{') {
+        let (word, behind) = after.split_once('}').ok_or_else(|| format!("`{}`: a {{ has no }}", advice.because))?;
+        because.push_str(before);
+        let (quantity, found) = meant(study, records, word)?;
+        let value = found.and_then(|(plant, record)| quantity.of(plant, record));
+        because.push_str(&value.map_or("–".to_owned(), |value| quantity.told(value)));
+        rest = behind;
+    }
+    because.push_str(rest);
+    let known = advice.holds.iter().map(|claim| holds(study, records, claim)).collect::<Result<Vec<_>, _>>()?;
+    let holds = known.iter().copied().try_fold(true, |all, one| Some(all && one?));
+    let within = all_measured(study, records, &advice.within)?;
+    Ok(Measured { when: advice.when.clone(), take: advice.take.clone(), because, holds, within })
+}
+
+/// `A < B` or `A > B`, each a number or PLANT/CONTROLLER.QUANTITY: for certain, where a quantity is known by an interval.
+fn holds(study: &Study, records: &[Record], claim: &str) -> Result<Option<bool>, String> {
+    let words: Vec<&str> = claim.split_whitespace().collect();
+    let [left, sign @ ("<" | ">"), right] = words[..] else {
+        return Err(format!("`{claim}` must be A < B or A > B, each a number or PLANT/CONTROLLER.QUANTITY"));
+    };
+    let interval = |word: &str| {
+        if let Ok(number) = word.parse::<f64>() {
+            return Ok(Some([number; 2]));
+        }
+        let (quantity, found) = meant(study, records, word)?;
+        Ok::<_, String>(found.and_then(|(plant, record)| quantity.interval_of(plant, record)))
+    };
+    let (left, right) = (interval(left)?, interval(right)?);
+    Ok(left.zip(right).map(|(left, right)| if sign == "<" { left[1] < right[0] } else { left[0] > right[1] }))
+}

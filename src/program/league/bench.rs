@@ -1,0 +1,128 @@
+//! Sensors between a plant and what measures it, actuators between a controller and its plant.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use super::study::Plant;
+use crate::error::Error;
+use crate::exporter::Source;
+use crate::model_description::{Affine, ModelDescription};
+use crate::plants::actuator::Actuator;
+use crate::plants::sensor::Sensor;
+use crate::simulation::{Component, Connection, Connector, Structure, UnitFile};
+use crate::system::System;
+
+/// The most samples of a delay: a third of a second at the usual sample time.
+pub(super) const DELAY_SAMPLES: usize = 300;
+/// Names in the loop.
+pub(super) const SENSOR: &str = Sensor::NAME;
+pub(super) const ACTUATOR: &str = Actuator::NAME;
+pub(super) const PLANT: &str = "plant";
+pub(super) const CONTROLLER: &str = "controller";
+
+/// A loop with sensors and actuators in it, and what goes through them.
+pub(super) struct Benched {
+    pub structure: Structure,
+    /// Outputs of the plant that are measured, a channel of the sensor each.
+    pub measured: Vec<String>,
+    /// Outputs of the controller, a channel of the actuator each.
+    pub commands: Vec<String>,
+}
+
+/// Puts sensors and actuators, which do nothing yet, into a loop of plant, controller and what else there is. Actuators have
+/// delay lines for so many samples.
+pub(super) fn benched(
+    plain: &Structure,
+    plant: &Plant,
+    described: &ModelDescription,
+    delay_samples: usize,
+) -> Result<Benched, Error> {
+    let mut structure = plain.clone();
+    let refuse = |reason: String| Error::Loop { file: plain.file.clone(), reason };
+    let (mut measured, mut commands): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
+    let mut added = Vec::new();
+    for connection in &mut structure.connections {
+        let channels = match (connection.from.0.as_str(), connection.to.0.as_str()) {
+            (PLANT, to) if to != PLANT => &mut measured,
+            (CONTROLLER, PLANT) => &mut commands,
+            _ => continue,
+        };
+        let known = channels.iter().position(|name| *name == connection.from.1);
+        let channel = known.unwrap_or(channels.len()) + 1;
+        let unit = if connection.from.0 == PLANT { SENSOR } else { ACTUATOR };
+        if known.is_none() {
+            channels.push(connection.from.1.clone());
+            let to = (unit.to_owned(), format!("u[{channel}]"));
+            added.push(Connection { to, transformation: Affine::IDENTITY, ..connection.clone() });
+        }
+        connection.from = (unit.to_owned(), format!("y[{channel}]"));
+    }
+    structure.connections.extend(added);
+    let channels = plant.bench.u_min.len();
+    if commands.len() != channels || measured.is_empty() {
+        return Err(refuse(format!(
+            "{} controls go from the controller to the plant, and {} outputs are measured: there must be {channels} controls, as \
+             many as bench.u_min has, and 1 measured output at least",
+            commands.len(),
+            measured.len()
+        )));
+    }
+    let unit_of = |name: &str| {
+        let variable = described.variables.iter().find(|variable| variable.name == name);
+        variable.and_then(|variable| variable.unit.clone()).unwrap_or_else(|| "1".to_owned())
+    };
+    let inputs: Vec<String> = (1..=channels)
+        .filter_map(|channel| input_of(&structure, ACTUATOR, channel))
+        .map(|name| unit_of(&name))
+        .collect();
+    for (name, units) in [(SENSOR, measured.iter().map(|name| unit_of(name)).collect()), (ACTUATOR, inputs)] {
+        // Its name is an identifier of C, which a pair's needn't be.
+        let plain_name: String = plain.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+        let fmu = format!("League_{name}_{plain_name}");
+        structure
+            .descriptions
+            .insert(fmu.clone(), description(&fmu, name, &units, if name == ACTUATOR { delay_samples } else { 0 }));
+        // In the order in which separate units are stepped: each takes what was just given.
+        let place = structure.components.iter().position(|unit| unit.name == CONTROLLER).unwrap_or(0);
+        structure.components.insert(place + usize::from(name == ACTUATOR), component(name, &fmu, units.len()));
+    }
+    Ok(Benched { structure, measured, commands })
+}
+
+/// The plant's input that a channel of a unit goes to.
+fn input_of(structure: &Structure, unit: &str, channel: usize) -> Option<String> {
+    let from = (unit.to_owned(), format!("y[{channel}]"));
+    structure.connections.iter().find(|connection| connection.from == from).map(|connection| connection.to.1.clone())
+}
+
+/// A unit that hands on signals.
+fn description(name: &str, model: &str, units: &[String], delay_samples: usize) -> Source {
+    let mut text =
+        format!("name = \"{name}\"\nmodel = \"{model}\"\ndescription = \"{model} of a league\"\n\n[structure]\n");
+    let _ = writeln!(text, "channels = {}\nunits = {units:?}\ndelay_samples = {delay_samples}\n\n[start]", units.len());
+    if model == ACTUATOR {
+        let all = |value: &str| format!("[{}]", vec![value; units.len()].join(", "));
+        let _ = writeln!(text, "u_min = {}\nu_max = {}\nrate_limit = {}", all("-1e15"), all("1e15"), all("1e15"));
+    }
+    Source { file: Path::new(&format!("{name}.toml")).to_owned(), text, as_written: false }
+}
+
+fn component(name: &str, fmu: &str, channels: usize) -> Component {
+    let connector = |name: String, kind: &str| Connector {
+        name,
+        kind: kind.to_owned(),
+        data_type: Some("Real".to_owned()),
+        unit: None,
+        line: 0,
+    };
+    let connectors =
+        (1..=channels).flat_map(|k| [connector(format!("u[{k}]"), "input"), connector(format!("y[{k}]"), "output")]);
+    Component {
+        name: name.to_owned(),
+        source: format!("resources/{fmu}.fmu"),
+        fmu: fmu.to_owned(),
+        file: UnitFile::Named,
+        connectors: connectors.collect(),
+        values: Vec::new(),
+    }
+}

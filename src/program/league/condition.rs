@@ -1,0 +1,182 @@
+//! What differs from the nominal loop.
+
+use serde::{Deserialize, Serialize};
+
+use super::bench::{ACTUATOR, CONTROLLER, SENSOR};
+use super::pair::Pair;
+use super::study::{Plant, Shift};
+use crate::simulation::{Change, Place, Value};
+
+/// A disturbance lasts so long, s.
+const PULSE: f64 = 2.0;
+/// The parameters that aren't known well are off by this part in the conditions of their own.
+const OFF: f64 = 0.3;
+
+/// A condition under which every controller runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Condition {
+    /// As it was designed for.
+    Nominal,
+    /// All parameters that aren't known well are larger by 30 %.
+    Larger,
+    /// The same smaller.
+    Smaller,
+    /// With the payload.
+    Payload,
+    /// Disturbed for two seconds.
+    Pulse,
+    /// The actuators lose effect in the middle of the run.
+    Loss,
+    /// A part of the plant fails in the middle of the run, where the study names one.
+    Fault,
+    /// Through sensors with noise, and actuators with a lag and limits.
+    Bench,
+    /// Larger parameters, payload, pulse, loss, fault and bench.
+    Together,
+}
+
+impl Condition {
+    /// All of them, in the order of the page.
+    pub const ALL: [Condition; 9] = [
+        Condition::Nominal,
+        Condition::Larger,
+        Condition::Smaller,
+        Condition::Payload,
+        Condition::Pulse,
+        Condition::Loss,
+        Condition::Fault,
+        Condition::Bench,
+        Condition::Together,
+    ];
+
+    /// In a few words.
+    pub fn title(self) -> &'static str {
+        match self {
+            Condition::Nominal => "nominal",
+            Condition::Larger => "+30 %",
+            Condition::Smaller => "−30 %",
+            Condition::Payload => "payload",
+            Condition::Pulse => "pulse",
+            Condition::Loss => "loss of effect",
+            Condition::Fault => "fault",
+            Condition::Bench => "bench",
+            Condition::Together => "all together",
+        }
+    }
+
+    /// Those that a plant has, in the order of the page.
+    pub fn of(plant: &Plant) -> Vec<Condition> {
+        let has = |condition: &Condition| *condition != Condition::Fault || !plant.fault.is_empty();
+        Condition::ALL.into_iter().filter(has).collect()
+    }
+
+    fn includes(self, other: Condition) -> bool {
+        self == other || self == Condition::Together && other != Condition::Smaller
+    }
+}
+
+/// What is set at the start and while a loop runs.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Deviation {
+    pub start: Vec<(Place, Value)>,
+    pub changes: Vec<Change>,
+}
+
+impl Deviation {
+    /// Sets a Real variable at the start.
+    pub fn set(&mut self, place: Place, value: f64) {
+        self.start.retain(|(known, _)| *known != place);
+        self.start.push((place, Value::Real(value)));
+    }
+
+    /// The value at the start, of what was set here.
+    fn get(&self, place: Place) -> Option<f64> {
+        self.start.iter().find_map(|(known, value)| match value {
+            Value::Real(value) if *known == place => Some(*value),
+            _ => None,
+        })
+    }
+}
+
+impl Pair<'_> {
+    /// What a condition is in this loop.
+    ///
+    /// # Errors
+    /// When the study names what the loop doesn't have.
+    pub(super) fn condition(&self, condition: Condition) -> Result<Deviation, String> {
+        let mut deviation = Deviation::default();
+        let off = if condition.includes(Condition::Larger) { 1.0 + OFF } else { 1.0 - OFF };
+        if condition.includes(Condition::Larger) || condition == Condition::Smaller {
+            for place in self.uncertain() {
+                self.shift(place, Shift::Times { times: off }, &mut deviation);
+            }
+        }
+        if condition.includes(Condition::Payload) {
+            for (name, shift) in &self.plant.payload {
+                self.shift(self.place(name)?, *shift, &mut deviation);
+            }
+        }
+        let middle = 0.5 * self.plant.duration;
+        if condition.includes(Condition::Loss) {
+            for place in self.elements(ACTUATOR, "gain") {
+                deviation.changes.push(Change { at: middle, place, value: self.plant.left });
+            }
+        }
+        if condition.includes(Condition::Fault) {
+            for (name, &value) in &self.plant.fault {
+                deviation.changes.push(Change { at: middle, place: self.place(name)?, value });
+            }
+        }
+        if condition.includes(Condition::Pulse) {
+            for (name, &value) in &self.plant.pulse {
+                let place = self.place(name)?;
+                let before = self.nominal(place);
+                deviation.changes.push(Change { at: middle, place, value: before + value });
+                deviation.changes.push(Change { at: middle + PULSE, place, value: before });
+            }
+        }
+        deviation.changes.sort_by(|a, b| a.at.total_cmp(&b.at));
+        if condition.includes(Condition::Bench) {
+            self.put_on_bench(&mut deviation, 1)?;
+        }
+        Ok(deviation)
+    }
+
+    /// With sensors and actuators as they are, and noise of a seed.
+    pub(super) fn put_on_bench(&self, deviation: &mut Deviation, seed: i32) -> Result<(), String> {
+        let bench = &self.plant.bench;
+        for (k, (low, high)) in bench.u_min.iter().zip(&bench.u_max).enumerate() {
+            let k = k + 1;
+            for unit in [ACTUATOR, CONTROLLER] {
+                // A controller that can know the limits does.
+                for (name, value) in [("u_min", *low), ("u_max", *high)] {
+                    match self.place(&format!("{unit}.{name}[{k}]")) {
+                        Ok(place) => deviation.set(place, value),
+                        Err(reason) if unit == ACTUATOR => return Err(reason),
+                        Err(_) => {}
+                    }
+                }
+            }
+            deviation.set(self.place(&format!("{ACTUATOR}.time_constant[{k}]"))?, bench.lag);
+        }
+        for (k, output) in self.measured.iter().enumerate() {
+            let of = |map: &std::collections::BTreeMap<String, f64>| {
+                let base = output.split('[').next().unwrap_or_default();
+                map.get(output).or_else(|| map.get(base)).copied().unwrap_or(0.0)
+            };
+            for (name, value) in [("noise_deviation", of(&bench.noise)), ("resolution", of(&bench.resolution))] {
+                deviation.set(self.place(&format!("{SENSOR}.{name}[{}]", k + 1))?, value);
+            }
+        }
+        deviation.set(self.place(&format!("{SENSOR}.sample_time"))?, bench.sample_time);
+        deviation.start.push((self.place(&format!("{SENSOR}.seed"))?, Value::Integer(seed)));
+        Ok(())
+    }
+
+    /// Shifts a variable, on top of what was shifted before.
+    pub(super) fn shift(&self, place: Place, shift: Shift, deviation: &mut Deviation) {
+        let value = deviation.get(place).unwrap_or_else(|| self.nominal(place));
+        deviation.set(place, shift.of(value));
+    }
+}

@@ -1,0 +1,288 @@
+//! The page: which controller to take, what each law is good and bad at, and a table and a picture of every plant. It loads
+//! nothing and needs no script.
+
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+use super::advice::{Measured, advice};
+use super::condition::Condition;
+use super::laws::{Law, laws, of_plant};
+use super::margins::{Bound, Margin};
+use super::panels::panels;
+use super::quantity::under;
+use super::record::Record;
+use super::standing::{Rank, standings};
+use super::study::{Budget, Plant, Study};
+use crate::exporter::escaped;
+use crate::simulation::{four_digits, still, still_ending};
+
+const OWN_STYLE: &str = "
+  h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
+  h3 { font-size: 1em; margin: 1.2em 0 .3em; }
+  td small { color: #555; display: block; }
+  td, th { padding-right: .9em; }
+  .good { color: #006b3c; }
+  .panels { display: block; width: 100%; max-width: 70em; height: auto; margin: 1em 0; }
+  .panels text { font-size: 12px; fill: #333; }
+  .panels .title { font-weight: bold; }
+  .panels .frame { fill: none; stroke: #aaa; }
+  .panels .interval { stroke: #0072b2; stroke-width: 2.5; stroke-opacity: .45; }
+  .panels .mark { fill: #0072b2; }
+  .panels .open { fill: #fff; stroke: #0072b2; stroke-width: 2; }
+  .panels .none { fill: #b00020; }
+  .tree { max-width: 70em; padding-left: 1.2em; border-left: 2px solid #ccc; list-style: none; }
+  .tree li { margin: .7em 0; }
+  .tree small { color: #555; display: block; }
+  dt { font-weight: bold; margin-top: .6em; }
+  @media print { h2 { break-before: page; } }
+";
+
+/// A league as far as it was computed.
+#[derive(Debug)]
+pub struct Page<'a> {
+    /// What was asked for.
+    pub study: &'a Study,
+    /// What came out.
+    pub records: &'a [Record],
+}
+
+impl Page<'_> {
+    /// The page.
+    ///
+    /// # Errors
+    /// When the study's advice names what the league doesn't have.
+    pub fn html(&self) -> Result<String, String> {
+        let Study { title, about, .. } = self.study;
+        let mut page = still(title, about, OWN_STYLE);
+        let pairs = self.study.plant.iter().map(|plant| plant.controller.len()).sum::<usize>();
+        let known = self.records.iter().filter(|record| record.next().is_none()).count();
+        if known < pairs {
+            let _ = writeln!(page, "<p class=\"bad\">{known} of {pairs} pairs were computed.</p>");
+        }
+        push_advice(&mut page, &advice(self.study, self.records)?);
+        push_laws(&mut page, &laws(self.study, self.records));
+        for plant in &self.study.plant {
+            let records = of_plant(self.study, self.records, &plant.name);
+            if !records.is_empty() {
+                push_plant(&mut page, plant, &records);
+            }
+        }
+        push_method(&mut page, &self.study.budget, self.records);
+        page.push_str(&still_ending());
+        Ok(page)
+    }
+}
+
+fn push_advice(page: &mut String, lines: &[Measured]) {
+    if lines.is_empty() {
+        return;
+    }
+    page.push_str(
+        "<h2 id=\"advice\">Which to take</h2>\n<p>Take the first branch that fits, and go on within it.</p>\n",
+    );
+    push_branches(page, lines);
+}
+
+fn push_branches(page: &mut String, lines: &[Measured]) {
+    page.push_str("<ul class=\"tree\">\n");
+    for Measured { when, take, because, holds, within } in lines {
+        let word = match holds {
+            Some(true) => " <span class=\"good\">Borne out.</span>",
+            Some(false) => " <span class=\"bad\">Not borne out.</span>",
+            None => " Not known.",
+        };
+        let [when, take, because] = [when, take, because].map(|text| escaped(text));
+        let _ = match take.as_ref() {
+            "" => writeln!(page, "<li>{when}:"),
+            _ => writeln!(page, "<li>{when}: <b>{take}</b><small>{because}.{word}</small>"),
+        };
+        if !within.is_empty() {
+            push_branches(page, within);
+        }
+    }
+    page.push_str("</ul>\n");
+}
+
+fn push_laws(page: &mut String, laws: &[Law]) {
+    page.push_str("<h2 id=\"laws\">What each law is good and bad at</h2>\n<dl>\n");
+    for Law { name, sentences } in laws {
+        let _ = writeln!(page, "<dt>{}<dd>{}", escaped(name), escaped(&sentences.join(" ")));
+    }
+    page.push_str("</dl>\n");
+}
+
+fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
+    let (name, title) = (escaped(&plant.name), escaped(&plant.title));
+    let _ = writeln!(page, "<h2 id=\"{name}\">{title}</h2>");
+    page.push_str(&panels(plant, records));
+    page.push_str("<h3>Random plants, bench and margins</h3>\n");
+    push_results(page, plant, records);
+    page.push_str("<h3>Errors under each condition</h3>\n");
+    push_conditions(page, plant, records);
+    page.push_str("<h3>Gains that were found</h3>\n<dl>\n");
+    for record in records {
+        let Some(gains) = &record.gains else { continue };
+        let told = if gains.values.is_empty() { "as it is".to_owned() } else { gains.told() };
+        let (before, after) = (four_digits(gains.before), four_digits(gains.after));
+        let told = escaped(&format!("{told} (cost {before} before, {after} after {} runs)", gains.runs));
+        let _ = writeln!(page, "<dt>{}<dd>{told}", escaped(&record.controller));
+    }
+    page.push_str("</dl>\n");
+}
+
+/// Random plants, effort and margins.
+fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
+    page.push_str(
+        "<div class=\"scroll\"><table class=\"results\">\n<tr><th>controller<th>random plants that fail<th>median error\
+         <th class=\"number\">effort<th class=\"number\">variation<th class=\"number\">dead time<th class=\"number\">lag\
+         <th class=\"number\">gain<th class=\"number\">gain divided<th class=\"number\">step, Jacobi\
+         <th class=\"number\">instructions\n",
+    );
+    for (record, standing) in records.iter().zip(standings(records)) {
+        let form = if record.as_one { "" } else { "<small>as separate units</small>" };
+        let _ = write!(page, "<tr><td>{}{form}", escaped(&record.controller));
+        match &record.spread {
+            Some(spread) => {
+                let (rate, [low, high]) = spread.rate();
+                let told = format!("{:.0} % <small>{:.0} … {:.0} %</small>", 100.0 * rate, 100.0 * low, 100.0 * high);
+                let _ = write!(page, "<td>{told}{}", place(standing.failures));
+                let (median, [low, high]) = spread.median();
+                let end = |end: Option<f64>| end.map_or("fails".to_owned(), four_digits);
+                let told = format!("{} <small>{} … {}</small>", end(median), end(low), end(high));
+                let _ = write!(page, "<td>{told}{}", place(standing.error));
+            }
+            None => page.push_str("<td>–<td>–"),
+        }
+        match under(record, Condition::Bench) {
+            Some(outcome) => {
+                let (effort, moved) = (outcome.commanded(plant), outcome.moved(plant));
+                let _ = write!(
+                    page,
+                    "<td class=\"number\">{}<td class=\"number\">{}",
+                    four_digits(effort),
+                    four_digits(moved)
+                );
+            }
+            None => page.push_str("<td>–<td>–"),
+        }
+        match &record.margins {
+            Some(margins) => {
+                let times = [margins.dead_time, margins.lag].map(|margin| time(&margin));
+                let gains = [margins.gain, margins.divided].map(|margin| margin_told(&margin, 1.0, ""));
+                for told in times.into_iter().chain(gains).chain([time(&margins.step)]) {
+                    let _ = write!(page, "<td class=\"number\">{told}");
+                }
+            }
+            None => page.push_str(&"<td>–".repeat(5)),
+        }
+        let counted = record.instructions.map_or("–".to_owned(), |count| format!("{count:.0}"));
+        let _ = writeln!(page, "<td class=\"number\">{counted}");
+    }
+    page.push_str(
+        "</table></div>\n<p>Effort is the root mean square of the commands on the bench, in parts of the largest control; variation \
+         is how far they move there, in largest controls a second. Instructions are those of a step of the controller as compiled C, in the \
+         first thousand steps. A dash: not computed, or failed on the bench.</p>\n",
+    );
+}
+
+fn place(rank: Option<Rank>) -> String {
+    rank.map_or(String::new(), |Rank { place, shared }| {
+        format!("<small>place {place}{}</small>", if shared { ", shared" } else { "" })
+    })
+}
+
+fn time(margin: &Margin) -> String {
+    margin_told(margin, 1e3, " ms")
+}
+
+fn margin_told(margin: &Margin, scale: f64, unit: &str) -> String {
+    let value = scale * margin.value;
+    let value = if value >= 10.0 { format!("{value:.0}") } else { format!("{value:.2}") };
+    match margin.bound {
+        Bound::Within => format!("{value}{unit}"),
+        Bound::AtLeast => format!("≥ {value}{unit}"),
+        Bound::Below => format!("&lt; {value}{unit}"),
+    }
+}
+
+/// The errors under each condition.
+fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
+    page.push_str("<div class=\"scroll\"><table class=\"conditions\">\n<tr><th>error");
+    let of_plant = Condition::of(plant);
+    of_plant.iter().for_each(|condition| _ = write!(page, "<th class=\"number\">{}", condition.title()));
+    page.push('\n');
+    for record in records {
+        let Some(conditions) = &record.conditions else { continue };
+        let _ = write!(page, "<tr><td>{}", escaped(&record.controller));
+        for condition in &of_plant {
+            let Some(judged) = conditions.get(condition) else {
+                page.push_str("<td>–");
+                continue;
+            };
+            match &judged.outcome.failure {
+                None => _ = write!(page, "<td class=\"number\">{}", four_digits(judged.outcome.error(plant))),
+                Some(failure) => {
+                    let (at, reason) = (four_digits(failure.at), escaped(&failure.reason));
+                    let _ = write!(page, "<td class=\"number bad\" title=\"{reason}\">fails at {at} s");
+                }
+            }
+        }
+        page.push('\n');
+    }
+    page.push_str("</table></div>\n");
+    let limits: Vec<_> = plant
+        .errors
+        .iter()
+        .zip(&plant.error_limits)
+        .map(|([of, minus], limit)| format!("|{of} − {minus}| ≤ {limit}"))
+        .collect();
+    let _ = writeln!(
+        page,
+        "<p>An error is the root mean square, from {} s on, in parts of the largest that is no failure: {}.</p>",
+        plant.settled,
+        escaped(&limits.join(", "))
+    );
+}
+
+/// How many runs failed at first, and not when they were run again.
+fn mended(records: &[Record]) -> usize {
+    let conditions = records.iter().flat_map(|record| record.conditions.iter().flatten());
+    let of_conditions = conditions.filter(|(_, judged)| judged.mended).count();
+    of_conditions
+        + records.iter().filter_map(|record| record.spread.as_ref()).map(|spread| spread.mended).sum::<usize>()
+}
+
+/// Which versions computed the results.
+fn versions(records: &[Record]) -> String {
+    let all: BTreeSet<&str> = records.iter().map(|record| record.version.as_str()).collect();
+    all.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+fn push_method(page: &mut String, budget: &Budget, records: &[Record]) {
+    let mended = match mended(records) {
+        0 => String::new(),
+        count => format!("; {count} did not"),
+    };
+    let Budget { particles, generations, noises, tuning_time, gain_range: [low, high], plants, spread, margin, .. } =
+        budget;
+    let plural = if *noises == 1 { "" } else { "s" };
+    let _ = writeln!(
+        page,
+        "<h2 id=\"method\">How it was made</h2>\n<p>Every controller's gains were searched by the same swarm: {particles} \
+         particles, {generations} generations, {noises} noise{plural} a position, {tuning_time} s of the nominal plant behind its \
+         sensors and actuators; each gain within {low} to {high} times what it was before. What is minimised is the integral of \
+         the squared errors, in parts of their limits, and a hundredth of the squared commands and of their total variation, in \
+         parts of the largest control; a failure costs up to a million. Then nothing is touched.</p>\n\
+         <p>A run fails where an output of the plant is beyond its envelope, an error beyond its limit once it is judged, or a \
+         unit refuses to go on; near a margin also where a command varies three times as much as nominally. What failed was run \
+         again with a hundredth of the tolerance and half the step, and counts only where it failed again{mended}. Margins are those of \
+         the nominal plant without noise, found by halving ratios to {:.0} %: what lies between is taken to be borne too.</p>\n\
+         <p>{plants} random plants, the same for all controllers: each parameter that isn't known well is anywhere within ±{:.0} \
+         %, sensors and actuators are there. Intervals hold the true value with a probability of 95 %, for plants drawn so. A \
+         place is one more than the number of those that are better for certain: where intervals overlap, it is shared.</p>\n\
+         <p>Computed by version {}.</p>",
+        100.0 * margin,
+        100.0 * spread,
+        escaped(&versions(records))
+    );
+}

@@ -1,0 +1,319 @@
+//! The loop of a plant and a controller.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::bench::{CONTROLLER, DELAY_SAMPLES, PLANT, benched};
+use super::condition::{Condition, Deviation};
+use super::judged::{Judged, Outcome, Signals, Watch};
+use super::study::{Budget, Entry, Plant};
+use super::units::Units;
+use crate::error::Error;
+use crate::near;
+use crate::simulation::{Draft, Found, LoadedLoop, LoopFiles, Order, Place, Settings, Structure, Value, Wishes};
+
+/// The parameter of a unit, or of a loop that is one, that says how well it is integrated.
+const TOLERANCE: &str = "relative_tolerance";
+/// A failure is repeated with this part of the tolerance, and of the step.
+const FINER: (f64, f64) = (1e-2, 0.5);
+
+/// A loop as one unit, with sensors and actuators that do nothing unless they are told to; and the same without them, as
+/// separate units.
+#[derive(Debug)]
+pub struct Pair<'a> {
+    /// The plant.
+    pub plant: &'a Plant,
+    /// The controller.
+    pub entry: &'a Entry,
+    pub(super) budget: Budget,
+    /// Outputs of the plant that are measured, a channel of the sensor each.
+    pub(super) measured: Vec<String>,
+    whole: LoadedLoop,
+    /// The same with delay lines, which would make every evaluation dearer. Its variables have the same places.
+    delayed: LoadedLoop,
+    /// Whether these are one unit; else units that are stepped one after the other.
+    is_one: bool,
+    signals: Signals,
+    separate: LoadedLoop,
+    apart: Signals,
+    /// What the search found.
+    gains: Vec<(Place, Value)>,
+    gains_apart: Vec<(Place, Value)>,
+    /// Checksum of the descriptions of its units.
+    pub(super) checksum: String,
+}
+
+/// Which of its forms runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    Whole,
+    Delayed,
+    Separate,
+}
+
+impl<'a> Pair<'a> {
+    /// Wires the units of a pair by the names of their signals. Files lie beside the study, in this folder.
+    ///
+    /// # Errors
+    /// When a unit isn't there, an input has nothing to go to it, or the study names what the loop doesn't have.
+    pub fn new(
+        plant: &'a Plant,
+        entry: &'a Entry,
+        budget: Budget,
+        folder: &Path,
+        units: &Units,
+    ) -> Result<Self, Error> {
+        let plain = wired(plant, entry, folder)?;
+        let refuse = |reason: String| Error::Loop { file: plain.file.clone(), reason };
+        let unit = plain.components.iter().find(|unit| unit.name == PLANT);
+        let unit = unit.ok_or_else(|| refuse(format!("there is no `{PLANT}`")))?;
+        let described = units.fmu(&plain, unit)?;
+        let [with_lines, benched] =
+            [DELAY_SAMPLES, 0].map(|samples| benched(&plain, plant, &described.description, samples));
+        let benched = benched?;
+        let ((whole, is_one), (delayed, _)) = (units.load(&benched.structure)?, units.load(&with_lines?.structure)?);
+        if whole.variables().map(|(name, ..)| name).ne(delayed.variables().map(|(name, ..)| name)) {
+            return Err(refuse("a delay line changes what the loop has".to_owned()));
+        }
+        let separate = units.load_apart(&plain)?;
+        let checksum = units.checksum(&benched.structure)?;
+        let signals = |loaded: &LoadedLoop| signals(loaded, plant, &benched.commands).map_err(refuse);
+        let pair = Pair {
+            signals: signals(&whole)?,
+            apart: signals(&separate)?,
+            measured: benched.measured,
+            gains: Vec::new(),
+            gains_apart: Vec::new(),
+            plant,
+            entry,
+            budget,
+            whole,
+            delayed,
+            is_one,
+            separate,
+            checksum,
+        };
+        pair.check(&described.description.variables.iter().map(|v| v.name.as_str()).collect::<Vec<_>>())
+            .map_err(refuse)?;
+        Ok(pair)
+    }
+
+    /// Whether it runs as one unit; else as separate ones, since a part of it is made of parts itself.
+    pub fn is_one_unit(&self) -> bool {
+        self.is_one
+    }
+
+    /// The gains that the search may scale, by their names in the loop.
+    pub fn gains(&self) -> Vec<String> {
+        self.tuned().into_iter().flatten().map(|(name, _)| name).collect()
+    }
+
+    /// All names of the study are there, before anything runs.
+    fn check(&self, outputs: &[&str]) -> Result<(), String> {
+        for condition in Condition::ALL {
+            self.condition(condition)?;
+        }
+        let bench = &self.plant.bench;
+        for name in bench.noise.keys().chain(bench.resolution.keys()) {
+            if !outputs.iter().any(|output| is_of(output, name)) {
+                let near = near::choice(name, outputs, "");
+                return Err(format!("bench: the plant has no output `{name}`; {near}"));
+            }
+        }
+        for name in &self.plant.uncertain {
+            if self.elements(PLANT, name).is_empty() {
+                let near = near::choice(name, &self.parameters(PLANT), "");
+                return Err(format!("uncertain: the plant has no parameter `{name}`; {near}"));
+            }
+        }
+        for name in self.entry.tune.iter().flat_map(|names| names.split_whitespace()) {
+            let elements = self.elements(CONTROLLER, name);
+            if elements.is_empty() {
+                let near = near::choice(name, &self.parameters(CONTROLLER), "");
+                return Err(format!("tune: the controller `{}` has no parameter `{name}`; {near}", self.entry.name));
+            }
+            if elements.iter().all(|place| self.nominal(*place) == 0.0) {
+                return Err(format!(
+                    "tune: `{name}` is 0, which no factor changes: give it a value by `set`, or leave it out"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The names of a unit's Real parameters.
+    fn parameters(&self, unit: &str) -> Vec<String> {
+        let names = self.whole.tunable().into_iter();
+        names.filter_map(|name| name.strip_prefix(unit)?.strip_prefix('.').map(str::to_owned)).collect()
+    }
+
+    /// The place of a variable of the loop as one unit.
+    pub(super) fn place(&self, name: &str) -> Result<Place, String> {
+        let found = self.whole.variable(name);
+        found.map(|(place, _)| place).ok_or_else(|| {
+            let known: Vec<_> = self.whole.variables().map(|(known, ..)| known).collect();
+            format!("the loop has no variable `{name}`; {}", near::choice(name, &known, ""))
+        })
+    }
+
+    /// The places of a unit's Real variable: all its elements.
+    pub(super) fn elements(&self, unit: &str, name: &str) -> Vec<Place> {
+        of_name(&self.whole, unit, name).into_iter().map(|(_, place)| place).collect()
+    }
+
+    /// The parameters that aren't known well.
+    pub(super) fn uncertain(&self) -> Vec<Place> {
+        self.plant.uncertain.iter().flat_map(|name| self.elements(PLANT, name)).collect()
+    }
+
+    /// The value that the loop gives a Real variable.
+    pub(super) fn nominal(&self, place: Place) -> f64 {
+        self.whole.start_of(place).unwrap_or(0.0)
+    }
+
+    /// The gains that a search scales, with their values: one list a name.
+    pub(super) fn tuned(&self) -> Vec<Vec<(String, f64)>> {
+        let group = |names: &String| {
+            let found = names.split_whitespace().flat_map(|name| of_name(&self.whole, CONTROLLER, name));
+            found.map(|(name, place)| (name, self.nominal(place))).collect()
+        };
+        self.entry.tune.iter().map(group).collect()
+    }
+
+    /// From now on the controller has these gains.
+    pub(super) fn take_gains(&mut self, gains: &BTreeMap<String, f64>) {
+        let of = |loaded: &LoadedLoop| {
+            let placed = gains.iter().filter_map(|(name, value)| Some((loaded.variable(name)?.0, Value::Real(*value))));
+            placed.collect::<Vec<_>>()
+        };
+        (self.gains, self.gains_apart) = (of(&self.whole), of(&self.separate));
+    }
+
+    /// Runs the loop for some time; `is_interrupted` is asked at every point.
+    pub(super) fn run(
+        &self,
+        deviation: &Deviation,
+        how: (Form, f64, f64),
+        fineness: f64,
+        is_interrupted: &dyn Fn() -> bool,
+    ) -> Outcome {
+        self.run_while_cheap(deviation, how, (fineness, f64::INFINITY), is_interrupted)
+    }
+
+    /// The same, ended early where its cost becomes larger than `most`.
+    pub(super) fn run_while_cheap(
+        &self,
+        deviation: &Deviation,
+        (form, duration, step): (Form, f64, f64),
+        (fineness, most): (f64, f64),
+        is_interrupted: &dyn Fn() -> bool,
+    ) -> Outcome {
+        let (loaded, signals, gains) = match form {
+            Form::Whole => (&self.whole, &self.signals, &self.gains),
+            Form::Delayed => (&self.delayed, &self.signals, &self.gains),
+            Form::Separate => (&self.separate, &self.apart, &self.gains_apart),
+        };
+        let mut start = gains.clone();
+        let tolerance = Value::Real(self.budget.relative_tolerance * fineness);
+        let tolerances = loaded.variables().filter(|(name, ..)| name.rsplit('.').next() == Some(TOLERANCE));
+        start.extend(tolerances.map(|(_, place, _)| (place, tolerance.clone())));
+        start.extend(deviation.start.iter().cloned());
+        let order = if form == Form::Separate { Order::Jacobi } else { Order::GaussSeidel };
+        let settings = Settings { start_time: 0.0, stop_time: duration, step, order };
+        let mut watch = Watch::new(self.plant, signals, (duration, most));
+        let watched = |closed: crate::simulation::ClosedLoop, watch: &mut Watch| {
+            closed.watch(settings, &deviation.changes, |time, row| !is_interrupted() && watch.point(time, row))
+        };
+        if let Err(error) = loaded.instantiate_with(&start).and_then(|closed| watched(closed, &mut watch)) {
+            watch.fail(watch.time(), error.to_string());
+        }
+        watch.outcome()
+    }
+
+    /// The outcome of a whole run that stands.
+    pub(super) fn judged(&self, deviation: &Deviation, is_interrupted: &dyn Fn() -> bool) -> Judged {
+        self.stands(deviation, Form::Whole, self.plant.step, is_interrupted, |outcome| outcome.holds())
+    }
+
+    /// An outcome that stands: what doesn't hold is run once more with a finer step and tolerance, and that counts.
+    pub(super) fn stands(
+        &self,
+        deviation: &Deviation,
+        form: Form,
+        step: f64,
+        is_interrupted: &dyn Fn() -> bool,
+        holds: impl Fn(&Outcome) -> bool,
+    ) -> Judged {
+        let duration = self.plant.duration;
+        let outcome = self.run(deviation, (form, duration, step), 1.0, is_interrupted);
+        if holds(&outcome) || is_interrupted() {
+            return Judged { outcome, mended: false };
+        }
+        // A step that is what is looked for isn't made finer.
+        let finer = if form == Form::Separate { step } else { FINER.1 * step };
+        let again = self.run(deviation, (form, duration, finer), FINER.0, is_interrupted);
+        let mended = holds(&again);
+        Judged { outcome: if mended { again } else { outcome }, mended }
+    }
+}
+
+/// Whether a variable is that of a name, or an element of it.
+fn is_of(variable: &str, name: &str) -> bool {
+    variable.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('['))
+}
+
+fn of_name(loaded: &LoadedLoop, unit: &str, name: &str) -> Vec<(String, Place)> {
+    let full = format!("{unit}.{name}");
+    let is_number = |variable: &crate::model_description::Variable| variable.kind == "Real" && variable.start.is_some();
+    let found = loaded.variables().filter(|(known, _, variable)| is_of(known, &full) && is_number(variable));
+    found.map(|(known, place, _)| (known, place)).collect()
+}
+
+/// The units of a pair as a loop, with the start values of the study.
+fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error> {
+    let mut found = Found::new(folder);
+    let units =
+        [("reference", &plant.reference), (PLANT, &plant.unit), (CONTROLLER, &entry.unit)].map(|(name, unit)| {
+            let beside = folder.join(unit);
+            let file = if beside.is_file() { beside.display().to_string() } else { unit.clone() };
+            found.unit(&format!("{name}={file}"))
+        });
+    let units = units.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let wishes = Wishes {
+        name: format!("{}_{}", plant.name, entry.name),
+        step: Some(plant.step),
+        stop_time: Some(plant.duration),
+    };
+    let draft = Draft::new(units, wishes);
+    let text = draft.text();
+    let mut structure = Structure::parse(&text, &LoopFiles::within(folder))?;
+    structure.file = format!("{}/{}", plant.name, entry.name).into();
+    let stays = |input: &str| entry.open.iter().any(|name| is_of(input, &format!("{CONTROLLER}.{name}")));
+    if let Some((input, reason)) = draft.undecided().find(|(input, _)| !stays(input)) {
+        let reason = format!("`{input}`: {reason}; name it in the entry's `open` if it is to stay as it is");
+        return Err(Error::Loop { file: structure.file, reason });
+    }
+    structure.metrics.clear();
+    structure.plots.clear();
+    let own = entry.set.iter().map(|(name, value)| (format!("{CONTROLLER}.{name}"), value));
+    for (name, value) in plant.set.iter().map(|(name, value)| (name.clone(), value)).chain(own) {
+        structure.set(&format!("{name}={value}"))?;
+    }
+    Ok(structure)
+}
+
+/// Where the signals of a loop stand in its row.
+fn signals(loaded: &LoadedLoop, plant: &Plant, commands: &[String]) -> Result<Signals, String> {
+    let closed = loaded.instantiate(&[]).map_err(|error| error.to_string())?;
+    let place = |name: &str| {
+        let place = closed.names().iter().position(|known| known == name);
+        place.ok_or_else(|| format!("the loop has no output `{name}`; {}", near::choice(name, closed.names(), "")))
+    };
+    let pair = |[of, minus]: &[String; 2]| Ok::<_, String>([place(of)?, place(minus)?]);
+    let outputs = closed.names().iter().enumerate().filter(|(_, name)| name.starts_with(&format!("{PLANT}.")));
+    Ok(Signals {
+        errors: plant.errors.iter().map(pair).collect::<Result<_, _>>()?,
+        commands: commands.iter().map(|name| place(&format!("{CONTROLLER}.{name}"))).collect::<Result<_, _>>()?,
+        outputs: outputs.map(|(place, _)| place).collect(),
+    })
+}

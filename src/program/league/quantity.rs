@@ -1,0 +1,123 @@
+//! Numbers of a record by their names: what the page shows, and what advice is measured by.
+
+use super::condition::Condition;
+use super::judged::Outcome;
+use super::record::Record;
+use super::study::{Plant, Study};
+use crate::near;
+use crate::simulation::four_digits;
+
+/// An interval that holds the true value of what a record estimates.
+type Estimated = fn(&Record) -> Option<[f64; 2]>;
+
+/// A number that a record comes to.
+#[derive(Debug, Clone, Copy)]
+pub struct Quantity {
+    /// Its name in advice.
+    pub name: &'static str,
+    /// In a few words.
+    pub title: &'static str,
+    /// Whether more of it is better.
+    pub more_is_better: bool,
+    of: fn(&Plant, &Record) -> Option<f64>,
+    /// An interval that holds the true value, where it is an estimate.
+    interval: Option<Estimated>,
+    /// Whether it is a part of all, which is told in percent.
+    is_part: bool,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Quantity; 12] = [
+        quantity("error", "error, nominal", false, |plant, record| {
+            Some(under(record, Condition::Nominal)?.error(plant))
+        }),
+        quantity("bench_error", "error, bench", false, |plant, record| {
+            Some(under(record, Condition::Bench)?.error(plant))
+        }),
+        quantity("effort", "effort", false, |plant, record| Some(under(record, Condition::Bench)?.commanded(plant))),
+        quantity("variation", "variation of the control", false, |plant, record| {
+            Some(under(record, Condition::Bench)?.moved(plant))
+        }),
+        quantity("held", "conditions held", true, |_, record| {
+            let held = record.conditions.as_ref()?.values().filter(|judged| judged.outcome.holds()).count();
+            Some(held as f64)
+        }),
+        Quantity {
+            interval: Some(|record| Some(record.spread.as_ref()?.rate().1)),
+            is_part: true,
+            ..quantity("failed", "random plants that fail", false, |_, record| Some(record.spread.as_ref()?.rate().0))
+        },
+        Quantity {
+            interval: Some(|record| {
+                let [low, high] = record.spread.as_ref()?.median().1;
+                Some([low.unwrap_or(f64::INFINITY), high.unwrap_or(f64::INFINITY)])
+            }),
+            ..quantity("median", "median error", false, |_, record| record.spread.as_ref()?.median().0)
+        },
+        quantity("dead_time", "dead time that is borne", true, |_, record| Some(record.margins?.dead_time.value)),
+        quantity("lag", "lag that is borne", true, |_, record| Some(record.margins?.lag.value)),
+        quantity("gain", "gain that is borne", true, |_, record| Some(record.margins?.gain.value)),
+        quantity("step", "communication step that is borne", true, |_, record| Some(record.margins?.step.value)),
+        quantity("instructions", "instructions of a step", false, |_, record| record.instructions),
+    ];
+
+    /// The quantity of a name.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn named(name: &str) -> Result<Quantity, String> {
+        let names = || Quantity::ALL.iter().map(|quantity| quantity.name).collect::<Vec<_>>();
+        let found = Quantity::ALL.into_iter().find(|quantity| quantity.name == name);
+        found.ok_or_else(|| format!("there is no quantity `{name}`; {}", near::choice(name, &names(), "")))
+    }
+
+    /// What a record comes to; none where it wasn't computed, or the run failed.
+    pub fn of(&self, plant: &Plant, record: &Record) -> Option<f64> {
+        (self.of)(plant, record)
+    }
+
+    /// A value of it, as a reader wants it.
+    pub fn told(&self, value: f64) -> String {
+        if self.is_part { format!("{:.0} %", 100.0 * value) } else { four_digits(value) }
+    }
+
+    /// An interval that holds the true value with a probability of 95 % where it is an estimate; else the value alone.
+    pub fn interval_of(&self, plant: &Plant, record: &Record) -> Option<[f64; 2]> {
+        match self.interval {
+            Some(interval) => interval(record),
+            None => self.of(plant, record).map(|value| [value; 2]),
+        }
+    }
+}
+
+/// What a pair came to under a condition, where it didn't fail.
+pub(super) fn under(record: &Record, condition: Condition) -> Option<&Outcome> {
+    let outcome = &record.conditions.as_ref()?.get(&condition)?.outcome;
+    outcome.holds().then_some(outcome)
+}
+
+const fn quantity(
+    name: &'static str,
+    title: &'static str,
+    more_is_better: bool,
+    of: fn(&Plant, &Record) -> Option<f64>,
+) -> Quantity {
+    Quantity { name, title, more_is_better, of, interval: None, is_part: false }
+}
+
+/// What `PLANT/CONTROLLER.QUANTITY` stands for: the quantity, and plant and record where that is known.
+pub(super) type Meant<'a> = (Quantity, Option<(&'a Plant, &'a Record)>);
+
+/// What `PLANT/CONTROLLER.QUANTITY` stands for.
+///
+/// # Errors
+/// When the league has no such pair, or there is no such quantity.
+pub(super) fn meant<'a>(study: &'a Study, records: &'a [Record], word: &str) -> Result<Meant<'a>, String> {
+    let parts = word.split_once('/').and_then(|(plant, rest)| Some((plant, rest.rsplit_once('.')?)));
+    let (of, (law, quantity)) = parts.ok_or_else(|| format!("`{word}` must be PLANT/CONTROLLER.QUANTITY"))?;
+    let quantity = Quantity::named(quantity)?;
+    let (plant, _) = study.chosen(&[format!("{of}/{law}")])?[0];
+    let record = records.iter().find(|record| record.plant == of && record.controller == law);
+    Ok((quantity, record.map(|record| (plant, record))))
+}

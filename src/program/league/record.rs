@@ -1,0 +1,170 @@
+//! What a pair came to, as a file.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::condition::Condition;
+use super::gains::Gains;
+use super::judged::Judged;
+use super::margins::Margins;
+use super::pair::Pair;
+use super::spread::Spread;
+use super::study::{Budget, Entry, Plant};
+use crate::error::Error;
+use crate::sealed::{self, Sealed};
+
+/// This version.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// What a pair of plant and controller came to, as far as it was computed.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Name of the plant.
+    pub plant: String,
+    /// Name of the controller.
+    pub controller: String,
+    /// The version of this package that computed it.
+    pub version: String,
+    /// Checksum of what the study says of the pair.
+    pub question: String,
+    /// Checksum of the descriptions of its units.
+    pub units: String,
+    /// Whether its loop ran as one unit; else as separate ones.
+    pub as_one: bool,
+    /// The gains that were found.
+    pub gains: Option<Gains>,
+    /// What it came to under each condition.
+    pub conditions: Option<BTreeMap<Condition, Judged>>,
+    /// What it bears.
+    pub margins: Option<Margins>,
+    /// What random plants came to.
+    pub spread: Option<Spread>,
+    /// Instructions of a step of the controller, where they were counted, which a league doesn't do itself.
+    #[serde(skip)]
+    pub instructions: Option<f64>,
+}
+
+/// A part of the work of a pair, in the order in which they are done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// The search of gains.
+    Gains,
+    /// The conditions.
+    Conditions,
+    /// The margins.
+    Margins,
+    /// The random plants.
+    Spread,
+}
+
+impl Stage {
+    /// All of them.
+    pub const ALL: [Stage; 4] = [Stage::Gains, Stage::Conditions, Stage::Margins, Stage::Spread];
+
+    /// In a word.
+    pub fn word(self) -> &'static str {
+        match self {
+            Stage::Gains => "gains",
+            Stage::Conditions => "conditions",
+            Stage::Margins => "margins",
+            Stage::Spread => "random plants",
+        }
+    }
+}
+
+impl Record {
+    /// Nothing is known of a pair yet.
+    pub fn new(pair: &Pair) -> Self {
+        let (plant, controller) = (pair.plant.name.clone(), pair.entry.name.clone());
+        let question = Record::question(pair.plant, pair.entry, &pair.budget);
+        let (version, units) = (VERSION.to_owned(), pair.checksum.clone());
+        Record { plant, controller, version, question, units, as_one: pair.is_one_unit(), ..Record::default() }
+    }
+
+    /// Checksum of what a study says of a pair.
+    pub fn question(plant: &Plant, entry: &Entry, budget: &Budget) -> String {
+        // Other controllers of the plant have no part in it.
+        let plant = Plant { controller: vec![entry.clone()], ..plant.clone() };
+        sealed::checksum(serde_json::to_string(&(&plant, budget)).unwrap_or_default())
+    }
+
+    /// Whether what is there and what is to be computed are of the same pair, by the same version.
+    pub fn goes_on_with(&self, earlier: &Record) -> bool {
+        let of = |record: &Record| (record.version.clone(), record.question.clone(), record.units.clone());
+        of(self) == of(earlier)
+    }
+
+    /// How many parts of the work are done; they are done in their order.
+    pub fn done(&self) -> usize {
+        let known = [self.gains.is_some(), self.conditions.is_some(), self.margins.is_some(), self.spread.is_some()];
+        known.iter().take_while(|known| **known).count()
+    }
+
+    /// What is to be done next.
+    pub fn next(&self) -> Option<Stage> {
+        Stage::ALL.get(self.done()).copied()
+    }
+
+    /// Writes it. An earlier file is replaced at once or not at all.
+    ///
+    /// # Errors
+    /// When it can't be written.
+    pub fn write(&self, file: &Path) -> Result<(), Error> {
+        let refuse = |error: serde_json::Error| Error::Loop { file: file.to_owned(), reason: error.to_string() };
+        sealed::write(file, serde_json::to_value(self).map_err(refuse)?)
+    }
+
+    /// Reads it.
+    ///
+    /// # Errors
+    /// When it can't be read, or was changed since it was written.
+    pub fn read(file: &Path) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
+        let Sealed { content, fits } = sealed::read(file, "result of a league")?;
+        if fits != Some(true) {
+            return Err(refuse(
+                "its content doesn't fit its checksum: it was changed; remove it to compute it anew".to_owned(),
+            ));
+        }
+        Record::deserialize::<Value>(content).map_err(|error| refuse(format!("can't be read: {error}")))
+    }
+}
+
+impl Pair<'_> {
+    /// Does the next part of the work; whether it was done, not interrupted.
+    ///
+    /// # Errors
+    /// When the study doesn't fit the loop.
+    pub fn go_on(&mut self, record: &mut Record, is_interrupted: &(dyn Fn() -> bool + Sync)) -> Result<bool, String> {
+        if let Some(gains) = &record.gains {
+            self.take_gains(&gains.values);
+        }
+        match record.next() {
+            None => return Ok(true),
+            Some(Stage::Gains) => record.gains = self.search(is_interrupted)?,
+            Some(Stage::Conditions) => record.conditions = self.conditions(is_interrupted)?,
+            Some(Stage::Margins) => {
+                let nominal = record.conditions.as_ref().and_then(|all| all.get(&Condition::Nominal));
+                let nominal = nominal.ok_or("no nominal run is known")?;
+                record.margins = self.margins(&nominal.outcome, is_interrupted)?;
+            }
+            Some(Stage::Spread) => record.spread = self.spread(is_interrupted)?,
+        }
+        Ok(!is_interrupted())
+    }
+
+    fn conditions(
+        &self,
+        is_interrupted: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<BTreeMap<Condition, Judged>>, String> {
+        let deviation = |condition: Condition| Ok((condition, self.condition(condition)?));
+        let all = Condition::of(self.plant).into_iter().map(deviation).collect::<Result<Vec<_>, String>>()?;
+        let workers = vec![(); crate::parallel::cores()];
+        let judged = crate::parallel::each(&workers, all.len(), |(), k| self.judged(&all[k].1, is_interrupted));
+        let done = all.iter().map(|(condition, _)| *condition).zip(judged).collect();
+        Ok((!is_interrupted()).then_some(done))
+    }
+}

@@ -1,0 +1,89 @@
+//! The units of loops: of this package, from their descriptions, or FMUs of other tools.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::error::Error;
+use crate::model::Description;
+use crate::sealed;
+use crate::simulation::{Component, Fmu, Hosting, LoadedLoop, Ready, Structure, Whole};
+use crate::system::Kind;
+
+/// Units, each opened once.
+#[derive(Debug)]
+pub struct Units {
+    ready: Ready,
+    hosting: Hosting,
+    archives: Mutex<HashMap<PathBuf, Arc<Fmu>>>,
+}
+
+impl Units {
+    /// None is opened yet. Where units of other tools run is for the caller to say.
+    ///
+    /// # Errors
+    /// When there is no library that this package's units are of.
+    pub fn new(hosting: Hosting) -> Result<Self, Error> {
+        Ok(Units { ready: Ready::new()?, hosting, archives: Mutex::default() })
+    }
+
+    /// The unit of a part of a loop.
+    pub(super) fn fmu(&self, structure: &Structure, unit: &Component) -> Result<Arc<Fmu>, Error> {
+        if unit.is_exported() {
+            return self.ready.fmu(&structure.description_of(&unit.fmu)?);
+        }
+        let path = unit.path_in(Path::new(""));
+        let mut archives = self.archives.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(fmu) = archives.get(&path) {
+            return Ok(Arc::clone(fmu));
+        }
+        let fmu = Arc::new(Fmu::open(&path, &self.hosting)?);
+        archives.insert(path, Arc::clone(&fmu));
+        Ok(fmu)
+    }
+
+    /// A loop that is to run, and whether it is one unit: a unit of another tool can't be a part of one, nor can one that is made of
+    /// parts itself.
+    pub(super) fn load(&self, structure: &Structure) -> Result<(LoadedLoop, bool), Error> {
+        if !self.can_be_one(structure)? {
+            return Ok((self.load_apart(structure)?, false));
+        }
+        let Whole { source, values, .. } = Whole::new(structure, self.ready.library())?;
+        Ok((LoadedLoop::whole(&structure.name, self.ready.fmu(&source)?, &values, Vec::new())?, true))
+    }
+
+    /// A loop as separate units.
+    pub(super) fn load_apart(&self, structure: &Structure) -> Result<LoadedLoop, Error> {
+        LoadedLoop::of(structure, |unit| self.fmu(structure, unit))
+    }
+
+    fn can_be_one(&self, structure: &Structure) -> Result<bool, Error> {
+        for unit in &structure.components {
+            if !unit.is_exported() {
+                return Ok(false);
+            }
+            let source = structure.description_of(&unit.fmu)?;
+            let wrong = |reason: crate::error::Invalid| Error::Description {
+                file: source.file.clone(),
+                reason: reason.to_string(),
+            };
+            if Description::read(&source.text).map_err(wrong)?.model == Kind::COMPOSITE.name {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Checksum of a loop's units, and of the values that it sets.
+    pub(super) fn checksum(&self, structure: &Structure) -> Result<String, Error> {
+        let mut text = String::new();
+        for unit in &structure.components {
+            if unit.is_exported() {
+                text += &structure.description_of(&unit.fmu)?.text;
+            } else {
+                text += &sealed::checksum_of_file(&unit.path_in(Path::new("")))?;
+            }
+        }
+        Ok(sealed::checksum(format!("{text}{:?}", structure.all_values())))
+    }
+}

@@ -1,0 +1,34 @@
+//! What the program does: exports, closes loops, tunes, checks, shows. The command line around it is a crate of its own.
+//!
+//! Its models stand in [`adaptive_fmu_models`], and what every model needs in [`adaptive_fmu_framework`]; their modules are
+//! here by their names, too.
+#![deny(missing_docs)]
+#![deny(unsafe_code)]
+
+mod base64;
+mod cache;
+pub mod distribution;
+#[allow(unsafe_code)]
+mod dynamic;
+pub mod explore;
+pub mod exporter;
+pub mod league;
+pub mod model_description;
+pub mod output;
+pub mod parallel;
+pub mod parquet;
+pub mod reproduction;
+pub mod schema;
+pub mod sealed;
+pub mod simulation;
+pub mod tuning;
+pub mod validation;
+
+pub use adaptive_fmu_framework::{
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, recording, report, scalar, structure, system,
+    text_file,
+};
+pub use adaptive_fmu_models::{catalogue, controllers, library, mathematics, plants, template, texts};
+
+/// Checksum of what the program is made of, beside its models.
+pub const SOURCE: &str = env!("ADAPTIVE_FMU_SOURCE");

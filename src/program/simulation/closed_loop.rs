@@ -1,0 +1,358 @@
+//! The master: units stepped together, outputs handed to inputs.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::fmu::{Instance, Messages};
+use super::loaded::Place;
+use super::port::Ports;
+use super::settling::Settling;
+use crate::error::Error;
+use crate::model_description::Affine;
+use crate::model_description::Variable;
+use crate::report::number;
+
+/// When units see each other's new outputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// One unit after the other: each takes the latest outputs, then steps.
+    GaussSeidel,
+    /// All take the outputs of the last communication point, then all step.
+    Jacobi,
+}
+
+impl fmt::Display for Order {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Order::GaussSeidel => "gauss-seidel",
+            Order::Jacobi => "jacobi",
+        })
+    }
+}
+
+impl FromStr for Order {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "gauss-seidel" => Ok(Order::GaussSeidel),
+            "jacobi" => Ok(Order::Jacobi),
+            _ => Err(format!("order = {text}: must be gauss-seidel or jacobi")),
+        }
+    }
+}
+
+/// How a loop is run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Start time, s.
+    pub start_time: f64,
+    /// Stop time, s.
+    pub stop_time: f64,
+    /// Communication step, s.
+    pub step: f64,
+    /// Order of the units.
+    pub order: Order,
+}
+
+/// The most messages of a unit that a recording keeps; of further ones, their number and the last.
+const MOST_MESSAGES: usize = 100;
+
+impl Settings {
+    /// The communication steps, from one time to the next: whole ones, and a shorter one at the end where they don't fill
+    /// the time.
+    pub(super) fn points(self) -> impl Iterator<Item = (f64, f64)> {
+        let Settings { start_time, stop_time, step, .. } = self;
+        let steps = ((stop_time - start_time) / step - 1e-6).ceil().max(0.0) as usize;
+        let time_of = move |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
+        (0..steps).map(move |k| (time_of(k), time_of(k + 1)))
+    }
+}
+
+/// A value that a Real variable gets while a loop runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// When, s.
+    pub at: f64,
+    /// Of which variable.
+    pub place: Place,
+    /// The value.
+    pub value: f64,
+}
+
+/// A unit with what it gives and takes.
+#[derive(Debug)]
+struct WiredUnit {
+    instance: Instance,
+    outputs: Ports,
+    inputs: Ports,
+    said: Said,
+}
+
+/// What came of a unit's messages.
+#[derive(Debug, Default)]
+pub(super) struct Said {
+    count: usize,
+    last: String,
+    /// What it told of calls that went well.
+    details: Vec<String>,
+}
+
+impl Said {
+    /// Adds messages to the warnings of a run: the first hundred of the unit.
+    pub fn keep(&mut self, unit: &str, messages: &Messages, warnings: &mut Vec<String>) {
+        for text in messages.iter() {
+            self.last = format!("{unit}: {text}");
+            if self.count < MOST_MESSAGES {
+                warnings.push(self.last.clone());
+            }
+            self.count += 1;
+        }
+        self.count += messages.count() - messages.iter().count();
+        self.details.extend(messages.details().iter().map(|text| format!("{unit}: {text}")));
+    }
+
+    /// Adds how many more there were, and the last, and what was told of calls that went well.
+    pub fn end(self, unit: &str, Recording { warnings, details, .. }: &mut Recording) {
+        details.extend(self.details);
+        if self.count > MOST_MESSAGES {
+            if self.count > MOST_MESSAGES + 1 {
+                warnings.push(format!("{unit}: {} more messages", self.count - MOST_MESSAGES - 1));
+            }
+            warnings.push(self.last);
+        }
+    }
+}
+
+/// A loop whose units are instantiated and connected.
+#[derive(Debug)]
+pub struct ClosedLoop {
+    units: Vec<WiredUnit>,
+    names: Vec<String>,
+    /// Units of measurement of the signals, in the order of their names.
+    measures: Vec<String>,
+    row: Vec<f64>,
+    notes: Vec<String>,
+    /// Whether values may go round without a delay.
+    circular: bool,
+}
+
+/// What was recorded at all communication points: all outputs, and what else was asked for.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Recording {
+    /// Names, `unit.variable`.
+    pub names: Vec<String>,
+    /// Unit of measurement of each; empty where none is told.
+    pub measures: Vec<String>,
+    /// Times, s.
+    pub times: Vec<f64>,
+    /// One column a name.
+    pub columns: Vec<Vec<f64>>,
+    /// What the loop may lack, and warnings of units.
+    pub warnings: Vec<String>,
+    /// What units told beside, where that is kept ([`keep_details`](super::keep_details)).
+    pub details: Vec<String>,
+}
+
+impl Recording {
+    /// The column of a signal.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        let place = self.names.iter().position(|known| known == name)?;
+        self.columns.get(place).map(Vec::as_slice)
+    }
+
+    /// The unit of measurement of a signal, where one is told.
+    pub fn measure(&self, name: &str) -> Option<&str> {
+        let place = self.names.iter().position(|known| known == name)?;
+        self.measures.get(place).map(String::as_str).filter(|unit| !unit.is_empty())
+    }
+
+    pub(super) fn push(&mut self, time: f64, row: &[f64]) {
+        self.times.push(time);
+        self.columns.iter_mut().zip(row).for_each(|(column, value)| column.push(*value));
+    }
+}
+
+impl ClosedLoop {
+    /// A loop without units.
+    pub(super) fn empty(notes: Vec<String>, circular: bool) -> Self {
+        let (units, names, measures, row) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        ClosedLoop { units, names, measures, row, notes, circular }
+    }
+
+    /// Adds a unit; what is recorded of it are the variables at some places, named by them with a prefix.
+    pub(super) fn add(&mut self, instance: Instance, prefix: &str, recorded: &[usize]) {
+        let mut outputs = Ports::default();
+        for place in recorded {
+            let variable = &instance.description().variables[*place];
+            outputs.add(variable, self.row.len(), Affine::IDENTITY);
+            self.row.push(0.0);
+            self.names.push(format!("{prefix}{}", variable.name));
+            self.measures.push(variable.unit.clone().unwrap_or_default());
+        }
+        self.units.push(WiredUnit { instance, outputs, inputs: Ports::default(), said: Said::default() });
+    }
+
+    /// Number of its signals.
+    pub(super) fn width(&self) -> usize {
+        self.row.len()
+    }
+
+    /// Hands the signal at a place of the row to an input of a unit.
+    pub(super) fn connect(&mut self, unit: usize, input: &Variable, place: usize, conversion: Affine) {
+        self.units[unit].inputs.add(input, place, conversion);
+    }
+
+    /// Names of its signals.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Runs the loop and keeps nothing of it: `watch` is told the time and all signals, in the order of their names, at every
+    /// communication point, and may end the run by answering false. Changes, in the order of their times, are set at the
+    /// first point that isn't before them.
+    ///
+    /// # Errors
+    /// When a unit fails.
+    pub fn watch(
+        mut self,
+        settings: Settings,
+        changes: &[Change],
+        mut watch: impl FnMut(f64, &[f64]) -> bool,
+    ) -> Result<(), Error> {
+        let mut told = Recording::default();
+        let result = self.run_into(&mut told, settings, changes, |_, time, row| watch(time, row));
+        self.free(&mut told, result)
+    }
+
+    /// Runs the loop. `progress` is told the time, and may end the run by answering false.
+    ///
+    /// # Errors
+    /// When a unit fails, together with what was recorded until then.
+    pub fn run(
+        mut self,
+        settings: Settings,
+        mut progress: impl FnMut(f64) -> bool,
+    ) -> Result<Recording, (Error, Box<Recording>)> {
+        let columns = vec![Vec::new(); self.names.len()];
+        let (names, measures, warnings) = (self.names.clone(), self.measures.clone(), self.notes.clone());
+        let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
+        let start = settings.start_time;
+        let result = self.run_into(&mut recording, settings, &[], |recording, time, row| {
+            recording.push(time, row);
+            time == start || progress(time)
+        });
+        match self.free(&mut recording, result) {
+            Ok(()) => Ok(recording),
+            Err(error) => Err((error, Box::new(recording))),
+        }
+    }
+
+    /// Frees all units, also after a failure. The first failure is told, further ones are warnings.
+    fn free(self, recording: &mut Recording, mut result: Result<(), Error>) -> Result<(), Error> {
+        for unit in self.units {
+            let WiredUnit { instance, mut said, .. } = unit;
+            let name = instance.name().to_owned();
+            said.keep(&name, &instance.messages(), &mut recording.warnings);
+            match instance.free() {
+                Ok(messages) => said.keep(&name, &messages, &mut recording.warnings),
+                Err(error) if result.is_ok() => result = Err(error),
+                Err(error) => recording.warnings.push(error.to_string()),
+            }
+            said.end(&name, recording);
+        }
+        result
+    }
+
+    /// `watch` is handed the recording too, of which this keeps the messages alone.
+    fn run_into(
+        &mut self,
+        recording: &mut Recording,
+        settings: Settings,
+        changes: &[Change],
+        mut watch: impl FnMut(&mut Recording, f64, &[f64]) -> bool,
+    ) -> Result<(), Error> {
+        let Settings { start_time, stop_time, order, .. } = settings;
+        recording.warnings.extend(self.initialise(start_time, stop_time)?);
+        let mut goes_on = watch(recording, start_time, &self.row);
+        let mut changes = changes.iter().peekable();
+        for (time, next) in settings.points() {
+            if !goes_on {
+                break;
+            }
+            while let Some(change) = changes.next_if(|change| change.at <= time) {
+                let Place { unit, variable } = change.place;
+                let instance = &self.units[unit].instance;
+                instance.set_real(&[instance.description().variables[variable].reference], &[change.value])?;
+            }
+            if order == Order::Jacobi {
+                self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
+            }
+            for unit in &mut self.units {
+                if order == Order::GaussSeidel {
+                    unit.take(&self.row)?;
+                }
+                unit.instance.do_step(time, next - time)?;
+                if order == Order::GaussSeidel {
+                    unit.give(&mut self.row)?;
+                }
+                let WiredUnit { instance, said, .. } = unit;
+                said.keep(instance.name(), &instance.messages(), &mut recording.warnings);
+            }
+            if order == Order::Jacobi {
+                self.units.iter_mut().try_for_each(|unit| unit.give(&mut self.row))?;
+            }
+            goes_on = watch(recording, next, &self.row);
+        }
+        self.units.iter().try_for_each(|unit| unit.instance.terminate())
+    }
+
+    /// Hands outputs on in Initialization Mode, as often as there are units: then every value has gone round. Values that
+    /// may go round without a delay settle further, if they do; else there is something to be told.
+    fn initialise(&mut self, start: f64, stop: f64) -> Result<Option<String>, Error> {
+        self.units.iter_mut().try_for_each(|unit| unit.instance.enter_initialization(start, stop))?;
+        (0..self.units.len()).try_for_each(|_| self.go_round())?;
+        let unsettled = if self.circular { self.settle()? } else { None };
+        self.units.iter().try_for_each(|unit| unit.instance.exit_initialization())?;
+        Ok(unsettled)
+    }
+
+    fn go_round(&mut self) -> Result<(), Error> {
+        self.units.iter_mut().try_for_each(|unit| {
+            unit.take(&self.row)?;
+            unit.give(&mut self.row)
+        })
+    }
+
+    /// Lets values go round until they stay. Where they don't, those of the first rounds are taken, and the signal that
+    /// changes most is told.
+    fn settle(&mut self) -> Result<Option<String>, Error> {
+        let first = self.row.clone();
+        let mut settling = Settling::new(&first);
+        while settling.goes_on() {
+            self.go_round()?;
+            if settling.next(&self.row) {
+                return Ok(None);
+            }
+        }
+        let (place, change) = settling.moves_most();
+        let (signal, change, rounds) = (&self.names[place], number(change), self.units.len());
+        let told = format!(
+            "initialisation: values that go round don't settle, `{signal}` still changed by {change} in round {}; the \
+             run begins with those of round {rounds}",
+            rounds + settling.rounds()
+        );
+        self.row = first;
+        self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
+        Ok(Some(told))
+    }
+}
+
+impl WiredUnit {
+    fn take(&mut self, row: &[f64]) -> Result<(), Error> {
+        self.inputs.take(&self.instance, row)
+    }
+
+    fn give(&mut self, row: &mut [f64]) -> Result<(), Error> {
+        self.outputs.give(&self.instance, row)
+    }
+}

@@ -1,0 +1,239 @@
+//! Equations of units that were built with this crate, compiled while they already run: made once by the C compiler that
+//! is found, kept in the user's cache folder, and handed to instances when they are there. The bits are the same before
+//! and after.
+
+use std::collections::HashMap;
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::thread;
+
+use sha2::{Digest, Sha256};
+
+use super::in_process::Binary;
+use crate::cache::Entry;
+use crate::dynamic::Library;
+use crate::fmi2::build::Build;
+use crate::fmi2::describe::read_kernel;
+use crate::fmi2::source::kernel::ENTRY;
+use crate::fmi2::types::Component;
+use crate::kernel::Kernel;
+
+/// The same bits as those of the generic equations ask for no fused operations. No kernel asks how a function failed.
+const OPTIONS: [&str; 8] =
+    ["-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-s"];
+
+/// Compiles as a process of lower priority, where there is `nice`.
+const SCRIPT: &str = r#"trap '' INT HUP
+source=$1 own=$2 file=$3; shift 3
+if command -v nice >/dev/null; then set -- nice -n 5 "$@"; fi
+"$@" -o "$own" "$source" -lm; code=$?
+if [ $code = 0 ]; then mv -f "$own" "$file"; code=$?; else rm -f "$own"; fi
+rm -f "$source"; exit $code"#;
+
+/// Why this process compiles nothing, where it can't.
+static TROUBLE: OnceLock<String> = OnceLock::new();
+
+/// What a library exports beside the functions of the standard.
+type Describe = unsafe extern "C" fn(*const c_char, Option<Reply>, *mut c_void) -> c_int;
+type Reply = unsafe extern "C" fn(*mut c_void, *const c_char);
+type Take = unsafe extern "C" fn(Component, *const Kernel) -> c_int;
+
+/// What is told where equations couldn't be compiled, with what to do.
+pub fn compiler_trouble() -> Option<&'static str> {
+    TROUBLE.get().map(String::as_str)
+}
+
+fn tell(trouble: &str, advice: &str) {
+    let _ = TROUBLE.set(format!(
+        "{trouble}: equations are evaluated as they are, which gives the same results and takes up to three times as long; \
+         {advice}, or turn compiling off by setting ADAPTIVE_FMU_CACHE to nothing"
+    ));
+}
+
+/// The function of a kernel's library. What it points to is read by the library that wrote the kernel's text alone: another
+/// version's is laid out otherwise.
+type Table = unsafe extern "C" fn() -> *const Kernel;
+
+/// A kernel that is loaded.
+#[derive(Debug)]
+pub(super) struct Loaded {
+    table: Table,
+    _library: Library,
+}
+
+/// Checksum of a library that was built with this crate.
+pub(super) type Checksum = [u8; 32];
+
+/// Of the library that these bytes are; none where it isn't of this crate. How it was built doesn't tell it: a user's own
+/// models change without that.
+pub(super) fn checksum(library: &[u8]) -> Option<Checksum> {
+    Build::within(library).map(|_| Sha256::digest(library).into())
+}
+
+/// A kernel that is there now, later or never.
+#[derive(Debug, Clone)]
+pub(super) struct Awaited(Arc<Sought>);
+
+#[derive(Debug)]
+struct Sought {
+    found: OnceLock<Option<Loaded>>,
+    /// What makes it, until that begins: a unit that never steps needs none.
+    work: Mutex<Option<Work>>,
+}
+
+impl Awaited {
+    /// The kernel of the unit with a description, in a library with this checksum.
+    pub fn of(binary: &Arc<Binary>, library: &Checksum, description: &Path) -> Option<Self> {
+        let text = fs::read_to_string(description).ok()?;
+        binary.symbol(TAKE)?;
+        let kept = kept(library, &text)?;
+        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(awaited) = known.get_or_insert_default().get(kept.file()) {
+            return Some(awaited.clone());
+        }
+        let sought = match load(kept.file()) {
+            Some(loaded) => Sought { found: OnceLock::from(Some(loaded)), work: Mutex::default() },
+            None => {
+                let work = Work { binary: Arc::clone(binary), text, kept: kept.clone() };
+                Sought { found: OnceLock::new(), work: Mutex::new(Some(work)) }
+            }
+        };
+        let awaited = Awaited(Arc::new(sought));
+        known.get_or_insert_default().insert(kept.file().to_owned(), awaited.clone());
+        Some(awaited)
+    }
+
+    /// How equations are evaluated as things stand.
+    pub fn told(&self) -> &'static str {
+        match self.0.found.get() {
+            Some(Some(_)) => "in this process, by compiled equations",
+            Some(None) => "in this process, by its equations as they are: they couldn't be compiled",
+            None => "in this process, by its equations as they are until they are compiled",
+        }
+    }
+
+    /// Hands it to an instance of the library, where it is there, and begins to make it where it isn't; whether there is
+    /// nothing more to wait for.
+    pub fn hand_to(&self, component: Component, binary: &Binary) -> bool {
+        let Some(found) = self.0.found.get() else {
+            self.begin();
+            return false;
+        };
+        if let (Some(loaded), Some(take)) = (found, binary.symbol(TAKE)) {
+            // SAFETY: a library of this crate gives the symbol this type, and this very one wrote the kernel's text. The
+            // instance is alive and in no other call; the kernel stays loaded until the process ends (`KNOWN`).
+            unsafe { std::mem::transmute::<unsafe extern "C" fn(), Take>(take)(component, (loaded.table)()) };
+        }
+        true
+    }
+
+    /// Begins to make it, if nothing has.
+    fn begin(&self) {
+        if let Some(work) = self.0.work.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            let awaited = self.clone();
+            // At once, not in turn: of a run that is shorter than a compiler all kernels are there for the next.
+            thread::spawn(move || awaited.0.found.set(make(&work)));
+        }
+    }
+}
+
+const TAKE: &str = "adaptive_fmu_take_kernel";
+const TEXT: &str = "adaptive_fmu_kernel_text";
+
+/// Kernels that this process knows, by the files that they are kept in.
+static KNOWN: Mutex<Option<HashMap<PathBuf, Awaited>>> = Mutex::new(None);
+
+/// Where a kernel is kept, by what its unit was made of and what compiles it.
+fn kept(library: &Checksum, description: &str) -> Option<Entry> {
+    Entry::of("kernel", &[library, description.as_bytes(), compiler().as_bytes(), OPTIONS.join(" ").as_bytes()])
+}
+
+fn compiler() -> String {
+    std::env::var("CC").ok().filter(|name| !name.is_empty()).unwrap_or_else(|| "cc".to_owned())
+}
+
+/// Loads a kernel from its file.
+fn load(file: &Path) -> Option<Loaded> {
+    // One that was cut off would be mapped all the same, and end this process: the table of its sections is its end.
+    object::File::parse(&*fs::read(file).ok()?).ok()?;
+    // SAFETY: the file was made by a compiler of this module's text, under the user's own folder, and put in its place whole.
+    // Its one symbol has this type.
+    unsafe {
+        let library = Library::new(file).ok()?;
+        Some(Loaded { table: *library.get::<Table>(ENTRY).ok()?, _library: library })
+    }
+}
+
+/// A kernel that is to be made.
+#[derive(Debug)]
+struct Work {
+    binary: Arc<Binary>,
+    text: String,
+    kept: Entry,
+}
+
+/// Writes, compiles and loads a kernel; nothing where any of that fails.
+fn make(work: &Work) -> Option<Loaded> {
+    if TROUBLE.get().is_some() {
+        return None;
+    }
+    let text = kernel_text(&work.binary, &work.text)?;
+    let own = work.kept.unfinished();
+    let source = own.with_extension("tmp.c");
+    fs::write(&source, text).ok()?;
+    let compiled = compile(&source, &own, work.kept.file());
+    // Gone already where a shell compiled it.
+    let _ = fs::remove_file(&source);
+    if compiled { load(work.kept.file()) } else { None }
+}
+
+/// Compiles a source, and puts the library in its place when it is whole. Where this process ends before the compiler, a
+/// shell does that: the next run finds the kernel. What is simulated comes first.
+fn compile(source: &Path, own: &Path, file: &Path) -> bool {
+    let compiler = compiler();
+    let mut command = if cfg!(unix) {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", SCRIPT, "sh"]).args([source, own, file]).arg(&compiler).args(OPTIONS);
+        shell
+    } else {
+        let mut command = Command::new(&compiler);
+        command.args(OPTIONS).arg("-o").arg(own).arg(source);
+        command
+    };
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    // A shell says so of a command that isn't there, or can't be run.
+    match command.status().map(|status| status.code()) {
+        Ok(Some(0)) => cfg!(unix) || fs::rename(own, file).is_ok(),
+        Err(_) | Ok(Some(126 | 127)) => {
+            tell(&format!("no C compiler: `{compiler}` isn't found"), "install one, or name one by CC");
+            false
+        }
+        Ok(Some(code)) => {
+            let advice = "see that it compiles a program with <math.h>, or name another by CC";
+            tell(&format!("the C compiler `{compiler}` fails (exit code {code})"), advice);
+            false
+        }
+        // It was killed.
+        Ok(None) => false,
+    }
+}
+
+/// The C of a unit's equations, as its library writes it.
+fn kernel_text(binary: &Binary, description: &str) -> Option<String> {
+    let (function, description) = (binary.symbol(TEXT)?, CString::new(description).ok()?);
+    let mut reply: Option<String> = None;
+    // SAFETY: a library of this crate gives the symbol this type; the text and the reply's place live longer than the call.
+    unsafe {
+        let function = std::mem::transmute::<unsafe extern "C" fn(), Describe>(function);
+        function(description.as_ptr(), Some(keep), std::ptr::from_mut(&mut reply).cast());
+    }
+    read_kernel(&reply?).ok()?.ok()
+}
+
+unsafe extern "C" fn keep(context: *mut c_void, text: *const c_char) {
+    // SAFETY: called by the library with the place that it was given, and a C string.
+    unsafe { *context.cast::<Option<String>>() = Some(CStr::from_ptr(text).to_string_lossy().into_owned()) };
+}

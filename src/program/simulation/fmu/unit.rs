@@ -1,0 +1,94 @@
+//! A unit's functions as a master calls them, wherever the unit runs.
+
+use std::ffi::c_int;
+use std::fmt;
+
+use super::messages::Messages;
+use crate::fmi2::calls::Function;
+use crate::fmi2::types::{EventInfo, Status};
+
+/// The functions' answers as numbers: another tool's unit may give any.
+pub(super) type Answer = c_int;
+pub(super) const OK: Answer = Status::Ok as c_int;
+pub(super) const WARNING: Answer = Status::Warning as c_int;
+pub(super) const DISCARD: Answer = Status::Discard as c_int;
+
+/// A call of a function, with what it takes and where its answer goes.
+#[derive(Debug)]
+pub(super) enum Call<'a> {
+    /// A function that takes the instance only.
+    Plain(Function),
+    SetupExperiment {
+        start: f64,
+        stop: f64,
+    },
+    GetReal(&'a [u32], &'a mut [f64]),
+    SetReal(&'a [u32], &'a [f64]),
+    /// Integers or Booleans.
+    GetWhole(Function, &'a [u32], &'a mut [i32]),
+    SetWhole(Function, &'a [u32], &'a [i32]),
+    SetString(u32, &'a str),
+    DoStep {
+        time: f64,
+        step: f64,
+    },
+    DirectionalDerivative {
+        unknowns: &'a [u32],
+        knowns: &'a [u32],
+        seed: &'a [f64],
+        result: &'a mut [f64],
+    },
+    /// States, derivatives, event indicators or nominal values.
+    GetNumbers(Function, &'a mut [f64]),
+    SetContinuousStates(&'a [f64]),
+    SetTime(f64),
+    NewDiscreteStates(&'a mut EventInfo),
+    /// Whether Event Mode, and whether the end of the simulation, is asked for.
+    CompletedIntegratorStep(&'a mut [i32; 2]),
+}
+
+impl Call<'_> {
+    /// The function that is called.
+    pub fn function(&self) -> Function {
+        match self {
+            Call::Plain(function)
+            | Call::GetWhole(function, ..)
+            | Call::SetWhole(function, ..)
+            | Call::GetNumbers(function, _) => *function,
+            Call::SetupExperiment { .. } => Function::SetupExperiment,
+            Call::GetReal(..) => Function::GetReal,
+            Call::SetReal(..) => Function::SetReal,
+            Call::SetString(..) => Function::SetString,
+            Call::DoStep { .. } => Function::DoStep,
+            Call::DirectionalDerivative { .. } => Function::GetDirectionalDerivative,
+            Call::SetContinuousStates(_) => Function::SetContinuousStates,
+            Call::SetTime(_) => Function::SetTime,
+            Call::NewDiscreteStates(_) => Function::NewDiscreteStates,
+            Call::CompletedIntegratorStep(_) => Function::CompletedIntegratorStep,
+        }
+    }
+}
+
+/// An instance of a unit, in this process or in one of its own.
+pub(super) trait RunningUnit: fmt::Debug {
+    /// Calls a function; the reason where there is no answer.
+    fn call(&self, call: Call<'_>) -> Result<Answer, String>;
+
+    /// What it logged or wrote since it was asked last.
+    fn messages(&self) -> Messages;
+
+    /// Frees the instance, once; the reason where that fails.
+    fn free(&mut self) -> Result<(), String>;
+}
+
+/// An event's information before a unit has given any.
+pub(super) fn no_event_info() -> EventInfo {
+    EventInfo {
+        new_discrete_states_needed: 0,
+        terminate_simulation: 0,
+        nominals_changed: 0,
+        values_changed: 0,
+        next_event_time_defined: 0,
+        next_event_time: 0.0,
+    }
+}

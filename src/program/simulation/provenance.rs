@@ -1,0 +1,115 @@
+//! How a run came to its numbers: enough to run it again, and to notice what has changed since.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::error::Error;
+use crate::sealed::{checksum_of_file, differences};
+use crate::{SOURCE, library};
+
+/// Number of the form in which results are written; it grows when the meaning of something in them changes.
+pub const FORMAT: u32 = 1;
+
+/// How a run came to its numbers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// What made it.
+    pub versions: Versions,
+    /// The loop as the user named it, and the checksum of its structure, parameter sets and descriptions.
+    pub source: Mark,
+    /// How it was run.
+    pub settings: Asked,
+    /// Its units by their names.
+    pub units: BTreeMap<String, UnitMark>,
+}
+
+/// Versions of what made results.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Versions {
+    /// The program's version.
+    pub program: String,
+    /// The checksum of the sources of its library.
+    pub sources: String,
+    /// The form of the results.
+    pub format: u32,
+}
+
+impl Versions {
+    /// Those of this program.
+    pub fn own() -> Self {
+        let (program, sources) = (env!("CARGO_PKG_VERSION").to_owned(), format!("{}-{SOURCE}", library::SOURCE));
+        Versions { program, sources, format: FORMAT }
+    }
+}
+
+/// A file, and the checksum of what it holds.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Mark {
+    /// Its name, as the user gave it.
+    pub name: PathBuf,
+    /// SHA-256.
+    pub checksum: String,
+}
+
+impl Mark {
+    /// Of a file as it is.
+    ///
+    /// # Errors
+    /// When it can't be read.
+    pub fn of(file: &Path) -> Result<Self, Error> {
+        Ok(Mark { name: file.to_owned(), checksum: checksum_of_file(file)? })
+    }
+}
+
+/// What the user asked for, with the loop's own settings where nothing was asked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Asked {
+    /// Start time, s.
+    pub start_time: f64,
+    /// Stop time, s.
+    pub stop_time: f64,
+    /// Communication step, s.
+    pub step: f64,
+    /// Order of the units; none where they are one.
+    pub order: Option<String>,
+    /// Whether the loop is run as one unit.
+    pub composite: bool,
+    /// Whether circles without a delay are run.
+    pub accept_algebraic_loops: bool,
+    /// Parameter sets, in the order in which they apply.
+    pub cases: Vec<Mark>,
+    /// Single values, `unit.variable=value`.
+    pub set: Vec<String>,
+    /// Folder of FMUs that are used as they are.
+    pub fmus: Option<PathBuf>,
+    /// Whether units of other tools run in the program's process.
+    pub in_process: bool,
+    /// Longest time that a call of another tool's unit may take, s.
+    pub patience: f64,
+}
+
+/// A unit in a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct UnitMark {
+    /// Name of its FMU.
+    pub fmu: String,
+    /// The FMU's GUID.
+    pub guid: String,
+    /// The archive of an FMU that was used as it is.
+    pub file: Option<Mark>,
+    /// Start values that differ from the FMU's own.
+    pub parameters: BTreeMap<String, Value>,
+    /// How it is integrated, of a unit of this package.
+    pub integration: BTreeMap<String, Value>,
+}
+
+impl Provenance {
+    /// What differs from an earlier run, in words.
+    pub fn differences(&self, earlier: &Self) -> Vec<String> {
+        let told = |it: &Self| serde_json::to_value(it).unwrap_or_default();
+        differences(&told(earlier), &told(self))
+    }
+}

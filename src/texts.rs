@@ -1,0 +1,40 @@
+//! Texts that stand at the top of this package, for a program that needs no files beside it: descriptions of FMUs, loops, what
+//! they recorded, the studies, licences.
+
+include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
+
+/// Files: name and text.
+pub type Embedded = &'static [(&'static str, &'static str)];
+
+/// The examples of the thesis, as a study.
+pub const THESIS: &str = include_str!("../examples/thesis.toml");
+
+/// Where an archive's reader begins.
+pub const START: &str = include_str!("../docs/start.txt");
+
+/// The licences, as they stand in FMUs: name and text.
+pub const LICENCES: Embedded = &[
+    ("license.txt", include_str!("../docs/license.txt")),
+    ("LICENSE-APACHE", include_str!("../LICENSE-APACHE")),
+    ("LICENSE-MIT", include_str!("../LICENSE-MIT")),
+];
+
+/// The descriptions of this package: name and text.
+pub fn descriptions() -> Embedded {
+    DESCRIPTIONS
+}
+
+/// The league of this package: its study, and the descriptions that it has of its own.
+pub fn league() -> Embedded {
+    LEAGUE
+}
+
+/// The closed loops of this package: name and files.
+pub fn loops() -> &'static [(&'static str, Embedded)] {
+    LOOPS
+}
+
+/// What one of these loops recorded when it was run, as few points a curve; none of a loop that ends in a failure.
+pub fn response(name: &str) -> Option<&'static str> {
+    RESPONSES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
