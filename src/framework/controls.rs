@@ -1,6 +1,6 @@
 //! The variables that every model has beside its own, and the memory of its simulation.
 
-use crate::integrator::{Driver, IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
+use crate::integrator::{Driver, ExplicitLimits, IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DiscreteHandle, Handle, IntegerOf, Memory, Parameter, Point, ScalarOf,
     Section, Span, Values, VectorOf, boolean, choice, integer, scalar, vector,
@@ -178,8 +178,9 @@ impl Controls {
             ("LAST_STEP", of(self.last_step)),
             ("COMPLETED", of(self.completed)),
             ("SUBSTEP", of(pace.substep)),
+            ("SUBSTEP_8", of(pace.substep_8)),
             ("OWN_SUBSTEP", of(pace.own_substep)),
-            // Five in a row.
+            // Seven in a row.
             ("LIMITS", of(pace.limits[0])),
             ("JACOBIAN_SIZE", of(pace.jacobian_size)),
             ("UNTIL_LOOK", of(pace.until_look)),
@@ -218,11 +219,13 @@ impl Controls {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PaceMemory {
     substep: ScalarOf<Memory>,
+    substep_8: ScalarOf<Memory>,
     own_substep: ScalarOf<Memory>,
     stiff: BooleanOf<Memory>,
     evidence: IntegerOf<Memory>,
-    /// Limits of the explicit method for stability and growth, of the stiff one; the mode that grows: rate, frequency.
-    limits: [ScalarOf<Memory>; 5],
+    /// Limits of the explicit methods, of order 5 and 8, for stability and growth, of the stiff one; the mode that grows:
+    /// rate, frequency.
+    limits: [ScalarOf<Memory>; 7],
     jacobian_size: ScalarOf<Memory>,
     until_look: ScalarOf<Memory>,
     interval: ScalarOf<Memory>,
@@ -232,10 +235,11 @@ impl PaceMemory {
     fn declare(d: &mut Declaration) -> Self {
         PaceMemory {
             substep: d.memory(scalar("#substep", "")),
+            substep_8: d.memory(scalar("#substep of order 8", "")),
             own_substep: d.memory(scalar("#own substep", "")),
             stiff: d.memory(boolean("#stiff", "")),
             evidence: d.memory(integer("#evidence", "")),
-            limits: ["#stable", "#explicit", "#stiff limit", "#growth", "#frequency"]
+            limits: ["#stable", "#growing", "#stable 8", "#growing 8", "#stiff limit", "#growth", "#frequency"]
                 .map(|name| d.memory(scalar(name, ""))),
             jacobian_size: d.memory(scalar("#Jacobian", "")),
             until_look: d.memory(scalar("#until look", "")),
@@ -244,13 +248,19 @@ impl PaceMemory {
     }
 
     pub(crate) fn read(self, v: &Values<f64>) -> Pace {
-        let [stable, explicit, stiff, growth, frequency] = self.limits.map(|limit| v[limit]);
+        let [stable, growing, stable_8, growing_8, stiff, growth, frequency] = self.limits.map(|limit| v[limit]);
         Pace {
             substep: v[self.substep],
+            substep_8: v[self.substep_8],
             own_substep: v[self.own_substep],
             stiff: v.get(self.stiff),
             evidence: v.get(self.evidence),
-            limits: Limits { stable, explicit, stiff, mode: Mode { growth, frequency } },
+            limits: Limits {
+                explicit: ExplicitLimits { stable, growing },
+                order_8: ExplicitLimits { stable: stable_8, growing: growing_8 },
+                stiff,
+                mode: Mode { growth, frequency },
+            },
             jacobian_size: v[self.jacobian_size],
             until_look: v[self.until_look],
             interval: v[self.interval],
@@ -264,11 +274,13 @@ impl PaceMemory {
 
     pub(crate) fn write(self, pace: Pace, v: &mut Point) {
         v[self.substep] = pace.substep;
+        v[self.substep_8] = pace.substep_8;
         v[self.own_substep] = pace.own_substep;
         v.put(self.stiff, pace.stiff);
         v.put(self.evidence, pace.evidence);
-        let Limits { stable, explicit, stiff, mode } = pace.limits;
-        let limits = [stable, explicit, stiff, mode.growth, mode.frequency];
+        let Limits { explicit, order_8, stiff, mode: Mode { growth, frequency } } = pace.limits;
+        let ExplicitLimits { stable, growing } = explicit;
+        let limits = [stable, growing, order_8.stable, order_8.growing, stiff, growth, frequency];
         self.limits.iter().zip(limits).for_each(|(&handle, limit)| v[handle] = limit);
         v[self.jacobian_size] = pace.jacobian_size;
         v[self.until_look] = pace.until_look;

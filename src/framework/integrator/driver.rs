@@ -204,12 +204,12 @@ impl Driver {
         let mut h = self.first_substep(pace, way, smallest);
         loop {
             let (estimate, state) = self.controlled(problem, h, settings, pace);
-            let suggested = pace.substep_of(self.methods.by_itself());
+            let suggested = self.methods.suggested(pace);
             if estimate.scaled <= 1.0 {
                 let whole = h == way;
                 // A substep that was cut short says nothing about how long the next may be, unless it was the limit.
-                if *suggested == 0.0 || h >= *suggested {
-                    *suggested = h * growth(estimate.scaled, estimate.order);
+                if suggested == 0.0 || h >= suggested {
+                    self.methods.suggest(h * growth(estimate.scaled, estimate.order), pace);
                 }
                 if settings.method == IntegrationMethod::Automatic {
                     self.methods.judge((h, whole), pace);
@@ -228,7 +228,7 @@ impl Driver {
                 h = self.first_substep(pace, way, smallest);
                 continue;
             }
-            *suggested = h;
+            self.methods.suggest(h, pace);
             if h <= smallest {
                 let (variable, value) = (state_name(problem, state), self.start.states[state]);
                 let tolerance = settings.relative_tolerance;
@@ -240,7 +240,7 @@ impl Driver {
     /// The substep to try first: the one that is suggested, where there is so long a way to go, and what eigenvalues
     /// allow.
     fn first_substep(&self, pace: &mut Pace, way: f64, smallest: f64) -> f64 {
-        let suggested = *pace.substep_of(self.methods.by_itself());
+        let suggested = self.methods.suggested(pace);
         let longest = self.methods.longest(pace).max(smallest);
         let h = if suggested > 0.0 { suggested.min(longest) } else { longest };
         if h * STRETCH < way { h } else { way }

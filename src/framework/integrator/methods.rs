@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use super::chosen::{Choices, Chosen, Integrates};
+use super::dop853::Dop853;
 use super::dormand_prince::DormandPrince;
 use super::own_step::OwnStep;
 use super::rosenbrock::Rosenbrock;
-use super::stability::{Limits, Mode};
+use super::stability::{ExplicitLimits, Limits, Mode};
 use super::watch::Watch;
 use super::work::Work;
 use super::{OneStepMethod, Problem, Sparsity, Start};
@@ -27,7 +28,7 @@ const PATIENCE: i32 = 4;
 pub enum IntegrationMethod {
     /// The system's own step, where it has one; else the explicit one, and the stiff one while that takes less work.
     Automatic,
-    /// Dormand and Prince's.
+    /// Dormand and Prince's, of order 5.
     Explicit,
     /// Rosenbrock's.
     Stiff,
@@ -41,8 +42,8 @@ impl Choice for IntegrationMethod {
         (
             Self::Automatic,
             "automatic",
-            "the closed-form step of an adaptive law where there is one; else explicit, and stiff while the explicit \
-             method would need many more steps",
+            "the closed-form step of an adaptive law where there is one; else explicit, of order 5 or 8 by what takes \
+             less work, and stiff while the explicit methods would need many more steps",
         ),
         (
             Self::Explicit,
@@ -74,6 +75,8 @@ impl IntegrationMethod {
 pub struct Pace {
     /// The substep to begin with, of a general method; 0 where none is known yet.
     pub substep: f64,
+    /// The same of the explicit method of order 8.
+    pub substep_8: f64,
     /// The same of the system's own step.
     pub own_substep: f64,
     /// Whether the stiff method is in force.
@@ -90,13 +93,14 @@ pub struct Pace {
     pub interval: f64,
 }
 
-impl Pace {
-    /// The substep of the system's own step, or of a general method.
-    pub fn substep_of(&mut self, own: bool) -> &mut f64 {
-        if own { &mut self.own_substep } else { &mut self.substep }
-    }
-}
-
+/// The explicit method of order 8 is taken where it gets along with this part of the work of that of order 5.
+const PAYS: f64 = 0.8;
+/// Before it was tried, its substeps are taken to be so many times as long.
+const TIMES_AS_LONG: f64 = 2.0;
+/// What error control suggests to one explicit method is expected of the other as well, and so much more each time; the two
+/// are at most so many times apart.
+const EXPECTED: f64 = 1.02;
+const APART: f64 = 8.0;
 /// How much longer the system's own step is expected to be in each communication step in which it isn't tried.
 const HOPE: f64 = 1.2;
 
@@ -105,13 +109,17 @@ const HOPE: f64 = 1.2;
 /// A system's own step is taken where it pays, and given up for the rest of a communication step where it finds itself
 /// impossible, or would have to be so short that it doesn't pay.
 ///
-/// Between general methods the eigenvalues of the exact Jacobian choose, and work. A substep of the explicit method
+/// There are two explicit methods, of order 5 and 8, and any substep may go by either: the one that is expected to come to
+/// where it has to end with less work, by the substeps that error control and the eigenvalues allow each.
+///
+/// Between general methods the eigenvalues of the exact Jacobian choose, and work. A substep of an explicit method
 /// speaks for the stiff one where its stability limits it, for one mode or another that is damped, and the stiff method
 /// need not follow a mode that isn't. One that goes the whole way can't be beaten. A substep of the stiff method speaks
 /// for the explicit one where that would take less work within its own limits. The stiff method is tried when the
 /// explicit one has worked as long as a trial takes, so that a trial never costs more than what it may save.
 pub struct Methods {
     explicit: DormandPrince,
+    order_8: Dop853,
     stiff: Option<Box<Rosenbrock>>,
     own: Option<OwnStep>,
     watch: Option<Watch>,
@@ -122,6 +130,8 @@ pub struct Methods {
     /// Both are decided anew in each.
     by_itself: bool,
     given_up: bool,
+    /// Whether an explicit substep goes by the method of order 8. Decided anew in each.
+    by_order_8: bool,
     work: Work,
     /// What looks at eigenvalues are weighed against.
     typical: Work,
@@ -142,6 +152,7 @@ impl Methods {
         let relative_work = (typical.stiff + typical.jacobian) / typical.explicit;
         Methods {
             explicit: DormandPrince::new(variables),
+            order_8: Dop853::new(states),
             stiff,
             own,
             watch: Watch::new(states),
@@ -150,6 +161,7 @@ impl Methods {
             nominals,
             by_itself: false,
             given_up: false,
+            by_order_8: false,
             work,
             relative_work,
             trial: (relative_work * f64::from(EVIDENCE)) as i32,
@@ -211,21 +223,55 @@ impl Methods {
         match (&mut self.own, &mut self.stiff) {
             (Some(own), _) if self.by_itself => own,
             (_, Some(stiff)) if pace.stiff => stiff.as_mut(),
+            _ if self.by_order_8 => &mut self.order_8,
             _ => &mut self.explicit,
         }
     }
 
+    /// The substep that is suggested to the method in force; 0 where none is known yet.
+    pub fn suggested(&self, pace: &Pace) -> f64 {
+        match () {
+            () if self.by_itself => pace.own_substep,
+            () if self.by_order_8 && !pace.stiff => pace.substep_8,
+            () => pace.substep,
+        }
+    }
+
+    /// Suggests a substep to the method in force. What the solution asks of one explicit method, it asks of the other.
+    pub fn suggest(&self, h: f64, pace: &mut Pace) {
+        if self.by_itself {
+            pace.own_substep = h;
+            return;
+        }
+        let by_8 = self.by_order_8 && !pace.stiff;
+        let (suggested, other) =
+            if by_8 { (&mut pace.substep_8, &mut pace.substep) } else { (&mut pace.substep, &mut pace.substep_8) };
+        if *suggested > 0.0 && *other > 0.0 {
+            *other = (EXPECTED * *other * (h / *suggested)).clamp(h / APART, h * APART);
+        }
+        *suggested = h;
+    }
+
     /// The longest substep that the eigenvalues allow the method in force, s.
     pub fn longest(&self, pace: &Pace) -> f64 {
-        let limit = if self.by_itself { 0.0 } else { pace.limits.of_method(pace.stiff) };
+        let limit = match () {
+            () if self.by_itself => 0.0,
+            () if pace.stiff => pace.limits.stiff,
+            () => self.explicit_limits(pace).both(),
+        };
         if limit > 0.0 { limit.recip() } else { f64::INFINITY }
+    }
+
+    /// What eigenvalues allow the explicit method in force.
+    fn explicit_limits(&self, pace: &Pace) -> ExplicitLimits {
+        if self.by_order_8 { pace.limits.order_8 } else { pace.limits.explicit }
     }
 
     /// The mode whose growth limits the method in force, if one does.
     pub fn followed(&self, pace: &Pace) -> Option<Mode> {
-        let Limits { stable, explicit, stiff, mode } = pace.limits;
-        let limited = if pace.stiff { stiff > 0.0 } else { explicit > stable };
-        (limited && !self.by_itself).then_some(mode)
+        let explicit = self.explicit_limits(pace);
+        let limited = if pace.stiff { pace.limits.stiff > 0.0 } else { explicit.growing > explicit.stable };
+        (limited && !self.by_itself).then_some(pace.limits.mode)
     }
 
     /// Work of an evaluation.
@@ -235,12 +281,20 @@ impl Methods {
 
     /// The same as counted until the next look at eigenvalues.
     pub fn typical_work(&self, pace: &Pace) -> f64 {
-        if self.by_itself || pace.stiff { self.typical.stiff + self.typical.jacobian } else { self.typical.explicit }
+        match () {
+            () if self.by_itself || pace.stiff => self.typical.stiff + self.typical.jacobian,
+            () if self.by_order_8 => self.typical.order_8,
+            () => self.typical.explicit,
+        }
     }
 
     /// Work of an attempt by the method in force; that of a system's own counts as a stiff one's.
     pub fn work(&self, pace: &Pace) -> f64 {
-        if self.by_itself || pace.stiff { self.work.stiff } else { self.work.explicit }
+        match () {
+            () if self.by_itself || pace.stiff => self.work.stiff,
+            () if self.by_order_8 => self.work.order_8,
+            () => self.work.explicit,
+        }
     }
 
     /// Decides by which method the substep goes that begins where the problem stands, with so long a way to go and this
@@ -272,7 +326,23 @@ impl Methods {
                 result => return result,
             }
         }
-        Ok(self.begin_explicit(problem, start, way, pace))
+        let work = self.begin_explicit(problem, start, way, pace);
+        self.by_order_8 = asked == IntegrationMethod::Automatic && self.order_8_pays(way, pace);
+        if self.by_order_8 && pace.substep_8 == 0.0 {
+            pace.substep_8 = TIMES_AS_LONG * pace.substep;
+        }
+        Ok(work)
+    }
+
+    /// Whether the explicit method of order 8 is expected to go so far with less work than that of order 5.
+    fn order_8_pays(&self, way: f64, pace: &Pace) -> bool {
+        let substeps = |limits: ExplicitLimits, suggested: f64| {
+            let most = if suggested > 0.0 { limits.both().max(suggested.recip()) } else { limits.both() };
+            (way * most).ceil().max(1.0)
+        };
+        let suggested = if pace.substep_8 > 0.0 { pace.substep_8 } else { TIMES_AS_LONG * pace.substep };
+        let work = self.typical.order_8 * substeps(pace.limits.order_8, suggested);
+        work < PAYS * self.typical.explicit * substeps(pace.limits.explicit, pace.substep)
     }
 
     /// Prepares a substep of the stiff method.
@@ -328,12 +398,15 @@ impl Methods {
         if self.watch.is_none() || self.by_itself {
             return;
         }
-        let (explicit, stiff) = (pace.limits.of_method(false), pace.limits.of_method(true));
+        let (stable, stiff) = (self.explicit_limits(pace).stable, pace.limits.stiff);
+        // In substeps of order 5 that take as much work as those of order 8, where these pay.
+        let of_8 = pace.limits.order_8.both() * (self.typical.order_8 / (PAYS * self.typical.explicit));
+        let explicit = pace.limits.explicit.both().min(of_8);
         let against = if pace.stiff {
             // Half the work: a system at the border stays with what it has.
             h * explicit < 0.5 * self.relative_work
         } else {
-            !whole && h * pace.limits.stable > LIMITED && stiff * self.relative_work < explicit
+            !whole && h * stable > LIMITED && stiff * self.relative_work < explicit
         };
         if against {
             pace.evidence += 1;

@@ -49,6 +49,7 @@
 //! the explicit method. `benches/adaptation` measures single steps.
 
 mod chosen;
+mod dop853;
 mod dormand_prince;
 mod driver;
 mod elimination;
@@ -74,7 +75,7 @@ pub(crate) use driver::check_divergence;
 pub(crate) use elimination::{LOST, Pattern};
 pub use methods::{IntegrationMethod, Pace};
 pub use sparsity::Sparsity;
-pub use stability::{Limits, Mode};
+pub use stability::{ExplicitLimits, Limits, Mode};
 pub use work::Work;
 
 use crate::error::Invalid;

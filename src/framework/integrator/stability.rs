@@ -11,7 +11,7 @@
 use nalgebra::Complex;
 
 use super::spectrum::Spectrum;
-use super::{dormand_prince, rosenbrock};
+use super::{dop853, dormand_prince, rosenbrock};
 use crate::error::Number;
 
 /// Growth of a mode is followed with an error of this part of its rate.
@@ -29,14 +29,18 @@ const HARDLY_DAMPED: f64 = 1e-6;
 /// The explicit method's substep stays at this part of its limit of stability. At the limit, errors of the tolerance's
 /// size stay for ever.
 const STABLE_PART: f64 = 0.8;
-/// Stability along a ray is looked for from λh of this magnitude, in such steps, up to the farthest point.
-const RAY: (f64, f64, f64) = (0.4, 0.1, 3.8);
+/// Stability along a ray is looked for from λh of this magnitude, in such steps, up to the farthest point: of order 5, and 8.
+const RAY_5: (f64, f64, f64) = (0.4, 0.1, 3.8);
+const RAY_8: (f64, f64, f64) = (5.6, 0.2, 7.0);
 /// Magnitude of λh from which the search for a resolved substep goes down, and where it ends.
 const RESOLVED: (f64, f64) = (8.0, 1e-3);
 /// Factor from one trial of that search to the next.
 const TRIAL: f64 = 0.85;
 /// So many shorter substeps in a row must be resolved too: the error may pass zero at one of them.
 const IN_A_ROW: usize = 3;
+
+/// What one substep multiplies the solution of x' = λ x by, for λh.
+type Stability = fn(Complex<f64>) -> Complex<f64>;
 
 /// A pair of eigenvalues, or a real one.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -58,14 +62,38 @@ impl Mode {
     }
 }
 
+/// What eigenvalues allow an explicit method, as the reciprocals of substeps, 1/s; 0 where they set no limit.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ExplicitLimits {
+    /// That what decays does.
+    pub stable: f64,
+    /// That what grows does so at its rate.
+    pub growing: f64,
+}
+
+impl ExplicitLimits {
+    /// Keeps a damped mode stable by a method with this stability function, where it isn't yet.
+    fn keep_stable(&mut self, value: Complex<f64>, (stability, ray): (Stability, (f64, f64, f64))) {
+        let size = value.norm();
+        if self.stable * (STABLE_PART * ray.0) < size {
+            self.stable = self.stable.max(size / (STABLE_PART * stable_way(stability, ray, value / size)));
+        }
+    }
+
+    /// The limit, as the reciprocal of its substep, 1/s.
+    pub fn both(&self) -> f64 {
+        self.stable.max(self.growing)
+    }
+}
+
 /// What eigenvalues allow, as the reciprocals of substeps, 1/s; 0 where they set no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Limits {
-    /// For the explicit method, that what decays does.
-    pub stable: f64,
-    /// For the explicit method, that what grows does so at its rate.
-    pub explicit: f64,
-    /// The same for the stiff one.
+    /// The explicit method.
+    pub explicit: ExplicitLimits,
+    /// That of order 8.
+    pub order_8: ExplicitLimits,
+    /// The stiff one, that what grows does so at its rate.
     pub stiff: f64,
     /// The mode that sets the limit of growth.
     pub mode: Mode,
@@ -82,9 +110,9 @@ impl Limits {
     pub fn with_damped(spectrum: &Spectrum) -> (Self, Mode) {
         let (mut limits, mut damped) = (Limits::default(), Mode::default());
         for (value, noise) in spectrum.values().filter(|(value, _)| value.im >= 0.0) {
-            let before = limits.stable;
+            let before = limits.explicit.stable;
             limits.add(value, noise);
-            if limits.stable > before {
+            if limits.explicit.stable > before {
                 damped = Mode { growth: value.re, frequency: value.im };
             }
         }
@@ -98,13 +126,16 @@ impl Limits {
             // Whatever it is, it may grow as fast as that.
             return self.follow(noise / GROWTH_IN_A_SUBSTEP, value);
         }
-        if growth <= 0.0 && self.stable * RAY.0 < size {
-            self.stable = self.stable.max(size / (STABLE_PART * stable_way(value / size)));
+        if growth <= 0.0 {
+            self.explicit.keep_stable(value, (dormand_prince::stability, RAY_5));
+            self.order_8.keep_stable(value, (dop853::stability, RAY_8));
         }
         let stiff = |allowed| size / resolved_way(rosenbrock::stability, value / size, allowed);
         if growth > (LEAST_GROWTH * size).max(noise) {
             let allowed = GROWTH_ACCURACY * growth / size;
-            self.explicit = self.explicit.max(size / resolved_way(dormand_prince::stability, value / size, allowed));
+            let explicit = |stability| size / resolved_way(stability, value / size, allowed);
+            self.explicit.growing = self.explicit.growing.max(explicit(dormand_prince::stability));
+            self.order_8.growing = self.order_8.growing.max(explicit(dop853::stability));
             self.follow(stiff(allowed), value);
         } else if growth > -(HARDLY_DAMPED * size).max(noise) {
             self.follow(stiff(HARDLY_DAMPED), value);
@@ -125,17 +156,11 @@ impl Limits {
             (self.stiff, self.mode) = (FORGOTTEN * before.stiff, before.mode);
         }
     }
-
-    /// The limit of a method, as the reciprocal of its substep, 1/s.
-    pub fn of_method(&self, stiff: bool) -> f64 {
-        if stiff { self.stiff } else { self.stable.max(self.explicit) }
-    }
 }
 
-/// How far the explicit method is stable in a direction of the complex plane.
-fn stable_way(direction: Complex<f64>) -> f64 {
-    let stable = |way: f64| dormand_prince::stability(direction * way).norm() <= 1.0 + 1e-9;
-    let (mut low, step, far) = RAY;
+/// How far an explicit method is stable in a direction of the complex plane.
+fn stable_way(stability: Stability, (mut low, step, far): (f64, f64, f64), direction: Complex<f64>) -> f64 {
+    let stable = |way: f64| stability(direction * way).norm() <= 1.0 + 1e-9;
     while low < far && stable(low + step) {
         low += step;
     }
@@ -149,7 +174,7 @@ fn stable_way(direction: Complex<f64>) -> f64 {
 
 /// How far a method goes in a direction of the complex plane with a growth rate whose error is at most `allowed`, all
 /// in units of |λ|.
-fn resolved_way(stability: fn(Complex<f64>) -> Complex<f64>, direction: Complex<f64>, allowed: f64) -> f64 {
+fn resolved_way(stability: Stability, direction: Complex<f64>, allowed: f64) -> f64 {
     let (far, least) = RESOLVED;
     let mut way = if direction.re > 0.0 { far.min(GROWTH_IN_A_SUBSTEP / direction.re) } else { far };
     let (mut found, mut in_a_row) = (least, 0);
@@ -173,7 +198,7 @@ mod tests {
     use super::*;
 
     /// Growth rate of a method at substeps of length h, 1/s.
-    fn growth(stability: fn(Complex<f64>) -> Complex<f64>, value: Complex<f64>, h: f64) -> f64 {
+    fn growth(stability: Stability, value: Complex<f64>, h: f64) -> f64 {
         stability(value * h).norm().ln() / h
     }
 
@@ -213,10 +238,12 @@ mod tests {
                 }
                 let limits = limits(&[(growth_rate, frequency), (-1e7, 0.0)]);
                 let value = Complex::new(growth_rate, frequency);
-                let methods = [(dormand_prince::stability as fn(_) -> _, limits.explicit)];
-                for (stability, limit) in
-                    methods.into_iter().chain([(rosenbrock::stability as fn(_) -> _, limits.stiff)])
-                {
+                let methods: [(Stability, f64); 3] = [
+                    (dormand_prince::stability, limits.explicit.growing),
+                    (dop853::stability, limits.order_8.growing),
+                    (rosenbrock::stability, limits.stiff),
+                ];
+                for (stability, limit) in methods {
                     for part in [1.0, 0.9, 0.7, 0.5, 0.2] {
                         let off = growth(stability, value, part / limit) / growth_rate - 1.0;
                         assert!(off.abs() < 1.5e-2, "{growth_rate}, {frequency}: off by {off:e} at {part}");
@@ -229,17 +256,19 @@ mod tests {
     #[test]
     fn what_is_damped_sets_the_stiff_method_no_limit_and_the_explicit_one_that_of_stability() {
         let of = limits(&[(-40.0, 1.2e4), (-3e6, 0.0), (-1.0, 2.0)]);
-        assert_eq!([of.stiff, of.explicit], [0.0, 0.0]);
-        assert!((3e6 / 3.31 / STABLE_PART..3e6 / 3.2 / STABLE_PART).contains(&of.stable), "{of:?}");
-        // Along the imaginary axis the method is stable up to about 1.
+        assert_eq!([of.stiff, of.explicit.growing, of.order_8.growing], [0.0; 3]);
+        assert!((3e6 / 3.31 / STABLE_PART..3e6 / 3.2 / STABLE_PART).contains(&of.explicit.stable), "{of:?}");
+        assert!((3e6 / 6.4 / STABLE_PART..3e6 / 6.3 / STABLE_PART).contains(&of.order_8.stable), "{of:?}");
+        // Along the imaginary axis the method is stable up to about 1, that of order 8 up to about 6.
         let fast = limits(&[(-31.0, 4e4)]);
-        assert!((4e4 / 1.5..4e4 / 0.6).contains(&fast.stable), "{fast:?}");
+        assert!((4e4 / 1.5..4e4 / 0.6).contains(&fast.explicit.stable), "{fast:?}");
+        assert!((4e4 / 5.0..4e4 / 4.7).contains(&fast.order_8.stable), "{fast:?}");
     }
 
     #[test]
     fn an_undamped_mode_is_followed_by_the_stiff_method() {
         let of = limits(&[(0.0, 2e3), (-1e6, 0.0)]);
-        assert!(of.stiff > 2e3 && of.explicit == 0.0, "{of:?}");
+        assert!(of.stiff > 2e3 && of.explicit.growing == 0.0, "{of:?}");
         assert_eq!(of.mode.frequency, 2e3);
         // Zero is no mode: an integrator neither grows nor oscillates.
         assert_eq!(limits(&[(0.0, 0.0), (-1.0, 0.0)]).stiff, 0.0);

@@ -52,7 +52,7 @@ impl Watch {
     pub fn look_for_explicit(&mut self, jacobian: &Jacobian, way: f64, pace: &mut Pace) {
         self.look(jacobian, pace);
         let work = self.work[0] + self.work[1];
-        let far = way * pace.limits.of_method(false) * FAR < 1.0;
+        let far = way * pace.limits.explicit.both() * FAR < 1.0;
         pace.until_look = EXPLICIT_WORK * work * if far { PATIENCE } else { 1.0 };
     }
 
@@ -69,7 +69,7 @@ impl Watch {
         pace.jacobian_size = size;
         // Growth that has to be followed may come and go: it is looked for in each substep, then ever more rarely.
         let most = STIFF_WORK * self.work[0];
-        let follows = pace.limits.of_method(true) * way > 1.0;
+        let follows = pace.limits.stiff * way > 1.0;
         pace.interval = if follows { 0.0 } else { (2.0 * pace.interval).clamp(LEAST_INTERVAL * most, most) };
         pace.until_look = pace.interval;
         true
@@ -83,7 +83,7 @@ impl Watch {
 
     /// The damped mode that holds the explicit method to the shortest substeps, and these, s, where one does.
     pub fn holds(&self, pace: &Pace) -> Option<(Mode, f64)> {
-        let stable = pace.limits.stable;
+        let stable = pace.limits.explicit.stable;
         (stable > 0.0 && self.damped != Mode::default()).then(|| (self.damped, stable.recip()))
     }
 

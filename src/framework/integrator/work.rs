@@ -20,6 +20,8 @@ pub struct Work {
     pub evaluation: f64,
     /// A substep of the explicit method that is tried.
     pub explicit: f64,
+    /// The same of the one of order 8.
+    pub order_8: f64,
     /// A substep of the stiff method that is tried, its Jacobian apart.
     pub stiff: f64,
     /// The exact Jacobian.
@@ -45,6 +47,7 @@ impl Work {
         Work {
             evaluation,
             explicit: 7.0 * evaluation + 50.0 * n,
+            order_8: 12.0 * evaluation + 90.0 * n,
             stiff: 9.0 * evaluation + 2.0 / 3.0 * n.powi(3) + 16.0 * n.powi(2) + 80.0 * n,
             jacobian: (n + 1.0) * DUAL * evaluation,
             eigenvalues: 20.0 * n.powi(3) + 100.0 * n,

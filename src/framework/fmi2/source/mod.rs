@@ -34,8 +34,8 @@ macro_rules! runtime {
 runtime!(
     "access.c" "all.c" "calls.c" "choice.c" "chosen.c" "derivatives.c" "digits.c" "driver.c" "elimination.c" "events.c"
     "exchange.c" "exchange_calls.c" "execution.c" "explicit.c" "failures.c" "fixed.c" "fmi2.c" "fmi2.h"
-    "indicators.c" "instance.h" "law.c" "law.h" "memory.c" "numbers.h" "problem.c" "problem.h" "real.h" "runtime.h"
-    "spectrum.c" "stability.c" "states.c" "stepping.c" "stiff.c" "text.c" "text.h"
+    "indicators.c" "instance.h" "law.c" "law.h" "memory.c" "numbers.h" "order_8.c" "problem.c" "problem.h" "real.h"
+    "runtime.h" "spectrum.c" "stability.c" "states.c" "stepping.c" "stiff.c" "text.c" "text.h"
 );
 
 /// A source file: its name and its text.

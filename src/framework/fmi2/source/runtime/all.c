@@ -18,6 +18,7 @@
 
 #include "problem.c"
 #include "explicit.c"
+#include "order_8.c"
 #include "elimination.c"
 #include "spectrum.c"
 #include "stiff.c"

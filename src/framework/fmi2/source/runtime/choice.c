@@ -6,6 +6,9 @@
  * take less work within its own limits. The stiff method is tried when the explicit one has worked as long as a trial
  * takes, so that a trial never costs more than what it may save.
  *
+ * There are two explicit methods, of order 5 and 8, and any substep may go by either: the one that is expected to come to
+ * where it has to end with less work, by the substeps that error control and the eigenvalues allow each.
+ *
  * Eigenvalues are looked at now and then. How often depends on work alone, so that a restored instance looks at the same
  * substeps. The stiff method has the Jacobian anyway, takes long substeps, and is the one that could pass over growth or a
  * pole, so it looks more often. */
@@ -18,10 +21,29 @@
 #define STATES ((real)UNIT_STATES)
 /* Of a substep that is tried by either method, of a Jacobian (over dual numbers), and of its eigenvalues. */
 #define EXPLICIT_WORK(evaluation) (R(7.0) * (evaluation) + R(50.0) * STATES)
+#define ORDER_8_WORK(evaluation) (R(12.0) * (evaluation) + R(90.0) * STATES)
 #define STIFF_WORK(evaluation)                                                                                              \
     (R(9.0) * (evaluation) + R(2.0) / R(3.0) * (STATES * STATES * STATES) + R(16.0) * (STATES * STATES) + R(80.0) * STATES)
 #define JACOBIAN_WORK(evaluation) ((STATES + R(1.0)) * R(2.5) * (evaluation))
 #define EIGENVALUES_WORK (R(20.0) * (STATES * STATES * STATES) + R(100.0) * STATES)
+
+/* The explicit method of order 8 is taken where it gets along with this part of the work of that of order 5. */
+#define PAYS R(0.8)
+/* Before it was tried, its substeps are taken to be so many times as long. */
+#define TIMES_AS_LONG R(2.0)
+/* What error control suggests to one explicit method is expected of the other as well, and so much more each time; the two are
+ * at most so many times apart. */
+#define EXPECTED R(1.02)
+#define APART R(8.0)
+
+#if UNIT_MOVES
+
+/* What eigenvalues limit an explicit method to, as the reciprocal of its substep, 1/s. */
+static real explicit_limit(const ExplicitLimits *limits) {
+    return larger(limits->stable, limits->growing);
+}
+
+#endif
 
 #if UNIT_HAS_STIFF
 
@@ -52,10 +74,6 @@
 /* A Jacobian that became so many times larger or smaller is looked at, whatever it takes. */
 #define CHANGE R(1.25)
 
-/* What eigenvalues limit a method to, as the reciprocal of its substep, 1/s. */
-static real limit_of(const Limits *limits, int stiff) {
-    return stiff ? limits->stiff : larger(limits->stable, limits->explicit_rate);
-}
 
 /* Looks at the eigenvalues of the Jacobian. */
 static void look(Driver *driver, Pace *pace) {
@@ -101,7 +119,7 @@ static int look_for_stiff(Driver *driver, real way, Pace *pace) {
     remember_limits(&pace->limits, &before);
     pace->jacobian_size = size;
     /* Growth that has to be followed may come and go: it is looked for in each substep, then ever more rarely. */
-    int follows = limit_of(&pace->limits, 1) * way > R(1.0);
+    int follows = pace->limits.stiff * way > R(1.0);
     real longer = clamped(R(2.0) * pace->interval, LEAST_INTERVAL * STIFF_INTERVAL, STIFF_INTERVAL);
     pace->interval = follows ? R(0.0) : longer;
     pace->until_look = pace->interval;
@@ -120,21 +138,24 @@ static real look_for_explicit(Driver *driver, const Problem *problem, real way, 
         return JACOBIAN_WORK(EVALUATION_WORK);
     }
     look(driver, pace);
-    int far = way * limit_of(&pace->limits, 0) * FAR_FROM_LIMIT < R(1.0);
+    int far = way * explicit_limit(&pace->limits.order_5) * FAR_FROM_LIMIT < R(1.0);
     pace->until_look = EXPLICIT_INTERVAL * (far ? PATIENCE : R(1.0));
     return JACOBIAN_WORK(EVALUATION_WORK) + EIGENVALUES_WORK;
 }
 
 /* Counts the accepted substep h for or against the method in force. `whole`: it went all the way to where it had to end. */
-static void judge(real h, int whole, Pace *pace) {
-    real explicit_limit = limit_of(&pace->limits, 0);
-    real stiff_limit = limit_of(&pace->limits, 1);
+static void judge(const Driver *driver, real h, int whole, Pace *pace) {
+    const Limits *limits = &pace->limits;
+    real stable = driver->by_order_8 ? limits->order_8.stable : limits->order_5.stable;
+    /* In substeps of order 5 that take as much work as those of order 8, where these pay. */
+    real of_8 = explicit_limit(&limits->order_8) * (ORDER_8_WORK(TYPICAL_EVALUATION) / (PAYS * EXPLICIT_WORK(TYPICAL_EVALUATION)));
+    real least = smaller(explicit_limit(&limits->order_5), of_8);
     int against;
     if (pace->stiff) {
         /* Half the work: a system at the border stays with what it has. */
-        against = h * explicit_limit < R(0.5) * RELATIVE_WORK;
+        against = h * least < R(0.5) * RELATIVE_WORK;
     } else {
-        against = !whole && h * pace->limits.stable > LIMITED && stiff_limit * RELATIVE_WORK < explicit_limit;
+        against = !whole && h * stable > LIMITED && limits->stiff * RELATIVE_WORK < least;
     }
     if (against) {
         pace->evidence += 1;
@@ -149,12 +170,50 @@ static void judge(real h, int whole, Pace *pace) {
 
 #if UNIT_MOVES
 
+/* The order of the method in force. */
+static int order_in_force(const Driver *driver, const Pace *pace) {
+    return driver->by_order_8 && !pace->stiff ? 8 : 5;
+}
+
+/* The substep that is suggested to the method in force; 0 where none is known yet. */
+static real suggested_substep(const Driver *driver, const Pace *pace) {
+    return order_in_force(driver, pace) == 8 ? pace->substep_8 : pace->substep;
+}
+
+/* Suggests a substep to the method in force. What the solution asks of one explicit method, it asks of the other. */
+static void suggest_substep(const Driver *driver, real h, Pace *pace) {
+    int by_8 = order_in_force(driver, pace) == 8;
+    real *suggested = by_8 ? &pace->substep_8 : &pace->substep, *other = by_8 ? &pace->substep : &pace->substep_8;
+    if (*suggested > R(0.0) && *other > R(0.0)) {
+        *other = clamped(EXPECTED * *other * (h / *suggested), h / APART, h * APART);
+    }
+    *suggested = h;
+}
+
+/* Substeps that a method is expected to take so far, by what eigenvalues and error control allow it. */
+static real substeps_to(real way, const ExplicitLimits *limits, real suggested) {
+    real most = explicit_limit(limits);
+    if (suggested > R(0.0)) {
+        most = larger(most, R(1.0) / suggested);
+    }
+    return larger(F(ceil)(way * most), R(1.0));
+}
+
+/* Whether the explicit method of order 8 is expected to go so far with less work than that of order 5. */
+static int order_8_pays(real way, const Pace *pace) {
+    real suggested = pace->substep_8 > R(0.0) ? pace->substep_8 : TIMES_AS_LONG * pace->substep;
+    real work = ORDER_8_WORK(TYPICAL_EVALUATION) * substeps_to(way, &pace->limits.order_8, suggested);
+    return work < PAYS * EXPLICIT_WORK(TYPICAL_EVALUATION) * substeps_to(way, &pace->limits.order_5, pace->substep);
+}
+
 /* The longest substep that the eigenvalues allow the method in force, s. */
-static real longest_substep(const Pace *pace) {
+static real longest_substep(const Driver *driver, const Pace *pace) {
 #if UNIT_HAS_SPECTRUM
-    real limit = limit_of(&pace->limits, pace->stiff);
+    const Limits *limits = &pace->limits;
+    real limit = pace->stiff ? limits->stiff : explicit_limit(driver->by_order_8 ? &limits->order_8 : &limits->order_5);
     return limit > R(0.0) ? R(1.0) / limit : (real)INFINITY;
 #else
+    (void)driver;
     (void)pace;
     return (real)INFINITY;
 #endif
@@ -191,6 +250,19 @@ static int begin_stiff(Driver *driver, const Problem *problem, real way, Pace *p
 
 #if UNIT_MOVES
 
+/* Prepares a substep of an explicit method. */
+static void begin_explicit(Driver *driver, const Problem *problem, int method, real way, Pace *pace) {
+#if UNIT_HAS_SPECTRUM
+    driver->work += look_for_explicit(driver, problem, way, pace);
+#else
+    (void)problem;
+#endif
+    driver->by_order_8 = method == METHOD_AUTOMATIC && order_8_pays(way, pace);
+    if (driver->by_order_8 && pace->substep_8 == R(0.0)) {
+        pace->substep_8 = TIMES_AS_LONG * pace->substep;
+    }
+}
+
 /* Decides by which method the substep goes that begins where the problem stands, with so long a way to go, and prepares
  * it. */
 static int begin_substep(Driver *driver, const Problem *problem, int method, real way, Pace *pace, StepError *error) {
@@ -213,17 +285,9 @@ static int begin_substep(Driver *driver, const Problem *problem, int method, rea
         change_method(pace);
     }
 #else
-    (void)method;
     (void)error;
 #endif
-#if UNIT_HAS_SPECTRUM
-    driver->work += look_for_explicit(driver, problem, way, pace);
-#else
-    (void)driver;
-    (void)problem;
-    (void)way;
-    (void)pace;
-#endif
+    begin_explicit(driver, problem, method, way, pace);
     return 1;
 }
 
@@ -236,6 +300,11 @@ static Estimate attempt(Driver *driver, Problem *problem, real h, real relative_
         return stiff_attempt(driver, problem, h, relative_tolerance);
     }
 #endif
+    if (driver->by_order_8) {
+        driver->work += ORDER_8_WORK(EVALUATION_WORK);
+        pace->until_look -= ORDER_8_WORK(TYPICAL_EVALUATION);
+        return order_8_attempt(driver, problem, h, relative_tolerance);
+    }
     driver->work += EXPLICIT_WORK(EVALUATION_WORK);
     pace->until_look -= EXPLICIT_WORK(TYPICAL_EVALUATION);
     return explicit_attempt(driver, problem, h, relative_tolerance);

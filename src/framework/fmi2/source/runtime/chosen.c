@@ -14,8 +14,8 @@ static void note_method(Driver *driver, int method, real from, const Pace *pace)
     } else {
         chosen.by = pace->stiff ? BY_STIFF : BY_EXPLICIT;
 #if UNIT_HAS_SPECTRUM
-        if ((pace->limits.stable > R(0.0)) && ((driver->damped.growth != R(0.0)) || (driver->damped.frequency != R(0.0)))) {
-            chosen.substep = R(1.0) / pace->limits.stable;
+        if ((pace->limits.order_5.stable > R(0.0)) && ((driver->damped.growth != R(0.0)) || (driver->damped.frequency != R(0.0)))) {
+            chosen.substep = R(1.0) / pace->limits.order_5.stable;
             chosen.mode = driver->damped;
         }
 #endif
@@ -60,8 +60,8 @@ static int take_news(Choices *choices, Chosen *news) {
 /* Tells it, before the messages from a place on. */
 static void tell_method(Log *log, int place, const Chosen *chosen) {
     static const char *const sentences[METHODS][6] = {
-        [BY_EXPLICIT] = SENTENCES("the explicit method", "allows it substeps of \1e2 s"),
-        [BY_STIFF] = SENTENCES("the stiff method", "holds the explicit one to \1e2 s"),
+        [BY_EXPLICIT] = SENTENCES("the explicit method", "allows one of order 5 substeps of \1e2 s"),
+        [BY_STIFF] = SENTENCES("the stiff method", "holds one of order 5 to \1e2 s"),
         [BY_FIXED] = SENTENCES("steps of fixed length", ""),
     };
     real values[4] = {chosen->from, chosen->mode.growth, chosen->substep, R(0.0)};

@@ -55,10 +55,10 @@ static real outputs_error(Driver *driver, Problem *problem, real t, real scaled,
 /* A substep that would leave less than this part of the way is stretched to the end. */
 #define STRETCH R(1.001)
 
-/* Factor to the next substep from a scaled error. */
-static real growth(real scaled) {
+/* Factor to the next substep from a scaled error of this order. */
+static real growth(real scaled, int order) {
     /* Below this error the factor is at its limit: no power to take. */
-    return scaled < R(1e-6) ? GROW : clamped(SAFETY * F(pow)(scaled, R(-1.0) / R(5.0)), SHRINK, GROW);
+    return scaled < R(1e-6) ? GROW : clamped(SAFETY * F(pow)(scaled, R(-1.0) / (real)order), SHRINK, GROW);
 }
 
 /* An attempt, with the error of what a user reads in it. */
@@ -73,21 +73,23 @@ static Estimate controlled(Driver *driver, Problem *problem, real h, real relati
 }
 
 /* The substep to try first: the one that is suggested, where there is so long a way to go, and what eigenvalues allow. */
-static real first_substep(const Pace *pace, real way, real smallest) {
-    real longest = larger(longest_substep(pace), smallest);
-    real h = pace->substep > R(0.0) ? smaller(pace->substep, longest) : longest;
+static real first_substep(const Driver *driver, const Pace *pace, real way, real smallest) {
+    real longest = larger(longest_substep(driver, pace), smallest);
+    real suggested = suggested_substep(driver, pace);
+    real h = suggested > R(0.0) ? smaller(suggested, longest) : longest;
     return h * STRETCH < way ? h : way;
 }
 
 /* Takes note of an accepted substep h. */
-static void accept_substep(real h, real way, real scaled, int method, Pace *pace) {
+static void accept_substep(const Driver *driver, real h, real way, real scaled, int method, Pace *pace) {
     /* A substep that was cut short says nothing about how long the next may be, unless it was the limit. */
-    if (pace->substep == R(0.0) || h >= pace->substep) {
-        pace->substep = h * growth(scaled);
+    real suggested = suggested_substep(driver, pace);
+    if (suggested == R(0.0) || h >= suggested) {
+        suggest_substep(driver, h * growth(scaled, order_in_force(driver, pace)), pace);
     }
 #if UNIT_HAS_SPECTRUM
     if (method == METHOD_AUTOMATIC) {
-        judge(h, h == way, pace);
+        judge(driver, h, h == way, pace);
     }
 #else
     (void)way;
@@ -110,16 +112,17 @@ static int substep(Driver *driver, Problem *problem, real *t, real target, const
 #ifndef UNIT_LAW
     note_method(driver, settings->method, *t, pace);
 #endif
-    real h = first_substep(pace, way, smallest);
+    real h = first_substep(driver, pace, way, smallest);
     for (;;) {
         Estimate estimate = controlled(driver, problem, h, tolerance, pace);
         if (estimate.scaled <= R(1.0)) {
-            accept_substep(h, way, estimate.scaled, settings->method, pace);
+            accept_substep(driver, h, way, estimate.scaled, settings->method, pace);
             *state_event = locate_event(driver, problem, t, h == way ? target : *t + h, tolerance, pace);
             return 1;
         }
-        h *= is_finite(estimate.scaled) ? smaller(growth(estimate.scaled), SAFETY) : SHRINK;
-        pace->substep = h;
+        real factor = growth(estimate.scaled, order_in_force(driver, pace));
+        h *= is_finite(estimate.scaled) ? smaller(factor, SAFETY) : SHRINK;
+        suggest_substep(driver, h, pace);
         if (h <= smallest) {
             step_fails(error, STEP_TOO_SMALL, FIRST_STATE + estimate.state, *t);
             error->value = driver->start.states[estimate.state];
@@ -158,10 +161,11 @@ static int go_on(Driver *driver, Problem *problem, real *t, real target, const S
 
 /* Why a step of this length comes no further than t with so many events and substeps: a mode that had to be followed escapes,
  * or it is too much. */
-static int overworked(const Problem *problem, real t, real step, long events, long substeps, const Pace *pace,
+static int overworked(const Driver *driver, const Problem *problem, real t, real step, long events, long substeps, const Pace *pace,
                       StepError *error) {
     const Limits *limits = &pace->limits;
-    int follows = pace->stiff ? limits->stiff > R(0.0) : limits->explicit_rate > limits->stable, largest = 0;
+    ExplicitLimits of_explicit = driver->by_order_8 ? limits->order_8 : limits->order_5;
+    int follows = pace->stiff ? limits->stiff > R(0.0) : of_explicit.growing > of_explicit.stable, largest = 0;
     if (!follows || limits->mode.growth * step < ESCAPES) {
         step_fails(error, STEP_TOO_MUCH_WORK, 0, t);
         error->events = events;
@@ -202,7 +206,7 @@ static int integrate(Driver *driver, Problem *problem, real t0, real t1, const S
         }
         substeps++;
         if (driver->work > settings->most_work) {
-            return overworked(problem, t, t1 - t0, events.total, substeps, pace, error);
+            return overworked(driver, problem, t, t1 - t0, events.total, substeps, pace, error);
         }
         if (!check_divergence(problem, t, error)) {
             return 0;

@@ -317,10 +317,12 @@ static int prepare_inputs(Instance *instance, real step, int first) {
 
 static Pace read_pace(const Block *block) {
     const real *v = block->v;
+    const real *limits = v + AT_LIMITS;
     Pace pace = {v[AT_SUBSTEP],
+                 v[AT_SUBSTEP_8],
                  block->n[AT_STIFF],
                  block->n[AT_EVIDENCE],
-                 {v[AT_LIMITS], v[AT_LIMITS + 1], v[AT_LIMITS + 2], {v[AT_LIMITS + 3], v[AT_LIMITS + 4]}},
+                 {{limits[0], limits[1]}, {limits[2], limits[3]}, limits[4], {limits[5], limits[6]}},
                  v[AT_JACOBIAN_SIZE],
                  v[AT_UNTIL_LOOK],
                  v[AT_INTERVAL]};
@@ -329,11 +331,14 @@ static Pace read_pace(const Block *block) {
 
 static void write_pace(Block *block, const Pace *pace) {
     const Limits *limits = &pace->limits;
-    real numbers[5] = {limits->stable, limits->explicit_rate, limits->stiff, limits->mode.growth, limits->mode.frequency};
+    real numbers[7] = {limits->order_5.stable,  limits->order_5.growing, limits->order_8.stable,
+                       limits->order_8.growing, limits->stiff,           limits->mode.growth,
+                       limits->mode.frequency};
     block->v[AT_SUBSTEP] = pace->substep;
+    block->v[AT_SUBSTEP_8] = pace->substep_8;
     block->n[AT_STIFF] = pace->stiff;
     block->n[AT_EVIDENCE] = pace->evidence;
-    copy_reals(block->v + AT_LIMITS, numbers, 5);
+    copy_reals(block->v + AT_LIMITS, numbers, 7);
     block->v[AT_JACOBIAN_SIZE] = pace->jacobian_size;
     block->v[AT_UNTIL_LOOK] = pace->until_look;
     block->v[AT_INTERVAL] = pace->interval;

@@ -68,6 +68,9 @@ static Estimate scaled_error(const real *errors, const real *before, const real 
 #define SUM_5 (SUM_4 + STAGE(4))
 #define SUM_6 (SUM_5 + STAGE(5))
 #define SUM_7 (SUM_6 + STAGE(6))
+#define SUM_8 (SUM_7 + STAGE(7))
+#define SUM_9 (SUM_8 + STAGE(8))
+#define SUM_10 (SUM_9 + STAGE(9))
 #define OF_EACH_STATE(sum)                  \
     for (int i = 0; i < UNIT_STATES; i++) { \
         to[i] = from[i] + h * (sum);        \
@@ -95,8 +98,17 @@ static void add_stages(real *restrict to, const real *restrict from, real h, con
     case 6:
         OF_EACH_STATE(SUM_6)
         break;
-    default:
+    case 7:
         OF_EACH_STATE(SUM_7)
+        break;
+    case 8:
+        OF_EACH_STATE(SUM_8)
+        break;
+    case 9:
+        OF_EACH_STATE(SUM_9)
+        break;
+    default:
+        OF_EACH_STATE(SUM_10)
     }
 }
 

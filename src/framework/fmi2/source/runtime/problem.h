@@ -2,7 +2,7 @@
  *
  * A communication step is taken by substeps of a one-step method under error control, or by a fixed number of them. It
  * keeps no history: what a continuation goes on with is the Pace, which lies in the block between steps. The files of the
- * integrator, in the order in which they are compiled: problem.c, explicit.c, elimination.c, stiff.c, spectrum.c,
+ * integrator, in the order in which they are compiled: problem.c, explicit.c, order_8.c, elimination.c, stiff.c, spectrum.c,
  * stability.c, choice.c, chosen.c, indicators.c, events.c, fixed.c, driver.c. Functions that may fail return 1, or 0 with the error filled in. */
 
 #ifndef ADAPTIVE_FMU_PROBLEM_H
@@ -48,10 +48,14 @@ typedef struct {
 
 /* What eigenvalues allow, as the reciprocals of substeps, 1/s; 0 where they set no limit. */
 typedef struct {
-    real stable;        /* for the explicit method, that what decays does */
-    real explicit_rate; /* for the explicit method, that what grows does so at its rate */
-    real stiff;         /* the same for the stiff one */
-    Mode mode;          /* the mode that sets the limit of growth */
+    real stable;  /* that what decays does */
+    real growing; /* that what grows does so at its rate */
+} ExplicitLimits;
+typedef struct {
+    ExplicitLimits order_5; /* the explicit methods */
+    ExplicitLimits order_8;
+    real stiff; /* the stiff one, that what grows does so at its rate */
+    Mode mode;  /* the mode that sets the limit of growth */
 } Limits;
 
 /* What integrates. */
@@ -79,9 +83,10 @@ typedef struct {
 
 /* What a continuation goes on with. */
 typedef struct {
-    real substep; /* to begin with; 0 where none is known yet */
-    int stiff;    /* whether the stiff method is in force */
-    int evidence; /* substeps that spoke for the other method, less those that didn't */
+    real substep;   /* to begin with; 0 where none is known yet */
+    real substep_8; /* the same of the explicit method of order 8 */
+    int stiff;      /* whether the stiff method is in force */
+    int evidence;   /* substeps that spoke for the other method, less those that didn't */
     Limits limits;
     real jacobian_size; /* when the stiff method looked at its eigenvalues, 1/s */
     real until_look;    /* work until the next look */
@@ -179,8 +184,10 @@ typedef struct {
     Choices choices;
     /* Work of the communication step so far, in elementary operations. */
     real work;
-    /* Derivatives at the stages of the explicit method, or the stages of the stiff one; the errors of their states. */
-    real stages[8][AT_LEAST_ONE(UNIT_STATES)];
+    /* Whether an explicit substep goes by the method of order 8. Decided anew in each. */
+    int by_order_8;
+    /* Derivatives at the stages of an explicit method, or the stages of the stiff one; the errors of their states. */
+    real stages[10][AT_LEAST_ONE(UNIT_STATES)];
     real errors[AT_LEAST_ONE(UNIT_STATES)];
     /* What an evaluation writes, as it is at a step's end. */
     real end[AT_LEAST_ONE(EVALUATED)];

@@ -20,10 +20,14 @@
 #define HARDLY_DAMPED R(1e-6)
 /* The explicit method's substep stays at this part of its limit of stability. */
 #define STABLE_PART R(0.8)
-/* Stability along a ray is looked for from lambda h of this magnitude, in such steps, up to the farthest point. */
-#define RAY_FROM R(0.4)
-#define RAY_STEP R(0.1)
-#define RAY_TO R(3.8)
+/* Stability along a ray is looked for from lambda h of this magnitude, in such steps, up to the farthest point: of order 5,
+ * and 8. */
+typedef struct {
+    real from;
+    real step;
+    real to;
+} Ray;
+static const Ray RAY_5 = {R(0.4), R(0.1), R(3.8)}, RAY_8 = {R(5.6), R(0.2), R(7.0)};
 /* What counts as stable, with rounding. */
 #define STABLE (R(1.0) + R(8.0) * REAL_EPSILON > R(1.0) + R(1e-9) ? R(1.0) + R(8.0) * REAL_EPSILON : R(1.0) + R(1e-9))
 /* Magnitude of lambda h from which the search for a resolved substep goes down, and where it ends. */
@@ -50,17 +54,32 @@ static Complex complex_quotient(Complex a, Complex b) {
     return quotient;
 }
 
-/* What one substep of the explicit method multiplies the solution of x' = lambda x by, for z = lambda h. */
-static Complex explicit_stability(Complex z) {
-    static const real coefficients[7] = {
-        R(1.0) / R(600.0), R(1.0) / R(120.0), R(1.0) / R(24.0), R(1.0) / R(6.0), R(0.5), R(1.0), R(1.0),
-    };
+static Complex complex_polynomial(const real *coefficients, int count, Complex z) {
     Complex sum = {R(0.0), R(0.0)};
-    for (int i = 0; i < 7; i++) {
+    for (int i = 0; i < count; i++) {
         sum = complex_product(sum, z);
         sum.re += coefficients[i];
     }
     return sum;
+}
+
+/* What one substep multiplies the solution of x' = lambda x by, for z = lambda h: of the explicit method of order 5. */
+static Complex explicit_stability(Complex z) {
+    static const real coefficients[7] = {
+        R(1.0) / R(600.0), R(1.0) / R(120.0), R(1.0) / R(24.0), R(1.0) / R(6.0), R(0.5), R(1.0), R(1.0),
+    };
+    return complex_polynomial(coefficients, 7, z);
+}
+
+/* The same of the one of order 8. */
+static Complex order_8_stability(Complex z) {
+    static const real coefficients[13] = {
+        R(3.613324578128244e-10), R(1.4947364854591547e-8), R(2.3413451082097797e-7), R(2.691692200169089e-6),
+        R(1.0) / R(40320.0),      R(1.0) / R(5040.0),       R(1.0) / R(720.0),        R(1.0) / R(120.0),
+        R(1.0) / R(24.0),         R(1.0) / R(6.0),          R(0.5),                   R(1.0),
+        R(1.0),
+    };
+    return complex_polynomial(coefficients, 13, z);
 }
 
 static Complex complex_weighted(const real *weights, const Complex *u, int stages) {
@@ -95,23 +114,25 @@ static Complex stiff_stability(Complex z) {
     return x;
 }
 
+typedef Complex Stability(Complex z);
+
 /* By how much a method multiplies what goes so far in a direction of the complex plane. */
-static real amplification(int stiff, Complex direction, real way) {
+static real amplification(Stability *stability, Complex direction, real way) {
     Complex z = {direction.re * way, direction.im * way};
-    Complex factor = stiff ? stiff_stability(z) : explicit_stability(z);
+    Complex factor = stability(z);
     return F(hypot)(factor.re, factor.im);
 }
 
-/* How far the explicit method is stable in a direction of the complex plane. */
-static real stable_way(Complex direction) {
-    real low = RAY_FROM;
-    while (low < RAY_TO && amplification(0, direction, low + RAY_STEP) <= STABLE) {
-        low += RAY_STEP;
+/* How far an explicit method is stable in a direction of the complex plane. */
+static real stable_way(Stability *stability, const Ray *ray, Complex direction) {
+    real low = ray->from;
+    while (low < ray->to && amplification(stability, direction, low + ray->step) <= STABLE) {
+        low += ray->step;
     }
-    real high = low + RAY_STEP;
+    real high = low + ray->step;
     for (int k = 0; k < 6; k++) {
         real middle = R(0.5) * (low + high);
-        if (amplification(0, direction, middle) <= STABLE) {
+        if (amplification(stability, direction, middle) <= STABLE) {
             low = middle;
         } else {
             high = middle;
@@ -122,12 +143,12 @@ static real stable_way(Complex direction) {
 
 /* How far a method goes in a direction of the complex plane with a growth rate whose error is at most `allowed`, all in
  * units of |lambda|. */
-static real resolved_way(int stiff, Complex direction, real allowed) {
+static real resolved_way(Stability *stability, Complex direction, real allowed) {
     real way = direction.re > R(0.0) ? smaller(RESOLVED_FROM, GROWTH_IN_A_SUBSTEP / direction.re) : RESOLVED_FROM;
     real found = RESOLVED_TO;
     int in_a_row = 0;
     while (way > RESOLVED_TO && in_a_row < IN_A_ROW) {
-        real growth = F(log)(larger(amplification(stiff, direction, way), REAL_MIN)) / way;
+        real growth = F(log)(larger(amplification(stability, direction, way), REAL_MIN)) / way;
         if (magnitude(growth - direction.re) <= allowed) {
             found = in_a_row == 0 ? way : found;
             in_a_row++;
@@ -138,6 +159,13 @@ static real resolved_way(int stiff, Complex direction, real allowed) {
         way *= TRIAL;
     }
     return found;
+}
+
+/* Keeps a damped mode stable by an explicit method, where it isn't yet. */
+static void keep_stable(ExplicitLimits *limits, Stability *stability, const Ray *ray, Complex direction, real size) {
+    if (limits->stable * (STABLE_PART * ray->from) < size) {
+        limits->stable = larger(limits->stable, size / (STABLE_PART * stable_way(stability, ray, direction)));
+    }
 }
 
 /* The stiff method follows a mode by substeps of the reciprocal of `limit`, 1/s. */
@@ -157,15 +185,19 @@ static void add_limit(Limits *limits, Mode value, real noise) {
         return;
     }
     Complex direction = {value.growth / size, value.frequency / size};
-    if (growth <= R(0.0) && limits->stable * RAY_FROM < size) {
-        limits->stable = larger(limits->stable, size / (STABLE_PART * stable_way(direction)));
+    if (growth <= R(0.0)) {
+        keep_stable(&limits->order_5, explicit_stability, &RAY_5, direction, size);
+        keep_stable(&limits->order_8, order_8_stability, &RAY_8, direction, size);
     }
     if (growth > larger(LEAST_GROWTH * size, noise)) {
         real allowed = GROWTH_ACCURACY * growth / size;
-        limits->explicit_rate = larger(limits->explicit_rate, size / resolved_way(0, direction, allowed));
-        follow(limits, size / resolved_way(1, direction, allowed), value);
+        real of_5 = size / resolved_way(explicit_stability, direction, allowed);
+        real of_8 = size / resolved_way(order_8_stability, direction, allowed);
+        limits->order_5.growing = larger(limits->order_5.growing, of_5);
+        limits->order_8.growing = larger(limits->order_8.growing, of_8);
+        follow(limits, size / resolved_way(stiff_stability, direction, allowed), value);
     } else if (growth > -larger(HARDLY_DAMPED * size, noise)) {
-        follow(limits, size / resolved_way(1, direction, HARDLY_DAMPED), value);
+        follow(limits, size / resolved_way(stiff_stability, direction, HARDLY_DAMPED), value);
     } else {
         /* What decays well sets no limit to the stiff method. */
     }
@@ -178,9 +210,9 @@ static void find_limits(Driver *driver, Limits *limits) {
     for (int i = 0; i < UNIT_STATES; i++) {
         if (driver->eigenvalues[i].frequency >= R(0.0)) {
             int is_found = i >= driver->found_from && i < driver->found_to;
-            real before = limits->stable;
+            real before = limits->order_5.stable;
             add_limit(limits, driver->eigenvalues[i], is_found ? driver->noise : R(0.0));
-            if (limits->stable > before) {
+            if (limits->order_5.stable > before) {
                 driver->damped = driver->eigenvalues[i];
             }
         }
