@@ -1,5 +1,7 @@
 //! A model: a system made from its description, with all its variables, ready to be run.
 
+mod preparing;
+
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
@@ -8,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::controls::Controls;
 use crate::designed::designed;
 use crate::error::{Invalid, Number};
-use crate::integrator::{Sparsity, Work};
+use crate::integrator::{Sparsity, Work, Workspace, Workspaces};
 use crate::near;
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
@@ -200,8 +202,13 @@ pub struct Model {
     controls: Controls,
     /// The start values, which every instance begins with.
     start: Block,
+    /// What is prepared from these, that section alone, where that is all that preparing them does.
+    prepared: Option<Block>,
+    /// Magnitudes of the states.
+    nominals: Vec<f64>,
     sparsity: OnceLock<Arc<Sparsity>>,
     structure: OnceLock<Structure>,
+    workspaces: Workspaces,
 }
 
 impl std::fmt::Debug for Model {
@@ -267,10 +274,27 @@ impl Model {
             documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
         }
         let start = start_block(&variables);
-        let (sparsity, structure) = (OnceLock::new(), OnceLock::new());
-        let model = Model { description, documentation, system, variables, controls, start, sparsity, structure };
+        let mut nominals = vec![1.0; variables.states()];
+        for state in variables.iter().filter(|v| v.section == Section::State).flat_map(Variable::elements) {
+            nominals[state.place()] = state.nominal();
+        }
+        let mut model = Model {
+            description,
+            documentation,
+            system,
+            variables,
+            controls,
+            start,
+            prepared: None,
+            nominals,
+            sparsity: OnceLock::new(),
+            structure: OnceLock::new(),
+            workspaces: Workspaces::default(),
+        };
         // Start values that the system refuses make no model.
-        model.prepare(&mut model.start.clone(), &mut MessageLog::new())?;
+        let (mut prepared, mut log) = (model.start.clone(), MessageLog::new());
+        model.prepare(&mut prepared, &mut log)?;
+        model.prepared = if log.is_empty() { model.prepared_alone(&prepared) } else { None };
         Ok(model)
     }
 
@@ -303,6 +327,21 @@ impl Model {
     pub fn sparsity(&self) -> &Arc<Sparsity> {
         let found = || Arc::new(Sparsity::of(self.system.as_ref(), &self.variables));
         self.sparsity.get_or_init(found)
+    }
+
+    /// Magnitudes of the states.
+    pub(crate) fn nominals(&self) -> &[f64] {
+        &self.nominals
+    }
+
+    /// Where its instances work.
+    pub(crate) fn workspaces(&self) -> &Workspaces {
+        &self.workspaces
+    }
+
+    /// A workspace for its instances.
+    pub(crate) fn workspace(&self) -> Workspace {
+        Workspace::new(self.system(), &self.variables, self.sparsity())
     }
 
     /// What depends on what, found when it is first asked for.
@@ -362,67 +401,12 @@ impl Model {
     pub fn start(&self) -> &Block {
         &self.start
     }
-
-    /// Checks every parameter against its limits, then prepares what depends on them: what is designed, and what follows.
-    ///
-    /// # Errors
-    /// [`Invalid`] with every reason.
-    pub fn prepare(&self, block: &mut Block, log: &mut MessageLog) -> Result<(), Invalid> {
-        self.check_limits(block)?;
-        let designed = self.system.prepare(&mut block.point(self, log));
-        self.equations().relate(&mut block.point(self, log));
-        let mut invalid = log.accepted().err().unwrap_or_default();
-        designed.unwrap_or_else(|reasons| invalid.and(reasons));
-        invalid.into_result().map_err(|invalid| self.variables.told_of(invalid))?;
-        let prepared = self.variables.reals(Section::Prepared);
-        let start = prepared.start;
-        let broken = prepared.into_iter().find(|&index| !block.reals[index].is_finite());
-        let element = broken.and_then(|index| self.variables.real_at(Section::Prepared, index - start));
-        element.map_or(Ok(()), |element| {
-            let allowed = "follows from the parameters and must be finite: they are too large or too small";
-            Err(Invalid::new(element.name(), Number(block.reals[self.variables.index(element)]), allowed))
-        })
-    }
-
-    fn check_limits(&self, block: &Block) -> Result<(), Invalid> {
-        let mut invalid = Invalid::none();
-        let parameters = self.variables.iter().filter(|variable| variable.section == Section::Parameter);
-        for element in parameters.flat_map(|variable| variable.elements()) {
-            let index = self.variables.index(element);
-            match &element.variable.data {
-                Data::Real { min, above_min, max, .. } => {
-                    let value = block.reals[index];
-                    if !element.variable.data.allows(value) {
-                        invalid.and(Invalid::new(element.name(), Number(value), allowed(*min, *above_min, *max)));
-                    }
-                }
-                Data::Integer { limits: Some((min, max)), .. } => {
-                    let value = block.integers[index];
-                    if !element.variable.data.allows(f64::from(value)) {
-                        invalid.and(Invalid::new(element.name(), value, format!("must be within {min} … {max}")));
-                    }
-                }
-                _ => {}
-            }
-        }
-        invalid.into_result()
-    }
 }
 
 impl Block {
     /// The values as the system's own methods see them.
     pub fn point<'a>(&'a mut self, model: &'a Model, log: &'a mut MessageLog) -> crate::system::Point<'a> {
         crate::system::Point::new(&mut self.reals, &mut self.integers, model.variables.offsets(), log)
-    }
-}
-
-fn allowed(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
-    match (min.map(Number), max.map(Number)) {
-        (Some(min), Some(max)) => format!("must be within {min} … {max}"),
-        (Some(min), None) if above_min => format!("must be above {min}"),
-        (Some(min), None) => format!("must be at least {min}"),
-        (None, Some(max)) => format!("must be at most {max}"),
-        (None, None) => "must be finite".to_owned(),
     }
 }
 

@@ -90,6 +90,11 @@ fn a_step_allocates_nothing() {
         unit.start(0.0);
         let step = unit.model.description().experiment.step;
         assert_eq!(allocations(&unit, step, 300), [0; 3], "{name}: setting, stepping, getting");
+        // Those beside it share what they work with.
+        for further in [1, 2].map(|_| Unit::from_text(&open_description(&name))) {
+            further.start(0.0);
+            assert_eq!(allocations(&further, step, 30), [0; 3], "{name}: a further instance");
+        }
     }
 }
 

@@ -44,6 +44,7 @@ impl Execution {
     /// Takes the block over into dual numbers that don't change, with the valid parameters: those that wait to be
     /// taken over aren't in force.
     fn lift(&mut self) {
+        self.take_dual_numbers();
         let (variables, controls) = (self.model.variables(), self.model.controls());
         for (dual, &value) in self.dual.iter_mut().zip(&self.block.reals) {
             *dual = Dual::from(value);
@@ -61,6 +62,12 @@ impl Execution {
             let in_force = self.kept(self.model.controls().last_integer_inputs, Section::Input);
             self.dual_integers.copy_within(in_force, self.model.variables().integers(Section::Input).start);
         }
+    }
+
+    /// Takes memory for dual numbers, once.
+    pub(super) fn take_dual_numbers(&mut self) {
+        self.dual.resize(self.block.reals.len(), Dual::from(0.0));
+        self.dual_integers.resize(self.block.integers.len(), 0);
     }
 
     fn evaluate_dual(&mut self, t: Dual) {

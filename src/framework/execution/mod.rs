@@ -1,6 +1,7 @@
 //! One instance of a model in time: its values, its parameters as a transaction, its inputs within a step.
 
 mod derivatives;
+mod inputs;
 mod model_exchange;
 
 use std::sync::Arc;
@@ -10,7 +11,7 @@ pub use model_exchange::Update;
 
 use crate::controls::TIGHTEST_TOLERANCE;
 use crate::error::{Invalid, StepError};
-use crate::integrator::{Chosen, Driver, IntegrationMethod, Problem, Ramp, Settings};
+use crate::integrator::{Chosen, IntegrationMethod, Place, Problem, Ramp, Settings, Workspace};
 use crate::kernel::Kernel;
 use crate::model::{Block, Model};
 use crate::system::{Causality, Dual, Handle, Message, MessageLog, Point, Section, Values};
@@ -23,13 +24,11 @@ pub struct Execution {
     block: Block,
     /// Whether this integrates: not where a master does, in model exchange.
     integrates: bool,
-    /// As before the step that is being tried.
-    saved: Block,
     /// Whether nothing was changed since everything was computed.
     fresh: bool,
-    driver: Driver,
-    ramp_values: Vec<f64>,
-    ramp_slopes: Vec<f64>,
+    /// Where it works.
+    place: Place,
+    /// The block over dual numbers; empty until derivatives are asked for.
     dual: Vec<Dual>,
     dual_integers: Vec<i32>,
     event_indicators: Vec<f64>,
@@ -42,19 +41,14 @@ impl Execution {
     /// An instance at its start values. Instances of one model may share it.
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
         let model = model.into();
-        let block = model.start().clone();
-        let inputs = model.variables().reals(Section::Input).len();
         let mut execution = Execution {
             fresh: false,
-            driver: Driver::new(model.system(), model.variables(), model.sparsity()),
+            place: model.workspaces().place(|| model.workspace()),
             integrates: true,
-            saved: block.clone(),
-            dual: vec![Dual::from(0.0); block.reals.len()],
-            dual_integers: block.integers.clone(),
+            dual: Vec::new(),
+            dual_integers: Vec::new(),
             event_indicators: vec![0.0; model.variables().indicators().len()],
-            ramp_values: vec![0.0; inputs],
-            ramp_slopes: vec![0.0; inputs],
-            block,
+            block: model.start().clone(),
             model,
             kernel: None,
             log: MessageLog::new(),
@@ -79,15 +73,34 @@ impl Execution {
     pub fn take_kernel(&mut self, kernel: Kernel) -> bool {
         let fits = kernel.fits(self.model.variables(), self.model.sparsity().entries());
         if fits {
-            self.driver.take_kernel(&kernel);
+            self.own_workspace().driver.take_kernel(&kernel);
             self.kernel = Some(kernel);
         }
         fits
     }
 
-    /// From now on the master integrates, in model exchange.
+    /// Has it work apart from other instances, where something is kept from one call to the next.
+    fn own_workspace(&mut self) -> &mut Workspace {
+        self.place.own(|| self.model.workspace())
+    }
+
+    /// Works with what no other instance uses meanwhile.
+    fn working<T>(&mut self, work: impl FnOnce(&mut Self, &mut Workspace) -> T) -> T {
+        let mut place = std::mem::take(&mut self.place);
+        let done = if let Place::Own(workspace, _) = &mut place {
+            work(self, workspace)
+        } else {
+            let model = Arc::clone(&self.model);
+            model.workspaces().work(&mut place, || model.workspace(), |workspace| work(self, workspace))
+        };
+        self.place = place;
+        done
+    }
+
+    /// From now on the master integrates, in model exchange, and may ask for derivatives at any time.
     pub fn hand_over_integration(&mut self) {
         self.integrates = false;
+        self.take_dual_numbers();
         self.mark_stepped();
         self.changed();
     }
@@ -98,7 +111,9 @@ impl Execution {
         self.mark_stepped();
         self.changed();
         self.log.clear();
-        self.driver.forget_choices();
+        if let Place::Own(workspace, _) = &mut self.place {
+            workspace.driver.forget_choices();
+        }
     }
 
     /// Time, s.
@@ -163,17 +178,6 @@ impl Execution {
         self.point().put(handle, true);
     }
 
-    /// Gives the rate of one input for the next step.
-    pub fn set_input_slope(&mut self, input: usize, slope: f64) {
-        let (slopes, given) = (self.model.controls().given_slopes, self.model.controls().slopes_given);
-        let Some(slopes) = slopes else { return };
-        if !self.values().get(given) {
-            self.point()[slopes].fill(0.0);
-            self.point().put(given, true);
-        }
-        self.point()[slopes][input] = slope;
-    }
-
     fn values(&self) -> Values<'_, f64> {
         Values::new(&self.block.reals, &self.block.integers, self.model.variables().offsets())
     }
@@ -191,7 +195,10 @@ impl Execution {
         if self.fresh {
             return Ok(());
         }
-        self.model.prepare(&mut self.block, &mut self.log)?;
+        self.model.workspaces().initialised(&mut self.place, || self.model.workspace());
+        if !self.model.prepare_as_at_start(&mut self.block) {
+            self.model.prepare(&mut self.block, &mut self.log)?;
+        }
         let waiting = self.model.controls().parameters_set;
         self.point().put(waiting, false);
         self.keep_valid_parameters();
@@ -200,14 +207,14 @@ impl Execution {
             self.point().set(last_inputs, inputs);
         }
         self.keep_integer_inputs();
-        self.initialise_states()?;
+        self.working(Execution::initialise_states)?;
         self.check_values(self.time(), self.settings().divergence_limit)?;
         self.fresh = true;
         Ok(())
     }
 
     /// Puts states and discrete variables at their start, and nothing else.
-    fn initialise_states(&mut self) -> Result<(), StepError> {
+    fn initialise_states(&mut self, workspace: &mut Workspace) -> Result<(), StepError> {
         let t = self.time();
         for section in [Section::State, Section::Discrete] {
             let (reals, integers) = (self.model.variables().reals(section), self.model.variables().integers(section));
@@ -217,9 +224,8 @@ impl Execution {
         self.model.equations().initialise(t, &mut self.block.point(&self.model, &mut self.log));
         self.accepted()?;
         let settings = self.settings();
-        let (driver, mut problem) = self.problem(false);
-        driver.settle(&mut problem, t, &settings)?;
-        self.keep_indicators();
+        workspace.driver.settle(&mut self.problem(), t, &settings)?;
+        self.keep_indicators(workspace);
         Ok(())
     }
 
@@ -249,17 +255,16 @@ impl Execution {
     }
 
     /// Puts the driver's event indicators into the block, where they are saved and restored with it.
-    fn keep_indicators(&mut self) {
+    fn keep_indicators(&mut self, workspace: &Workspace) {
         if let Some(handle) = self.model.controls().indicators {
-            self.block.point(&self.model, &mut self.log).set(handle, self.driver.indicators());
+            self.block.point(&self.model, &mut self.log).set(handle, workspace.driver.indicators());
         }
     }
 
     /// Gives the driver the event indicators that lie in the block.
-    fn recall_indicators(&mut self) {
+    fn recall_indicators(&self, workspace: &mut Workspace) {
         if let Some(handle) = self.model.controls().indicators {
-            let values = Values::new(&self.block.reals, &self.block.integers, self.model.variables().offsets());
-            self.driver.set_indicators(&values[handle]);
+            workspace.driver.set_indicators(&self.values()[handle]);
         }
     }
 
@@ -323,36 +328,42 @@ impl Execution {
     /// [`StepError::Parameters`] when they are refused: the last valid ones are in force again. Else why the step
     /// can't be finished: everything is as before, parameters that wait to be taken over included.
     pub fn step(&mut self, t: f64, step: f64) -> Result<bool, StepError> {
-        self.saved.copy_from(&self.block);
+        self.working(|execution, workspace| execution.step_with(workspace, t, step))
+    }
+
+    fn step_with(&mut self, workspace: &mut Workspace, t: f64, step: f64) -> Result<bool, StepError> {
+        workspace.keep(&self.block.reals, &self.block.integers);
         let waiting = self.log.len();
         let taken_over = self.commit_parameters().map_err(StepError::Parameters)?;
         self.set_time(t);
-        if let Err(error) = self.try_step(step) {
-            self.block.copy_from(&self.saved);
+        if let Err(error) = self.try_step(workspace, step) {
+            workspace.bring_back(&mut self.block.reals, &mut self.block.integers);
             self.log.truncate(waiting);
             return Err(error);
         }
         Ok(taken_over)
     }
 
-    fn try_step(&mut self, step: f64) -> Result<(), StepError> {
+    fn try_step(&mut self, workspace: &mut Workspace, step: f64) -> Result<(), StepError> {
         let controls = self.model.controls();
         let (started, pace, last) = (controls.started, controls.pace, controls.last_step);
         let first = !self.values().get(started);
         if first {
             // Not every master sets inputs in Initialization Mode: what is taken from them is taken here.
-            self.initialise_states()?;
+            self.initialise_states(workspace)?;
             self.check()?;
             self.point().put(started, true);
         }
         let (t0, settings) = (self.time(), self.settings());
         let t1 = t0 + step;
-        let ramped = self.prepare_inputs(step, first);
+        let ramped = self.prepare_inputs(workspace, step, first);
         let mut next = pace.read(&self.values());
-        self.recall_indicators();
-        let (driver, mut problem) = self.problem(ramped);
+        self.recall_indicators(workspace);
+        let Workspace { driver, ramp_values, ramp_slopes, .. } = workspace;
+        let ramp = Ramp { values: ramp_values, slopes: ramp_slopes, time: t0 };
+        let mut problem = Problem { ramp, held: !ramped, ..self.problem() };
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
-        self.keep_indicators();
+        self.keep_indicators(workspace);
         self.keep_integer_inputs();
         self.set_time(t1);
         self.check().map_err(StepError::Unsound)?;
@@ -360,7 +371,7 @@ impl Execution {
         if ramped {
             // Inputs read back what was set.
             let inputs = self.model.variables().reals(Section::Input);
-            let set = self.saved.reals[inputs.clone()].iter();
+            let set = workspace.reals[inputs.clone()].iter();
             self.block.reals[inputs].iter_mut().zip(set).for_each(|(input, set)| *input = *set);
         }
         let mut point = self.block.point(&self.model, &mut self.log);
@@ -370,9 +381,18 @@ impl Execution {
         Ok(())
     }
 
-    /// Which method integrates now, where that has changed since it was asked last.
+    /// From now on tells which method integrates.
+    pub fn tell_methods(&mut self) {
+        self.own_workspace();
+    }
+
+    /// Which method integrates now, where that has changed since it was asked last and [`Execution::tell_methods`] was
+    /// called.
     pub fn method_news(&mut self) -> Option<Chosen> {
-        self.driver.news()
+        match &mut self.place {
+            Place::Own(workspace, _) => workspace.driver.news(),
+            _ => None,
+        }
     }
 
     fn keep_integer_inputs(&mut self) {
@@ -381,63 +401,18 @@ impl Execution {
         self.block.integers.copy_within(inputs, kept.start);
     }
 
-    /// Decides how inputs go during this step; whether they change at all.
-    fn prepare_inputs(&mut self, step: f64, first: bool) -> bool {
-        let controls = self.model.controls();
-        let (Some(handling), Some(given_slopes), Some(slopes), Some(previous), Some(last_inputs)) = (
-            controls.input_handling,
-            controls.given_slopes,
-            controls.slopes,
-            controls.previous_inputs,
-            controls.last_inputs,
-        ) else {
-            return false;
-        };
-        let (given, last) = (controls.slopes_given, controls.last_step);
-        let inputs = self.model.variables().reals(Section::Input);
-        let v = Values::new(&self.saved.reals, &self.saved.integers, self.model.variables().offsets());
-        let present = &self.saved.reals[inputs];
-        self.ramp_values.copy_from_slice(present);
-        let handling = if first { InputHandling::Hold } else { v.get(handling).item() };
-        if v.get(given) {
-            self.ramp_slopes.copy_from_slice(&v[given_slopes]);
-        } else if handling == InputHandling::Hold {
-            self.ramp_slopes.fill(0.0);
-        } else {
-            let duration = if handling == InputHandling::Extrapolate { v[last] } else { step };
-            let pairs = present.iter().zip(&v[previous]);
-            self.ramp_slopes
-                .iter_mut()
-                .zip(pairs)
-                .for_each(|(slope, (now, before))| *slope = (now - before) / duration);
-            if handling == InputHandling::Interpolate {
-                self.ramp_values.copy_from_slice(&v[previous]);
-            }
-        }
-        let mut point = self.block.point(&self.model, &mut self.log);
-        point.put(given, false);
-        point.set(slopes, &self.ramp_slopes);
-        point.set(previous, present);
-        for (i, (value, slope)) in self.ramp_values.iter().zip(&self.ramp_slopes).enumerate() {
-            point[last_inputs][i] = value + slope * step;
-        }
-        self.ramp_slopes.iter().any(|&slope| slope != 0.0)
-    }
-
-    fn problem(&mut self, ramped: bool) -> (&mut Driver, Problem<'_>) {
-        let t0 = self.time();
-        let ramp = Ramp { values: &self.ramp_values, slopes: &self.ramp_slopes, time: t0 };
-        let problem = Problem {
+    /// The system where it stands, inputs held.
+    fn problem(&mut self) -> Problem<'_> {
+        Problem {
             system: self.model.system(),
             variables: self.model.variables(),
             reals: &mut self.block.reals,
             integers: &mut self.block.integers,
-            ramp,
-            held: !ramped,
+            ramp: Ramp { values: &[], slopes: &[], time: 0.0 },
+            held: true,
             log: &mut self.log,
             kernel: self.kernel.as_ref(),
-        };
-        (&mut self.driver, problem)
+        }
     }
 
     /// Whether the equations hold where the instance stands evaluated, with what is wrong and the time.

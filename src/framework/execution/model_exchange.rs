@@ -2,8 +2,7 @@
 
 use super::Execution;
 use crate::error::{Invalid, StepError};
-use crate::integrator::check_divergence;
-use crate::model::Block;
+use crate::integrator::{Workspace, check_divergence};
 use crate::system::{Handle, Section, Values};
 
 /// What an update of the discrete variables has brought.
@@ -74,14 +73,14 @@ impl Execution {
 
     /// Magnitudes of the continuous states.
     pub fn nominals(&self) -> &[f64] {
-        self.driver.nominals()
+        self.model.nominals()
     }
 
     /// Brings signals and derivatives to the present time, states and inputs, where these have changed.
     pub fn evaluate(&mut self) {
         if !self.fresh {
             let t = self.time();
-            self.with_valid_parameters(|execution| execution.problem(false).1.evaluate(t));
+            self.with_valid_parameters(|execution| execution.problem().evaluate(t));
             self.fresh = true;
         }
     }
@@ -168,17 +167,21 @@ impl Execution {
     /// [`StepError::Parameters`] when they are refused: the last valid ones are in force again. Else why the event
     /// can't be handled: everything is as before, parameters that wait to be taken over included.
     pub fn update_discrete(&mut self) -> Result<Update, StepError> {
-        self.saved.copy_from(&self.block);
+        self.working(Execution::update_discrete_with)
+    }
+
+    fn update_discrete_with(&mut self, workspace: &mut Workspace) -> Result<Update, StepError> {
+        workspace.keep(&self.block.reals, &self.block.integers);
         let waiting = self.log.len();
         self.changed();
         let taken_over = self.commit_parameters().map_err(StepError::Parameters)?;
-        let events = self.handle_events().inspect_err(|_| {
-            self.block.copy_from(&self.saved);
+        let events = self.handle_events(workspace).inspect_err(|_| {
+            workspace.bring_back(&mut self.block.reals, &mut self.block.integers);
             self.log.truncate(waiting);
             self.fresh = false;
         })?;
         let (states, jumped) = (self.model.variables().reals(Section::State), self.model.controls().states_jumped);
-        if self.block.reals[states.clone()] != self.saved.reals[states] {
+        if self.block.reals[states.clone()] != workspace.reals[states] {
             self.point().put(jumped, true);
         }
         Ok(Update {
@@ -190,12 +193,11 @@ impl Execution {
         })
     }
 
-    fn handle_events(&mut self) -> Result<bool, StepError> {
+    fn handle_events(&mut self, workspace: &mut Workspace) -> Result<bool, StepError> {
         let (t, settings) = (self.time(), self.settings());
-        self.recall_indicators();
-        let (driver, mut problem) = self.problem(false);
-        let any = driver.events_at(&mut problem, t, &settings)?;
-        self.keep_indicators();
+        self.recall_indicators(workspace);
+        let any = workspace.driver.events_at(&mut self.problem(), t, &settings)?;
+        self.keep_indicators(workspace);
         self.fresh = true;
         self.check_point()?;
         Ok(any)
@@ -205,10 +207,11 @@ impl Execution {
     pub fn end_event(&mut self) {
         self.evaluate();
         let (t, settings) = (self.time(), self.settings());
-        self.recall_indicators();
-        let (driver, mut problem) = self.problem(false);
-        driver.sides_of_zeros(&mut problem, t, t + 1.0, &settings);
-        self.keep_indicators();
+        self.working(|execution, workspace| {
+            execution.recall_indicators(workspace);
+            workspace.driver.sides_of_zeros(&mut execution.problem(), t, t + 1.0, &settings);
+            execution.keep_indicators(workspace);
+        });
     }
 
     /// When the last step of the master's integrator was completed, s.
@@ -223,20 +226,20 @@ impl Execution {
     /// When the equations don't hold there, or a value has grown beyond any use or is no number.
     pub fn complete_step(&mut self) -> Result<bool, StepError> {
         let inputs_wait = self.values().get(self.model.controls().integer_inputs_wait);
-        let ends_at_event = self.with_integer_inputs_in_force(Execution::note_step)?;
+        let note = |execution: &mut Self| execution.working(Execution::note_step);
+        let ends_at_event = self.with_integer_inputs_in_force(note)?;
         Ok(ends_at_event || inputs_wait)
     }
 
-    fn note_step(&mut self) -> Result<bool, StepError> {
+    fn note_step(&mut self, workspace: &mut Workspace) -> Result<bool, StepError> {
         self.evaluate();
         self.check().map_err(StepError::Unsound)?;
         self.check_point()?;
-        let noticed = self.tell_step();
+        let noticed = self.tell_step(workspace);
         let t = self.time();
-        self.recall_indicators();
-        let (driver, problem) = self.problem(false);
-        let pending = driver.event_pending(&problem, t);
-        self.keep_indicators();
+        self.recall_indicators(workspace);
+        let pending = workspace.driver.event_pending(&self.problem(), t);
+        self.keep_indicators(workspace);
         Ok(noticed || pending)
     }
 
@@ -245,37 +248,36 @@ impl Execution {
     /// By the standard, discrete variables change in Event Mode only. What a system changes here counts steps and
     /// remembers warnings, which equations don't read, and to restart the master's integrator after each step for that
     /// would be absurd. So it is an event only where the equations see a difference.
-    fn tell_step(&mut self) -> bool {
+    fn tell_step(&mut self, workspace: &mut Workspace) -> bool {
         let (t, step, completed) = (self.time(), self.time() - self.completed(), self.model.controls().completed);
         self.point()[completed] = t;
         if step <= 0.0 {
             return false;
         }
-        self.saved.copy_from(&self.block);
+        workspace.keep(&self.block.reals, &self.block.integers);
         self.model.equations().step_completed(t, step, &mut self.block.point(&self.model, &mut self.log));
-        if self.block == self.saved {
+        if self.block.reals == workspace.reals && self.block.integers == workspace.integers {
             return false;
         }
         self.changed();
         self.evaluate();
-        self.equations_differ(&self.block, &self.saved)
+        self.equations_differ(workspace)
     }
 
-    /// Whether two blocks differ in what the equations give.
-    fn equations_differ(&self, a: &Block, b: &Block) -> bool {
+    /// Whether the equations give anything else than what was kept.
+    fn equations_differ(&self, kept: &Workspace) -> bool {
         let variables = self.model.variables();
-        let next = |block: &Block| {
-            let values = Values::new(&block.reals, &block.integers, variables.offsets());
-            self.model.equations().next_time_event(&values)
-        };
+        let before = Values::new(&kept.reals, &kept.integers, variables.offsets());
+        let next = |values: &Values<f64>| self.model.equations().next_time_event(values);
         let sections = [Section::State, Section::Signal, Section::Derivative].map(|section| variables.reals(section));
-        sections.into_iter().any(|range| a.reals[range.clone()] != b.reals[range]) || next(a) != next(b)
+        sections.into_iter().any(|range| self.block.reals[range.clone()] != kept.reals[range])
+            || next(&self.values()) != next(&before)
     }
 
     /// Refuses a point at which the master's integrator has arrived with values beyond any use.
     fn check_point(&mut self) -> Result<(), StepError> {
         let (t, limit) = (self.time(), self.settings().divergence_limit);
-        check_divergence(&mut self.problem(false).1, t, limit)?;
+        check_divergence(&mut self.problem(), t, limit)?;
         self.check_values(t, limit)
     }
 }

@@ -133,6 +133,9 @@ impl Instance {
         let wanted = if all { &known[..] } else { categories };
         let wanted = if on { wanted.iter().map(|category| (*category).to_owned()).collect() } else { Vec::new() };
         self.logger.enable(wanted);
+        if self.logger.is_enabled(EVENTS) {
+            self.execution.tell_methods();
+        }
         Ok(())
     }
 

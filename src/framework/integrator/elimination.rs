@@ -29,7 +29,7 @@ pub struct Pattern {
 #[derive(Debug)]
 pub struct Elimination {
     sparsity: Arc<Sparsity>,
-    /// By rows.
+    /// By rows; empty until it is needed, in memory that is there from the begin.
     a: Vec<f64>,
     /// The inverse pivots.
     inverse: Vec<f64>,
@@ -48,10 +48,15 @@ impl Pattern {
         let order = meetings.order();
         let mut places = vec![0; n];
         order.iter().enumerate().for_each(|(place, &row)| places[row as usize] = place as u32);
-        let there = |i: usize, j: usize| meetings.there(order[i] as usize, order[j] as usize);
-        let row = |i: usize, range: std::ops::Range<usize>| range.filter(|&j| there(i, j)).map(|j| j as u32).collect();
-        let left: Vec<Vec<u32>> = (0..n).map(|i| row(i, 0..i)).collect();
-        let right: Vec<Vec<u32>> = (0..n).map(|i| row(i, i + 1..n)).collect();
+        let (mut left, mut right) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for (place, &row) in order.iter().enumerate() {
+            let mut row: Vec<u32> = meetings.of(row as usize).map(|column| places[column]).collect();
+            row.sort_unstable();
+            let diagonal = row.partition_point(|&column| (column as usize) < place);
+            right.push(row[diagonal + 1..].to_vec());
+            row.truncate(diagonal);
+            left.push(row);
+        }
         let filled: usize = left.iter().chain(&right).map(Vec::len).sum();
         (filled + n <= most).then_some(Pattern { order, places, left, right })
     }
@@ -78,7 +83,7 @@ impl Elimination {
         let n = sparsity.columns().len();
         sparsity.pattern().is_some().then(|| Elimination {
             sparsity: Arc::clone(sparsity),
-            a: vec![0.0; n * n],
+            a: Vec::with_capacity(n * n),
             inverse: vec![0.0; n],
             solution: vec![0.0; n],
         })
@@ -88,6 +93,7 @@ impl Elimination {
     pub fn decompose(&mut self, diagonal: f64, jacobian: &[f64]) -> bool {
         let (n, sparsity) = (self.inverse.len(), Arc::clone(&self.sparsity));
         let Some(pattern) = sparsity.pattern() else { return false };
+        self.a.resize(n * n, 0.0);
         for (i, row) in self.a.chunks_exact_mut(n).enumerate() {
             pattern.left[i].iter().chain(&pattern.right[i]).for_each(|&j| row[j as usize] = 0.0);
             row[i] = diagonal;
@@ -163,8 +169,9 @@ impl Meetings {
         self.bits[i * self.words + j / 64] |= 1 << (j % 64);
     }
 
-    fn there(&self, i: usize, j: usize) -> bool {
-        self.bits[i * self.words + j / 64] >> (j % 64) & 1 != 0
+    /// Those that a row meets, in increasing order.
+    fn of(&self, row: usize) -> impl Iterator<Item = usize> {
+        members(&self.bits[row * self.words..][..self.words])
     }
 
     /// How many of them there are.
@@ -185,19 +192,27 @@ impl Meetings {
         (0..n).for_each(|row| waiting[row / 64] |= 1 << (row % 64));
         let mut degrees: Vec<u32> = (0..n).map(|row| self.degree(row, &waiting)).collect();
         let mut order = Vec::with_capacity(n);
-        let waits = |row: usize, waiting: &[u64]| waiting[row / 64] >> (row % 64) & 1 != 0;
-        while let Some(next) = (0..n).filter(|&row| waits(row, &waiting)).min_by_key(|&row| degrees[row]) {
+        while let Some(next) = members(&waiting).min_by_key(|&row| degrees[row]) {
             waiting[next / 64] &= !(1 << (next % 64));
             order.push(next as u32);
             let own = &self.bits[next * self.words..][..self.words];
             let meet: Vec<u64> = own.iter().zip(&waiting).map(|(own, waiting)| own & waiting).collect();
-            for row in (0..n).filter(|&row| waits(row, &meet)) {
+            for row in members(&meet) {
                 self.bits[row * self.words..][..self.words].iter_mut().zip(&meet).for_each(|(own, meet)| *own |= meet);
                 degrees[row] = self.degree(row, &waiting);
             }
         }
         order
     }
+}
+
+/// The members of a set, in increasing order.
+fn members(set: &[u64]) -> impl Iterator<Item = usize> {
+    set.iter().enumerate().flat_map(|(place, &word)| {
+        let bits = |bits: u64| (bits != 0).then_some(bits);
+        let words = std::iter::successors(bits(word), move |&word| bits(word & (word - 1)));
+        words.map(move |word| place * 64 + word.trailing_zeros() as usize)
+    })
 }
 
 #[cfg(test)]

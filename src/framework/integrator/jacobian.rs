@@ -19,7 +19,7 @@ pub struct Jacobian {
     entries: Vec<f64>,
     /// Whether these are those of the last evaluation.
     by_kernel: bool,
-    /// ∂f/∂x, by columns.
+    /// ∂f/∂x, by columns; as the block, empty until it is needed, in memory that is there from the begin.
     by_states: Vec<f64>,
     /// ∂f/∂t, with the change of the inputs in it.
     by_time: Vec<f64>,
@@ -37,8 +37,8 @@ impl Jacobian {
     pub fn new(variables: &Variables, sparsity: &Arc<Sparsity>) -> Self {
         let (n, size) = (variables.states(), variables.reals(Section::Derivative).end);
         let few = sparsity.groups().len() < FEW;
-        let block = if few { Block::Narrow(vec![0.0.into(); size]) } else { Block::Wide(vec![0.0.into(); size]) };
-        let (entries, by_states) = (vec![0.0; sparsity.entries()], vec![0.0; n * n]);
+        let block = if few { Block::Narrow(Vec::with_capacity(size)) } else { Block::Wide(Vec::with_capacity(size)) };
+        let (entries, by_states) = (vec![0.0; sparsity.entries()], Vec::with_capacity(n * n));
         Jacobian { sparsity: Arc::clone(sparsity), block, entries, by_kernel: false, by_states, by_time: vec![0.0; n] }
     }
 
@@ -62,6 +62,8 @@ impl Jacobian {
     /// # Errors
     /// The state whose rate has a derivative that is no number.
     pub fn evaluate(&mut self, problem: &Problem, t: f64) -> Result<(), usize> {
+        let n = self.by_time.len();
+        self.by_states.resize(n * n, 0.0);
         self.by_kernel = self.evaluate_by_kernel(problem, t);
         if !self.by_kernel {
             let (sparsity, results) = (&self.sparsity, (&mut self.by_states[..], &mut self.by_time[..]));
@@ -104,7 +106,7 @@ impl Jacobian {
 
 /// All passes: the last direction is that of time, the others are the groups of columns.
 fn evaluate<const N: usize>(
-    block: &mut [Dual<N>],
+    block: &mut Vec<Dual<N>>,
     sparsity: &Sparsity,
     problem: &Problem,
     t: f64,
@@ -114,7 +116,8 @@ fn evaluate<const N: usize>(
 {
     let variables = problem.variables;
     let (states, rates) = (variables.reals(Section::State), variables.reals(Section::Derivative));
-    block.iter_mut().zip(&*problem.reals).for_each(|(dual, &value)| *dual = value.into());
+    block.clear();
+    block.extend(problem.reals[..rates.end].iter().map(|&value| Dual::from(value)));
     let (n, groups, equations) = (states.len(), sparsity.groups(), Dual::<N>::equations(problem.system));
     let mut first = 0;
     while first <= groups.len() {

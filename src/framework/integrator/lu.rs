@@ -4,7 +4,8 @@
 #[derive(Debug)]
 pub struct Lu {
     size: usize,
-    /// By columns: first A; then U, and below its diagonal L, whose own diagonal is 1.
+    /// By columns: first A; then U, and below its diagonal L, whose own diagonal is 1. Empty until it is needed, in memory
+    /// that is there from the begin.
     a: Vec<f64>,
     /// Which row was exchanged with row k.
     pivots: Vec<usize>,
@@ -13,11 +14,12 @@ pub struct Lu {
 impl Lu {
     /// Storage for matrices of so many rows.
     pub fn new(size: usize) -> Self {
-        Lu { size, a: vec![0.0; size * size], pivots: vec![0; size] }
+        Lu { size, a: Vec::with_capacity(size * size), pivots: vec![0; size] }
     }
 
     /// The matrix by columns, to write before [`Lu::decompose`].
     pub fn matrix(&mut self) -> &mut [f64] {
+        self.a.resize(self.size * self.size, 0.0);
         &mut self.a
     }
 

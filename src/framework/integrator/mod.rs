@@ -68,6 +68,7 @@ mod stability;
 pub mod tableau;
 mod watch;
 mod work;
+mod workspace;
 
 pub use chosen::{Chosen, Integrates};
 pub use driver::Driver;
@@ -77,6 +78,7 @@ pub use methods::{IntegrationMethod, Pace};
 pub use sparsity::Sparsity;
 pub use stability::{ExplicitLimits, Limits, Mode};
 pub use work::Work;
+pub use workspace::{Place, Workspace, Workspaces};
 
 use crate::error::Invalid;
 use crate::kernel::Kernel;

@@ -18,7 +18,7 @@ const UNUSUAL: usize = 10;
 #[derive(Debug)]
 pub struct Spectrum {
     size: usize,
-    /// By rows; what is left of the matrix while it is split.
+    /// By rows; what is left of the matrix while it is split. Its memory is there from the begin.
     a: Vec<f64>,
     values: Vec<Complex<f64>>,
     /// Which of them took more than a permutation to find, and the rounding errors of that.
@@ -58,7 +58,7 @@ impl Spectrum {
     pub fn new(size: usize) -> Self {
         Spectrum {
             size,
-            a: vec![0.0; size * size],
+            a: Vec::with_capacity(size * size),
             values: vec![Complex::new(0.0, 0.0); size],
             found: 0..0,
             noise: 0.0,
@@ -68,7 +68,8 @@ impl Spectrum {
     /// Finds the eigenvalues of a matrix, by columns or by rows; whether it could.
     pub fn find(&mut self, matrix: &[f64]) -> bool {
         // Zeros have no sign here: reflections would go by it.
-        self.a.iter_mut().zip(matrix).for_each(|(a, entry)| *a = entry + 0.0);
+        self.a.clear();
+        self.a.extend(matrix.iter().map(|entry| entry + 0.0));
         // The shifts need squares of the entries.
         if !self.a.iter().map(|a| a * a).sum::<f64>().is_finite() {
             return false;

@@ -189,7 +189,7 @@ mod tests {
         record: impl FnOnce([Recorded; N]) -> Vec<Recorded>,
     ) -> (Vec<f64>, Vec<Recorded>, Tape) {
         let leaf = |place: usize| Recorded::of(Operation::Leaf(Leaf::Real(place as u32)));
-        let (results, tape) = on_tape(|| record(std::array::from_fn(leaf)));
+        let (results, tape) = on_tape(0, || record(std::array::from_fn(leaf)));
         let of = |leaf: Leaf| if let Leaf::Real(place) = leaf { numbers[place as usize] } else { f64::NAN };
         let values = values(tape.operations(), &of, &|_| f64::NAN);
         let found = results.iter().map(|result| values[result.node().index()]).collect();

@@ -15,10 +15,12 @@ thread_local! {
     static TAPE: RefCell<ManuallyDrop<Tape>> = RefCell::new(ManuallyDrop::new(Tape::default()));
 }
 
-/// Records what a function does, on a tape of its own.
-pub(crate) fn on_tape<T>(record: impl FnOnce() -> T) -> (T, Tape) {
+/// Records what a function does, on a tape of its own that begins with memory for so many operations.
+pub(crate) fn on_tape<T>(operations: usize, record: impl FnOnce() -> T) -> (T, Tape) {
     let exchanged = |tape: Tape| ManuallyDrop::into_inner(TAPE.replace(ManuallyDrop::new(tape)));
-    let before = exchanged(Tape::default());
+    let mut tape = Tape::default();
+    tape.reserve(operations);
+    let before = exchanged(tape);
     let result = record();
     (result, exchanged(before))
 }

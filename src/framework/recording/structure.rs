@@ -24,9 +24,11 @@ impl Tape {
             followed.iter().enumerate().for_each(|(bit, &(_, place))| reached[place] = 1 << bit);
             self.follow(&mut reached);
             for (node, found) in nodes.iter().zip(&mut found) {
-                let bits = reached[node.index()];
-                let leaves = followed.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 != 0);
-                found.extend(leaves.map(|(_, (leaf, _))| *leaf));
+                let mut bits = reached[node.index()];
+                while bits != 0 {
+                    found.push(followed[bits.trailing_zeros() as usize].0);
+                    bits &= bits - 1;
+                }
             }
         }
         found

@@ -1,6 +1,8 @@
 //! What was done, one operation after the other.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 use super::iteration::Body;
@@ -276,11 +278,48 @@ impl Note {
     }
 }
 
+/// Tells operations apart: a multiplication a number. Most of the time of a recording would go into the hash that the standard
+/// library takes against whoever chooses keys on purpose; here nobody does.
+#[derive(Debug, Default, Clone)]
+pub(super) struct Mixed(u64);
+
+impl Mixed {
+    fn mix(&mut self, word: u64) {
+        // Odd, and with about as many ones as zeros: 2⁶⁴ by the golden ratio.
+        self.0 = (self.0.rotate_left(23) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+}
+
+impl Hasher for Mixed {
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.mix(byte.into()));
+    }
+    fn write_u32(&mut self, word: u32) {
+        self.mix(word.into());
+    }
+    fn write_u64(&mut self, word: u64) {
+        self.mix(word);
+    }
+    fn write_i32(&mut self, word: i32) {
+        self.mix(word as u64);
+    }
+    fn write_usize(&mut self, word: usize) {
+        self.mix(word as u64);
+    }
+    fn write_isize(&mut self, word: isize) {
+        self.mix(word as u64);
+    }
+    fn finish(&self) -> u64 {
+        // A product's low bits know nothing of the high ones of its factors; tables look at both ends.
+        self.0 ^ self.0 >> 32
+    }
+}
+
 /// A list of operations.
 #[derive(Debug, Default, Clone)]
 pub struct Tape {
     pub(super) operations: Vec<Operation>,
-    pub(super) known: HashMap<Operation, Node>,
+    pub(super) known: HashMap<Operation, Node, BuildHasherDefault<Mixed>>,
     pub(super) notes: Vec<Note>,
     /// How many numbers the iterations carry that are being recorded.
     pub(super) carried: u32,
@@ -311,6 +350,12 @@ impl Tape {
         &self.notes
     }
 
+    /// Takes memory for so many operations at once.
+    pub(super) fn reserve(&mut self, operations: usize) {
+        self.operations.reserve(operations);
+        self.known.reserve(operations);
+    }
+
     /// The number that a node is, where it is known.
     pub fn constant(&self, node: Node) -> Option<f64> {
         match self.operation(node) {
@@ -326,13 +371,14 @@ impl Tape {
             Folded::Same(node) => return node,
             Folded::Operation(operation) => operation,
         };
-        if let Some(&node) = self.known.get(&operation) {
-            return node;
+        match self.known.entry(operation) {
+            Entry::Occupied(known) => *known.get(),
+            Entry::Vacant(unknown) => {
+                let node = Node(u32::try_from(self.operations.len()).expect("a recording is smaller than 4 GB"));
+                self.operations.push(unknown.key().clone());
+                *unknown.insert(node)
+            }
         }
-        let node = Node(u32::try_from(self.operations.len()).expect("a recording is smaller than 4 GB"));
-        self.operations.push(operation.clone());
-        self.known.insert(operation, node);
-        node
     }
 
     /// What an operation comes down to where operands are constants. No number is changed by it, a zero's sign included.

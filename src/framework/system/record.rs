@@ -16,6 +16,9 @@ pub struct Layout {
     pub indicators: usize,
 }
 
+/// Operations of a recording for each value of its block, about.
+const OPERATIONS: usize = 4;
+
 impl Recording {
     /// Records a method.
     pub fn of(system: &dyn DynSystem, method: Method, layout: &Layout) -> Self {
@@ -39,7 +42,7 @@ impl Recording {
         record: impl FnOnce(Recorded, &mut Point<Recorded>) -> Vec<Recorded>,
     ) -> Self {
         let given = |place: Leaf| known(place).map_or_else(|| leaf(place), Recorded::from);
-        let ((reals, integers, results), tape) = on_tape(|| {
+        let ((reals, integers, results), tape) = on_tape(OPERATIONS * (layout.reals + layout.integers), || {
             let mut reals: Vec<_> = (0..layout.reals as u32).map(|place| given(Leaf::Real(place))).collect();
             let mut integers: Vec<_> = (0..layout.integers as u32).map(|place| given(Leaf::Integer(place))).collect();
             let mut log = MessageLog::new();

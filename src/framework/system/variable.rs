@@ -3,6 +3,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 use serde::Serialize;
 
@@ -333,18 +334,23 @@ pub struct Variables {
     pub(super) real_sizes: [usize; Section::COUNT],
     pub(super) integer_sizes: [usize; Section::COUNT],
     pub(super) offsets: Offsets,
-    by_name: HashMap<String, (usize, usize)>,
+    by_name: OnceLock<HashMap<String, (usize, usize)>>,
 }
 
 impl Variables {
     /// Fixes offsets once everything is declared.
     pub(super) fn finish(&mut self) {
         self.place_sections();
-        for (index, variable) in self.list.iter().enumerate() {
-            for element in variable.elements() {
-                self.by_name.insert(element.name(), (index, element.offset));
-            }
-        }
+    }
+
+    /// Where elements stand by their names, found when the first is asked for: an instance that is only run asks for none.
+    fn by_name(&self) -> &HashMap<String, (usize, usize)> {
+        self.by_name.get_or_init(|| {
+            let elements = |(index, variable): (usize, &Variable)| {
+                variable.elements().map(|element| (element.name(), (index, element.offset))).collect::<Vec<_>>()
+            };
+            self.list.iter().enumerate().flat_map(elements).collect()
+        })
     }
 
     /// Places sections one after the other, as large as they are now.
@@ -396,7 +402,7 @@ impl Variables {
 
     /// The element of this full name.
     pub fn find(&self, name: &str) -> Option<Element<'_>> {
-        self.by_name.get(name).map(|&(index, offset)| self.list[index].element(offset))
+        self.by_name().get(name).map(|&(index, offset)| self.list[index].element(offset))
     }
 
     /// Index of an element in the block: of reals for real variables, else of integers.
