@@ -2,9 +2,11 @@
 //! follows from: whoever has the same finds it. Nothing depends on it: where it can't be read or written, things are made
 //! anew.
 
+use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::fs::{self, DirEntry};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use sha2::{Digest, Sha256};
@@ -15,6 +17,33 @@ pub const FOLDER: &str = "ADAPTIVE_FMU_CACHE";
 const MOST_KEPT: usize = 500;
 /// What a process that was killed left unfinished goes after this time.
 const UNFINISHED: Duration = Duration::from_secs(3600);
+
+/// A SHA-256 checksum.
+pub type Checksum = [u8; 32];
+
+/// A file as it was at a time, with its size.
+type Seen = (PathBuf, usize, SystemTime);
+
+/// Checksums of files.
+static KNOWN: Mutex<Option<HashMap<Seen, Checksum>>> = Mutex::new(None);
+
+/// The checksum of a file that holds these bytes. A library's takes milliseconds and is asked for again and again: it is
+/// computed once, as long as the file stays as it is.
+pub fn checksum(file: &Path, bytes: &[u8]) -> Checksum {
+    known_or(file, bytes.len(), || digest(bytes))
+}
+
+/// The checksum of these bytes.
+pub fn digest(bytes: &[u8]) -> Checksum {
+    Sha256::digest(bytes).into()
+}
+
+/// Of a file that holds so many bytes: what is known already, else what this gives.
+pub fn known_or(file: &Path, size: usize, otherwise: impl FnOnce() -> Checksum) -> Checksum {
+    let Some(modified) = fs::metadata(file).ok().and_then(|found| found.modified().ok()) else { return otherwise() };
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    *known.get_or_insert_default().entry((file.to_owned(), size, modified)).or_insert_with(otherwise)
+}
 
 /// A place in the cache.
 #[derive(Debug, Clone)]

@@ -7,6 +7,7 @@
 
 mod base64;
 mod cache;
+mod decimal;
 pub mod distribution;
 #[allow(unsafe_code)]
 mod dynamic;

@@ -41,6 +41,16 @@ pub fn each<W: Sync, T: Send>(workers: &[W], pieces: usize, work: impl Fn(&W, us
     done.into_iter().map(|(_, answer)| answer).collect()
 }
 
+/// The same, begun with the longest of them: none of those is left for one worker when the others are done.
+pub fn longest_first<W: Sync, T: Send>(workers: &[W], lengths: &[f64], work: impl Fn(&W, usize) -> T + Sync) -> Vec<T> {
+    let mut order: Vec<usize> = (0..lengths.len()).collect();
+    order.sort_by(|a, b| lengths[*b].total_cmp(&lengths[*a]));
+    let answers = each(workers, order.len(), |worker, turn| work(worker, order[turn]));
+    let mut done: Vec<(usize, T)> = order.into_iter().zip(answers).collect();
+    done.sort_by_key(|(piece, _)| *piece);
+    done.into_iter().map(|(_, answer)| answer).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -51,5 +61,15 @@ mod tests {
         assert_eq!(answers.iter().map(|(piece, _)| *piece).collect::<Vec<_>>(), (0..100).collect::<Vec<_>>());
         assert!(answers.iter().all(|(_, worker)| [10, 20, 30].contains(worker)));
         assert_eq!(each(&[()], 0, |(), piece| piece), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn the_longest_begin_and_answers_keep_their_order() {
+        let begun = std::sync::Mutex::new(Vec::new());
+        let answers = longest_first(&[()], &[1.0, 3.0, 2.0, 3.0], |(), piece| {
+            begun.lock().unwrap().push(piece);
+            10 * piece
+        });
+        assert_eq!((answers, begun.into_inner().unwrap()), (vec![0, 10, 20, 30], vec![1, 3, 2, 0]));
     }
 }

@@ -1,12 +1,13 @@
 //! `export`: descriptions become FMUs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Once;
+use std::sync::{Mutex, Once, PoisonError};
+use std::time::SystemTime;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Binary, Form, Glibc, Library, Platform};
+use adaptive_fmu::exporter::{self, Binary, Form, Glibc, Library, Platform, Source};
 use adaptive_fmu::parallel;
 use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
 use serde_json::json;
@@ -187,7 +188,29 @@ pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Res
     warn_of(library)?;
     let exported = structure.components.iter().filter(|component| component.is_exported());
     let needed: BTreeSet<&String> = exported.map(|component| &component.fmu).collect();
-    needed.into_iter().map(|fmu| exporter::export(&structure.description_of(fmu)?, library, out)).collect()
+    needed.into_iter().map(|fmu| export_once(&structure.description_of(fmu)?, library, out)).collect()
+}
+
+/// Writes an FMU, unless this command wrote it before and nobody has touched it since: many of its runs have the same units.
+fn export_once(source: &Source, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+    type Written = (PathBuf, u64, SystemTime);
+    /// By where they were written to, and their descriptions.
+    static WRITTEN: Mutex<BTreeMap<(PathBuf, String), Written>> = Mutex::new(BTreeMap::new());
+    let seen = |file: &Path| {
+        let found = std::fs::symlink_metadata(file).ok().filter(std::fs::Metadata::is_file)?;
+        Some((file.to_owned(), found.len(), found.modified().ok()?))
+    };
+    let all = || WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
+    let place = |out: &Path| Some((out.canonicalize().ok()?, source.text.clone()));
+    let before = place(out).and_then(|place| all().get(&place).cloned());
+    if let Some(before) = before.filter(|before| seen(&before.0).as_ref() == Some(before)) {
+        return Ok(before.0);
+    }
+    let file = exporter::export(source, library, out)?;
+    if let Some((place, written)) = place(out).zip(seen(&file)) {
+        all().insert(place, written);
+    }
+    Ok(file)
 }
 
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::Library;
 use adaptive_fmu::reproduction::linear_limit;
 use adaptive_fmu::sealed::checksum;
 use adaptive_fmu::simulation::{Asked, Component, Fmu, Hosting, LoadedLoop, LoopFiles, Mark, Order, Provenance, Ready};
@@ -125,6 +124,15 @@ impl LoopOptions {
         Ok(settings)
     }
 
+    /// How long a run takes about, against others: by its communication points and by how much is handed over at each. Units
+    /// that are integrated together are held to a tolerance instead, which may take longest.
+    pub fn effort(&self, structure: &Structure) -> f64 {
+        let Ok(Settings { start_time, stop_time, step, .. }) = self.settings(structure) else { return 0.0 };
+        let handed = structure.connections.len() as f64 + 1.0;
+        let time = stop_time - start_time;
+        handed * if self.composite { time * MOST_POINTS } else { time / step }
+    }
+
     /// How a run of a loop comes to its numbers.
     pub fn provenance(
         &self,
@@ -179,7 +187,7 @@ impl LoopOptions {
             return Ok(Units::Separate(fmus));
         }
         // A loop must not show the numbers of units that were exported before an equation was changed.
-        export_units(structure, &Library::beside_program()?.with_other_platforms()?, &fmus)?;
+        export_units(structure, &*super::ready::library()?, &fmus)?;
         Ok(Units::Separate(fmus))
     }
 }

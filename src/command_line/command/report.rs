@@ -15,6 +15,7 @@ use super::loop_options::LoopOptions;
 use super::open::OpenOption;
 use super::parameters::Parameters;
 use super::progress::{self, Bars, Counter};
+use super::ready;
 use super::run::simulated;
 
 const PAGE: &str = "index.html";
@@ -37,10 +38,11 @@ pub struct Arguments {
     json: bool,
 }
 
-/// An example with its figures, and which of its runs have a linear limit.
+/// An example with its figures, how long its runs take about, and which of them have a linear limit.
 struct Planned<'a> {
     example: &'a Example,
     figures: Vec<Figure>,
+    efforts: Vec<f64>,
     has_limit: Vec<bool>,
 }
 
@@ -94,27 +96,33 @@ fn planned<'a>(example: &'a Example, file: &Path) -> Result<Planned<'a>, Error> 
     example.claim.iter().try_for_each(|claim| claim.judge(&before).map(drop)).map_err(wrong)?;
     let has_limit = structures.iter().map(|structure| Ok(linear_limit(structure)?.is_some()));
     let has_limit = has_limit.collect::<Result<_, Error>>()?;
-    Ok(Planned { example, figures: Figure::all(example, &structures), has_limit })
+    let runs = example.run.iter().zip(&structures);
+    let efforts = runs.map(|(run, structure)| options(run, Form::AsItIs).effort(structure)).collect();
+    Ok(Planned { example, figures: Figure::all(example, &structures), efforts, has_limit })
 }
 
 impl Planned<'_> {
-    /// The forms of its runs, one run after the other.
-    fn forms(&self) -> impl Iterator<Item = (&Run, Form)> {
-        self.example.run.iter().zip(&self.has_limit).flat_map(|(run, has_limit)| {
-            let linear = has_limit.then_some((run, Form::Linear));
-            [(run, Form::AsItIs), (run, Form::Frozen)].into_iter().chain(linear)
+    /// The forms of its runs, one run after the other, and how long each takes about.
+    fn forms(&self) -> impl Iterator<Item = (&Run, Form, f64)> {
+        let runs = self.example.run.iter().zip(&self.efforts).zip(&self.has_limit);
+        runs.flat_map(|((run, effort), has_limit)| {
+            let linear = has_limit.then_some((run, Form::Linear, *effort));
+            [(run, Form::AsItIs, *effort), (run, Form::Frozen, *effort)].into_iter().chain(linear)
         })
     }
 }
 
 /// The outcomes of all runs in their order, each in its forms.
 fn run_all(planned: &[Planned], arguments: &Arguments) -> Result<Vec<Outcome>, Error> {
-    let all: Vec<(&Planned, (&Run, Form))> =
+    let all: Vec<(&Planned, (&Run, Form, f64))> =
         planned.iter().flat_map(|planned| planned.forms().map(move |form| (planned, form))).collect();
+    // Made once for all runs; where there are none, each run that needs them tells why.
+    let _units = ready::units();
+    let efforts: Vec<f64> = all.iter().map(|(_, (_, _, effort))| *effort).collect();
     let (bars, silent) = (Bars::new(arguments.json), Bars::new(true));
     let counter = Counter::new(&bars, "report", all.len(), 0);
-    let outcomes = parallel::each(&vec![(); parallel::cores()], all.len(), |(), place| {
-        let (planned, (run, form)) = all[place];
+    let outcomes = parallel::longest_first(&vec![(); parallel::cores()], &efforts, |(), place| {
+        let (planned, (run, form, _)) = all[place];
         let outcome = attempt(planned, run, form, &silent);
         counter.count(&run.key());
         outcome

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::Files;
+use adaptive_fmu::parallel;
 use adaptive_fmu::simulation::{METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, svg, told};
 use serde_json::json;
 
@@ -54,16 +55,23 @@ pub fn write_results(
 ) -> Result<(), Error> {
     let Report { structure, recording, .. } = report;
     let mut files = Files::within(out, &structure.name)?;
-    let table = Table::new(recording, tables.every);
-    files.add(TABLE, table.csv())?;
+    let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
+    let (table, diagrams) = (Table::new(recording, tables.every), report.diagrams().map_err(wrong)?);
+    // Each takes about as long as the others.
+    let made = parallel::each(&vec![(); parallel::cores()], 3, |(), text| match text {
+        0 => table.csv(),
+        1 => report.html(&diagrams),
+        _ => svg(&structure.description, &diagrams),
+    });
+    let [csv, page, plot] = &made[..] else { unreachable!("three texts were asked for") };
+    files.add(TABLE, csv)?;
     if tables.parquet {
         files.add(PARQUET, table.parquet())?;
     }
     let written = json!({ "every": tables.every, "parquet": tables.parquet });
     files.add(METRICS, told(report, provenance, &written).to_string())?;
-    let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
-    files.add(PLOT, svg(&structure.description, &report.diagrams().map_err(wrong)?))?;
-    files.add(PAGE, report.html().map_err(wrong)?)?;
+    files.add(PLOT, plot)?;
+    files.add(PAGE, page)?;
     files.place()?;
     if tables.parquet {
         return Ok(());

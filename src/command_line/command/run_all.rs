@@ -5,10 +5,11 @@ use std::process::ExitCode;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
 use adaptive_fmu::parallel;
-use adaptive_fmu::simulation::{Row, Verdict, table};
+use adaptive_fmu::simulation::{LoopFiles, Row, Verdict, table};
 use serde_json::{Value, json};
 
 use super::progress::{self, Bars};
+use super::ready;
 use super::run::{Arguments, exit_code, run};
 
 /// A loop's row, and all that is known of it.
@@ -32,7 +33,12 @@ pub fn execute(options: &Arguments) -> ExitCode {
 
 fn on_all_cores(options: &Arguments) -> Vec<Tried> {
     let (loops, bars) = (exporter::loops(), Bars::new(options.json));
-    parallel::each(&vec![(); parallel::cores()], loops.len(), |(), place| attempt(options, loops[place].0, &bars))
+    // Made once for all loops; where there are none, each loop tells why.
+    let _units = ready::units();
+    let effort = |name: &str| Ok::<_, Error>(options.options.effort(&LoopFiles::find(name)?.structure()?));
+    let efforts: Vec<f64> = loops.iter().map(|(name, _)| effort(name).unwrap_or_default()).collect();
+    let workers = vec![(); parallel::cores()];
+    parallel::longest_first(&workers, &efforts, |(), place| attempt(options, loops[place].0, &bars))
 }
 
 /// Runs a loop; what goes wrong is told, and the others go on.

@@ -208,7 +208,7 @@ impl Binaries {
 /// A library as an archive of one entry. Compressing takes most of the time of an export, so what came of it is kept.
 fn packed(file: &Path) -> Result<Vec<u8>, Error> {
     let bytes = std::fs::read(file).map_err(Error::file(file))?;
-    let kept = cache::Entry::of("zip", &[&bytes]);
+    let kept = cache::Entry::of("zip", &[&cache::checksum(file, &bytes)]);
     let whole = |archive: &Vec<u8>| {
         let size = ZipArchive::new(Cursor::new(archive)).and_then(|mut zip| Ok(zip.by_index_raw(0)?.size()));
         size.is_ok_and(|size| size == bytes.len() as u64)

@@ -7,7 +7,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use tempfile::TempDir;
 
 use super::platform::Platform;
-use crate::cache::Entry;
+use crate::cache::{self, Entry};
 
 static HELD: OnceLock<&'static [u8]> = OnceLock::new();
 /// Where it was unpacked to, when there is no cache.
@@ -21,13 +21,16 @@ pub fn hold(library: &'static [u8]) {
 /// Its file: in the user's cache folder, else in a temporary one. None where the program holds none, or no file can be written.
 pub(super) fn file() -> Option<PathBuf> {
     let bytes = *HELD.get()?;
-    if let Some(kept) = Entry::of("library", &[bytes]) {
+    let checksum = cache::digest(bytes);
+    if let Some(kept) = Entry::of("library", &[&checksum]) {
         let is_there = || kept.read().as_deref() == Some(bytes);
-        if !is_there() {
+        let written = || {
             kept.write(bytes);
-        }
-        // A disk may be full.
-        if is_there() {
+            // A disk may be full.
+            is_there()
+        };
+        if is_there() || written() {
+            cache::known_or(kept.file(), bytes.len(), || checksum);
             return Some(kept.file().to_owned());
         }
     }

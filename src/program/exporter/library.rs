@@ -10,6 +10,7 @@ use super::binaries::{self, Binaries, Binary};
 use super::held;
 use super::lines;
 use super::platform::Platform;
+use crate::cache::{self, Checksum, Entry};
 use crate::dynamic;
 use crate::error::Error;
 use crate::fmi2::describe::{self, Described, SourceUnit};
@@ -24,6 +25,8 @@ pub const SHARED: &str = "share/adaptive-fmu";
 #[derive(Debug)]
 pub struct Library {
     path: PathBuf,
+    /// Of its bytes, where they are a file's.
+    checksum: Option<Checksum>,
     loaded: dynamic::Library,
     binaries: Binaries,
     left_out: Vec<String>,
@@ -35,7 +38,9 @@ pub struct Library {
 type Asked = (&'static [u8], Option<String>);
 
 /// So many replies are kept.
-const MOST_REPLIES: usize = 64;
+const MOST_REPLIES: usize = 128;
+/// The question what an FMU of a description is.
+const DESCRIBE: &[u8] = b"adaptive_fmu_describe";
 
 /// What a library refuses of a description, with the lines of its file, which may lie in an archive. A text that was changed
 /// since it was read, as by a parameter set, has none.
@@ -64,7 +69,14 @@ impl Library {
     fn linked() -> Self {
         let path = PathBuf::from("this library");
         let binaries = Binaries::of(Binary::own(&path, &[]));
-        Library { path, loaded: dynamic::Library, binaries, left_out: Vec::new(), replies: Mutex::default() }
+        Library {
+            path,
+            checksum: None,
+            loaded: dynamic::Library,
+            binaries,
+            left_out: Vec::new(),
+            replies: Mutex::default(),
+        }
     }
 
     #[cfg(not(target_family = "wasm"))]
@@ -108,6 +120,7 @@ impl Library {
         let own = Binary::own(path, &bytes);
         Ok(Library {
             path: path.to_owned(),
+            checksum: Some(cache::checksum(path, &bytes)),
             loaded,
             binaries: Binaries::of(own),
             left_out: Vec::new(),
@@ -147,7 +160,7 @@ impl Library {
             Some(source) => refused(source, &reason),
             None => Error::Library(reason),
         };
-        let reply = self.ask(b"adaptive_fmu_describe", description)?;
+        let reply = self.ask(DESCRIBE, description)?;
         describe::read(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
@@ -173,13 +186,27 @@ impl Library {
         if let Some(reply) = kept().get(&asked) {
             return Ok(reply.clone());
         }
-        let reply = self.ask_anew(question, description)?;
+        let entry = description.filter(|_| question == DESCRIBE).and_then(|source| self.entry(source));
+        let reply = match entry.as_ref().and_then(described) {
+            Some(reply) => reply,
+            None => {
+                let reply = self.ask_anew(question, description)?;
+                entry.filter(|_| is_described(&reply)).into_iter().for_each(|entry| entry.write(reply.as_bytes()));
+                reply
+            }
+        };
         let mut replies = kept();
         if replies.len() >= MOST_REPLIES {
             replies.clear();
         }
         replies.insert(asked, reply.clone());
         Ok(reply)
+    }
+
+    /// Where the description of an FMU is kept: its design report takes up to half a second, and follows from the library and
+    /// the text alone.
+    fn entry(&self, description: &Source) -> Option<Entry> {
+        Entry::of("described", &[self.checksum.as_ref()?, description.text.as_bytes()])
     }
 
     fn ask_anew(&self, question: &[u8], description: Option<&Source>) -> Result<String, Error> {
@@ -202,10 +229,30 @@ impl Library {
     }
 }
 
-/// The file of the library built together with this program, where there is one. Cargo leaves it in `deps`, an archive or a
-/// wheel beside the program; else it is unpacked of the program. The copy that cargo puts beside the program may be of an
-/// earlier build.
+/// A reply that is kept. One that was cut off is none.
+fn described(entry: &Entry) -> Option<String> {
+    String::from_utf8(entry.read()?).ok().filter(|reply| is_described(reply))
+}
+
+/// Whether a reply describes an FMU, and refuses nothing.
+fn is_described(reply: &str) -> bool {
+    describe::read(reply).is_ok_and(|described| described.is_ok())
+}
+
+/// The file of the library built together with this program, where there is one. It is looked for once, as long as it stays
+/// there.
 pub fn own_library() -> Option<PathBuf> {
+    static FOUND: Mutex<Option<PathBuf>> = Mutex::new(None);
+    let mut found = FOUND.lock().unwrap_or_else(PoisonError::into_inner);
+    if found.as_ref().is_none_or(|file| !file.is_file()) {
+        *found = find_own_library();
+    }
+    found.clone()
+}
+
+/// Cargo leaves it in `deps`, an archive or a wheel beside the program; else it is unpacked of the program. The copy that
+/// cargo puts beside the program may be of an earlier build.
+fn find_own_library() -> Option<PathBuf> {
     let folder = program_folder().ok()?;
     let own = Platform::own();
     let of_folders = library_folders(&folder).map(|libraries| libraries.join(own.folder));

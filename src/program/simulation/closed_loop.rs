@@ -100,6 +100,9 @@ pub(super) struct Said {
 impl Said {
     /// Adds messages to the warnings of a run: the first hundred of the unit.
     pub fn keep(&mut self, unit: &str, messages: &Messages, warnings: &mut Vec<String>) {
+        if messages.count() == 0 && messages.details().is_empty() {
+            return;
+        }
         for text in messages.iter() {
             self.last = format!("{unit}: {text}");
             if self.count < MOST_MESSAGES {

@@ -26,12 +26,13 @@ pub use guest::serve as serve_unit;
 use in_process::{Binary, InProcess, Plan};
 pub use instance::{Event, Instance};
 pub use kernel::compiler_trouble;
-use kernel::{Awaited, Checksum, checksum};
+use kernel::{Awaited, checksum};
 pub use messages::Messages;
 #[cfg(unix)]
 use own_process::OwnProcess;
 use unit::RunningUnit;
 
+use crate::cache::Checksum;
 use crate::error::Error;
 use crate::exporter::{Entry, Platform, entries, own_library, read_entry, unpack_but};
 use crate::fmi2::resources::DESCRIPTION;
@@ -243,7 +244,7 @@ impl Place {
     /// Where the instances of a library run, whose resources lie in a folder; the reason where it can't be loaded.
     fn of(library: PathBuf, resources: &Path, hosting: &Hosting) -> Result<Self, String> {
         let bytes = std::fs::read(&library).map_err(|error| format!("its library can't be read: {error}"))?;
-        let checksum = checksum(&bytes);
+        let checksum = checksum(&library, &bytes);
         #[cfg(unix)]
         if let Hosting::OwnProcess { program, patience } = hosting
             && checksum.is_none()
@@ -288,7 +289,8 @@ impl OwnLibrary {
             let file = own_library()?;
             let bytes = std::fs::read(&file).ok()?;
             let mark = (bytes.len() as u64, crc32fast::hash(&bytes));
-            Some(OwnLibrary { binary: Arc::new(Binary::load(&file).ok()?), checksum: checksum(&bytes)?, mark })
+            let checksum = checksum(&file, &bytes)?;
+            Some(OwnLibrary { binary: Arc::new(Binary::load(&file).ok()?), checksum, mark })
         };
         OWN.get_or_init(load).as_ref()
     }

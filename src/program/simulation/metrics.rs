@@ -93,7 +93,7 @@ fn simulate(model: &IdealModel, recording: &Recording) -> Result<Vec<f64>, Strin
     let output = |coefficients: &[f64], x: &DVector<f64>| -> f64 {
         coefficients.iter().rev().zip(x.iter()).map(|(b, x)| b * x).sum()
     };
-    let (mut state, mut free) = (DVector::zeros(n + 2), DVector::zeros(n + 2));
+    let (mut state, mut free, mut next) = (DVector::zeros(n + 2), DVector::zeros(n + 2), DVector::zeros(n + 2));
     free[n - 1] = 1.0 / leading;
     let (mut transition, mut step) = (DMatrix::zeros(0, 0), f64::NAN);
     let mut response = vec![output(&model.initial, &free); input.len().min(1)];
@@ -104,8 +104,10 @@ fn simulate(model: &IdealModel, recording: &Recording) -> Result<Vec<f64>, Strin
         }
         state[n] = input[k - 1];
         state[n + 1] = (input[k] - input[k - 1]) / h;
-        state = &transition * &state;
-        free = &transition * &free;
+        for vector in [&mut state, &mut free] {
+            transition.mul_to(vector, &mut next);
+            std::mem::swap(vector, &mut next);
+        }
         response.push(output(&model.numerator, &state) + output(&model.initial, &free));
     }
     Ok(response)

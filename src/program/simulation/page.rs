@@ -128,22 +128,19 @@ impl Report<'_> {
         }
     }
 
-    /// The page.
-    ///
-    /// # Errors
-    /// When a plot names a signal that isn't there.
-    pub fn html(&self) -> Result<String, String> {
+    /// The page, with its [diagrams](Report::diagrams).
+    pub fn html(&self, diagrams: &[Diagram]) -> String {
         let Structure { name, description, .. } = self.structure;
         let mut page = beginning(name, description);
         if let Some(shortfall) = self.shortfall() {
             let _ = writeln!(page, "<p class=\"bad\">This run {}.</p>", escaped(&shortfall));
         }
-        push_diagrams(&mut page, &self.diagrams()?);
+        push_diagrams(&mut page, diagrams);
         self.push_metrics(&mut page);
         self.push_warnings(&mut page);
         self.push_settings(&mut page);
         ending(&mut page);
-        Ok(page)
+        page
     }
 
     /// The diagrams of the run: those that its loop plots, and errors in their funnels.

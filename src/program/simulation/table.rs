@@ -1,13 +1,14 @@
 //! A recording as a table, with all points or some.
 
-use std::fmt::Write;
-
 use super::closed_loop::Recording;
+use crate::decimal;
 use crate::parquet;
 use crate::text_file::csv_field;
 
 /// Times this close to each other, in parts of the distance of rows, are the same.
 const SAME: f64 = 1e-6;
+/// Letters of a number, with the comma behind it.
+const NUMBER: usize = 20;
 
 /// Points of a recording as rows.
 #[derive(Debug)]
@@ -29,10 +30,13 @@ impl<'a> Table<'a> {
     pub fn csv(&self) -> String {
         let names: Vec<_> = self.recording.names.iter().map(|name| csv_field(name)).collect();
         let mut csv = format!("time,{}\n", names.join(","));
+        // What most numbers of a simulation take.
+        csv.reserve(self.rows.len() * (names.len() + 1) * NUMBER);
         for &row in &self.rows {
-            let _ = write!(csv, "{}", self.recording.times[row]);
+            decimal::push(&mut csv, self.recording.times[row]);
             for column in &self.recording.columns {
-                let _ = write!(csv, ",{}", column[row]);
+                csv.push(',');
+                decimal::push(&mut csv, column[row]);
             }
             csv.push('\n');
         }

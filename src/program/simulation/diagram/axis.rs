@@ -84,8 +84,9 @@ pub fn padded_range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
 /// above the largest.
 pub fn decades<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let mut above: Vec<f64> = values.copied().filter(|value| value.is_finite() && *value > 0.0).collect();
-    above.sort_unstable_by(f64::total_cmp);
-    let (Some(&least), Some(&largest)) = (above.get(above.len() / 100), above.last()) else { return (0.1, 1.0) };
+    let Some(largest) = above.iter().copied().max_by(f64::total_cmp) else { return (0.1, 1.0) };
+    let place = above.len() / 100;
+    let (_, &mut least, _) = above.select_nth_unstable_by(place, f64::total_cmp);
     let (low, high) = (10_f64.powf(least.log10().floor()), largest * ABOVE);
     (low.max(high * LEAST_PART), high)
 }
@@ -109,11 +110,18 @@ impl Axis {
 
     /// The part of its length at which a value lies; a value that a logarithm can't take lies far below.
     pub fn place(&self, value: f64) -> f64 {
+        self.places()(value)
+    }
+
+    /// The same of many values.
+    pub fn places(&self) -> impl Fn(f64) -> f64 + use<> {
         let Axis { low, high, logarithmic } = *self;
-        if !logarithmic {
-            return (value - low) / (high - low);
+        let length = if logarithmic { (high / low).log10() } else { high - low };
+        move |value| match logarithmic {
+            false => (value - low) / length,
+            true if value > 0.0 => ((value / low).log10() / length).max(-1.0),
+            true => -1.0,
         }
-        if value > 0.0 { ((value / low).log10() / (high / low).log10()).max(-1.0) } else { -1.0 }
     }
 
     /// Round numbers within it, about so many, as they are written.

@@ -78,8 +78,8 @@ impl Diagram<'_> {
     /// Those of the points that make a difference to who looks at them from one time to another; the smallest and the largest
     /// are among them.
     fn seen(&self, points: &[(f64, f64)], from: f64, to: f64) -> Vec<(f64, f64)> {
-        let axis = self.axis(from, to);
-        let place = |(time, value): &(f64, f64)| ((time - from) / (to - from) * WIDTH, axis.place(*value));
+        let across = self.axis(from, to).places();
+        let place = |(time, value): &(f64, f64)| ((time - from) / (to - from) * WIDTH, across(*value));
         let mut kept: Vec<(f64, f64)> = Vec::new();
         for part in points.chunk_by(|a, b| a.1.is_finite() == b.1.is_finite()) {
             if !part.iter().all(|(_, value)| value.is_finite()) {

@@ -234,10 +234,11 @@ impl Frame {
         let rows = rows.start.saturating_sub(1)..(rows.end + 1).min(curve.times.len().min(curve.values.len()));
         let points = thinned(&curve.times[rows.clone()], &curve.values[rows], (self.width / 0.7) as usize);
         let (wide, tall) = (self.width * TENTHS, self.height * TENTHS);
+        let (across, upwards) = (self.x.places(), self.y.places());
         let seen = |(time, value): &(f64, f64)| {
             // Far outside is outside.
-            let up = self.y.place(*value).clamp(-3.0, 4.0);
-            (self.x.place(*time) * wide, (1.0 - up) * tall)
+            let up = upwards(*value).clamp(-3.0, 4.0);
+            (across(*time) * wide, (1.0 - up) * tall)
         };
         let mut path = String::new();
         for part in points.split(|(_, value)| !value.is_finite()).filter(|part| !part.is_empty()) {

@@ -5,6 +5,9 @@
 pub fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> {
     let last = times.len().min(values.len()).saturating_sub(1);
     let size = times.len().div_ceil(groups).max(1);
+    if size == 1 {
+        return times.iter().copied().zip(values.iter().copied()).collect();
+    }
     let mut kept = Vec::new();
     for (group, part) in values.chunks(size).enumerate() {
         let places = group * size..group * size + part.len();
@@ -28,9 +31,7 @@ pub fn simplified(points: &[(f64, f64)], distance: f64) -> Vec<usize> {
     kept.truncate(points.len());
     let mut parts = vec![(0, last)];
     while let Some((from, to)) = parts.pop() {
-        let away = |place: usize| from_segment(points[place], points[from], points[to]);
-        let farthest = (from + 1..to).max_by(|a, b| away(*a).total_cmp(&away(*b)));
-        match farthest.filter(|&place| away(place) > distance) {
+        match farthest(points, (from, to), distance) {
             Some(place) => parts.extend([(place, to), (from, place)]),
             None if to > from => kept.push(to),
             None => {}
@@ -39,12 +40,36 @@ pub fn simplified(points: &[(f64, f64)], distance: f64) -> Vec<usize> {
     kept
 }
 
-/// Distance of a point from the line between two others.
-fn from_segment((x, y): (f64, f64), from: (f64, f64), to: (f64, f64)) -> f64 {
+/// The point between two others that lies farthest from the line between them, the last of several, where that is farther
+/// than a distance.
+fn farthest(points: &[(f64, f64)], (from, to): (usize, usize), distance: f64) -> Option<usize> {
+    // There may be no points at all.
+    let away = from_segment(*points.get(from)?, *points.get(to)?);
+    // A distance takes far longer than its square, which tells most points: all but those within its rounding.
+    let nearly = |distance: f64| distance * distance * (1.0 - 1e-12);
+    let (mut found, mut largest, mut square) = (None, distance, nearly(distance));
+    let inner = from + 1..to;
+    for (place, point) in inner.clone().zip(points.get(inner).unwrap_or_default()) {
+        let (x, y) = away(*point);
+        if x * x + y * y >= square {
+            let distance_of_it = x.hypot(y);
+            if distance_of_it > distance && distance_of_it >= largest {
+                (found, largest, square) = (Some(place), distance_of_it, nearly(distance_of_it));
+            }
+        }
+    }
+    found
+}
+
+/// How far a point lies from the line between two others, by each coordinate.
+fn from_segment(from: (f64, f64), to: (f64, f64)) -> impl Fn((f64, f64)) -> (f64, f64) {
     let (dx, dy) = (to.0 - from.0, to.1 - from.1);
     let length = dx * dx + dy * dy;
-    let along = if length > 0.0 { (((x - from.0) * dx + (y - from.1) * dy) / length).clamp(0.0, 1.0) } else { 0.0 };
-    (x - from.0 - along * dx).hypot(y - from.1 - along * dy)
+    move |(x, y)| {
+        let (x, y) = (x - from.0, y - from.1);
+        let along = if length > 0.0 { ((x * dx + y * dy) / length).clamp(0.0, 1.0) } else { 0.0 };
+        (x - along * dx, y - along * dy)
+    }
 }
 
 #[cfg(test)]
@@ -81,12 +106,20 @@ mod tests {
         let kept = simplified(&sine, 0.1);
         assert!(kept.len() < 120 && kept.is_sorted() && kept.first() == Some(&0) && kept.last() == Some(&1000));
         for ends in kept.windows(2) {
-            let worst = (ends[0]..=ends[1]).map(|k| from_segment(sine[k], sine[ends[0]], sine[ends[1]]));
+            let away = from_segment(sine[ends[0]], sine[ends[1]]);
+            let worst = (ends[0]..=ends[1]).map(|k| away(sine[k])).map(|(x, y)| x.hypot(y));
             assert!(worst.fold(0.0, f64::max) <= 0.1);
         }
         let square = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 5.0), (3.0, 5.0), (9.0, 5.0)];
         assert_eq!(simplified(&square, 0.1), [0, 2, 3, 5]);
         assert_eq!((simplified(&[], 1.0), simplified(&square[..1], 1.0)), (vec![], vec![0]));
+    }
+
+    #[test]
+    fn of_points_that_are_equally_far_the_last_is_kept() {
+        let zigzag: Vec<_> = times(9).into_iter().map(|t| (t, if t % 4.0 == 2.0 { 1.0 } else { 0.0 })).collect();
+        assert_eq!(farthest(&zigzag, (0, 8), 0.5), Some(6));
+        assert_eq!(farthest(&zigzag, (0, 8), 1.0), None);
     }
 
     #[test]

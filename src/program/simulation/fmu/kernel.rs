@@ -10,10 +10,8 @@ use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 
-use sha2::{Digest, Sha256};
-
 use super::in_process::Binary;
-use crate::cache::Entry;
+use crate::cache::{self, Checksum, Entry};
 use crate::dynamic::Library;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::read_kernel;
@@ -64,13 +62,10 @@ pub(super) struct Loaded {
     _library: Library,
 }
 
-/// Checksum of a library that was built with this crate.
-pub(super) type Checksum = [u8; 32];
-
-/// Of the library that these bytes are; none where it isn't of this crate. How it was built doesn't tell it: a user's own
-/// models change without that.
-pub(super) fn checksum(library: &[u8]) -> Option<Checksum> {
-    Build::within(library).map(|_| Sha256::digest(library).into())
+/// Checksum of the library in a file that holds these bytes; none where it isn't of this crate. How it was built doesn't
+/// tell it: a user's own models change without that.
+pub(super) fn checksum(file: &Path, library: &[u8]) -> Option<Checksum> {
+    Build::within(library).map(|_| cache::checksum(file, library))
 }
 
 /// A kernel that is there now, later or never.

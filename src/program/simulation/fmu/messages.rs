@@ -1,6 +1,7 @@
 //! What units say: their log messages, expanded and cleaned.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
@@ -100,6 +101,8 @@ fn cleaned(text: &str) -> String {
 #[derive(Debug, Default)]
 pub(super) struct Log {
     messages: Mutex<Messages>,
+    /// Whether there may be any: masters ask after every step, and there hardly ever are.
+    spoke: AtomicBool,
     /// Whether what is told of calls that went well is kept, too.
     keeps_details: bool,
 }
@@ -107,18 +110,28 @@ pub(super) struct Log {
 impl Log {
     /// A log that keeps what is told of calls that went well, too, or doesn't.
     pub fn keeping(details: bool) -> Self {
-        Log { messages: Mutex::default(), keeps_details: details }
+        Log { messages: Mutex::default(), spoke: AtomicBool::new(false), keeps_details: details }
     }
 
     pub fn push(&self, text: &str) {
-        self.messages.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+        self.keep(|messages| messages.push(text));
     }
 
     fn push_detail(&self, text: &str) {
-        self.messages.lock().unwrap_or_else(PoisonError::into_inner).push_detail(text);
+        self.keep(|messages| messages.push_detail(text));
+    }
+
+    fn keep(&self, push: impl FnOnce(&mut Messages)) {
+        push(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner));
+        self.spoke.store(true, Ordering::Release);
     }
 
     pub fn take(&self) -> Messages {
+        if !self.spoke.load(Ordering::Acquire) {
+            return Messages::default();
+        }
+        // A message that comes meanwhile is either taken with the others, or told of anew.
+        self.spoke.store(false, Ordering::Release);
         std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
