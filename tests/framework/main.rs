@@ -16,6 +16,7 @@ mod integration;
 mod interfaces_agree;
 mod jumps;
 mod kernel;
+mod order_eight;
 mod output_derivatives;
 mod outputs;
 mod recording;
