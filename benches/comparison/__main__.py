@@ -8,6 +8,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 import compiled
+import growth
 import loops
 import steps
 import whole
@@ -46,10 +47,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="What units and loops cost, against peers.")
     parser.add_argument("--quick", action="store_true", help="every row once, loops cut short: to see that it runs")
     parser.add_argument("--json", action="store_true", help="for a script")
+    parser.add_argument("--growth", type=Path, metavar="FILE.svg", help="how costs grow, in place of all that, as a plot")
     options = parser.parse_args()
     # FMPy prints what units log.
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(sys.stderr):
-        rows = measure(Workshop(Path(folder), options.quick))
+        workshop = Workshop(Path(folder), options.quick)
+        if options.growth:
+            series = growth.measure(workshop)
+            options.growth.write_text(growth.plot(series))
+        else:
+            rows = measure(workshop)
+    if options.growth:
+        print(growth.table(series))
+        return
     print(json.dumps([row.told() for row in rows]) if options.json else table(rows))
 
 

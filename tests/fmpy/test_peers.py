@@ -3,6 +3,7 @@ a machine that runs tests is no place to measure."""
 
 import json
 import subprocess
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -44,6 +45,17 @@ def rows() -> list[dict]:
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+def test_growth_is_measured_and_plotted(tmp_path) -> None:
+    plot = tmp_path / "growth.svg"
+    done = subprocess.run(
+        [ROOT / "benches" / "peers", "--quick", "--growth", plot], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    panels = ["by states", "by components", "by points", "by instances"]
+    assert all(panel in done.stdout and panel in plot.read_text() for panel in panels), done.stdout
+    assert ElementTree.parse(plot).getroot().tag.endswith("svg")
 
 
 def has_cvode() -> bool:
