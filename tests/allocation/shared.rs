@@ -29,7 +29,9 @@ const VECTORS: isize = 50;
 /// How to ask for instances of a unit, whose resources lie in a folder.
 fn request(name: &str, folder: &Path) -> Request {
     let model = Model::from_description(Description::read(&description(name)).unwrap(), REGISTRY).unwrap();
-    std::fs::write(folder.join("description.toml"), description(name)).unwrap();
+    // Instances share by what the description says: those of other tests have another one.
+    let text = format!("{}\n# Of {}.\n", description(name), folder.display());
+    std::fs::write(folder.join("description.toml"), text).unwrap();
     Request {
         registry: REGISTRY,
         name: Some(name.to_owned()),
