@@ -257,10 +257,17 @@ static void begin_explicit(Driver *driver, const Problem *problem, int method, r
 #else
     (void)problem;
 #endif
+#if UNIT_HAS_ORDER_8
     driver->by_order_8 = method == METHOD_AUTOMATIC && order_8_pays(way, pace);
     if (driver->by_order_8 && pace->substep_8 == R(0.0)) {
         pace->substep_8 = TIMES_AS_LONG * pace->substep;
     }
+#else
+    (void)driver;
+    (void)method;
+    (void)way;
+    (void)pace;
+#endif
 }
 
 /* Decides by which method the substep goes that begins where the problem stands, with so long a way to go, and prepares
@@ -300,11 +307,13 @@ static Estimate attempt(Driver *driver, Problem *problem, real h, real relative_
         return stiff_attempt(driver, problem, h, relative_tolerance);
     }
 #endif
+#if UNIT_HAS_ORDER_8
     if (driver->by_order_8) {
         driver->work += ORDER_8_WORK(EVALUATION_WORK);
         pace->until_look -= ORDER_8_WORK(TYPICAL_EVALUATION);
         return order_8_attempt(driver, problem, h, relative_tolerance);
     }
+#endif
     driver->work += EXPLICIT_WORK(EVALUATION_WORK);
     pace->until_look -= EXPLICIT_WORK(TYPICAL_EVALUATION);
     return explicit_attempt(driver, problem, h, relative_tolerance);

@@ -4,10 +4,12 @@
  * Where a rate has a kink, the difference from the solution of order 5 is nothing at some places of the kink in a substep. So
  * another one counts as well, which sees these: the fifth divided difference of the derivatives at six of the stages. */
 
-#if UNIT_MOVES
+#if UNIT_HAS_ORDER_8
 
 /* Derivatives that are kept: of stage 1, and of 4 to 12. Those of stages 2 and 3 are soon needed no more. */
-enum { STAGES_8 = 12, KEPT_8 = 10, FOURTH = 3 };
+#define STAGES_8 12
+#define KEPT_8 10
+#define FOURTH 3
 
 /* Where what follows on each stage stands, in parts of the step; after the last, that is the end. */
 static const real NODES_8[STAGES_8] = {

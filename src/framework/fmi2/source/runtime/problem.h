@@ -12,11 +12,14 @@
 
 /* Whether anything moves between time events. */
 #define UNIT_MOVES (UNIT_STATES > 0 || UNIT_INDICATORS > 0)
-/* The stiff method needs states, and is dense; eigenvalues of larger systems take too long. */
+/* A law takes steps of fixed length alone. The stiff method needs states, and is dense; eigenvalues of larger systems take too
+ * long. */
 #ifdef UNIT_LAW
+#define UNIT_HAS_ORDER_8 0
 #define UNIT_HAS_STIFF 0
 #define UNIT_HAS_SPECTRUM 0
 #else
+#define UNIT_HAS_ORDER_8 UNIT_MOVES
 #define UNIT_HAS_STIFF (UNIT_STATES > 0 && UNIT_STATES <= 2000)
 #define UNIT_HAS_SPECTRUM (UNIT_STATES > 0 && UNIT_STATES <= 250)
 #endif
@@ -187,7 +190,7 @@ typedef struct {
     /* Whether an explicit substep goes by the method of order 8. Decided anew in each. */
     int by_order_8;
     /* Derivatives at the stages of an explicit method, or the stages of the stiff one; the errors of their states. */
-    real stages[10][AT_LEAST_ONE(UNIT_STATES)];
+    real stages[UNIT_HAS_ORDER_8 ? 10 : 8][AT_LEAST_ONE(UNIT_STATES)];
     real errors[AT_LEAST_ONE(UNIT_STATES)];
     /* What an evaluation writes, as it is at a step's end. */
     real end[AT_LEAST_ONE(EVALUATED)];
