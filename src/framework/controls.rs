@@ -256,7 +256,7 @@ impl PaceMemory {
             stiff: v.get(self.stiff),
             evidence: v.get(self.evidence),
             limits: Limits {
-                explicit: ExplicitLimits { stable, growing },
+                order_5: ExplicitLimits { stable, growing },
                 order_8: ExplicitLimits { stable: stable_8, growing: growing_8 },
                 stiff,
                 mode: Mode { growth, frequency },
@@ -278,9 +278,8 @@ impl PaceMemory {
         v[self.own_substep] = pace.own_substep;
         v.put(self.stiff, pace.stiff);
         v.put(self.evidence, pace.evidence);
-        let Limits { explicit, order_8, stiff, mode: Mode { growth, frequency } } = pace.limits;
-        let ExplicitLimits { stable, growing } = explicit;
-        let limits = [stable, growing, order_8.stable, order_8.growing, stiff, growth, frequency];
+        let Limits { order_5, order_8, stiff, mode: Mode { growth, frequency } } = pace.limits;
+        let limits = [order_5.stable, order_5.growing, order_8.stable, order_8.growing, stiff, growth, frequency];
         self.limits.iter().zip(limits).for_each(|(&handle, limit)| v[handle] = limit);
         v[self.jacobian_size] = pace.jacobian_size;
         v[self.until_look] = pace.until_look;

@@ -63,8 +63,10 @@ impl fmt::Display for Chosen {
             frequency => format!("{growth:.2e} ± {frequency:.2e}i 1/s"),
         };
         match self.by {
-            Integrates::Stiff => write!(f, ": the eigenvalue {eigenvalue} holds one of order 5 to {substep:.2e} s"),
-            _ => write!(f, ": the eigenvalue {eigenvalue} allows one of order 5 substeps of {substep:.2e} s"),
+            Integrates::Stiff => {
+                write!(f, ": the eigenvalue {eigenvalue} holds the explicit one of order 5 to {substep:.2e} s")
+            }
+            _ => write!(f, ": the eigenvalue {eigenvalue} allows it substeps of {substep:.2e} s at order 5"),
         }?;
         f.write_str(if self.is_last { "; further changes are not told" } else { "" })
     }
@@ -124,7 +126,7 @@ mod tests {
         let told = chosen(Integrates::Stiff, 0.5).to_string();
         assert_eq!(
             told,
-            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1.23e3 1/s holds one of order 5 to 2.36e-3 s"
+            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1.23e3 1/s holds the explicit one of order 5 to 2.36e-3 s"
         );
         let asked = Chosen { is_asked_for: true, ..chosen(Integrates::Fixed, 0.0) };
         assert_eq!(asked.to_string(), "integrated by steps of fixed length from t = 0 s, as integration_method asks");

@@ -8,10 +8,10 @@
 //! nothing for rates of degree 4 either. With both, no place of a kink hides an error of more than six times what is
 //! estimated (a test counts; 6 of 100 hid more than ten times with the first alone).
 //!
-//! A substep takes nearly twice the evaluations of one of order 5. It is stable, and accurate, for oscillations of six
-//! times the magnitude on the imaginary axis (λh up to 5.96 against 0.99), and for twice that of real modes. So it pays where
-//! several substeps lie between communication points: for the adaptation of L1 controllers, whose eigenvalues are
-//! hardly damped, it is half the work (docs/speed.md).
+//! A substep takes nearly twice the evaluations of one of order 5. It is stable for six times the magnitude on the imaginary
+//! axis (λh up to 5.96 against 0.99), and for twice that of real modes. So it pays where several substeps lie between
+//! communication points, and most where modes are hardly damped, as the adaptation of L1 controllers is. How much is in
+//! docs/speed.md; kinks, as those of a projection at its bound, leave no order an advantage.
 
 use nalgebra::Complex;
 

@@ -264,7 +264,7 @@ impl Methods {
 
     /// What eigenvalues allow the explicit method in force.
     fn explicit_limits(&self, pace: &Pace) -> ExplicitLimits {
-        if self.by_order_8 { pace.limits.order_8 } else { pace.limits.explicit }
+        if self.by_order_8 { pace.limits.order_8 } else { pace.limits.order_5 }
     }
 
     /// The mode whose growth limits the method in force, if one does.
@@ -342,7 +342,7 @@ impl Methods {
         };
         let suggested = if pace.substep_8 > 0.0 { pace.substep_8 } else { TIMES_AS_LONG * pace.substep };
         let work = self.typical.order_8 * substeps(pace.limits.order_8, suggested);
-        work < PAYS * self.typical.explicit * substeps(pace.limits.explicit, pace.substep)
+        work < PAYS * self.typical.explicit * substeps(pace.limits.order_5, pace.substep)
     }
 
     /// Prepares a substep of the stiff method.
@@ -401,7 +401,7 @@ impl Methods {
         let (stable, stiff) = (self.explicit_limits(pace).stable, pace.limits.stiff);
         // In substeps of order 5 that take as much work as those of order 8, where these pay.
         let of_8 = pace.limits.order_8.both() * (self.typical.order_8 / (PAYS * self.typical.explicit));
-        let explicit = pace.limits.explicit.both().min(of_8);
+        let explicit = pace.limits.order_5.both().min(of_8);
         let against = if pace.stiff {
             // Half the work: a system at the border stays with what it has.
             h * explicit < 0.5 * self.relative_work

@@ -89,8 +89,8 @@ impl ExplicitLimits {
 /// What eigenvalues allow, as the reciprocals of substeps, 1/s; 0 where they set no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Limits {
-    /// The explicit method.
-    pub explicit: ExplicitLimits,
+    /// The explicit method of order 5.
+    pub order_5: ExplicitLimits,
     /// That of order 8.
     pub order_8: ExplicitLimits,
     /// The stiff one, that what grows does so at its rate.
@@ -110,9 +110,9 @@ impl Limits {
     pub fn with_damped(spectrum: &Spectrum) -> (Self, Mode) {
         let (mut limits, mut damped) = (Limits::default(), Mode::default());
         for (value, noise) in spectrum.values().filter(|(value, _)| value.im >= 0.0) {
-            let before = limits.explicit.stable;
+            let before = limits.order_5.stable;
             limits.add(value, noise);
-            if limits.explicit.stable > before {
+            if limits.order_5.stable > before {
                 damped = Mode { growth: value.re, frequency: value.im };
             }
         }
@@ -127,14 +127,14 @@ impl Limits {
             return self.follow(noise / GROWTH_IN_A_SUBSTEP, value);
         }
         if growth <= 0.0 {
-            self.explicit.keep_stable(value, (dormand_prince::stability, RAY_5));
+            self.order_5.keep_stable(value, (dormand_prince::stability, RAY_5));
             self.order_8.keep_stable(value, (dop853::stability, RAY_8));
         }
         let stiff = |allowed| size / resolved_way(rosenbrock::stability, value / size, allowed);
         if growth > (LEAST_GROWTH * size).max(noise) {
             let allowed = GROWTH_ACCURACY * growth / size;
             let explicit = |stability| size / resolved_way(stability, value / size, allowed);
-            self.explicit.growing = self.explicit.growing.max(explicit(dormand_prince::stability));
+            self.order_5.growing = self.order_5.growing.max(explicit(dormand_prince::stability));
             self.order_8.growing = self.order_8.growing.max(explicit(dop853::stability));
             self.follow(stiff(allowed), value);
         } else if growth > -(HARDLY_DAMPED * size).max(noise) {
@@ -239,7 +239,7 @@ mod tests {
                 let limits = limits(&[(growth_rate, frequency), (-1e7, 0.0)]);
                 let value = Complex::new(growth_rate, frequency);
                 let methods: [(Stability, f64); 3] = [
-                    (dormand_prince::stability, limits.explicit.growing),
+                    (dormand_prince::stability, limits.order_5.growing),
                     (dop853::stability, limits.order_8.growing),
                     (rosenbrock::stability, limits.stiff),
                 ];
@@ -256,19 +256,19 @@ mod tests {
     #[test]
     fn what_is_damped_sets_the_stiff_method_no_limit_and_the_explicit_one_that_of_stability() {
         let of = limits(&[(-40.0, 1.2e4), (-3e6, 0.0), (-1.0, 2.0)]);
-        assert_eq!([of.stiff, of.explicit.growing, of.order_8.growing], [0.0; 3]);
-        assert!((3e6 / 3.31 / STABLE_PART..3e6 / 3.2 / STABLE_PART).contains(&of.explicit.stable), "{of:?}");
+        assert_eq!([of.stiff, of.order_5.growing, of.order_8.growing], [0.0; 3]);
+        assert!((3e6 / 3.31 / STABLE_PART..3e6 / 3.2 / STABLE_PART).contains(&of.order_5.stable), "{of:?}");
         assert!((3e6 / 6.4 / STABLE_PART..3e6 / 6.3 / STABLE_PART).contains(&of.order_8.stable), "{of:?}");
         // Along the imaginary axis the method is stable up to about 1, that of order 8 up to about 6.
         let fast = limits(&[(-31.0, 4e4)]);
-        assert!((4e4 / 1.5..4e4 / 0.6).contains(&fast.explicit.stable), "{fast:?}");
+        assert!((4e4 / 1.5..4e4 / 0.6).contains(&fast.order_5.stable), "{fast:?}");
         assert!((4e4 / 5.0..4e4 / 4.7).contains(&fast.order_8.stable), "{fast:?}");
     }
 
     #[test]
     fn an_undamped_mode_is_followed_by_the_stiff_method() {
         let of = limits(&[(0.0, 2e3), (-1e6, 0.0)]);
-        assert!(of.stiff > 2e3 && of.explicit.growing == 0.0, "{of:?}");
+        assert!(of.stiff > 2e3 && of.order_5.growing == 0.0, "{of:?}");
         assert_eq!(of.mode.frequency, 2e3);
         // Zero is no mode: an integrator neither grows nor oscillates.
         assert_eq!(limits(&[(0.0, 0.0), (-1.0, 0.0)]).stiff, 0.0);

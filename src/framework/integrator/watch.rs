@@ -52,7 +52,7 @@ impl Watch {
     pub fn look_for_explicit(&mut self, jacobian: &Jacobian, way: f64, pace: &mut Pace) {
         self.look(jacobian, pace);
         let work = self.work[0] + self.work[1];
-        let far = way * pace.limits.explicit.both() * FAR < 1.0;
+        let far = way * pace.limits.order_5.both() * FAR < 1.0;
         pace.until_look = EXPLICIT_WORK * work * if far { PATIENCE } else { 1.0 };
     }
 
@@ -83,7 +83,7 @@ impl Watch {
 
     /// The damped mode that holds the explicit method to the shortest substeps, and these, s, where one does.
     pub fn holds(&self, pace: &Pace) -> Option<(Mode, f64)> {
-        let stable = pace.limits.explicit.stable;
+        let stable = pace.limits.order_5.stable;
         (stable > 0.0 && self.damped != Mode::default()).then(|| (self.damped, stable.recip()))
     }
 

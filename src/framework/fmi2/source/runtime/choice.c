@@ -74,7 +74,6 @@ static real explicit_limit(const ExplicitLimits *limits) {
 /* A Jacobian that became so many times larger or smaller is looked at, whatever it takes. */
 #define CHANGE R(1.25)
 
-
 /* Looks at the eigenvalues of the Jacobian. */
 static void look(Driver *driver, Pace *pace) {
     memset(driver->matrix, 0, sizeof driver->matrix);
@@ -148,7 +147,8 @@ static void judge(const Driver *driver, real h, int whole, Pace *pace) {
     const Limits *limits = &pace->limits;
     real stable = driver->by_order_8 ? limits->order_8.stable : limits->order_5.stable;
     /* In substeps of order 5 that take as much work as those of order 8, where these pay. */
-    real of_8 = explicit_limit(&limits->order_8) * (ORDER_8_WORK(TYPICAL_EVALUATION) / (PAYS * EXPLICIT_WORK(TYPICAL_EVALUATION)));
+    real times = ORDER_8_WORK(TYPICAL_EVALUATION) / (PAYS * EXPLICIT_WORK(TYPICAL_EVALUATION));
+    real of_8 = explicit_limit(&limits->order_8) * times;
     real least = smaller(explicit_limit(&limits->order_5), of_8);
     int against;
     if (pace->stiff) {

@@ -60,8 +60,8 @@ static int take_news(Choices *choices, Chosen *news) {
 /* Tells it, before the messages from a place on. */
 static void tell_method(Log *log, int place, const Chosen *chosen) {
     static const char *const sentences[METHODS][6] = {
-        [BY_EXPLICIT] = SENTENCES("the explicit method", "allows one of order 5 substeps of \1e2 s"),
-        [BY_STIFF] = SENTENCES("the stiff method", "holds one of order 5 to \1e2 s"),
+        [BY_EXPLICIT] = SENTENCES("the explicit method", "allows it substeps of \1e2 s at order 5"),
+        [BY_STIFF] = SENTENCES("the stiff method", "holds the explicit one of order 5 to \1e2 s"),
         [BY_FIXED] = SENTENCES("steps of fixed length", ""),
     };
     real values[4] = {chosen->from, chosen->mode.growth, chosen->substep, R(0.0)};
