@@ -11,7 +11,8 @@ use nalgebra::Complex;
 
 /// Shifts tried for one eigenvalue before it is given up. Two or three are usual.
 const MOST_SHIFTS: usize = 60;
-/// After so many shifts without success, one of another kind.
+/// After so many shifts without success, one of another kind; and from then on an entry is taken for zero that is no larger than
+/// the rounding errors of the whole matrix. Many equal eigenvalues beside a large one are not told apart any further.
 const UNUSUAL: usize = 10;
 
 /// Eigenvalues of square matrices of one size, in storage of their own.
@@ -179,7 +180,8 @@ impl Spectrum {
     fn split(&mut self, active: Range<usize>, norm: f64) -> bool {
         let (mut end, mut shifts) = (active.end, 0);
         while end > active.start {
-            let start = self.block(active.start, end, norm);
+            let least = if shifts < UNUSUAL { 0.0 } else { norm };
+            let start = self.block(active.start, end, (least, norm));
             match end - start {
                 1 => self.values[start] = Complex::new(self.at(start, start), 0.0),
                 2 => {
@@ -198,10 +200,11 @@ impl Spectrum {
         self.values.iter().all(|value| value.re.is_finite() && value.im.is_finite())
     }
 
-    /// Where the last block that doesn't split begins.
-    fn block(&mut self, low: usize, end: usize, norm: f64) -> usize {
+    /// Where the last block that doesn't split begins: before it lies an entry that is nothing beside its neighbours, or
+    /// beside a size that is at least given.
+    fn block(&mut self, low: usize, end: usize, (least, norm): (f64, f64)) -> usize {
         for k in (low + 1..end).rev() {
-            let beside = self.at(k, k).abs() + self.at(k - 1, k - 1).abs();
+            let beside = (self.at(k, k).abs() + self.at(k - 1, k - 1).abs()).max(least);
             let size = if beside == 0.0 { norm } else { beside };
             if self.at(k, k - 1).abs() <= f64::EPSILON * size {
                 self.a[k * self.size + k - 1] = 0.0;
@@ -269,7 +272,7 @@ impl Spectrum {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::DMatrix;
+    use nalgebra::{DMatrix, DVector};
 
     fn random(state: &mut u64) -> f64 {
         *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -323,6 +326,34 @@ mod tests {
                 let off = apart(&eigenvalues(&a), &expected);
                 // Fast and slow eigenvalues in one dense matrix: the slow ones are as exact as rounding leaves them.
                 assert!(off < 1e-5, "{size}: off by {off:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn many_equal_eigenvalues_beside_large_ones_are_found() {
+        // As a network's: each of its weights decays at one rate, and two products of vectors couple them.
+        let mut state = 3;
+        for (size, large) in [(40, 90.0), (64, 2e3), (64, 1e6), (184, 1e6), (184, 2e9)] {
+            for _ in 0..3 {
+                let mut vector = || DVector::from_fn(size, |_, _| random(&mut state));
+                let (p, q) = (vector().normalize(), vector());
+                let (r, s) = (vector(), vector());
+                let q = &q / q.dot(&p);
+                let s = &s - &q * s.dot(&p);
+                let r = &r - &p * q.dot(&r);
+                let s = &s / s.dot(&r);
+                // q·p = s·r = 1, s·p = q·r = 0: the products' eigenvectors are p and r.
+                let a = DMatrix::identity(size, size) * -0.75 - &p * q.transpose() * large - &r * s.transpose() * 3.0;
+                let mut expected = vec![Complex::new(-0.75, 0.0); size];
+                (expected[0].re, expected[1].re) = (-0.75 - large, -3.75);
+                let mut spectrum = Spectrum::new(size);
+                assert!(spectrum.find(a.as_slice()), "{size}, {large:e}");
+                let found: Vec<_> = spectrum.values().collect();
+                let noise = found[0].1;
+                let values: Vec<_> = found.into_iter().map(|(value, _)| value).collect();
+                let off = apart(&values, &expected);
+                assert!(off < 100.0 * noise, "{size}, {large:e}: off by {off:e}, noise {noise:e}");
             }
         }
     }

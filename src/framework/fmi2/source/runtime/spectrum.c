@@ -8,7 +8,8 @@
 
 /* Shifts tried for one eigenvalue before it is given up. Two or three are usual. */
 #define MOST_SHIFTS 60
-/* After so many shifts without success, one of another kind. */
+/* After so many shifts without success, one of another kind; and from then on an entry is taken for zero that is no larger
+ * than the rounding errors of the whole matrix. Many equal eigenvalues beside a large one are not told apart any further. */
 #define UNUSUAL_SHIFT 10
 /* Each round of scaling halves what is left; a matrix that needs more is beyond the range of numbers. */
 #define MOST_SCALINGS 64
@@ -151,10 +152,11 @@ static void reflect_column(real *a, int k, int low, int high) {
     A(k + 1, k) = image;
 }
 
-/* Where the last block that doesn't split begins, of those from low up to end. */
-static int last_block(real *a, int low, int end, real norm) {
+/* Where the last block that doesn't split begins, of those from low up to end: before it lies an entry that is nothing
+ * beside its neighbours, or beside a size that is at least given. */
+static int last_block(real *a, int low, int end, real least, real norm) {
     for (int k = end - 1; k > low; k--) {
-        real beside = magnitude(A(k, k)) + magnitude(A(k - 1, k - 1));
+        real beside = larger(magnitude(A(k, k)) + magnitude(A(k - 1, k - 1)), least);
         real size = beside == R(0.0) ? norm : beside;
         if (magnitude(A(k, k - 1)) <= REAL_EPSILON * size) {
             A(k, k - 1) = R(0.0);
@@ -258,7 +260,8 @@ static int split(Driver *driver, int low, int high, real norm) {
     real *a = driver->matrix;
     int end = high, shifts = 0;
     while (end > low) {
-        int start = last_block(a, low, end, norm);
+        real least = shifts < UNUSUAL_SHIFT ? R(0.0) : norm;
+        int start = last_block(a, low, end, least, norm);
         if (end - start > 2) {
             if (shifts >= MOST_SHIFTS) {
                 return 0;
