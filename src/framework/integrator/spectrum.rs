@@ -359,6 +359,25 @@ mod tests {
     }
 
     #[test]
+    fn many_equal_pairs_beside_a_large_one_are_found() {
+        let mut state = 5;
+        for (size, large) in [(24, 1e3), (60, 1e4), (100, 1e7)] {
+            let mut blocks = DMatrix::zeros(size, size);
+            let mut expected = Vec::new();
+            for k in (0..size).step_by(2) {
+                let (growth, frequency) = if k == 0 { (-0.1 * large, large) } else { (-0.2, 3.0) };
+                let block = [growth, -frequency, frequency, growth];
+                blocks.view_mut((k, k), (2, 2)).copy_from_slice(&block);
+                expected.extend([Complex::new(growth, frequency), Complex::new(growth, -frequency)]);
+            }
+            let basis = DMatrix::from_fn(size, size, |_, _| random(&mut state)).qr().q();
+            let a = &basis * blocks * basis.transpose();
+            let off = apart(&eigenvalues(&a), &expected);
+            assert!(off < 1e-13 * large, "{size}, {large:e}: off by {off:e}");
+        }
+    }
+
+    #[test]
     fn eigenvalues_that_stand_alone_are_exact() {
         // A stiff chain, triangular in some order of its states.
         let a = DMatrix::from_row_slice(

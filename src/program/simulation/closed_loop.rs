@@ -309,11 +309,16 @@ impl ClosedLoop {
         self.units.iter().try_for_each(|unit| unit.instance.terminate())
     }
 
-    /// Hands outputs on in Initialization Mode, as often as there are units: then every value has gone round. Values that
-    /// may go round without a delay settle further, if they do; else there is something to be told.
+    /// Hands outputs on in Initialization Mode until they stay, at most as often as there are units: then every value has gone
+    /// round. Values that may go round without a delay settle further, if they do; else there is something to be told.
     fn initialise(&mut self, start: f64, stop: f64) -> Result<Option<String>, Error> {
         self.units.iter_mut().try_for_each(|unit| unit.instance.enter_initialization(start, stop))?;
-        (0..self.units.len()).try_for_each(|_| self.go_round())?;
+        let (mut before, mut rounds) = (Vec::new(), 0);
+        while rounds < self.units.len() && !same_bits(&before, &self.row) {
+            before.clone_from(&self.row);
+            self.go_round()?;
+            rounds += 1;
+        }
         let unsettled = if self.circular { self.settle()? } else { None };
         self.units.iter().try_for_each(|unit| unit.instance.exit_initialization())?;
         Ok(unsettled)
@@ -348,6 +353,11 @@ impl ClosedLoop {
         self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
         Ok(Some(told))
     }
+}
+
+/// Whether rows are the same to the last bit, those of what is no number, too.
+fn same_bits(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
 impl WiredUnit {

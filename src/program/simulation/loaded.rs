@@ -48,8 +48,8 @@ impl LoadedUnit {
         given.or_else(|| own(&self.fmu.description.variables[place]))
     }
 
-    /// What is told of it in results; its archive, where that is used as it is.
-    fn mark(&self, is_elsewhere: bool) -> Result<UnitMark, Error> {
+    /// What is told of it in results, with its archive, where that is used as it is.
+    fn mark(&self, file: Option<Mark>) -> UnitMark {
         let ModelDescription { name, guid, variables, .. } = &self.fmu.description;
         let differs = |(place, value): &&(usize, Value)| own(&variables[*place]).as_ref() != Some(value);
         let parameter =
@@ -58,13 +58,13 @@ impl LoadedUnit {
             let place = self.fmu.description.place(name)?;
             Some(((*name).to_owned(), told(&self.value(place)?, &variables[place])))
         });
-        Ok(UnitMark {
+        UnitMark {
             fmu: name.clone(),
             guid: guid.clone(),
-            file: is_elsewhere.then(|| Mark::of(self.fmu.file())).transpose()?,
+            file,
             parameters: self.values.iter().filter(differs).map(parameter).collect(),
             integration: integration.collect(),
-        })
+        }
     }
 }
 
@@ -168,7 +168,18 @@ impl LoadedLoop {
     /// # Errors
     /// When an archive can't be read any more.
     pub fn marks(&self, is_elsewhere: impl Fn(&str) -> bool) -> Result<BTreeMap<String, UnitMark>, Error> {
-        self.units.iter().map(|unit| Ok((unit.name.clone(), unit.mark(is_elsewhere(&unit.name))?))).collect()
+        // However many units are of an archive, it is read once.
+        let mut known: HashMap<&Path, Mark> = HashMap::new();
+        let mut marked = BTreeMap::new();
+        for unit in &self.units {
+            let file = is_elsewhere(&unit.name).then(|| unit.fmu.file());
+            if let Some(file) = file.filter(|file| !known.contains_key(file)) {
+                known.insert(file, Mark::of(file)?);
+            }
+            let mark = file.and_then(|file| known.get(file).cloned());
+            marked.insert(unit.name.clone(), unit.mark(mark));
+        }
+        Ok(marked)
     }
 
     /// The full name and the place of a variable that can be given a start value. The unit may be left out of a name that

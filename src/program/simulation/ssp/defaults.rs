@@ -16,6 +16,8 @@ use crate::text_file;
 /// Where neither the structure nor a unit proposes one: communication step and stop time, s.
 const STEP: f64 = 1e-3;
 const STOP_TIME: f64 = 10.0;
+/// So many units are told one by one in the order that was chosen.
+const MOST_NAMES: usize = 20;
 
 /// What a unit proposes: communication step and stop time, s.
 type Experiment = (Option<f64>, Option<f64>);
@@ -59,11 +61,14 @@ impl Structure {
         self.plots = self.plots_of_units();
         self.leave_out_connected_values();
         let names: Vec<_> = self.components.iter().map(|component| component.name.as_str()).collect();
+        let order = match names.split_at_checked(MOST_NAMES) {
+            Some((first, [_, .., last])) => format!("{}, …, {last} ({} units)", first.join(", "), names.len()),
+            _ => names.join(", "),
+        };
         self.notes.push(format!(
             "there is no annotation {ANNOTATION}: communication step {step} s, {from}; stop time {} s; gauss-seidel in the \
-             order {}",
+             order {order}",
             self.stop_time,
-            names.join(", ")
         ));
     }
 
