@@ -230,6 +230,41 @@ fn a_structure_without_our_annotation_runs_as_its_units_propose() {
     assert!(run(&connections, theirs).0.contains("communication step 0.25 s, of another tool's annotation"));
 }
 
+/// Static units, each driven by the one before, in an order that passes a value on by one unit a round.
+#[test]
+fn a_value_has_gone_through_all_units_when_a_run_begins_and_many_are_told_by_their_number() {
+    const COUNT: usize = 40;
+    let folder = places();
+    let passes = "name = \"Passes\"\nmodel = \"state-space\"\ndescription = \"\"\n[structure]\nA = [[-1.0]]\n\
+        B = [[0.0]]\nC = [[0.0]]\nD = [[1.0]]\n";
+    fs::write(folder.path().join("loop/resources/Passes.toml"), passes).unwrap();
+    let names: Vec<String> = (0..COUNT).map(|k| format!("unit{k}")).collect();
+    let mut units: Vec<_> = names.iter().rev().map(|name| (name.as_str(), "resources/Passes.toml")).collect();
+    units.push(("wanted", "resources/Wanted.toml"));
+    let wires: Vec<_> = (1..COUNT).map(|k| (format!("unit{}.y[1]", k - 1), format!("unit{k}.u[1]"))).collect();
+    let mut connections: Vec<_> = wires.iter().map(|(from, to)| (from.as_str(), to.as_str())).collect();
+    connections.push(("wanted.r[1]", "unit0.u[1]"));
+    let run = |rest: &str| {
+        let text = foreign::structure(&units, &connections, rest);
+        fs::write(folder.path().join("loop/SystemStructure.ssd"), text).unwrap();
+        told(&folder, &["run", "loop", "--until", "0.1", "--out", "results"])
+    };
+    let ran = run(&foreign::experiment(0.2, 0.1, "gauss-seidel"));
+    let table = folder.path().join(ran["results"].as_str().unwrap()).join("result.csv");
+    let text = fs::read_to_string(table).unwrap();
+    let names = text.lines().next().unwrap().split(',');
+    let first = names.zip(text.lines().nth(1).unwrap().split(',')).filter(|(name, _)| name.ends_with(".y[1]"));
+    let first: Vec<&str> = first.map(|(_, value)| value).collect();
+    assert_eq!(first, ["1"; COUNT], "{text}");
+    let ran = run("");
+    let told = ran["warnings"].as_array().unwrap().iter().filter_map(|text| text.as_str());
+    let order = told.filter(|text| text.contains("in the order")).collect::<String>();
+    assert!(
+        order.contains("order wanted, unit0, unit1,") && order.ends_with("unit18, …, unit39 (41 units)"),
+        "{order}"
+    );
+}
+
 /// What OMSimulator writes: a system within the model's, connectors of systems, values in files of resources, its own
 /// annotations, geometry, start values of connected inputs.
 #[test]
