@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from machine import MY_PLANT, ROOT, Workshop, program, told
-from steps import REFINED, Driven, Driver, Euler
+from steps import REFINED, Driven, Driver, Euler, against_reference
 from table import Row, alternately
 
 # Controllers, and what they read in the middle of their loops; what isn't named is 0.
@@ -105,7 +105,7 @@ def van_der_pol(workshop: Workshop) -> list[Row]:
     folder = workshop.folder / "compiled"
     program("export", "--compile", description, "--library", MY_PLANT, "--out", folder)
     file = folder / "VanDerPol.fmu"
-    return [
+    return against_reference(workshop, file, ", compiled") + [
         row
         for step in (1e-2, 1e-3)
         for row in (

@@ -1,7 +1,10 @@
 """What units cost by themselves: steps, lives of instances, loading, export."""
 
 import math
+import os
+import re
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +21,7 @@ ALLOWED = 1e-6
 EULER = 1e-7  # s, of which Euler's method needs steps to be as accurate as that
 SIZES = (4, 8, 16, 32, 60)
 LIVES = 20
+REFERENCE_FMUS = "REFERENCE_FMUS"  # names the folder of their sources, github.com/modelica/Reference-FMUs
 COMPILER = subprocess.run(["cc", "-dumpfullversion"], capture_output=True, text=True, check=True).stdout.strip()
 
 
@@ -84,23 +88,52 @@ class Euler:
     how: str
     timed: int = 1_000_000
 
+    def peer(self, workshop: Workshop) -> tuple[list[str], list[int]]:
+        """The words by which the master in C finds it, and the places of its outputs."""
+        return [str(workshop.compile("van_der_pol.c", "-lm", f"-DSTEP={self.step}", shared=True)), "-", "-"], [1, 3]
+
     def against(self, workshop: Workshop, file: Path, step: float, goal: float, what: str = "") -> Row:
         """It and an FMU, alternately."""
         driver, exact, found = Driver(workshop), oscillator(), dict[str, Driven]()
         fmu, unit = driver.ours(file)
         places = [fmu.variables[f"x[{i}]"].valueReference for i in (1, 2)]
-        peer = str(workshop.compile("van_der_pol.c", "-lm", f"-DSTEP={self.step}", shared=True))
+        peer, outputs = self.peer(workshop)
 
         def run(name: str, unit: list[str], places: list[int], count: int) -> float:
             found[name] = driver.drive(unit, step, round(HORIZON / step), workshop.long(count), places)
             return found[name].step
 
         own = partial(run, "ours", unit, places, 1_000_000)
-        times = alternately(workshop.repeats, own, partial(run, "peer", [peer, "-", "-"], [1, 3], self.timed))
+        times = alternately(workshop.repeats, own, partial(run, "peer", peer, outputs, self.timed))
         errors = tuple(float(np.abs(found[name].outputs - exact).max()) for name in ("ours", "peer"))
         allowed = (ALLOWED, ALLOWED if self.step == EULER else math.inf)
         title = f"Van der Pol, a step of {step * 1e3:g} ms{what}"
         return Row(title, times[0], goal, f"C (gcc {COMPILER}), {self.how}", times[1], errors, allowed)
+
+
+@dataclass
+class Reference(Euler):
+    """The unit of the same name of Reference-FMUs, which takes one step of Euler's method each 10 ms."""
+
+    sources: Path = Path()
+
+    def peer(self, workshop: Workshop) -> tuple[list[str], list[int]]:
+        model, common = self.sources / "VanDerPol", self.sources / "src"
+        others = [str(common / file) for file in ("fmi2Functions.c", "cosimulation.c")]
+        options = ["-DFMI_VERSION=2", "-DDISABLE_PREFIX", f"-I{self.sources / 'include'}", f"-I{model}", "-lm"]
+        library = workshop.compile(str(model / "model.c"), *options, shared=True, others=others)
+        token = re.search(r'INSTANTIATION_TOKEN "(.*)"', (model / "config.h").read_text())
+        return [str(library), token[1], "file:///"], [1, 3]
+
+
+def against_reference(workshop: Workshop, file: Path, what: str = "") -> list[Row]:
+    """Against the unit of Reference-FMUs, where its sources are there."""
+    if not (sources := os.environ.get(REFERENCE_FMUS)):
+        told = f"rows against Reference-FMUs are left out: let {REFERENCE_FMUS} name a folder of its sources"
+        print(told, file=sys.stderr)
+        return []
+    unit = Reference(1e-2, "Reference-FMUs' unit, one Euler step", sources=Path(sources))
+    return [unit.against(workshop, file, 1e-2, 2 / 3, what)]
 
 
 REFINED = Euler(EULER, f"Euler steps of {EULER:.0e} s, as accurate as {ALLOWED:.0e}", 2_000)
@@ -109,7 +142,7 @@ REFINED = Euler(EULER, f"Euler steps of {EULER:.0e} s, as accurate as {ALLOWED:.
 def van_der_pol(workshop: Workshop) -> list[Row]:
     """Against a unit in C: with one Euler step a communication step, and with steps as short as accuracy asks."""
     file = workshop.export(ROOT / "examples" / "my_plant" / "VanDerPol.toml", "--library", MY_PLANT)
-    return [
+    return against_reference(workshop, file) + [
         row
         for step in (1e-2, 1e-3)
         for row in (
