@@ -10,6 +10,7 @@ mod exchange;
 mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
+mod ideal;
 mod inputs;
 mod linearise;
 mod loaded;
@@ -45,7 +46,7 @@ pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value, comp
 pub use inputs::Inputs;
 pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
-pub use metrics::{Measured, measure};
+pub use metrics::{Measured, Meter, measure};
 pub use overview::{Row, Verdict, four_digits, table};
 pub use page::{DIAGRAMS, Ending, Report, SCRIPT, STYLE, still, still_ending};
 pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
