@@ -273,6 +273,6 @@ mod tests {
         let told = page(Some(Thinned { of: 5000, every: None }));
         assert!(told.contains("10 of 5000 points are drawn") && told.contains("result.csv has all"), "{told}");
         let told = page(Some(Thinned { of: 5000, every: Some(0.5) }));
-        assert!(told.contains("result.csv has one each 0.5 s"), "{told}");
+        assert!(told.contains("result.csv has a row each 0.5 s"), "{told}");
     }
 }

@@ -166,11 +166,11 @@ impl Report<'_> {
 
     fn push_thinned(&self, page: &mut String) {
         let (Some(Thinned { of, every }), kept) = (self.thinned, self.recording.times.len()) else { return };
-        let rows = every.map_or_else(|| "has all".to_owned(), |every| format!("has one each {every} s"));
+        let rows = every.map_or_else(|| "has all points".to_owned(), |every| format!("has a row each {every} s"));
         let _ = writeln!(
             page,
-            "<p id=\"thinned\">{kept} of {of} points are drawn: of neighbours, those in which a curve is smallest or \
-             largest. {TABLE} {rows}; metrics are of all.</p>"
+            "<p id=\"thinned\">{kept} of {of} points are drawn: those of each group of neighbours in which a curve \
+             is smallest or largest. {TABLE} {rows}; metrics are of all.</p>"
         );
     }
 
