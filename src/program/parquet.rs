@@ -49,11 +49,6 @@ impl<W: Write> Writer<W> {
         &self.out
     }
 
-    /// Whether rows are written.
-    pub fn has_rows(&self) -> bool {
-        !self.groups.is_empty()
-    }
-
     /// Adds a group of so many rows, by their columns in the order of their names.
     ///
     /// # Errors
@@ -268,7 +263,6 @@ mod tests {
     #[test]
     fn each_group_has_its_numbers_where_the_footer_says() {
         let mut file = Writer::new(Vec::new(), vec!["time".into(), "x".into()]).unwrap();
-        assert!(!file.has_rows());
         let groups = [vec![vec![0.0, 0.5, 1.0], vec![1.0, -2.5, 3.5]], vec![vec![1.5], vec![f64::MAX]]];
         for group in &groups {
             file.group(group[0].len(), group.iter().map(|column| column.iter().copied())).unwrap();

@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
-use adaptive_fmu::simulation::{BLOCK, METRICS, TABLE, is_long, measure, terminal};
 use adaptive_fmu::simulation::{
-    Diagram, Ending, Handed, Long, LoopFiles, Measured, Provenance, Recording, Report, Settings, Structure, Thinned,
-    Verdict,
+    Diagram, Ended, Ending, LoopFiles, Measured, Provenance, Recorder, Recording, Report, Settings, Structure,
+    TablePlace, Thinned, Verdict,
 };
+use adaptive_fmu::simulation::{METRICS, TABLE, terminal};
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
@@ -233,26 +233,17 @@ pub fn simulated(
     loaded.told().iter().for_each(|unit| detail!("{}: {unit}", structure.name));
     let provenance = options.provenance(name, &files, &structure, settings, &loaded)?;
     let closed = loaded.instantiate(&[])?;
-    let place = out.zip(tables).filter(|_| is_long(settings, closed.names().len()));
-    let mut long = place.map(|(out, tables)| Long::new(&structure, out, &own_name, tables.every, tables.parquet));
-    let begun = Instant::now();
-    let (mut recording, ending, failure) = Progress::new(bars, name, settings).watch(|go_on| match &mut long {
-        Some(long) => closed.run_in_blocks(settings, BLOCK, |block| long.take(block), go_on),
-        None => closed.run(settings, go_on),
-    });
-    let took = begun.elapsed().saturating_sub(long.as_ref().map_or(Duration::ZERO, Long::took));
-    recording.details.iter().for_each(|text| detail!("{}: {text}", structure.name));
-    let handed = long.map(|long| long.end(&mut recording)).transpose()?.flatten();
-    let (measured, thinned, tabled) = match handed {
-        Some(Handed { files, measured, points }) => {
-            let thinned = Thinned { of: points, every: tables.and_then(|tables| tables.every) };
-            (measured, Some(thinned), Some(files))
-        }
-        None => {
-            let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
-            (measure(&structure, &mut recording).map_err(wrong)?, None, None)
-        }
+    let place = |(out, tables): (_, &TableOptions)| {
+        let TableOptions { every, parquet } = *tables;
+        TablePlace { out, below: &own_name, every, parquet }
     };
+    let mut recorder = Recorder::new(&structure, settings, closed.names().len(), out.zip(tables).map(place));
+    let begun = Instant::now();
+    let (mut recording, ending, failure) = Progress::new(bars, name, settings)
+        .watch(|go_on| closed.run_in_blocks(settings, recorder.block(), |block| recorder.take(block), go_on));
+    let took = begun.elapsed().saturating_sub(recorder.took());
+    recording.details.iter().for_each(|text| detail!("{}: {text}", structure.name));
+    let Ended { measured, thinned, files: tabled } = recorder.end(&mut recording)?;
     structure.name = own_name;
     let folder = None;
     Ok(Run {

@@ -53,7 +53,7 @@ impl Table {
         let rows = self.rows.among(&points.times, ends);
         push_csv(&mut self.csv, points, &rows).map_err(Error::file(self.csv.file()))?;
         match &mut self.parquet {
-            Some(parquet) => parquet.add(points, &rows, ends),
+            Some(parquet) => parquet.add(points, &rows),
             None => Ok(()),
         }
     }
@@ -80,9 +80,9 @@ impl Parquet {
         Ok(Parquet { file: parquet::Writer::new(part, names).map_err(Error::file(file))?, texts })
     }
 
-    /// Rows of further points are a group, where there are some. A table without rows has a group of none.
-    fn add(&mut self, points: &Recording, rows: &[usize], ends: bool) -> Result<(), Error> {
-        if rows.is_empty() && !(ends && !self.file.has_rows()) {
+    /// Rows of further points are a group, where there are some.
+    fn add(&mut self, points: &Recording, rows: &[usize]) -> Result<(), Error> {
+        if rows.is_empty() {
             return Ok(());
         }
         let columns = std::iter::once(&points.times).chain(&points.columns);

@@ -1,12 +1,13 @@
-//! Runs that are too long for the memory: their tables are written and their metrics measured while they go on, and of their
-//! points only those are kept that are drawn.
+//! What takes the points of a run. Those of one that is too long for the memory are handed on while it goes on: its table is
+//! written, its metrics are measured, and of its points only those are kept that are drawn.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use super::closed_loop::{Recording, Settings};
 use super::kept::Kept;
-use super::metrics::{Measured, Meter};
+use super::metrics::{Measured, Meter, measure};
+use super::page::Thinned;
 use super::ssp::Structure;
 use super::table::Table;
 use crate::error::Error;
@@ -15,29 +16,41 @@ use crate::output::Files;
 /// The most values of a run that is kept in memory, times included: 64 MB. Every loop of this package has fewer.
 const KEPT: usize = 1 << 23;
 /// The points of a longer one are handed on whenever there are so many values: 16 MB.
-pub const BLOCK: usize = 1 << 21;
+const BLOCK: usize = 1 << 21;
 
-/// A run whose points are handed on block by block.
+/// How and where the table of a long run is written.
+#[derive(Debug, Clone, Copy)]
+pub struct TablePlace<'a> {
+    /// The folder that the user named.
+    pub out: &'a Path,
+    /// The one of the run, below it.
+    pub below: &'a str,
+    /// How far rows lie apart, s; none where all points are rows.
+    pub every: Option<f64>,
+    /// Whether it is written as Apache Parquet, too.
+    pub parquet: bool,
+}
+
+/// What takes the points of a run.
 #[derive(Debug)]
-pub struct Long<'a> {
+pub struct Recorder<'a> {
     structure: &'a Structure,
-    place: (PathBuf, String),
-    every: Option<f64>,
-    parquet: bool,
+    /// Where the table of a long run is written; none of a run that is kept.
+    place: Option<TablePlace<'a>>,
     begun: Option<Begun>,
     failure: Option<Error>,
     took: Duration,
 }
 
-/// What is left of a long run: its table is written, and a recording has the points that are drawn.
+/// What is left of a run beside its recording.
 #[derive(Debug)]
-pub struct Handed {
-    /// The files of its table, not yet in their places.
-    pub files: Files,
+pub struct Ended {
     /// Its metrics.
     pub measured: Vec<Measured>,
-    /// Number of its points.
-    pub points: usize,
+    /// Which of its points were left out of the recording; none where it has all of them.
+    pub thinned: Option<Thinned>,
+    /// The files of its table, not yet in their places, where points were left out.
+    pub files: Option<Files>,
 }
 
 #[derive(Debug)]
@@ -49,23 +62,24 @@ struct Begun {
     points: usize,
 }
 
-/// Whether a run with so many signals, if it comes to its end, is too long to be kept in memory.
-pub fn is_long(settings: Settings, signals: usize) -> bool {
-    (settings.steps() + 1).saturating_mul(signals + 1) > KEPT
-}
+impl<'a> Recorder<'a> {
+    /// For a run of a loop with so many signals. Without a place for its table, all its points are kept.
+    pub fn new(structure: &'a Structure, settings: Settings, signals: usize, place: Option<TablePlace<'a>>) -> Self {
+        let place = place.filter(|_| is_long(settings, signals));
+        Recorder { structure, place, begun: None, failure: None, took: Duration::ZERO }
+    }
 
-impl<'a> Long<'a> {
-    /// For a loop whose results go into a folder below another. Of its table, `every` and `parquet` tell what
-    /// [`Table::begin`] takes.
-    pub fn new(structure: &'a Structure, out: &Path, below: &str, every: Option<f64>, parquet: bool) -> Self {
-        let place = (out.to_owned(), below.to_owned());
-        Long { structure, place, every, parquet, begun: None, failure: None, took: Duration::ZERO }
+    /// The number of values from which on it takes them.
+    pub fn block(&self) -> usize {
+        self.place.map_or(usize::MAX, |_| BLOCK)
     }
 
     /// Takes the points of a recording, and leaves none. Where that can't be done it answers false, and the run may end.
     pub fn take(&mut self, block: &mut Recording) -> bool {
         let begun = Instant::now();
-        self.failure = self.add(block, false).err();
+        if let Some(place) = self.place {
+            self.failure = self.add(block, place, false).err();
+        }
         self.took += begun.elapsed();
         self.failure.is_none()
     }
@@ -75,30 +89,33 @@ impl<'a> Long<'a> {
         self.took
     }
 
-    /// Takes the last points of a recording, and leaves those that are drawn. One of which nothing was taken stays as it is,
+    /// Takes the last points of a recording, and leaves those that are drawn. One of which nothing was taken keeps its points,
     /// and nothing is written.
     ///
     /// # Errors
     /// When the table can't be written, or a metric, a model or a diagram names a signal that isn't there.
-    pub fn end(mut self, recording: &mut Recording) -> Result<Option<Handed>, Error> {
+    pub fn end(mut self, recording: &mut Recording) -> Result<Ended, Error> {
         if let Some(failure) = self.failure.take() {
             return Err(failure);
         }
-        if self.begun.is_none() {
-            return Ok(None);
+        if let Some(place) = self.place.filter(|_| self.begun.is_some()) {
+            self.add(recording, place, true)?;
         }
-        self.add(recording, true)?;
-        let Some(Begun { mut files, table, meter, kept, points }) = self.begun else { return Ok(None) };
+        let Some(Begun { mut files, table, meter, kept, points }) = self.begun else {
+            let measured = measure(self.structure, recording).map_err(self.wrong())?;
+            return Ok(Ended { measured, thinned: None, files: None });
+        };
         table.finish(&mut files)?;
         let Recording { times, columns, .. } = kept.into_points();
         (recording.times, recording.columns) = (times, columns);
-        Ok(Some(Handed { files, measured: meter.measured(), points }))
+        let thinned = Thinned { of: points, every: self.place.and_then(|place| place.every) };
+        Ok(Ended { measured: meter.measured(), thinned: Some(thinned), files: Some(files) })
     }
 
-    fn add(&mut self, block: &mut Recording, ends: bool) -> Result<(), Error> {
+    fn add(&mut self, block: &mut Recording, place: TablePlace, ends: bool) -> Result<(), Error> {
         let mut begun = match self.begun.take() {
             Some(begun) => begun,
-            None => self.begin(block)?,
+            None => self.begin(block, place)?,
         };
         begun.meter.add(block);
         begun.table.add(block, ends)?;
@@ -110,16 +127,26 @@ impl<'a> Long<'a> {
         Ok(())
     }
 
-    fn begin(&self, block: &mut Recording) -> Result<Begun, Error> {
-        let (out, below) = &self.place;
-        let wrong = |reason| Error::Loop { file: self.structure.file.clone(), reason };
-        let meter = Meter::new(self.structure, block).map_err(wrong)?;
+    fn begin(&self, block: &mut Recording, place: TablePlace) -> Result<Begun, Error> {
+        let TablePlace { out, below, every, parquet } = place;
+        let meter = Meter::new(self.structure, block).map_err(self.wrong())?;
         let wrong = |reason| Error::Loop { file: out.join(below), reason };
         let kept = Kept::new(self.structure, block).map_err(wrong)?;
         let files = Files::within(out, below)?;
-        let table = Table::begin(&files, block, self.every, self.parquet)?;
+        let table = Table::begin(&files, block, every, parquet)?;
         Ok(Begun { files, table, meter, kept, points: 0 })
     }
+
+    /// Names the loop in what is wrong with it.
+    fn wrong(&self) -> impl FnOnce(String) -> Error + use<> {
+        let file = self.structure.file.clone();
+        move |reason| Error::Loop { file, reason }
+    }
+}
+
+/// Whether a run with so many signals, if it comes to its end, is too long to be kept in memory.
+fn is_long(settings: Settings, signals: usize) -> bool {
+    (settings.steps() + 1).saturating_mul(signals + 1) > KEPT
 }
 
 #[cfg(test)]
@@ -129,7 +156,6 @@ mod tests {
     use super::super::closed_loop::Order;
     use super::super::recorded::TABLE;
     use super::super::ssp::{IdealModel, Metric, PerformanceFunction, Plot, Statistic};
-    use super::super::{Thinned, measure};
     use super::*;
 
     fn structure() -> Structure {
@@ -174,17 +200,22 @@ mod tests {
         Recording { names, measures, times, columns, ..Recording::default() }
     }
 
+    fn recorder<'a>(structure: &'a Structure, place: TablePlace<'a>) -> Recorder<'a> {
+        let settings = Settings { start_time: 0.0, stop_time: 1e7, step: 1.0, order: Order::Jacobi };
+        Recorder::new(structure, settings, 2, Some(place))
+    }
+
     /// What comes of a recording whose points are taken whenever it has so many values.
-    fn in_blocks(of: &Recording, out: &Path, every: Option<f64>, values: usize) -> (Recording, Option<Handed>) {
+    fn in_blocks(of: &Recording, out: &Path, every: Option<f64>, values: usize) -> (Recording, Ended) {
         let structure = structure();
-        let mut long = Long::new(&structure, out, "loop", every, true);
+        let mut recorder = recorder(&structure, TablePlace { out, below: "loop", every, parquet: true });
         let mut block = Recording { times: Vec::new(), columns: vec![Vec::new(); 2], ..of.clone() };
         for (row, time) in of.times.iter().enumerate() {
-            assert!(block.values() < values || long.take(&mut block));
+            assert!(block.values() < values || recorder.take(&mut block));
             block.push(*time, &[of.columns[0][row], of.columns[1][row]]);
         }
-        let handed = long.end(&mut block).unwrap();
-        (block, handed)
+        let ended = recorder.end(&mut block).unwrap();
+        (block, ended)
     }
 
     fn bits(measured: &[Measured]) -> Vec<Option<u64>> {
@@ -206,13 +237,14 @@ mod tests {
                 table.finish(&mut files).unwrap();
                 files.place().unwrap();
                 for values in [1, 10, 333, 3000] {
-                    let (kept, handed) = in_blocks(&recording(count), folder.path(), every, values);
-                    let Some(handed) = handed else {
+                    let (kept, ended) = in_blocks(&recording(count), folder.path(), every, values);
+                    assert_eq!(bits(&ended.measured), bits(&measured));
+                    let Some(files) = ended.files else {
                         assert!(count as usize * 3 <= values + 2, "{count} points have been kept");
                         continue;
                     };
-                    assert_eq!((handed.points, bits(&handed.measured)), (count as usize, bits(&measured)));
-                    handed.files.place().unwrap();
+                    assert_eq!(ended.thinned, Some(Thinned { of: count as usize, every }));
+                    files.place().unwrap();
                     let csv = |name: &str| fs::read_to_string(folder.path().join(name).join(TABLE)).unwrap();
                     assert_eq!(csv("loop"), csv("whole"), "{count} points, every {every:?}, blocks of {values}");
                     assert_eq!((&kept.names, &kept.measures), (&whole.names, &whole.measures));
@@ -228,15 +260,22 @@ mod tests {
             |points: f64| Settings { start_time: -5.0, stop_time: points - 6.0, step: 1.0, order: Order::Jacobi };
         assert!(!is_long(settings(KEPT as f64 / 4.0), 3) && is_long(settings(KEPT as f64 / 4.0 + 1.0), 3));
         assert!(is_long(settings(1e7), 1) && !is_long(settings(1e5), 50));
+        let (structure, place) =
+            (structure(), TablePlace { out: Path::new(""), below: "", every: None, parquet: false });
+        let block = |points, place| Recorder::new(&structure, settings(points), 1, place).block();
+        assert_eq!((block(1e7, Some(place)), block(1e5, Some(place))), (BLOCK, usize::MAX));
+        assert_eq!(block(1e7, None), usize::MAX, "without a place");
     }
 
     #[test]
     fn a_run_that_fits_stays_as_it_is_and_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let of = recording(1000);
-        let (kept, handed) = in_blocks(&of, folder.path(), None, 3000);
-        assert!(handed.is_none() && kept == of && fs::read_dir(folder.path()).unwrap().next().is_none());
-        assert!(in_blocks(&of, folder.path(), None, 2997).1.is_some());
+        let (kept, ended) = in_blocks(&of, folder.path(), None, 3000);
+        assert!(ended.files.is_none() && ended.thinned.is_none());
+        assert!(kept.times == of.times && kept.columns[..2] == of.columns && kept.names.len() == 4);
+        assert!(fs::read_dir(folder.path()).unwrap().next().is_none());
+        assert!(in_blocks(&of, folder.path(), None, 2997).1.files.is_some());
         // What isn't put into its place leaves nothing but the folder for it.
         assert!(fs::read_dir(folder.path().join("loop")).unwrap().next().is_none());
     }
@@ -247,10 +286,11 @@ mod tests {
         fs::create_dir_all(folder.path().join("loop").join(TABLE)).unwrap();
         let mut structure = structure();
         let failed = |structure: &Structure| {
-            let mut long = Long::new(structure, folder.path(), "loop", None, false);
+            let place = TablePlace { out: folder.path(), below: "loop", every: None, parquet: false };
+            let mut recorder = recorder(structure, place);
             let mut block = recording(10);
-            assert!(!long.take(&mut block));
-            long.end(&mut block).unwrap_err().to_string()
+            assert!(!recorder.take(&mut block));
+            recorder.end(&mut block).unwrap_err().to_string()
         };
         let told = failed(&structure);
         assert!(told.contains(TABLE) && told.contains("is a folder"), "{told}");
