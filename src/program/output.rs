@@ -6,7 +6,7 @@
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, TryLockError};
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Component, Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -21,6 +21,39 @@ const PART: &str = ".part";
 pub struct Files {
     folder: PathBuf,
     written: Vec<Written>,
+}
+
+/// A file that is being written, piece by piece. Dropped, it leaves nothing.
+#[derive(Debug)]
+pub struct Part {
+    writer: BufWriter<NamedTempFile>,
+    file: PathBuf,
+    replaces: bool,
+}
+
+impl Part {
+    /// The file that it is to be, for messages.
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// All of it, on the disk.
+    fn written(self) -> io::Result<Written> {
+        let Part { writer, file, replaces } = self;
+        let part = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
+        part.as_file().sync_all()?;
+        Ok(Written { part, file, replaces })
+    }
+}
+
+impl Write for Part {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.writer.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.writer.flush()
+    }
 }
 
 #[derive(Debug)]
@@ -63,7 +96,31 @@ impl Files {
         self.put(name.as_ref(), bytes.as_ref(), false)
     }
 
+    /// Begins a file that is written piece by piece, and [added](Files::finish) when it is whole.
+    ///
+    /// # Errors
+    /// When it can't be made, or something that isn't a plain file stands in its place.
+    pub fn begin(&self, name: impl AsRef<Path>) -> Result<Part, Error> {
+        self.part(name.as_ref(), true)
+    }
+
+    /// Adds a file that was begun.
+    ///
+    /// # Errors
+    /// When it can't be written.
+    pub fn finish(&mut self, part: Part) -> Result<(), Error> {
+        let file = part.file.clone();
+        self.written.push(part.written().map_err(Error::file(file))?);
+        Ok(())
+    }
+
     fn put(&mut self, path: &Path, bytes: &[u8], replaces: bool) -> Result<(), Error> {
+        let mut part = self.part(path, replaces)?;
+        part.write_all(bytes).map_err(Error::file(&part.file))?;
+        self.finish(part)
+    }
+
+    fn part(&self, path: &Path, replaces: bool) -> Result<Part, Error> {
         let (below, name) = (path.parent().unwrap_or(Path::new("")), file_name(path)?);
         let folder = folder(&self.folder, below, true)?;
         let file = folder.join(name);
@@ -71,9 +128,8 @@ impl Files {
             return Err(Error::file(&file)(ErrorKind::AlreadyExists.into()));
         }
         require_plain(&file)?;
-        let part = written_beside(&folder, name, bytes).map_err(Error::file(&file))?;
-        self.written.push(Written { part, file, replaces });
-        Ok(())
+        let writer = BufWriter::new(begun_beside(&folder, name).map_err(Error::file(&file))?);
+        Ok(Part { writer, file, replaces })
     }
 
     /// Puts all of them into their places.
@@ -175,13 +231,13 @@ fn file_name(file: &Path) -> Result<&OsStr, Error> {
     file.file_name().ok_or_else(|| refusal(file, "is no name of a file"))
 }
 
-/// A whole file beside the place of another, on the disk.
-fn written_beside(folder: &Path, name: &OsStr, bytes: &[u8]) -> io::Result<NamedTempFile> {
+/// An empty file beside the place of another, with its permissions.
+fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
     let prefix = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect::<OsString>();
     remove_left_over(folder, &prefix);
     // A file that others can't read stays so.
     let before = fs::metadata(folder.join(name)).ok().map(|found| found.permissions());
-    let mut part = loop {
+    let part = loop {
         let part = created(folder, &prefix)?;
         // The lock tells others that this file isn't left over from a process that was killed.
         let locked = part.as_file().try_lock();
@@ -193,8 +249,6 @@ fn written_beside(folder: &Path, name: &OsStr, bytes: &[u8]) -> io::Result<Named
     if let Some(before) = before {
         part.as_file().set_permissions(before)?;
     }
-    part.write_all(bytes)?;
-    part.as_file().sync_all()?;
     Ok(part)
 }
 

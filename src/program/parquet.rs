@@ -2,8 +2,10 @@
 //!
 //! The crate `parquet` without its default features adds 8 packages to this program's, and takes 29 s of processor time to
 //! build unoptimised, with what it needs (`cargo tree`, `time cargo build`, version 60.1), for a file that needs a page of
-//! code: one row group, a column chunk of one page a column, plain doubles, nothing compressed, nothing missing. So it is
-//! written here, after the format's specification; the metadata are Thrift's compact protocol.
+//! code: row groups one after the other, in each a column chunk of one page a column, plain doubles, nothing compressed,
+//! nothing missing. So it is written here, after the format's specification; the metadata are Thrift's compact protocol.
+
+use std::io::{self, Write};
 
 /// The bytes at both ends of a file.
 const MAGIC: &[u8] = b"PAR1";
@@ -15,23 +17,71 @@ const RLE: i64 = 3;
 const UNCOMPRESSED: i64 = 0;
 const DATA_PAGE: i64 = 0;
 
-/// A file of columns of one length, by their names, with a few texts by keys.
-pub fn file(columns: &[(&str, Vec<f64>)], texts: &[(String, String)]) -> Vec<u8> {
-    let rows = columns.first().map_or(0, |(_, values)| values.len()) as i64;
-    let mut bytes = MAGIC.to_vec();
-    let mut chunks = Vec::new();
-    for (name, values) in columns {
-        let offset = bytes.len() as i64;
-        let data: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-        bytes.extend(page_header(values.len() as i64, data.len() as i64));
-        bytes.extend(data);
-        chunks.push((*name, offset, bytes.len() as i64 - offset));
+/// A file that is written row group by row group.
+#[derive(Debug)]
+pub struct Writer<W> {
+    out: W,
+    names: Vec<String>,
+    /// Bytes that are written.
+    size: i64,
+    groups: Vec<Group>,
+}
+
+/// Rows that are written: how many, and the offset and the size of each column's.
+#[derive(Debug)]
+struct Group {
+    rows: i64,
+    chunks: Vec<(i64, i64)>,
+}
+
+impl<W: Write> Writer<W> {
+    /// Begins a file of columns of these names.
+    ///
+    /// # Errors
+    /// When it can't be written.
+    pub fn new(mut out: W, names: Vec<String>) -> io::Result<Self> {
+        out.write_all(MAGIC)?;
+        Ok(Writer { out, names, size: MAGIC.len() as i64, groups: Vec::new() })
     }
-    let footer = footer(rows, &chunks, texts);
-    bytes.extend(&footer);
-    bytes.extend((footer.len() as u32).to_le_bytes());
-    bytes.extend(MAGIC);
-    bytes
+
+    /// What it writes to.
+    pub fn out(&self) -> &W {
+        &self.out
+    }
+
+    /// Adds a group of so many rows, by their columns in the order of their names.
+    ///
+    /// # Errors
+    /// When it can't be written.
+    pub fn group<C: Iterator<Item = f64>>(&mut self, rows: usize, columns: impl Iterator<Item = C>) -> io::Result<()> {
+        let rows = rows as i64;
+        let mut chunks = Vec::new();
+        for column in columns {
+            let data = rows * size_of::<f64>() as i64;
+            let header = page_header(rows, data);
+            self.out.write_all(&header)?;
+            for value in column {
+                self.out.write_all(&value.to_le_bytes())?;
+            }
+            let size = header.len() as i64 + data;
+            chunks.push((self.size, size));
+            self.size += size;
+        }
+        self.groups.push(Group { rows, chunks });
+        Ok(())
+    }
+
+    /// Ends the file, with a few texts by keys.
+    ///
+    /// # Errors
+    /// When it can't be written.
+    pub fn finish(mut self, texts: &[(String, String)]) -> io::Result<W> {
+        let footer = footer(&self.names, &self.groups, texts);
+        self.out.write_all(&footer)?;
+        self.out.write_all(&(footer.len() as u32).to_le_bytes())?;
+        self.out.write_all(MAGIC)?;
+        Ok(self.out)
+    }
 }
 
 /// The header of a page: none of its columns has levels, since no value is missing or repeated.
@@ -44,35 +94,45 @@ fn page_header(values: i64, size: i64) -> Vec<u8> {
 }
 
 /// What the file holds: schema, the places of the columns, texts.
-fn footer(rows: i64, chunks: &[(&str, i64, i64)], texts: &[(String, String)]) -> Vec<u8> {
+fn footer(names: &[String], groups: &[Group], texts: &[(String, String)]) -> Vec<u8> {
     let mut root = Struct::default();
-    root.text(4, "result").i32(5, chunks.len() as i64);
-    let leaf = |(name, ..): &(&str, i64, i64)| {
+    root.text(4, "result").i32(5, names.len() as i64);
+    let leaf = |name: &String| {
         let mut leaf = Struct::default();
         leaf.i32(1, DOUBLE).i32(3, REQUIRED).text(4, name);
         leaf
     };
-    let chunk = |(name, offset, size): &(&str, i64, i64)| {
-        let mut about = Struct::default();
-        about.i32(1, DOUBLE).numbers(2, &[PLAIN]).texts(3, &[name]).i32(4, UNCOMPRESSED);
-        about.i64(5, rows).i64(6, *size).i64(7, *size).i64(9, *offset);
-        let mut chunk = Struct::default();
-        chunk.i64(2, *offset).inner(3, about);
-        chunk
-    };
-    let mut group = Struct::default();
-    group.structs(1, chunks.iter().map(chunk)).i64(2, chunks.iter().map(|(_, _, size)| size).sum()).i64(3, rows);
     let text = |(key, value): &(String, String)| {
         let mut entry = Struct::default();
         entry.text(1, key).text(2, value);
         entry
     };
+    let rows = groups.iter().map(|group| group.rows).sum();
     let mut file = Struct::default();
-    file.i32(1, 1).structs(2, std::iter::once(root).chain(chunks.iter().map(leaf))).i64(3, rows);
-    file.structs(4, [group])
+    file.i32(1, 1).structs(2, std::iter::once(root).chain(names.iter().map(leaf))).i64(3, rows);
+    file.structs(4, groups.iter().map(|group| group.told(names)))
         .structs(5, texts.iter().map(text))
         .text(6, concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")));
     file.end()
+}
+
+impl Group {
+    /// Where its columns are.
+    fn told(&self, names: &[String]) -> Struct {
+        let Group { rows, chunks } = self;
+        let chunk = |(name, (offset, size)): (&String, &(i64, i64))| {
+            let mut about = Struct::default();
+            about.i32(1, DOUBLE).numbers(2, &[PLAIN]).texts(3, &[name]).i32(4, UNCOMPRESSED);
+            about.i64(5, *rows).i64(6, *size).i64(7, *size).i64(9, *offset);
+            let mut chunk = Struct::default();
+            chunk.i64(2, *offset).inner(3, about);
+            chunk
+        };
+        let mut group = Struct::default();
+        let size = chunks.iter().map(|(_, size)| size).sum();
+        group.structs(1, names.iter().zip(chunks).map(chunk)).i64(2, size).i64(3, *rows);
+        group
+    }
 }
 
 /// A struct of Thrift's compact protocol, as it is being written: fields in the order of their numbers.
@@ -191,11 +251,32 @@ mod tests {
 
     #[test]
     fn a_file_has_its_numbers_as_they_are_between_its_marks() {
-        let written = file(&[("time", vec![0.0, 0.5]), ("x", vec![1.0, -2.5])], &[("unit of x".into(), "m".into())]);
+        let mut file = Writer::new(Vec::new(), vec!["time".into(), "x".into()]).unwrap();
+        file.group(2, [[0.0, 0.5], [1.0, -2.5]].into_iter().map(<[f64; 2]>::into_iter)).unwrap();
+        let written = file.finish(&[("unit of x".into(), "m".into())]).unwrap();
         assert!(written.starts_with(MAGIC) && written.ends_with(MAGIC));
         let footer = u32::from_le_bytes(written[written.len() - 8..written.len() - 4].try_into().unwrap()) as usize;
         assert!(footer < written.len());
         let numbers: Vec<u8> = [1.0_f64, -2.5].iter().flat_map(|value| value.to_le_bytes()).collect();
         assert!(written.windows(numbers.len()).any(|part| part == numbers));
+    }
+    #[test]
+    fn each_group_has_its_numbers_where_the_footer_says() {
+        let mut file = Writer::new(Vec::new(), vec!["time".into(), "x".into()]).unwrap();
+        let groups = [vec![vec![0.0, 0.5, 1.0], vec![1.0, -2.5, 3.5]], vec![vec![1.5], vec![f64::MAX]]];
+        for group in &groups {
+            file.group(group[0].len(), group.iter().map(|column| column.iter().copied())).unwrap();
+        }
+        for (told, group) in file.groups.iter().zip(&groups) {
+            assert_eq!(told.rows, group[0].len() as i64);
+            for ((offset, size), column) in told.chunks.iter().zip(group) {
+                let numbers: Vec<u8> = column.iter().flat_map(|value| value.to_le_bytes()).collect();
+                let chunk = &file.out()[*offset as usize..(offset + size) as usize];
+                assert!(chunk.ends_with(&numbers) && chunk.starts_with(&page_header(told.rows, numbers.len() as i64)));
+            }
+        }
+        let (first, last) = (file.groups[0].chunks[0], file.groups[1].chunks[1]);
+        let written = file.finish(&[]).unwrap();
+        assert_eq!((first.0, written[(last.0 + last.1) as usize] >> 4), (4, 1));
     }
 }

@@ -25,7 +25,15 @@ fn recording<'a>(structure: &Structure, signals: impl Iterator<Item = &'a str>) 
 }
 
 fn report<'a>(structure: &'a Structure, recording: &'a Recording) -> Report<'a> {
-    Report { structure, settings: SETTINGS, whole: false, recording, measured: &[], ending: &Ending::Complete }
+    Report {
+        structure,
+        settings: SETTINGS,
+        whole: false,
+        recording,
+        measured: &[],
+        ending: &Ending::Complete,
+        thinned: None,
+    }
 }
 
 fn assert_distinct(of: &str, diagram: &Diagram) {

@@ -81,7 +81,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         }
         Specification::Loop { name, .. } => {
             let arguments = run::Arguments::with(name, &planned[place], Some(out), runs[place].tag(), *json);
-            Ok(Compared::Made(Box::new(run::run(&arguments, name, &bars)?)))
+            Ok(Compared::Made(Box::new(run::run_whole(&arguments, name, &bars)?)))
         }
     };
     let runs = parallel::each(&vec![(); parallel::cores()], runs.len(), |(), place| one(place));

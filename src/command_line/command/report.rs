@@ -16,7 +16,7 @@ use super::open::OpenOption;
 use super::parameters::Parameters;
 use super::progress::{self, Bars, Counter};
 use super::ready;
-use super::run::simulated;
+use super::run::{Results, simulated};
 
 const PAGE: &str = "index.html";
 
@@ -137,7 +137,7 @@ fn attempt(planned: &Planned, run: &Run, form: Form, bars: &Bars) -> Result<Outc
     let shown: Vec<&Curve> = planned.figures.iter().flat_map(Figure::needs).filter(is_shown).collect();
     let signals: Vec<&str> =
         shown.iter().flat_map(|curve| [Some(&curve.of), curve.minus.as_ref()]).flatten().map(String::as_str).collect();
-    let done = simulated(&options(run, form), &run.name, (None, None), &signals, bars)?;
+    let done = simulated(&options(run, form), &run.name, Results::default(), &signals, bars)?;
     let wrong = |reason| Error::Loop { file: PathBuf::from(&run.name), reason };
     Outcome::new(&key, &done.report(), done.took, &shown).map_err(wrong)
 }

@@ -2,6 +2,7 @@
 
 use std::io::ErrorKind;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::Files;
@@ -46,27 +47,39 @@ pub fn tag(text: &str) -> Result<String, String> {
     Ok(text.to_owned())
 }
 
-/// Writes the files of a run.
+/// Writes the files of a run; those of its table may be written already.
 pub fn write_results(
     report: &Report,
     provenance: Option<&Provenance>,
     tables: &TableOptions,
     out: &Path,
+    tabled: Option<Files>,
 ) -> Result<(), Error> {
     let Report { structure, recording, .. } = report;
-    let mut files = Files::within(out, &structure.name)?;
     let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
-    let (table, diagrams) = (Table::new(recording, tables.every), report.diagrams().map_err(wrong)?);
+    let diagrams = report.diagrams().map_err(wrong)?;
+    let (mut files, table) = match tabled {
+        Some(files) => (files, None),
+        None => {
+            let files = Files::within(out, &structure.name)?;
+            let table = Table::begin(&files, recording, tables.every, tables.parquet)?;
+            (files, Some(table))
+        }
+    };
+    let table = Mutex::new(table);
     // Each takes about as long as the others.
-    let made = parallel::each(&vec![(); parallel::cores()], 3, |(), text| match text {
-        0 => table.csv(),
-        1 => report.html(&diagrams),
-        _ => svg(&structure.description, &diagrams),
+    let made = parallel::each(&vec![(); parallel::cores()], 3, |(), piece| match piece {
+        0 => {
+            let mut table = table.lock().unwrap_or_else(PoisonError::into_inner);
+            table.as_mut().map_or(Ok(()), |table| table.add(recording, true)).map(|()| String::new())
+        }
+        1 => Ok(report.html(&diagrams)),
+        _ => Ok(svg(&structure.description, &diagrams)),
     });
-    let [csv, page, plot] = &made[..] else { unreachable!("three texts were asked for") };
-    files.add(TABLE, csv)?;
-    if tables.parquet {
-        files.add(PARQUET, table.parquet())?;
+    let made = made.into_iter().collect::<Result<Vec<String>, Error>>()?;
+    let [_, page, plot] = &made[..] else { unreachable!("a table and two texts were asked for") };
+    if let Some(table) = table.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        table.finish(&mut files)?;
     }
     let written = json!({ "every": tables.every, "parquet": tables.parquet });
     files.add(METRICS, told(report, provenance, &written).to_string())?;

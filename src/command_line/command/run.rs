@@ -5,11 +5,12 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::output;
+use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::simulation::{
-    Diagram, Ending, LoopFiles, Measured, Provenance, Recording, Report, Settings, Structure, Verdict,
+    Diagram, Ended, Ending, LoopFiles, Measured, Provenance, Recorder, Recording, Report, Settings, Structure,
+    TablePlace, Thinned, Verdict,
 };
-use adaptive_fmu::simulation::{METRICS, TABLE, measure, terminal};
+use adaptive_fmu::simulation::{METRICS, TABLE, terminal};
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
@@ -118,6 +119,9 @@ pub struct Run {
     recording: Recording,
     measured: Vec<Measured>,
     ending: Ending,
+    /// Of a run too long for the memory, what its recording has; its table is in these files.
+    thinned: Option<Thinned>,
+    tabled: Option<Files>,
     /// Where its results are, where it has any.
     pub folder: Option<PathBuf>,
     /// Why it did not come to its end.
@@ -128,8 +132,8 @@ pub struct Run {
 
 impl Run {
     pub fn report(&self) -> Report<'_> {
-        let Run { structure, settings, whole, recording, measured, ending, .. } = self;
-        Report { structure, settings: *settings, whole: *whole, recording, measured, ending }
+        let Run { structure, settings, whole, recording, measured, ending, thinned, .. } = self;
+        Report { structure, settings: *settings, whole: *whole, recording, measured, ending, thinned: *thinned }
     }
 
     /// What a script wants of it.
@@ -152,12 +156,25 @@ pub fn about(report: &Report, results: Option<&Path>) -> Value {
 }
 
 /// Runs a closed loop and writes its results, also those of a run that a unit's failure ended. One that made no step has
-/// none: what an earlier run left stays.
+/// none: what an earlier run left stays. Of one that is too long for the memory, only the points that are drawn are kept.
 pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
+    // A program that is served is sent all points.
+    written(arguments, name, bars, !console::serves())
+}
+
+/// The same, with all points in memory however long the run is.
+pub fn run_whole(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
+    written(arguments, name, bars, false)
+}
+
+fn written(arguments: &Arguments, name: &str, bars: &Bars, in_blocks: bool) -> Result<Run, Error> {
+    let Arguments { tables, tag, .. } = arguments;
     let out = serve::folder(arguments.out.as_deref(), RESULTS);
-    let mut done = simulated(&arguments.options, name, (out, arguments.tag.as_deref()), &[], bars)?;
+    let results = Results { out, tag: tag.as_deref(), tables: in_blocks.then_some(tables) };
+    let mut done = simulated(&arguments.options, name, results, &[], bars)?;
     if let Some(out) = out.filter(|_| done.recording.times.len() > 1) {
-        write_results(&done.report(), Some(&done.provenance), &arguments.tables, out)?;
+        let tabled = done.tabled.take();
+        write_results(&done.report(), Some(&done.provenance), tables, out, tabled)?;
         done.folder = Some(out.join(&done.structure.name));
     }
     Ok(done)
@@ -179,15 +196,27 @@ fn own_name(structure: &Structure, whole: bool, tag: Option<&str>) -> String {
     format!("{}{form}{}", structure.name, tag.unwrap_or_default())
 }
 
-/// Runs a closed loop; further signals are recorded beside those that it names. Nothing is written; but where results are
-/// to be, under a tag maybe, a folder that can't take them is refused at once.
+/// Where the results of a run are to be.
+#[derive(Clone, Copy, Default)]
+pub struct Results<'a> {
+    /// The folder for the results of all loops.
+    pub out: Option<&'a Path>,
+    /// What those of this run are kept under.
+    pub tag: Option<&'a str>,
+    /// How the table of a run that is too long for the memory is written; none where all its points are to be kept.
+    pub tables: Option<&'a TableOptions>,
+}
+
+/// Runs a closed loop; further signals are recorded beside those that it names. Nothing is put into its place; but a folder
+/// that can't take the results is refused at once.
 pub fn simulated(
     options: &LoopOptions,
     name: &str,
-    (out, tag): (Option<&Path>, Option<&str>),
+    results: Results,
     further: &[&str],
     bars: &Bars,
 ) -> Result<Run, Error> {
+    let Results { out, tag, tables } = results;
     let files = LoopFiles::find(name)?;
     let mut structure = options.structure(&files)?;
     let settings = options.settings(&structure)?;
@@ -204,15 +233,33 @@ pub fn simulated(
     loaded.told().iter().for_each(|unit| detail!("{}: {unit}", structure.name));
     let provenance = options.provenance(name, &files, &structure, settings, &loaded)?;
     let closed = loaded.instantiate(&[])?;
+    let place = |(out, tables): (_, &TableOptions)| {
+        let TableOptions { every, parquet } = *tables;
+        TablePlace { out, below: &own_name, every, parquet }
+    };
+    let mut recorder = Recorder::new(&structure, settings, closed.names().len(), out.zip(tables).map(place));
     let begun = Instant::now();
-    let (mut recording, ending, failure) =
-        Progress::new(bars, name, settings).watch(|go_on| closed.run(settings, go_on));
-    let took = begun.elapsed();
+    let (mut recording, ending, failure) = Progress::new(bars, name, settings)
+        .watch(|go_on| closed.run_in_blocks(settings, recorder.block(), |block| recorder.take(block), go_on));
+    let took = begun.elapsed().saturating_sub(recorder.took());
     recording.details.iter().for_each(|text| detail!("{}: {text}", structure.name));
-    let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
-    let measured = measure(&structure, &mut recording).map_err(wrong)?;
+    let Ended { measured, thinned, files: tabled } = recorder.end(&mut recording)?;
     structure.name = own_name;
-    Ok(Run { provenance, structure, settings, whole, recording, measured, ending, folder: None, failure, took })
+    let folder = None;
+    Ok(Run {
+        provenance,
+        structure,
+        settings,
+        whole,
+        recording,
+        measured,
+        ending,
+        thinned,
+        tabled,
+        folder,
+        failure,
+        took,
+    })
 }
 
 fn print(done: &Run, json: bool, further: Option<(&str, Value)>) -> Result<(), String> {

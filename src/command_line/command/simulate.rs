@@ -111,10 +111,17 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     recording.details.iter().for_each(|text| detail!("{text}"));
     let structure = structure(&fmu, &recording, settings, &arguments.set);
     let whole = true;
-    let report =
-        Report { structure: &structure, settings, whole, recording: &recording, measured: &[], ending: &ending };
+    let report = Report {
+        structure: &structure,
+        settings,
+        whole,
+        recording: &recording,
+        measured: &[],
+        ending: &ending,
+        thinned: None,
+    };
     let out = out.filter(|_| recording.times.len() > 1);
-    out.map_or(Ok(()), |out| write_results(&report, None, &TableOptions::default(), out))?;
+    out.map_or(Ok(()), |out| write_results(&report, None, &TableOptions::default(), out, None))?;
     let results = out.map(|out| out.join(&structure.name));
     if console::serves() {
         serve::send(&recording, about(&report, results.as_deref()));

@@ -238,7 +238,15 @@ impl Session {
         let measured = measure(structure, &mut recording)?;
         let ending = failure.map_or(Ending::Complete, |error| Ending::Failed(error.to_string()));
         let (fine, whole) = (settings == self.fine, self.whole);
-        let report = Report { structure, settings, whole, recording: &recording, measured: &measured, ending: &ending };
+        let report = Report {
+            structure,
+            settings,
+            whole,
+            recording: &recording,
+            measured: &measured,
+            ending: &ending,
+            thinned: None,
+        };
         let diagrams: Vec<Value> = report.diagrams()?.iter().map(|diagram| diagram.with_points(GROUPS)).collect();
         let metrics: Vec<Value> = measured
             .iter()

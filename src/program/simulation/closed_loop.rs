@@ -58,11 +58,15 @@ pub struct Settings {
 const MOST_MESSAGES: usize = 100;
 
 impl Settings {
-    /// The communication steps, from one time to the next: whole ones, and a shorter one at the end where they don't fill
-    /// the time.
+    /// Number of communication steps: whole ones, and a shorter one at the end where they don't fill the time.
+    pub fn steps(self) -> usize {
+        ((self.stop_time - self.start_time) / self.step - 1e-6).ceil().max(0.0) as usize
+    }
+
+    /// The communication steps, from one time to the next.
     pub(super) fn points(self) -> impl Iterator<Item = (f64, f64)> {
         let Settings { start_time, stop_time, step, .. } = self;
-        let steps = ((stop_time - start_time) / step - 1e-6).ceil().max(0.0) as usize;
+        let steps = self.steps();
         let time_of = move |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
         (0..steps).map(move |k| (time_of(k), time_of(k + 1)))
     }
@@ -169,6 +173,11 @@ impl Recording {
         self.measures.get(place).map(String::as_str).filter(|unit| !unit.is_empty())
     }
 
+    /// Number of values, times included.
+    pub fn values(&self) -> usize {
+        self.times.len() * (self.columns.len() + 1)
+    }
+
     pub(super) fn push(&mut self, time: f64, row: &[f64]) {
         self.times.push(time);
         self.columns.iter_mut().zip(row).for_each(|(column, value)| column.push(*value));
@@ -232,8 +241,23 @@ impl ClosedLoop {
     /// # Errors
     /// When a unit fails, together with what was recorded until then.
     pub fn run(
+        self,
+        settings: Settings,
+        progress: impl FnMut(f64) -> bool,
+    ) -> Result<Recording, (Error, Box<Recording>)> {
+        self.run_in_blocks(settings, usize::MAX, |_| true, progress)
+    }
+
+    /// The same, for runs that are too long for the memory: whenever a recording has so many values and there is a further
+    /// point, `take` is to empty it of its points. It may end the run by answering false.
+    ///
+    /// # Errors
+    /// When a unit fails, together with what was recorded until then and not taken.
+    pub fn run_in_blocks(
         mut self,
         settings: Settings,
+        values: usize,
+        mut take: impl FnMut(&mut Recording) -> bool,
         mut progress: impl FnMut(f64) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
         let columns = vec![Vec::new(); self.names.len()];
@@ -241,6 +265,9 @@ impl ClosedLoop {
         let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
         let start = settings.start_time;
         let result = self.run_into(&mut recording, settings, &[], |recording, time, row| {
+            if recording.values() >= values && !take(recording) {
+                return false;
+            }
             recording.push(time, row);
             time == start || progress(time)
         });

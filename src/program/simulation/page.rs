@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::closed_loop::{Recording, Settings};
 use super::diagram::{Diagram, diagrams, groups};
 use super::metrics::Measured;
+use super::recorded::TABLE;
 use super::ssp::Structure;
 use crate::exporter::escaped;
 
@@ -109,6 +110,17 @@ pub struct Report<'a> {
     pub measured: &'a [Measured],
     /// How it ended.
     pub ending: &'a Ending,
+    /// Which points were left out of the recording; none where it has all of them.
+    pub thinned: Option<Thinned>,
+}
+
+/// A run of whose points some are kept for its diagrams, while all are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thinned {
+    /// Number of all its points.
+    pub of: usize,
+    /// How far the rows of its table lie apart, s; none where all points are rows.
+    pub every: Option<f64>,
 }
 
 impl Report<'_> {
@@ -136,6 +148,7 @@ impl Report<'_> {
             let _ = writeln!(page, "<p class=\"bad\">This run {}.</p>", escaped(&shortfall));
         }
         push_diagrams(&mut page, diagrams);
+        self.push_thinned(&mut page);
         self.push_metrics(&mut page);
         self.push_warnings(&mut page);
         self.push_settings(&mut page);
@@ -149,6 +162,16 @@ impl Report<'_> {
     /// When one names a signal that isn't there.
     pub fn diagrams(&self) -> Result<Vec<Diagram<'_>>, String> {
         diagrams(self.structure, self.recording)
+    }
+
+    fn push_thinned(&self, page: &mut String) {
+        let (Some(Thinned { of, every }), kept) = (self.thinned, self.recording.times.len()) else { return };
+        let rows = every.map_or_else(|| "has all points".to_owned(), |every| format!("has a row each {every} s"));
+        let _ = writeln!(
+            page,
+            "<p id=\"thinned\">{kept} of {of} points are drawn: those of each group of neighbours in which a curve \
+             is smallest or largest. {TABLE} {rows}; metrics are of all.</p>"
+        );
     }
 
     fn push_metrics(&self, page: &mut String) {

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::closed_loop::{Order, Recording, Settings};
 use super::metrics::Measured;
-use super::page::{Ending, Report};
+use super::page::{Ending, Report, Thinned};
 use super::provenance::{FORMAT, Provenance};
 use super::ssp::{Metric, PerformanceFunction, Statistic, Structure};
 use crate::error::Error;
@@ -32,7 +32,7 @@ struct About {
 
 /// The content of `metrics.json`.
 pub fn told(report: &Report, provenance: Option<&Provenance>, written: &Value) -> Value {
-    let Report { structure, recording, measured, ending, .. } = report;
+    let Report { structure, recording, measured, ending, thinned, .. } = report;
     let mut told = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured });
     let Some(provenance) = provenance else { return told };
     let about = structure.metrics.iter().map(|metric| {
@@ -43,6 +43,9 @@ pub fn told(report: &Report, provenance: Option<&Provenance>, written: &Value) -
     told["about"] = json!(about.collect::<Vec<_>>());
     told["signals"] = json!(recording.names.iter().zip(&recording.measures).collect::<Vec<_>>());
     told["written"] = written.clone();
+    if let Some(Thinned { of, .. }) = thinned {
+        told["drawn"] = json!({ "points": recording.times.len(), "of": of });
+    }
     if let Ok(Value::Object(provenance)) = serde_json::to_value(provenance) {
         provenance.into_iter().for_each(|(key, value)| told[key] = value);
     }
@@ -168,6 +171,6 @@ impl RecordedRun {
     /// The report on it.
     pub fn report(&self) -> Report<'_> {
         let RecordedRun { structure, settings, whole, recording, measured, ending } = self;
-        Report { structure, settings: *settings, whole: *whole, recording, measured, ending }
+        Report { structure, settings: *settings, whole: *whole, recording, measured, ending, thinned: None }
     }
 }
