@@ -69,7 +69,7 @@ def test_what_is_found_is_written_as_parameter_sets_within_the_bounds(tuned, fmu
     assert list(of_unit) == CORNERS
     assert all(float(variables[name].min) <= value <= float(variables[name].max) for name, value in of_unit.items())
     picture = (folder / "convergence.svg").read_text()
-    assert all(words in picture for words in ["generation", "best so far", "median of the generation"])
+    assert all(words in picture for words in ["generation", "best so far", "median particle so far"])
 
 
 def test_an_fmu_is_exported_with_the_values_found(tuned, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ mod reproduction;
 mod results;
 mod resume;
 mod rooms;
+mod searches;
 mod streams;
 mod structures;
 mod validation;

@@ -254,7 +254,7 @@ impl Task {
 
     fn as_it_is(&self) -> Option<Before> {
         let values = self.search.present()?;
-        let outcomes = self.search.run(&[&values], |_| (), progress::is_interrupted);
+        let outcomes = self.search.run(&[&values], &[f64::INFINITY], |_| (), progress::is_interrupted);
         Some(Before { objective: outcomes.first().and_then(Outcome::value), values })
     }
 
@@ -272,7 +272,8 @@ impl Task {
                 let value = best.map_or_else(|| "none yet".to_owned(), |best| format!("{best:.6}"));
                 counter.count(&format!("generation {generation} of {}, best {value}", self.generations));
             };
-            let outcomes = self.search.run(&swarm.positions(), tell, progress::is_interrupted);
+            let outcomes =
+                self.search.run(&swarm.positions(), &swarm.bounds_of_values(), tell, progress::is_interrupted);
             ended.note(swarm, &outcomes);
             if !ended.interrupted {
                 swarm.tell(&outcomes.iter().map(Outcome::value).collect::<Vec<_>>());
@@ -307,7 +308,7 @@ impl Task {
         let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
         let objective = self.question.objective.clone();
         let search = Search::new(structure.clone(), settings, objective, &parameters, vec![loaded]);
-        let outcomes = search.map_err(wrong)?.run(&[&best.position], |_| (), || false);
+        let outcomes = search.map_err(wrong)?.run(&[&best.position], &[f64::INFINITY], |_| (), || false);
         Ok(outcomes.into_iter().next())
     }
 }

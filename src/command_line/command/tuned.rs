@@ -63,7 +63,7 @@ pub fn write_results(tuned: &Tuned) -> Result<(), Error> {
     let column = |of: fn(&Generation) -> Option<f64>| {
         history.iter().map(|generation| of(generation).unwrap_or(f64::NAN)).collect::<Vec<_>>()
     };
-    let names = ["best so far", "median of the generation"].map(str::to_owned).to_vec();
+    let names = ["best so far", "median particle so far"].map(str::to_owned).to_vec();
     let recording = Recording {
         names: names.clone(),
         times: (1..=history.len()).map(|generation| generation as f64).collect(),

@@ -243,9 +243,23 @@ impl ClosedLoop {
     pub fn run(
         self,
         settings: Settings,
-        progress: impl FnMut(f64) -> bool,
+        mut progress: impl FnMut(f64) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
-        self.run_in_blocks(settings, usize::MAX, |_| true, progress)
+        let start = settings.start_time;
+        self.run_while(settings, |time, _| time == start || progress(time))
+    }
+
+    /// The same, for who has to see what is recorded: `goes_on` is told the time and all signals, in the order of their names,
+    /// at every communication point, the first included.
+    ///
+    /// # Errors
+    /// When a unit fails, together with what was recorded until then.
+    pub fn run_while(
+        self,
+        settings: Settings,
+        goes_on: impl FnMut(f64, &[f64]) -> bool,
+    ) -> Result<Recording, (Error, Box<Recording>)> {
+        self.record(settings, usize::MAX, |_| true, goes_on)
     }
 
     /// The same, for runs that are too long for the memory: whenever a recording has so many values and there is a further
@@ -254,22 +268,32 @@ impl ClosedLoop {
     /// # Errors
     /// When a unit fails, together with what was recorded until then and not taken.
     pub fn run_in_blocks(
+        self,
+        settings: Settings,
+        values: usize,
+        take: impl FnMut(&mut Recording) -> bool,
+        mut progress: impl FnMut(f64) -> bool,
+    ) -> Result<Recording, (Error, Box<Recording>)> {
+        let start = settings.start_time;
+        self.record(settings, values, take, |time, _| time == start || progress(time))
+    }
+
+    fn record(
         mut self,
         settings: Settings,
         values: usize,
         mut take: impl FnMut(&mut Recording) -> bool,
-        mut progress: impl FnMut(f64) -> bool,
+        mut goes_on: impl FnMut(f64, &[f64]) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
         let columns = vec![Vec::new(); self.names.len()];
         let (names, measures, warnings) = (self.names.clone(), self.measures.clone(), self.notes.clone());
         let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
-        let start = settings.start_time;
         let result = self.run_into(&mut recording, settings, &[], |recording, time, row| {
             if recording.values() >= values && !take(recording) {
                 return false;
             }
             recording.push(time, row);
-            time == start || progress(time)
+            goes_on(time, row)
         });
         match self.free(&mut recording, result) {
             Ok(()) => Ok(recording),

@@ -1,10 +1,12 @@
 //! Tuning parameters of a closed loop by a particle swarm.
 
 mod check;
+mod floor;
 mod objective;
 mod record;
 mod swarm;
 
+pub use floor::Floor;
 pub use objective::Objective;
 pub use record::{Question, Record, parameter_set, typed_set};
 pub use swarm::{Best, Generation, Motion, Swarm, is_better};
@@ -42,7 +44,7 @@ pub struct Search {
 /// A run of the loop.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
-    /// The objective.
+    /// The objective; of a run that ended since it could be no better than it has to be, what that had come to.
     Value(f64),
     /// Why there is none.
     Failed(String),
@@ -100,40 +102,55 @@ impl Search {
         self.present().filter(|values| values.iter().zip(&self.ranges).all(|(value, range)| inside(value, range)))
     }
 
-    /// Runs the loop with each of the positions, on all threads. `done` is told each outcome as it comes;
-    /// `is_interrupted` is asked at every communication point.
+    /// Runs the loop with each of the positions, on all threads. A run ends as soon as its objective can't come below the
+    /// position's bound any more. `done` is told each outcome as it comes; `is_interrupted` is asked at every communication
+    /// point.
+    ///
+    /// # Panics
+    /// When there are not as many bounds as positions.
     pub fn run(
         &self,
         positions: &[&[f64]],
+        bounds: &[f64],
         done: impl Fn(&Outcome) + Sync,
         is_interrupted: impl Fn() -> bool + Sync,
     ) -> Vec<Outcome> {
+        assert_eq!(bounds.len(), positions.len());
         parallel::each(&self.loops, positions.len(), |loaded, k| {
             if is_interrupted() {
                 return Outcome::Interrupted;
             }
-            let outcome = self.run_one(loaded, positions[k], &is_interrupted);
+            let outcome = self.run_one(loaded, (positions[k], bounds[k]), &is_interrupted);
             done(&outcome);
             outcome
         })
     }
 
-    fn run_one(&self, loaded: &LoadedLoop, position: &[f64], is_interrupted: &dyn Fn() -> bool) -> Outcome {
+    fn run_one(
+        &self,
+        loaded: &LoadedLoop,
+        (position, bound): (&[f64], f64),
+        is_interrupted: &dyn Fn() -> bool,
+    ) -> Outcome {
         let values: Vec<_> = self.places.iter().copied().zip(position.iter().copied()).collect();
-        let mut interrupted = false;
+        let (mut interrupted, mut beaten) = (false, None);
         let recording = loaded.instantiate(&values).and_then(|closed| {
-            let go_on = |_| {
+            let mut floor = Floor::new(&self.objective, &self.structure, closed.names(), self.settings);
+            let go_on = |time: f64, row: &[f64]| {
                 interrupted = is_interrupted();
-                !interrupted
+                let is_beaten = |floor: &mut Floor| (!floor.add(time, row, bound)).then(|| floor.value());
+                beaten = floor.as_mut().and_then(is_beaten);
+                !interrupted && beaten.is_none()
             };
-            closed.run(self.settings, go_on).map_err(|(error, _)| error)
+            closed.run_while(self.settings, go_on).map_err(|(error, _)| error)
         });
-        match recording {
-            Ok(_) if interrupted => Outcome::Interrupted,
-            Ok(mut recording) => {
+        match (recording, beaten) {
+            (Ok(_), _) if interrupted => Outcome::Interrupted,
+            (Ok(_), Some(value)) => Outcome::Value(value),
+            (Ok(mut recording), None) => {
                 self.objective.value(&self.structure, &mut recording).map_or_else(Outcome::Failed, Outcome::Value)
             }
-            Err(error) => Outcome::Failed(error.to_string()),
+            (Err(error), _) => Outcome::Failed(error.to_string()),
         }
     }
 }

@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::floor::is_whole;
 use crate::near;
 use crate::simulation::{Recording, Settings, SquareTerm, Structure, measure};
 
@@ -98,10 +99,7 @@ impl SquareTerm {
         let signal = |name: &String| recording.column(name).ok_or_else(|| format!("there is no signal `{name}`"));
         let (of, minus) = (signal(&self.of)?, self.minus.as_ref().map(signal).transpose()?);
         let start = recording.times.first().copied().unwrap_or_default();
-        let counts = |time: f64| {
-            let samples = (time - start) / sample;
-            (samples - samples.round()).abs() < 1e-6
-        };
+        let counts = |time: f64| is_whole((time - start) / sample);
         let square = |k: usize| (of[k] - minus.map_or(0.0, |minus| minus[k])).powi(2);
         let points = recording.times.iter().enumerate().filter(|(_, time)| counts(**time));
         Ok(self.weight * points.map(|(k, _)| square(k)).sum::<f64>())

@@ -54,7 +54,7 @@ struct Particle {
 pub struct Generation {
     /// The best value of all generations so far; none where none has a value.
     pub best: Option<f64>,
-    /// The median of this generation, those without a value counted as worst.
+    /// The median of the particles' best values so far, those without one counted as worst.
     pub median: Option<f64>,
     /// How many positions had no value.
     pub failed: usize,
@@ -115,7 +115,8 @@ impl Swarm {
         &self.history
     }
 
-    /// Notes the values of all positions, none for those that have none, and moves on.
+    /// Notes the values of all positions, none for those that have none, and moves on. Of a position whose value isn't below
+    /// its [bound](Self::bounds_of_values), any number that isn't either says the same.
     ///
     /// # Panics
     /// When there are not as many values as positions.
@@ -131,11 +132,12 @@ impl Swarm {
                 particle.best = Some(here());
             }
         }
-        let mut known: Vec<f64> = values.iter().flatten().copied().filter(|value| value.is_finite()).collect();
+        let mut known: Vec<f64> = self.particles.iter().filter_map(|it| Some(it.best.as_ref()?.value)).collect();
         known.sort_by(f64::total_cmp);
         let (best, median) = (self.best.as_ref().map(|best| best.value), known.get((values.len() - 1) / 2).copied());
         self.fly();
-        self.history.push(Generation { best, median, failed: values.len() - known.len() });
+        let failed = values.iter().filter(|value| value.is_none_or(|value| !value.is_finite())).count();
+        self.history.push(Generation { best, median, failed });
     }
 
     fn fly(&mut self) {

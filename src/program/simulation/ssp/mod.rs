@@ -200,7 +200,7 @@ impl Structure {
     }
 
     /// A loop of no units.
-    pub(super) fn bare(file: PathBuf, name: String, description: String, settings: Settings) -> Self {
+    pub(crate) fn bare(file: PathBuf, name: String, description: String, settings: Settings) -> Self {
         let Settings { start_time, stop_time, step, order } = settings;
         Structure {
             file,
