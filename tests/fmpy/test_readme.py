@@ -163,6 +163,15 @@ def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= 80
 
 
+def test_the_five_measured_rows_of_the_readme_are_those_of_the_page() -> None:
+    cells = lambda line: [cell.strip() for cell in line.strip().strip("|").split("|")]
+    lines = README.splitlines()
+    begin = next(place for place, line in enumerate(lines) if line.startswith("| how fast ")) + 2
+    rows = [cells(line) for line in lines[begin : lines.index("", begin)]]
+    page = [cells(line)[:5] for line in (DOCS / "speed.md").read_text().splitlines() if line.startswith("|")]
+    assert len(rows) == 5 and all(row in page for row in rows), rows
+
+
 def test_what_is_run_in_place_of_this_test_stands_there() -> None:
     written = [line for param in RUN if param.values[1] == "sh" for line in commands(param.values[2])]
     assert set(RUN_ELSEWHERE) <= set(written)
