@@ -79,7 +79,7 @@ impl Floor {
             _ => {}
         }
         // One that is no number says nothing: the run's end tells.
-        !(self.value > below * (1.0 + ROUNDING))
+        self.value.is_nan() || self.value <= below * (1.0 + ROUNDING)
     }
 
     /// The floor so far.
