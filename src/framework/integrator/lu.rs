@@ -4,8 +4,8 @@
 #[derive(Debug)]
 pub struct Lu {
     size: usize,
-    /// By columns: first A; then U with the inverses of its diagonal, and below that L, whose own diagonal is 1. Empty until
-    /// it is needed, in memory that is there from the begin.
+    /// By columns: first A; then U, and below its diagonal L, whose own diagonal is 1. Empty until it is needed, in memory
+    /// that is there from the begin.
     a: Vec<f64>,
     /// Which row was exchanged with row k.
     pivots: Vec<usize>,
@@ -37,7 +37,6 @@ impl Lu {
             }
             column.swap(k, pivot);
             let scale = column[k].recip();
-            column[k] = scale;
             column[k + 1..].iter_mut().for_each(|l| *l *= scale);
             for other in rest.chunks_exact_mut(n) {
                 other.swap(k, pivot);
@@ -67,7 +66,7 @@ impl Lu {
             subtract(&mut b[k..], &column[k..]);
         }
         for (k, column) in self.a.chunks_exact(n).enumerate().rev() {
-            b[k] *= column[k];
+            b[k] /= column[k];
             let x = b[k];
             b[..k].iter_mut().zip(column).for_each(|(b, u)| *b -= u * x);
         }

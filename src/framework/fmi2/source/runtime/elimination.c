@@ -94,8 +94,7 @@ static void subtract_column(real *values, const real *column, int k) {
     }
 }
 
-/* Eliminates in the columns from the k-th on, with the largest pivot in it, of which the inverse stays; whether there is
- * one. */
+/* Eliminates in the columns from the k-th on, with the largest pivot in it; whether there is one. */
 static int eliminate_column(Driver *driver, int k) {
     real *column = driver->matrix + k * UNIT_STATES;
     int pivot = k;
@@ -110,7 +109,6 @@ static int eliminate_column(Driver *driver, int k) {
     }
     exchange_numbers(column, k, pivot);
     real factor = R(1.0) / column[k];
-    column[k] = factor;
     for (int i = k + 1; i < UNIT_STATES; i++) {
         column[i] *= factor;
     }
@@ -156,7 +154,7 @@ static void solve_with_pivots(const Driver *driver, real *b) {
     }
     for (int k = UNIT_STATES - 1; k >= 0; k--) {
         const real *column = driver->matrix + k * UNIT_STATES;
-        b[k] *= column[k];
+        b[k] /= column[k];
         for (int i = 0; i < k; i++) {
             b[i] -= column[i] * b[k];
         }

@@ -260,7 +260,7 @@ static int split(Driver *driver, int low, int high, real norm) {
     real *a = driver->matrix;
     int end = high, shifts = 0;
     while (end > low) {
-        real least = shifts < UNUSUAL_SHIFT ? R(0.0) : norm;
+        real least = (shifts < UNUSUAL_SHIFT) ? R(0.0) : norm;
         int start = last_block(a, low, end, least, norm);
         if (end - start > 2) {
             if (shifts >= MOST_SHIFTS) {
