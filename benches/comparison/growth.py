@@ -5,14 +5,13 @@ import os
 import resource
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from machine import CACHE, PROGRAM, Workshop, told
+from machine import PROGRAM, Workshop, told
 from steps import Driver, l1_text, plant_text
 
 STATES = (4, 8, 16, 32, 60, 100, 200)

@@ -71,7 +71,7 @@ impl Meter {
 
 /// A signal, or how far it is from another one; in parts of a funnel, where there is one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Difference {
+pub struct Difference {
     of: usize,
     minus: Option<usize>,
     funnel: Option<PerformanceFunction>,
@@ -94,9 +94,13 @@ impl Difference {
 
     /// Its value in a row of a run that starts at some time.
     pub fn at(&self, points: &Recording, row: usize, start: f64) -> f64 {
-        let value = |place: usize| points.columns[place][row];
-        let size = self.funnel.map_or(1.0, |funnel| funnel.at(points.times[row] - start));
-        (value(self.of) - self.minus.map_or(0.0, value)) / size
+        self.of(|place| points.columns[place][row], points.times[row] - start)
+    }
+
+    /// Its value of those at places of the signals, so many seconds after the start.
+    pub fn of(&self, value: impl Fn(usize) -> f64, since: f64) -> f64 {
+        let size = self.funnel.map_or(1.0, |funnel| funnel.at(since));
+        (value(self.of) - self.minus.map_or(0.0, &value)) / size
     }
 }
 

@@ -48,6 +48,7 @@ pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value, comp
 pub use inputs::Inputs;
 pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
+pub(crate) use metrics::Difference;
 pub use metrics::{Measured, Meter, measure};
 pub use overview::{Row, Verdict, four_digits, table};
 pub use page::{DIAGRAMS, Ending, Report, SCRIPT, STYLE, Thinned, still, still_ending};

@@ -1,7 +1,7 @@
 //! What a run has come to while it still goes on, so that one that can be no better any more ends.
 
 use super::Objective;
-use crate::simulation::{PerformanceFunction, Settings, Statistic, Structure};
+use crate::simulation::{Difference, Settings, SquareTerm, Statistic, Structure};
 
 /// A floor counts where it is above a value by more than rounding errors of sums in another order.
 const ROUNDING: f64 = 1e-9;
@@ -9,7 +9,8 @@ const ROUNDING: f64 = 1e-9;
 /// The least that an objective will come to, by the points so far.
 #[derive(Debug)]
 pub struct Floor {
-    differences: Vec<Difference>,
+    /// What it is of, each with its weight.
+    differences: Vec<(f64, Difference)>,
     kind: Kind,
     start: f64,
     value: f64,
@@ -23,31 +24,16 @@ enum Kind {
     Largest { from: f64 },
 }
 
-/// A signal, or how far it is from another one, by their places in a row.
-#[derive(Debug)]
-struct Difference {
-    weight: f64,
-    of: usize,
-    minus: Option<usize>,
-    funnel: Option<PerformanceFunction>,
-}
-
 impl Floor {
     /// For runs of a loop with these signals; none where an objective may become smaller as a run goes on, or is about an
     /// ideal model, which is known afterwards.
     pub fn new(objective: &Objective, structure: &Structure, signals: &[String], settings: Settings) -> Option<Self> {
-        let place = |name: &String| signals.iter().position(|known| known == name);
-        let difference = |weight: f64, of: &String, minus: Option<&String>, funnel: Option<PerformanceFunction>| {
-            let minus = match minus {
-                Some(name) => Some(place(name)?),
-                None => None,
-            };
-            Some(Difference { weight, of: place(of)?, minus, funnel })
-        };
         let (differences, kind) = match objective {
             Objective::Squares { terms, .. } if terms.iter().any(|term| term.weight < 0.0) => return None,
             Objective::Squares { terms, sample } => {
-                let of = terms.iter().map(|term| difference(term.weight, &term.of, term.minus.as_ref(), None));
+                let of = terms.iter().map(|SquareTerm { weight, of, minus }| {
+                    Some((*weight, Difference::new(signals, of, minus.as_deref(), None).ok()?))
+                });
                 (of.collect::<Option<_>>()?, Kind::Squares { sample: *sample })
             }
             Objective::Metric(label) => {
@@ -55,8 +41,8 @@ impl Floor {
                 if metric.statistic != Statistic::Max {
                     return None;
                 }
-                let of = difference(1.0, &metric.of, metric.minus.as_ref(), metric.funnel)?;
-                (vec![of], Kind::Largest { from: metric.from })
+                let of = Difference::new(signals, &metric.of, metric.minus.as_deref(), metric.funnel).ok()?;
+                (vec![(1.0, of)], Kind::Largest { from: metric.from })
             }
         };
         Some(Floor { differences, kind, start: settings.start_time, value: 0.0 })
@@ -65,16 +51,13 @@ impl Floor {
     /// Takes a further point; whether the objective can still come below a value.
     pub fn add(&mut self, time: f64, row: &[f64], below: f64) -> bool {
         let since = time - self.start;
-        let of = |difference: &Difference| {
-            let size = difference.funnel.map_or(1.0, |funnel| funnel.at(since));
-            (row[difference.of] - difference.minus.map_or(0.0, |minus| row[minus])) / size
-        };
+        let values = self.differences.iter().map(|(weight, of)| (weight, of.of(|place| row[place], since)));
         match self.kind {
             Kind::Squares { sample } if is_whole(since / sample) => {
-                self.value += self.differences.iter().map(|it| it.weight * of(it).powi(2)).sum::<f64>();
+                self.value += values.map(|(weight, value)| weight * value.powi(2)).sum::<f64>();
             }
             Kind::Largest { from } if time >= from => {
-                self.value = self.differences.iter().map(|it| of(it).abs()).fold(self.value, f64::max);
+                self.value = values.map(|(_, value)| value.abs()).fold(self.value, f64::max);
             }
             _ => {}
         }
