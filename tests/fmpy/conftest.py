@@ -40,7 +40,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "python"), o
 # What the program keeps of one run for the next stays here, not in the folder of whoever runs the tests.
 os.environ.setdefault("ADAPTIVE_FMU_CACHE", str(ROOT / "target" / "cache"))
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
-IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook", "test_publishing"}
+IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook", "test_pip", "test_publishing"}
 
 # Folders of a run of tests that stay until its end.
 SHARED = {"exported", "fmus", "unpacked"}

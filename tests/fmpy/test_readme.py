@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 from conftest import PROGRAM, ROOT
 
-# Commands that are run elsewhere: this very suite, the installation and the crate's documentation by the scripts that
-# prepare and run all tests, the comparison with peers by a test of its own, with `--quick`. Where, and what stands there.
+# Commands that are run elsewhere: this very suite and the crate's documentation by the scripts that run all tests,
+# the installation and the comparison with peers, with `--quick`, by tests of their own. Where, and what stands there.
 RUN_ELSEWHERE = {
     "tests/run": (".ci/run", "tests/run"),
-    "pip install .": ("tests/prepare", "pip install"),
+    "pip install .": ("tests/fmpy/test_pip.py", '"pip", "wheel", "."'),
     "cargo doc --no-deps": (".ci/run", "cargo doc --no-deps"),
     "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }

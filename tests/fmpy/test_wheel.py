@@ -21,11 +21,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(made.stdout.splitlines()[0])
 
 
-def test_a_wheel_holds_what_its_record_says(wheel: Path) -> None:
+def held(wheel: Path) -> dict[str, bytes]:
+    """The files of a wheel, which are those of its record."""
     name, version, *_ = wheel.stem.split("-")
     with zipfile.ZipFile(wheel) as archive:
         held = {entry.filename: archive.read(entry) for entry in archive.infolist()}
-        modes = {entry.filename: entry.external_attr >> 16 for entry in archive.infolist()}
     own = f"{name}-{version}.dist-info/RECORD"
     record = list(csv.reader(held[own].decode().splitlines()))
     assert {path for path, *_ in record} == set(held) and [own, "", ""] in record
@@ -33,18 +33,26 @@ def test_a_wheel_holds_what_its_record_says(wheel: Path) -> None:
         if path != own:
             digest = base64.urlsafe_b64encode(hashlib.sha256(held[path]).digest()).rstrip(b"=").decode()
             assert checksum == f"sha256={digest}" and int(size) == len(held[path])
+    return held
+
+
+def test_a_wheel_holds_what_a_program_needs(wheel: Path) -> None:
+    files = held(wheel)
+    name, version, *_ = wheel.stem.split("-")
     data = f"{name}-{version}.data"
+    with zipfile.ZipFile(wheel) as archive:
+        modes = {entry.filename: entry.external_attr >> 16 for entry in archive.infolist()}
     assert modes[f"{data}/scripts/adaptive-fmu"] & 0o111
     shared = f"{data}/data/share/adaptive-fmu"
-    assert {f"{shared}/modelDescription/{fmu}.toml" for fmu in FMU_NAMES} <= set(held)
-    assert {f"{shared}/examples/{loop}/SystemStructure.ssd" for loop in LOOP_NAMES} <= set(held)
-    assert f"{shared}/README.md" in held and f"{shared}/libraries/linux64/libadaptive_fmu_library.so" in held
+    assert {f"{shared}/modelDescription/{fmu}.toml" for fmu in FMU_NAMES} <= set(files)
+    assert {f"{shared}/examples/{loop}/SystemStructure.ssd" for loop in LOOP_NAMES} <= set(files)
+    assert f"{shared}/README.md" in files and f"{shared}/libraries/linux64/libadaptive_fmu_library.so" in files
     # Where shells look for them in an environment.
     pages = {"man/man1/adaptive-fmu.1", "man/man1/adaptive-fmu-run.1", "bash-completion/completions/adaptive-fmu"}
     pages |= {"zsh/site-functions/_adaptive-fmu", "fish/vendor_completions.d/adaptive-fmu.fish"}
-    assert {f"{data}/data/share/{page}" for page in pages} <= set(held)
+    assert {f"{data}/data/share/{page}" for page in pages} <= set(files)
     modules = {f"adaptive_fmu/{file.name}" for file in (ROOT / "python" / "adaptive_fmu").glob("*.py")}
-    assert modules | {"adaptive_fmu/py.typed"} <= set(held)
+    assert modules | {"adaptive_fmu/py.typed"} <= set(files)
 
 
 def test_a_wheel_says_what_pyproject_says(wheel: Path) -> None:
@@ -73,7 +81,7 @@ def fresh(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, st
     folder = tmp_path_factory.mktemp("fresh")
     subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
     python = folder / "venv" / "bin" / "python"
-    install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"{wheel}[plot,compile]"]
+    install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"{wheel}[plot,notebook,compile]"]
     done = subprocess.run(install, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     # What zig makes once for each platform takes minutes.
@@ -95,6 +103,14 @@ def test_from_a_fresh_environment_to_a_loop_a_plot_a_gain_and_an_fmu_for_six_pla
     platforms = {name.split("/")[1] for name in names if name.startswith("binaries/")}
     assert {"linux64", "linux32", "aarch64-linux", "win64", "darwin64", "aarch64-darwin"} <= platforms
     assert list(Path(fresh["TMPDIR"]).iterdir()) == []
+
+
+def test_the_extra_for_notebooks_brings_what_bars_are_drawn_by(fresh: dict[str, str], tmp_path: Path) -> None:
+    """Without ipywidgets tqdm refuses, and `tqdm.auto` warns in each notebook."""
+    script = "from tqdm.notebook import tqdm; tqdm(total=1).update(1)"
+    words = [Path(fresh["PATH"]) / "python", "-c", script]
+    done = subprocess.run(words, env=fresh, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_program_of_a_wheel_exports_every_fmu_and_closes_a_loop(fresh: dict[str, str], tmp_path: Path) -> None:
