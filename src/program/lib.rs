@@ -6,6 +6,7 @@
 #![deny(unsafe_code)]
 
 mod base64;
+mod c_compiler;
 mod cache;
 mod decimal;
 pub mod distribution;

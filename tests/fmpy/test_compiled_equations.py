@@ -1,6 +1,7 @@
 """Equations that are compiled while loops run: results stay the same, and what is kept can't do harm."""
 
 import json
+import os
 import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -76,6 +77,26 @@ def test_without_a_compiler_that_works_a_line_says_so_and_results_are_the_same(
     table, told = ran(*words, tmp_path / "cache", until=3, CC=compiler)
     assert table == expected and {path.suffix for path in (tmp_path / "cache").iterdir()} <= {".zip", ".described"}
     assert told.count("\n") == 1 and trouble in told and "the same results" in told and "CC" in told
+
+
+@pytest.mark.parametrize("command", ["gcc -O1", "ccache gcc", '"{folder}/ccache" gcc "-DA=a b"', "{folder}/my own gcc"])
+def test_the_compiler_may_be_a_command_with_arguments(command: str, tmp_path: Path) -> None:
+    """As make, CMake and Python take `CC`; ccache is one of our own, which counts."""
+    counted, cache = tmp_path / "counted", tmp_path / "cache"
+    for name, calls in {"ccache": '"$@"', "my own gcc": 'gcc "$@"'}.items():
+        (tmp_path / name).write_text(f'#!/bin/sh\necho "$@" >> "{counted}"\nexec {calls}\n')
+        (tmp_path / name).chmod(0o755)
+    of = {"CC": command.format(folder=tmp_path), "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
+    done = adaptive_fmu("export", "--compile", "NonlinearSiso", "--out", tmp_path / "fmus", **of)
+    assert done.returncode == 0, done.stderr
+    expected, _ = ran("3.2.1-cosine", tmp_path, "", "--composite", until=20.0)
+    table, told = ran("3.2.1-cosine", tmp_path, cache, "--composite", until=20.0, **of)
+    assert table == expected and "C compiler" not in told and kernels(cache, 1)
+    # FMUs, and equations of runs: each call with what was given before what is asked.
+    calls = counted.read_text().splitlines() if counted.exists() else []
+    of_fmus, of_runs = ([call for call in calls if words in call] for words in ("all.c", "-fno-math-errno"))
+    assert bool(of_fmus) == bool(of_runs) == ("my own" in command or "ccache" in command)
+    assert all(call.startswith("gcc -DA=a b ") == ("-DA" in command) for call in of_fmus + of_runs)
 
 
 def test_another_library_has_other_kernels_however_it_was_built(tmp_path: Path) -> None:

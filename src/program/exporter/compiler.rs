@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use super::platform::Platform;
+use crate::c_compiler;
 use crate::error::Error;
 
 /// The same bits as those of the generic form ask for no fused operations.
@@ -22,7 +23,8 @@ impl Compiler {
     fn find(platform: Platform, portable: bool) -> Result<Self, Error> {
         let own = if portable { None } else { Self::own() };
         own.or_else(|| Self::zig(platform)).ok_or_else(|| {
-            let needed = if portable { "zig" } else { "a C compiler (cc) or zig" };
+            let own = format!("a C compiler (`{}`) or zig", c_compiler::named());
+            let needed = if portable { "zig" } else { &own };
             Error::Library(format!(
                 "libraries for {} are compiled by {needed}, which isn't found: `pip install ziglang` installs zig; or export \
                  with --source, without --compile",
@@ -32,8 +34,9 @@ impl Compiler {
     }
 
     fn own() -> Option<Self> {
-        let program = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
-        answers(&program, &["--version"]).then_some(Compiler { program, arguments: Vec::new() })
+        let (program, arguments) = c_compiler::words(&c_compiler::named());
+        let asked: Vec<&str> = arguments.iter().map(String::as_str).chain(["--version"]).collect();
+        answers(&program, &asked).then_some(Compiler { program, arguments })
     }
 
     fn zig(platform: Platform) -> Option<Self> {

@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 
 use super::in_process::Binary;
+use crate::c_compiler;
 use crate::cache::{self, Checksum, Entry};
 use crate::dynamic::Library;
 use crate::fmi2::build::Build;
@@ -143,11 +144,10 @@ static KNOWN: Mutex<Option<HashMap<PathBuf, Awaited>>> = Mutex::new(None);
 
 /// Where a kernel is kept, by what its unit was made of and what compiles it.
 fn kept(library: &Checksum, description: &str) -> Option<Entry> {
-    Entry::of("kernel", &[library, description.as_bytes(), compiler().as_bytes(), OPTIONS.join(" ").as_bytes()])
-}
-
-fn compiler() -> String {
-    std::env::var("CC").ok().filter(|name| !name.is_empty()).unwrap_or_else(|| "cc".to_owned())
+    Entry::of(
+        "kernel",
+        &[library, description.as_bytes(), c_compiler::named().as_bytes(), OPTIONS.join(" ").as_bytes()],
+    )
 }
 
 /// Loads a kernel from its file.
@@ -188,14 +188,15 @@ fn make(work: &Work) -> Option<Loaded> {
 /// Compiles a source, and puts the library in its place when it is whole. Where this process ends before the compiler, a
 /// shell does that: the next run finds the kernel. What is simulated comes first.
 fn compile(source: &Path, own: &Path, file: &Path) -> bool {
-    let compiler = compiler();
+    let compiler = c_compiler::named();
+    let (program, arguments) = c_compiler::words(&compiler);
     let mut command = if cfg!(unix) {
         let mut shell = Command::new("sh");
-        shell.args(["-c", SCRIPT, "sh"]).args([source, own, file]).arg(&compiler).args(OPTIONS);
+        shell.args(["-c", SCRIPT, "sh"]).args([source, own, file]).arg(&program).args(arguments).args(OPTIONS);
         shell
     } else {
-        let mut command = Command::new(&compiler);
-        command.args(OPTIONS).arg("-o").arg(own).arg(source);
+        let mut command = Command::new(&program);
+        command.args(arguments).args(OPTIONS).arg("-o").arg(own).arg(source);
         command
     };
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
