@@ -279,7 +279,7 @@ impl System for L1Sampled {
         self.begin(!enabled | v.get(self.start).is(SampledStart::Bumpless), v);
     }
 
-    /// u, held, or the manual control, within the limits; u_ad = W_0⁻¹ ζ.
+    /// u, held, or the manual control within the limits; u_ad = W_0⁻¹ ζ.
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         for i in 0..self.u.len() {
             y[self.u][i] = self.in_force(i, v);
@@ -345,10 +345,11 @@ fn beside_controls(all: usize, along: usize) -> Spec<Many> {
 }
 
 impl L1Sampled {
-    /// What the plant gets: the held control, or the manual one, within the limits.
+    /// What the plant gets: the held control, which keeps to the limits of its sample, so that it is one in its whole
+    /// interval, as the estimate takes it; or the manual one, within the limits.
     fn in_force<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        let wanted = S::select(self.in_command.is_active(v), v[self.held][i], v[self.in_command.u_manual][i]);
-        within(wanted, v[self.u_min][i], v[self.u_max][i])
+        let by_hand = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
+        S::select(self.in_command.is_active(v), v[self.held][i], by_hand)
     }
 }
 

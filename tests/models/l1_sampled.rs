@@ -294,6 +294,79 @@ fn a_take_over_makes_no_jump_and_a_hand_over_takes_effect_at_once() {
     assert_eq!(controls(&unit), [21.0, -3.0]);
 }
 
+/// The robot's nominal plant, a double integrator of each joint behind the nominal input gain, with the unit stepped after it
+/// in fifths of a sample; `between` acts in between, with the count of such steps. Returns u, and the largest |σ̂|, after each.
+fn nominally(enabled: bool, steps: usize, between: &dyn Fn(&Unit, usize)) -> Vec<(Pair, f64)> {
+    let (unit, h) = (Unit::new(ROBOT), 1e-3);
+    unit.enter(0.0);
+    assert_eq!(unit.set_boolean("enabled", enabled), OK);
+    [("r[1]", 0.4), ("r[2]", -0.3)].into_iter().for_each(|(name, r)| unit.put(name, r));
+    assert_eq!(unit.exit(), OK);
+    let (mut x, mut found) = ([0.0_f64; 4], Vec::new());
+    for k in 0..steps {
+        between(&unit, k);
+        let u = [unit.get("u[1]"), unit.get("u[2]")];
+        let v = times(inverse(M_0), u);
+        (0..2).for_each(|i| x[i] += h * x[2 + i] + 0.5 * h * h * v[i]);
+        (0..2).for_each(|i| x[2 + i] += h * v[i]);
+        // What is set before the first step would be of the start.
+        (0..4).filter(|_| k > 0).for_each(|i| unit.put(&format!("x[{}]", i + 1), x[i]));
+        assert_eq!(unit.step(k as f64 * h, h), OK, "{:?}", unit.messages());
+        let sigma = ["sigma_hat[1]", "sigma_hat[2]", "sigma_hat_unmatched[1]", "sigma_hat_unmatched[2]"];
+        let largest = sigma.iter().map(|name| unit.get(name).abs()).fold(0.0, f64::max);
+        found.push(([unit.get("u[1]"), unit.get("u[2]")], largest));
+    }
+    found
+}
+
+#[test]
+fn a_limit_that_is_changed_between_two_samples_counts_from_the_next_one_on_and_makes_no_wrong_estimate() {
+    let limit =
+        |unit: &Unit, size: f64| [("u_min[1]", -size), ("u_max[1]", size)].iter().for_each(|(n, u)| unit.put(n, *u));
+    let found = nominally(true, 60, &|unit, k| match k {
+        12 => limit(unit, 20.0),
+        33 => limit(unit, 5.0),
+        46 => limit(unit, 1e3),
+        _ => (),
+    });
+    for (k, (u, sigma)) in found.iter().enumerate() {
+        assert!(*sigma < 1e-6, "nothing is unknown: {sigma} after {k} ms");
+        assert!((k + 1) % 5 == 0 || k == 0 || *u == found[k - 1].0, "u is constant in an interval: {u:?} after {k} ms");
+    }
+    assert!(found[13].0[0].abs() > 20.0 && found[14].0[0].abs() == 20.0, "{:?}", &found[12..16]);
+    assert!(found[33].0[0].abs() > 5.0 && found[34].0[0].abs() == 5.0, "{:?}", &found[32..36]);
+    assert!(found[48].0[0].abs() == 5.0 && found[49].0[0].abs() > 5.0, "{:?}", &found[46..51]);
+}
+
+#[test]
+fn a_limit_that_is_tightened_while_the_law_waits_to_take_over_counts_at_its_sample() {
+    let found = nominally(false, 20, &|unit, k| match k {
+        0 => unit.put("u_manual[1]", 12.0),
+        6 => assert_eq!(unit.set_boolean("enabled", true), OK),
+        7 => unit.put("u_max[1]", 4.0),
+        _ => (),
+    });
+    assert_eq!(
+        [found[5].0[0], found[6].0[0], found[7].0[0], found[8].0[0], found[9].0[0]],
+        [12.0, 12.0, 12.0, 12.0, 4.0]
+    );
+    assert!(found[10..].iter().all(|(u, sigma)| u[0] <= 4.0 && *sigma < 1e-6), "{found:?}");
+}
+
+#[test]
+fn the_start_is_a_sample_that_takes_the_reference_where_nothing_is_late() {
+    for (d, share) in [(0, 1.0 - (-30.0_f64 * 0.005).exp()), (1, 0.0)] {
+        let unit = Unit::from_text(&description(ROBOT).replace("sample_time = 0.005", &at(0.005, d)));
+        unit.enter(0.0);
+        unit.put("r[1]", 0.4);
+        assert_eq!(unit.exit(), OK);
+        let asked = times(M_0, [share * Hand::new(0.005, d, f64::INFINITY).gains[0][0] * 0.4, 0.0]);
+        for i in 0..2 {
+            near(&format!("u_ad[{}], d = {d}", i + 1), unit.get(&format!("u_ad[{}]", i + 1)), asked[i], 1e-9);
+        }
+    }
+}
+
 #[test]
 fn a_bumpless_start_begins_with_the_manual_control() {
     for d in [0, 1] {

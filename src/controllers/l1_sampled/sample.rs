@@ -46,8 +46,10 @@ impl L1Sampled {
         self.look_ahead(v);
         let follows = !self.in_command.is_active(&v.values()) | v.get(self.takes_over);
         v.when(follows, |v| {
+            for i in 0..self.u.len() {
+                v[self.held][i] = within(v[self.past][i], v[self.u_min][i], v[self.u_max][i]);
+            }
             self.follow(v);
-            (0..self.u.len()).for_each(|i| v[self.held][i] = v[self.past][i]);
         });
         v.when(!follows & measured.at_least(S::from(0.0)), |v| {
             self.filter(v);
@@ -188,11 +190,11 @@ impl L1Sampled {
         }
     }
 
-    /// ζ := W_0 u + K_d x_p: the law's control is the one that stands.
+    /// ζ := W_0 u + K_d x_p: the law's control is the one that is held.
     fn follow<S: Scalar>(&self, v: &mut Point<S>) {
         for i in 0..self.u.len() {
             let values = &v.values();
-            let zeta = product(self.W_0, i, |j| values[self.past][j], values)
+            let zeta = product(self.W_0, i, |j| values[self.held][j], values)
                 + product(self.K_d, i, |j| values[self.x_ahead][j], values);
             v[self.zeta][i] = zeta;
         }
