@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::Unit;
 use super::expression::{Expression, Kind};
-use super::function::Function;
+use super::function::{Function, Wanted};
 use super::message::{Told, quoted};
 use super::names::Names;
 use crate::recording::{Leaf, Method, Node, Note, Operation, Tape};
@@ -152,6 +152,11 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
     let variables: HashMap<Node, &String> =
         targets.iter().rev().filter_map(|target| Some((target.node, target.variable.as_ref()?))).collect();
     let named = |node| variables.get(&node).map(|name| (*name).clone());
+    // What is told is computed where it is told.
+    let when_told = told.iter().flat_map(|(condition, told)| {
+        std::iter::once((*condition, None)).chain(told.numbers.iter().map(|&number| (number, Some(*condition))))
+    });
+    let wanted: Vec<Wanted> = targets.iter().map(|target| (target.node, None)).chain(when_told).collect();
     let found = function.compute(tape, &wanted, named, &|leaf| given[&leaf].clone());
     let mut numbers = found[targets.len()..].iter();
     for (note, (_, told)) in notes.iter().zip(&told) {

@@ -47,11 +47,23 @@ pub struct Expression {
     pub known: Option<f64>,
     /// How many operations it has.
     pub size: usize,
+    /// Whether it has an operation that isn't defined for every number, or whose result may have none.
+    pub is_partial: bool,
 }
 
 impl Expression {
     fn new(text: String, binding: Binding, kind: Kind, size: usize) -> Self {
-        Expression { text, binding, kind, known: None, size }
+        Expression { text, binding, kind, known: None, size, is_partial: false }
+    }
+
+    /// The same, partial where any of these is.
+    fn made_of(self, parts: &[&Self]) -> Self {
+        Expression { is_partial: parts.iter().any(|part| part.is_partial), ..self }
+    }
+
+    /// The same, partial.
+    fn partial(self) -> Self {
+        Expression { is_partial: true, ..self }
     }
 
     /// A name, or an element of an array.
@@ -86,7 +98,7 @@ impl Expression {
             Kind::Real => self.clone(),
             Kind::Whole => {
                 let text = format!("(real){}", self.at_least(Binding::Unary));
-                Expression::new(text, Binding::Unary, Kind::Real, self.size)
+                Expression::new(text, Binding::Unary, Kind::Real, self.size).made_of(&[self])
             }
         }
     }
@@ -99,7 +111,10 @@ impl Expression {
                 let binding = if value < 0.0 { Binding::Unary } else { Binding::Atom };
                 Expression::new(format!("{}", value as i64), binding, Kind::Whole, 0)
             }
-            _ => Expression::new(format!("whole({})", self.text), Binding::Atom, Kind::Whole, self.size + 1),
+            _ => {
+                let text = format!("whole({})", self.text);
+                Expression::new(text, Binding::Atom, Kind::Whole, self.size + 1).made_of(&[self])
+            }
         }
     }
 
@@ -110,7 +125,7 @@ impl Expression {
             (_, Some(value)) => Expression::atom(if value != 0.0 { "1" } else { "0" }, Kind::Whole),
             _ => {
                 let text = format!("{} != R(0.0)", self.above(Binding::Equality));
-                Expression::new(text, Binding::Equality, Kind::Whole, self.size + 1)
+                Expression::new(text, Binding::Equality, Kind::Whole, self.size + 1).made_of(&[self])
             }
         }
     }
@@ -118,26 +133,27 @@ impl Expression {
     /// A call of a function of one number.
     pub fn unary(function: Unary, x: &Self) -> Self {
         let (x, size) = (x.real(), x.size + 1);
-        let call = |name: &str| Expression::new(format!("{name}({})", x.text), Binding::Atom, Kind::Real, size);
+        let call =
+            |name: &str| Expression::new(format!("{name}({})", x.text), Binding::Atom, Kind::Real, size).made_of(&[&x]);
         let of_library = |name: &str| call(&format!("F({name})"));
         match function {
             Unary::Neg => {
                 let operand =
                     if x.text.starts_with('-') { format!("({})", x.text) } else { x.at_least(Binding::Unary) };
-                Expression::new(format!("-{operand}"), Binding::Unary, Kind::Real, size)
+                Expression::new(format!("-{operand}"), Binding::Unary, Kind::Real, size).made_of(&[&x])
             }
             Unary::Recip => Expression::binary(Binary::Div, &Expression::number(1.0), &x),
             Unary::Signum => call("sign"),
             Unary::Sin => of_library("sin"),
             Unary::Cos => of_library("cos"),
-            Unary::Tan => of_library("tan"),
-            Unary::Cosh => of_library("cosh"),
-            Unary::Sinh => of_library("sinh"),
+            Unary::Tan => of_library("tan").partial(),
+            Unary::Cosh => of_library("cosh").partial(),
+            Unary::Sinh => of_library("sinh").partial(),
             Unary::Tanh => of_library("tanh"),
-            Unary::Exp => of_library("exp"),
-            Unary::Ln => of_library("log"),
-            Unary::Ln1p => of_library("log1p"),
-            Unary::Sqrt => of_library("sqrt"),
+            Unary::Exp => of_library("exp").partial(),
+            Unary::Ln => of_library("log").partial(),
+            Unary::Ln1p => of_library("log1p").partial(),
+            Unary::Sqrt => of_library("sqrt").partial(),
             Unary::Atan => of_library("atan"),
             Unary::Abs => of_library("fabs"),
             Unary::Floor => of_library("floor"),
@@ -152,14 +168,17 @@ impl Expression {
         let size = a.size + b.size + 1;
         let joined = |sign: &str, binding| {
             let text = format!("{} {sign} {}", a.at_least(binding), b.above(binding));
-            Expression::new(text, binding, Kind::Real, size)
+            Expression::new(text, binding, Kind::Real, size).made_of(&[&a, &b])
         };
         match operation {
             Binary::Add => joined("+", Binding::Sum),
             Binary::Sub => joined("-", Binding::Sum),
             Binary::Mul => joined("*", Binding::Product),
-            Binary::Div => joined("/", Binding::Product),
-            Binary::Pow => Expression::new(format!("F(pow)({}, {})", a.text, b.text), Binding::Atom, Kind::Real, size),
+            Binary::Div if b.known.is_some_and(|divisor| divisor.abs() >= 1e-30) => joined("/", Binding::Product),
+            Binary::Div => joined("/", Binding::Product).partial(),
+            Binary::Pow => {
+                Expression::new(format!("F(pow)({}, {})", a.text, b.text), Binding::Atom, Kind::Real, size).partial()
+            }
         }
     }
 
@@ -169,8 +188,8 @@ impl Expression {
         let factor = x.above(Binding::Product);
         match exponent {
             1 => x,
-            2 => Expression::new(format!("{factor} * {factor}"), Binding::Product, Kind::Real, size),
-            _ => Expression::new(format!("power({}, {exponent})", x.text), Binding::Atom, Kind::Real, size),
+            2 => Expression::new(format!("{factor} * {factor}"), Binding::Product, Kind::Real, size).made_of(&[&x]),
+            _ => Expression::new(format!("power({}, {exponent})", x.text), Binding::Atom, Kind::Real, size).partial(),
         }
     }
 
@@ -191,27 +210,29 @@ impl Expression {
         };
         // Compilers ask for parentheses around comparisons of comparisons.
         let text = format!("{} {sign} {}", a.above(Binding::Relation), b.above(Binding::Relation));
-        Expression::new(text, binding, Kind::Whole, a.size + b.size + 1)
+        Expression::new(text, binding, Kind::Whole, a.size + b.size + 1).made_of(&[&a, &b])
     }
 
     /// Whether a condition doesn't hold.
     pub fn not(a: &Self) -> Self {
         let a = a.condition();
-        Expression::new(format!("!{}", a.at_least(Binding::Unary)), Binding::Unary, Kind::Whole, a.size + 1)
+        let text = format!("!{}", a.at_least(Binding::Unary));
+        Expression::new(text, Binding::Unary, Kind::Whole, a.size + 1).made_of(&[&a])
     }
 
     /// Whether both conditions hold.
     pub fn and(a: &Self, b: &Self) -> Self {
         let (a, b) = (a.condition(), b.condition());
         let text = format!("{} && {}", a.at_least(Binding::And), b.at_least(Binding::And));
-        Expression::new(text, Binding::And, Kind::Whole, a.size + b.size + 1)
+        Expression::new(text, Binding::And, Kind::Whole, a.size + b.size + 1).made_of(&[&a, &b])
     }
 
     /// Whether one condition holds; what both hold in is in parentheses, as compilers ask for.
     pub fn or(a: &Self, b: &Self) -> Self {
         let (a, b) = (a.condition(), b.condition());
         let side = |e: &Self| if e.binding == Binding::Or { e.text.clone() } else { e.above(Binding::And) };
-        Expression::new(format!("{} || {}", side(&a), side(&b)), Binding::Or, Kind::Whole, a.size + b.size + 1)
+        let text = format!("{} || {}", side(&a), side(&b));
+        Expression::new(text, Binding::Or, Kind::Whole, a.size + b.size + 1).made_of(&[&a, &b])
     }
 
     /// One of two.
@@ -228,14 +249,14 @@ impl Expression {
         let size = condition.size + yes.size + no.size + 1;
         let part = |e: &Self| e.above(Binding::Selection);
         let text = format!("{} ? {} : {}", part(&condition), part(&yes), part(&no));
-        Expression::new(text, Binding::Selection, kind, size)
+        Expression::new(text, Binding::Selection, kind, size).made_of(&[&condition, &yes, &no])
     }
 
     /// A call of a function of the runtime.
     pub fn call(name: &str, arguments: &[Self]) -> Self {
         let size = arguments.iter().map(|argument| argument.size).sum::<usize>() + 1;
         let arguments: Vec<String> = arguments.iter().map(|argument| argument.real().text).collect();
-        Expression::new(format!("{name}({})", arguments.join(", ")), Binding::Atom, Kind::Real, size)
+        Expression::new(format!("{name}({})", arguments.join(", ")), Binding::Atom, Kind::Real, size).partial()
     }
 }
 

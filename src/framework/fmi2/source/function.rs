@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::expression::{Expression, Kind};
+use super::guard::{Guard, guards};
 use super::names::Names;
 use crate::recording::{Body, Leaf, Node, Operation, Tape, needed};
 use crate::scalar::Opaque;
@@ -21,17 +22,26 @@ pub struct Function<'a> {
 }
 
 /// Operations of a tape, or of an iteration's body, and their expressions so far.
-struct Scope {
-    /// How often each is used.
+struct Scope<'a> {
+    operations: &'a [Operation],
+    /// How often each is used, and where.
     uses: Vec<u32>,
+    guards: Vec<Guard>,
     found: Vec<Option<Expression>>,
+    /// Which are being computed.
+    is_open: Vec<bool>,
+    named: &'a dyn Fn(Node) -> Option<String>,
+    given: &'a dyn Fn(&Operation) -> Expression,
 }
 
-impl Scope {
+impl Scope<'_> {
     fn of(&self, node: Node) -> &Expression {
         self.found[node.index()].as_ref().expect("operands are computed before what they are operands of")
     }
 }
+
+/// What is wanted, and the condition under which it is.
+pub type Wanted = (Node, Option<Node>);
 
 /// What a function is given, by what the recording calls it.
 pub type Given<'a> = dyn Fn(Leaf) -> Expression + 'a;
@@ -81,55 +91,80 @@ impl<'a> Function<'a> {
     pub fn compute(
         &mut self,
         tape: &Tape,
-        wanted: &[Node],
+        wanted: &[Wanted],
         named: impl Fn(Node) -> Option<String>,
         given: &Given,
     ) -> Vec<Expression> {
-        let needed = tape.needed(wanted);
         let leaf = |operation: &Operation| match operation {
             Operation::Leaf(leaf) => given(*leaf),
             _ => Expression::number(f64::NAN),
         };
-        self.statements(tape.operations(), &needed, wanted, &named, &leaf)
+        self.statements(tape.operations(), wanted, &named, &leaf)
     }
 
     fn statements(
         &mut self,
         operations: &[Operation],
-        needed: &[bool],
-        wanted: &[Node],
+        wanted: &[Wanted],
         named: &dyn Fn(Node) -> Option<String>,
         given: &dyn Fn(&Operation) -> Expression,
     ) -> Vec<Expression> {
-        let uses = uses(operations, needed, wanted);
-        let mut scope = Scope { uses, found: vec![None; operations.len()] };
+        let nodes: Vec<Node> = wanted.iter().map(|wanted| wanted.0).collect();
+        // What results of conditions are wanted for is needed, too.
+        let conditions = wanted.iter().filter_map(|wanted| wanted.1);
+        let needed = needed(operations, &nodes.iter().copied().chain(conditions).collect::<Vec<_>>());
+        let mut scope = Scope {
+            operations,
+            uses: uses(operations, &needed, &nodes),
+            guards: guards(operations, &needed, wanted),
+            found: vec![None; operations.len()],
+            is_open: vec![false; operations.len()],
+            named,
+            given,
+        };
         for place in (0..operations.len()).filter(|&place| needed[place]) {
-            let operation = &operations[place];
+            self.computed(place, &mut scope);
+        }
+        nodes.into_iter().map(|node| scope.of(node).clone()).collect()
+    }
+
+    /// Computes an operation behind its operands, unless that is done, or under way; whether it is done.
+    fn computed(&mut self, place: usize, scope: &mut Scope) -> bool {
+        if scope.found[place].is_some() || scope.is_open[place] {
+            return scope.found[place].is_some();
+        }
+        scope.is_open[place] = true;
+        let operation = &scope.operations[place];
+        let operands_are = operation.operands().all(|operand| self.computed(operand.index(), scope));
+        if operands_are {
             let found = match operation {
-                Operation::Leaf(_) | Operation::Carried(_) => given(operation),
+                Operation::Leaf(_) | Operation::Carried(_) => (scope.given)(operation),
                 Operation::Iterate { body, most, start, captured } => {
-                    self.iteration(body, *most, (start, captured), place, &scope)
+                    self.iteration(body, *most, (start, captured), place, scope)
                 }
-                _ => self.kept(place, expression(operation, &scope), &scope, named),
+                _ => self.kept(place, expression(operation, scope), scope),
             };
             scope.found[place] = Some(found);
         }
-        wanted.iter().map(|&node| scope.of(node).clone()).collect()
+        scope.is_open[place] = false;
+        operands_are
     }
 
     /// An expression as it is, or by the name that it gets.
-    fn kept(
-        &mut self,
-        place: usize,
-        found: Expression,
-        scope: &Scope,
-        named: &dyn Fn(Node) -> Option<String>,
-    ) -> Expression {
-        let own = named(Node::at(place));
+    fn kept(&mut self, place: usize, found: Expression, scope: &mut Scope) -> Expression {
+        let own = (scope.named)(Node::at(place));
         let is_short = scope.uses[place] <= 1 && found.size <= LARGEST;
         if found.known.is_some() || own.is_none() && (found.size == 0 || is_short) {
             return found;
         }
+        self.by_name(place, own, found, scope)
+    }
+
+    /// A line that computes an expression; the name that it gets. What isn't defined for every number is computed where it is
+    /// needed only.
+    fn by_name(&mut self, place: usize, own: Option<String>, found: Expression, scope: &mut Scope) -> Expression {
+        let guard = if found.is_partial { self.guard(place, scope) } else { None };
+        let found = guard.map_or(found.clone(), |guard| Expression::select(&guard, &found, &Expression::number(0.0)));
         let name = match own {
             Some(variable) => self.names.of(&variable),
             None => self.names.numbered(if found.kind == Kind::Real { "a" } else { "c" }, place),
@@ -139,6 +174,40 @@ impl<'a> Function<'a> {
         Expression::atom(name, found.kind)
     }
 
+    /// Where an operation is needed; nothing where that is always.
+    fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
+        let guard = scope.guards[place].clone();
+        let mut any: Option<Expression> = None;
+        for term in guard.terms() {
+            let mut all: Option<Expression> = None;
+            for &(node, holds) in term {
+                let Some(condition) = self.condition(node, scope) else { continue };
+                let literal = if holds { condition.condition() } else { Expression::not(&condition) };
+                all = Some(all.map_or(literal.clone(), |all| Expression::and(&all, &literal)));
+            }
+            let all = all?;
+            any = Some(any.map_or(all.clone(), |any| Expression::or(&any, &all)));
+        }
+        any
+    }
+
+    /// A condition by its name; nothing where it follows from what is being computed.
+    fn condition(&mut self, node: Node, scope: &mut Scope) -> Option<Expression> {
+        let place = node.index();
+        if scope.is_open[place] || !self.computed(place, scope) {
+            return None;
+        }
+        let found = scope.of(node).clone();
+        if found.size == 0 {
+            return Some(found);
+        }
+        scope.is_open[place] = true;
+        let named = self.by_name(place, None, found, scope);
+        scope.is_open[place] = false;
+        scope.found[place] = Some(named.clone());
+        Some(named)
+    }
+
     /// A loop; what it reaches stands in an array, of which the expression is the name.
     fn iteration(
         &mut self,
@@ -146,14 +215,15 @@ impl<'a> Function<'a> {
         most: usize,
         (start, captured): (&[Node], &[Node]),
         place: usize,
-        scope: &Scope,
+        scope: &mut Scope,
     ) -> Expression {
+        let guard = self.guard(place, scope).map_or(String::new(), |guard| format!("({}) && ", guard.text));
         let array = self.names.numbered("s", place);
         let counter = self.names.numbered("k", place);
         let start: Vec<String> = start.iter().map(|&node| scope.of(node).real().text).collect();
         let captured: Vec<Expression> = captured.iter().map(|&node| scope.of(node).clone()).collect();
         self.line(&format!("real {array}[{}] = {{ {} }};", start.len(), start.join(", ")));
-        self.line(&format!("for (int {counter} = 0; {counter} < {most}; ++{counter}) {{"));
+        self.line(&format!("for (int {counter} = 0; {guard}{counter} < {most}; ++{counter}) {{"));
         self.indent += 1;
         let carried = |operation: &Operation| match operation {
             Operation::Carried(number) if (*number as usize) < start.len() => {
@@ -186,8 +256,8 @@ impl<'a> Function<'a> {
         named: &dyn Fn(Node) -> Option<String>,
         given: &dyn Fn(&Operation) -> Expression,
     ) -> Vec<Expression> {
-        let needed = needed(&body.operations, wanted);
-        self.statements(&body.operations, &needed, wanted, named, given)
+        let wanted: Vec<Wanted> = wanted.iter().map(|&node| (node, None)).collect();
+        self.statements(&body.operations, &wanted, named, given)
     }
 }
 

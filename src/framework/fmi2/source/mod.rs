@@ -9,6 +9,7 @@ mod elimination;
 mod equations;
 mod expression;
 mod function;
+mod guard;
 mod header;
 pub mod kernel;
 mod message;

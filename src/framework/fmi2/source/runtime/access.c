@@ -32,7 +32,10 @@ static Value value_of(fmi2ValueReference reference) {
 
 /* A number of the master's as one of the model's: an infinity where it is too large for that. */
 static real real_of(double number) {
-    return number > (double)REAL_MAX ? (real)INFINITY : number < -(double)REAL_MAX ? -(real)INFINITY : (real)number;
+    if (isnan(number) || fabs(number) <= (double)REAL_MAX) {
+        return (real)number;
+    }
+    return number > 0 ? (real)INFINITY : -(real)INFINITY;
 }
 
 /* Adds ": `name`", and what is wrong with it. */

@@ -48,7 +48,7 @@ static Estimate scaled_error(const real *errors, const real *before, const real 
     for (int i = 0; i < UNIT_STATES; i++) {
         real size = larger(larger(unit_nominals[i], magnitude(before[i])), magnitude(after[i]));
         real scaled = magnitude(errors[i]) / (relative_tolerance * size);
-        if (scaled > worst.scaled || scaled != scaled) {
+        if (scaled != scaled || scaled > worst.scaled) {
             worst.scaled = scaled;
             worst.state = i;
         }

@@ -68,9 +68,12 @@ static real difference_8(const Driver *driver, int state, real h, const real *we
 
 /* The error of order 8 for one that is seen by order 5 and another by order 3. */
 static real combined_error(real of_5, real of_3) {
+    if (of_5 == R(0.0)) {
+        return R(0.0);
+    }
     /* Squares of the quotient alone: those of errors may be too small for numbers. */
     real quotient = PART_OF_3 * of_3 / of_5;
-    return of_5 == R(0.0) ? R(0.0) : of_5 / F(sqrt)(R(1.0) + quotient * quotient);
+    return of_5 / F(sqrt)(R(1.0) + quotient * quotient);
 }
 
 /* Advances the states from the start by h and evaluates the problem there. The problem stands anywhere; what it holds is

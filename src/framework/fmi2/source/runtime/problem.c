@@ -8,7 +8,7 @@ static inline real clamped(real x, real low, real high) { return x < low ? low :
 
 static inline real magnitude(real x) { return F(fabs)(x); }
 
-static inline int is_finite(real x) { return x - x == R(0.0); }
+static inline int is_finite(real x) { return isfinite(x) != 0; }
 
 /* Brings inputs to time t. */
 static void follow_ramp(Problem *problem, real t) {

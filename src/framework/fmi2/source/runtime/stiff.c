@@ -94,7 +94,7 @@ static void solve_stage(Driver *driver, const real *rates, int stage, real h) {
 /* Advances the states from the start by h and evaluates the problem there, with the Jacobian of the start. */
 static Estimate stiff_attempt(Driver *driver, Problem *problem, real h, real relative_tolerance) {
     if (!decompose(driver, R(1.0) / (GAMMA * h))) {
-        Estimate none = {(real)NAN, 0};
+        Estimate none = {(real)INFINITY, 0};
         return none;
     }
     solve_stage(driver, driver->start.rates, 0, h);

@@ -1,0 +1,201 @@
+//! Where operations are needed: under which conditions what is wanted asks for them. Where hosts trap floating-point exceptions,
+//! a quotient must not be computed that equations don't ask for.
+
+use crate::recording::{Node, Operation};
+
+/// A condition, and whether it holds.
+pub type Literal = (Node, bool);
+
+/// More terms than that are one, of what they have in common.
+const MOST: usize = 12;
+
+/// Holds where all literals of any of its terms do. Each is sorted, and an empty one always holds.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Guard {
+    terms: Vec<Vec<Literal>>,
+}
+
+impl Guard {
+    /// Holds always.
+    fn always() -> Self {
+        Guard { terms: vec![Vec::new()] }
+    }
+
+    /// Whether it holds always.
+    pub fn is_always(&self) -> bool {
+        self.terms.iter().any(Vec::is_empty)
+    }
+
+    /// Its terms.
+    pub fn terms(&self) -> impl Iterator<Item = &[Literal]> {
+        self.terms.iter().map(Vec::as_slice)
+    }
+
+    /// Holds where both do.
+    fn and(&self, literals: &[Literal]) -> Self {
+        let mut both = Guard::default();
+        for term in &self.terms {
+            let mut term = term.clone();
+            term.extend(literals);
+            term.sort_unstable();
+            term.dedup();
+            if term.windows(2).all(|pair| pair[0].0 != pair[1].0) {
+                both.or(term);
+            }
+        }
+        both
+    }
+
+    /// Holds where the literals of one more term do, too. A literal that decides nothing is left out.
+    fn or(&mut self, mut term: Vec<Literal>) {
+        let mut waiting = Vec::new();
+        while let Some(known) = self.terms.pop() {
+            if is_part(&known, &term, None) {
+                self.terms.push(known);
+                self.terms.append(&mut waiting);
+                return;
+            }
+            if is_part(&term, &known, None) {
+                continue;
+            }
+            let turned = term.iter().find(|(node, holds)| known.contains(&(*node, !holds))).copied();
+            match turned {
+                // Whether it holds or not, the longer one does.
+                Some((node, _)) if is_part(&known, &term, Some(node)) => {
+                    term.retain(|literal| literal.0 != node);
+                    self.terms.push(known);
+                    self.terms.append(&mut waiting);
+                }
+                Some((node, _)) if is_part(&term, &known, Some(node)) => {
+                    let shorter = known.into_iter().filter(|literal| literal.0 != node).collect();
+                    self.terms.append(&mut waiting);
+                    self.or(shorter);
+                }
+                _ => waiting.push(known),
+            }
+        }
+        self.terms = waiting;
+        self.terms.push(term);
+        if self.terms.len() > MOST {
+            let common = self.terms[0].iter().filter(|literal| self.terms.iter().all(|term| term.contains(literal)));
+            self.terms = vec![common.copied().collect()];
+        }
+    }
+}
+
+/// Whether all literals of one term are in another, where one node doesn't count.
+fn is_part(term: &[Literal], of: &[Literal], without: Option<Node>) -> bool {
+    term.iter().all(|literal| Some(literal.0) == without || of.contains(literal))
+}
+
+/// Where each operation is needed for what is wanted, itself perhaps under a condition.
+pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option<Node>)]) -> Vec<Guard> {
+    let mut guards = vec![Guard::default(); operations.len()];
+    for (node, condition) in wanted {
+        let under = condition.map_or(Guard::always(), |node| Guard::always().and(&literals(operations, (node, true))));
+        merge(&mut guards[node.index()], &under);
+    }
+    for place in (0..operations.len()).rev().filter(|&place| needed[place]) {
+        let own = std::mem::take(&mut guards[place]);
+        let mut ask = |node: Node, under: Option<Literal>| {
+            let of = &mut guards[node.index()];
+            match under {
+                _ if of.is_always() => {}
+                None => merge(of, &own),
+                Some(under) => merge(of, &own.and(&literals(operations, under))),
+            }
+        };
+        match &operations[place] {
+            Operation::Select(condition, yes, no) => {
+                ask(*condition, None);
+                ask(*yes, Some((*condition, true)));
+                ask(*no, Some((*condition, false)));
+            }
+            // As C has them: the second is asked for where the first doesn't decide.
+            Operation::And(a, b) => {
+                ask(*a, None);
+                ask(*b, Some((*a, true)));
+            }
+            Operation::Or(a, b) => {
+                ask(*a, None);
+                ask(*b, Some((*a, false)));
+            }
+            operation => operation.operands().for_each(|operand| ask(operand, None)),
+        }
+        guards[place] = own;
+    }
+    guards
+}
+
+fn merge(guard: &mut Guard, other: &Guard) {
+    other.terms.iter().for_each(|term| guard.or(term.clone()));
+}
+
+/// What a literal is made of, where it holds.
+fn literals(operations: &[Operation], (node, holds): Literal) -> Vec<Literal> {
+    match (&operations[node.index()], holds) {
+        (Operation::Not(a), _) => literals(operations, (*a, !holds)),
+        (Operation::And(a, b), true) | (Operation::Or(a, b), false) => {
+            let mut both = literals(operations, (*a, holds));
+            both.extend(literals(operations, (*b, holds)));
+            both
+        }
+        _ => vec![(node, holds)],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Guard, MOST, guards};
+    use crate::recording::{Node, Operation};
+
+    /// What holds where any of these terms does: a literal is a node's place, below 0 where it is not to hold.
+    fn any(terms: &[&[i32]]) -> Guard {
+        let mut guard = Guard::default();
+        let literal = |&place: &i32| (Node::at(place.unsigned_abs() as usize), place > 0);
+        terms.iter().for_each(|term| guard.or(term.iter().map(literal).collect()));
+        guard
+    }
+
+    #[test]
+    fn what_decides_nothing_is_left_out() {
+        assert_eq!(any(&[&[1], &[1, 2]]), any(&[&[1]]));
+        assert_eq!(any(&[&[1, 2], &[1]]), any(&[&[1]]));
+        assert!(any(&[&[1], &[-1]]).is_always());
+        assert_eq!(any(&[&[1, 2], &[1, -2]]), any(&[&[1]]));
+        assert_eq!(any(&[&[1], &[-1, 2]]), any(&[&[1], &[2]]));
+        assert!(any(&[&[1, 2], &[-2], &[2, -1]]).is_always());
+        assert!(!any(&[&[1, 2], &[-1, -2]]).is_always());
+    }
+
+    #[test]
+    fn many_terms_are_what_they_have_in_common() {
+        let terms: Vec<[i32; 2]> = (0..=MOST as i32).map(|place| [1, place + 2]).collect();
+        assert_eq!(any(&terms.iter().map(<[i32; 2]>::as_slice).collect::<Vec<_>>()), any(&[&[1]]));
+    }
+
+    #[test]
+    fn an_operand_is_needed_where_the_branches_are_that_use_it() {
+        let at = Node::at;
+        // a, b, x, y; then !a, !a && b, !a ? x : y, and (!a && b) ? (!a ? x : y) : y.
+        let operations = [
+            Operation::Carried(0),
+            Operation::Carried(1),
+            Operation::Carried(2),
+            Operation::Carried(3),
+            Operation::Not(at(0)),
+            Operation::And(at(4), at(1)),
+            Operation::Select(at(4), at(2), at(3)),
+            Operation::Select(at(5), at(6), at(3)),
+        ];
+        let found = guards(&operations, &[true; 8], &[(at(7), None)]);
+        let where_all = |literals: &[(Node, bool)]| Guard::always().and(literals);
+        let of_inner = where_all(&[(at(0), false), (at(1), true)]);
+        assert!([0, 4, 5, 7].iter().all(|&place: &usize| found[place].is_always()));
+        assert_eq!((&found[6], &found[2]), (&of_inner, &of_inner), "the inner selection, and x");
+        assert_eq!(found[3], where_all(&[(at(5), false)]), "y: of the inner selection it is never asked for");
+        assert_eq!(found[1], where_all(&[(at(0), false)]), "b: where a doesn't decide");
+        let told = guards(&operations, &[true; 8], &[(at(2), Some(at(0)))]);
+        assert_eq!(told[2], where_all(&[(at(0), true)]), "what is told where a condition holds");
+    }
+}

@@ -1,0 +1,61 @@
+"""Units as C source in hosts that trap floating-point exceptions, as TwinCAT's do: division by zero, invalid operations and
+overflow end the program (`trapping.c`).
+
+A commit tries some units. ADAPTIVE_FMU_TRAPPING=all in the environment has all of them tried, by each compiler and level:
+
+    ADAPTIVE_FMU_TRAPPING=all target/venv/bin/python -m pytest -q -n logical tests/fmpy/test_trapping.py
+"""
+
+import os
+import platform
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import fmpy
+import pytest
+from conftest import FMU_NAMES, ROOT, adaptive_fmu
+
+# A law with limits and a barrier, and a unit that need not sample.
+SOME = ["FunnelNonlinearSiso", "Sensor"]
+ALL = os.environ.get("ADAPTIVE_FMU_TRAPPING") == "all"
+NAMES = FMU_NAMES if ALL else SOME
+COMPILERS = [[compiler, level] for compiler in ["gcc", "clang"] for level in ["-O0", "-O2"] if shutil.which(compiler)]
+BUILDS = COMPILERS if ALL else COMPILERS[1:2]
+
+pytestmark = pytest.mark.skipif(
+    platform.system() != "Linux" or platform.machine() != "x86_64" or not COMPILERS,
+    reason="exceptions are trapped by functions of glibc, on x86-64",
+)
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the sources of units, in folders of their names."""
+    folder = tmp_path_factory.mktemp("sources")
+    exported = adaptive_fmu("export", "--source-only", *NAMES, "--out", folder)
+    assert exported.returncode == 0, exported.stderr
+    for name in NAMES:
+        zipfile.ZipFile(folder / f"{name}.fmu").extractall(folder / name)
+    return folder
+
+
+@pytest.mark.parametrize("form", ["unit", "law"])
+@pytest.mark.parametrize("build", BUILDS, ids=" ".join)
+@pytest.mark.parametrize("name", NAMES)
+def test_no_exception_is_raised_from_the_start_and_from_random_states(name, build, form, sources, tmp_path) -> None:
+    program = tmp_path / "trapping"
+    defines = ["-DLAW"] if form == "law" else []
+    flags = [*build, "-std=c99", "-g", "-ffp-contract=off", "-no-pie", *defines, "-I", sources / name / "sources"]
+    compiled = subprocess.run(
+        [*flags, ROOT / "tests/fmpy/trapping.c", "-o", program, "-lm"], capture_output=True, text=True, check=False
+    )
+    assert compiled.returncode == 0, compiled.stderr
+    step = fmpy.read_model_description(str(sources / name)).defaultExperiment.stepSize
+    ran = subprocess.run([program, step], capture_output=True, text=True, check=False, timeout=120)
+    where = ran.stderr.split(" at ")[-1].strip()
+    line = subprocess.run(["addr2line", "-fe", program, where], capture_output=True, text=True, check=False).stdout
+    assert ran.returncode == 0, f"{ran.stderr}{line}"
+    # Most points are taken: what is refused shows nothing.
+    assert int(ran.stdout) >= (48 if form == "law" else 240), ran.stdout
