@@ -199,6 +199,8 @@ class Loop:
         case: PathLike | Sequence[PathLike] = (),
         values: Mapping[str, Value] | None = None,
         out: PathLike | None = None,
+        force: bool = False,
+        tag: str | None = None,
         progress: bool | None = None,
         **units: OfUnit,
     ) -> Tuned:
@@ -210,7 +212,10 @@ class Loop:
         square: terms "WEIGHT SIGNAL - SIGNAL", the sum of whose squares is; what the loop says where neither is given.
         particles, generations, seed: of the swarm; the same seed gives the same search.
         separate: through separate units, instead of one unit where that can be.
-        out: folder for what was found as parameter sets (.ssv), and how the search went.
+        out: folder for what was found as parameter sets (.ssv), and how the search went. The same search called again goes on
+            with what is there; another search is refused with what differs.
+        force: start anew, and replace what an earlier search left in the folder.
+        tag: keep the results in a folder whose name ends with @tag, next to those of other searches.
 
         Raises as `run`; interrupted, it returns the best so far, which says so.
 
@@ -230,6 +235,8 @@ class Loop:
         request += [f"--square={term}" for term in square]
         request += [f"--particles={particles}", f"--generations={generations}", f"--seed={seed}"]
         request += ["--separate"] if separate else []
+        request += ["--force"] if force else []
+        request += [f"--tag={tag}"] if tag is not None else []
         with tempfile.TemporaryDirectory() as folder, shown(self.name, progress) as show:
             request += [f"--out={os.fspath(folder if out is None else out)}", *self._named]
             answer = _pool.ask(request, show)

@@ -7,7 +7,7 @@
 
 mod base64;
 mod c_compiler;
-mod cache;
+pub mod cache;
 mod decimal;
 pub mod distribution;
 #[allow(unsafe_code)]
@@ -19,8 +19,12 @@ pub mod model_description;
 pub mod output;
 pub mod parallel;
 pub mod parquet;
+#[cfg(unix)]
+#[allow(unsafe_code)]
+pub mod process;
 pub mod reproduction;
 pub mod schema;
+pub mod scratch;
 pub mod sealed;
 pub mod simulation;
 pub mod tuning;

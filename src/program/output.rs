@@ -4,10 +4,12 @@
 //! No link is followed: where one stands in the place of a file, or of a folder below the one that the user named, it
 //! is refused by its name.
 
+use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use tempfile::NamedTempFile;
 
@@ -15,6 +17,8 @@ use crate::error::Error;
 
 /// The end of the name of a file that isn't whole yet.
 const PART: &str = ".part";
+/// So many random characters stand before it.
+const RANDOM: usize = 6;
 
 /// Files that belong together, written but not yet in their places. Dropped, they leave nothing.
 #[derive(Debug)]
@@ -157,13 +161,21 @@ pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
     files.place()
 }
 
-/// Makes a folder where it isn't there: the one that the user named, and one below it.
+/// Makes a folder where it isn't there: the one that the user named, and one below it. What a run that was killed left in the
+/// former, or in any folder directly below, is removed.
 ///
 /// # Errors
 /// When it can't be made, or a link or a file stands in its place.
 pub fn make_folder(out: &Path, below: &str) -> Result<PathBuf, Error> {
+    static TIDIED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let out = Files::at(out).folder;
     fs::create_dir_all(&out).map_err(Error::file(&out))?;
+    if TIDIED.lock().unwrap_or_else(PoisonError::into_inner).insert(out.clone()) {
+        remove_left_over(&out);
+        let inside = fs::read_dir(&out).into_iter().flatten().flatten();
+        let folders = inside.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
+        folders.for_each(|folder| remove_left_over(&folder.path()));
+    }
     folder(&out, Path::new(below), true)
 }
 
@@ -234,7 +246,7 @@ fn file_name(file: &Path) -> Result<&OsStr, Error> {
 /// An empty file beside the place of another, with its permissions.
 fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
     let prefix = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect::<OsString>();
-    remove_left_over(folder, &prefix);
+    remove_left_over(folder);
     // A file that others can't read stays so.
     let before = fs::metadata(folder.join(name)).ok().map(|found| found.permissions());
     let part = loop {
@@ -254,7 +266,7 @@ fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
 
 fn created(folder: &Path, prefix: &OsStr) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(prefix).suffix(PART);
+    builder.prefix(prefix).suffix(PART).rand_bytes(RANDOM);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -264,13 +276,17 @@ fn created(folder: &Path, prefix: &OsStr) -> io::Result<NamedTempFile> {
     builder.tempfile_in(folder)
 }
 
-/// Removes what a process left of a file when it was killed. What can't be removed disturbs nothing.
-fn remove_left_over(folder: &Path, prefix: &OsStr) {
+/// Whether a file has such a name as files have here that aren't whole: `.NAME.RANDOM.part`.
+fn is_part(name: &[u8]) -> bool {
+    let (Some(b'.'), Some(rest)) = (name.first(), name.strip_suffix(PART.as_bytes())) else { return false };
+    let random = rest.rsplit(|byte| *byte == b'.').next().unwrap_or_default();
+    random.len() == RANDOM && random.iter().all(u8::is_ascii_alphanumeric) && rest.len() > RANDOM + 2
+}
+
+/// Removes what a process left in a folder when it was killed. What can't be removed disturbs nothing.
+fn remove_left_over(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let name = name.as_encoded_bytes();
-        let is_part = name.starts_with(prefix.as_encoded_bytes()) && name.ends_with(PART.as_bytes());
-        if is_part && entry.file_type().is_ok_and(|kind| kind.is_file()) {
+        if is_part(entry.file_name().as_encoded_bytes()) && entry.file_type().is_ok_and(|kind| kind.is_file()) {
             let unused = File::open(entry.path()).is_ok_and(|file| {
                 // It is removed while the lock is held: nobody else begins to use it.
                 file.try_lock().is_ok() && fs::remove_file(entry.path()).is_ok()

@@ -15,6 +15,10 @@ const CHECKSUM: &str = "checksum";
 /// What a file may hold, in bytes: many times what the largest search leaves.
 const LARGEST: u64 = 1 << 28;
 
+/// So many differences are named in a message, each by so many characters at most.
+const MOST_NAMED: usize = 8;
+const LONGEST_NAMED: usize = 300;
+
 /// So many bytes of a file are read at a time.
 const BUFFER: usize = 1 << 16;
 
@@ -85,6 +89,24 @@ pub fn differences(was: &Value, is: &Value) -> Vec<String> {
     found
 }
 
+/// What differs between two contents as a text; none where nothing does. Of many differences the first are named.
+pub fn differing(was: &Value, is: &Value) -> Option<String> {
+    listed(&differences(was, is))
+}
+
+/// Differences as a text that fits into a message; none where there are none.
+pub fn listed(differences: &[String]) -> Option<String> {
+    let shortened = |text: &String| match text.char_indices().nth(LONGEST_NAMED) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.clone(),
+    };
+    let mut named: Vec<String> = differences.iter().take(MOST_NAMED).map(shortened).collect();
+    if differences.len() > MOST_NAMED {
+        named.push(format!("and {} more differences", differences.len() - MOST_NAMED));
+    }
+    (!named.is_empty()).then(|| named.join("; "))
+}
+
 fn compare(was: &Value, is: &Value, way: String, found: &mut Vec<String>) {
     if let (Value::Object(before), Value::Object(after)) = (was, is) {
         let further = after.keys().filter(|key| !before.contains_key(*key));
@@ -110,6 +132,12 @@ mod tests {
         let is = json!({ "a": { "b": 2, "c": [1, 2], "e": true }, "d": "same" });
         assert_eq!(differences(&was, &is), ["a.b was 1, is 2", "a.e was not there, is true"]);
         assert_eq!(differences(&was, &was), [""; 0]);
+        assert_eq!(differing(&was, &is).unwrap(), "a.b was 1, is 2; a.e was not there, is true");
+        assert_eq!(differing(&was, &was), None);
+        let many: Value =
+            (0..10).map(|k| (format!("k{k}"), json!("x".repeat(400)))).collect::<serde_json::Map<_, _>>().into();
+        let text = differing(&json!({}), &many).unwrap();
+        assert!(text.ends_with("…; and 2 more differences") && text.len() < 3000, "{text}");
     }
 
     #[test]

@@ -245,5 +245,5 @@ def test_it_takes_part_in_a_league(begun: Callable, tmp_path: Path) -> None:
     assert rms == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.02, abs=1e-3)
     # Another file of the same name is another unit.
     (folder / "Motor.fmu").write_bytes((folder / "Motor.fmu").read_bytes() + b" ")
-    again = adaptive_fmu("league", "--study", study, "--out", tmp_path / "out", "--resume")
+    again = adaptive_fmu("league", "--study", study, "--out", tmp_path / "out")
     assert again.returncode == 1 and "other descriptions" in again.stderr, again.stderr

@@ -178,18 +178,24 @@ def test_what_was_computed_is_not_computed_again(tmp_path: Path) -> None:
     kept = out / "integrator" / "p.json"
     # Without its last part it is gone on with; the same plants give the same numbers.
     written = kept.stat().st_mtime_ns
-    assert league("--study", file, "--out", out, "--resume") == first and kept.stat().st_mtime_ns == written
+    for again in ([], ["--resume"]):
+        assert league("--study", file, "--out", out, *again) == first and kept.stat().st_mtime_ns == written
     shutil.copytree(out, tmp_path / "copy")
     assert league("--study", file, "--out", tmp_path / "copy", "--page") == first
     assert league("--study", file, "--out", tmp_path / "again", "--jobs", "1") == first, "on any number of threads"
     # Another study is another question.
     other = study(tmp_path, tune='tune = ["K_p"]', budget="seed = 2")
-    answer = adaptive_fmu("league", "--study", other, "--out", out, "--resume")
-    assert answer.returncode == 1 and "is of another study" in answer.stderr, answer.stderr
+    answer = adaptive_fmu("league", "--study", other, "--out", out)
+    assert answer.returncode == 1 and "is of another study: budget.seed was 1, is 2; --force" in answer.stderr, answer.stderr
+    answer = adaptive_fmu("league", "--study", other, "--out", out, "--quick")
+    assert answer.returncode == 1 and "budget.plants was 8, is" in answer.stderr, answer.stderr
+    tagged = league("--study", other, "--out", out, "--quick", "--tag", "seed=2")
+    assert tagged != first and (tmp_path / "out@seed=2" / "index.html").is_file() and kept.stat().st_mtime_ns == written
+    assert league("--study", other, "--out", tmp_path / "copy", "--quick", "--force") == tagged
     (other.parent / "Proportional.toml").write_text(CONTROLLER.format(gain=11.0))
     study_of_before = tmp_path / "study.toml"
     study_of_before.write_text(STUDY.format(tune='tune = ["K_p"]', budget=""))
-    answer = adaptive_fmu("league", "--study", study_of_before, "--out", out, "--resume")
+    answer = adaptive_fmu("league", "--study", study_of_before, "--out", out)
     assert answer.returncode == 1 and "other descriptions" in answer.stderr, answer.stderr
     # A file that was changed is no result.
     kept.write_text(kept.read_text().replace('"failure":null', '"failure": null', 1))

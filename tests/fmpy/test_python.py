@@ -185,6 +185,17 @@ def test_tuning_finds_what_the_loop_is_better_with() -> None:
     assert again.values == tuned.values and again.objective == tuned.objective
 
 
+def test_a_search_in_the_same_folder_goes_on_or_is_refused_in_words_of_python(tmp_path: Path) -> None:
+    loop, words = adaptive_fmu.Loop("4-case1-fuzzy"), {"particles": 4, "until": 1, "out": tmp_path}
+    assert loop.tune(generations=1, **words).runs == 4 and loop.tune(generations=2, **words).runs == 4
+    with pytest.raises(adaptive_fmu.Error, match="seed was 1, is 2") as refused:
+        loop.tune(generations=2, seed=2, **words)
+    assert "force=True" in str(refused.value) and "--" not in str(refused.value)
+    tagged = loop.tune(generations=2, seed=2, tag="two", **words)
+    assert tagged.runs == 8 and (tmp_path / "4-case1-fuzzy-tuned@two" / "tuned.ssv").is_file()
+    assert loop.tune(generations=2, seed=2, force=True, **words).values == tagged.values
+
+
 def test_a_linearisation_is_that_of_the_equations() -> None:
     linear = adaptive_fmu.linearise("StateSpace")
     step = 1e-6

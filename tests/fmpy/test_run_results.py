@@ -246,8 +246,8 @@ class Endless:
             self.read(0.1)
         assert words in self.seen, self.seen
 
-    def interrupt(self) -> None:
-        self.process.send_signal(signal.SIGINT)
+    def interrupt(self, how: int = signal.SIGINT) -> None:
+        self.process.send_signal(how)
 
     def end(self) -> tuple[int, str]:
         out, _ = self.process.communicate(timeout=60)
@@ -255,12 +255,13 @@ class Endless:
         return self.process.returncode, out
 
 
-def test_an_interrupted_run_keeps_what_was_computed(fmu_folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_run_keeps_what_was_computed(how: int, fmu_folder: Path, tmp_path: Path) -> None:
     with Endless(fmu_folder, tmp_path) as run:
         # Progress shows simulated time, speed and what is left.
         run.wait_for("× real time")
         assert re.search(r"t = \d+\.\d+ of 9000 s, [\d.]+ × real time, .+ left", run.seen)
-        run.interrupt()
+        run.interrupt(how)
         code, out = run.end()
     assert code == 130
     table = read_csv(tmp_path / LOOP / "result.csv")
@@ -282,7 +283,8 @@ def test_progress_is_silent_where_a_program_reads(fmu_folder: Path, tmp_path: Pa
     assert (code, json.loads(out)["ended"]) == (130, "interrupted")
 
 
-def test_a_second_interruption_ends_at_once(fmu_folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_interruption_ends_at_once(how: int, fmu_folder: Path, tmp_path: Path) -> None:
     # Nobody reads this pipe, and it is full: the program can't finish its table.
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
@@ -292,10 +294,10 @@ def test_a_second_interruption_ends_at_once(fmu_folder: Path, tmp_path: Path) ->
     os.set_blocking(writer, True)
     with Endless(fmu_folder, tmp_path, stdout=writer) as run:
         run.wait_for("× real time")
-        run.interrupt()
+        run.interrupt(how)
         with pytest.raises(subprocess.TimeoutExpired):
             run.process.wait(timeout=2.0)
-        run.interrupt()
+        run.interrupt(how)
         assert run.process.wait(timeout=10.0) == 130
     os.close(reader)
     os.close(writer)

@@ -93,7 +93,8 @@ def test_two_parameters_have_a_map_whose_failing_cells_say_so(tmp_path: Path) ->
     assert colours[0] and colours[1] == []
 
 
-def test_an_interrupted_sweep_goes_on_to_the_same_table(tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_sweep_goes_on_to_the_same_table(how: int, tmp_path: Path) -> None:
     options = ["--over", "adaptation_gain=1e3..1e5/log4", "--until", "60"]
     whole = swept(tmp_path / "whole", *options)
     command = [str(PROGRAM), "sweep", LOOP, *options, "--json", "--jobs", "1", "--out", str(tmp_path)]
@@ -101,14 +102,14 @@ def test_an_interrupted_sweep_goes_on_to_the_same_table(tmp_path: Path) -> None:
     record, end = tmp_path / f"{LOOP}-sweep" / "sweep.json", time.monotonic() + 300
     while not record.is_file() and time.monotonic() < end:
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(how)
     out, _ = process.communicate(timeout=120)
     told = json.loads(out)
     assert process.returncode == 130 and told["ended"] == "interrupted" and 1 <= len(told["points"]) < 4
     page = html.document_fromstring((record.parent / "index.html").read_text())
     assert "interrupted" in page.find_class("bad")[0].text_content()
     before = json.loads(record.read_text())["points"]
-    folder = swept(tmp_path, *options, "--resume")
+    folder = swept(tmp_path, *options)
     for name in ["points.csv", "index.html", "sweep.json"]:
         assert (folder / name).read_bytes() == (whole / name).read_bytes(), name
     after = json.loads(record.read_text())["points"]
@@ -116,16 +117,27 @@ def test_an_interrupted_sweep_goes_on_to_the_same_table(tmp_path: Path) -> None:
 
 
 def test_only_the_same_sweep_goes_on_from_what_no_hand_has_changed(gains: Path, tmp_path: Path) -> None:
-    again = ["sweep", LOOP, *SHORT, "--resume", "--out"]
+    again = ["sweep", LOOP, *SHORT, "--out"]
+    left = {file.name: file.read_bytes() for file in gains.iterdir()}
     other = fails(*again, gains.parent, "--over", f"{GAIN}=1e3..1e5/log4")
-    assert "is of another sweep: over was" in other
+    assert "is of another sweep: over was" in other and "--force" in other and "--tag" in other
     step = fails(*again, gains.parent, "--over", f"{GAIN}=1e3..1e5/log3", "--order", "jacobi")
     assert 'run.settings.order was "gauss-seidel", is "jacobi"' in step
+    assert {file.name: file.read_bytes() for file in gains.iterdir()} == left
     folder = tmp_path / f"{LOOP}-sweep"
     folder.mkdir()
     text = (gains / "sweep.json").read_text()
     (folder / "sweep.json").write_text(text.replace('"failure":null', '"failure":"no"', 1))
-    assert "checksum" in fails(*again, tmp_path, "--over", f"{GAIN}=1e3..1e5/log3")
+    over = ["--over", f"{GAIN}=1e3..1e5/log3", *SHORT]
+    assert "checksum" in fails(*again, tmp_path, *over[:2])
+    # What can't be gone on from is replaced where that is asked for, or stays beside a sweep of another name.
+    assert swept(tmp_path, *over, "--tag", "other") == tmp_path / f"{LOOP}-sweep@other"
+    assert "checksum" in fails(*again, tmp_path, *over[:2])
+    assert swept(tmp_path, *over, "--force") == folder
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == left
+    # The same sweep called again, also as earlier versions wanted it, computes nothing and keeps the same files.
+    assert swept(tmp_path, *over, "--resume") == folder
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == left
 
 
 def test_names_and_values_are_checked_before_anything_runs(tmp_path: Path) -> None:

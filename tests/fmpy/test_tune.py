@@ -1,6 +1,7 @@
 """Tuning a loop's parameters by a particle swarm: what is found, what is left, and what is refused."""
 
 import json
+import shutil
 import signal
 import subprocess
 import time
@@ -86,7 +87,9 @@ def test_an_fmu_is_exported_with_the_values_found(tuned, tmp_path: Path) -> None
 
 def test_the_same_seed_gives_the_same_search_on_any_number_of_threads(tmp_path: Path) -> None:
     def found(*options: str | int) -> dict:
-        return tune(tmp_path, LOOP, *SMALL, "--generations", 3, *options)["parameters"]
+        told = tune(tmp_path, LOOP, *SMALL, "--generations", 3, "--force", *options)
+        assert told["runs"] == 3 * 6
+        return told["parameters"]
 
     assert found("--threads", 1) == found("--threads", 3) != found("--seed", 2)
 
@@ -94,18 +97,53 @@ def test_the_same_seed_gives_the_same_search_on_any_number_of_threads(tmp_path: 
 def test_a_search_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path: Path) -> None:
     straight = tune(tmp_path / "straight", LOOP, *SMALL, "--generations", 5)
     tune(tmp_path / "twice", LOOP, *SMALL, "--generations", 2)
-    resumed = tune(tmp_path / "twice", LOOP, *SMALL, "--generations", 5, "--resume")
+    resumed = tune(tmp_path / "twice", LOOP, *SMALL, "--generations", 5)
     assert (resumed["runs"], straight["runs"]) == (3 * 6, 5 * 6)
     left = [tmp_path / one / f"{LOOP}-tuned" for one in ("straight", "twice")]
     assert len({(folder / "search.json").read_text() for folder in left}) == 1
     assert resumed["parameters"] == straight["parameters"]
-    # Of another question it can't be an answer.
-    refusal = fails("tune", LOOP, *SMALL, "--seed", 7, "--resume", "--out", tmp_path / "twice")
-    assert "search.json" in refusal and "seed was 1, is 7" in refusal
-    assert "search.json" in fails("tune", LOOP, *SMALL, "--resume", "--out", tmp_path / "none")
+    # What is done already is not done again, with or without the option of earlier versions.
+    for again in ([], ["--resume"]):
+        done = tune(tmp_path / "twice", LOOP, *SMALL, "--generations", 5, *again)
+        assert (done["runs"], done["parameters"]) == (0, straight["parameters"])
+    assert len({(folder / "search.json").read_text() for folder in left}) == 1
 
 
-def test_an_interrupted_search_keeps_the_best_so_far(tmp_path: Path) -> None:
+def test_another_search_in_the_same_folder_is_refused_unless_it_is_forced_or_has_a_name(tmp_path: Path) -> None:
+    words = [LOOP, *SMALL, "--generations", 2]
+    tune(tmp_path, *words)
+    folder = tmp_path / f"{LOOP}-tuned"
+    left = {file.name: file.read_bytes() for file in folder.iterdir()}
+    for options, differing in [
+        (["--seed", 7], "seed was 1, is 7"),
+        (["--set", "plant.x0[1]=0.1"], 'values.plant.x0[1] was not there, is "0.1"'),
+        (["--sample", 0.02], "objective.squares.sample was 0.01, is 0.02"),
+    ]:
+        refusal = fails("tune", *words, *options, "--out", tmp_path)
+        assert "search.json: is of another search: " in refusal and differing in refusal, refusal
+        assert "--force starts anew" in refusal and "--tag NAME keeps both" in refusal
+        assert {file.name: file.read_bytes() for file in folder.iterdir()} == left
+    named = tune(tmp_path, *words, "--seed", 7, "--tag", "seed=7")
+    assert Path(named["results"]) == tmp_path / f"{LOOP}-tuned@seed=7"
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == left
+    forced = tune(tmp_path, *words, "--seed", 7, "--force")
+    assert forced["runs"] == named["runs"] == 2 * 6 and forced["parameters"] == named["parameters"]
+    assert (folder / "search.json").read_bytes() == (Path(named["results"]) / "search.json").read_bytes()
+    assert adaptive_fmu("tune", *words, "--force", "--resume", "--out", tmp_path).returncode == 2
+
+
+def test_a_loop_that_was_edited_is_another_search(tmp_path: Path) -> None:
+    own = tmp_path / "own"
+    shutil.copytree(ROOT / "examples" / LOOP, own)
+    tune(tmp_path, own, *SMALL, "--generations", 1)
+    structure = own / "SystemStructure.ssd"
+    structure.write_text(structure.read_text() + "<!-- edited -->\n")
+    refusal = fails("tune", own, *SMALL, "--generations", 2, "--out", tmp_path)
+    assert "run.source.checksum was" in refusal and "--force" in refusal
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_search_keeps_the_best_so_far(how: int, tmp_path: Path) -> None:
     command = ["tune", LOOP, *FAST, "--until", "1", "--particles", "8", "--generations", "100000"]
     words = [str(PROGRAM), *command, "--json", "--out", str(tmp_path)]
     folder = tmp_path / f"{LOOP}-tuned"
@@ -113,7 +151,7 @@ def test_an_interrupted_search_keeps_the_best_so_far(tmp_path: Path) -> None:
         end = time.monotonic() + 120
         while not (folder / "search.json").exists() and time.monotonic() < end:
             time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(how)
         out, _ = process.communicate(timeout=60)
     told = json.loads(out)
     assert (process.returncode, told["ended"]) == (130, "interrupted")

@@ -9,6 +9,7 @@ use std::time::SystemTime;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Binary, Form, Glibc, Library, Platform, Source};
 use adaptive_fmu::parallel;
+use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
 use serde_json::json;
 
@@ -216,7 +217,7 @@ fn export_once(source: &Source, library: &Library, out: &Path) -> Result<PathBuf
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
 fn pack_loop(name: &str, library: &Library, out: &Path, form: &Form) -> Result<PathBuf, Error> {
     let files = LoopFiles::find(name)?;
-    let new = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+    let new = Scratch::new()?;
     let structure = files.structure()?;
     if structure.components.iter().any(Component::is_exported) {
         export_with_choices(&structure, library, new.path(), form)?;

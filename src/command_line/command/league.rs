@@ -6,9 +6,11 @@ use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::league::{Page, Pair, Record, Stage, Study, Units, advice};
+use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::{output, text_file};
 use serde_json::json;
 
+use super::earlier::EarlierOptions;
 use super::hosting::HostingOptions;
 use super::open::OpenOption;
 use super::progress::{self, Bars, Counter};
@@ -29,14 +31,13 @@ pub struct Arguments {
     /// A small part of the runs, which shows that all of it works: its numbers are no result
     #[arg(long)]
     quick: bool,
-    /// Goes on with an earlier league: what was computed is not computed again
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    earlier: EarlierOptions,
     /// Runs nothing: only makes the page anew, of the results that are there
-    #[arg(long, conflicts_with_all = ["only", "resume"])]
+    #[arg(long, conflicts_with_all = ["only", "resume", "force"])]
     page: bool,
     /// Runs nothing: names the pairs, each wired and checked, with the gains that the search may scale
-    #[arg(long, conflicts_with_all = ["page", "resume"])]
+    #[arg(long, conflicts_with_all = ["page", "resume", "force"])]
     list: bool,
     /// Folder for the page, and for the results of each pair
     #[arg(long, default_value = "results/league")]
@@ -58,7 +59,7 @@ struct League {
     folder: PathBuf,
     out: PathBuf,
     /// What this package's own league has beside its study lies there while it runs.
-    _unpacked: Option<tempfile::TempDir>,
+    _unpacked: Option<Scratch>,
 }
 
 /// Computes what is asked for and isn't there yet, and makes the page of all that is there.
@@ -68,17 +69,17 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         league.list(arguments)?;
         return Ok(ExitCode::SUCCESS);
     }
-    output::check(&arguments.out, "", &[PAGE])?;
+    output::check(&league.out, "", &[PAGE])?;
     let complete = arguments.page || league.compute(arguments)?;
     let records = league.records()?;
     let wrong = |reason| Error::Loop { file: league.file.clone(), reason };
     if records.is_empty() {
-        let reason = format!("{} holds no results of this league", arguments.out.display());
+        let reason = format!("{} holds no results of this league", league.out.display());
         return if complete { Err(wrong(reason)) } else { Ok(ExitCode::from(progress::INTERRUPTED)) };
     }
     let judged = advice(&league.study, &records).map_err(wrong)?;
     let page = Page { study: &league.study, records: &records }.html().map_err(wrong)?;
-    let page_file = arguments.out.join(PAGE);
+    let page_file = league.out.join(PAGE);
     output::write(&page_file, page)?;
     if arguments.json {
         say!("{}", json!({ "page": page_file, "pairs": records, "advice": judged }));
@@ -87,7 +88,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         aside!("{}", page_file.display());
     }
     if !complete {
-        tell!("interrupted: --resume goes on");
+        tell!("interrupted: the same command goes on");
         return Ok(ExitCode::from(progress::INTERRUPTED));
     }
     arguments.open.show(&page_file);
@@ -116,7 +117,7 @@ impl League {
                 (Study::read(file)?, file.clone(), folder.unwrap_or(Path::new(".")).to_owned(), None)
             }
             None => {
-                let unpacked = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+                let unpacked = Scratch::new()?;
                 let file = PathBuf::from("examples/league/league.toml");
                 (Study::own(unpacked.path())?, file, unpacked.path().to_owned(), Some(unpacked))
             }
@@ -126,7 +127,11 @@ impl League {
         }
         // What advice rests on is there, whether it holds or not.
         advice(&study, &[]).map_err(|reason| Error::Loop { file: file.clone(), reason })?;
-        Ok(League { study, file, folder, out: arguments.out.clone(), _unpacked: unpacked })
+        // Without a separator at its end.
+        let mut out = arguments.out.components().as_path().as_os_str().to_owned();
+        out.push(arguments.earlier.suffix());
+        let out = PathBuf::from(out);
+        Ok(League { study, file, folder, out, _unpacked: unpacked })
     }
 
     /// The pairs that are asked for, all of whose names are there.
@@ -160,12 +165,14 @@ impl League {
 
     /// Whether all of it was done, not interrupted.
     fn compute(&self, arguments: &Arguments) -> Result<bool, Error> {
-        // All names are checked before anything runs.
-        let mut pairs = self.pairs(arguments)?;
+        // All names, and all earlier results, are checked before anything runs.
+        let pairs = self.pairs(arguments)?;
+        let begun = |pair| self.begun(pair, &arguments.earlier);
+        let begun = pairs.into_iter().map(begun).collect::<Result<Vec<_>, Error>>()?;
         let bars = Bars::new(arguments.json);
-        let counter = Counter::new(&bars, "league", Stage::ALL.len() * pairs.len(), 0);
-        for pair in &mut pairs {
-            if !self.compute_pair(pair, arguments.resume, &counter)? {
+        let counter = Counter::new(&bars, "league", Stage::ALL.len() * begun.len(), 0);
+        for (mut pair, record) in begun {
+            if !self.compute_pair(&mut pair, record, &counter)? {
                 counter.clear();
                 return Ok(false);
             }
@@ -174,17 +181,23 @@ impl League {
         Ok(true)
     }
 
-    fn compute_pair(&self, pair: &mut Pair, resume: bool, counter: &Counter) -> Result<bool, Error> {
+    /// A pair with what is known of it.
+    fn begun<'a>(&self, pair: Pair<'a>, earlier: &EarlierOptions) -> Result<(Pair<'a>, Record), Error> {
+        let file = self.result(&pair.plant.name, &pair.entry.name);
+        let fresh = Record::new(&pair);
+        let known = earlier.left(&file, |file| {
+            let known = Record::read(file)?;
+            let refuse =
+                |differing| Error::Loop { file: file.to_owned(), reason: format!("is of another study: {differing}") };
+            fresh.differing(&known).map_or(Ok(known), |differing| Err(refuse(differing)))
+        })?;
+        Ok((pair, known.unwrap_or(fresh)))
+    }
+
+    fn compute_pair(&self, pair: &mut Pair, mut record: Record, counter: &Counter) -> Result<bool, Error> {
         let below = &pair.plant.name;
         output::make_folder(&self.out, below)?;
         let file = self.result(below, &pair.entry.name);
-        let fresh = Record::new(pair);
-        let mut record = if resume && file.is_file() { Record::read(&file)? } else { fresh.clone() };
-        if !fresh.goes_on_with(&record) {
-            let reason = "is of another study, of other descriptions or of another version: remove it, or begin anew without \
-                          --resume";
-            return Err(Error::Loop { file, reason: reason.to_owned() });
-        }
         let name = format!("{}/{}", pair.plant.name, pair.entry.name);
         (0..record.done()).for_each(|_| counter.count(&name));
         while let Some(stage) = record.next() {

@@ -5,6 +5,7 @@ pub mod check;
 pub mod compare;
 pub mod completions;
 pub mod dist;
+mod earlier;
 pub mod explore;
 pub mod export;
 pub mod global;

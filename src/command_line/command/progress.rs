@@ -1,11 +1,12 @@
 //! The progress of a run, and its interruption.
 
-use std::process;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
+#[cfg(unix)]
+use adaptive_fmu::process;
 use adaptive_fmu::simulation::{Ending, Recording, Settings};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
@@ -21,18 +22,21 @@ static ASKED_TO_STOP: AtomicBool = AtomicBool::new(false);
 static ANSWERED: AtomicU64 = AtomicU64::new(0);
 static STOPPED: AtomicU64 = AtomicU64::new(0);
 
-/// From now on, Ctrl-C asks the run to stop at the next communication point, and a second one ends at once.
+/// From now on, Ctrl-C asks the run to stop at the next communication point, and a second one ends at once. So does what asks
+/// the process to end, where the system has such signals.
 fn listen_to_interrupts() {
     static LISTENING: Once = Once::new();
     LISTENING.call_once(|| {
         let heard = ctrlc::set_handler(|| {
             if ASKED_TO_STOP.swap(true, Ordering::SeqCst) {
-                process::exit(INTERRUPTED.into());
+                std::process::exit(INTERRUPTED.into());
             }
         });
         if let Err(error) = heard {
             tell!("warning: Ctrl-C will end the run without results: {error}");
         }
+        #[cfg(unix)]
+        process::listen_to_requests_to_end(INTERRUPTED);
     });
 }
 
@@ -46,10 +50,20 @@ pub fn stop(request: u64) {
     STOPPED.store(request, Ordering::SeqCst);
 }
 
-/// Whether the user asked the run to stop.
+/// Whether the system asked the process to end.
+pub fn is_asked_to_end() -> bool {
+    #[cfg(unix)]
+    return process::is_asked_to_end();
+    #[cfg(not(unix))]
+    return false;
+}
+
+/// Whether the user asked the run to stop, or the system the process to end.
 pub fn is_interrupted() -> bool {
     let answered = ANSWERED.load(Ordering::SeqCst);
-    ASKED_TO_STOP.load(Ordering::SeqCst) || answered > 0 && answered == STOPPED.load(Ordering::SeqCst)
+    ASKED_TO_STOP.load(Ordering::SeqCst)
+        || is_asked_to_end()
+        || answered > 0 && answered == STOPPED.load(Ordering::SeqCst)
 }
 
 /// The bars of all runs on stderr, where that is a terminal.

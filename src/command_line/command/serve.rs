@@ -8,7 +8,8 @@
 use std::io::{BufRead, stdin};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::Duration;
 use std::{env, thread};
 
 use adaptive_fmu::simulation::Recording;
@@ -17,6 +18,9 @@ use serde_json::{Value, json};
 
 use super::{progress, ready};
 use crate::console;
+
+/// While nobody asks, it looks so often whether it is to end.
+const LOOK: Duration = Duration::from_millis(500);
 
 #[derive(Deserialize)]
 #[serde(untagged)]
@@ -38,7 +42,7 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
     ready::keep();
     let (sender, requests) = channel();
     thread::spawn(move || listen(&sender));
-    for Request { request, arguments, folder } in requests {
+    while let Some(Request { request, arguments, folder }) = next(&requests) {
         progress::answer(request);
         let words: Vec<String> = [env!("CARGO_BIN_NAME").to_owned()].into_iter().chain(arguments).collect();
         let code = match env::set_current_dir(&folder) {
@@ -52,6 +56,17 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
     }
     ready::forget();
     ExitCode::SUCCESS
+}
+
+/// The next request; none when there are no more, or the process is asked to end.
+fn next(requests: &Receiver<Request>) -> Option<Request> {
+    while !progress::is_asked_to_end() {
+        match requests.recv_timeout(LOOK) {
+            Err(RecvTimeoutError::Timeout) => {}
+            request => return request.ok(),
+        }
+    }
+    None
 }
 
 /// Hands requests over; to stop one is heard while it is answered. When nobody asks any more, whatever runs is to stop.

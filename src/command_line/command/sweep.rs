@@ -8,15 +8,16 @@ use std::time::{Duration, Instant};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::parallel;
-use adaptive_fmu::sealed::{self, Sealed, differences};
+use adaptive_fmu::sealed::{self, Sealed, differing};
 use adaptive_fmu::simulation::{Axis, LoopFiles, Point, Sweep, SweepPage};
 use adaptive_fmu::text_file::csv_field;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::earlier::EarlierOptions;
 use super::loop_options::LoopOptions;
 use super::progress::{self, Bars, Counter};
-use super::results::{PAGE, tag};
+use super::results::PAGE;
 
 /// Written while the sweep goes on, and when it ends.
 const RECORD: &str = "sweep.json";
@@ -35,15 +36,11 @@ pub struct Arguments {
     /// NAME=A,B,C; NAME is UNIT.variable, or the variable alone where only one unit has it; repeatable: all combinations
     #[arg(long, value_name = "NAME=VALUES", required = true)]
     over: Vec<Axis>,
-    /// Goes on with an earlier sweep of the same question: runs that it has made are not made again
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    earlier: EarlierOptions,
     /// Folder for results, which go to LOOP-sweep in it
     #[arg(long, default_value = "results")]
     out: PathBuf,
-    /// Keeps the results in LOOP-sweep@NAME, beside those of other sweeps
-    #[arg(long, value_name = "NAME", value_parser = tag)]
-    tag: Option<String>,
     #[command(flatten)]
     options: LoopOptions,
     /// As JSON
@@ -65,7 +62,12 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let folder = arguments.out.join(&task.below);
     output::check(&arguments.out, &task.below, &[RECORD, POINTS, PAGE])?;
     let file = folder.join(RECORD);
-    let known = if arguments.resume { task.resume(&file)? } else { vec![None; task.sweep.runs()] };
+    let known = arguments.earlier.left(&file, |file| task.resume(file))?;
+    if let Some(known) = known.as_ref().filter(|_| !arguments.json) {
+        let runs = known.iter().flatten().count();
+        remark!("goes on with {runs} runs of an earlier call; --force starts anew");
+    }
+    let known = known.unwrap_or_else(|| vec![None; task.sweep.runs()]);
     output::make_folder(&arguments.out, &task.below)?;
     let points = task.run(known, &file, &bars)?;
     let made: Vec<&Point> = points.iter().flatten().collect();
@@ -88,7 +90,7 @@ impl Task {
     fn new(arguments: &Arguments) -> Result<Self, Error> {
         let options = &arguments.options;
         let files = LoopFiles::find(&arguments.name)?;
-        let mut structure = options.structure(&files)?;
+        let structure = options.structure(&files)?;
         let settings = options.settings(&structure)?;
         let (units, hosting) = (options.units(&structure)?, options.hosting.hosting()?);
         let first = units.load(&structure, &hosting)?;
@@ -99,13 +101,11 @@ impl Task {
         for _ in 0..further {
             loops.push(units.load(&structure, &hosting)?);
         }
-        let own = structure.clone();
-        let sweep = Sweep::new(own, settings, arguments.over.clone(), loops).map_err(wrong)?;
+        let sweep = Sweep::new(structure.clone(), settings, arguments.over.clone(), loops).map_err(wrong)?;
         let form = if options.composite { "-composite" } else { "" };
-        let tag = arguments.tag.as_ref().map_or_else(String::new, |tag| format!("@{tag}"));
-        structure.name.push_str(&format!("{form}-sweep{tag}"));
+        let below = format!("{}{form}-sweep{}", structure.name, arguments.earlier.suffix());
         let question = json!({ "over": sweep.axes(), "run": provenance });
-        Ok(Task { sweep, question, below: structure.name })
+        Ok(Task { sweep, question, below })
     }
 
     /// The runs of an earlier sweep.
@@ -113,13 +113,10 @@ impl Task {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
         let Sealed { content, fits } = sealed::read(file, "sweep to go on with")?;
         if fits != Some(true) {
-            return Err(refuse(
-                "its content doesn't fit its checksum: it was changed; begin the sweep anew".to_owned(),
-            ));
+            return Err(refuse("its content doesn't fit its checksum: it was changed".to_owned()));
         }
-        let differing = differences(&content["question"], &self.question);
-        if !differing.is_empty() {
-            return Err(refuse(format!("is of another sweep: {}", differing.join("; "))));
+        if let Some(differing) = differing(&content["question"], &self.question) {
+            return Err(refuse(format!("is of another sweep: {differing}")));
         }
         Vec::deserialize(&content["points"]).map_err(|error| refuse(format!("can't be gone on from: {error}")))
     }
@@ -179,7 +176,7 @@ impl Task {
         let (made_runs, runs) = (made(points).count(), self.sweep.runs());
         let shortfall = (made_runs < runs).then(|| format!("interrupted after {made_runs} of {runs} runs"));
         if let Some(shortfall) = &shortfall {
-            tell!("{shortfall}; --resume goes on with them");
+            tell!("{shortfall}; the same command goes on with them");
         }
         if json {
             say!("{}", self.told(points, folder));

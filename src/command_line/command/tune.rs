@@ -12,6 +12,7 @@ use adaptive_fmu::simulation::{LoopFiles, Settings, SquareTerm, Structure, Tuned
 use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
 use adaptive_fmu::{output, parallel};
 
+use super::earlier::EarlierOptions;
 use super::loop_options::{LoopOptions, positive};
 use super::progress::{self, Bars, Counter};
 use super::tuned::{CONVERGENCE, TUNED, Tuned, print, write_results};
@@ -41,9 +42,8 @@ pub struct Arguments {
     sample: Option<f64>,
     #[command(flatten)]
     swarm: SwarmOptions,
-    /// Go on with an earlier search of the same question, up to so many generations
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    earlier: EarlierOptions,
     /// Runs at a time; as --jobs unless given
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
@@ -110,12 +110,16 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let files = LoopFiles::find(&arguments.name)?;
     arguments.options.check(&arguments.name)?;
     let form = Form::of(arguments, &files)?;
-    let task = Task::new(arguments, &form)?;
-    let below = format!("{}-tuned", task.structure.name);
+    let task = Task::new(arguments, &files, &form)?;
+    let below = format!("{}-tuned{}", task.structure.name, arguments.earlier.suffix());
     let folder = arguments.out.join(&below);
     output::check(&arguments.out, &below, &[RECORD, TUNED, CONVERGENCE])?;
     let file = folder.join(RECORD);
-    let mut swarm = if arguments.resume { Record::resume(&file, &task.question)? } else { task.swarm() };
+    let earlier = arguments.earlier.left(&file, |file| Record::resume(file, &task.question))?;
+    if let Some(swarm) = earlier.as_ref().filter(|_| !arguments.json) {
+        remark!("goes on after generation {} of an earlier call; --force starts anew", swarm.history().len());
+    }
+    let mut swarm = earlier.unwrap_or_else(|| task.swarm());
     output::make_folder(&arguments.out, &below)?;
     let begun = Instant::now();
     let before = task.as_it_is();
@@ -199,7 +203,7 @@ pub struct Ended {
 }
 
 impl Task {
-    fn new(arguments: &Arguments, Form { options, structure, .. }: &Form) -> Result<Self, Error> {
+    fn new(arguments: &Arguments, files: &LoopFiles, Form { options, structure, .. }: &Form) -> Result<Self, Error> {
         let Tuning { parameters, terms, sample, until } = structure.tuning.clone().unwrap_or(Tuning {
             parameters: Vec::new(),
             terms: Vec::new(),
@@ -219,6 +223,7 @@ impl Task {
         let units = options.units(structure)?;
         let hosting = options.hosting.hosting()?;
         let first = units.load(structure, &hosting)?;
+        let run = options.provenance(&arguments.name, files, structure, settings, &first)?;
         let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
         let further = if first.can_be_multiplied() { threads - 1 } else { 0 };
         let mut loops = vec![first];
@@ -241,6 +246,7 @@ impl Task {
             particles: particles as usize,
             motion: Motion { cognitive, social, inertia, decay, velocity_limit },
             seed,
+            run: Some(run),
         };
         let structure = structure.clone();
         Ok(Task { structure, settings, question, generations: generations as usize, search })

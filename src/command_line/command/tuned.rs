@@ -111,7 +111,7 @@ pub fn print(tuned: &Tuned, json: bool) {
         say!("{} runs failed and count as worst; the last: {reason}", tuned.failed());
     }
     if ended.interrupted {
-        tell!("interrupted in generation {}; --resume goes on", tuned.swarm.history().len() + 1);
+        tell!("interrupted in generation {}; the same command goes on", tuned.swarm.history().len() + 1);
     }
     say!("{} runs took {:.1} s", ended.runs, took.as_secs_f64());
     let folder = folder.display();

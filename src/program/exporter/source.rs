@@ -10,6 +10,7 @@ use super::{Source, compiler, describe, export};
 use crate::error::Error;
 use crate::fmi2::describe::SourceUnit;
 use crate::fmi2::source::RUNTIME;
+use crate::scratch::Scratch;
 
 /// What an FMU holds of the forms of a unit.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -89,7 +90,7 @@ fn compiled(
     platforms: &[Platform],
     portable: bool,
 ) -> Result<Vec<(String, Vec<u8>)>, Error> {
-    let folder = tempfile::tempdir().map_err(Error::file("a temporary folder"))?;
+    let folder = Scratch::new()?;
     for (name, text) in sources {
         let file = folder.path().join(name);
         std::fs::write(&file, text).map_err(Error::file(&file))?;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::condition::Condition;
 use super::gains::Gains;
@@ -30,6 +30,9 @@ pub struct Record {
     pub version: String,
     /// Checksum of what the study says of the pair.
     pub question: String,
+    /// What the study says of the pair, by which differences are named. An earlier version of this package noted nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub asked: Option<Value>,
     /// Checksum of the descriptions of its units.
     pub units: String,
     /// Whether its loop ran as one unit; else as separate ones.
@@ -80,8 +83,10 @@ impl Record {
     pub fn new(pair: &Pair) -> Self {
         let (plant, controller) = (pair.plant.name.clone(), pair.entry.name.clone());
         let question = Record::question(pair.plant, pair.entry, &pair.budget);
+        let of_plant = Plant { controller: Vec::new(), ..pair.plant.clone() };
+        let asked = Some(json!({ "plant": of_plant, "controller": pair.entry, "budget": pair.budget }));
         let (version, units) = (VERSION.to_owned(), pair.checksum.clone());
-        Record { plant, controller, version, question, units, as_one: pair.is_one_unit(), ..Record::default() }
+        Record { plant, controller, version, question, asked, units, as_one: pair.is_one_unit(), ..Record::default() }
     }
 
     /// Checksum of what a study says of a pair.
@@ -91,10 +96,23 @@ impl Record {
         sealed::checksum(serde_json::to_string(&(&plant, budget)).unwrap_or_default())
     }
 
-    /// Whether what is there and what is to be computed are of the same pair, by the same version.
-    pub fn goes_on_with(&self, earlier: &Record) -> bool {
-        let of = |record: &Record| (record.version.clone(), record.question.clone(), record.units.clone());
-        of(self) == of(earlier)
+    /// What differs in the question of an earlier record of the same pair, or in the version that answered it; none where
+    /// its work can be gone on with.
+    pub fn differing(&self, earlier: &Record) -> Option<String> {
+        let mut found = Vec::new();
+        if self.version != earlier.version {
+            found.push(format!("version was {}, is {}", earlier.version, self.version));
+        }
+        if self.question != earlier.question {
+            let named = self.asked.as_ref().zip(earlier.asked.as_ref()).map(|(is, was)| sealed::differences(was, is));
+            let unnamed =
+                || vec!["the study says something else of its plant, its controller or the budget".to_owned()];
+            found.extend(named.filter(|named| !named.is_empty()).unwrap_or_else(unnamed));
+        }
+        if self.units != earlier.units {
+            found.push("its units have other descriptions".to_owned());
+        }
+        sealed::listed(&found)
     }
 
     /// How many parts of the work are done; they are done in their order.
@@ -125,9 +143,7 @@ impl Record {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
         let Sealed { content, fits } = sealed::read(file, "result of a league")?;
         if fits != Some(true) {
-            return Err(refuse(
-                "its content doesn't fit its checksum: it was changed; remove it to compute it anew".to_owned(),
-            ));
+            return Err(refuse("its content doesn't fit its checksum: it was changed".to_owned()));
         }
         Record::deserialize::<Value>(content).map_err(|error| refuse(format!("can't be read: {error}")))
     }

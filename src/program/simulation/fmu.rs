@@ -40,6 +40,7 @@ use crate::fmi2::resources::DESCRIPTION;
 use crate::fmi2::resources::HELD;
 use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use crate::model_description::ModelDescription;
+use crate::scratch::Scratch;
 
 /// The command by which this package's program runs a unit for another process of it.
 pub const UNIT_PROCESS: &str = "unit-process";
@@ -92,7 +93,7 @@ impl Hosting {
 pub struct Fmu {
     file: PathBuf,
     /// Its files, as long as it lives; none where it was never an archive.
-    _folder: Option<tempfile::TempDir>,
+    _folder: Option<Scratch>,
     /// What its instances are told of where its resources lie.
     resources: String,
     /// modelDescription.xml
@@ -136,7 +137,7 @@ impl Fmu {
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
         let text = read_entry(file, "modelDescription.xml")?;
         let description = ModelDescription::read(&text).map_err(refuse)?;
-        let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+        let folder = Scratch::new()?;
         let (own, entries, common) = (Platform::own(), entries(file)?, OwnLibrary::loaded());
         // The library beside this program isn't unpacked: it is loaded already.
         unpack_but(file, folder.path(), common.map(|common| common.mark))?;

@@ -6,6 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::fmu::Fmu;
 use crate::error::Error;
 use crate::exporter::{Library, Source};
+#[cfg(not(target_family = "wasm"))]
+use crate::scratch::Scratch;
 
 /// So many units are kept; the one that wasn't asked for longest goes.
 const MOST_KEPT: usize = 64;
@@ -15,7 +17,7 @@ const MOST_KEPT: usize = 64;
 pub struct Ready {
     library: Library,
     #[cfg(not(target_family = "wasm"))]
-    folder: tempfile::TempDir,
+    folder: Scratch,
     kept: Mutex<VecDeque<(String, Arc<Fmu>)>>,
 }
 
@@ -28,7 +30,7 @@ impl Ready {
         Ok(Ready {
             library: Library::beside_program()?,
             #[cfg(not(target_family = "wasm"))]
-            folder: tempfile::tempdir().map_err(Error::file("temporary folder"))?,
+            folder: Scratch::new()?,
             kept: Mutex::default(),
         })
     }

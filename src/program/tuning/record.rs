@@ -6,12 +6,12 @@ use std::path::Path;
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesText, Event};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::check::check;
 use super::{Motion, Objective, Range, Swarm};
 use crate::error::Error;
-use crate::sealed::{self, Sealed};
+use crate::sealed::{self, Sealed, differing};
+use crate::simulation::Provenance;
 
 /// What a search is about: a file can be gone on from by the same question only.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,6 +38,8 @@ pub struct Question {
     pub motion: Motion,
     /// Which random numbers it takes.
     pub seed: u64,
+    /// What its runs are made of: versions, the loop's files, its units. An earlier version of this package noted none.
+    pub run: Option<Provenance>,
 }
 
 /// A search after a whole generation.
@@ -67,8 +69,10 @@ impl Record {
         let no_search = |error: serde_json::Error| refuse(format!("is no search to go on with: {error}"));
         let Sealed { content: record, fits } = sealed::read(file, "search to go on with")?;
         let asked = serde_json::to_value(question).map_err(no_search)?;
-        same_question(&asked, &record["question"]).map_err(refuse)?;
-        let changed = |reason| format!("can't be gone on from: {reason}. It was changed; begin the search anew");
+        if let Some(differing) = differing(&record["question"], &asked) {
+            return Err(refuse(format!("is of another search: {differing}")));
+        }
+        let changed = |reason| format!("can't be gone on from: {reason}. It was changed");
         check(&record["swarm"], question).map_err(changed).map_err(refuse)?;
         // One that an earlier version wrote has none; each of its values has been checked.
         if fits == Some(false) {
@@ -77,15 +81,6 @@ impl Record {
         let Record { swarm, .. } = serde_json::from_value(record).map_err(no_search)?;
         Ok(swarm)
     }
-}
-
-fn same_question(asked: &Value, known: &Value) -> Result<(), String> {
-    let keys = asked.as_object().into_iter().flat_map(|object| object.keys());
-    let differing: Vec<_> = keys
-        .filter(|key| Some(&asked[*key]) != known.get(key))
-        .map(|key| format!("{key} was {}, is {}", known[key], asked[key]))
-        .collect();
-    if differing.is_empty() { Ok(()) } else { Err(format!("is of another search: {}", differing.join("; "))) }
 }
 
 /// A parameter set in the format of SSP (.ssv) with values of Real parameters, and a remark.

@@ -13,6 +13,7 @@ use super::in_process::{Binary, InProcess};
 use super::messages::Messages;
 use super::unit::{OK, RunningUnit};
 use super::wire::{Beginning, Reply, Request, receive, send};
+use crate::process::leave_requests_to_another;
 
 /// How often is looked whether the process that this one works for is still there.
 const LOOK: Duration = Duration::from_secs(1);
@@ -28,6 +29,8 @@ unsafe extern "C" {
 pub fn serve() -> io::Result<()> {
     let stream = taken_from_standard_input()?;
     end_with_parent();
+    // Slurm, systemd and containers send them to all processes.
+    leave_requests_to_another();
     let mut buffer = Vec::new();
     let beginning: Beginning = receive(&stream, &mut buffer)?;
     let made = Binary::load(&beginning.library)

@@ -7,6 +7,7 @@ use super::source::{UnitFile, unit_file};
 use super::{STRUCTURE, Structure};
 use crate::error::Error;
 use crate::exporter::{self, Embedded, Source};
+use crate::scratch::Scratch;
 use crate::sealed::checksum;
 use crate::text_file;
 
@@ -24,7 +25,7 @@ pub struct LoopFiles {
 enum Place {
     Program(Embedded),
     Folder(PathBuf),
-    Unpacked(tempfile::TempDir),
+    Unpacked(Scratch),
 }
 
 /// Whether a path lies in the folder that it starts from: no URL, no way up, nothing that a tool might decode.
@@ -55,7 +56,7 @@ impl LoopFiles {
             let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             (folder.clone(), Place::Folder(folder), file)
         } else if extension == Some("ssp") {
-            let folder = tempfile::tempdir().map_err(Error::file("temporary folder"))?;
+            let folder = Scratch::new()?;
             exporter::unpack(&path, folder.path())?;
             (path, Place::Unpacked(folder), STRUCTURE.to_owned())
         } else {

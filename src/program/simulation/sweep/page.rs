@@ -52,7 +52,7 @@ impl SweepPage<'_> {
         let runs = self.sweep.runs();
         let _ = writeln!(page, "<p>{made} of {runs} runs were made, of which {failed} failed.</p>");
         if made < runs {
-            page.push_str("<p class=\"bad\">The sweep was interrupted. With --resume it goes on.</p>\n");
+            page.push_str("<p class=\"bad\">The sweep was interrupted. The same command goes on with it.</p>\n");
         }
         for (k, label) in self.sweep.labels().enumerate() {
             match self.sweep.axes() {

@@ -1,0 +1,52 @@
+//! What an earlier call of the same command left in its folder: gone on with, replaced, or left beside.
+
+use std::path::Path;
+
+use adaptive_fmu::error::Error;
+
+use super::results::tag;
+use crate::console;
+
+#[derive(clap::Args)]
+pub struct EarlierOptions {
+    /// Start anew and replace what an earlier call left in the folder. By default a call with the same options goes on with
+    /// it, and one with other options is refused
+    #[arg(long)]
+    pub force: bool,
+    /// Keep the results in a folder whose name ends with @NAME, next to those of other calls
+    #[arg(long, value_name = "NAME", value_parser = tag)]
+    tag: Option<String>,
+    /// Accepted from earlier versions: a call with the same options goes on in any case
+    #[arg(long, conflicts_with = "force")]
+    resume: bool,
+}
+
+impl EarlierOptions {
+    /// What the name of the folder ends with.
+    pub fn suffix(&self) -> String {
+        self.tag.as_ref().map_or_else(String::new, |tag| format!("@{tag}"))
+    }
+
+    /// What an earlier call left in a file; nothing where there is none, or it is to be replaced.
+    ///
+    /// # Errors
+    /// When it answers another question or can't be read, with what to do.
+    pub fn left<T>(&self, file: &Path, read: impl FnOnce(&Path) -> Result<T, Error>) -> Result<Option<T>, Error> {
+        if self.force || !file.exists() {
+            return Ok(None);
+        }
+        read(file).map(Some).map_err(|error| match error {
+            Error::Loop { file, reason } => Error::Loop { file, reason: format!("{reason}; {}", advice()) },
+            other => other,
+        })
+    }
+}
+
+/// What to do about an earlier result, in the words of who asks.
+fn advice() -> &'static str {
+    if console::serves() {
+        "force=True starts anew and replaces it, tag=\"NAME\" keeps both"
+    } else {
+        "--force starts anew and replaces it, --tag NAME keeps both"
+    }
+}
