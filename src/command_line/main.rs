@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use adaptive_fmu::error::{Error, one_line};
-use adaptive_fmu::{exporter, simulation};
+use adaptive_fmu::{cache, exporter, simulation};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Adaptive controllers and their plants as FMI 2.0 units.
@@ -151,6 +151,7 @@ fn run(Arguments { command, global }: Arguments) -> ExitCode {
     if let Some(note) = simulation::compiler_trouble() {
         TOLD.call_once(|| remark!("{note}"));
     }
+    cache::trouble().iter().for_each(|line| tell!("warning: {line}"));
     code
 }
 

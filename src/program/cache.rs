@@ -1,10 +1,15 @@
 //! What takes long to make and follows from other things alone is kept in the user's cache folder, by checksums of what it
 //! follows from: whoever has the same finds it. Nothing depends on it: where it can't be read or written, things are made
-//! anew.
+//! anew. What lies there is loaded and run, so the folder must be the user's alone; and a file that was damaged is noticed by
+//! a checksum when it is read.
 
-use std::collections::HashMap;
+#[cfg(unix)]
+mod trusted;
+
+use std::collections::{BTreeSet, HashMap};
 use std::fmt::Write as _;
-use std::fs::{self, DirEntry};
+use std::fs::{self, DirEntry, File};
+use std::io::{self, ErrorKind, Read, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
@@ -17,9 +22,15 @@ pub const FOLDER: &str = "ADAPTIVE_FMU_CACHE";
 const MOST_KEPT: usize = 500;
 /// What a process that was killed left unfinished goes after this time.
 const UNFINISHED: Duration = Duration::from_secs(3600);
+/// Number of the form of the files; those of other forms have other names.
+const FORM: &[u8] = b"2";
 
+/// Digits that the name of a file begins with.
+const NAME: usize = 32;
+/// Length of a SHA-256 checksum.
+const LENGTH: usize = 32;
 /// A SHA-256 checksum.
-pub type Checksum = [u8; 32];
+pub(crate) type Checksum = [u8; LENGTH];
 
 /// A file as it was at a time, with its size.
 type Seen = (PathBuf, usize, SystemTime);
@@ -27,19 +38,47 @@ type Seen = (PathBuf, usize, SystemTime);
 /// Checksums of files.
 static KNOWN: Mutex<Option<HashMap<Seen, Checksum>>> = Mutex::new(None);
 
+/// What a user should know of the cache.
+static TROUBLE: Mutex<Trouble> = Mutex::new(Trouble { untrusted: None, is_told: false, damaged: BTreeSet::new() });
+
+struct Trouble {
+    /// Why the folder isn't used.
+    untrusted: Option<String>,
+    is_told: bool,
+    /// Files that are made anew.
+    damaged: BTreeSet<PathBuf>,
+}
+
+/// What a user should know of the cache that wasn't told yet, a line each.
+pub fn trouble() -> Vec<String> {
+    let mut found = TROUBLE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut lines = Vec::new();
+    if let Some(reason) = found.untrusted.clone().filter(|_| !std::mem::replace(&mut found.is_told, true)) {
+        lines.push(format!(
+            "the cache isn't used: {reason}. Files in it are loaded and run, so it must be yours alone: name a folder in \
+             {FOLDER}, or set that to nothing to go without"
+        ));
+    }
+    let damaged: Vec<_> = std::mem::take(&mut found.damaged).iter().map(|file| file.display().to_string()).collect();
+    if !damaged.is_empty() {
+        lines.push(format!("damaged files of the cache are made anew: {}", damaged.join(", ")));
+    }
+    lines
+}
+
 /// The checksum of a file that holds these bytes. A library's takes milliseconds and is asked for again and again: it is
 /// computed once, as long as the file stays as it is.
-pub fn checksum(file: &Path, bytes: &[u8]) -> Checksum {
+pub(crate) fn checksum(file: &Path, bytes: &[u8]) -> Checksum {
     known_or(file, bytes.len(), || digest(bytes))
 }
 
 /// The checksum of these bytes.
-pub fn digest(bytes: &[u8]) -> Checksum {
+pub(crate) fn digest(bytes: &[u8]) -> Checksum {
     Sha256::digest(bytes).into()
 }
 
 /// Of a file that holds so many bytes: what is known already, else what this gives.
-pub fn known_or(file: &Path, size: usize, otherwise: impl FnOnce() -> Checksum) -> Checksum {
+pub(crate) fn known_or(file: &Path, size: usize, otherwise: impl FnOnce() -> Checksum) -> Checksum {
     let Some(modified) = fs::metadata(file).ok().and_then(|found| found.modified().ok()) else { return otherwise() };
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     *known.get_or_insert_default().entry((file.to_owned(), size, modified)).or_insert_with(otherwise)
@@ -47,7 +86,7 @@ pub fn known_or(file: &Path, size: usize, otherwise: impl FnOnce() -> Checksum) 
 
 /// A place in the cache.
 #[derive(Debug, Clone)]
-pub struct Entry {
+pub(crate) struct Entry {
     file: PathBuf,
 }
 
@@ -57,12 +96,12 @@ impl Entry {
         let folder = folder()?;
         make(&folder)?;
         let mut hash = Sha256::new();
-        for part in parts {
+        for part in [FORM].iter().chain(parts) {
             hash.update((part.len() as u64).to_le_bytes());
             hash.update(part);
         }
         let mut name = String::new();
-        hash.finalize().iter().take(16).for_each(|byte| _ = write!(name, "{byte:02x}"));
+        hash.finalize().iter().take(NAME / 2).for_each(|byte| _ = write!(name, "{byte:02x}"));
         Some(Entry { file: folder.join(name).with_extension(extension) })
     }
 
@@ -71,17 +110,69 @@ impl Entry {
         &self.file
     }
 
-    /// What is there.
+    /// What was [written](Entry::write) there, whole.
     pub fn read(&self) -> Option<Vec<u8>> {
-        fs::read(&self.file).ok()
+        let mut bytes = self.bytes()?;
+        let content = bytes.split_off(bytes.len().min(LENGTH));
+        if bytes != digest(&content) {
+            self.note_damage();
+            return None;
+        }
+        Some(content)
     }
 
-    /// Puts it there, whole or not at all.
-    pub fn write(&self, bytes: &[u8]) {
-        let unfinished = self.unfinished();
-        if fs::write(&unfinished, bytes).is_err() || fs::rename(&unfinished, &self.file).is_err() {
-            let _ = fs::remove_file(unfinished);
+    /// Puts it there behind its checksum, whole or not at all.
+    pub fn write(&self, content: &[u8]) {
+        self.place(&[&digest(content), content]);
+    }
+
+    /// Whether there is a file of exactly these bytes, or can be: one that others read as it is.
+    pub fn holds(&self, bytes: &[u8]) -> bool {
+        let is_there = |found: Option<Vec<u8>>| found.is_some_and(|found| found == bytes);
+        let found = self.bytes();
+        if found.as_ref().is_some_and(|found| found != bytes) {
+            self.note_damage();
         }
+        if is_there(found) {
+            return true;
+        }
+        self.place(&[bytes]);
+        // A disk may be full.
+        is_there(self.bytes())
+    }
+
+    /// The bytes of the file, where it is there.
+    pub fn bytes(&self) -> Option<Vec<u8>> {
+        let mut bytes = Vec::new();
+        match open(&self.file).and_then(|mut file| file.read_to_end(&mut bytes)) {
+            Ok(_) => Some(bytes),
+            Err(error) => {
+                if error.kind() != ErrorKind::NotFound {
+                    self.note_damage();
+                }
+                None
+            }
+        }
+    }
+
+    /// The file isn't what was put there: the user is told, and it is made anew.
+    pub fn note_damage(&self) {
+        TROUBLE.lock().unwrap_or_else(PoisonError::into_inner).damaged.insert(self.file.clone());
+    }
+
+    /// Puts bytes there, whole or not at all, also where the power fails.
+    fn place(&self, parts: &[&[u8]]) {
+        let Some(folder) = self.file.parent() else { return };
+        tidy(folder);
+        let write = || -> io::Result<()> {
+            let mut file = tempfile::Builder::new().suffix(".tmp").tempfile_in(folder)?;
+            parts.iter().try_for_each(|part| file.write_all(part))?;
+            file.as_file().sync_all()?;
+            file.persist(&self.file)?;
+            Ok(())
+        };
+        // A cache that can't be written hinders nothing.
+        let _ = write();
     }
 
     /// Where this process makes it, beside where it goes: two at a time don't disturb each other, and what they make is the
@@ -109,18 +200,29 @@ fn folder() -> Option<PathBuf> {
     Some(caches?.join("adaptive-fmu"))
 }
 
-/// Makes the folder, which nobody else may write to: what lies there is run.
+/// Makes the folder, where it can be trusted.
 #[cfg(unix)]
 fn make(folder: &Path) -> Option<()> {
-    use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
-    const WRITABLE_BY_OTHERS: u32 = 0o022;
-    fs::DirBuilder::new().recursive(true).mode(0o700).create(folder).ok()?;
-    (fs::metadata(folder).ok()?.permissions().mode() & WRITABLE_BY_OTHERS == 0).then_some(())
+    let note = |reason: String| {
+        TROUBLE.lock().unwrap_or_else(PoisonError::into_inner).untrusted.get_or_insert(reason);
+        false
+    };
+    trusted::folder(folder).unwrap_or_else(note).then_some(())
 }
 
 #[cfg(not(unix))]
 fn make(folder: &Path) -> Option<()> {
     fs::create_dir_all(folder).ok()
+}
+
+#[cfg(unix)]
+fn open(file: &Path) -> io::Result<File> {
+    trusted::open(file)
+}
+
+#[cfg(not(unix))]
+fn open(file: &Path) -> io::Result<File> {
+    File::open(file)
 }
 
 /// Removes the oldest files where there are too many, and what was left unfinished.
@@ -134,4 +236,30 @@ fn tidy(folder: &Path) {
     let is_left = |time: &SystemTime, file: &Path| is_old(time) && file.to_string_lossy().contains(".tmp");
     let gone = files.iter().enumerate().filter(|(k, (time, file))| *k < surplus || is_left(time, file));
     gone.for_each(|(_, (_, file))| _ = fs::remove_file(file));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_library_that_is_loaded_from_here_is_whole_or_made_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let entry = Entry { file: folder.path().join("one.library") };
+        let library = [7; 5000];
+        assert!(entry.holds(&library) && !is_damaged(&entry));
+        for damaged in [&[][..], &[7; 4999], &[0; 5000]] {
+            fs::write(&entry.file, damaged).unwrap();
+            assert!(entry.holds(&library) && is_damaged(&entry));
+            assert_eq!(fs::read(&entry.file).unwrap(), library);
+        }
+        // Where nothing can be written there is none.
+        let nowhere = Entry { file: folder.path().join("none").join("one.library") };
+        assert!(!nowhere.holds(&library) && !is_damaged(&nowhere));
+    }
+
+    /// Whether a user is told so, once.
+    fn is_damaged(entry: &Entry) -> bool {
+        TROUBLE.lock().unwrap_or_else(PoisonError::into_inner).damaged.remove(&entry.file)
+    }
 }

@@ -209,11 +209,7 @@ impl Binaries {
 fn packed(file: &Path) -> Result<Vec<u8>, Error> {
     let bytes = std::fs::read(file).map_err(Error::file(file))?;
     let kept = cache::Entry::of("zip", &[&cache::checksum(file, &bytes)]);
-    let whole = |archive: &Vec<u8>| {
-        let size = ZipArchive::new(Cursor::new(archive)).and_then(|mut zip| Ok(zip.by_index_raw(0)?.size()));
-        size.is_ok_and(|size| size == bytes.len() as u64)
-    };
-    if let Some(archive) = kept.as_ref().and_then(cache::Entry::read).filter(whole) {
+    if let Some(archive) = kept.as_ref().and_then(cache::Entry::read) {
         return Ok(archive);
     }
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));

@@ -4,14 +4,13 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use tempfile::TempDir;
-
 use super::platform::Platform;
 use crate::cache::{self, Entry};
+use crate::scratch::Scratch;
 
 static HELD: OnceLock<&'static [u8]> = OnceLock::new();
 /// Where it was unpacked to, when there is no cache.
-static UNPACKED: Mutex<Option<TempDir>> = Mutex::new(None);
+static UNPACKED: Mutex<Option<Scratch>> = Mutex::new(None);
 
 /// From now on, this is the library that lies within the program.
 pub fn hold(library: &'static [u8]) {
@@ -22,22 +21,14 @@ pub fn hold(library: &'static [u8]) {
 pub(super) fn file() -> Option<PathBuf> {
     let bytes = *HELD.get()?;
     let checksum = cache::digest(bytes);
-    if let Some(kept) = Entry::of("library", &[&checksum]) {
-        let is_there = || kept.read().as_deref() == Some(bytes);
-        let written = || {
-            kept.write(bytes);
-            // A disk may be full.
-            is_there()
-        };
-        if is_there() || written() {
-            cache::known_or(kept.file(), bytes.len(), || checksum);
-            return Some(kept.file().to_owned());
-        }
+    if let Some(kept) = Entry::of("library", &[&checksum]).filter(|kept| kept.holds(bytes)) {
+        cache::known_or(kept.file(), bytes.len(), || checksum);
+        return Some(kept.file().to_owned());
     }
     let mut unpacked = UNPACKED.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = match &mut *unpacked {
         Some(folder) => folder,
-        none => none.insert(tempfile::tempdir().ok()?),
+        none => none.insert(Scratch::new().ok()?),
     };
     let file = folder.path().join(Platform::own().library_name());
     if !file.is_file() {

@@ -187,7 +187,8 @@ impl Library {
             return Ok(reply.clone());
         }
         let entry = description.filter(|_| question == DESCRIBE).and_then(|source| self.entry(source));
-        let reply = match entry.as_ref().and_then(described) {
+        let kept_reply = entry.as_ref().and_then(Entry::read).and_then(|bytes| String::from_utf8(bytes).ok());
+        let reply = match kept_reply {
             Some(reply) => reply,
             None => {
                 let reply = self.ask_anew(question, description)?;
@@ -227,11 +228,6 @@ impl Library {
         }
         reply.ok_or_else(|| Error::Library(format!("{} gave no reply", self.path.display())))
     }
-}
-
-/// A reply that is kept. One that was cut off is none.
-fn described(entry: &Entry) -> Option<String> {
-    String::from_utf8(entry.read()?).ok().filter(|reply| is_described(reply))
 }
 
 /// Whether a reply describes an FMU, and refuses nothing.

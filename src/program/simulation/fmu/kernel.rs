@@ -25,12 +25,12 @@ const OPTIONS: [&str; 8] =
     ["-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-s"];
 
 /// Compiles as a process of lower priority, where there is `nice`.
-const SCRIPT: &str = r#"trap '' INT HUP
-source=$1 own=$2 file=$3; shift 3
+const SCRIPT: &str = r#"trap '' INT HUP; umask 077
+source=$1 own=$2 file=$3 sum=$4; shift 4
 if command -v nice >/dev/null; then set -- nice -n 5 "$@"; fi
 "$@" -o "$own" "$source" -lm; code=$?
-if [ $code = 0 ]; then mv -f "$own" "$file"; code=$?; else rm -f "$own"; fi
-rm -f "$source"; exit $code"#;
+if [ $code = 0 ]; then cksum <"$own" >"$own.sum" && mv -f "$own.sum" "$sum" && mv -f "$own" "$file"; code=$?; fi
+rm -f "$source" "$own" "$own.sum"; exit $code"#;
 
 /// Why this process compiles nothing, where it can't.
 static TROUBLE: OnceLock<String> = OnceLock::new();
@@ -90,7 +90,7 @@ impl Awaited {
         if let Some(awaited) = known.get_or_insert_default().get(kept.file()) {
             return Some(awaited.clone());
         }
-        let sought = match load(kept.file()) {
+        let sought = match load(&kept) {
             Some(loaded) => Sought { found: OnceLock::from(Some(loaded)), work: Mutex::default() },
             None => {
                 let work = Work { binary: Arc::clone(binary), text, kept: kept.clone() };
@@ -150,14 +150,22 @@ fn kept(library: &Checksum, description: &str) -> Option<Entry> {
     )
 }
 
-/// Loads a kernel from its file.
-fn load(file: &Path) -> Option<Loaded> {
-    // One that was cut off would be mapped all the same, and end this process: the table of its sections is its end.
-    object::File::parse(&*fs::read(file).ok()?).ok()?;
-    // SAFETY: the file was made by a compiler of this module's text, under the user's own folder, and put in its place whole.
-    // Its one symbol has this type.
+/// Where the checksum of a kernel stands. A shell writes it, also when this process has ended: it is that of `cksum`.
+fn sum_of(kernel: &Entry) -> PathBuf {
+    kernel.file().with_extension("sum")
+}
+
+/// Loads a kernel from its file. One that was damaged would be mapped all the same, and end this process.
+fn load(kernel: &Entry) -> Option<Loaded> {
+    let expected = fs::read_to_string(sum_of(kernel)).ok()?;
+    if cksum(&kernel.bytes()?) != expected.trim() {
+        kernel.note_damage();
+        return None;
+    }
+    // SAFETY: the file was made by a compiler of this module's text, lies in a folder that is the user's alone, and is as it
+    // was put there. Its one symbol has this type.
     unsafe {
-        let library = Library::new(file).ok()?;
+        let library = Library::new(kernel.file()).ok()?;
         Some(Loaded { table: *library.get::<Table>(ENTRY).ok()?, _library: library })
     }
 }
@@ -179,20 +187,35 @@ fn make(work: &Work) -> Option<Loaded> {
     let own = work.kept.unfinished();
     let source = own.with_extension("tmp.c");
     fs::write(&source, text).ok()?;
-    let compiled = compile(&source, &own, work.kept.file());
+    let compiled = compile(&source, &own, &work.kept);
     // Gone already where a shell compiled it.
     let _ = fs::remove_file(&source);
-    if compiled { load(work.kept.file()) } else { None }
+    if compiled { load(&work.kept) } else { None }
+}
+
+/// Checksum and length of bytes, as POSIX has `cksum` print them.
+fn cksum(bytes: &[u8]) -> String {
+    const POLYNOMIAL: u32 = 0x04C1_1DB7;
+    let step = |sum: u32, byte: u8| {
+        let shifted = |sum: u32| if sum >> 31 == 1 { sum << 1 ^ POLYNOMIAL } else { sum << 1 };
+        (0..8).fold(sum ^ u32::from(byte) << 24, |sum, _| shifted(sum))
+    };
+    // The length follows, its lowest byte first, without zeros at its end.
+    let length = std::iter::successors(Some(bytes.len()), |rest| Some(rest >> 8)).take_while(|rest| *rest > 0);
+    let all = bytes.iter().copied().chain(length.map(|rest| (rest & 0xFF) as u8));
+    format!("{} {}", !all.fold(0, step), bytes.len())
 }
 
 /// Compiles a source, and puts the library in its place when it is whole. Where this process ends before the compiler, a
 /// shell does that: the next run finds the kernel. What is simulated comes first.
-fn compile(source: &Path, own: &Path, file: &Path) -> bool {
+fn compile(source: &Path, own: &Path, kernel: &Entry) -> bool {
     let compiler = c_compiler::named();
     let (program, arguments) = c_compiler::words(&compiler);
     let mut command = if cfg!(unix) {
         let mut shell = Command::new("sh");
-        shell.args(["-c", SCRIPT, "sh"]).args([source, own, file]).arg(&program).args(arguments).args(OPTIONS);
+        let sum = sum_of(kernel);
+        shell.args(["-c", SCRIPT, "sh"]).args([source, own, kernel.file(), &sum]).arg(&program).args(arguments);
+        shell.args(OPTIONS);
         shell
     } else {
         let mut command = Command::new(&program);
@@ -202,7 +225,11 @@ fn compile(source: &Path, own: &Path, file: &Path) -> bool {
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     // A shell says so of a command that isn't there, or can't be run.
     match command.status().map(|status| status.code()) {
-        Ok(Some(0)) => cfg!(unix) || fs::rename(own, file).is_ok(),
+        Ok(Some(0)) if cfg!(unix) => true,
+        Ok(Some(0)) => {
+            let put = |bytes: Vec<u8>| fs::write(sum_of(kernel), cksum(&bytes));
+            fs::read(own).and_then(put).and_then(|()| fs::rename(own, kernel.file())).is_ok()
+        }
         Err(_) | Ok(Some(126 | 127)) => {
             tell(&format!("no C compiler: `{compiler}` isn't found"), "install one, or name one by CC");
             false
@@ -232,4 +259,17 @@ fn kernel_text(binary: &Binary, description: &str) -> Option<String> {
 unsafe extern "C" fn keep(context: *mut c_void, text: *const c_char) {
     // SAFETY: called by the library with the place that it was given, and a C string.
     unsafe { *context.cast::<Option<String>>() = Some(CStr::from_ptr(text).to_string_lossy().into_owned()) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::cksum;
+
+    #[test]
+    fn checksums_are_those_of_posix() {
+        // As `printf 123456789 | cksum` prints them, and for no bytes and for 300.
+        assert_eq!(cksum(b"123456789"), "930766865 9");
+        assert_eq!(cksum(b""), "4294967295 0");
+        assert_eq!(cksum(&[b'a'; 300]), "1664553091 300");
+    }
 }
