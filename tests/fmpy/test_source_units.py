@@ -257,6 +257,38 @@ def test_three_units_run_in_one_program_under_sanitizers(sources, unit, tmp_path
     assert float(told.stdout) == largest_error_of_generic_units(unit)
 
 
+def test_a_refusal_without_a_number_is_told_without_undefined_behaviour(sources, tmp_path) -> None:
+    """The sampled law is for co-simulation: in model exchange it is refused by a reason that holds no value."""
+    name, main, program = "MracPpfCoupledMimo", tmp_path / "main.c", tmp_path / "program"
+    law = next(v for v in fmpy.read_model_description(str(sources(name).parent)).modelVariables if v.name == "law")
+    item = next(item.value for item in law.declaredType.items if item.name == "sampled")
+    main.write_text(f"""
+#include "all.c"
+#include <stdio.h>
+static void told(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String text, ...)
+{{
+    (void)e, (void)n, (void)s, (void)c;
+    puts(text);
+}}
+int main(void)
+{{
+    const fmi2CallbackFunctions callbacks = {{ told, NULL, NULL, NULL, NULL }};
+    const fmi2ValueReference law = {law.valueReference};
+    const fmi2Integer sampled = {item};
+    fmi2Component c = fmi2Instantiate("unit", fmi2ModelExchange, UNIT_GUID, "", &callbacks, 0, 0);
+    fmi2SetInteger(c, &law, 1, &sampled);
+    fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0);
+    fmi2EnterInitializationMode(c);
+    return fmi2ExitInitializationMode(c) == fmi2Error ? 0 : 1;
+}}
+""")
+    flags = ["-std=c99", "-O1", "-fsanitize=undefined", "-fno-sanitize-recover=all", f"-I{sources(name)}"]
+    subprocess.run(["gcc", *flags, main, "-lm", "-o", program], check=True)
+    told = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stderr
+    assert "only a unit that is stepped in co-simulation is sampled" in told.stdout
+
+
 def largest_error_of_generic_units(unit: Callable[..., Unit]) -> float:
     """What three_units.c does, by the units of the generic form."""
     reference, plant, controller = unit("ReferenceNonlinearSiso"), unit("NonlinearSiso"), unit("L1NonlinearSiso")

@@ -203,7 +203,9 @@ static void text_marked(Text *text, const char *marked, const real *values, int 
 static void fill(Message *message, const char *text, const real *values, int count) {
     message->text = text;
     message->count = count < MOST_VALUES ? count : MOST_VALUES;
-    memcpy(message->values, values, (size_t)message->count * sizeof values[0]);
+    for (int k = 0; k < message->count; k++) {
+        message->values[k] = values[k];
+    }
 }
 
 static void tell(Log *log, int category, const char *text, const real *values, int count) {
