@@ -51,6 +51,16 @@ def program() -> Path:
     raise Error(f"the program {NAME} isn't found: install this package by pip, or name the program's file in {VARIABLE}")
 
 
+def require_unicode(*words: str) -> None:
+    """Refuses what can't be handed over: the names of files may be any bytes, the conversation is Unicode."""
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            shown = word.encode(errors="backslashreplace").decode()
+            raise ArgumentError(f"`{shown}` is not UTF-8: rename the file or folder, or name it by a link that is") from None
+
+
 @dataclass
 class Answer:
     """What the program answered to a request."""
@@ -105,7 +115,9 @@ class Conversation:
     def ask(self, words: Sequence[str], progress: Progress | None = None) -> Answer:
         """One command, as words of the command line."""
         self._request += 1
-        self._send({"request": self._request, "arguments": list(words), "folder": os.getcwd()})
+        folder = os.getcwd()
+        require_unicode(*words, folder)
+        self._send({"request": self._request, "arguments": list(words), "folder": folder})
         answer = Answer()
         with self._listening_to_interrupts() as heard:
             while not self._receive(answer, progress):

@@ -7,6 +7,7 @@
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
@@ -99,6 +100,11 @@ pub fn send(kind: &str, value: &Value, bytes: &[u8]) {
         out.write_all(bytes)?;
         out.flush()
     });
+}
+
+/// A path as JSON has it. JSON is Unicode: of a name that isn't, the signs that aren't are replaced.
+pub fn path(path: &Path) -> Value {
+    json!(path.to_string_lossy())
 }
 
 /// Prints a text on standard output as it is.

@@ -2,6 +2,7 @@
 
 import doctest
 import importlib
+import json
 import os
 import pkgutil
 import signal
@@ -156,6 +157,41 @@ def test_relative_paths_are_those_of_the_moment(tmp_path: Path, monkeypatch: pyt
         monkeypatch.chdir(tmp_path / name)
         adaptive_fmu.export("Reference", out="fmus")
         assert (tmp_path / name / "fmus" / "Reference.fmu").is_file()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names of files are Unicode there")
+def test_a_name_that_is_not_unicode_is_refused_and_nobody_waits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    odd = tmp_path / os.fsdecode(b"x\xff")
+    odd.mkdir()
+    with pytest.raises(adaptive_fmu.ArgumentError, match="is not UTF-8"):
+        adaptive_fmu.export("Reference", out=odd)
+    monkeypatch.chdir(odd)
+    with pytest.raises(adaptive_fmu.ArgumentError, match=r"x\\udcff. is not UTF-8"):
+        adaptive_fmu.export("Reference", out="fmus")
+    monkeypatch.chdir(tmp_path)
+    assert adaptive_fmu.export("Reference", out="fmus")[0].is_file()
+    # On the command line it is a name as any other, which JSON shows as well as it can.
+    done = subprocess.run(
+        [adaptive_fmu.program(), "run", LOOP, "--until", "0.1", "--json", "--out", os.fsencode(odd)], capture_output=True, check=False
+    )
+    assert done.returncode == 0 and json.loads(done.stdout)["results"] == str(tmp_path / "x\ufffd" / LOOP), done.stderr
+    assert (odd / LOOP / "result.csv").is_file()
+
+
+def test_whatever_is_asked_has_an_end() -> None:
+    """Who asks may wait for it."""
+    lines = [
+        b'{"request": 1, "arguments": ["list", "\\udcff"], "folder": "."}',
+        b'{"request": 2, "arguments": ["list"]}',
+        b"nothing",
+        b"",
+        b'{"request": 3, "arguments": ["list"], "folder": "/nowhere"}',
+        b'{"request": 4, "arguments": ["schema"], "folder": "."}',
+    ]
+    asked = b"".join(line + b"\n" for line in lines)
+    done = subprocess.run([adaptive_fmu.program(), "serve"], input=asked, capture_output=True, timeout=60, check=False)
+    messages = [json.loads(line[1:]) for line in done.stdout.splitlines() if line.startswith(b"\x1e")]
+    assert [message["end"] for message in messages if "end" in message] == [2, 2, 2, 2, 1, 0]
 
 
 def test_a_sweep_gives_the_runs_one_by_one() -> None:

@@ -9,6 +9,7 @@ use clap_complete::Shell;
 use serde_json::json;
 
 use super::{completions, manual};
+use crate::console;
 
 /// Where shells look for completions.
 const COMPLETIONS: [(Shell, &str); 3] = [
@@ -40,7 +41,7 @@ pub fn execute(arguments: &Arguments, command: &clap::Command) -> Result<(), Err
     let write = |program: &Binary| form(program, &library, Path::new("."), &shell, &arguments.out);
     let files = programs.iter().map(write).collect::<Result<Vec<_>, _>>()?;
     if arguments.json {
-        say!("{}", json!({ "archives": files }));
+        say!("{}", json!({ "archives": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
     } else {
         files.iter().for_each(|file| say!("{}", file.display()));
     }

@@ -12,6 +12,7 @@ use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
 use serde_json::json;
+use crate::console;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -79,10 +80,11 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         fmus.push(file);
     }
     let loops = ssp.iter().map(|name| pack_loop(name, &library, out, &form)).collect::<Result<Vec<_>, _>>()?;
+    let told = |files: &[PathBuf]| files.iter().map(|file| console::path(file)).collect::<Vec<_>>();
     if *json && ssp.is_empty() {
-        say!("{}", json!({ "fmus": fmus }));
+        say!("{}", json!({ "fmus": told(&fmus) }));
     } else if *json {
-        say!("{}", json!({ "fmus": fmus, "ssps": loops }));
+        say!("{}", json!({ "fmus": told(&fmus), "ssps": told(&loops) }));
     } else {
         fmus.iter().chain(&loops).for_each(|file| say!("{}", file.display()));
     }

@@ -14,6 +14,7 @@ use super::earlier::EarlierOptions;
 use super::hosting::HostingOptions;
 use super::open::OpenOption;
 use super::progress::{self, Bars, Counter};
+use crate::console;
 
 const PAGE: &str = "index.html";
 /// Instructions of a step by `PLANT/CONTROLLER`, which a bench counts.
@@ -82,7 +83,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let page_file = league.out.join(PAGE);
     output::write(&page_file, page)?;
     if arguments.json {
-        say!("{}", json!({ "page": page_file, "pairs": records, "advice": judged }));
+        say!("{}", json!({ "page": console::path(&page_file), "pairs": records, "advice": judged }));
     } else {
         records.iter().for_each(|record| say!("{}", told(record)));
         aside!("{}", page_file.display());

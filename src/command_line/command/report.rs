@@ -17,6 +17,7 @@ use super::parameters::Parameters;
 use super::progress::{self, Bars, Counter};
 use super::ready;
 use super::run::{Results, simulated};
+use crate::console;
 
 const PAGE: &str = "index.html";
 
@@ -181,7 +182,7 @@ fn tell(study: &Study, done: &[Done], arguments: &Arguments) {
                     "frozen": runs(&done.frozen), "linear": done.linear.iter().map(|it| it.as_ref().map(told)).collect::<Vec<_>>(),
                     "figures": done.drawings.len() })
         });
-        say!("{}", json!({ "examples": told.collect::<Vec<_>>(), "page": page }));
+        say!("{}", json!({ "examples": told.collect::<Vec<_>>(), "page": console::path(&page) }));
         return;
     }
     for (example, done) in study.example.iter().zip(done) {

@@ -4,6 +4,7 @@
 //! A request is `{"request": NUMBER, "arguments": [...], "folder": FOLDER}`: what a command line would hold, and where it would
 //! be given. `{"stop": NUMBER}` interrupts that request. What comes back are messages ([`console`]): `text` and `note` are
 //! lines of the two streams, `progress` and `recording` (with numbers behind it) come as they are there, `end` is the exit code.
+//! Whatever a line is but a `stop`, it has an `end`.
 
 use std::io::{BufRead, stdin};
 use std::path::{Path, PathBuf};
@@ -21,6 +22,11 @@ use crate::console;
 
 /// While nobody asks, it looks so often whether it is to end.
 const LOOK: Duration = Duration::from_millis(500);
+/// The exit code of wrong arguments.
+const NOT_UNDERSTOOD: u8 = 2;
+
+/// A request, or why a line is none.
+type Asked = Result<Request, String>;
 
 #[derive(Deserialize)]
 #[serde(untagged)]
@@ -42,7 +48,16 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
     ready::keep();
     let (sender, requests) = channel();
     thread::spawn(move || listen(&sender));
-    while let Some(Request { request, arguments, folder }) = next(&requests) {
+    while let Some(asked) = next(&requests) {
+        let Request { request, arguments, folder } = match asked {
+            Ok(request) => request,
+            // Who asked waits for the end all the same.
+            Err(reason) => {
+                tell!("error: {reason}");
+                console::send("end", &json!(NOT_UNDERSTOOD), &[]);
+                continue;
+            }
+        };
         progress::answer(request);
         let words: Vec<String> = [env!("CARGO_BIN_NAME").to_owned()].into_iter().chain(arguments).collect();
         let code = match env::set_current_dir(&folder) {
@@ -59,7 +74,7 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
 }
 
 /// The next request; none when there are no more, or the process is asked to end.
-fn next(requests: &Receiver<Request>) -> Option<Request> {
+fn next(requests: &Receiver<Asked>) -> Option<Asked> {
     while !progress::is_asked_to_end() {
         match requests.recv_timeout(LOOK) {
             Err(RecvTimeoutError::Timeout) => {}
@@ -70,18 +85,22 @@ fn next(requests: &Receiver<Request>) -> Option<Request> {
 }
 
 /// Hands requests over; to stop one is heard while it is answered. When nobody asks any more, whatever runs is to stop.
-fn listen(sender: &Sender<Request>) {
+fn listen(sender: &Sender<Asked>) {
     let mut last = 0;
     for line in stdin().lock().lines().map_while(Result::ok) {
         match serde_json::from_str(&line) {
             Ok(Line::Request(request)) => {
                 last = request.request;
-                if sender.send(request).is_err() {
+                if sender.send(Ok(request)).is_err() {
                     return;
                 }
             }
             Ok(Line::Stop { stop }) => progress::stop(stop),
-            Err(error) => tell!("error: a request that isn't understood ({error}): {line}"),
+            Err(error) => {
+                if sender.send(Err(format!("a request that isn't understood ({error}): {line}"))).is_err() {
+                    return;
+                }
+            }
         }
     }
     progress::stop(last);

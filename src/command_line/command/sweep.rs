@@ -18,6 +18,7 @@ use super::earlier::EarlierOptions;
 use super::loop_options::LoopOptions;
 use super::progress::{self, Bars, Counter};
 use super::results::PAGE;
+use crate::console;
 
 /// Written while the sweep goes on, and when it ends.
 const RECORD: &str = "sweep.json";
@@ -214,7 +215,7 @@ impl Task {
         };
         let is_whole = points.iter().all(Option::is_some);
         json!({ "loop": self.sweep.structure().name, "ended": if is_whole { "complete" } else { "interrupted" },
-                "runs": self.sweep.runs(), "points": made(points).map(point).collect::<Vec<_>>(), "results": folder })
+                "runs": self.sweep.runs(), "points": made(points).map(point).collect::<Vec<_>>(), "results": console::path(folder) })
     }
 }
 

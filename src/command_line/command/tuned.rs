@@ -10,6 +10,7 @@ use adaptive_fmu::tuning::{Best, Generation, Outcome, Range, Swarm, parameter_se
 use serde_json::{Map, Value, json};
 
 use super::tune::{Before, Ended, RECORD, Task};
+use crate::console;
 
 pub const TUNED: &str = "tuned.ssv";
 pub const CONVERGENCE: &str = "convergence.svg";
@@ -91,7 +92,7 @@ pub fn print(tuned: &Tuned, json: bool) {
             json!({ "loop": name, "ended": if ended.interrupted { "interrupted" } else { "complete" },
                     "objective": { "start": start, "best": best.value, "verified": again },
                     "parameters": parameters, "generations": tuned.swarm.history().len(), "runs": ended.runs,
-                    "failed": tuned.failed(), "seconds": took.as_secs_f64(), "results": folder })
+                    "failed": tuned.failed(), "seconds": took.as_secs_f64(), "results": console::path(folder) })
         );
         return;
     }
