@@ -113,6 +113,27 @@ def test_wrong_inputs_are_refused_by_line_and_name(fmu, tmp_path: Path) -> None:
     assert "`speed`" in refused(fmu(PLANT).path, "--set", "speed=1", "--out", tmp_path)
 
 
+def test_a_recording_longer_than_any_text_is_an_input(fmu, tmp_path: Path) -> None:
+    """Six megabytes, with the marks and the ends of lines of a spreadsheet."""
+    times = np.linspace(0, 1, 250_001)
+    rows = [f"{t!r},{0.1 * t!r}" for t in times.tolist()]
+    tables = []
+    for name, lines in [("long", rows), ("short", [rows[0], rows[-1]])]:
+        file = tmp_path / f"{name}.csv"
+        file.write_bytes("\ufefftime,u[1]\r\n".encode() + "\r\n".join([*lines, ""]).encode())
+        answer = adaptive_fmu("simulate", fmu(PLANT).path, "--input", file, "--until", "1", "--step", "0.01", "--out", tmp_path / name)
+        assert answer.returncode == 0, answer
+        tables.append(read_csv(tmp_path / name / PLANT / "result.csv"))
+    assert (tmp_path / "long.csv").stat().st_size > 6_000_000
+    for name in tables[0]:
+        assert tables[0][name] == pytest.approx(tables[1][name], abs=1e-9), name
+    with file.open("ab") as more:
+        more.write(b"2,\xff\r\n")
+    assert "line 4: is not UTF-8" in refused(fmu(PLANT).path, "--input", file)
+    file.write_text("time,u[1]\n0," + "0" * 5_000_000 + "\n")
+    assert "line 2: is longer than" in refused(fmu(PLANT).path, "--input", file)
+
+
 def test_a_failing_unit_keeps_what_was_computed(fmu, tmp_path: Path) -> None:
     for interface in ("cs", "me"):
         options = ["--set", "x0[1]=1", "--interface", interface, "--out", tmp_path / interface]

@@ -1,5 +1,7 @@
 //! Inputs over time, from a file of comma-separated values.
 
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use super::check::SHOWS_VARIABLES;
@@ -33,21 +35,63 @@ enum Kind {
     Boolean,
 }
 
+/// The longest line of a file, in bytes.
+const LONGEST_LINE: u64 = 1 << 22;
+
+/// The lines of a file that aren't empty, one after the other: what was recorded may be longer than the memory is.
+struct Lines<'a> {
+    file: &'a Path,
+    reader: BufReader<File>,
+    number: usize,
+    bytes: Vec<u8>,
+}
+
+impl<'a> Lines<'a> {
+    fn open(file: &'a Path) -> Result<Self, Error> {
+        let reader = BufReader::new(text_file::open(file).map_err(Error::file(file))?);
+        Ok(Lines { file, reader, number: 0, bytes: Vec::new() })
+    }
+
+    /// The next one with its number; none at the end of the file.
+    fn next(&mut self) -> Result<Option<(usize, &str)>, Error> {
+        let failed = |number: usize, reason: String| Error::Description {
+            file: self.file.to_owned(),
+            reason: format!("line {number}: {reason}"),
+        };
+        loop {
+            self.bytes.clear();
+            self.number += 1;
+            let read = self.reader.by_ref().take(LONGEST_LINE + 1).read_until(b'\n', &mut self.bytes);
+            if read.map_err(Error::file(self.file))? == 0 {
+                return Ok(None);
+            }
+            if self.bytes.len() as u64 > LONGEST_LINE {
+                return Err(failed(self.number, format!("is longer than {LONGEST_LINE} bytes")));
+            }
+            if !self.bytes.trim_ascii().is_empty() {
+                break;
+            }
+        }
+        let text = str::from_utf8(&self.bytes).map_err(|_| failed(self.number, "is not UTF-8".to_owned()))?;
+        // Spreadsheets begin a file with this mark.
+        Ok(Some((self.number, text.strip_prefix('\u{feff}').unwrap_or(text).trim_end_matches(['\n', '\r']))))
+    }
+}
+
 impl Inputs {
     /// Reads a file: a line of names, the first of which is `time`, then a line of numbers for each time, s.
     ///
     /// # Errors
     /// What is wrong, with its line; a name that is no input of the unit.
     pub fn read(file: &Path, description: &ModelDescription) -> Result<Self, Error> {
-        let text = text_file::read(file).map_err(Error::file(file))?;
-        // Spreadsheets begin a file with this mark.
-        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let refuse = |line: usize, reason: String| {
             let reason = format!("line {line}: {reason}");
             Error::Description { file: file.to_owned(), reason }
         };
-        let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-        let (_, head) = lines.next().ok_or_else(|| refuse(1, "must be the names of the columns".to_owned()))?;
+        let mut lines = Lines::open(file)?;
+        let Some((_, head)) = lines.next()? else {
+            return Err(refuse(1, "must be the names of the columns".to_owned()));
+        };
         let names = text_file::csv_fields(head);
         if names.first().is_none_or(|name| name.trim() != "time") {
             return Err(refuse(1, "the first column must be `time`, in s".to_owned()));
@@ -66,25 +110,25 @@ impl Inputs {
         };
         let mut columns: Vec<Column> = names[1..].iter().map(column).collect::<Result<_, _>>()?;
         let mut times = Vec::new();
-        for (line, text) in lines {
+        while let Some((line, text)) = lines.next()? {
             let fields = text_file::csv_fields(text);
             if fields.len() != names.len() {
-                return Err(refuse(line + 1, format!("has {} values for {} columns", fields.len(), names.len())));
+                return Err(refuse(line, format!("has {} values for {} columns", fields.len(), names.len())));
             }
             let number = |field: &String, name: &String| {
                 let number = field.trim().parse().ok().filter(|number: &f64| number.is_finite());
-                number.ok_or_else(|| refuse(line + 1, format!("{} = {field}: must be a finite number", name.trim())))
+                number.ok_or_else(|| refuse(line, format!("{} = {field}: must be a finite number", name.trim())))
             };
             let time = number(&fields[0], &names[0])?;
             if times.last().is_some_and(|last| time < *last) {
-                return Err(refuse(line + 1, format!("time = {time}: must not be before that of the line above")));
+                return Err(refuse(line, format!("time = {time}: must not be before that of the line above")));
             }
             times.push(time);
             for ((column, field), name) in columns.iter_mut().zip(&fields[1..]).zip(&names[1..]) {
                 let value = number(field, name)?;
                 column
                     .check(value)
-                    .map_err(|allowed| refuse(line + 1, format!("{} = {value}: {allowed}", name.trim())))?;
+                    .map_err(|allowed| refuse(line, format!("{} = {value}: {allowed}", name.trim())))?;
                 column.values.push(value);
             }
         }
