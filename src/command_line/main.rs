@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use adaptive_fmu::error::{Error, one_line};
-use adaptive_fmu::{cache, exporter, simulation};
+use adaptive_fmu::{begun, cache, exporter, simulation};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Adaptive controllers and their plants as FMI 2.0 units.
@@ -137,6 +137,7 @@ fn answer(words: &[String]) -> ExitCode {
 
 fn run(Arguments { command, global }: Arguments) -> ExitCode {
     static TOLD: Once = Once::new();
+    begun::note();
     global.apply();
     let code = match execute(command) {
         Ok(code) => code,

@@ -6,6 +6,7 @@
 #![deny(unsafe_code)]
 
 mod base64;
+pub mod begun;
 mod c_compiler;
 pub mod cache;
 mod decimal;

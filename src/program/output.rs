@@ -13,6 +13,7 @@ use std::sync::{Mutex, PoisonError};
 
 use tempfile::NamedTempFile;
 
+use crate::begun;
 use crate::error::Error;
 
 /// The end of the name of a file that isn't whole yet.
@@ -71,9 +72,7 @@ struct Written {
 impl Files {
     /// Files for a folder that is there.
     pub fn at(folder: &Path) -> Self {
-        // The parent of a plain name is empty.
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        Files { folder: folder.to_owned(), written: Vec::new() }
+        Files { folder: begun::path(named(folder)), written: Vec::new() }
     }
 
     /// Files for a folder that is made where it isn't there: the one that the user named, and one below it.
@@ -151,6 +150,11 @@ impl Files {
     }
 }
 
+/// The parent of a plain name is empty.
+fn named(folder: &Path) -> &Path {
+    if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
+}
+
 /// Writes one file.
 ///
 /// # Errors
@@ -168,15 +172,17 @@ pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
 /// When it can't be made, or a link or a file stands in its place.
 pub fn make_folder(out: &Path, below: &str) -> Result<PathBuf, Error> {
     static TIDIED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-    let out = Files::at(out).folder;
-    fs::create_dir_all(&out).map_err(Error::file(&out))?;
-    if TIDIED.lock().unwrap_or_else(PoisonError::into_inner).insert(out.clone()) {
-        remove_left_over(&out);
-        let inside = fs::read_dir(&out).into_iter().flatten().flatten();
+    begun::restore_mask();
+    let out = named(out);
+    let place = begun::path(out);
+    fs::create_dir_all(&place).map_err(Error::file(out))?;
+    if TIDIED.lock().unwrap_or_else(PoisonError::into_inner).insert(place.clone()) {
+        remove_left_over(&place);
+        let inside = fs::read_dir(&place).into_iter().flatten().flatten();
         let folders = inside.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
         folders.for_each(|folder| remove_left_over(&folder.path()));
     }
-    folder(&out, Path::new(below), true)
+    folder(out, Path::new(below), true)
 }
 
 /// Whether files of these names could be put into a folder below the one that the user named; nothing is made. What is
@@ -203,11 +209,12 @@ fn folder(out: &Path, below: &Path, make: bool) -> Result<PathBuf, Error> {
     let mut path = out.to_owned();
     for component in below.components() {
         path.push(component);
-        match fs::symlink_metadata(&path) {
+        let place = begun::path(&path);
+        match fs::symlink_metadata(&place) {
             Ok(found) if found.is_symlink() => return Err(a_link(&path)),
             Ok(found) if !found.is_dir() => return Err(refusal(&path, "is no folder: move it away")),
             Ok(_) => {}
-            Err(error) if error.kind() == ErrorKind::NotFound && make => match fs::create_dir(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound && make => match fs::create_dir(&place) {
                 Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(Error::file(&path)(error)),
                 _ => {}
             },
@@ -265,6 +272,7 @@ fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
 }
 
 fn created(folder: &Path, prefix: &OsStr) -> io::Result<NamedTempFile> {
+    begun::restore_mask();
     let mut builder = tempfile::Builder::new();
     builder.prefix(prefix).suffix(PART).rand_bytes(RANDOM);
     #[cfg(unix)]

@@ -6,6 +6,8 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use adaptive_fmu::begun;
+
 /// What opens a file by the program that the user chose for its kind.
 #[cfg(target_os = "windows")]
 const OPENER: &[&str] = &["cmd", "/C", "start", ""];
@@ -29,7 +31,7 @@ impl OpenOption {
     /// Opens the page, where that is asked for. A page that can't be opened is there all the same: a warning says why.
     pub fn show(self, page: &Path) {
         if self.open {
-            show(page.as_os_str());
+            show(begun::path(page).as_os_str());
         }
     }
 }

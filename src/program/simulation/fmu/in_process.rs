@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::kernel::Awaited;
 use super::messages::{Log, Messages, logger};
 use super::unit::{Answer, Call, RunningUnit};
+use crate::begun;
 use crate::dynamic::Library;
 use crate::exporter::with_causes;
 use crate::fmi2::calls::Function;
@@ -144,6 +145,8 @@ impl Binary {
 unsafe fn open(path: &Path) -> Result<Library, String> {
     // SAFETY: as this function asks of its caller.
     let opened = unsafe { Library::new(path) }.map_err(|error| with_causes(&error));
+    // Its initialisers may have moved the process, and there are other files to be read.
+    begun::restore();
     #[cfg(unix)]
     if let Err(reason) = &opened
         && super::python::is_missing(reason)
