@@ -1,7 +1,7 @@
 //! Checksums of contents, and JSON files that hold one of their own, so that a change by hand is noticed.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::path::Path;
 
 use serde_json::Value;
@@ -47,6 +47,42 @@ fn hash(mut file: File) -> io::Result<String> {
 
 fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// What writes on, and sums up what it writes.
+#[derive(Debug)]
+pub struct Summed<W> {
+    out: W,
+    hash: Sha256,
+}
+
+impl<W> Summed<W> {
+    /// Nothing is written yet.
+    pub fn new(out: W) -> Self {
+        Summed { out, hash: Sha256::new() }
+    }
+
+    /// What it writes to.
+    pub fn out(&self) -> &W {
+        &self.out
+    }
+
+    /// What it wrote to, and the SHA-256 checksum of what it wrote, in hexadecimal digits.
+    pub fn end(self) -> (W, String) {
+        (self.out, hexadecimal(&self.hash.finalize()))
+    }
+}
+
+impl<W: Write> Write for Summed<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.out.write(bytes)?;
+        self.hash.update(&bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
 }
 
 /// The content of a file, and whether its checksum fits.

@@ -1,5 +1,6 @@
 """Results tell how they came about, are run again, stand side by side, and have rows as few as are wanted."""
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -129,6 +130,53 @@ def test_results_of_an_earlier_version_and_no_results_are_refused(tmp_path: Path
     assert "later version" in fails("run", "--again", tmp_path)
 
 
+def cut(text: str) -> str:
+    """The end of the last number is gone."""
+    return text[:-3] + "\n"
+
+
+def without_numbers(text: str) -> str:
+    """A hundred rows of a column without a number."""
+    rows = [line.split(",") for line in text.splitlines()]
+    for row in rows[-20:]:
+        row[-5:] = ["nan"] * 5
+    return "".join(f"{','.join(row)}\n" for row in rows)
+
+
+DAMAGES = {
+    "a number that is cut": (cut, "not as its run wrote it"),
+    "nan": (without_numbers, "not as its run wrote it"),
+    "a number more": (lambda text: text.replace("0.1", "0.2", 1), "not as its run wrote it"),
+    "lost rows": (lambda text: text[: text.rindex("\n", 0, -1) + 1], "it has 50 rows of 51"),
+    "the file": (lambda _: None, "result.csv"),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGES)
+def test_a_damaged_table_is_neither_compared_nor_run_again(what: str, results: Path, tmp_path: Path) -> None:
+    folder, (damage, reason) = shutil.copytree(results, tmp_path / LOOP), DAMAGES[what]
+    table = folder / "result.csv"
+    damaged = damage(table.read_text())
+    table.unlink()
+    if damaged is not None:
+        table.write_text(damaged)
+    for words in [("compare", results, folder), ("run", "--again", folder)]:
+        told = fails(*words, "--out", tmp_path / "out")
+        assert str(table) in told and reason in told
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_without_checksums_are_compared_and_a_line_says_so(results: Path, tmp_path: Path) -> None:
+    """As version 0.1 wrote them."""
+    folder = shutil.copytree(results, tmp_path / LOOP)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["written"].pop("files").keys() == {"result.csv"}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    for words in [("compare", results, folder), ("run", "--again", folder)]:
+        answer = adaptive_fmu(*words, "--out", tmp_path / "out")
+        assert answer.returncode in (0, 3) and answer.stderr.count("hold no checksums, as version 0.1 wrote them") == 1, answer
+
+
 def test_runs_under_tags_stand_side_by_side(tmp_path: Path) -> None:
     for tag in ["slow", "fast"]:
         assert ran(tmp_path, "--tag", tag)["loop"] == f"{LOOP}@{tag}"
@@ -154,7 +202,9 @@ def test_few_rows_are_written_and_metrics_are_of_all_points(results: Path, tmp_p
 
 
 def test_parquet_holds_the_columns_of_the_csv_and_their_units(tmp_path: Path) -> None:
-    ran(tmp_path, "--parquet")
+    marks = ran(tmp_path, "--parquet")["written"]["files"]
+    for name in ["result.csv", "result.parquet"]:
+        assert marks[name]["checksum"] == hashlib.sha256((tmp_path / LOOP / name).read_bytes()).hexdigest()
     table, file = read_csv(tmp_path / LOOP / "result.csv"), tmp_path / LOOP / "result.parquet"
     read = pyarrow.parquet.read_table(file)
     assert read.column_names == list(table) and len(table) > 10
@@ -162,6 +212,12 @@ def test_parquet_holds_the_columns_of_the_csv_and_their_units(tmp_path: Path) ->
         assert np.array_equal(read[name].to_numpy(), table[name]), name
     told = {key.decode(): value.decode() for key, value in read.schema.metadata.items()}
     assert told["unit of time"] == "s"
+    assert {mark["rows"] for mark in marks.values()} == {len(table["time"])}
+    # The table's other form is checked as well.
+    content = file.read_bytes()
+    file.write_bytes(content[:-100] + bytes(1) + content[-99:])
+    assert str(file) in fails("run", "--again", tmp_path / LOOP)
+    file.write_bytes(content)
     assert pyarrow.parquet.ParquetFile(file).metadata.created_by.startswith("adaptive-fmu ")
     # A run without it leaves none of other numbers.
     ran(tmp_path)

@@ -3,23 +3,25 @@
 use std::path::Path;
 use std::process::ExitCode;
 
+use adaptive_fmu::begun;
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::{Asked, LoopFiles, Mark, Recorded, TABLE};
+use adaptive_fmu::simulation::{Asked, LoopFiles, Mark, TABLE};
 use serde_json::json;
 
 use super::hosting::HostingOptions;
 use super::loop_options::LoopOptions;
 use super::parameters::Parameters;
 use super::progress::Bars;
-use super::results::TableOptions;
+use super::results::{self, TableOptions};
 use super::run::{self, Arguments};
+use crate::console;
 
 /// What results of a repeated run are kept under.
 const TAG: &str = "again";
 
 /// Runs it with the settings that its results tell, and says what differs. The earlier results stay.
 pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> {
-    let earlier = Recorded::read(folder)?;
+    let earlier = results::earlier(folder)?;
     let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };
     let name = earlier.provenance.source.name.to_string_lossy().into_owned();
     LoopFiles::find(&name).map_err(|error| {
@@ -54,7 +56,7 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     if ended != earlier.ended {
         differences.push(format!("the run's end was {}, is {ended}", earlier.ended));
     }
-    let table = |folder: &Path| std::fs::read(folder.join(TABLE)).ok();
+    let table = |folder: &Path| std::fs::read(begun::path(&folder.join(TABLE))).ok();
     let same = done.folder.as_deref().and_then(table).is_some_and(|csv| Some(csv) == table(folder));
     differences.iter().for_each(|difference| tell!("differs from {}: {difference}", folder.display()));
     if same {
@@ -62,7 +64,7 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     } else {
         tell!("{TABLE} is not that of {}", folder.display());
     }
-    let told = json!({ "of": folder, "differences": differences, "same_numbers": same });
+    let told = json!({ "of": console::path(folder), "differences": differences, "same_numbers": same });
     run::finish(done, repeated.json, repeated.open, Some(("again", told)))
 }
 

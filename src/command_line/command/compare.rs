@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::{Comparison, LoopFiles, Recorded, RecordedRun, Report, Verdict};
+use adaptive_fmu::simulation::{Comparison, LoopFiles, RecordedRun, Report, Verdict};
 use adaptive_fmu::{output, parallel};
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;
 use super::open::OpenOption;
 use super::progress::{self, Bars};
+use super::results;
 use super::run::{self, Run, exit_code};
 use super::specification::Specification;
 use crate::console;
@@ -58,7 +59,7 @@ impl Compared {
             Compared::Earlier(run, folder) => {
                 let Report { structure, measured, ending, recording, .. } = run.report();
                 json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured,
-                        "warnings": recording.warnings, "results": folder, "seconds": null })
+                        "warnings": recording.warnings, "results": console::path(folder), "seconds": null })
             }
         }
     }
@@ -77,7 +78,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     require_places_of_their_own(runs, &planned, out)?;
     let one = |place: usize| match &runs[place] {
         Specification::Results(folder) => {
-            Ok(Compared::Earlier(Box::new(Recorded::read(folder)?.run()?), folder.clone()))
+            Ok(Compared::Earlier(Box::new(results::earlier(folder)?.run()?), folder.clone()))
         }
         Specification::Loop { name, .. } => {
             let arguments = run::Arguments::with(name, &planned[place], Some(out), runs[place].tag(), *json);
@@ -103,7 +104,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     files.place()?;
     if *json {
         let told: Vec<Value> = runs.iter().map(Compared::told).collect();
-        say!("{}", json!({ "loops": told, "page": page }));
+        say!("{}", json!({ "loops": told, "page": console::path(&page) }));
     } else {
         console::text(&comparison.table());
         aside!("the page with the diagrams of all is {}", page.display());

@@ -6,8 +6,10 @@ use std::sync::{Mutex, PoisonError};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::Files;
-use adaptive_fmu::parallel;
-use adaptive_fmu::simulation::{METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, svg, told};
+use adaptive_fmu::{begun, parallel};
+use adaptive_fmu::simulation::{
+    FILES, METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, TableMarks, Tabled, svg, told,
+};
 use serde_json::json;
 
 use super::loop_options::positive;
@@ -15,7 +17,7 @@ use super::loop_options::positive;
 pub const PLOT: &str = "plot.svg";
 pub const PAGE: &str = "index.html";
 /// The files of a run.
-pub const FILES: [&str; 5] = [TABLE, METRICS, PLOT, PAGE, PARQUET];
+pub const NAMES: [&str; 5] = [TABLE, METRICS, PLOT, PAGE, PARQUET];
 /// The longest name that results may be kept under, in characters.
 const LONGEST_TAG: usize = 80;
 
@@ -47,23 +49,32 @@ pub fn tag(text: &str) -> Result<String, String> {
     Ok(text.to_owned())
 }
 
+/// Results of an earlier run, as the run wrote them. Those of version 0.1 don't tell whether they are, which a line says.
+pub fn earlier(folder: &Path) -> Result<Recorded, Error> {
+    let earlier = Recorded::read(folder)?;
+    if !earlier.check()? {
+        remark!("{} hold no checksums, as version 0.1 wrote them: damage is not noticed", folder.display());
+    }
+    Ok(earlier)
+}
+
 /// Writes the files of a run; those of its table may be written already.
 pub fn write_results(
     report: &Report,
     provenance: Option<&Provenance>,
     tables: &TableOptions,
     out: &Path,
-    tabled: Option<Files>,
+    tabled: Option<Tabled>,
 ) -> Result<(), Error> {
     let Report { structure, recording, .. } = report;
     let wrong = |reason| Error::Loop { file: out.join(&structure.name), reason };
     let diagrams = report.diagrams().map_err(wrong)?;
-    let (mut files, table) = match tabled {
-        Some(files) => (files, None),
+    let (mut files, mut marks, table) = match tabled {
+        Some(Tabled { files, marks }) => (files, marks, None),
         None => {
             let files = Files::within(out, &structure.name)?;
             let table = Table::begin(&files, recording, tables.every, tables.parquet)?;
-            (files, Some(table))
+            (files, TableMarks::new(), Some(table))
         }
     };
     let table = Mutex::new(table);
@@ -79,9 +90,9 @@ pub fn write_results(
     let made = made.into_iter().collect::<Result<Vec<String>, Error>>()?;
     let [_, page, plot] = &made[..] else { unreachable!("a table and two texts were asked for") };
     if let Some(table) = table.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        table.finish(&mut files)?;
+        marks = table.finish(&mut files)?;
     }
-    let written = json!({ "every": tables.every, "parquet": tables.parquet });
+    let written = json!({ "every": tables.every, "parquet": tables.parquet, FILES: marks });
     files.add(METRICS, told(report, provenance, &written).to_string())?;
     files.add(PLOT, plot)?;
     files.add(PAGE, page)?;
@@ -90,7 +101,7 @@ pub fn write_results(
         return Ok(());
     }
     // That of an earlier run would be of other numbers.
-    let earlier = out.join(&structure.name).join(PARQUET);
+    let earlier = begun::path(&out.join(&structure.name).join(PARQUET));
     match std::fs::remove_file(&earlier) {
         Err(error) if error.kind() != ErrorKind::NotFound => Err(Error::file(&earlier)(error)),
         _ => Ok(()),

@@ -5,10 +5,10 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::output::{self, Files};
+use adaptive_fmu::output;
 use adaptive_fmu::simulation::{
     Diagram, Ended, Ending, LoopFiles, Measured, Provenance, Recorder, Recording, Report, Settings, Structure,
-    TablePlace, Thinned, Verdict,
+    TablePlace, Tabled, Thinned, Verdict,
 };
 use adaptive_fmu::simulation::{METRICS, TABLE, terminal};
 use serde_json::{Value, json};
@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use super::loop_options::LoopOptions;
 use super::open::OpenOption;
 use super::progress::{self, Bars, Progress};
-use super::results::{FILES, PAGE, PLOT, TableOptions, tag, write_results};
+use super::results::{NAMES, PAGE, PLOT, TableOptions, tag, write_results};
 use super::{again, run_all, serve};
 use crate::console;
 
@@ -119,9 +119,9 @@ pub struct Run {
     recording: Recording,
     measured: Vec<Measured>,
     ending: Ending,
-    /// Of a run too long for the memory, what its recording has; its table is in these files.
+    /// Of a run too long for the memory, what its recording has, and its table.
     thinned: Option<Thinned>,
-    tabled: Option<Files>,
+    tabled: Option<Tabled>,
     /// Where its results are, where it has any.
     pub folder: Option<PathBuf>,
     /// Why it did not come to its end.
@@ -139,7 +139,7 @@ impl Run {
     /// What a script wants of it.
     pub fn told(&self) -> Value {
         json!({ "loop": self.structure.name, "ended": self.ending.word(), "metrics": self.measured,
-                "warnings": self.recording.warnings, "results": self.folder, "seconds": self.took.as_secs_f64() })
+                "warnings": self.recording.warnings, "results": self.folder.as_deref().map(console::path), "seconds": self.took.as_secs_f64() })
     }
 }
 
@@ -149,7 +149,7 @@ pub fn about(report: &Report, results: Option<&Path>) -> Value {
     let Settings { start_time, stop_time, step, order } = settings;
     let plots: Vec<Value> = report.diagrams().unwrap_or_default().iter().map(Diagram::without_points).collect();
     json!({ "name": structure.name, "description": structure.description, "ended": ending.word(),
-            "metrics": measured, "results": results, "plots": plots,
+            "metrics": measured, "results": results.map(console::path), "plots": plots,
             "settings": { "start_time": start_time, "stop_time": stop_time, "step": step,
                           "order": (!whole).then(|| order.to_string()), "composite": whole,
                           "values": structure.all_values() } })
@@ -223,7 +223,7 @@ pub fn simulated(
     let whole = options.composite;
     let own_name = own_name(&structure, whole, tag);
     if let Some(out) = out {
-        output::check(out, &own_name, &FILES)?;
+        output::check(out, &own_name, &NAMES)?;
     }
     let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
@@ -243,7 +243,7 @@ pub fn simulated(
         .watch(|go_on| closed.run_in_blocks(settings, recorder.block(), |block| recorder.take(block), go_on));
     let took = begun.elapsed().saturating_sub(recorder.took());
     recording.details.iter().for_each(|text| detail!("{}: {text}", structure.name));
-    let Ended { measured, thinned, files: tabled } = recorder.end(&mut recording)?;
+    let Ended { measured, thinned, table: tabled } = recorder.end(&mut recording)?;
     structure.name = own_name;
     let folder = None;
     Ok(Run {

@@ -19,7 +19,7 @@ use super::loop_options::{check_points, positive};
 use super::names::Names;
 use super::open::OpenOption;
 use super::progress::{Bars, Progress};
-use super::results::{FILES, PAGE, TableOptions, write_results};
+use super::results::{NAMES, PAGE, TableOptions, write_results};
 use super::run::{RESULTS, about, exit_code};
 use super::serve;
 use crate::console;
@@ -96,7 +96,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let name = fmu.file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let out = serve::folder(arguments.out.as_deref(), RESULTS);
     if let Some(out) = out {
-        output::check(out, &name, &FILES)?;
+        output::check(out, &name, &NAMES)?;
     }
     let alone = Alone {
         fmu: &fmu,
@@ -173,7 +173,7 @@ fn print(report: &Report, results: Option<&Path>, json: bool) {
         say!(
             "{}",
             json!({ "fmu": structure.name, "ended": ending.word(), "time": report.end(), "last": last,
-                           "warnings": recording.warnings, "results": results })
+                           "warnings": recording.warnings, "results": results.map(console::path) })
         );
         return;
     }

@@ -1,5 +1,6 @@
 //! Results of an earlier run, read from its folder: what a comparison needs, and what the run can be repeated with.
 
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -10,9 +11,10 @@ use super::metrics::Measured;
 use super::page::{Ending, Report, Thinned};
 use super::provenance::{FORMAT, Provenance};
 use super::ssp::{Metric, PerformanceFunction, Statistic, Structure};
+use super::table::TableMarks;
 use crate::error::Error;
-use crate::sealed;
-use crate::text_file::csv_fields;
+use crate::sealed::{self, checksum_of_file};
+use crate::text_file::{self, csv_fields};
 
 /// Names of the files of a run.
 pub const TABLE: &str = "result.csv";
@@ -20,6 +22,9 @@ pub const TABLE: &str = "result.csv";
 pub const METRICS: &str = "metrics.json";
 /// The table as Apache Parquet, where that is asked for.
 pub const PARQUET: &str = "result.parquet";
+
+/// What the metrics tell, below `written`, of the files of the table.
+pub const FILES: &str = "files";
 
 /// A signal that a metric is about.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -95,6 +100,32 @@ impl Recorded {
         Ok(Recorded { folder: folder.to_owned(), provenance, written, ended, told })
     }
 
+    /// Checks the files of its table against what the run noted of them. False where it noted nothing, as version 0.1: then
+    /// damage isn't seen.
+    ///
+    /// # Errors
+    /// When one isn't as the run wrote it.
+    pub fn check(&self) -> Result<bool, Error> {
+        let file = self.folder.join(METRICS);
+        let marks = Option::<TableMarks>::deserialize(&self.written[FILES]);
+        let wrong = |error| Error::Loop { file, reason: format!("can't be read: {error}") };
+        let Some(marks) = marks.map_err(wrong)? else { return Ok(false) };
+        for (name, mark) in [TABLE, PARQUET].into_iter().filter_map(|name| Some((name, marks.get(name)?))) {
+            let file = self.folder.join(name);
+            // Nothing is read from the second form of the table.
+            if name == PARQUET && !file.exists() {
+                continue;
+            }
+            let rows = if name == TABLE { rows(&file)? } else { mark.rows };
+            if rows != mark.rows || checksum_of_file(&file)? != mark.checksum {
+                let counted = if rows == mark.rows { String::new() } else { format!(": it has {rows} rows of {}", mark.rows) };
+                let reason = format!("is not as its run wrote it{counted}; run the loop again by its name");
+                return Err(Error::Loop { file, reason });
+            }
+        }
+        Ok(true)
+    }
+
     /// The run as a comparison shows it. Its points are those of its table.
     ///
     /// # Errors
@@ -153,6 +184,21 @@ impl Recorded {
             }
         }
         if recording.times.is_empty() { Err(refuse(2, "must be the values at the first time")) } else { Ok(recording) }
+    }
+}
+
+/// The rows of a table behind its line of names, each of which ends with the end of a line.
+fn rows(file: &Path) -> Result<u64, Error> {
+    let mut opened = BufReader::new(text_file::open(file).map_err(Error::file(file))?);
+    let mut lines = 0;
+    loop {
+        let bytes = opened.fill_buf().map_err(Error::file(file))?;
+        if bytes.is_empty() {
+            return Ok(u64::saturating_sub(lines, 1));
+        }
+        lines += bytes.iter().filter(|&&byte| byte == b'\n').count() as u64;
+        let count = bytes.len();
+        opened.consume(count);
     }
 }
 

@@ -9,7 +9,7 @@ use super::kept::Kept;
 use super::metrics::{Measured, Meter, measure};
 use super::page::Thinned;
 use super::ssp::Structure;
-use super::table::Table;
+use super::table::{Table, TableMarks};
 use crate::error::Error;
 use crate::output::Files;
 
@@ -49,8 +49,17 @@ pub struct Ended {
     pub measured: Vec<Measured>,
     /// Which of its points were left out of the recording; none where it has all of them.
     pub thinned: Option<Thinned>,
-    /// The files of its table, not yet in their places, where points were left out.
-    pub files: Option<Files>,
+    /// Its table, where points were left out.
+    pub table: Option<Tabled>,
+}
+
+/// A table that is written.
+#[derive(Debug)]
+pub struct Tabled {
+    /// Its files, not yet in their places.
+    pub files: Files,
+    /// What they hold.
+    pub marks: TableMarks,
 }
 
 #[derive(Debug)]
@@ -103,13 +112,13 @@ impl<'a> Recorder<'a> {
         }
         let Some(Begun { mut files, table, meter, kept, points }) = self.begun else {
             let measured = measure(self.structure, recording).map_err(self.wrong())?;
-            return Ok(Ended { measured, thinned: None, files: None });
+            return Ok(Ended { measured, thinned: None, table: None });
         };
-        table.finish(&mut files)?;
+        let marks = table.finish(&mut files)?;
         let Recording { times, columns, .. } = kept.into_points();
         (recording.times, recording.columns) = (times, columns);
         let thinned = Thinned { of: points, every: self.place.and_then(|place| place.every) };
-        Ok(Ended { measured: meter.measured(), thinned: Some(thinned), files: Some(files) })
+        Ok(Ended { measured: meter.measured(), thinned: Some(thinned), table: Some(Tabled { files, marks }) })
     }
 
     fn add(&mut self, block: &mut Recording, place: TablePlace, ends: bool) -> Result<(), Error> {
@@ -155,8 +164,10 @@ mod tests {
 
     use super::super::closed_loop::Order;
     use super::super::recorded::TABLE;
+    use super::super::table::TableMark;
     use super::super::ssp::{IdealModel, Metric, PerformanceFunction, Plot, Statistic};
     use super::*;
+    use crate::sealed::checksum_of_file;
 
     fn structure() -> Structure {
         let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3, order: Order::Jacobi };
@@ -239,12 +250,16 @@ mod tests {
                 for values in [1, 10, 333, 3000] {
                     let (kept, ended) = in_blocks(&recording(count), folder.path(), every, values);
                     assert_eq!(bits(&ended.measured), bits(&measured));
-                    let Some(files) = ended.files else {
+                    let Some(Tabled { files, marks }) = ended.table else {
                         assert!(count as usize * 3 <= values + 2, "{count} points have been kept");
                         continue;
                     };
                     assert_eq!(ended.thinned, Some(Thinned { of: count as usize, every }));
                     files.place().unwrap();
+                    for (name, TableMark { checksum, .. }) in marks {
+                        let file = folder.path().join("loop").join(name);
+                        assert_eq!(checksum_of_file(&file).unwrap(), checksum);
+                    }
                     let csv = |name: &str| fs::read_to_string(folder.path().join(name).join(TABLE)).unwrap();
                     assert_eq!(csv("loop"), csv("whole"), "{count} points, every {every:?}, blocks of {values}");
                     assert_eq!((&kept.names, &kept.measures), (&whole.names, &whole.measures));
@@ -272,10 +287,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let of = recording(1000);
         let (kept, ended) = in_blocks(&of, folder.path(), None, 3000);
-        assert!(ended.files.is_none() && ended.thinned.is_none());
+        assert!(ended.table.is_none() && ended.thinned.is_none());
         assert!(kept.times == of.times && kept.columns[..2] == of.columns && kept.names.len() == 4);
         assert!(fs::read_dir(folder.path()).unwrap().next().is_none());
-        assert!(in_blocks(&of, folder.path(), None, 2997).1.files.is_some());
+        assert!(in_blocks(&of, folder.path(), None, 2997).1.table.is_some());
         // What isn't put into its place leaves nothing but the folder for it.
         assert!(fs::read_dir(folder.path().join("loop")).unwrap().next().is_none());
     }

@@ -1,6 +1,9 @@
 //! The table of a run, with all points or some, as files that are written while the run goes on.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
+
+use serde::{Deserialize, Serialize};
 
 use super::closed_loop::Recording;
 use super::recorded::{PARQUET, TABLE};
@@ -8,6 +11,7 @@ use crate::decimal;
 use crate::error::Error;
 use crate::output::{Files, Part};
 use crate::parquet;
+use crate::sealed::Summed;
 use crate::text_file::csv_field;
 
 /// Times this close to each other, in parts of the distance of rows, are the same.
@@ -15,17 +19,31 @@ const SAME: f64 = 1e-6;
 /// So many bytes of text are written at once.
 const AT_ONCE: usize = 1 << 16;
 
+/// What a file of a table holds, by which damage is noticed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TableMark {
+    /// How many rows.
+    pub rows: u64,
+    /// SHA-256.
+    pub checksum: String,
+}
+
+/// The files of a table by their names.
+pub type TableMarks = BTreeMap<String, TableMark>;
+
 /// The files of a table that is being written.
 #[derive(Debug)]
 pub struct Table {
     rows: Rows,
-    csv: Part,
+    /// How many were written.
+    count: u64,
+    csv: Summed<Part>,
     parquet: Option<Parquet>,
 }
 
 #[derive(Debug)]
 struct Parquet {
-    file: parquet::Writer<Part>,
+    file: parquet::Writer<Summed<Part>>,
     /// Units of measurement by the keys `unit of NAME`.
     texts: Vec<(String, String)>,
 }
@@ -38,11 +56,11 @@ impl Table {
     /// # Errors
     /// When a file can't be written.
     pub fn begin(files: &Files, recording: &Recording, every: Option<f64>, parquet: bool) -> Result<Self, Error> {
-        let mut csv = files.begin(TABLE)?;
+        let mut csv = Summed::new(files.begin(TABLE)?);
         let names: Vec<_> = recording.names.iter().map(|name| csv_field(name)).collect();
-        writeln!(csv, "time,{}", names.join(",")).map_err(Error::file(csv.file()))?;
+        writeln!(csv, "time,{}", names.join(",")).map_err(Error::file(csv.out().file()))?;
         let parquet = parquet.then(|| Parquet::begin(files.begin(PARQUET)?, recording)).transpose()?;
-        Ok(Table { rows: Rows::new(every), csv, parquet })
+        Ok(Table { rows: Rows::new(every), count: 0, csv, parquet })
     }
 
     /// Writes the rows among further points, with the last of them where no more follow.
@@ -51,22 +69,31 @@ impl Table {
     /// When a file can't be written.
     pub fn add(&mut self, points: &Recording, ends: bool) -> Result<(), Error> {
         let rows = self.rows.among(&points.times, ends);
-        push_csv(&mut self.csv, points, &rows).map_err(Error::file(self.csv.file()))?;
+        self.count += rows.len() as u64;
+        push_csv(&mut self.csv, points, &rows).map_err(Error::file(self.csv.out().file()))?;
         match &mut self.parquet {
             Some(parquet) => parquet.add(points, &rows),
             None => Ok(()),
         }
     }
 
-    /// Adds the files to those that are put into their places.
+    /// Adds the files to those that are put into their places; what they hold.
     ///
     /// # Errors
     /// When one can't be written.
-    pub fn finish(self, files: &mut Files) -> Result<(), Error> {
-        files.finish(self.csv)?;
-        let Some(Parquet { file, texts }) = self.parquet else { return Ok(()) };
-        let name = file.out().file().to_owned();
-        files.finish(file.finish(&texts).map_err(Error::file(name))?)
+    pub fn finish(self, files: &mut Files) -> Result<TableMarks, Error> {
+        let mut marks = TableMarks::new();
+        let mut add = |name: &str, file: Summed<Part>| {
+            let (part, checksum) = file.end();
+            marks.insert(name.to_owned(), TableMark { rows: self.count, checksum });
+            files.finish(part)
+        };
+        add(TABLE, self.csv)?;
+        if let Some(Parquet { file, texts }) = self.parquet {
+            let name = file.out().out().file().to_owned();
+            add(PARQUET, file.finish(&texts).map_err(Error::file(name))?)?;
+        }
+        Ok(marks)
     }
 }
 
@@ -77,7 +104,7 @@ impl Parquet {
         let texts = units.map(|(name, unit)| (format!("unit of {name}"), unit.to_owned())).collect();
         let names = std::iter::once("time".to_owned()).chain(names.iter().cloned()).collect();
         let file = part.file().to_owned();
-        Ok(Parquet { file: parquet::Writer::new(part, names).map_err(Error::file(file))?, texts })
+        Ok(Parquet { file: parquet::Writer::new(Summed::new(part), names).map_err(Error::file(file))?, texts })
     }
 
     /// Rows of further points are a group, where there are some.
@@ -88,7 +115,7 @@ impl Parquet {
         let columns = std::iter::once(&points.times).chain(&points.columns);
         let columns = columns.map(|column| rows.iter().map(|&row| column[row]));
         let written = self.file.group(rows.len(), columns);
-        written.map_err(Error::file(self.file.out().file()))
+        written.map_err(Error::file(self.file.out().out().file()))
     }
 }
 
