@@ -97,9 +97,9 @@ def children(of: int) -> list[int]:
 
 def test_units_in_processes_of_their_own_leave_the_answer_to_the_program(tmp_path: Path) -> None:
     """Slurm, systemd and containers ask all processes to end."""
-    exported = adaptive_fmu("export", "NonlinearSiso", "--compile", "--out", tmp_path)
+    exported = adaptive_fmu("export", "ReferenceNonlinearSiso", "--compile", "--out", tmp_path)
     assert exported.returncode == 0, exported.stderr
-    words = ["simulate", tmp_path / "NonlinearSiso.fmu", "--until", "9000", "--step", "1e-3", "--json", "--out", tmp_path]
+    words = ["simulate", tmp_path / "ReferenceNonlinearSiso.fmu", "--until", "9000", "--step", "1e-3", "--json", "--out", tmp_path]
     with started(*words) as process:
         eventually(lambda: listens(process) and any(map(listens, children(process.pid))))
         for unit in children(process.pid):
