@@ -1,9 +1,9 @@
 //! The variables that every model has beside its own, and the memory of its simulation.
 
-use crate::integrator::{Driver, ExplicitLimits, IntegrationMethod, Limits, Mode, Pace, WORK_LIMIT};
+use crate::integrator::{Driver, ExplicitLimits, IntegrationMethod, Limits, MOST_EVIDENCE, Mode, Pace, WORK_LIMIT};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DiscreteHandle, Handle, IntegerOf, Memory, Parameter, Point, ScalarOf,
-    Section, Span, Values, VectorOf, boolean, choice, integer, scalar, vector,
+    Section, Span, Values, Variables, VectorOf, boolean, choice, integer, scalar, vector,
 };
 
 /// Tolerances below this only add up rounding errors.
@@ -194,6 +194,12 @@ impl Controls {
         ]
     }
 
+    /// Sections of integers of which a copy is kept in the memory, and where in the block it begins.
+    pub(crate) fn kept_integers(&self, variables: &Variables) -> [(Section, usize); 2] {
+        let memory = variables.integers(Section::Memory).start;
+        [(Section::Parameter, memory + self.valid_integers), (Section::Input, memory + self.last_integer_inputs)]
+    }
+
     /// The same of integers: section, and place there.
     pub(crate) fn integers(&self) -> Vec<(&'static str, Option<(Section, usize)>)> {
         let kept = |place: usize| Some((Section::Memory, place));
@@ -238,7 +244,7 @@ impl PaceMemory {
             substep_8: d.memory(scalar("#substep of order 8", "")),
             own_substep: d.memory(scalar("#own substep", "")),
             stiff: d.memory(boolean("#stiff", "")),
-            evidence: d.memory(integer("#evidence", "")),
+            evidence: d.memory(integer("#evidence", "").within(-MOST_EVIDENCE, MOST_EVIDENCE)),
             limits: ["#stable", "#growing", "#stable 8", "#growing 8", "#stiff limit", "#growth", "#frequency"]
                 .map(|name| d.memory(scalar(name, ""))),
             jacobian_size: d.memory(scalar("#Jacobian", "")),

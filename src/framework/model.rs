@@ -1,6 +1,7 @@
 //! A model: a system made from its description, with all its variables, ready to be run.
 
 mod preparing;
+mod stored;
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
@@ -273,7 +274,7 @@ impl Model {
         if variables.states() > 0 {
             documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
         }
-        let start = start_block(&variables);
+        let start = start_block(&variables, &controls);
         let mut nominals = vec![1.0; variables.states()];
         for state in variables.iter().filter(|v| v.section == Section::State).flat_map(Variable::elements) {
             nominals[state.place()] = state.nominal();
@@ -410,7 +411,7 @@ impl Block {
     }
 }
 
-fn start_block(variables: &Variables) -> Block {
+fn start_block(variables: &Variables, controls: &Controls) -> Block {
     let mut reals = vec![0.0; variables.reals(Section::Memory).end];
     let mut integers = vec![0; variables.integers(Section::Memory).end];
     for element in variables.iter().flat_map(|variable| variable.elements()) {
@@ -420,6 +421,9 @@ fn start_block(variables: &Variables) -> Block {
             Data::Integer { start, .. } | Data::Choice { start, .. } => integers[index] = *start,
             Data::Boolean { start } => integers[index] = i32::from(*start),
         }
+    }
+    for (section, kept) in controls.kept_integers(variables) {
+        integers.copy_within(variables.integers(section), kept);
     }
     Block { reals, integers }
 }

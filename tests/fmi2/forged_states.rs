@@ -157,3 +157,79 @@ fn an_event_whose_time_is_no_number_is_not_passed_over() {
         assert!(message.contains("NaN") && message.contains("the time of the next event"), "{message}");
     }
 }
+
+/// Puts an integer into a state at a place of the block, and a byte elsewhere; the state as bytes.
+fn with_integer(unit: &Unit, state: &[u8], place: usize, value: i32) -> Vec<u8> {
+    let first = state.len() - 4 * (unit.model.variables().integers(Section::Memory).end - place);
+    with_bytes(state, first, &value.to_le_bytes())
+}
+
+fn with_bytes(state: &[u8], first: usize, bytes: &[u8]) -> Vec<u8> {
+    let mut state = state.to_vec();
+    state[first..first + bytes.len()].copy_from_slice(bytes);
+    let checksum = crc32fast::hash(&state[CHECKSUM.end..]).to_le_bytes();
+    state[CHECKSUM].copy_from_slice(&checksum);
+    state
+}
+
+#[test]
+fn an_integer_that_no_instance_has_is_refused() {
+    for (name, kind) in description_names().iter().flat_map(|name| [(name, CO_SIMULATION), (name, MODEL_EXCHANGE)]) {
+        let unit = Unit::made(REGISTRY, &description(name), kind);
+        running(&unit, kind, unit.model.description().experiment.step);
+        let (state, variables) = (unit.fingerprint(), unit.model.variables());
+        let mut refused = 0;
+        for place in 0..variables.integers(Section::Memory).end {
+            let element = variables.visible().find(|it| !it.variable.is_real() && variables.index(*it) == place);
+            // Counts and seeds may be any number, and so may copies of them.
+            let is_any = unit.model.integer_ranges()[place] == (i32::MIN, i32::MAX);
+            let limits = element.map(|it| it.variable.data.integers());
+            let beyond: Vec<i32> = match limits {
+                Some((least, most)) => least.checked_sub(1).into_iter().chain(most.checked_add(1)).collect(),
+                None if is_any => Vec::new(),
+                None => vec![i32::MIN, 2_000_000_000],
+            };
+            for value in beyond {
+                let (shown, forged) = (format!("= {value}: must be within"), with_integer(&unit, &state, place, value));
+                let named = element.map_or("internal value".to_owned(), |it| it.name());
+                unit.refuses(&["fmi2DeSerializeFMUstate", &shown, &named], |unit| unit.deserialise(&forged).0);
+                refused += 1;
+            }
+        }
+        assert!(refused > 10, "{name}: {refused}");
+    }
+}
+
+#[test]
+fn steps_beyond_any_use_a_phase_of_the_other_interface_and_a_stop_time_that_is_none_are_refused() {
+    let unit = Unit::started("NonlinearSiso");
+    let state = unit.fingerprint();
+    let steps = unit.reference("fixed_steps") as usize - unit.model.variables().reals(Section::Memory).end;
+    let forged = with_integer(&unit, &state, steps, 500_000_000);
+    let told = "fixed_steps = 500000000: must be within 1 … 10000";
+    unit.refuses(&[told], |unit| unit.deserialise(&forged).0);
+    // Behind magic, version, checksum and identity.
+    let (phase, stop_time) = (32, 33);
+    for number in [2, 3, 8, 9, 255] {
+        unit.refuses(&["no such phase"], |unit| unit.deserialise(&with_bytes(&state, phase, &[number])).0);
+    }
+    for (flag, time) in [(2, 1.0), (1, f64::NAN), (1, f64::INFINITY)] {
+        let bytes = [&[flag][..], &f64::to_le_bytes(time)].concat();
+        unit.refuses(&["its stop time is none"], |unit| unit.deserialise(&with_bytes(&state, stop_time, &bytes)).0);
+    }
+    let (status, saved) = unit.deserialise(&state);
+    assert_eq!((status, unit.restore(saved)), (OK, OK));
+}
+
+#[test]
+fn a_parameter_that_waits_may_be_beyond_its_limits_and_is_refused_when_it_would_come_into_force() {
+    let unit = Unit::new("NonlinearSiso");
+    assert_eq!(unit.set_integer("fixed_steps", 0), OK);
+    let state = unit.fingerprint();
+    let other = Unit::new("NonlinearSiso");
+    let (status, saved) = other.deserialise(&state);
+    assert_eq!((status, other.restore(saved)), (OK, OK));
+    other.enter(0.0);
+    assert_eq!(other.exit(), ERROR);
+    assert!(other.last_message().contains("fixed_steps = 0: must be within 1 … 10000"), "{}", other.last_message());
+}

@@ -4,6 +4,7 @@ bit for bit, and say the same."""
 import ctypes
 import random
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -229,6 +230,34 @@ def test_co_simulation_is_the_same_at_any_calls(name: str, seed: int, forms: Cal
         if k in (5, 15) and seed > 0:
             pair.ask("begin", lambda unit, k=k: [unit.slave.enterInitializationMode, unit.slave.exitInitializationMode][k > 5]())
         pair.call([pair.go_on, pair.go_on, pair.use_slopes])
+
+
+@pytest.mark.parametrize("name", ["L1NonlinearSiso", "Reference"])
+def test_integers_of_a_saved_state_that_no_instance_has_are_refused_alike(name: str, forms: Callable) -> None:
+    """With a checksum that fits. Their number stands before the values, which end the bytes."""
+    pair, checksum, count = Pair(forms(Unit, name), 0), slice(12, 16), slice(50, 58)
+    for unit in pair.forms:
+        unit.start()
+
+    def forged(place: int, value: int) -> Any:
+        def read(unit: Unit) -> None:
+            written = bytearray(unit.slave.serializeFMUstate(unit.slave.getFMUstate()))
+            first = len(written) - 4 * (int.from_bytes(written[count], "little") - place)
+            written[first : first + 4] = struct.pack("<i", value)
+            written[checksum] = struct.pack("<I", zlib.crc32(written[checksum.stop :]))
+            unit.slave.deSerializeFMUstate(bytes(written))
+
+        return pair.ask(f"integer {place} = {value}", read)
+
+    written = pair.forms[0].slave.serializeFMUstate(pair.forms[0].slave.getFMUstate())
+    places = range(int.from_bytes(written[count], "little"))
+    refused = [forged(place, value) == 3 for place in places for value in (-(2**31), 2_000_000_000)]
+    assert sum(refused) > len(places) and all(forged(place, 1) is None for place in places)
+    if "fixed_steps" in pair.forms[0].fmu.variables:
+        reference = pair.forms[0].fmu.variables["fixed_steps"].valueReference
+        reals = int.from_bytes(written[42:50], "little")
+        assert forged(reference - reals, 500_000_000) == 3
+        assert "fixed_steps = 500000000: must be within 1 … 10000" in pair.forms[1].messages[-1].text
 
 
 @pytest.mark.parametrize("method", ["automatic", "stiff", "fixed"])

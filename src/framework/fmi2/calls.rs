@@ -65,6 +65,16 @@ impl Phase {
         Phase::Poisoned,
     ];
 
+    /// Whether an instance of this interface may be saved in it.
+    pub fn is_of(self, interface: Interface) -> bool {
+        match self {
+            Phase::Event | Phase::ContinuousTime => interface == Interface::ModelExchange,
+            Phase::StepComplete | Phase::StepFailed => interface == Interface::CoSimulation,
+            Phase::Poisoned => false,
+            _ => true,
+        }
+    }
+
     const fn bit(self) -> u16 {
         1 << self as u8
     }

@@ -4,7 +4,7 @@ use std::hash::{BuildHasher, RandomState};
 
 use uuid::Uuid;
 
-use crate::model::Block;
+use crate::model::{Block, Model};
 
 use super::calls::{Interface, Phase};
 
@@ -52,11 +52,16 @@ pub fn serialise(snapshot: &Snapshot, identity: [u8; 16]) -> Vec<u8> {
     [MAGIC, &VERSION.to_le_bytes()[..], &checksum.to_le_bytes(), &content].concat()
 }
 
-/// A state from bytes, for an instance with blocks like `like`.
+/// A state from bytes, for an instance of a model.
 ///
 /// # Errors
 /// Why these bytes are no state of such an instance.
-pub fn deserialise(bytes: &[u8], identity: [u8; 16], like: &Block) -> Result<Snapshot, String> {
+pub fn deserialise(
+    bytes: &[u8],
+    (identity, interface): ([u8; 16], Interface),
+    model: &Model,
+) -> Result<Snapshot, String> {
+    let like = model.start();
     let expected = serialised_size(like);
     if bytes.len() != expected {
         return Err(format!("{} bytes; a state of this unit has {expected}", bytes.len()));
@@ -82,8 +87,9 @@ pub fn deserialise(bytes: &[u8], identity: [u8; 16], like: &Block) -> Result<Sna
         return Err("a state of another unit, of another version of this one, or of its other interface".to_owned());
     }
     let phase = take(1)[0];
-    let phase = *Phase::ALL.get(phase as usize).ok_or("corrupted: no such phase")?;
-    let has_stop_time = take(1)[0] != 0;
+    let phase = Phase::ALL.get(phase as usize).filter(|phase| phase.is_of(interface)).copied();
+    let phase = phase.ok_or("corrupted: no such phase")?;
+    let has_stop_time = take(1)[0];
     let stop_time = f64_of(take(8));
     let (reals, integers) = (u64_of(take(8)), u64_of(take(8)));
     if (reals, integers) != (like.reals.len() as u64, like.integers.len() as u64) {
@@ -91,7 +97,12 @@ pub fn deserialise(bytes: &[u8], identity: [u8; 16], like: &Block) -> Result<Sna
     }
     let reals = take(8 * like.reals.len()).chunks_exact(8).map(f64_of).collect();
     let integers = take(4 * like.integers.len()).chunks_exact(4).map(|bytes| u32_of(bytes) as i32).collect();
-    Ok(Snapshot { block: Block { reals, integers }, phase, stop_time: has_stop_time.then_some(stop_time) })
+    if has_stop_time > 1 || (has_stop_time == 1 && !stop_time.is_finite()) {
+        return Err("corrupted: its stop time is none".to_owned());
+    }
+    let block = Block { reals, integers };
+    model.check_integers(&block).map_err(|reason| format!("corrupted: {reason}"))?;
+    Ok(Snapshot { block, phase, stop_time: (has_stop_time == 1).then_some(stop_time) })
 }
 
 fn u32_of(bytes: &[u8]) -> u32 {

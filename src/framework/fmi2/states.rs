@@ -67,7 +67,8 @@ impl Instance {
     /// When the bytes are no state of this unit.
     pub fn deserialise(&mut self, bytes: &[u8]) -> Answer<usize> {
         let refuse = |reason: String| Refused(format!("fmi2DeSerializeFMUstate: {reason}"));
-        let snapshot = snapshot::deserialise(bytes, self.identity, self.execution.block()).map_err(refuse)?;
+        let snapshot =
+            snapshot::deserialise(bytes, (self.identity, self.interface), self.execution.model()).map_err(refuse)?;
         self.slots.save(snapshot).map_err(refuse)
     }
 }

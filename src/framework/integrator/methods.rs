@@ -20,6 +20,8 @@ const MOST_STATES: usize = 2000;
 const LIMITED: f64 = 0.5;
 /// How many more substeps must speak for the explicit method than against it before it is taken.
 const EVIDENCE: i32 = 15;
+/// Evidence isn't counted beyond this, where the method is one that was asked for.
+pub const MOST_EVIDENCE: i32 = 1_000_000_000;
 /// After a change back to the explicit method, the next trial takes so many times the evidence more.
 const PATIENCE: i32 = 4;
 
@@ -409,7 +411,7 @@ impl Methods {
             !whole && h * stable > LIMITED && stiff * self.relative_work < explicit
         };
         if against {
-            pace.evidence += 1;
+            pace.evidence += i32::from(pace.evidence < MOST_EVIDENCE);
         } else if pace.evidence > 0 {
             pace.evidence -= 1;
         }

@@ -74,7 +74,7 @@ pub use chosen::{Chosen, Integrates};
 pub use driver::Driver;
 pub(crate) use driver::check_divergence;
 pub(crate) use elimination::{LOST, Pattern};
-pub use methods::{IntegrationMethod, Pace};
+pub use methods::{IntegrationMethod, MOST_EVIDENCE, Pace};
 pub use sparsity::Sparsity;
 pub use stability::{ExplicitLimits, Limits, Mode};
 pub use work::Work;

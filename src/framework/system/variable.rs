@@ -118,12 +118,21 @@ impl Data {
                 let too_small = min.is_some_and(|min| value < min || (*above_min && value <= min));
                 !too_small && max.is_none_or(|max| value <= max) && value.is_finite()
             }
-            Data::Integer { limits, .. } => {
-                let (least, most) = limits.unwrap_or((i32::MIN, i32::MAX));
+            Data::Boolean { .. } => value == 0.0 || value == 1.0,
+            Data::Integer { .. } | Data::Choice { .. } => {
+                let (least, most) = self.integers();
                 (f64::from(least)..=f64::from(most)).contains(&value)
             }
-            Data::Boolean { .. } => value == 0.0 || value == 1.0,
-            Data::Choice { items, .. } => (1.0..=items.len() as f64).contains(&value),
+        }
+    }
+
+    /// The least and the greatest of the integers that are stored for a value that is no real number.
+    pub fn integers(&self) -> (i32, i32) {
+        match self {
+            Data::Boolean { .. } => (0, 1),
+            Data::Choice { items, .. } => (1, items.len() as i32),
+            Data::Integer { limits, .. } => limits.unwrap_or((i32::MIN, i32::MAX)),
+            Data::Real { .. } => (i32::MIN, i32::MAX),
         }
     }
 }

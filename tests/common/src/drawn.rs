@@ -93,6 +93,6 @@ impl Unit {
     /// All values.
     pub fn block(&self) -> Block {
         let identity = snapshot::identity(model_description::guid(&self.model), Interface::CoSimulation, SOURCE);
-        snapshot::deserialise(&self.fingerprint(), identity, self.model.start()).unwrap().block
+        snapshot::deserialise(&self.fingerprint(), (identity, Interface::CoSimulation), &self.model).unwrap().block
     }
 }

@@ -139,8 +139,12 @@ fn real_variables(unit: &Unit) -> String {
 fn integer_variables(unit: &Unit) -> String {
     let variables = unit.model.variables();
     let references = References::new(variables);
-    let hidden = "{ NULL, ACCESS_HIDDEN, TYPE_INTEGER, 0, 0, 0, NULL }".to_owned();
-    let mut rows = vec![hidden; unit.start.integers.len()];
+    let ranges = unit.model.integer_ranges();
+    let range = |(least, most): (i32, i32)| {
+        if (least, most) == (i32::MIN, i32::MAX) { "0, 0, 0".to_owned() } else { format!("1, {least}, {most}") }
+    };
+    let hidden = |limits: &(i32, i32)| format!("{{ NULL, ACCESS_HIDDEN, TYPE_INTEGER, {}, NULL }}", range(*limits));
+    let mut rows: Vec<String> = ranges.iter().map(hidden).collect();
     for element in variables.visible().filter(|element| !element.variable.is_real()) {
         let place = variables.index(element);
         let reference = References::of(variables, element);
@@ -148,15 +152,15 @@ fn integer_variables(unit: &Unit) -> String {
         let Ok((_, can)) = references.find(reference, is) else { continue };
         let can = access(can);
         let kind = if is == Type::Boolean { "TYPE_BOOLEAN" } else { "TYPE_INTEGER" };
-        let rest = match &element.variable.data {
-            Data::Integer { limits: Some((min, max)), .. } => format!("1, {min}, {max}, NULL"),
+        let items = match &element.variable.data {
             Data::Choice { items, .. } => {
                 let named = items.iter().enumerate().map(|(k, (name, _))| format!("{} {name}", k + 1));
-                format!("1, 1, {}, {}", items.len(), quoted(&named.collect::<Vec<_>>().join(", ")))
+                quoted(&named.collect::<Vec<_>>().join(", "))
             }
-            _ => "0, 0, 0, NULL".to_owned(),
+            _ => "NULL".to_owned(),
         };
-        rows[place] = format!("{{ {}, {can}, {kind}, {rest} }}", quoted(&element.name()));
+        let limits = range(ranges[place]);
+        rows[place] = format!("{{ {}, {can}, {kind}, {limits}, {items} }}", quoted(&element.name()));
     }
     if rows.is_empty() {
         rows.push("{ NULL, ACCESS_HIDDEN, TYPE_INTEGER, 0, 0, 0, NULL }".to_owned());

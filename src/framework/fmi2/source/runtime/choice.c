@@ -54,6 +54,8 @@ static real explicit_limit(const ExplicitLimits *limits) {
 #define EVIDENCE 15
 /* The same for the stiff one: they take as long as a trial that ends with the evidence for the explicit method. */
 #define EVIDENCE_TO_TRY ((int)(RELATIVE_WORK * (real)EVIDENCE))
+/* Evidence isn't counted beyond this, where the method is one that was asked for. */
+#define MOST_EVIDENCE 1000000000
 /* After a change back to the explicit method, the next trial takes so many times the evidence more. */
 #define TRIAL_PATIENCE 4
 
@@ -158,7 +160,7 @@ static void judge(const Driver *driver, real h, int whole, Pace *pace) {
         against = !whole && h * stable > LIMITED && limits->stiff * RELATIVE_WORK < least;
     }
     if (against) {
-        pace->evidence += 1;
+        pace->evidence += pace->evidence < MOST_EVIDENCE;
     } else if (pace->evidence > 0) {
         pace->evidence -= 1;
     } else {

@@ -30,7 +30,7 @@ typedef struct {
     const char *name;
     unsigned char access;
     unsigned char type;
-    unsigned char has_limits; /* of an integer, or the items of a choice */
+    unsigned char has_limits; /* of any integer, hidden ones too, in the block; else it may be any */
     int min;
     int max;
     const char *items; /* "1 hold, 2 extrapolate" of a choice; NULL elsewhere */

@@ -179,6 +179,57 @@ static fmi2Status serialise(Call *call, fmi2FMUstate name, unsigned char *bytes,
     return fmi2OK;
 }
 
+static int integer_at(const unsigned char *bytes, int place) {
+    int value;
+    uint32_t bits = (uint32_t)take_bytes(bytes + OFFSET_INTEGERS + 4 * place, 4);
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static double stop_time_of(const unsigned char *bytes) {
+    double stop_time;
+    uint64_t bits = take_bytes(bytes + OFFSET_STOP_TIME, 8);
+    memcpy(&stop_time, &bits, sizeof stop_time);
+    return stop_time;
+}
+
+/* Whether an instance of this interface may be saved in a phase. */
+static int is_phase_of(fmi2Type interface, unsigned char phase) {
+    int is_exchange = phase == PHASE_EVENT || phase == PHASE_CONTINUOUS_TIME;
+    int is_stepped = phase == PHASE_STEP_COMPLETE || phase == PHASE_STEP_FAILED;
+    return phase < PHASES && !(interface == fmi2CoSimulation ? is_exchange : is_stepped);
+}
+
+/* Refuses integers that no instance has. A parameter that waits to be taken over may be beyond its limits: it is refused
+ * then. */
+static int check_integers(Call *call, const unsigned char *bytes) {
+    int any_waits = UNIT_INTEGERS > 0 && integer_at(bytes, AT_PARAMETERS_SET) == 1;
+    for (int place = 0; place < UNIT_INTEGERS; place++) {
+        const IntegerVariable *variable = &unit_integer_variables[place];
+        int value = integer_at(bytes, place);
+        int is_parameter = place >= FIRST_INTEGER_PARAMETER && place - FIRST_INTEGER_PARAMETER < UNIT_INTEGER_PARAMETERS;
+        int waits = any_waits && is_parameter && variable->type == TYPE_INTEGER && variable->items == NULL;
+        if (!variable->has_limits || waits || (value >= variable->min && value <= variable->max)) {
+            continue;
+        }
+        text_add(why(call), ": corrupted: ");
+        if (variable->access != ACCESS_HIDDEN) {
+            text_add(&call->why, variable->name);
+        } else {
+            text_add(&call->why, "internal value ");
+            text_integer(&call->why, place);
+        }
+        text_add(&call->why, " = ");
+        text_integer(&call->why, value);
+        text_add(&call->why, ": must be within ");
+        text_integer(&call->why, variable->min);
+        text_add(&call->why, " … ");
+        text_integer(&call->why, variable->max);
+        return 0;
+    }
+    return 1;
+}
+
 /* Whether these are bytes of a state of this unit and interface. */
 static int check_bytes(Call *call, const unsigned char *bytes, size_t size) {
     const char *reason = NULL;
@@ -197,17 +248,19 @@ static int check_bytes(Call *call, const unsigned char *bytes, size_t size) {
         reason = ": corrupted: the checksum does not fit";
     } else if (memcmp(bytes + OFFSET_IDENTITY, state_identities[call->instance->interface], 16) != 0) {
         reason = ": a state of another unit, of another version of this one, or of its other interface";
-    } else if (bytes[OFFSET_PHASE] >= PHASES) {
+    } else if (!is_phase_of(call->instance->interface, bytes[OFFSET_PHASE])) {
         reason = ": corrupted: no such phase";
     } else if (take_bytes(bytes + OFFSET_SIZES, 8) != UNIT_REALS || take_bytes(bytes + OFFSET_SIZES + 8, 8) != UNIT_INTEGERS) {
         reason = ": corrupted: its sizes are not those of this unit";
+    } else if (bytes[OFFSET_HAS_STOP_TIME] > 1 || (bytes[OFFSET_HAS_STOP_TIME] == 1 && !isfinite(stop_time_of(bytes)))) {
+        reason = ": corrupted: its stop time is none";
     } else {
         /* Nothing is wrong with them. */
     }
     if (reason != NULL) {
         refused(call, reason);
     }
-    return reason == NULL;
+    return reason == NULL && check_integers(call, bytes);
 }
 
 static fmi2Status deserialise(Call *call, const unsigned char *bytes, size_t size, fmi2FMUstate *name) {
@@ -219,17 +272,15 @@ static fmi2Status deserialise(Call *call, const unsigned char *bytes, size_t siz
         return refused_for_room(call);
     }
     Snapshot *saved = slot->saved;
-    uint64_t stop_time = take_bytes(bytes + OFFSET_STOP_TIME, 8);
     saved->phase = (Phase)bytes[OFFSET_PHASE];
-    saved->has_stop_time = bytes[OFFSET_HAS_STOP_TIME] != 0;
-    memcpy(&saved->stop_time, &stop_time, sizeof stop_time);
+    saved->has_stop_time = bytes[OFFSET_HAS_STOP_TIME];
+    saved->stop_time = stop_time_of(bytes);
     for (size_t k = 0; k < UNIT_REALS; k++) {
         RealBits bits = (RealBits)take_bytes(bytes + OFFSET_REALS + k * sizeof bits, sizeof bits);
         memcpy(&saved->block.v[k], &bits, sizeof bits);
     }
-    for (size_t k = 0; k < UNIT_INTEGERS; k++) {
-        uint32_t bits = (uint32_t)take_bytes(bytes + OFFSET_INTEGERS + 4 * k, 4);
-        memcpy(&saved->block.n[k], &bits, sizeof bits);
+    for (int k = 0; k < UNIT_INTEGERS; k++) {
+        saved->block.n[k] = integer_at(bytes, k);
     }
     *name = name_of_slot(call->instance, slot);
     return fmi2OK;
