@@ -6,13 +6,13 @@ use std::process::ExitCode;
 use std::sync::{Mutex, Once, PoisonError};
 use std::time::SystemTime;
 
+use crate::console;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Binary, Form, Glibc, Library, Platform, Source};
 use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
 use serde_json::json;
-use crate::console;
 
 #[derive(clap::Args)]
 pub struct Arguments {

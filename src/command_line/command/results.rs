@@ -6,10 +6,10 @@ use std::sync::{Mutex, PoisonError};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::Files;
-use adaptive_fmu::{begun, parallel};
 use adaptive_fmu::simulation::{
     FILES, METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, TableMarks, Tabled, svg, told,
 };
+use adaptive_fmu::{begun, parallel};
 use serde_json::json;
 
 use super::loop_options::positive;

@@ -126,9 +126,7 @@ impl Inputs {
             times.push(time);
             for ((column, field), name) in columns.iter_mut().zip(&fields[1..]).zip(&names[1..]) {
                 let value = number(field, name)?;
-                column
-                    .check(value)
-                    .map_err(|allowed| refuse(line, format!("{} = {value}: {allowed}", name.trim())))?;
+                column.check(value).map_err(|allowed| refuse(line, format!("{} = {value}: {allowed}", name.trim())))?;
                 column.values.push(value);
             }
         }

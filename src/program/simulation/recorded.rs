@@ -118,7 +118,8 @@ impl Recorded {
             }
             let rows = if name == TABLE { rows(&file)? } else { mark.rows };
             if rows != mark.rows || checksum_of_file(&file)? != mark.checksum {
-                let counted = if rows == mark.rows { String::new() } else { format!(": it has {rows} rows of {}", mark.rows) };
+                let counted =
+                    if rows == mark.rows { String::new() } else { format!(": it has {rows} rows of {}", mark.rows) };
                 let reason = format!("is not as its run wrote it{counted}; run the loop again by its name");
                 return Err(Error::Loop { file, reason });
             }

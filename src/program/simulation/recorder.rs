@@ -164,8 +164,8 @@ mod tests {
 
     use super::super::closed_loop::Order;
     use super::super::recorded::TABLE;
-    use super::super::table::TableMark;
     use super::super::ssp::{IdealModel, Metric, PerformanceFunction, Plot, Statistic};
+    use super::super::table::TableMark;
     use super::*;
     use crate::sealed::checksum_of_file;
 
