@@ -1,6 +1,7 @@
 //! `explore`: a closed loop in the browser, with sliders for its parameters.
 
-use std::io::{IsTerminal, stdout};
+use std::fs::OpenOptions;
+use std::io::{self, IsTerminal, Write, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -13,6 +14,7 @@ use adaptive_fmu::exporter::{Library, loops};
 use adaptive_fmu::simulation::composite as composite_of;
 use adaptive_fmu::simulation::{LoopFiles, Structure};
 use serde_json::json;
+use tempfile::TempDir;
 
 use super::loop_options::{LoopOptions, positive};
 use super::open;
@@ -97,9 +99,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         tell!("the page of {} is at this address, for this machine alone; Ctrl-C ends it", arguments.name);
     }
     thread::spawn(move || server.serve());
-    if !arguments.no_open && (arguments.open || stdout().is_terminal() && has_display()) {
-        open::show(url.as_ref());
-    }
+    let opens = !arguments.no_open && (arguments.open || stdout().is_terminal() && has_display());
+    // It is there as long as the page is.
+    let _address = opens.then(|| opened(&url)).transpose()?;
     let begun = Instant::now();
     let is_over = || arguments.duration.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
     while !is_interrupted() && !is_over() {
@@ -107,6 +109,33 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     session.end();
     Ok(ExitCode::SUCCESS)
+}
+
+/// Opens the page by a file that leads to it: what a program is given stands in the list of processes, where anybody on this
+/// machine could read the token. The file, for its user alone, is removed with its folder.
+fn opened(url: &str) -> Result<TempDir, Error> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix("adaptive-fmu-explore-");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+    let folder = builder.tempdir().map_err(Error::file(std::env::temp_dir()))?;
+    let text = format!(
+        "<!DOCTYPE html>\n<meta charset=\"utf-8\">\n<meta name=\"referrer\" content=\"no-referrer\">\n\
+         <meta http-equiv=\"refresh\" content=\"0; url={url}\">\n<title>explore</title>\n<a href=\"{url}\">The page of the loop</a>\n"
+    );
+    let file = folder.path().join("explore.html");
+    write_for_user(&file, &text).map_err(Error::file(&file))?;
+    open::show(file.as_os_str());
+    Ok(folder)
+}
+
+/// Writes a file that nobody else can read, whatever the mask.
+fn write_for_user(file: &Path, text: &str) -> io::Result<()> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options.open(file)?.write_all(text.as_bytes())
 }
 
 /// Writes the page as files.

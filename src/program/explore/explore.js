@@ -199,11 +199,17 @@ const list = (place, texts, title) => {
 
 // ---- what is kept
 
-const keep = async (what, told) => {
+const keep = async (what, told, wanted = {case: chosen.case, values: {...chosen.values}, name: $('name').value}) => {
   $('kept').textContent = '…';
   try {
-    const given = await backend.keep(what, {case: chosen.case, values: chosen.values, name: $('name').value});
-    $('kept').replaceChildren(...(given.error ? [made('span', {className: 'bad'}, given.error)] : told(given)));
+    const given = await backend.keep(what, wanted);
+    const wrong = [made('span', {className: 'bad'}, given.error ?? '')];
+    if (given.isThere) {
+      const replace = made('button', {type: 'button'}, 'Replace');
+      replace.addEventListener('click', () => keep(what, told, {...wanted, replace: true}));
+      wrong.push('. ', replace);
+    }
+    $('kept').replaceChildren(...(given.error ? wrong : told(given)));
   } catch {
     $('kept').textContent = '';
     lost();

@@ -2,17 +2,19 @@
 //! request says is parsed by a library; a body that comes in parts is refused, so there is nothing to be mistaken about where
 //! it ends.
 
-use std::io::{self, Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The longest head and the longest body, in bytes.
 const LONGEST_HEAD: usize = 16 << 10;
 const LONGEST_BODY: usize = 256 << 10;
 /// The most headers of a request.
 const MOST_HEADERS: usize = 64;
-/// How long a request may keep the server waiting.
+/// How long the head of a request, and then its body, may take altogether.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// Headers by which a request is let in, or by which it is seen where it ends: one that comes twice could be read as either.
+const ONCE: [&str; 6] = ["host", "origin", "x-token", "content-type", "content-length", "transfer-encoding"];
 /// A browser that obeys this loads nothing from elsewhere, sends nothing there, and shows the page in no other.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -25,6 +27,7 @@ pub struct Request {
     pub path: String,
     query: String,
     headers: Vec<(String, String)>,
+    /// What came with the head, until the body is read.
     pub body: Vec<u8>,
 }
 
@@ -32,15 +35,14 @@ pub struct Request {
 pub type Refusal = (u16, String);
 
 impl Request {
-    /// Reads one.
-    pub fn read(stream: &mut TcpStream) -> Result<Self, Refusal> {
-        let failed = |error: io::Error| (400, format!("the request can't be read: {error}"));
-        stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
+    /// Reads the head of one. Whoever is slower than the deadline is refused, however often a byte comes.
+    pub fn head(stream: &mut TcpStream) -> Result<Self, Refusal> {
         stream.set_write_timeout(Some(PATIENCE)).map_err(failed)?;
+        let deadline = Instant::now() + PATIENCE;
         let mut bytes = Vec::new();
         let (mut request, head) = loop {
             let mut part = [0; 4096];
-            match stream.read(&mut part).map_err(failed)? {
+            match read_by(stream, deadline, &mut part)? {
                 0 => return Err((400, "the request ends before its head does".to_owned())),
                 count => bytes.extend_from_slice(&part[..count]),
             }
@@ -51,12 +53,24 @@ impl Request {
                 return Err((431, format!("the head of a request may have {LONGEST_HEAD} bytes")));
             }
         };
-        let length = request.length()?;
         request.body = bytes.split_off(head);
-        request.body.truncate(length);
-        let missing = length - request.body.len();
-        let read = stream.take(missing as u64).read_to_end(&mut request.body).map_err(failed)?;
-        if read < missing { Err((400, "the request ends before its body does".to_owned())) } else { Ok(request) }
+        Ok(request)
+    }
+
+    /// Reads the body of one whose head was read.
+    pub fn read_body(&mut self, stream: &mut TcpStream) -> Result<(), Refusal> {
+        let deadline = Instant::now() + PATIENCE;
+        let length = self.length()?;
+        self.body.truncate(length);
+        while self.body.len() < length {
+            let mut part = [0; 4096];
+            let most = part.len().min(length - self.body.len());
+            match read_by(stream, deadline, &mut part[..most])? {
+                0 => return Err((400, "the request ends before its body does".to_owned())),
+                count => self.body.extend_from_slice(&part[..count]),
+            }
+        }
+        Ok(())
     }
 
     /// The only value of a header; none where it is missing or there are several.
@@ -70,9 +84,12 @@ impl Request {
         self.headers.iter().any(|(known, _)| known.eq_ignore_ascii_case(name))
     }
 
-    /// A value of the query. What this server asks for needs no escapes.
+    /// The only value of this name in the query. What this server asks for needs no escapes.
     pub fn asked(&self, name: &str) -> Option<&str> {
-        self.query.split('&').filter_map(|pair| pair.split_once('=')).find(|(key, _)| *key == name).map(|(_, it)| it)
+        let pairs = self.query.split('&').filter_map(|pair| pair.split_once('='));
+        let mut found = pairs.filter(|(key, _)| *key == name);
+        let (_, value) = found.next()?;
+        found.next().is_none().then_some(value)
     }
 
     fn length(&self) -> Result<usize, Refusal> {
@@ -92,12 +109,32 @@ impl Request {
     }
 }
 
+fn failed(error: io::Error) -> Refusal {
+    match error.kind() {
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => (408, "the request didn't come in time".to_owned()),
+        _ => (400, format!("the request can't be read: {error}")),
+    }
+}
+
+/// Reads what has come, or waits for it until the deadline.
+fn read_by(stream: &mut TcpStream, deadline: Instant, part: &mut [u8]) -> Result<usize, Refusal> {
+    let left = deadline.saturating_duration_since(Instant::now());
+    if left.is_zero() {
+        return Err(failed(ErrorKind::TimedOut.into()));
+    }
+    stream.set_read_timeout(Some(left)).and_then(|()| stream.read(part)).map_err(failed)
+}
+
 /// The head of a request and its length, where it is there.
 fn parsed(bytes: &[u8]) -> Result<Option<(Request, usize)>, Refusal> {
     let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
     let mut head = httparse::Request::new(&mut headers);
     let status = head.parse(bytes).map_err(|error| (400, format!("this is no request of HTTP: {error}")))?;
     let httparse::Status::Complete(length) = status else { return Ok(None) };
+    let is_twice = |name: &&str| head.headers.iter().filter(|it| it.name.eq_ignore_ascii_case(name)).count() > 1;
+    if let Some(name) = ONCE.iter().find(|name| is_twice(name)) {
+        return Err((400, format!("the header {name} may be given once")));
+    }
     let (path, query) = head.path.unwrap_or("/").split_once('?').unwrap_or((head.path.unwrap_or("/"), ""));
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let request = Request {
@@ -118,10 +155,12 @@ pub fn begin(stream: &mut TcpStream, status: u16, kind: &str, further: &str) -> 
         403 => "Forbidden",
         404 => "Not Found",
         405 => "Method Not Allowed",
+        408 => "Request Timeout",
         411 => "Length Required",
         413 => "Content Too Large",
         415 => "Unsupported Media Type",
         431 => "Request Header Fields Too Large",
+        503 => "Service Unavailable",
         _ => "Unprocessable Content",
     };
     write!(
@@ -141,7 +180,7 @@ pub fn answer(stream: &mut TcpStream, status: u16, kind: &str, further: &str, bo
 
 #[cfg(test)]
 mod tests {
-    use super::parsed;
+    use super::{ONCE, parsed};
 
     #[test]
     fn a_request_is_taken_apart() {
@@ -154,14 +193,31 @@ mod tests {
     }
 
     #[test]
+    fn what_lets_a_request_in_is_given_once() {
+        for name in ONCE {
+            for second in ["b", "a", ""] {
+                let text =
+                    format!("GET / HTTP/1.1\r\n{name}: a\r\nAccept: x\r\n{}: {second}\r\n\r\n", name.to_uppercase());
+                let (status, reason) = parsed(text.as_bytes()).unwrap_err();
+                assert!(status == 400 && reason.contains(name), "{reason}");
+            }
+        }
+        let (request, _) = parsed(b"GET /?token=a&token=b HTTP/1.1\r\n\r\n").unwrap().unwrap();
+        assert_eq!(request.asked("token"), None);
+    }
+
+    #[test]
     fn a_body_whose_end_could_be_mistaken_is_refused() {
         let refused = |headers: &str| {
             let text = format!("POST / HTTP/1.1\r\n{headers}\r\n\r\n");
-            parsed(text.as_bytes()).unwrap().unwrap().0.length().unwrap_err().0
+            parsed(text.as_bytes())
+                .map(|found| found.unwrap().0.length().unwrap_err().0)
+                .unwrap_or_else(|(status, _)| status)
         };
         assert_eq!(refused("Transfer-Encoding: chunked\r\nContent-Length: 3"), 411);
         assert_eq!(refused("Transfer-Encoding: nothing known"), 411);
         assert_eq!(refused("Content-Length: 3\r\nContent-Length: 4"), 400);
+        assert_eq!(refused("Transfer-Encoding: chunked\r\ntransfer-encoding: identity"), 400);
         assert_eq!(refused("Content-Length: +3"), 400);
         assert_eq!(refused("Content-Length: 99999999"), 413);
     }

@@ -38,7 +38,7 @@ class Server {
     }
   }
 
-  // `set`, `save` or `export`.
+  // `set`, `save` or `export`. What is there of that name (`isThere`) is replaced where `wanted.replace` says so.
   async keep(what, wanted) {
     return (await this.asked(what, wanted)).json();
   }

@@ -1,10 +1,12 @@
 //! The server of a page: on this machine alone, and only for whoever has its token.
 
+use std::collections::VecDeque;
 use std::io::{self, Write};
-use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
-use std::sync::Arc;
+use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -16,10 +18,14 @@ use super::session::{Session, Wanted};
 const PATHS: [&str; 6] = ["/", "/loop", "/run", "/set", "/save", "/export"];
 const HTML: &str = "text/html; charset=utf-8";
 const JSON: &str = "application/json";
-/// So many connections are answered at a time.
-const MOST_CONNECTIONS: usize = 32;
-/// So many bytes of a refused request are read that nobody looks at.
+/// So many requests with the token are answered at a time.
+const MOST_ANSWERED: usize = 32;
+/// So many connections may not have shown it yet: a further one takes the place of the oldest, so that those who never
+/// show it keep nobody out.
+const MOST_WAITING: usize = 64;
+/// So many bytes of a refused request are read that nobody looks at, while they come.
 const REST: usize = 1 << 20;
+const LISTENING: Duration = Duration::from_secs(1);
 
 /// A server that listens.
 #[derive(Debug)]
@@ -28,6 +34,9 @@ pub struct Server {
     address: SocketAddr,
     token: String,
     session: Arc<Session>,
+    /// Connections that haven't shown the token, the oldest first, with the numbers that they have as they came.
+    waiting: Mutex<VecDeque<(u64, TcpStream)>>,
+    answered: AtomicUsize,
 }
 
 /// A token that nobody guesses: 128 random bits.
@@ -48,7 +57,7 @@ impl Server {
     pub fn new(session: Arc<Session>, port: u16, token: String) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
         let address = listener.local_addr()?;
-        Ok(Server { listener, address, token, session })
+        Ok(Server { listener, address, token, session, waiting: Mutex::default(), answered: AtomicUsize::new(0) })
     }
 
     /// Where its page is.
@@ -59,33 +68,55 @@ impl Server {
     /// Answers whoever asks, until the process ends.
     pub fn serve(self) {
         let server = Arc::new(self);
-        let open = Arc::new(AtomicUsize::new(0));
-        for stream in server.listener.incoming() {
-            // One that was closed meanwhile.
-            let Ok(mut stream) = stream else { continue };
-            if open.fetch_add(1, Ordering::SeqCst) >= MOST_CONNECTIONS {
-                open.fetch_sub(1, Ordering::SeqCst);
-                continue;
-            }
-            let (server, open) = (Arc::clone(&server), Arc::clone(&open));
-            thread::spawn(move || {
+        // Those that were closed meanwhile are passed over.
+        for (number, stream) in (0..).zip(server.listener.incoming().flatten()) {
+            let Ok(other) = stream.try_clone() else { continue };
+            server.waits(number, other);
+            let answering = Arc::clone(&server);
+            let begun = thread::Builder::new().spawn(move || {
                 // Who doesn't listen any more is told nothing.
-                let _ = server.answer(&mut stream);
-                open.fetch_sub(1, Ordering::SeqCst);
+                let _ = answering.let_in(number, stream);
+                answering.waits_no_more(number);
             });
+            if begun.is_err() {
+                server.waits_no_more(number);
+            }
         }
     }
 
-    fn answer(&self, stream: &mut TcpStream) -> io::Result<()> {
+    fn waits(&self, number: u64, stream: TcpStream) {
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.push_back((number, stream));
+        if waiting.len() > MOST_WAITING
+            && let Some((_, oldest)) = waiting.pop_front()
+        {
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+    }
+
+    fn waits_no_more(&self, number: u64) {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).retain(|(other, _)| *other != number);
+    }
+
+    /// Answers a connection that shows the token, at a place of its own; another one is told why not.
+    fn let_in(&self, number: u64, mut stream: TcpStream) -> io::Result<()> {
         stream.set_nodelay(true)?;
-        let request = Request::read(stream).and_then(|request| self.check(&request).map(|()| request));
+        let request = Request::head(&mut stream).and_then(|request| self.check(&request).map(|()| request));
         let request = match request {
             Ok(request) => request,
-            Err((status, reason)) => {
-                answer(stream, status, JSON, "", json!({ "error": reason }).to_string().as_bytes())?;
-                return drained(stream);
-            }
+            Err(refusal) => return refused(&mut stream, refusal),
         };
+        self.waits_no_more(number);
+        match Place::take(&self.answered) {
+            Some(_place) => self.answer(request, &mut stream),
+            None => refused(&mut stream, (503, format!("{MOST_ANSWERED} requests are being answered: ask again"))),
+        }
+    }
+
+    fn answer(&self, mut request: Request, stream: &mut TcpStream) -> io::Result<()> {
+        if let Err(refusal) = request.read_body(stream) {
+            return refused(stream, refusal);
+        }
         let told = |value: Value| (JSON, value.to_string());
         let answered = match (request.method.as_str(), request.path.as_str()) {
             ("GET", "/") => Ok((HTML, self.page())),
@@ -95,8 +126,8 @@ impl Server {
                 Err(refusal) => Err(refusal),
             },
             ("POST", "/set") => kept(&request, |wanted| Ok(json!({ "set": self.session.set(wanted)? }))).map(told),
-            ("POST", "/save") => kept(&request, |wanted| Ok(json!({ "file": self.session.save(wanted)? }))).map(told),
-            ("POST", "/export") => kept(&request, |wanted| Ok(json!(self.session.export(wanted)?))).map(told),
+            ("POST", "/save") => kept(&request, |wanted| self.session.save(wanted)).map(told),
+            ("POST", "/export") => kept(&request, |wanted| self.session.export(wanted)).map(told),
             (method, path) => match page::file(path.trim_start_matches('/'), Backend::SERVER) {
                 Some((kind, text)) if method == "GET" => Ok((kind, text)),
                 None if !PATHS.contains(&path) => Err((404, "there is no such page".to_owned())),
@@ -145,6 +176,22 @@ impl Server {
     }
 }
 
+/// One of the places of those who are answered, until it is dropped.
+struct Place<'a>(&'a AtomicUsize);
+
+impl<'a> Place<'a> {
+    fn take(taken: &'a AtomicUsize) -> Option<Self> {
+        let place = Place(taken);
+        (taken.fetch_add(1, Ordering::SeqCst) < MOST_ANSWERED).then_some(place)
+    }
+}
+
+impl Drop for Place<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
 /// Whether two texts are the same, in a time that doesn't tell how far they are.
 fn same(given: &str, token: &str) -> bool {
     given.len() == token.len() && given.bytes().zip(token.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
@@ -163,9 +210,12 @@ fn kept(request: &Request, keep: impl Fn(&Wanted) -> Result<Value, String>) -> R
     keep(&wanted(request)?).map_err(|reason| (422, reason))
 }
 
-/// Reads on for a while: a connection that is closed with bytes unread takes its answer back.
-fn drained(stream: &mut TcpStream) -> io::Result<()> {
-    stream.shutdown(std::net::Shutdown::Write)?;
+/// Answers why there is no answer, and reads on for a while: a connection that is closed with bytes unread takes its answer
+/// back.
+fn refused(stream: &mut TcpStream, (status, reason): Refusal) -> io::Result<()> {
+    answer(stream, status, JSON, "", json!({ "error": reason }).to_string().as_bytes())?;
+    stream.shutdown(Shutdown::Write)?;
+    stream.set_read_timeout(Some(LISTENING))?;
     let mut rest = io::Read::take(stream, REST as u64);
     io::copy(&mut rest, &mut io::sink()).map(|_| ())
 }

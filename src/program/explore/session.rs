@@ -71,6 +71,10 @@ pub(super) struct Wanted {
     /// What files are to be named.
     #[serde(default)]
     pub name: String,
+    /// Whether they replace those that are there.
+    #[cfg(not(target_family = "wasm"))]
+    #[serde(default)]
+    pub replace: bool,
 }
 
 /// Values with their parameters.
@@ -129,7 +133,7 @@ impl Session {
                 "settings": { "start": start_time, "stop": stop_time, "step": step,
                               "fine_step": self.fine.step },
                 "parameters": self.parameters, "cases": self.bases.iter().map(values).collect::<Vec<_>>(),
-                "out": self.out })
+                "out": self.out.to_string_lossy() })
     }
 
     /// The case and the values that are asked for, with their parameters.
