@@ -152,12 +152,13 @@ fn narrowed(design: &L1Design) -> Option<L1Design> {
 }
 
 /// To three digits.
-fn rounded_up(value: f64) -> f64 {
+pub fn rounded_up(value: f64) -> f64 {
     let unit = digit(value);
     (value / unit).ceil() * unit
 }
 
-fn rounded_down(value: f64) -> f64 {
+/// To three digits.
+pub fn rounded_down(value: f64) -> f64 {
     let unit = digit(value);
     (value / unit).floor() * unit
 }

@@ -54,8 +54,7 @@ pub struct L1Design {
     pub omega_min: DMatrix<f64>,
     /// m × m.
     pub omega_max: DMatrix<f64>,
-    /// m × n. K_m of a baseline that acts through ω like all control and is counted as known: what is left of it is
-    /// (I − ω) K_m x.
+    /// m × n. K_m of a baseline, which acts through ω like all control: what is left of it is (I − ω) K_m x.
     pub known: Option<DMatrix<f64>>,
     /// The way of the unmatched uncertainty, where it is estimated.
     pub unmatched: Option<UnmatchedWay>,
@@ -183,7 +182,7 @@ impl L1Design {
         eigenvalues(&self.loop_matrix(omega))
     }
 
-    /// Whether the loop ωK D(s) is stable, and with it what is left of a baseline that is counted as known.
+    /// Whether the loop ωK D(s) is stable, and with it what ω leaves of a baseline.
     pub fn is_stable(&self, omega: &DMatrix<f64>) -> bool {
         let decays =
             |matrix: &DMatrix<f64>| eigenvalues(matrix).is_some_and(|poles| poles.iter().all(|lambda| lambda.re < 0.0));
@@ -340,6 +339,12 @@ impl L1Design {
     /// constant uncertainty.
     pub fn dc_gain(&self, omega: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         self.low_pass(omega, Complex::from(0.0)).map(|gain| gain.map(|entry| entry.re))
+    }
+
+    /// Where the largest singular value of C(jω) has fallen to 1/√2, whatever becomes of a baseline. `None` when C(s) isn't
+    /// stable.
+    pub fn low_pass_band(&self, omega: &DMatrix<f64>) -> Option<f64> {
+        L1Design { known: None, ..self.clone() }.bandwidth(omega).map(|band| band.fastest)
     }
 
     /// Where the singular values of C(jω) have first fallen to 1/√2. `None` when the loop isn't stable.

@@ -5,6 +5,7 @@ pub mod exponential;
 pub mod feedforward;
 pub mod filter;
 pub mod fuzzy;
+pub mod l1_adaptation;
 pub mod l1_advice;
 pub mod l1_design;
 pub mod l1_norm;

@@ -19,7 +19,7 @@ STABLE = {
     "L1MaresAuv": [],
     "L1TwinRotor": [],
     "L1UnmatchedMimo": [("[[8.0, 0.0], [0.0, 8.0]]", "[[3.0, 0.0], [0.0, 3.0]]")],
-    # A baseline inside, whose K_m x acts through omega.
+    # A baseline inside; those of the others are outside, or there is none.
     "L1TwoLinkRobot": [
         ("[[0.5, -2.0], [-2.0, 0.5]]", "[[0.8, -0.1], [-0.1, 0.8]]"),
         ("[[10.0, 2.0], [2.0, 10.0]]", "[[2.0, 0.1], [0.1, 2.0]]"),
@@ -92,13 +92,12 @@ def realised(ways: list[tuple], D: tuple, m: int, k: int) -> tuple[np.ndarray, .
 
 
 def uncertainty_to_state(design: Checked, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """x' = A_m x + B eta + B_um w2, eta = omega u_ad + (I - omega) K_m x + w (the middle term for a baseline inside),
+    """x' = A_m x + B eta + B_um w2, eta = omega u_ad + (I - omega) K_m x + w (the middle term where there is a baseline),
     u_ad = -K D (eta + H_m^-1 H_um w2): A and B from (w, w2), and how many of these are matched."""
     A_m, B, K_m = design.model()
     n, m = B.shape
     K = design.matrix("feedback_gain")
-    inside = design.structure.get("baseline") == "inside"
-    left = (np.eye(m) - omega) @ K_m if inside else np.zeros((m, n))
+    left = (np.eye(m) - omega) @ K_m
     B_um, ways = design.unmatched(A_m)
     k = B_um.shape[1]
     A_d, B_d, C_d, _ = realised([(i, i, np.array([1.0])) for i in range(m)], design.D(), m, m)

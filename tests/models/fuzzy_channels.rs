@@ -198,7 +198,7 @@ fn the_design_report_judges_the_range_of_each_channels_gain() {
             ref other => panic!("{other:?}"),
         });
     let lambdas: Vec<_> = lambdas.map(|lambda| format!("{lambda:.2}")).collect();
-    assert_eq!(lambdas, ["0.12", "0.17", "0.15"]);
+    assert_eq!(lambdas, ["0.50", "1.65", "1.19"]);
 }
 
 /// With another filter K stands before it: the switch of the gain doesn't move the control.

@@ -11,6 +11,7 @@ mod fuzzy_channels;
 mod fuzzy_l1;
 mod hostile_descriptions;
 mod l1_descriptions;
+mod l1_held;
 mod l1_limit;
 mod l1_ppf;
 mod l1_sampled;

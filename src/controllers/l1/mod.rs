@@ -1,6 +1,7 @@
 //! L1 adaptive controller (thesis, sections 3.2 to 3.4).
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
+mod adaptation;
 mod closed_form;
 mod design;
 mod estimates;

@@ -42,6 +42,8 @@ impl Law {
             // The parameter itself, or what inference gives in its place.
             let gain = if *name == gains[0].0 { v.name(self.design.feedback_gain) } else { "K".to_owned() };
             self.report_condition(&design, &gain, v, report);
+            report.section(&section("Adaptation"));
+            self.report_adaptation(&design, &gain, v, report);
             report.section(&section("Time delay"));
             self.report_delay(&design, v, report);
         }
@@ -114,7 +116,7 @@ impl Law {
             filter: self.filter.clone(),
             omega_min: bound(&v[self.design.omega_min]),
             omega_max: bound(&v[self.design.omega_max]),
-            known: self.design.K_m(v).filter(|_| self.baseline == Baseline::Inside).map(|K_m| K_m.into_owned()),
+            known: self.design.K_m(v).filter(|_| self.baseline != Baseline::None).map(|K_m| K_m.into_owned()),
             unmatched,
         }
     }
@@ -145,11 +147,29 @@ impl Law {
         };
         self.tell_norms(&worst, lipschitz, v, report);
         if let Some(advice) = advice {
-            let note = format!("must be below 1. {}", self.advised(&advice, design, gain, v));
-            report.judge("lambda", lambda, "", Verdict::NotSound, note);
+            let advised = self.advised(&advice, design, gain, v);
+            let (verdict, note) = match self.without_baseline(design, lipschitz).filter(|_| lambda.upper.is_finite()) {
+                Some(alone) => {
+                    let bound = v.name(self.design.theta_bound);
+                    let holds =
+                        format!("must be below 1. It is {} only where {bound} includes (omega - I) K_m", number(alone));
+                    (Verdict::Warning, format!("{holds}. {advised}"))
+                }
+                None => (Verdict::NotSound, format!("must be below 1. {advised}")),
+            };
+            report.judge("lambda", lambda, "", verdict, note);
         } else {
             report.tell("lambda", lambda, "", "‖G‖ L < 1: bounded for every uncertainty within the bounds");
         }
+    }
+
+    /// λ where the bounds on θ are taken to include what ω leaves of a baseline outside, if it is below 1 then.
+    fn without_baseline(&self, design: &L1Design, lipschitz: Lipschitz) -> Option<f64> {
+        if self.baseline != Baseline::Outside {
+            return None;
+        }
+        let alone = L1Design { known: None, ..design.clone() }.worst(lipschitz).ok()?.norms.lambda(lipschitz);
+        condition_holds(alone).then_some(alone.upper)
     }
 
     fn tell_norms(&self, worst: &Worst, lipschitz: Lipschitz, v: &Values<f64>, report: &mut DesignReport) {
@@ -251,7 +271,7 @@ impl Law {
         report.tell(&format!("bound on |{x_hat} - {x}|"), bound, "", &finer);
     }
 
-    fn uncertain(&self, v: &Values<f64>) -> Uncertainty {
+    pub(super) fn uncertain(&self, v: &Values<f64>) -> Uncertainty {
         let (design, columns) = (&self.design, self.theta_hat.shape().1);
         let of_all = |bounds: &[f64]| bounds.iter().flat_map(|&bound| vec![bound; columns]).collect::<Vec<_>>();
         let (mut theta_bound, mut sigma_bound) = (of_all(&v[design.theta_bound]), v[design.sigma_bound].to_vec());

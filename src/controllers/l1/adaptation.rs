@@ -1,0 +1,192 @@
+//! What a designer should know of the adaptation: how fast it turns beside the filter, how far off the output may be for it,
+//! which K it tolerates, and what a wrong input gain makes of the baseline.
+#![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::DMatrix;
+
+use super::law::Law;
+use super::{Baseline, Regressor};
+use crate::mathematics::l1_adaptation::L1Adaptation;
+use crate::mathematics::l1_advice::{rounded_down, rounded_up};
+use crate::mathematics::l1_design::L1Design;
+use crate::report::number;
+use crate::system::{DesignReport, Values, Verdict};
+use crate::template::three_digits;
+
+/// By how much of a reference the output may be off, up to which nothing is said against the adaptation, and beyond which
+/// it isn't sound, where it isn't much faster than the filter.
+const NEAR: f64 = 0.3;
+const FAR: f64 = 5.0;
+
+/// How far the prediction of an output may be off, and a reference of it.
+struct Off {
+    output: usize,
+    bound: f64,
+    /// The smaller and the larger of 1, in the unit of y, and what half of `sigma_bound` holds the output at: references that
+    /// a description doesn't tell.
+    reference: [f64; 2],
+}
+
+impl Off {
+    fn verdict(&self) -> Verdict {
+        let [small, large] = self.reference;
+        if self.bound <= NEAR * small {
+            Verdict::Ok
+        } else if self.bound <= FAR * large {
+            Verdict::Warning
+        } else {
+            Verdict::NotSound
+        }
+    }
+}
+
+impl Law {
+    /// Tells of the adaptation beside the filter of a design, whose K has this name.
+    pub(super) fn report_adaptation(&self, design: &L1Design, gain: &str, v: &Values<f64>, report: &mut DesignReport) {
+        let (P, Q) = (v.matrix(self.design.P).into_owned(), v.matrix(self.design.Q).into_owned());
+        let B = &self.plant.B;
+        let adaptation = L1Adaptation {
+            BPB: B.transpose() * &P * B,
+            BQB: B.transpose() * Q * B,
+            gain: v[self.design.adaptation_gain],
+        };
+        self.report_speed(design, &adaptation, v, report);
+        self.report_tolerance(design, &adaptation, gain, v, report);
+        self.report_baseline(design, v, report);
+    }
+
+    /// The adaptation's frequency beside the filter's bandwidth, and the bound of the prediction beside the reference.
+    fn report_speed(&self, design: &L1Design, adaptation: &L1Adaptation, v: &Values<f64>, report: &mut DesignReport) {
+        let turns = adaptation.slowest();
+        let rest = "of the slowest direction of the adaptation, with control and state at zero";
+        report.tell("frequency at rest", turns, "rad/s", rest);
+        let widest = widest(design);
+        if let Some(band) = widest {
+            report.tell("largest bandwidth", band, "rad/s", "of C(s), over omega within its bounds");
+        }
+        let Some(off) = self.worst_prediction(v) else {
+            let note = "P and K_g are too badly scaled for a bound on the outputs";
+            return report.judge("bound on the prediction", "not found", "", Verdict::Warning, note);
+        };
+        let needed = widest.and_then(|band| adaptation.needed(band));
+        let is_fast = needed.is_some_and(|needed| adaptation.gain >= needed);
+        let verdict = if is_fast { Verdict::Ok } else { off.verdict() };
+        let name = format!("bound on the prediction of output {}", off.output + 1);
+        let [small, large] = off.reference.map(three_digits);
+        let references = if small == large { number(small) } else { format!("{} to {}", number(small), number(large)) };
+        if verdict == Verdict::Ok {
+            let note = format!("of C (x_hat - x), beside references of about {references}");
+            return report.tell(&name, off.bound, "", &note);
+        }
+        let enough = adaptation.gain * (off.bound / (NEAR * off.reference[0])).powi(2);
+        let advised = needed.map_or(enough, |needed| needed.min(enough));
+        let filter =
+            widest.map_or(String::new(), |band| format!(", beside a filter of {} rad/s", number(three_digits(band))));
+        let note = format!(
+            "the adaptation turns at {} rad/s{filter}: the output may be off by that much, where references are of about \
+             {references}. {} = {} would do, or a smaller {} or {}",
+            number(three_digits(turns)),
+            v.name(self.design.adaptation_gain),
+            number(rounded_up(advised)),
+            v.name(self.design.feedback_gain),
+            v.name(self.design.sigma_bound),
+        );
+        report.judge(&name, off.bound, "", verdict, note);
+    }
+
+    /// The output whose prediction is worst, in parts of its reference: √(C_i P⁻¹ C_iᵀ θ_m/Γ). `None` where it can't be
+    /// found.
+    fn worst_prediction(&self, v: &Values<f64>) -> Option<Off> {
+        let (P, Q) = (v.matrix(self.design.P).into_owned(), v.matrix(self.design.Q).into_owned());
+        let size = (self.uncertain(v).theta_m(&P, &Q) / v[self.design.adaptation_gain]).sqrt();
+        let (C, inverse) = (&self.plant.C, P.try_inverse()?);
+        let at_rest = v.matrix(self.design.K_g).into_owned().try_inverse()?;
+        let all = (0..C.nrows()).map(|i| {
+            let row = C.row(i);
+            let moved: f64 =
+                at_rest.row(i).iter().zip(&v[self.design.sigma_bound]).map(|(y, sigma)| (y * sigma).abs()).sum();
+            let held = if moved > 0.0 { 0.5 * moved } else { 1.0 };
+            let reference = [held.min(1.0), held.max(1.0)];
+            Off { output: i, bound: size * (row * &inverse * row.transpose())[0].max(0.0).sqrt(), reference }
+        });
+        let rank = |off: &Off| (off.verdict(), off.bound / off.reference[1]);
+        let worst = all.max_by(|a, b| rank(a).0.cmp(&rank(b).0).then(rank(a).1.total_cmp(&rank(b).1)))?;
+        worst.bound.is_finite().then_some(worst)
+    }
+
+    /// The largest K with which the adaptation at rest decays at each input gain within the bounds.
+    fn report_tolerance(
+        &self,
+        design: &L1Design,
+        adaptation: &L1Adaptation,
+        gain: &str,
+        v: &Values<f64>,
+        report: &mut DesignReport,
+    ) {
+        // What the filter does at once: where D(s) falls off faster than 1/s, it leaves fast motions alone.
+        let at_once = (&self.filter.C_f * &self.filter.B_f)[0];
+        let is_full = self.omega_entries.len() == design.K.len();
+        let factor = adaptation.tolerated(&(&design.K * at_once), &design.gains(), is_full);
+        let name = format!("{gain} that the adaptation tolerates");
+        if factor == f64::INFINITY {
+            return report.tell_unlimited(&name, "", "at no omega within its bounds does it grow at rest");
+        }
+        let value = &design.K * factor;
+        if factor >= 1.0 {
+            return report.tell(
+                &name,
+                &value,
+                "1/s",
+                "up to it the adaptation at rest decays at each omega within its bounds",
+            );
+        }
+        let note = format!(
+            "where the input gain is larger than assumed, the control swings at rest, by less as {} grows, with its root: {gain} \
+             times {} ends it, or a smaller {}",
+            v.name(self.design.adaptation_gain),
+            number(rounded_down(factor)),
+            v.name(self.design.omega_max)
+        );
+        report.judge(&name, &value, "1/s", Verdict::Warning, note);
+    }
+
+    /// What a wrong input gain makes of a baseline outside: (ω − I) K_m x counts to θ.
+    fn report_baseline(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
+        let Some(K_m) = design.known.as_ref().filter(|_| self.baseline == Baseline::Outside) else { return };
+        let m = design.K.nrows();
+        let added = |omega: &DMatrix<f64>, i: usize| {
+            let left = (omega - DMatrix::identity(m, m)) * K_m;
+            let row = left.row(i).abs();
+            if self.regressor == Regressor::State { row.max() } else { row.sum() }
+        };
+        let gains = design.gains();
+        let most = |i: usize| gains.iter().map(|omega| added(omega, i)).fold(0.0, f64::max);
+        let bounds = &v[self.design.theta_bound];
+        let all: Vec<_> = (0..m).map(most).collect();
+        let of_K_m = self.design.name_of_K_m(v).unwrap_or_default();
+        let name = format!("(omega - I) {of_K_m}");
+        let value = DMatrix::from_row_slice(1, m, &all);
+        let counts =
+            format!("(omega - I) {of_K_m} x is unknown too: an element of it each input, at the bounds of omega");
+        if all.iter().zip(bounds).all(|(added, bound)| added <= bound) {
+            return report.tell(&name, &value, "", &counts);
+        }
+        let note = format!(
+            "{counts}. It is beyond {}: where omega is so, theta_hat stays at its bounds, and sigma_hat has to stand for the rest",
+            v.name(self.design.theta_bound)
+        );
+        report.judge(&name, &value, "", Verdict::Warning, note);
+    }
+}
+
+/// The largest bandwidth of C(s) over the input gains with which it is stable, rad/s.
+fn widest(design: &L1Design) -> Option<f64> {
+    let fastest = |omega: &DMatrix<f64>| {
+        let poles = design.loop_poles(omega)?;
+        poles.iter().all(|pole| pole.re < 0.0).then(|| poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max))
+    };
+    let gains = design.gains();
+    let stable = gains.iter().filter_map(|omega| fastest(omega).map(|speed| (speed, omega)));
+    let (_, omega) = stable.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    design.low_pass_band(omega)
+}
