@@ -140,7 +140,7 @@ impl DelayLine {
                     "must be a multiple of {} = {} within 0 … {} (delay_samples = {most})",
                     v.name(self.clock.sample_time),
                     sample_time.told(),
-                    (sample_time * most).rounded()
+                    (sample_time * most).rounded_at_most()
                 );
                 Invalid::new(v.name(self.delay.at(i)), delay.told(), allowed)
             });

@@ -76,7 +76,7 @@ impl Clock {
             "the communication step {} s is longer than the sample time {} s: several samples are taken of the same inputs, and \
              only the last one's control is used. Step no further than {sample_time}",
             step.scientific(3),
-            v[self.period].scientific(3)
+            v[self.period].scientific_at_most(3)
         )
     }
 }

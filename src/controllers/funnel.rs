@@ -291,7 +291,7 @@ impl Funnel {
         let is_on_other_side = bounds.margin(e.signum()).below(zero) | e.equals(zero);
         let [overshoot, rho_0, rho_inf] = [self.overshoot, self.rho_0, self.rho_inf].map(|it| v.name(it.at(i)));
         let (on_exit, rho_now) = (v.name(self.on_exit), v.name(self.rho.at(i)));
-        let (of_rho, of_e) = ((e.abs() / rho).rounded(), e.abs().rounded());
+        let (of_rho, of_e) = ((e.abs() / rho).rounded_at_least(), e.abs().rounded_at_least());
         let left = format!(
             "it has left its funnel ({rho_now} = {}). A smaller communication step helps where it is sampled too rarely, a \
              larger {rho_0} or {rho_inf} where it is too narrow; {on_exit} = reopen goes on",
@@ -308,7 +308,7 @@ impl Funnel {
         for (answers_it, helps) in &answers {
             for (stands_so, place) in &places {
                 v.refuse(*answers_it & *stands_so, |v| {
-                    let (low, high) = (low.rounded(), high.rounded());
+                    let (low, high) = (low.rounded_at_most(), high.rounded_at_most());
                     let allowed = format!("must lie between {low} and {high}, and {place}: {helps}");
                     Invalid::new(v.name(self.e.at(i)), e.told(), allowed)
                 });

@@ -384,7 +384,7 @@ impl FunnelControl {
         let error = v[self.e][i];
         let gain = v.name(self.g.at(i));
         let helps = match (begins, level) {
-            (true, 0) => format!("{psi_0} above {} would do", error.abs().rounded()),
+            (true, 0) => format!("{psi_0} above {} would do", error.abs().rounded_at_least()),
             (true, _) => format!("a larger {psi_0} would do, or a start nearer to the reference and its rate"),
             (false, _) => format!(
                 "a smaller communication step helps where it is sampled too rarely, a larger {gain} or {psi_inf} where the \
@@ -393,7 +393,7 @@ impl FunnelControl {
         };
         let place = if begins { "starts outside its funnel" } else { "has left its funnel" };
         if level == 0 {
-            let allowed = format!("{place}: must lie between -{0} and {0}, {psi}; {helps}", bound.rounded());
+            let allowed = format!("{place}: must lie between -{0} and {0}, {psi}; {helps}", bound.rounded_at_most());
             return Invalid::new(v.name(self.e.at(i)), error.told(), allowed);
         }
         let allowed = format!(

@@ -280,7 +280,7 @@ impl L1Ppf {
              less, {sampled}a smaller {}, a wider funnel, or the loop as one unit",
             step.scientific(3),
             rate.scientific(3),
-            rate.recip().scientific(1),
+            rate.recip().scientific_at_most(1),
             v.name(self.barrier_gain)
         )
     }

@@ -126,6 +126,42 @@ fn eigenvalue(value: &Eigenvalue) -> String {
     format!("{}{imaginary} 1/s{rest}", number(value.real))
 }
 
+/// The farthest number of so many digits from 0 that isn't beyond this one: what a text may advise as the most of a magnitude.
+pub fn no_more(value: f64, digits: usize) -> f64 {
+    cut(value, digits, false)
+}
+
+/// The nearest number of so many digits to 0 that isn't short of this one: what a text may advise as the least of a magnitude.
+pub fn no_less(value: f64, digits: usize) -> f64 {
+    cut(value, digits, true)
+}
+
+/// [`no_more`] in a text.
+pub fn at_most(value: f64) -> String {
+    number(no_more(value, DIGITS))
+}
+
+/// [`no_less`] in a text.
+pub fn at_least(value: f64) -> String {
+    number(no_less(value, DIGITS))
+}
+
+/// The first of the digits that tell a number from every other one, rounded up in magnitude or not at all.
+fn cut(value: f64, digits: usize, up: bool) -> f64 {
+    let all = format!("{value:e}");
+    let Some((mantissa, power)) = all.split_once('e') else { return value };
+    let written: Vec<char> = mantissa.chars().filter(char::is_ascii_digit).collect();
+    let (Ok(power), Some(behind)) = (power.parse::<i64>(), written.len().checked_sub(digits)) else { return value };
+    let first: String = written[..digits].iter().collect();
+    let sign = if value < 0.0 { "-" } else { "" };
+    let units = first.parse::<u64>().map(|units| units + u64::from(up && behind > 0));
+    let shift = power + 1 - i64::try_from(digits).unwrap_or_default();
+    units.ok().and_then(|units| format!("{sign}{units}e{shift}").parse().ok()).unwrap_or(value)
+}
+
+/// So many digits a person reads.
+pub const DIGITS: usize = 7;
+
 /// Seven digits, as short as can be.
 pub fn number(value: f64) -> String {
     let short = format!("{value:.6e}").parse().unwrap_or(value);
@@ -260,6 +296,21 @@ impl DesignReport {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_advised_is_on_the_safe_side() {
+        assert_eq!([no_more(9.996e-4, 2), no_less(9.91e-4, 2)], [9.9e-4, 1e-3]);
+        assert_eq!([no_more(0.3, 2), no_less(0.3, 2), no_more(-1.26, 2), no_less(-1.21, 2)], [0.3, 0.3, -1.2, -1.3]);
+        assert_eq!([no_more(f64::INFINITY, 2), no_less(0.0, 2)], [f64::INFINITY, 0.0]);
+        assert_eq!([at_most(0.012345678), at_least(0.0123456712)], ["0.01234567", "0.01234568"]);
+        let mut value = 1.234e-310;
+        while value < 1e300 {
+            for digits in 1..8 {
+                assert!(no_more(value, digits) <= value && no_less(value, digits) >= value, "{value:e}");
+            }
+            value *= 7.3;
+        }
+    }
 
     #[test]
     fn the_worst_finding_decides() {

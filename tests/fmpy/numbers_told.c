@@ -35,6 +35,21 @@ static double value_of(const Decimal *d) {
     return strtod(text, NULL);
 }
 
+/* Whether a number cut to so many digits is as near as it can be without being beyond the number, or short of it. */
+static int is_cut(double value, int digits, int up) {
+    Decimal cut, beyond;
+    decimal_cut(&cut, value, digits, up);
+    beyond = cut;
+    if (up) {
+        for (int last = digits; beyond.digits[--last]-- == '0';) {
+            beyond.digits[last] = '9';
+        }
+        return value_of(&cut) >= value && value_of(&beyond) < value;
+    }
+    decimal_round_up(&beyond);
+    return value_of(&cut) <= value && value_of(&beyond) > value;
+}
+
 int main(void) {
     for (int k = 0; k < 30000; k++) {
         double value = number(k % 3);
@@ -50,6 +65,10 @@ int main(void) {
         int is_shortest = shortest.count == 1 || strtod(fewer, NULL) != value;
         if (value_of(&shortest) != value || !is_shortest || value_of(&rounded) != strtod(six, NULL)) {
             printf("%.17g\n", value);
+            return 1;
+        }
+        if (!is_cut(value, 1 + k % 7, 0) || !is_cut(value, 1 + k % 7, 1)) {
+            printf("%.17g cut\n", value);
             return 1;
         }
     }

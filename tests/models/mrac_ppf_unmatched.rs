@@ -292,6 +292,16 @@ fn a_step_that_the_barriers_do_not_bear_is_told_in_co_simulation() {
 }
 
 #[test]
+fn the_step_that_is_advised_is_never_above_the_bound() {
+    // 8.95e-3 s, where 9.0e-3 s is nearest.
+    let unit = Unit::from_text(&description(NAME).replace("0.03, 10.0]", "0.03, 10.05]"));
+    unit.start(0.0);
+    unit.run(0.0, 3, 8.99e-3);
+    let messages = unit.messages();
+    assert!(messages.iter().any(|(.., text)| text.contains("Use 8.9e-3 s or less")), "{messages:?}");
+}
+
+#[test]
 fn the_design_report_has_the_rule_for_the_gains_and_the_step() {
     let number = |text: &str, name: &str| {
         let report = model(text).unwrap().report();

@@ -12,7 +12,7 @@ use crate::mathematics::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
 use crate::mathematics::l1_norm::Bounds;
 use crate::mathematics::prediction_error::Uncertainty;
 use crate::mathematics::{lyapunov, pole_placement};
-use crate::report::number;
+use crate::report::{DIGITS, at_most, no_more, number};
 use crate::system::{DesignReport, Parameter, Values, VectorOf, Verdict};
 
 /// Relative residual up to which a Lyapunov equation counts as solved.
@@ -299,8 +299,8 @@ impl Law {
             return;
         }
         if report.step <= longest {
-            let note = format!("beyond it, {} would be true at once", v.name(self.step_too_long));
-            report.tell("longest step at rest", longest, "s", &note);
+            let note = format!("in which the estimates turn by {}", v.name(self.design.step_phase_limit));
+            report.tell("longest step at rest", no_more(longest, DIGITS), "s", &note);
             return;
         }
         let gain = v[self.design.adaptation_gain] * (longest / report.step).powi(2);
@@ -308,9 +308,9 @@ impl Law {
             "shorter than the default step, {} s: take one as short, or {} = {}",
             number(report.step),
             v.name(self.design.adaptation_gain),
-            number(gain)
+            at_most(gain)
         );
-        report.judge("longest step at rest", longest, "s", Verdict::Warning, note);
+        report.judge("longest step at rest", no_more(longest, DIGITS), "s", Verdict::Warning, note);
     }
 }
 
@@ -345,7 +345,7 @@ pub(in crate::controllers) fn tell_delay_margin(
         let note = format!(
             "sampling alone may delay by {} s, 1.5 communication steps. A step below {} s, or a smaller {of_gain}, leaves room",
             number(lag),
-            number(delay / 1.5),
+            at_most(delay / 1.5),
         );
         report.judge("delay margin", delay, "s", Verdict::Warning, note);
     }

@@ -8,7 +8,7 @@ use super::order::Order;
 use crate::controllers::sampling::Evaluation;
 use crate::mathematics::limits::UNLIMITED;
 use crate::mathematics::performance::{Bounds, Performance};
-use crate::report::number;
+use crate::report::{DIGITS, at_most, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
 /// Places of the error in parts of its bound at which the stiffness is told.
@@ -63,13 +63,13 @@ impl L1Ppf {
         let (longest, of_gain) = (1.0 / stiffness, v.name(self.barrier_gain));
         if self.samples.is_some() && !v.get(self.evaluation).is(Evaluation::Continuous) {
             let note = "1/stiffness in the middle; in co-simulation the barrier is sampled, which longer steps suit";
-            report.tell(name, longest, "s", note);
+            report.tell(name, no_more(longest, DIGITS), "s", note);
             return;
         }
         if report.step <= longest {
             let note =
                 "1/stiffness in the middle; 2/stiffness where the plant is stepped first. Near the bounds it is less";
-            report.tell(name, longest, "s", note);
+            report.tell(name, no_more(longest, DIGITS), "s", note);
             return;
         }
         let sampled =
@@ -77,9 +77,9 @@ impl L1Ppf {
         let note = format!(
             "shorter than the default step, {} s: take one as short, {sampled}{of_gain} times {}, or the loop as one unit",
             number(report.step),
-            number(longest / report.step)
+            at_most(longest / report.step)
         );
-        report.judge(name, longest, "s", Verdict::Warning, note);
+        report.judge(name, no_more(longest, DIGITS), "s", Verdict::Warning, note);
     }
 
     /// The stiffness of a channel at an error of this part of the bound in the end.

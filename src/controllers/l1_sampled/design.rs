@@ -8,6 +8,7 @@ use super::filter::SampledFilter;
 use crate::controllers::inverse::{inverse, refused};
 use crate::controllers::l1::orthogonal_complement;
 use crate::mathematics::{feedforward, pole_placement};
+use crate::report::at_most;
 use crate::system::{Invalid, Number, Point, Values};
 
 /// Entries of a gain that are smaller, in parts of the largest, are zeros.
@@ -26,8 +27,10 @@ impl L1Sampled {
         let A = self.nominal(A_m);
         let motion = A.norm().max(A_m.norm()) * T;
         if motion.is_nan() || motion > MOST_MOTION {
-            let allowed =
-                format!("must be at most {}: the nominal plant moves too far within it", MOST_MOTION / (motion / T));
+            let allowed = format!(
+                "must be at most {}: the nominal plant moves too far within it",
+                at_most(MOST_MOTION / (motion / T))
+            );
             return Err(Invalid::new(v.name(self.sample_time), Number(T), allowed));
         }
         let W_0 = v.matrix(self.W_0).into_owned();

@@ -10,6 +10,7 @@ use super::sample::product;
 use crate::controllers::l1::{Form, L1Structure, PlantMatrices};
 use crate::mathematics::filter::Filter;
 use crate::mathematics::matched_equivalent::MatchedEquivalent;
+use crate::report::at_most;
 use crate::system::{
     Declaration, Discrete, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Scalar, Values, VectorOf, diagonal,
     matrix, vector,
@@ -174,7 +175,7 @@ impl General {
         if motion.is_nan() || motion > MOST_MOTION {
             let allowed = format!(
                 "must be at most {}: the filter D(s) with {} moves too far within it",
-                Number(MOST_MOTION / A.norm()),
+                at_most(MOST_MOTION / A.norm()),
                 v.name(self.K)
             );
             return Err(Invalid::new(v.name(law.sample_time), Number(T), allowed));

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::{BY_CONTROLLER, Ladrc, binomial};
-use crate::report::number;
+use crate::report::{DIGITS, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
 /// How many times faster than the loop the observer should be.
@@ -68,11 +68,11 @@ fn tell_step(of_o: &str, omega_o: f64, report: &mut DesignReport) {
     let (H, longest) = (report.step, SHORT / omega_o);
     let name = format!("longest step for {of_o}");
     if H <= longest {
-        report.tell(&name, longest, "s", "beyond it, the observer lives on few samples");
+        report.tell(&name, no_more(longest, DIGITS), "s", "beyond it, the observer lives on few samples");
         return;
     }
     let note = format!("shorter than the default step, {} s: the observer lives on few samples", number(H));
-    report.judge(&name, longest, "s", Verdict::Warning, note);
+    report.judge(&name, no_more(longest, DIGITS), "s", Verdict::Warning, note);
 }
 
 /// The least delay by which the loop of y^(n) = u becomes unstable; nothing where its gain is nowhere 1.

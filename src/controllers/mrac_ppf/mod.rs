@@ -354,7 +354,7 @@ impl MracPpf {
                      {} 1/s where the plant's input gain is 1. Use {} s or less, {} = sampled, or the loop as one unit",
                     step.scientific(3),
                     rate.scientific(3),
-                    longest.scientific(1),
+                    longest.scientific_at_most(1),
                     v.name(self.law)
                 )
             });

@@ -3,7 +3,7 @@
 
 use super::MracPpf;
 use crate::controllers::sampling::Evaluation;
-use crate::report::number;
+use crate::report::{DIGITS, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
 impl MracPpf {
@@ -32,16 +32,21 @@ impl MracPpf {
         if longest == f64::INFINITY {
             report.tell_unlimited(name, "s", "nothing of the law acts on the error");
         } else if is_sampled {
-            report.tell(name, longest, "s", "1/s; in co-simulation the law is sampled, which longer steps suit");
+            report.tell(
+                name,
+                no_more(longest, DIGITS),
+                "s",
+                "1/s; in co-simulation the law is sampled, which longer steps suit",
+            );
         } else if report.step <= longest {
-            report.tell(name, longest, "s", "1/s; where the plant is stepped first, 2/s");
+            report.tell(name, no_more(longest, DIGITS), "s", "1/s; where the plant is stepped first, 2/s");
         } else {
             let note = format!(
                 "shorter than the default step, {} s: take one as short, {} = sampled, or the loop as one unit",
                 number(report.step),
                 v.name(self.law)
             );
-            report.judge(name, longest, "s", Verdict::Warning, note);
+            report.judge(name, no_more(longest, DIGITS), "s", Verdict::Warning, note);
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::MracPpfUnmatched;
 use super::structure::Driven;
-use crate::report::number;
+use crate::report::{DIGITS, at_most, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
 /// By how much faster than the adaptation of an unmatched row the barrier of the state that drives it must be.
@@ -57,7 +57,7 @@ impl MracPpfUnmatched {
             let note = format!(
                 "the adaptation must stay below a third of the barrier's rate, else the loop swings or is lost: take {gamma} below {}, or a \
                  larger {K}",
-                number((rate * self.funnel.narrowest(row, v) / FASTER).powi(2))
+                at_most((rate * self.funnel.narrowest(row, v) / FASTER).powi(2))
             );
             report.judge(&name, 0.0, "", Verdict::Warning, note);
         }
@@ -84,11 +84,11 @@ impl MracPpfUnmatched {
         report.tell("s", stiffness, "1/s", note);
         let (name, longest) = ("longest step", 1.0 / stiffness);
         if report.step <= longest {
-            report.tell(name, longest, "s", "1/s; where the plant is stepped first, 2/s");
+            report.tell(name, no_more(longest, DIGITS), "s", "1/s; where the plant is stepped first, 2/s");
         } else {
             let step = number(report.step);
             let note = format!("shorter than the default step, {step} s: take one as short, or the loop as one unit");
-            report.judge(name, longest, "s", Verdict::Warning, note);
+            report.judge(name, no_more(longest, DIGITS), "s", Verdict::Warning, note);
         }
     }
 }

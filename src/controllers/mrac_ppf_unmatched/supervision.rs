@@ -39,7 +39,7 @@ impl MracPpfUnmatched {
                  {} s or less, twice that where the plant is stepped first, or the loop as one unit",
                 step.scientific(3),
                 stiffness.scientific(3),
-                stiffness.recip().scientific(1)
+                stiffness.recip().scientific_at_most(1)
             )
         });
     }

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use super::NeuroPpf;
 use super::order::Order;
-use crate::report::number;
+use crate::report::at_most;
 use crate::system::{DesignReport, Values, Verdict};
 
 impl NeuroPpf {
@@ -57,7 +57,7 @@ impl NeuroPpf {
             "{name_of_k} + {name_of_n_f}/{}²; a law whose inputs are held needs steps well below its inverse, {} s, or the \
              loop as one unit",
             self.funnel.name_of_end(v),
-            number(1.0 / end)
+            at_most(1.0 / end)
         );
         if report.step * end < 1.0 {
             report.tell("decay of E in the narrow funnel", end, "1/s", &note);

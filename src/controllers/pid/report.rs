@@ -4,7 +4,7 @@
 
 use super::{BY_GAINS, Pid};
 use crate::mathematics::limits::UNLIMITED;
-use crate::report::number;
+use crate::report::{at_least, at_most, number};
 use crate::system::{DesignReport, Values, Verdict};
 
 /// What should be left of a derivative, through which a step holds the output.
@@ -33,7 +33,7 @@ impl Pid {
         }
         let note = format!("of {of_K_p} and {of_K_d}: the derivative acts from there up to {of_N}");
         if N < APART * K_p / K_d {
-            let least = number(APART * K_p / K_d);
+            let least = at_least(APART * K_p / K_d);
             let note = format!("{note}, which leaves it hardly any effect: {of_N} of {least} rad/s or more mends it");
             report.judge("corner frequency", K_p / K_d, "rad/s", Verdict::Warning, note);
         } else {
@@ -53,7 +53,7 @@ impl Pid {
             report.tell("derivative held", kept, "", &note);
             return;
         }
-        let (step, rate) = (number(LONGEST / N), number(LONGEST / H));
+        let (step, rate) = (at_most(LONGEST / N), at_most(LONGEST / H));
         let note = format!(
             "{note}, through which the output is held. A step of {step} s or less, or {of_N} of {rate} rad/s or less, \
              leaves {KEPT}; input_handling = interpolate leaves all of it"

@@ -226,6 +226,15 @@ impl Scalar for Recorded {
     fn rounded(self) -> String {
         format!("{{node {} rounded}}", self.0.0)
     }
+    fn rounded_at_most(self) -> String {
+        format!("{{node {} at most}}", self.0.0)
+    }
+    fn rounded_at_least(self) -> String {
+        format!("{{node {} at least}}", self.0.0)
+    }
+    fn scientific_at_most(self, digits: usize) -> String {
+        format!("{{node {} .{digits}c}}", self.0.0)
+    }
     fn scientific(self, digits: usize) -> String {
         format!("{{node {} .{digits}e}}", self.0.0)
     }

@@ -15,6 +15,7 @@ pub(crate) use messages::{REFERENCE, of_part};
 pub use opaque::Opaque;
 
 use crate::error::{self, Invalid};
+use crate::report;
 
 /// A condition over scalars: `bool`, or a node of a recording. Combined by `&`, `|` and `!`.
 pub trait Flag:
@@ -145,8 +146,14 @@ pub trait Scalar:
     fn told(self) -> String;
     /// The number in a text, rounded to what a person reads.
     fn rounded(self) -> String;
+    /// The same, with digits cut instead of rounded: a magnitude that may be reached.
+    fn rounded_at_most(self) -> String;
+    /// The same, rounded away from 0: a magnitude that suffices.
+    fn rounded_at_least(self) -> String;
     /// The number in a text, with an exponent and so many digits behind the point.
     fn scientific(self, digits: usize) -> String;
+    /// The same, cut instead of rounded: the most that a text may advise.
+    fn scientific_at_most(self, digits: usize) -> String;
     /// The number in a text, with so many digits behind the point.
     fn fixed(self, digits: usize) -> String;
 
@@ -286,10 +293,19 @@ macro_rules! of_numbers {
             error::Number(self.number()).to_string()
         }
         fn rounded(self) -> String {
-            crate::report::number(self.number())
+            report::number(self.number())
+        }
+        fn rounded_at_most(self) -> String {
+            report::at_most(self.number())
+        }
+        fn rounded_at_least(self) -> String {
+            report::at_least(self.number())
         }
         fn scientific(self, digits: usize) -> String {
             format!("{:.digits$e}", self.number())
+        }
+        fn scientific_at_most(self, digits: usize) -> String {
+            format!("{:.digits$e}", report::no_more(self.number(), digits + 1))
         }
         fn fixed(self, digits: usize) -> String {
             format!("{:.digits$}", self.number())

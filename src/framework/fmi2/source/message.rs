@@ -30,13 +30,19 @@ impl Told {
     }
 }
 
-/// How a number is written: `n` with all its digits, `r` rounded for a person, `e` and `f` with so many digits behind the point.
+/// How a number is written: `n` with all its digits; for a person `r` rounded, `d` cut, `u` rounded up; with so many digits
+/// behind the point `e` with an exponent, `c` so and cut, `f` without.
 fn mark(how: &str) -> String {
     match how.strip_prefix('.') {
-        Some(digits) if digits.ends_with('e') => format!("e{}", digits.trim_end_matches('e')),
+        Some(digits) if digits.ends_with(['e', 'c']) => digits.chars().rev().collect(),
         Some(digits) => format!("f{}", digits.trim_end_matches('f')),
-        None if how == "rounded" => "r".to_owned(),
-        None => "n".to_owned(),
+        None => match how {
+            "rounded" => "r",
+            "at most" => "d",
+            "at least" => "u",
+            _ => "n",
+        }
+        .to_owned(),
     }
 }
 
@@ -64,6 +70,8 @@ mod tests {
         let told = Told::of("x = {node 12}, about {node 3 rounded}, {node 7 .3e} or {node 8 .2f} {m}");
         assert_eq!(told.text, "x = \u{1}n, about \u{1}r, \u{1}e3 or \u{1}f2 {m}");
         assert_eq!(told.numbers, [12, 3, 7, 8].map(Node::at));
+        let told = Told::of("{node 1 .1c} or less, within {node 2 at most}, above {node 3 at least}");
+        assert_eq!(told.text, "\u{1}c1 or less, within \u{1}d, above \u{1}u");
     }
 
     #[test]

@@ -212,3 +212,16 @@ static void decimal_exact(Decimal *d, real value, int digits, int behind_point) 
         decimal_round_up(d);
     }
 }
+
+/* The first digits of a number above zero, rounded up where digits are left out and `up` says so. */
+static void decimal_cut(Decimal *d, real value, int digits, int up) {
+    decimal_shortest(d, value);
+    int is_short = d->count <= digits;
+    for (; d->count < digits; d->count++) {
+        d->digits[d->count] = '0';
+    }
+    d->count = digits;
+    if (up && !is_short) {
+        decimal_round_up(d);
+    }
+}

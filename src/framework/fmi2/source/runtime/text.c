@@ -137,7 +137,7 @@ static void text_scientific(Text *text, real value) {
     }
 }
 
-/* So many digits behind the point, with an exponent (e) or without (f). */
+/* So many digits behind the point, with an exponent, rounded (e) or cut (c), or without (f). */
 static void text_with_digits(Text *text, real value, char form, int digits) {
     if (!text_has_digits(text, value, 0)) {
         return;
@@ -146,7 +146,9 @@ static void text_with_digits(Text *text, real value, char form, int digits) {
     d.count = form == 'f' ? 0 : digits + 1;
     d.power = form == 'f' ? 0 : 1;
     memset(d.digits, '0', sizeof d.digits);
-    if (value != 0) {
+    if (value != 0 && form == 'c') {
+        decimal_cut(&d, F(fabs)(value), digits + 1, 0);
+    } else if (value != 0) {
         decimal_exact(&d, F(fabs)(value), form == 'f' ? digits : digits + 1, form == 'f');
     }
     if (form == 'f') {
@@ -156,8 +158,8 @@ static void text_with_digits(Text *text, real value, char form, int digits) {
     }
 }
 
-/* Seven digits, as short as can be. */
-static void text_rounded(Text *text, real value) {
+/* Seven digits, as short as can be: rounded (r), cut (d), or rounded up (u). */
+static void text_rounded(Text *text, real value, char form) {
     if (!text_has_digits(text, value, 1)) {
         return;
     }
@@ -166,7 +168,11 @@ static void text_rounded(Text *text, real value) {
         return;
     }
     Decimal d;
-    decimal_exact(&d, F(fabs)(value), 7, 0);
+    if (form == 'r') {
+        decimal_exact(&d, F(fabs)(value), 7, 0);
+    } else {
+        decimal_cut(&d, F(fabs)(value), 7, form == 'u');
+    }
     while (d.count > 1 && d.digits[d.count - 1] == '0') {
         d.count--;
     }
@@ -191,8 +197,8 @@ static void text_marked(Text *text, const char *marked, const real *values, int 
         marked += 2;
         if (form == 'n') {
             text_number(text, value);
-        } else if (form == 'r') {
-            text_rounded(text, value);
+        } else if (form == 'r' || form == 'd' || form == 'u') {
+            text_rounded(text, value, form);
         } else {
             text_with_digits(text, value, form, *marked - '0');
             marked++;
