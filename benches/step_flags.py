@@ -1,8 +1,10 @@
-"""Do controllers tell where a loop of separate units is off the loop as one? Draws variations of loops, runs them both ways.
+"""Do controllers report where a loop of separate FMUs deviates from the loop as a single FMU? Draws variations of loops and
+runs them both ways.
 
     target/venv/bin/python benches/step_flags.py FMUS --seeds 0,1,2,3 6.5.2-l1 6.5.2-neuro
 
-FMUS is the folder of an export. Seed 0 is a loop as it is. What it prints is behind docs/step_flags.md.
+FMUS is the folder of an export. Seed 0 is a loop as it is. docs/step_flags.md shows what this prints. Where a flagged loop
+deviates by more than 5 %, its step is halved until it doesn't, and compared with the step that the warning names.
 """
 
 import argparse
@@ -12,6 +14,7 @@ import re
 import subprocess
 import tempfile
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
@@ -78,8 +81,11 @@ def drawn(loop: str, seed: int) -> dict[str, float]:
     return changed
 
 
-def run(loop: str, changed: dict[str, float], *options: str) -> dict[str, np.ndarray] | str:
-    """What a run records, or why it ended."""
+NAMED = re.compile(r"Try (\S+) s or less")
+
+
+def run(loop: str, changed: dict[str, float], *options: str) -> tuple[dict[str, np.ndarray], float] | str:
+    """The recorded columns of a run and the step that a warning names, 0 without; or why it ended."""
     with tempfile.TemporaryDirectory() as out:
         sets = [word for name, value in changed.items() for word in ("--set", f"{name}={value!r}")]
         words = [PROGRAM, "run", loop, "--json", "--out", out, *sets, *options]
@@ -88,7 +94,8 @@ def run(loop: str, changed: dict[str, float], *options: str) -> dict[str, np.nda
             return answer.stderr.strip().splitlines()[-1]
         with (Path(json.loads(answer.stdout)["results"]) / "result.csv").open() as file:
             names, *rows = csv.reader(file)
-    return dict(zip(names, np.array(rows, float).T, strict=True))
+    named = [float(found[1]) for text in json.loads(answer.stdout)["warnings"] if (found := NAMED.search(text))]
+    return dict(zip(names, np.array(rows, float).T, strict=True)), max(named, default=0.0)
 
 
 def off(split: dict[str, np.ndarray], whole: dict[str, np.ndarray]) -> float:
@@ -96,6 +103,28 @@ def off(split: dict[str, np.ndarray], whole: dict[str, np.ndarray]) -> float:
     names = [name for name in split if name.startswith("controller.u[") and np.abs(whole[name]).max() > 0]
     sizes = [lambda u: np.sqrt(np.mean(u**2)), lambda u: np.abs(u).max()]
     return max(abs(size(split[name]) / size(whole[name]) - 1) for name in names for size in sizes)
+
+
+def compared(loop: str, changed: dict[str, float], fmus: Path, *options: str) -> tuple[float, dict, float] | str:
+    """The deviation of a loop of separate FMUs, what it recorded, and the step that it names; or why it ended."""
+    stiff = ["--set", "integration_method=stiff"] if STIFF.fullmatch(loop) else []
+    split = run(loop, changed, *options, "--fmus", str(fmus))
+    whole = run(loop, changed, *options, "--composite", *stiff)
+    if isinstance(split, str) or isinstance(whole, str):
+        return split if isinstance(split, str) else str(whole)
+    return off(split[0], whole[0]), *split
+
+
+def step_at(limit: float, deviation: Callable[[float], float | None], step: float, part: float) -> float | None:
+    """The step at which a loop deviates by this, where a longer one does by more: by halving and interpolation."""
+    for _ in range(8):
+        shorter = deviation(step / 2)
+        if shorter is None:
+            return None
+        if shorter <= limit:
+            return step / 2 * 2 ** (np.log(limit / shorter) / np.log(part / shorter))
+        step, part = step / 2, shorter
+    return None
 
 
 def main() -> None:
@@ -107,23 +136,34 @@ def main() -> None:
     parser.add_argument("--until", type=float)
     given = parser.parse_args()
     until = ["--until", str(given.until)] if given.until else []
+    ratios: list[float | None] = []
     counts = {"more than 5 %": [0, 0], "1 to 5 %": [0, 0], "less than 1 %": [0, 0]}
     for loop in given.loops:
         for seed in map(int, given.seeds.split(",")):
             changed = drawn(loop, seed)
-            stiff = ["--set", "integration_method=stiff"] if STIFF.fullmatch(loop) else []
-            split = run(loop, changed, *until, "--fmus", str(given.fmus))
-            whole = run(loop, changed, *until, "--composite", *stiff)
-            if isinstance(split, str) or isinstance(whole, str):
-                print(f"{loop} {seed}: ended early: {split if isinstance(split, str) else whole}", flush=True)
+            found = compared(loop, changed, given.fmus, *until)
+            if isinstance(found, str):
+                print(f"{loop} {seed}: ended early: {found}", flush=True)
                 continue
-            part, flag = off(split, whole), bool(split["controller.step_too_long"].any())
+            part, columns, named = found
+            flag = bool(columns["controller.step_too_long"].any())
             print(f"{loop} {seed}: {100 * part:.2f} % off, {'flagged' if flag else 'not flagged'}", flush=True)
+            if flag and part > 0.05:
+
+                def deviation(step: float, loop: str = loop, changed: dict = changed) -> float | None:
+                    found = compared(loop, changed, given.fmus, *until, "--step", repr(step))
+                    return None if isinstance(found, str) else found[0]
+
+                right = step_at(0.05, deviation, float(columns["time"][1] - columns["time"][0]), part)
+                ratios.append(named / right if right else None)
+                print(f"    names {named:.1e} s, 5 % off at {right and f'{right:.1e} s'}", flush=True)
             row = counts["more than 5 %" if part > 0.05 else "1 to 5 %" if part >= 0.01 else "less than 1 %"]
             row[0] += 1
             row[1] += flag
     for name, (runs, flags) in counts.items():
         print(f"| {name} | {runs} | {flags} |")
+    near = sum(ratio is not None and 1 / 3 <= ratio <= 3 for ratio in ratios)
+    print(f"steps named within a factor of 3: {near} of {len(ratios)}")
 
 
 if __name__ == "__main__":

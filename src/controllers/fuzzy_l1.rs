@@ -183,7 +183,7 @@ impl Catalogued for FuzzyL1 {
                  - What is unknown must lie within its bounds; outside them nothing is proven, and \
                   the estimates stand at them.\n\
                  - The sign of the input gain must be known.\n\
-                 - A communication step that is too long for the adaptation takes the loop away from \
+                 - A communication step that is too long for the control takes the loop away from \
                   its design: `step_too_long` tells.\n\
                  - Nothing is proven of the fuzzy gain; a gain of two levels (`fuzzy_output` = \
                   constant) does about as much in the examples.\n\

@@ -7,13 +7,17 @@
 
 use crate::system::{
     BooleanOf, Declaration, Discrete, Memory, Parameter, Point, Scalar, ScalarOf, Signal, VectorOf, larger, scalar,
-    vector,
+    smaller, vector,
 };
 
-/// A start is arbitrary, and the control leaves it within a few steps: so many moves don't count.
-const LEAVING: f64 = 3.0;
-/// A control is judged when it has passed a peak: when its magnitude grew no further for so many steps.
-const PASSED: f64 = 5.0;
+/// A control has its size once it has grown by no more than this factor for as long as it took to get there,
+const GROWTH: f64 = 1.1;
+/// at least for so many steps,
+const SHORTEST_WAIT: f64 = 20.0;
+/// and not for more than so many.
+const LONGEST_WAIT: f64 = 1000.0;
+/// The part of the limit that a warning's step leads to.
+const NAMED: f64 = 0.65;
 
 /// The moves of a control, channel by channel.
 #[derive(Debug)]
@@ -21,13 +25,14 @@ pub(super) struct Moves {
     limit: ScalarOf<Parameter>,
     /// Whether anything is held at all.
     pub is_stepped: BooleanOf<Memory>,
-    /// How many moves there were.
+    /// The steps since the control isn't 0 any more.
     count: ScalarOf<Discrete>,
-    /// The control where the last step ended, its largest magnitude, its farthest move, and the steps since the largest
-    /// magnitude.
+    /// The control where the last step ended, its largest magnitude, its farthest move.
     last: VectorOf<Discrete>,
     largest: VectorOf<Discrete>,
     farthest: VectorOf<Discrete>,
+    /// The magnitude from which growth counts, and the steps since it was reached.
+    size: VectorOf<Discrete>,
     since: VectorOf<Discrete>,
 }
 
@@ -52,7 +57,8 @@ impl Moves {
             last: hidden("#last u"),
             largest: hidden("#largest u"),
             farthest: hidden("#farthest move"),
-            since: hidden("#steps since the largest u"),
+            size: hidden("#size of u"),
+            since: hidden("#steps at this size"),
             count: d.discrete(scalar("#moves", "").hidden()),
             limit: d.parameter(scalar("step_move_limit", limit).start(0.13).positive()),
             is_stepped,
@@ -63,7 +69,7 @@ impl Moves {
     pub fn begin<S: Scalar>(&self, v: &mut Point<S>) {
         let none = S::from(0.0);
         v[self.count] = none;
-        for handle in [self.last, self.largest, self.farthest, self.since] {
+        for handle in [self.last, self.largest, self.farthest, self.size, self.since] {
             v[handle].fill(none);
         }
     }
@@ -81,28 +87,30 @@ impl Moves {
     /// Notes where the control stands, and how far it has moved.
     fn note<S: Scalar>(&self, u: VectorOf<Signal>, v: &mut Point<S>) {
         let none = S::from(0.0);
-        let has_left = v[self.count].at_least(S::from(LEAVING));
-        let mut any = S::Flag::from(false);
+        // The first move leads from an arbitrary start.
+        let has_left = v[self.count].above(none);
+        let mut counts = has_left;
         for i in 0..u.len() {
             let (now, moved) = (v[u][i].abs(), (v[u][i] - v[self.last][i]).abs());
-            any = any | moved.above(none);
+            counts = counts | moved.above(none);
             v[self.last][i] = v[u][i];
             v[self.farthest][i] = S::branch(has_left, || larger(v[self.farthest][i], moved), || v[self.farthest][i]);
-            let grows = now.above(v[self.largest][i]);
-            v[self.since][i] = S::select(grows, none, v[self.since][i] + 1.0);
             v[self.largest][i] = larger(v[self.largest][i], now);
+            let grows = now.above(v[self.size][i] * GROWTH);
+            v[self.size][i] = S::select(grows, now, v[self.size][i]);
+            v[self.since][i] = S::select(grows, none, v[self.since][i] + 1.0);
         }
-        // A control that is held over several steps hasn't left its start in them.
-        v[self.count] += S::from_flag(any);
+        v[self.count] += S::from_flag(counts);
     }
 
-    /// The farthest move in parts of its channel's largest magnitude, of those that have passed a peak; 0 where none has.
+    /// The farthest move in parts of its channel's largest magnitude, of those that have their size; 0 where none has.
     fn worst<S: Scalar>(&self, v: &Point<S>) -> S {
         let none = S::from(0.0);
         (0..self.last.len()).fold(none, |worst, i| {
-            let largest = v[self.largest][i];
-            let has_passed = v[self.since][i].at_least(S::from(PASSED)) & largest.above(none);
-            S::branch(has_passed, || larger(worst, v[self.farthest][i] / largest), || worst)
+            let (largest, since) = (v[self.largest][i], v[self.since][i]);
+            let wait = smaller(larger(v[self.count] - since, S::from(SHORTEST_WAIT)), S::from(LONGEST_WAIT));
+            let is_judged = since.at_least(wait) & largest.above(none);
+            S::branch(is_judged, || larger(worst, v[self.farthest][i] / largest), || worst)
         })
     }
 }
@@ -112,14 +120,14 @@ impl<S: Scalar> Move<S> {
     pub fn told(self, step: S, helps: &str) -> String {
         let Move { part, limit, .. } = self;
         // The move goes with the step.
-        let shorter = step * limit / part;
+        let shorter = step * limit * NAMED / part;
         format!(
-            "the control has moved by {} of its largest magnitude within a communication step of {} s: held so long, it is \
-             off that of the loop as one unit by some {} of it. Try {} s or less{helps}",
+            "the control has moved by {} of its largest magnitude within a communication step of {} s (limit {}): its peaks and \
+             rms may differ by several per cent from those of the loop as one unit. Try {} s or less{helps}",
             part.fixed(2),
             step.scientific(3),
-            (part * 0.5).fixed(2),
-            shorter.scientific(1)
+            limit.rounded(),
+            shorter.scientific_at_most(1)
         )
     }
 }

@@ -21,17 +21,34 @@ def told(loop: Separate, category: str) -> list[str]:
     return [message.text for message in loop.controller.messages if message.category == category]
 
 
-def test_a_step_too_long_for_the_adaptation_is_shown_and_told_once_with_the_one_to_use(unit) -> None:
-    loop, seen = Separate(unit, "robot", {}, CASE_1), []
-    loop.run(100, 1e-3, after=lambda: seen.append((loop.controller["step_too_long"], frequency(loop))))
-    limit = loop.controller["step_phase_limit"]
-    too_fast = [f * 1e-3 > limit for _, f in seen]
-    # It may also be shown for how far the control moves.
-    assert any(too_fast) and all(shown for (shown, _), fast in zip(seen, too_fast, strict=True) if fast)
+def test_a_step_too_long_for_the_control_is_shown_and_told_once_with_one_to_try(unit) -> None:
+    loop, shown, parts, controls = Separate(unit, "robot", {}, CASE_1), [], [], []
+
+    def look() -> None:
+        frequency(loop)
+        controls.append(loop.u.values.copy())
+        shown.append(loop.controller["step_too_long"])
+        parts.append(max(moved(u) for u in np.array(controls).T))
+
+    loop.run(100, 1e-3, after=look)
+    limit = loop.controller["step_move_limit"]
+    assert any(shown) and not all(shown) and shown == [part > limit for part in parts]
     (text,) = told(loop, "logStepTooLong")
-    first = next(f for shown, f in seen if shown)
-    step, turning, better = map(float, re.findall(r"\d+\.\d*e-?\d+", text))
-    assert (step, turning, better) == (1e-3, pytest.approx(first, rel=1e-3), pytest.approx(limit / first, rel=0.05))
+    first = next(part for part in parts if part > limit)
+    part, step, of_limit, better = map(float, re.findall(r"\d+\.\d+(?:e-?\d+)?", text))
+    assert (part, step, of_limit) == (pytest.approx(first, abs=0.005), 1e-3, limit)
+    named = 0.65 * limit / first * 1e-3
+    assert 0.9 * named < better <= named
+
+
+def moved(u: np.ndarray) -> float:
+    """The farthest move of a control in a step, in parts of its largest magnitude; 0 while it hasn't its size."""
+    size, since = 0.0, 0
+    for magnitude in np.abs(u):
+        size, since = (magnitude, 0) if magnitude > 1.1 * size else (size, since + 1)
+    if since < min(max(len(u) - since, 20), 1000):
+        return 0.0
+    return np.abs(np.diff(u)).max() / np.abs(u).max()
 
 
 def frequency(loop: Separate) -> float:

@@ -86,11 +86,14 @@ def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_continuous_one
         assert round(higher, 1 if isinstance(band, float) else 0) <= band, higher
 
 
-@pytest.mark.parametrize("loop", ["3.3.1-case1", "3.3.1-case2"])
-def test_the_robots_own_step_is_not_too_long(ran, loop: str) -> None:
-    told, table = ran(loop, "--order", "gauss-seidel")
-    assert not table["controller.step_too_long"].any()
-    assert not [warning for warning in told["warnings"] if "too long" in warning]
+@pytest.mark.parametrize(("loop", "step"), [("3.3.1-case1", 1e-4), ("3.3.1-case2", 1e-3)])
+def test_the_robots_own_step_is_told_to_cost_per_cents_of_its_torques_and_a_quarter_of_it_is_not(ran, loop, step) -> None:
+    for part, flagged in [(1, True), (4, False)]:
+        told, table = ran(loop, "--until", 1, "--step", step / part)
+        _, whole = ran(loop, "--composite", "--until", 1, "--step", step / part)
+        higher = [high / right - 1 for high, right in zip(peaks(loop, table), peaks(loop, whole), strict=True)]
+        assert table["controller.step_too_long"].any() == flagged == (max(higher) > 0.01)
+        assert any("within a communication step" in warning for warning in told["warnings"]) == flagged
 
 
 @pytest.mark.parametrize("loop", TRACKING)

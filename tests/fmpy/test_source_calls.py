@@ -260,6 +260,19 @@ def test_integers_of_a_saved_state_that_no_instance_has_are_refused_alike(name: 
         assert "fixed_steps = 500000000: must be within 1 … 10000" in pair.forms[1].messages[-1].text
 
 
+def test_both_round_the_step_that_they_advise_down(forms: Callable) -> None:
+    told = []
+    for unit in forms(Unit, "PidNonlinearSiso"):
+        unit["K_p[1]"], unit["K_i[1]"], unit["K_d[1]"] = 2.0, 0.0, 0.0
+        unit.start()
+        for k in range(40):
+            unit["y[1]"] = -(0.812**k)
+            unit.step(k * 1e-3, 1e-3)
+        told.append([message.text for message in unit.messages if message.category == "logStepTooLong"])
+    # 0.65 of the limit of 0.13 over a move of 0.188: 4.49e-4 s.
+    assert told[0] == told[1] and "Try 4.4e-4 s or less" in told[0][0]
+
+
 @pytest.mark.parametrize("method", ["automatic", "stiff", "fixed"])
 def test_both_tell_by_which_method_they_are_integrated_and_which_eigenvalue_decided(method: str, forms: Callable) -> None:
     told = []

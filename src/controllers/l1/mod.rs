@@ -226,7 +226,7 @@ impl Catalogued for L1 {
                  - What is unknown must lie within its bounds; outside them nothing is proven, and \
                   the estimates stand at them.\n\
                  - The sign of the input gain must be known.\n\
-                 - A communication step that is too long for the adaptation takes the loop away from \
+                 - A communication step that is too long for the control takes the loop away from \
                   its design: `step_too_long` tells.\n\
                  - Held signals, noise and delay act on the real loop, which no desired dynamics \
                   show: try it with a sensor and an actuator between.",

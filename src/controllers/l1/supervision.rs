@@ -108,23 +108,10 @@ impl Law {
         });
     }
 
-    /// Tells whether a communication step was too long for the adaptation or for the control.
+    /// Tells whether a communication step was too long for the control.
     fn judge_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
-        let frequency = v[self.adaptation_frequency];
-        let longest = self.longest_step(frequency, &v.values());
-        let (turns, moved) = (step.above(longest), self.moves.look(self.ports.u, step, v));
-        v.put(self.step_too_long, turns | moved.flag);
-        v.when(turns, |v| {
-            v.warn(self.long_step, |_| {
-                format!(
-                    "the communication step {} s is too long for the adaptation, which turns at {} rad/s now: while that \
-                     lasts, peaks of the control grow. Use {} s or less",
-                    step.scientific(3),
-                    frequency.scientific(3),
-                    longest.scientific(1)
-                )
-            });
-        });
-        v.when(!turns & moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, "")));
+        let moved = self.moves.look(self.ports.u, step, v);
+        v.put(self.step_too_long, moved.flag);
+        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, "")));
     }
 }
