@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import adaptive_fmu
 from fmpy.fmi1 import FMICallException
-from master import Exchange, Fmu, Unit
+from master import Exchange, Fmu, Unit, refused
 
 # A plant, a controller that says much, time events, states of any kind and none.
 NAMES = ["TwoLinkRobot", "L1NonlinearSiso", "MracPpfCoupledMimo", "Actuator", "Reference"]
@@ -145,7 +146,8 @@ class Pair:
     def go_on(self) -> None:
         """A step, seldom one that can't be."""
         wrong = self.numbers.random() < 0.1
-        time = self.numbers.choice([0.0, self.time + 1.0, self.number(self.time)]) if wrong else self.time
+        near = self.time + self.numbers.choice([-9e-4, 9e-4]) * self.step
+        time = self.numbers.choice([0.0, self.time + 1.0, near, self.number(self.time)]) if wrong else self.time
         step = self.numbers.choice([0.0, -1.0, 1e-300, self.step / 3]) if wrong else self.step
         if self.ask(f"step {time} + {step}", lambda unit: unit.slave.doStep(time, step)) == 0:
             self.time = time + step
@@ -271,6 +273,26 @@ def test_both_round_the_step_that_they_advise_down(forms: Callable) -> None:
         told.append([message.text for message in unit.messages if message.category == "logStepTooLong"])
     # 0.65 of the limit of 0.13 over a move of 0.188: 4.49e-4 s.
     assert told[0] == told[1] and "Try 4.4e-4 s or less" in told[0][0]
+
+
+@pytest.mark.parametrize("clock", ["single precision", "microseconds"])
+def test_both_follow_a_host_whose_clock_is_coarse_and_log_it_once(clock: str, forms: Callable) -> None:
+    read = {"single precision": lambda t: float(np.float32(t)), "microseconds": lambda t: round(t, 6)}[clock]
+    answers = []
+    for unit in forms(Unit, "TwoLinkRobot"):
+        unit.start(time=0.7)
+        for k in range(1610):
+            unit["u[1]"] = 20.0 if k % 40 < 20 else -20.0
+            unit.step(read(0.7 + k / 700), 1 / 700)
+        # Not before the point of the last step, whatever the step.
+        end = read(0.7 + 1609 / 700) + 1 / 700
+        unit.step(end, 1e-6)
+        refusal = refused(unit.step, end - 1e-5, 1.0)
+        answers.append((unit["x[1]"], unit["x[2]"], [*map(str, unit.messages)], str(refusal.status)))
+    assert answers[0] == answers[1]
+    warnings = [message for message in answers[0][2] if "logStatusWarning" in message]
+    assert len(warnings) == 1 and "currentCommunicationPoint = " in warnings[0], warnings
+    assert "is before that of the last step" in answers[0][2][-1]
 
 
 @pytest.mark.parametrize("method", ["automatic", "stiff", "fixed"])

@@ -121,6 +121,11 @@ impl Execution {
         self.values()[self.model.controls().time]
     }
 
+    /// Length of the last communication step, s; 0 before the first.
+    pub fn last_step(&self) -> f64 {
+        self.values()[self.model.controls().last_step]
+    }
+
     /// Puts the instance at a time: the start, or a communication point as the master counts it.
     pub fn set_time(&mut self, t: f64) {
         let handle = self.model.controls().time;

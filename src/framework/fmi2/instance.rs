@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::{Number, StepError};
-use crate::execution::{Execution, OnStepFailure};
+use crate::execution::Execution;
 use crate::system::Data;
 
 use super::access::{Access, NoValue, Type, element};
@@ -15,10 +15,10 @@ use super::shared::Shared;
 use super::snapshot::{self, Slots};
 use super::types::Status;
 
-/// How far, in parts of the step, a master's communication point may lie from where the instance stands.
-pub(super) const COMMUNICATION_POINT_SLACK: f64 = 1e-6;
 /// Log category of what could not be done, but may be tried otherwise.
 pub const DISCARDED: &str = "logStatusDiscard";
+/// Log category of what works, but may not be meant.
+pub const WARNING: &str = "logStatusWarning";
 /// Debug messages about accepted parameters and events.
 pub const EVENTS: &str = "logEvents";
 
@@ -53,6 +53,8 @@ pub struct Instance {
     pub(super) phase: Phase,
     pub(super) stop_time: Option<f64>,
     pub(super) slots: Slots,
+    /// Whether it was logged that the master's communication points aren't the sums of its steps.
+    pub(super) points_differ: bool,
 }
 
 impl Instance {
@@ -82,6 +84,7 @@ impl Instance {
             phase: Phase::Instantiated,
             stop_time: None,
             slots: Slots::default(),
+            points_differ: false,
         })
     }
 
@@ -286,7 +289,7 @@ impl Instance {
         self.discard(&format!("{name}: {what} is {value} at t = {time} s, which is no finite number{cause}"))
     }
 
-    fn discard(&mut self, reason: &str) -> Status {
+    pub(super) fn discard(&mut self, reason: &str) -> Status {
         self.logger.log(Status::Discard, DISCARDED, reason);
         Status::Discard
     }
@@ -363,99 +366,6 @@ impl Instance {
             }
         }
         Ok(())
-    }
-
-    /// fmi2DoStep
-    ///
-    /// # Errors
-    /// When the step is refused (nothing changed), or can't be finished (values as before, and the instance in error).
-    pub fn do_step(&mut self, point: f64, step: f64) -> Answer<Status> {
-        self.check_step(point, step)?;
-        match self.execution.step(point, step) {
-            Ok(taken_over) => {
-                self.log_taken_over(taken_over, point);
-                self.log_method();
-                Ok(Status::Ok)
-            }
-            Err(error) => self.failed_step(error, point, step),
-        }
-    }
-
-    pub(super) fn log_taken_over(&mut self, taken_over: bool, time: f64) {
-        if taken_over && self.logger.is_enabled(EVENTS) {
-            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {} s", Number(time)));
-        }
-    }
-
-    /// Tells by which method the unit is integrated, where that has changed and the host wants to know.
-    fn log_method(&mut self) {
-        if let Some(chosen) = self.execution.method_news().filter(|_| self.logger.is_enabled(EVENTS)) {
-            self.logger.log(Status::Ok, EVENTS, &chosen.to_string());
-        }
-    }
-
-    fn failed_step(&mut self, error: StepError, point: f64, step: f64) -> Answer<Status> {
-        let reason = format!("fmi2DoStep from t = {} s by {} s: {error}", Number(point), Number(step));
-        match error {
-            // As with any refused argument, the instance can go on.
-            StepError::Parameters(_) => Err(Refused(reason)),
-            // A smaller step would not start either, so this is never discarded.
-            StepError::Invalid(_) => {
-                self.phase = Phase::Error;
-                Err(Refused(reason))
-            }
-            _ if self.execution.on_step_failure() == OnStepFailure::Discard => {
-                self.phase = Phase::StepFailed;
-                Ok(self.discard(&reason))
-            }
-            _ => {
-                self.phase = Phase::Error;
-                Err(Refused(reason))
-            }
-        }
-    }
-
-    fn check_step(&self, point: f64, step: f64) -> Answer {
-        if !(step.is_finite() && step > 0.0) {
-            return Err(Refused(format!(
-                "fmi2DoStep: communicationStepSize = {} must be finite and above 0",
-                Number(step)
-            )));
-        }
-        let time = self.execution.time();
-        let slack = COMMUNICATION_POINT_SLACK * step + 4.0 * f64::EPSILON * time.abs();
-        if !(point.is_finite() && (point - time).abs() <= slack) {
-            return Err(Refused(format!(
-                "fmi2DoStep: currentCommunicationPoint = {} s, but the instance stands at t = {} s; to go back, restore a \
-                 saved state",
-                Number(point),
-                Number(time)
-            )));
-        }
-        if point + step <= point {
-            return Err(Refused(format!(
-                "fmi2DoStep: communicationStepSize = {} is too small to change t = {} s",
-                Number(step),
-                Number(point)
-            )));
-        }
-        match self.stop_time {
-            Some(stop) if point + step > stop + slack => Err(Refused(format!(
-                "fmi2DoStep: {} s + {} s goes beyond stopTime = {} s, which fmi2SetupExperiment was given",
-                Number(point),
-                Number(step),
-                Number(stop)
-            ))),
-            _ => Ok(()),
-        }
-    }
-
-    /// Time up to which values are valid, s; fmi2Discard where it is no number.
-    pub fn last_successful_time(&mut self, time: &mut f64) -> Status {
-        let broken = hand_out(std::iter::once(self.execution.time()), std::slice::from_mut(time));
-        broken.map_or(Status::Ok, |(_, value)| {
-            self.not_finite(Function::GetRealStatus, "the last successful time", value)
-        })
     }
 }
 

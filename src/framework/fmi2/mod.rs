@@ -32,6 +32,7 @@ pub mod source;
 mod states;
 #[allow(unsafe_code)]
 mod status;
+mod stepping;
 pub mod types;
 
 #[macro_use]

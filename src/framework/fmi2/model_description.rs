@@ -11,7 +11,7 @@ use crate::structure::Place;
 use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, Variability, Variables};
 
 use super::access::References;
-use super::instance::{DISCARDED, EVENTS};
+use super::instance::{DISCARDED, EVENTS, WARNING};
 
 /// How the description of a constant ends that a unit was designed with.
 pub const DESIGNED: &str = " (designed at export)";
@@ -60,6 +60,7 @@ pub fn log_categories(model: &Model) -> impl Iterator<Item = (&'static str, &'st
     let standard = [
         (super::logger::ERROR, "a call was refused or failed: what, why, and what to do"),
         (DISCARDED, "a step could not be finished or a value not be computed; a smaller step may help"),
+        (WARNING, "what works, but may not be meant"),
         (EVENTS, "tunable parameters that were taken over, and by which method the unit is integrated"),
     ];
     // Parts of a system may share a category.
@@ -293,7 +294,8 @@ fn type_of(element: Element<'_>, states: &[usize]) -> (&'static str, Attributes<
             attributes.extend(display.map(|display| ("displayUnit", display.symbol.to_owned())));
             attributes.extend(min.map(|min| ("min", number(min))));
             attributes.extend(max.map(|max| ("max", number(max))));
-            if element.nominal() != 1.0 {
+            // Solvers take their tolerances from those of states; some tools warn where a state has none.
+            if element.nominal() != 1.0 || element.variable.section == Section::State {
                 attributes.push(("nominal", number(element.nominal())));
             }
             if element.variable.section == Section::Derivative {

@@ -54,7 +54,7 @@ impl Sequence<'_> {
     }
 
     fn set_debug_logging(&mut self, dice: &mut Dice) {
-        let known = [c"logStatusError", c"logAll", c"logEvents", c"logStatusDiscard"];
+        let known = [c"logStatusError", c"logAll", c"logEvents", c"logStatusDiscard", c"logStatusWarning"];
         let mut names: Vec<StringPointer> = (0..dice.below(3)).map(|_| dice.pick(&known).as_ptr()).collect();
         let mut right = true;
         if dice.one_in(3) {
@@ -99,7 +99,16 @@ impl Sequence<'_> {
         }
         let mut point = t;
         if dice.one_in(12) {
-            point = dice.pick(&[t + step, t - step, t + 1.0, -1e300, f64::NAN, f64::INFINITY]);
+            point = dice.pick(&[
+                t + step,
+                t - step,
+                t + 9e-4 * step,
+                t - 9e-4 * step,
+                t + 1.0,
+                -1e300,
+                f64::NAN,
+                f64::INFINITY,
+            ]);
         }
         let (end, rounding) = (point + step, 1e-3 * step + 1e-9 * t.abs());
         let late = self.now.stop.is_some_and(|stop| end > stop + rounding);

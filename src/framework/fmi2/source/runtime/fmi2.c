@@ -1,7 +1,7 @@
 /* The functions of the standard. Each call passes the table of allowed calls, and ends with its messages.
  *
- * The floating-point state is taken as the host has it: rounding to nearest, with small numbers and nothing trapped, as
- * C begins with. */
+ * The floating-point state is taken as the host has it: rounding to nearest and with small numbers, as C begins with.
+ * Division by zero, invalid operations and overflow may be trapped: values that nobody asks for aren't computed. */
 
 /* Answers a call: nothing is done where it isn't allowed, or where a pointer that is needed is NULL. */
 #define ANSWER(c, function, pointers_given, answer)                           \
@@ -70,6 +70,7 @@ FMI2_FUNCTION(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fm
     instance->phase = PHASE_INSTANTIATED;
     instance->has_stop_time = 0;
     instance->logs_events = logging != 0;
+    instance->points_differ = 0;
     instance->salt = salt_of(instance);
     put_at_start(instance);
     return instance;

@@ -28,12 +28,15 @@ typedef enum {
 enum { INPUTS_HOLD = 1, INPUTS_EXTRAPOLATE, INPUTS_INTERPOLATE };
 enum { ON_FAILURE_ERROR = 1, ON_FAILURE_DISCARD };
 /* Log categories that every unit has; its warnings have others. */
-enum { CATEGORY_ERROR, CATEGORY_DISCARD, CATEGORY_EVENTS };
+enum { CATEGORY_ERROR, CATEGORY_DISCARD, CATEGORY_WARNING, CATEGORY_EVENTS };
 
 /* Tolerances below this only add up rounding errors. */
 #define TIGHTEST_TOLERANCE R(1e-12)
-/* How far, in parts of the step, a master's communication point may lie from where the instance stands. */
-#define COMMUNICATION_POINT_SLACK 1e-6
+/* How far, in parts of the step, a master's communication point may lie from where the instance stands: a clock of single
+ * precision, or of whole microseconds, is no nearer. */
+#define COMMUNICATION_POINT_SLACK 1e-3
+/* Up to this, in parts of the step, it is the rounding of a master that adds up its steps, which needs no message. */
+#define COMMUNICATION_POINT_ROUNDING 1e-6
 
 /* All values. A copy of them is a copy of the instance. */
 typedef struct {
@@ -75,6 +78,7 @@ typedef struct {
     fmi2CallbackFunctions callbacks;
     char *name;
     int logs_events; /* whether debug messages are wanted */
+    int points_differ; /* whether it was logged that the master's communication points aren't the sums of its steps */
     int sending;     /* how many calls are sending messages: the master's logger may call in again */
     int is_freed;
 

@@ -81,17 +81,42 @@ static fmi2Status reset(Call *call) {
     return fmi2OK;
 }
 
+/* How far a communication point may lie from a time: a part of the step, and the rounding of the time. */
+static double point_slack(double part, double step, double time) {
+    return part * step + 4.0 * (double)REAL_EPSILON * fabs(time);
+}
+
+/* Logs, once, that a communication point is adopted which isn't where the last step ended. */
+static void log_adopted(Instance *instance, double point, double step) {
+    double time = (double)instance->block.v[AT_TIME];
+    if (instance->points_differ || fabs(point - time) <= point_slack(COMMUNICATION_POINT_ROUNDING, step, time)) {
+        return;
+    }
+    instance->points_differ = 1;
+    const real times[2] = {(real)point, (real)time};
+    tell(&instance->log, CATEGORY_WARNING,
+         "fmi2DoStep: currentCommunicationPoint = \1n s, but the instance stands at t = \1n s. Up to 0.001 of the step "
+         "the given point is taken, here and in later steps",
+         times, 2);
+}
+
 static fmi2Status check_step(Call *call, double point, double step) {
     const Instance *instance = call->instance;
     double time = (double)instance->block.v[AT_TIME];
-    double slack = COMMUNICATION_POINT_SLACK * step + 4.0 * (double)REAL_EPSILON * fabs(time);
+    double last = time - (double)instance->block.v[AT_LAST_STEP];
+    double slack = point_slack(COMMUNICATION_POINT_SLACK, step, time);
     if (!(isfinite(real_of(step)) && step > 0)) {
         return refused_times(call, ": communicationStepSize = \1n must be finite and above 0", step, 0, 0);
     }
     if (!(isfinite(point) && fabs(point - time) <= slack)) {
-        const char *reason = ": currentCommunicationPoint = \1n s, but the instance stands at t = \1n s; to go back, "
-                             "restore a saved state";
-        return refused_times(call, reason, point, time, 0);
+        const char *reason = ": currentCommunicationPoint = \1n s, but the instance stands at t = \1n s: give that point, "
+                             "to within 0.001 of communicationStepSize = \1n s";
+        return refused_times(call, reason, point, time, step);
+    }
+    if (last < time && point < last - point_slack(0, step, time)) {
+        const char *reason = ": currentCommunicationPoint = \1n s is before that of the last step, \1n s; the instance "
+                             "stands at t = \1n s: give that point";
+        return refused_times(call, reason, point, last, time);
     }
     if ((real)point + (real)step <= (real)point) {
         return refused_times(call, ": communicationStepSize = \1n is too small to change t = \1n s", step, point, 0);
@@ -126,6 +151,7 @@ static fmi2Status do_step(Call *call, double point, double step) {
     if (check_step(call, point, step) != fmi2OK) {
         return fmi2Error;
     }
+    log_adopted(call->instance, point, step);
     if (!advance(call->instance, (real)point, (real)step, &error)) {
         return failed_step(call, &error, point, step);
     }

@@ -1,0 +1,141 @@
+//! One communication step: which a master may ask for, and how it is answered.
+
+use crate::error::{Number, StepError};
+use crate::execution::OnStepFailure;
+
+use super::calls::{Function, Phase};
+use super::instance::{Answer, EVENTS, Instance, Refused, WARNING, hand_out};
+use super::types::Status;
+
+/// How far, in parts of the step, a master's communication point may lie from where the instance stands: a clock of single
+/// precision, or of whole microseconds, is no nearer.
+pub(super) const COMMUNICATION_POINT_SLACK: f64 = 1e-3;
+/// Up to this, in parts of the step, it is the rounding of a master that adds up its steps, which needs no message.
+const COMMUNICATION_POINT_ROUNDING: f64 = 1e-6;
+
+impl Instance {
+    /// fmi2DoStep
+    ///
+    /// # Errors
+    /// When the step is refused (nothing changed), or can't be finished (values as before, and the instance in error).
+    pub fn do_step(&mut self, point: f64, step: f64) -> Answer<Status> {
+        self.check_step(point, step)?;
+        self.log_adopted(point, step);
+        match self.execution.step(point, step) {
+            Ok(taken_over) => {
+                self.log_taken_over(taken_over, point);
+                self.log_method();
+                Ok(Status::Ok)
+            }
+            Err(error) => self.failed_step(error, point, step),
+        }
+    }
+
+    pub(super) fn log_taken_over(&mut self, taken_over: bool, time: f64) {
+        if taken_over && self.logger.is_enabled(EVENTS) {
+            self.logger.log(Status::Ok, EVENTS, &format!("tunable parameters taken over at t = {} s", Number(time)));
+        }
+    }
+
+    /// Tells by which method the unit is integrated, where that has changed and the host wants to know.
+    fn log_method(&mut self) {
+        if let Some(chosen) = self.execution.method_news().filter(|_| self.logger.is_enabled(EVENTS)) {
+            self.logger.log(Status::Ok, EVENTS, &chosen.to_string());
+        }
+    }
+
+    fn failed_step(&mut self, error: StepError, point: f64, step: f64) -> Answer<Status> {
+        let reason = format!("fmi2DoStep from t = {} s by {} s: {error}", Number(point), Number(step));
+        match error {
+            // As with any refused argument, the instance can go on.
+            StepError::Parameters(_) => Err(Refused(reason)),
+            // A smaller step would not start either, so this is never discarded.
+            StepError::Invalid(_) => {
+                self.phase = Phase::Error;
+                Err(Refused(reason))
+            }
+            _ if self.execution.on_step_failure() == OnStepFailure::Discard => {
+                self.phase = Phase::StepFailed;
+                Ok(self.discard(&reason))
+            }
+            _ => {
+                self.phase = Phase::Error;
+                Err(Refused(reason))
+            }
+        }
+    }
+
+    /// Logs, once, that a communication point is adopted which isn't where the last step ended.
+    fn log_adopted(&mut self, point: f64, step: f64) {
+        let time = self.execution.time();
+        if self.points_differ || (point - time).abs() <= point_slack(COMMUNICATION_POINT_ROUNDING, step, time) {
+            return;
+        }
+        self.points_differ = true;
+        let (point, time) = (Number(point), Number(time));
+        let text = format!(
+            "fmi2DoStep: currentCommunicationPoint = {point} s, but the instance stands at t = {time} s. Up to 0.001 of the \
+             step the given point is taken, here and in later steps"
+        );
+        self.logger.log(Status::Warning, WARNING, &text);
+    }
+
+    fn check_step(&self, point: f64, step: f64) -> Answer {
+        if !(step.is_finite() && step > 0.0) {
+            return Err(Refused(format!(
+                "fmi2DoStep: communicationStepSize = {} must be finite and above 0",
+                Number(step)
+            )));
+        }
+        let time = self.execution.time();
+        let slack = point_slack(COMMUNICATION_POINT_SLACK, step, time);
+        if !(point.is_finite() && (point - time).abs() <= slack) {
+            return Err(Refused(format!(
+                "fmi2DoStep: currentCommunicationPoint = {} s, but the instance stands at t = {} s: give that point, to \
+                 within 0.001 of communicationStepSize = {} s",
+                Number(point),
+                Number(time),
+                Number(step)
+            )));
+        }
+        let last = time - self.execution.last_step();
+        if last < time && point < last - point_slack(0.0, step, time) {
+            return Err(Refused(format!(
+                "fmi2DoStep: currentCommunicationPoint = {} s is before that of the last step, {} s; the instance stands at \
+                 t = {} s: give that point",
+                Number(point),
+                Number(last),
+                Number(time)
+            )));
+        }
+        if point + step <= point {
+            return Err(Refused(format!(
+                "fmi2DoStep: communicationStepSize = {} is too small to change t = {} s",
+                Number(step),
+                Number(point)
+            )));
+        }
+        match self.stop_time {
+            Some(stop) if point + step > stop + slack => Err(Refused(format!(
+                "fmi2DoStep: {} s + {} s goes beyond stopTime = {} s, which fmi2SetupExperiment was given",
+                Number(point),
+                Number(step),
+                Number(stop)
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Time up to which values are valid, s; fmi2Discard where it is no number.
+    pub fn last_successful_time(&mut self, time: &mut f64) -> Status {
+        let broken = hand_out(std::iter::once(self.execution.time()), std::slice::from_mut(time));
+        broken.map_or(Status::Ok, |(_, value)| {
+            self.not_finite(Function::GetRealStatus, "the last successful time", value)
+        })
+    }
+}
+
+/// How far a communication point may lie from a time: a part of the step, and the rounding of the time.
+fn point_slack(part: f64, step: f64, time: f64) -> f64 {
+    part * step + 4.0 * f64::EPSILON * time.abs()
+}
