@@ -117,6 +117,7 @@ def export(
     compile: bool = False,
     platforms: Sequence[str] = (),
     without: Sequence[str] = (),
+    terminals: bool = False,
 ) -> list[Path]:
     """Writes FMUs into a folder; their paths.
 
@@ -126,6 +127,7 @@ def export(
     source, compile: with C sources; with libraries compiled from these, by the C compiler of this machine.
     platforms: for which they are compiled, by zig (`pip install adaptive-fmu[compile]`): "linux64", "win64", "darwin64" …
     without: units that are left out of whole loops, whose signals are inputs then.
+    terminals: with terminalsAndIcons.xml, by which some tools connect FMUs; tools with FMI Library 3 refuse such FMUs.
 
     Raises `Error` for what isn't there or is refused.
 
@@ -141,6 +143,7 @@ def export(
         request += [f"{option}={os.fspath(loop)}" for loop in loops]
     request += [f"--values={os.fspath(values)}"] if values is not None else []
     request += ["--source"] if source else []
+    request += ["--terminals"] if terminals else []
     request += ["--compile"] if compile or platforms else []
     request += ["--platforms=" + ",".join(platforms)] if platforms else []
     told = done([*request, "--", *(os.fspath(name) for name in names)]).json()

@@ -1,22 +1,29 @@
-"""Loops whose units are compiled from their C sources, in other masters: the same numbers as in FMPy.
+"""Loops whose units are compiled from their C sources: the same numbers in other masters as in FMPy, and the design that the
+loop asks for.
 
 ADAPTIVE_FMU_COMPILED_LOOPS=all takes every loop in place of some, which takes minutes.
 """
 
+import json
 import os
+import re
 from pathlib import Path
 
+import fmpy
+import numpy as np
 import pytest
-from conftest import LOOP_NAMES, adaptive_fmu
+from conftest import LOOP_NAMES, ROOT, adaptive_fmu, read_csv
 from loops import pack
+from lxml import etree
 from masters import TOLERANCE, differences, in_fmpy, run_in, steps_of
 from package import Package
 
-# They set what the design of a unit reads, which a compiled one was designed with.
+# They set what the design of a unit reads, which a compiled one is designed with; of the first that is all that they set.
 DESIGNED = ["3.3.1-case2", "3.3.1-case2-bench", "4-case3", "4-case3-fuzzy", "7.5.2"]
-LOOPS = ["3.2.1-cosine", "6.5.1-mrac", "7.5.1"]
+LOOPS = ["3.2.1-cosine", "3.3.1-case2", "6.5.1-mrac", "7.5.1"]
 if os.environ.get("ADAPTIVE_FMU_COMPILED_LOOPS") == "all":
-    LOOPS = [name for name in LOOP_NAMES if name not in DESIGNED]
+    LOOPS = LOOP_NAMES
+VALUES = Path(fmpy.__file__).parent / "ssp" / "schema" / "SystemStructureParameterValues.xsd"
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +43,85 @@ def test_every_output_has_the_value_that_it_has_in_fmpy(master: str, name: str, 
     assert found and all(difference <= TOLERANCE for difference in found.values()), found
 
 
-@pytest.mark.parametrize("name", DESIGNED[:1])
-def test_a_loop_that_sets_what_a_design_reads_is_refused(name: str, tmp_path: Path) -> None:
-    packed = adaptive_fmu("export", "--source", "--ssp", name, "--out", tmp_path)
-    assert packed.returncode == 1
-    assert "`controller.pole_real[1]` can't be set: the FMU was designed with the value that it has" in packed.stderr
-    assert not list(tmp_path.iterdir())
+def table(folder: Path, *words: str | Path) -> dict[str, np.ndarray]:
+    """What a short run records."""
+    done = adaptive_fmu("run", *words, "--in-process", "--until", "0.05", "--json", "--out", folder / "results")
+    assert done.returncode in (0, 3), done.stderr
+    return read_csv(Path(json.loads(done.stdout)["results"]) / "result.csv")
+
+
+def same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    """Two forms of the same units, both held to 1e-6; a count of events and the like is left out."""
+    for name in set(one) & set(other):
+        scale = max(1.0, np.abs(other[name]).max())
+        assert np.abs(one[name] - other[name]).max() < 1e-4 * scale, name
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("designed")
+    packed = adaptive_fmu("export", "--source", *(f"--ssp={name}" for name in DESIGNED), "--out", folder)
+    assert packed.returncode == 0, packed.stderr
+    return folder
+
+
+@pytest.mark.parametrize("name", DESIGNED)
+def test_a_packed_loop_has_the_design_that_it_asks_for(name: str, designed: Path, tmp_path: Path) -> None:
+    package = Package(designed / f"{name}.ssp", tmp_path / "unpacked")
+    constants = package.fmus["controller"].named(variability="constant")
+    # As the loop's own file has it; no master is asked to set it.
+    given = {p.get("name"): p[0].get("value") for p in etree.parse(ROOT / "examples" / name / "controller.ssv").iter("{*}Parameter")}
+    read = {variable: given.pop(variable) for variable in constants if variable in given}
+    starts = {variable: float(package.fmus["controller"].variables[variable].start) for variable in read}
+    assert read and starts == {variable: float(value) for variable, value in read.items()}
+    left = etree.parse(package.folder / "controller.ssv")
+    assert {p.get("name") for p in left.iter("{*}Parameter")} == set(given)
+    schema = etree.XMLSchema(etree.parse(VALUES))
+    assert schema.validate(left), schema.error_log
+    same(table(tmp_path, package.path), table(tmp_path, name))
+
+
+def test_the_loop_that_is_run_after_an_export_has_its_own_design(tmp_path: Path) -> None:
+    words = ["L1TwoLinkRobot", "TwoLinkRobot", "ReferenceTwoLinkRobot", "--source", "--out", tmp_path]
+    plain = adaptive_fmu("export", *words)
+    assert plain.returncode == 0, plain.stderr
+    run = lambda loop: adaptive_fmu("run", loop, "--until", "0.01", "--fmus", tmp_path, "--out", tmp_path / "results")
+    refused, text = run("3.3.1-case2"), (ROOT / "modelDescription" / "L1TwoLinkRobot.toml").read_text()
+    pole = re.search(r"^pole_real = \[(.+?),", text, re.M)[1]
+    told = f"`controller.pole_real[1]` can't be set: the FMU was designed with the value that it has, {pole}; "
+    assert refused.returncode == 1 and told in refused.stderr and "--run LOOP" in refused.stderr, refused.stderr
+    done = adaptive_fmu("export", *words, "--run", "3.3.1-case2", folder=tmp_path)
+    assert done.returncode == 0 and "L1TwoLinkRobot.fmu is designed with the values of 3.3.1-case2" in done.stderr, done.stderr
+    same(table(tmp_path, "3.3.1-case2", "--fmus", tmp_path), table(tmp_path, "3.3.1-case2"))
+
+
+STRUCTURE = """<SystemStructureDescription xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription" name="two" version="1.0">
+<System name="two"><Elements>{}</Elements></System><DefaultExperiment startTime="0" stopTime="1"/></SystemStructureDescription>"""
+COMPONENT = """<Component name="{}" source="resources/L1ActuatedSiso.fmu"><ParameterBindings><ParameterBinding><ParameterValues>
+<v:ParameterSet xmlns:v="http://ssp-standard.org/SSP1/SystemStructureParameterValues" name="p" version="1.0"><v:Parameters>
+<v:Parameter name="pole_imag[1]"><v:Real value="{}"/></v:Parameter><v:Parameter name="pole_imag[2]"><v:Real value="-{}"/></v:Parameter>
+</v:Parameters></v:ParameterSet></ParameterValues></ParameterBinding></ParameterBindings></Component>"""
+
+
+def test_components_of_one_fmu_have_one_design(tmp_path: Path) -> None:
+    for name, (first, second) in {"alike": (0.5, 0.5), "apart": (0.5, 0.25)}.items():
+        (tmp_path / name).mkdir()
+        components = COMPONENT.format("a", first, first) + COMPONENT.format("b", second, second)
+        (tmp_path / name / "SystemStructure.ssd").write_text(STRUCTURE.format(components))
+    export = lambda *words: adaptive_fmu("export", "--ssp", *words, "--out", tmp_path)
+    assert export(tmp_path / "alike", "--source").returncode == 0
+    refused = export(tmp_path / "apart", "--source")
+    assert refused.returncode == 1 and "`a` and `b` are components of one FMU, L1ActuatedSiso" in refused.stderr, refused
+    assert "pole_imag[1]" in refused.stderr
+    assert export(tmp_path / "apart").returncode == 0, "the generic form is designed where it runs"
+
+
+def test_what_fails_of_a_batch_keeps_nothing_else_from_being_exported(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('name = "Own"\nmodel = "none"\n')
+    words = ["own.toml", "NonlinearSiso", "--ssp", "no-such-loop", "--ssp", "3.2.1-cosine", "--composite", "3.2.1-cosine"]
+    done = adaptive_fmu("export", *words, "--out", "fmus", folder=tmp_path)
+    written = ["fmus/NonlinearSiso.fmu", "fmus/Loop_3_2_1_cosine.fmu", "fmus/3.2.1-cosine.ssp"]
+    assert done.returncode == 1 and done.stdout.splitlines() == written
+    assert all((tmp_path / file).is_file() for file in written)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 2 and "own.toml" in errors[0] and "no-such-loop" in errors[1], done.stderr

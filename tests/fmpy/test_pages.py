@@ -1,6 +1,7 @@
 """What an FMU tells a reader who has nothing else: its page, its icon, and its pins in groups."""
 
 import html as escapes
+import io
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import adaptive_fmu as adaptive_fmu_package
 import fmpy
 import numpy as np
 import pytest
@@ -66,11 +68,11 @@ def pins_of(fmu: Fmu) -> list[str]:
     return fmu.named(causality="input") + fmu.named(causality="output")
 
 
-def exported(tmp_path: Path, text: str) -> Path:
+def exported(tmp_path: Path, text: str, *options: str) -> Path:
     """The FMU of a description."""
     file = tmp_path / "own.toml"
     file.write_text(text)
-    answer = adaptive_fmu("export", file, "--out", tmp_path)
+    answer = adaptive_fmu("export", file, *options, "--out", tmp_path)
     assert answer.returncode == 0, answer.stderr
     return Path(answer.stdout.split()[-1])
 
@@ -175,7 +177,7 @@ def test_a_page_has_what_a_description_of_ones_own_asks_for(tmp_path: Path) -> N
     text = (ROOT / "modelDescription" / "L1NonlinearSiso.toml").read_text()
     text = text.replace('"L1NonlinearSiso"', '"Own"').replace("[structure]", "[structure]\nfunnel = true", 1)
     text += '\n[names]\nx = ["angle", "speed"]\nr = "wanted"\n'
-    page = page_of(made := exported(tmp_path, text))
+    page = page_of(made := exported(tmp_path, text, "--terminals"))
     assert "Funnel to watch" in section(page, "law")
     assert {"angle", "speed", "wanted", "u[1]", "funnel_left"} <= in_diagram(page)
     assert curves_of(page) == {} and "new loop --units Own.fmu" in section(page, "response"), "no loop of this unit was run"
@@ -202,12 +204,25 @@ def test_every_fmu_has_its_kinds_icon(each_fmu: Fmu) -> None:
     model = re.search(r'^model = "(.+)"', (ROOT / "modelDescription" / f"{each_fmu.name}.toml").read_text(), re.M)[1]
     icons = ROOT / "modelDescription" / "icons"
     assert entry(each_fmu.path, "model.png") == (icons / f"{model}.png").read_bytes()
-    assert entry(each_fmu.path, "terminalsAndIcons/icon.png") == (icons / f"{model}.png").read_bytes()
-    assert entry(each_fmu.path, "terminalsAndIcons/icon.svg") == (icons / f"{model}.svg").read_bytes()
+    with zipfile.ZipFile(each_fmu.path) as archive:
+        assert not [name for name in archive.namelist() if "terminals" in name.lower()], "FMI Library 3 refuses them"
 
 
-def test_terminals_keep_to_the_standards_schema_and_name_variables(each_fmu: Fmu) -> None:
-    terminals = etree.fromstring(entry(each_fmu.path, TERMINALS))
+@pytest.fixture(scope="module")
+def with_terminals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("terminals")
+    answer = adaptive_fmu("export", "--all", "--terminals", "--out", folder)
+    assert answer.returncode == 0, answer.stderr
+    return folder
+
+
+def test_terminals_keep_to_the_standards_schema_and_name_variables(each_fmu: Fmu, with_terminals: Path) -> None:
+    file = with_terminals / each_fmu.path.name
+    terminals = etree.fromstring(entry(file, TERMINALS))
+    model = re.search(r'^model = "(.+)"', (ROOT / "modelDescription" / f"{each_fmu.name}.toml").read_text(), re.M)[1]
+    for kind in ("png", "svg"):
+        icon = ROOT / "modelDescription" / "icons" / f"{model}.{kind}"
+        assert entry(file, f"terminalsAndIcons/icon.{kind}") == icon.read_bytes()
     schema = etree.XMLSchema(etree.parse(SCHEMA))
     assert schema.validate(terminals), schema.error_log
     pins = pins_of(each_fmu)
@@ -217,19 +232,38 @@ def test_terminals_keep_to_the_standards_schema_and_name_variables(each_fmu: Fmu
         assert [member.get("variableName") for member in terminal if member.get("variableName") not in pins] == []
 
 
-def members(fmu: Fmu, terminal: str) -> dict[str, str]:
-    """The variables of a terminal, by the names that match."""
-    found = etree.fromstring(entry(fmu.path, TERMINALS)).xpath(f"//Terminal[@name='{terminal}']/*")
-    return {member.get("memberName"): member.get("variableName") for member in found}
+@pytest.mark.parametrize("form", [["--source"], ["--source-only"], ["--composite", "3.2.1-cosine"], ["--ssp", "3.2.1-cosine"]])
+def test_terminals_are_in_an_fmu_of_each_form_that_is_asked_for_them(form: list[str], tmp_path: Path) -> None:
+    for options, expected in ([], False), (["--terminals"], True):
+        answer = adaptive_fmu("export", "L1NonlinearSiso", *form, *options, "--out", tmp_path)
+        assert answer.returncode == 0, answer.stderr
+        for file in map(Path, answer.stdout.split()):
+            with zipfile.ZipFile(file) as archive:
+                inner = [io.BytesIO(archive.read(name)) for name in archive.namelist() if name.endswith(".fmu")]
+            for fmu in inner or [file]:
+                with zipfile.ZipFile(fmu) as archive:
+                    assert (TERMINALS in archive.namelist()) == expected, file
+
+
+def test_runs_and_python_add_terminals_where_they_are_asked_for(tmp_path: Path) -> None:
+    answer = adaptive_fmu("run", "3.2.1-cosine", "--until", "0.1", "--terminals", folder=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    assert entry(tmp_path / "fmus" / "L1NonlinearSiso.fmu", TERMINALS)
+    assert adaptive_fmu("run", "3.2.1-cosine", "--until", "0.1", folder=tmp_path).returncode == 0
+    (file,) = adaptive_fmu_package.export("L1NonlinearSiso", out=tmp_path / "python", terminals=True)
+    assert entry(file, TERMINALS)
+    for plain in (tmp_path / "fmus" / file.name, *adaptive_fmu_package.export("L1NonlinearSiso", out=tmp_path / "python")):
+        with pytest.raises(KeyError):
+            entry(plain, TERMINALS)
 
 
 @pytest.mark.parametrize("loop", ["3.2.1-cosine", "3.3.1-case2-bench", "3.3.2-case1", "5-wide", "6.5.1-mrac", "7.5.1", "7.5.2"])
-def test_terminals_connect_what_the_loops_connect(loop: str, fmu: Callable[[str], Fmu]) -> None:
-    units = {c.get("name"): fmu(re.sub(r".*/|\.fmu$", "", c.get("source"))) for c in responses.elements(loop, "Component")}
+def test_terminals_connect_what_the_loops_connect(loop: str, with_terminals: Path) -> None:
+    units = {c.get("name"): with_terminals / Path(c.get("source")).name for c in responses.elements(loop, "Component")}
     of = {
         (part, variable): (terminal.get("name"), member.get("memberName"))
         for part, unit in units.items()
-        for terminal in etree.fromstring(entry(unit.path, TERMINALS)).iter("Terminal")
+        for terminal in etree.fromstring(entry(unit, TERMINALS)).iter("Terminal")
         for member in terminal
         for variable in [member.get("variableName")]
     }

@@ -81,6 +81,7 @@ fn options(asked: &Asked) -> Result<LoopOptions, String> {
         until: Some(stop_time),
         order: order.as_deref().map(str::parse).transpose()?,
         accept_algebraic_loops,
+        terminals: false,
         parameters: Parameters::of(cases.into_iter().map(|Mark { name, .. }| name).collect(), set),
         hosting: HostingOptions { in_process, patience },
     })

@@ -25,7 +25,7 @@ use super::progress::{Bars, is_interrupted};
 const LOOK: Duration = Duration::from_millis(50);
 
 /// What is about a page that a server answers.
-const SERVED: [&str; 16] = [
+const SERVED: [&str; 17] = [
     "separate",
     "composite",
     "port",
@@ -37,6 +37,7 @@ const SERVED: [&str; 16] = [
     "until",
     "order",
     "accept_algebraic_loops",
+    "terminals",
     "case",
     "set",
     "in_process",
@@ -161,7 +162,8 @@ fn session(arguments: &Arguments, files: &LoopFiles) -> Result<Session, Error> {
     let plain = load(&plain.structure(files)?)?;
     let (bases, left_out) = cases(structure, files, load)?;
     notes.extend(left_out);
-    Ok(Session::new(bases, &plain, (settings, fine), options.composite, notes, arguments.out.clone()))
+    Ok(Session::new(bases, &plain, (settings, fine), options.composite, notes, arguments.out.clone())
+        .with_terminals(options.terminals))
 }
 
 /// As one unit where that can be, unless the user says otherwise; with what is to be known of it.

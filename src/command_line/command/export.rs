@@ -8,10 +8,10 @@ use std::time::SystemTime;
 
 use crate::console;
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Binary, Form, Glibc, Library, Platform, Source};
+use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform, Source};
 use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
-use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, pack, with_values};
+use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, designed, pack, with_values};
 use serde_json::json;
 
 #[derive(clap::Args)]
@@ -53,6 +53,9 @@ pub struct Arguments {
     /// compiler, where none is named
     #[arg(long, value_name = "PLATFORM,…", value_delimiter = ',', requires = "compile")]
     platforms: Vec<String>,
+    /// Add terminalsAndIcons.xml, by which some tools connect FMUs; tools with FMI Library 3 refuse FMUs that hold it
+    #[arg(long)]
+    terminals: bool,
     /// Then closes this loop through the FMUs
     #[arg(long, value_name = "LOOP")]
     run: Option<String>,
@@ -64,32 +67,37 @@ pub struct Arguments {
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Arguments { names, all: every, composite, without, ssp, out, library, values, run, json, .. } = arguments;
-    let (library, form) = (chosen(library)?, arguments.form()?);
+    let (library, content) = (chosen(library)?, Content { form: arguments.form()?, terminals: arguments.terminals });
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
     let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
-    let mut fmus = match values {
-        Some(values) => vec![export_with_values(&names, values, &library, out, &form)?],
-        None => export_named(&names, &library, out, &form)?,
+    let mut tried = match values {
+        Some(values) => vec![export_with_values(&names, values, &library, out, &content)],
+        None => export_named(&names, &library, out, &content)?,
     };
-    for name in composite {
-        let mut structure = LoopFiles::find(name)?.structure()?;
-        structure.leave_out(without)?;
-        let (file, warnings) = export_whole(&structure, &library, out, &form)?;
-        warnings.iter().for_each(|warning| tell!("warning: {warning}"));
-        fmus.push(file);
-    }
-    let loops = ssp.iter().map(|name| pack_loop(name, &library, out, &form)).collect::<Result<Vec<_>, _>>()?;
+    tried.extend(composite.iter().map(|name| export_whole(name, without, &library, out, &content)));
+    let mut failures = Vec::new();
+    let fmus = written(tried, &mut failures);
+    let loops = written(ssp.iter().map(|name| pack_loop(name, &library, out, &content)), &mut failures);
     let told = |files: &[PathBuf]| files.iter().map(|file| console::path(file)).collect::<Vec<_>>();
-    if *json && ssp.is_empty() {
+    if !failures.is_empty() && fmus.is_empty() && loops.is_empty() {
+        // Nothing to print.
+    } else if *json && ssp.is_empty() {
         say!("{}", json!({ "fmus": told(&fmus) }));
     } else if *json {
         say!("{}", json!({ "fmus": told(&fmus), "ssps": told(&loops) }));
     } else {
         fmus.iter().chain(&loops).for_each(|file| say!("{}", file.display()));
     }
-    let close = |name: &String| super::run::execute(&super::run::Arguments::of(name, out, *json));
-    run.as_ref().map_or(Ok(ExitCode::SUCCESS), close)
+    if let Some(last) = failures.pop() {
+        failures.iter().for_each(|error| tell!("error: {error}"));
+        return Err(last);
+    }
+    let Some(name) = run else { return Ok(ExitCode::SUCCESS) };
+    if content.form != Form::Generic {
+        design_for(name, &library, out, &content)?;
+    }
+    super::run::execute(&super::run::Arguments::of(name, out, *json))
 }
 
 impl Arguments {
@@ -129,27 +137,29 @@ fn all() -> Vec<String> {
     exporter::descriptions().iter().map(|(name, _)| (*name).to_owned()).collect()
 }
 
-/// Writes FMUs into a folder, in a form; their paths.
-fn export_named(names: &[String], library: &Library, out: &Path, form: &Form) -> Result<Vec<PathBuf>, Error> {
+/// What became of one FMU or archive: its path.
+type Tried = Result<PathBuf, Error>;
+
+/// The files that were written; one that fails doesn't keep the others from it.
+fn written(tried: impl IntoIterator<Item = Tried>, failures: &mut Vec<Error>) -> Vec<PathBuf> {
+    tried.into_iter().filter_map(|tried| tried.map_err(|error| failures.push(error)).ok()).collect()
+}
+
+/// Writes FMUs into a folder.
+fn export_named(names: &[String], library: &Library, out: &Path, content: &Content) -> Result<Vec<Tried>, Error> {
     warn_of(library)?;
-    let one = |(): &(), k: usize| exporter::export_as(&exporter::find_description(&names[k])?, library, out, form);
-    parallel::each(&vec![(); parallel::cores()], names.len(), one).into_iter().collect()
+    let one = |(): &(), k: usize| exporter::export_as(&exporter::find_description(&names[k])?, library, out, content);
+    Ok(parallel::each(&vec![(); parallel::cores()], names.len(), one))
 }
 
 /// Writes one FMU that starts with the values of a parameter set.
-fn export_with_values(
-    names: &[String],
-    values: &Path,
-    library: &Library,
-    out: &Path,
-    form: &Form,
-) -> Result<PathBuf, Error> {
+fn export_with_values(names: &[String], values: &Path, library: &Library, out: &Path, content: &Content) -> Tried {
     let [name] = names else {
         let reason = format!("its values can't be those of {} FMUs: name one", names.len());
         return Err(Error::Loop { file: values.to_owned(), reason });
     };
     warn_of(library)?;
-    exporter::export_as(&with_values(exporter::find_description(name)?, values, library)?, library, out, form)
+    exporter::export_as(&with_values(exporter::find_description(name)?, values, library)?, library, out, content)
 }
 
 /// What is to be known of the libraries that are packed.
@@ -174,42 +184,52 @@ fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
     ))
 }
 
-/// Writes a loop as one FMU into a folder; its path, and what is to be told of it.
-fn export_whole(
-    structure: &Structure,
-    library: &Library,
-    out: &Path,
-    form: &Form,
-) -> Result<(PathBuf, Vec<String>), Error> {
+/// Writes a loop as one FMU into a folder, but for some of its units.
+fn export_whole(name: &str, without: &[String], library: &Library, out: &Path, content: &Content) -> Tried {
+    let mut structure = LoopFiles::find(name)?.structure()?;
+    structure.leave_out(without)?;
     warn_of(library)?;
-    let (source, notes) = composite(structure, library)?;
-    Ok((exporter::export_as(&source, library, out, form)?, notes))
+    let (source, warnings) = composite(&structure, library)?;
+    let file = exporter::export_as(&source, library, out, content)?;
+    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    Ok(file)
+}
+
+/// The FMUs of a loop that are made of descriptions.
+fn exported(structure: &Structure) -> BTreeSet<&String> {
+    let exported = structure.components.iter().filter(|component| component.is_exported());
+    exported.map(|component| &component.fmu).collect()
 }
 
 /// Writes the FMUs of a loop into a folder.
-pub fn export_units(structure: &Structure, library: &Library, out: &Path) -> Result<Vec<PathBuf>, Error> {
+pub fn export_units(
+    structure: &Structure,
+    library: &Library,
+    out: &Path,
+    terminals: bool,
+) -> Result<Vec<PathBuf>, Error> {
     warn_of(library)?;
-    let exported = structure.components.iter().filter(|component| component.is_exported());
-    let needed: BTreeSet<&String> = exported.map(|component| &component.fmu).collect();
-    needed.into_iter().map(|fmu| export_once(&structure.description_of(fmu)?, library, out)).collect()
+    let content = Content { terminals, ..Content::default() };
+    let one = |fmu: &String| export_once(&structure.description_of(fmu)?, library, out, &content);
+    exported(structure).into_iter().map(one).collect()
 }
 
 /// Writes an FMU, unless this command wrote it before and nobody has touched it since: many of its runs have the same units.
-fn export_once(source: &Source, library: &Library, out: &Path) -> Result<PathBuf, Error> {
+fn export_once(source: &Source, library: &Library, out: &Path, content: &Content) -> Tried {
     type Written = (PathBuf, u64, SystemTime);
     /// By where they were written to, and their descriptions.
-    static WRITTEN: Mutex<BTreeMap<(PathBuf, String), Written>> = Mutex::new(BTreeMap::new());
+    static WRITTEN: Mutex<BTreeMap<(PathBuf, String, bool), Written>> = Mutex::new(BTreeMap::new());
     let seen = |file: &Path| {
         let found = std::fs::symlink_metadata(file).ok().filter(std::fs::Metadata::is_file)?;
         Some((file.to_owned(), found.len(), found.modified().ok()?))
     };
     let all = || WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
-    let place = |out: &Path| Some((out.canonicalize().ok()?, source.text.clone()));
+    let place = |out: &Path| Some((out.canonicalize().ok()?, source.text.clone(), content.terminals));
     let before = place(out).and_then(|place| all().get(&place).cloned());
     if let Some(before) = before.filter(|before| seen(&before.0).as_ref() == Some(before)) {
         return Ok(before.0);
     }
-    let file = exporter::export(source, library, out)?;
+    let file = exporter::export_as(source, library, out, content)?;
     if let Some((place, written)) = place(out).zip(seen(&file)) {
         all().insert(place, written);
     }
@@ -217,26 +237,41 @@ fn export_once(source: &Source, library: &Library, out: &Path) -> Result<PathBuf
 }
 
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
-fn pack_loop(name: &str, library: &Library, out: &Path, form: &Form) -> Result<PathBuf, Error> {
+fn pack_loop(name: &str, library: &Library, out: &Path, content: &Content) -> Tried {
     let files = LoopFiles::find(name)?;
     let new = Scratch::new()?;
     let structure = files.structure()?;
     if structure.components.iter().any(Component::is_exported) {
-        export_with_choices(&structure, library, new.path(), form)?;
+        export_with_choices(&structure, library, new.path(), content)?;
     }
     let (file, warnings) = pack(&files, new.path(), out)?;
     warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     Ok(file)
 }
 
-/// Writes the FMUs of a loop into a folder, started as the loop chooses from enumerations: other masters can't set them.
-fn export_with_choices(structure: &Structure, library: &Library, out: &Path, form: &Form) -> Result<(), Error> {
+/// Writes the FMUs of a loop into a folder, started as the loop chooses from enumerations, which other masters can't set, and
+/// designed with its values where a design is fixed at export.
+fn export_with_choices(structure: &Structure, library: &Library, out: &Path, content: &Content) -> Result<(), Error> {
     warn_of(library)?;
-    let exported = structure.components.iter().filter(|component| component.is_exported());
-    let needed: BTreeSet<&String> = exported.map(|component| &component.fmu).collect();
-    for fmu in needed {
-        let source = structure.description_of(fmu)?.with_start(choices(structure, fmu))?;
-        exporter::export_as(&source, library, out, form)?;
+    for fmu in exported(structure) {
+        let source = match content.form {
+            Form::Generic => structure.description_of(fmu)?,
+            _ => designed(structure, fmu, library)?,
+        };
+        exporter::export_as(&source.with_start(choices(structure, fmu))?, library, out, content)?;
+    }
+    Ok(())
+}
+
+/// Writes those FMUs of a loop anew whose design is fixed at export and reads what the loop sets.
+fn design_for(name: &str, library: &Library, out: &Path, content: &Content) -> Result<(), Error> {
+    let structure = LoopFiles::find(name)?.structure()?;
+    for fmu in exported(&structure) {
+        let source = designed(&structure, fmu, library)?;
+        if source != structure.description_of(fmu)? {
+            exporter::export_as(&source, library, out, content)?;
+            remark!("{fmu}.fmu is designed with the values of {name}");
+        }
     }
     Ok(())
 }

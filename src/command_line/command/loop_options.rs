@@ -39,6 +39,9 @@ pub struct LoopOptions {
     /// Runs circles of connections that no unit delays: each unit takes the outputs of the last exchange
     #[arg(long)]
     pub accept_algebraic_loops: bool,
+    /// Add terminalsAndIcons.xml to the FMUs that are exported, as `export --terminals`
+    #[arg(long)]
+    pub terminals: bool,
     #[command(flatten)]
     pub parameters: Parameters,
     #[command(flatten)]
@@ -187,7 +190,7 @@ impl LoopOptions {
             return Ok(Units::Separate(fmus));
         }
         // A loop must not show the numbers of units that were exported before an equation was changed.
-        export_units(structure, &*super::ready::library()?, &fmus)?;
+        export_units(structure, &*super::ready::library()?, &fmus, self.terminals)?;
         Ok(Units::Separate(fmus))
     }
 }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::session::{Session, Wanted};
 use super::set::plain;
 use crate::error::Error;
-use crate::exporter::{self, Library};
+use crate::exporter::{self, Content, Library};
 use crate::output::{self, Files};
 use crate::simulation::{Component, started};
 
@@ -75,11 +75,12 @@ impl Session {
         let names: BTreeSet<&str> = exported.iter().map(|unit| unit.fmu.as_str()).collect();
         let apart = names.len() < exported.len();
         let folder = output::make_folder(&folder, name).map_err(wrong)?;
+        let content = Content { terminals: self.terminals, ..Content::default() };
         let mut fmus = Vec::new();
         for (unit, source) in exported.iter().zip(&sources) {
             let own =
                 if apart { output::make_folder(&folder, plain(&unit.name)?).map_err(wrong)? } else { folder.clone() };
-            fmus.push(exporter::export(source, &library, &own).map_err(wrong)?.to_string_lossy().into_owned());
+            fmus.push(exporter::export_as(source, &library, &own, &content).map_err(wrong)?.to_string_lossy().into_owned());
         }
         let left_out = left.iter().map(|unit| unit.name.clone()).collect();
         Ok(json!(Exported { folder: folder.to_string_lossy().into_owned(), fmus, left_out }))

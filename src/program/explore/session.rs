@@ -50,6 +50,8 @@ pub struct Session {
     is_ending: AtomicBool,
     /// Each run holds it.
     running: Arc<()>,
+    /// True if FMUs that are exported hold terminals.
+    pub(super) terminals: bool,
 }
 
 /// What a page asks for: values in place of those of a case.
@@ -100,7 +102,27 @@ impl Session {
         let plain = plain.variables().filter_map(start).collect();
         let turn = (!whole).then(Mutex::default);
         let (newest, is_ending, running) = (Mutex::default(), AtomicBool::new(false), Arc::default());
-        Session { bases, plain, parameters, settings, fine, whole, notes, out, turn, newest, is_ending, running }
+        Session {
+            bases,
+            plain,
+            parameters,
+            settings,
+            fine,
+            whole,
+            notes,
+            out,
+            turn,
+            newest,
+            is_ending,
+            running,
+            terminals: false,
+        }
+    }
+
+    /// The same, with or without terminals in the FMUs that it exports.
+    #[must_use]
+    pub fn with_terminals(self, terminals: bool) -> Self {
+        Session { terminals, ..self }
     }
 
     /// Ends all runs, and waits until their units are freed, but not for ever.

@@ -16,15 +16,20 @@ pub struct Appearance {
     pub page: String,
     /// Its picture.
     pub icon: Icon,
-    /// terminalsAndIcons/terminalsAndIcons.xml
-    pub terminals: String,
+    /// terminalsAndIcons/terminalsAndIcons.xml, where it is asked for.
+    pub terminals: Option<String>,
 }
 
 /// That of a unit, which was made from a description.
 ///
 /// # Errors
 /// When the description, or what the library makes of it, can't be read.
-pub fn appearance(source: &Source, unit: &DescribedUnit, build: &Build) -> Result<Appearance, Error> {
+pub fn appearance(
+    source: &Source,
+    unit: &DescribedUnit,
+    build: &Build,
+    with_terminals: bool,
+) -> Result<Appearance, Error> {
     let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
     let description = Description::read(&source.text).map_err(|invalid: Invalid| refuse(invalid.to_string()))?;
     let xml = ModelDescription::read(&unit.model_description).map_err(refuse)?;
@@ -33,7 +38,7 @@ pub fn appearance(source: &Source, unit: &DescribedUnit, build: &Build) -> Resul
     Ok(Appearance {
         page: page::html(&handed),
         icon: entry.map_or(catalogue::ICON, |entry| entry.icon),
-        terminals: terminals::xml(&handed.pins),
+        terminals: with_terminals.then(|| terminals::xml(&handed.pins)),
     })
 }
 

@@ -70,13 +70,17 @@ pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<
     let mut entries: Vec<(&str, &[u8])> = vec![
         ("modelDescription.xml", unit.model_description.as_bytes()),
         ("model.png", appearance.icon.png),
-        ("terminalsAndIcons/terminalsAndIcons.xml", appearance.terminals.as_bytes()),
-        ("terminalsAndIcons/icon.png", appearance.icon.png),
-        ("terminalsAndIcons/icon.svg", appearance.icon.svg.as_bytes()),
         ("documentation/index.html", appearance.page.as_bytes()),
         (&resource, description.as_bytes()),
         (BUILD, build.as_bytes()),
     ];
+    if let Some(terminals) = &appearance.terminals {
+        entries.extend([
+            ("terminalsAndIcons/terminalsAndIcons.xml", terminals.as_bytes()),
+            ("terminalsAndIcons/icon.png", appearance.icon.png),
+            ("terminalsAndIcons/icon.svg", appearance.icon.svg.as_bytes()),
+        ]);
+    }
     let licences: Vec<_> =
         LICENCES.iter().map(|(name, text)| (format!("documentation/licenses/{name}"), text)).collect();
     entries.extend(licences.iter().map(|(place, text)| (place.as_str(), text.as_bytes())));

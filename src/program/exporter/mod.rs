@@ -25,12 +25,9 @@ pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library, SHARED, own_library};
 pub(crate) use page::escaped;
 pub use platform::Platform;
-pub use source::{Form, export_as};
+pub use source::{Content, Form, export_as};
 
 pub use crate::texts::{Embedded, descriptions, league, loops};
-
-use appearance::appearance;
-use archive::{Contents, Libraries};
 
 use crate::error::Error;
 use crate::fmi2::build::Build;
@@ -125,12 +122,5 @@ pub fn describe(source: &Source, library: &Library) -> Result<(DescribedUnit, Bu
 /// # Errors
 /// For a description that is refused, or files that can't be written; nothing is left half.
 pub fn export(source: &Source, library: &Library, out: &Path) -> Result<PathBuf, Error> {
-    let (unit, build) = describe(source, library)?;
-    std::fs::create_dir_all(out).map_err(Error::file(out))?;
-    let file = out.join(format!("{}.fmu", unit.name));
-    let appearance = appearance(source, &unit, &build)?;
-    let contents =
-        Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &[] };
-    archive::write(&file, &contents, &Libraries::Common(library))?;
-    Ok(file)
+    export_as(source, library, out, &Content::default())
 }

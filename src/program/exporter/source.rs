@@ -6,7 +6,7 @@ use super::appearance::appearance;
 use super::archive::{self, Contents, Libraries};
 use super::library::Library;
 use super::platform::Platform;
-use super::{Source, compiler, describe, export};
+use super::{Source, compiler, describe};
 use crate::error::Error;
 use crate::fmi2::describe::SourceUnit;
 use crate::fmi2::source::RUNTIME;
@@ -32,37 +32,52 @@ pub enum Form {
     },
 }
 
-/// Writes the FMU of a description into a folder, in a form; its path.
+/// What an FMU holds beside its description.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Content {
+    /// The forms of its unit.
+    pub form: Form,
+    /// True if terminals are added, which some importers refuse in an FMU of FMI 2.0.
+    pub terminals: bool,
+}
+
+/// Writes the FMU of a description into a folder; its path.
 ///
 /// # Errors
-/// As [`export`]; for a kind that can't be recorded, with what can't; where a compiler is missing or refuses.
-pub fn export_as(source: &Source, library: &Library, out: &Path, form: &Form) -> Result<PathBuf, Error> {
+/// For a description that is refused, or files that can't be written; nothing is left half. With C sources, for a kind that
+/// can't be recorded, with what can't; where a compiler is missing or refuses.
+pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Content) -> Result<PathBuf, Error> {
+    let Content { form, terminals } = content;
     if *form == Form::Generic {
-        return export(source, library, out);
+        let (unit, build) = describe(source, library)?;
+        let appearance = appearance(source, &unit, &build, *terminals)?;
+        let contents =
+            Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &[] };
+        return written(out, &contents, &Libraries::Common(library));
     }
     let SourceUnit { unit, designed, files } = library.source(source)?;
     let source = with_designed(source, &designed)?;
     let (_, build) = describe(&source, library)?;
-    std::fs::create_dir_all(out).map_err(Error::file(out))?;
-    let file = out.join(format!("{}.fmu", unit.name));
-    let appearance = appearance(&source, &unit, &build)?;
+    let appearance = appearance(&source, &unit, &build, *terminals)?;
     let sources = with_runtime(files);
     let contents =
         Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &sources };
-    match form {
+    let own = match form {
         Form::Generic | Form::Source { with_library: true } => {
-            archive::write(&file, &contents, &Libraries::Common(library))?;
+            return written(out, &contents, &Libraries::Common(library));
         }
-        Form::Source { with_library: false } => archive::write(&file, &contents, &Libraries::Own(&[]))?,
-        Form::Compiled => {
-            let own = compiled(&unit.name, &sources, &[Platform::own()], false)?;
-            archive::write(&file, &contents, &Libraries::Own(&own))?;
-        }
-        Form::CompiledFor { platforms } => {
-            let all = compiled(&unit.name, &sources, platforms, true)?;
-            archive::write(&file, &contents, &Libraries::Own(&all))?;
-        }
-    }
+        Form::Source { with_library: false } => Vec::new(),
+        Form::Compiled => compiled(&unit.name, &sources, &[Platform::own()], false)?,
+        Form::CompiledFor { platforms } => compiled(&unit.name, &sources, platforms, true)?,
+    };
+    written(out, &contents, &Libraries::Own(&own))
+}
+
+/// Writes an FMU into a folder, which is made; its path.
+fn written(out: &Path, contents: &Contents, libraries: &Libraries) -> Result<PathBuf, Error> {
+    std::fs::create_dir_all(out).map_err(Error::file(out))?;
+    let file = out.join(format!("{}.fmu", contents.unit.name));
+    archive::write(&file, contents, libraries)?;
     Ok(file)
 }
 

@@ -238,7 +238,8 @@ impl<'a> Check<'a> {
     }
 }
 
-/// The start values of a component in the types and units of its FMU's variables, with their places.
+/// The start values of a component in the types and units of its FMU's variables, with their places. Values that the FMU was
+/// designed with are left out.
 ///
 /// # Errors
 /// For a value of a variable that isn't there, can't be set, is connected, or is of another type or dimension.
@@ -260,21 +261,42 @@ pub fn start_values(
         if is_connected(place) {
             return Err(refuse(format!("`{name}` is connected: its values come from there")));
         }
+        let value = value(start, variable, variable.measure.as_deref());
+        if is_designed(variable) && value.as_ref().is_ok_and(|value| starts_with(variable, value)) {
+            return Ok(None);
+        }
         if variable.start.is_none() || variable.variability == "constant" {
             return Err(refuse(format!("`{name}` can't be set: {}", kept(variable))));
         }
-        let value = value(start, variable, variable.measure.as_deref());
-        Ok((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?))
+        Ok(Some((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?)))
     };
-    component.values.iter().map(value_of).collect()
+    component.values.iter().filter_map(|start| value_of(start).transpose()).collect()
+}
+
+/// True if a variable is fixed because the design of its FMU, which has C sources, read it at export.
+pub(super) fn is_designed(variable: &Variable) -> bool {
+    variable.variability == "constant" && variable.description.ends_with(DESIGNED)
+}
+
+/// True if a variable has a value without being set.
+fn starts_with(variable: &Variable, value: &Value) -> bool {
+    let start = variable.start.as_deref().unwrap_or_default();
+    match value {
+        Value::Real(number) => start.parse() == Ok(*number),
+        Value::Integer(number) => start.parse() == Ok(*number),
+        Value::Boolean(value) => matches!(start, "true" | "1") == *value,
+        Value::String(text) => start == text,
+    }
 }
 
 /// Why a variable keeps its start value, or has none.
 pub(super) fn kept(variable: &Variable) -> String {
-    if variable.description.ends_with(DESIGNED) {
-        return "the FMU was designed with the value that it has; `adaptive-fmu export --values FILE.ssv` designs one with \
-                others, which the loop then leaves unset"
-            .to_owned();
+    if is_designed(variable) {
+        return format!(
+            "the FMU was designed with the value that it has, {}; `adaptive-fmu export --values FILE.ssv` designs one with \
+             others, `export --ssp LOOP` and `export --run LOOP` with those of a loop",
+            variable.start.as_deref().unwrap_or_default()
+        );
     }
     format!("it is a {} {}", variable.variability, variable.causality)
 }

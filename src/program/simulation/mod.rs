@@ -62,4 +62,4 @@ pub use ssp::{ExpectedFailure, IdealModel, Metric, PerformanceFunction, Plot, ST
 pub use ssp::{SquareTerm, TunedParameter, Tuning};
 pub use sweep::{Axis, Point, Spacing, Sweep, SweepPage};
 pub use table::{Table, TableMark, TableMarks};
-pub use whole::{Whole, check_values, composite, composite_name, started, with_values};
+pub use whole::{Whole, check_values, composite, composite_name, designed, started, with_values};

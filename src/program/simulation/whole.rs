@@ -5,6 +5,7 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
+use super::check::is_designed;
 use super::{Circles, Component, StartValue, Structure, UnitFile, check, start_values};
 use crate::error::{Error, Invalid};
 use crate::exporter::{Library, Source, describe, name_of_whole};
@@ -176,6 +177,44 @@ pub fn started(structure: &Structure, unit: &Component, library: &Library) -> Re
     let source = structure.description_of(&unit.fmu)?;
     let described = fmu_description(&source, library)?;
     starting(&source, &described, unit, library)
+}
+
+/// The description of a loop's FMU that has C sources, whose design is fixed when it is exported: of the loop's values it
+/// starts with those that the design reads.
+///
+/// # Errors
+/// As [`started`], and where components that share the FMU have different values of its design.
+pub fn designed(structure: &Structure, fmu: &str, library: &Library) -> Result<Source, Error> {
+    let source = structure.description_of(fmu)?;
+    let units: Vec<_> = structure.components.iter().filter(|unit| unit.fmu == fmu).collect();
+    if units.iter().all(|unit| unit.values.is_empty()) {
+        return Ok(source);
+    }
+    let xml = library.source(&source)?.unit.model_description;
+    let compiled =
+        ModelDescription::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })?;
+    let is_read =
+        |start: &&StartValue| compiled.place(&start.name).is_some_and(|place| is_designed(&compiled.variables[place]));
+    let of_design = |unit: &&Component| Component {
+        values: unit.values.iter().filter(is_read).cloned().collect(),
+        ..(*unit).clone()
+    };
+    let described = fmu_description(&source, library)?;
+    let units = units.iter().map(of_design).collect::<Vec<_>>();
+    let first = start_values(&units[0], &described, |_| false)?;
+    for unit in &units[1..] {
+        let other = start_values(unit, &described, |_| false)?;
+        let differs = first.iter().find(|value| !other.contains(value));
+        if let Some((place, _)) = differs.or_else(|| other.iter().find(|value| !first.contains(value))) {
+            let (one, another, name) = (&units[0].name, &unit.name, &described.variables[*place].name);
+            let reason = format!(
+                "`{one}` and `{another}` are components of one FMU, {fmu}, but differ in `{name}`, which its design reads. With \
+                 C sources a design is fixed at export: give both the same value, or export without --source and --compile"
+            );
+            return Err(Error::Loop { file: structure.file.clone(), reason });
+        }
+    }
+    starting(&source, &described, &units[0], library)
 }
 
 /// A description with the values of a unit.

@@ -11,7 +11,7 @@ use super::{Component, STRUCTURE, StartValue, Structure};
 use crate::error::Error;
 use crate::exporter::{escaped, read_entry, write_entries};
 use crate::model_description::{ModelDescription, Variable, attribute, child, elements};
-use crate::simulation::check::{Circles, Wiring, check};
+use crate::simulation::check::{Circles, Wiring, check, is_designed};
 use crate::simulation::fmu::Value;
 
 /// Namespaces that the annotations below stand in. Other masters read prefixes as they stand, and some take an
@@ -24,7 +24,7 @@ const NAMESPACES: [(&str, &str); 4] = [
 ];
 
 /// Writes `NAME.ssp` into a folder: the structure, the parameter files and the FMUs of another folder. Items of
-/// enumerations are given by their numbers there. The same files always give the same bytes. Answers its path, and what other masters will leave out.
+/// enumerations are given by their numbers there, and values that an FMU was designed with are left out. The same files always give the same bytes. Answers its path, and what other masters will leave out.
 ///
 /// # Errors
 /// When the loop and its FMUs don't fit each other, or files are missing or can't be written.
@@ -33,16 +33,17 @@ pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<
     let descriptions = descriptions(&structure, fmus)?;
     let wiring = check(&structure, &descriptions.iter().collect::<Vec<_>>(), Circles::Exchanged)?;
     let choices = choices(&structure, &descriptions, &wiring);
+    let fixed = fixed(&structure, &descriptions);
     let mut warnings = wiring.notes;
     warnings.extend(choices.iter().filter_map(Choice::left_out));
     warnings.extend(overlooked(files)?);
     let file = files.structure_file();
-    let text = with_sources(&numbered(&files.structure_text()?, &file, &choices)?, &file, &structure)?;
+    let text = with_sources(&settable(&files.structure_text()?, &file, &choices, &fixed)?, &file, &structure)?;
     let text = for_other_masters(&text, &file, &structure)?;
     let mut entries = vec![(STRUCTURE.to_owned(), text.into_bytes())];
     let beside = files.parameter_files();
     for name in beside.iter().chain(&structure.parameter_files).collect::<BTreeSet<_>>() {
-        let text = numbered(&files.read(name)?, &files.path(name), &choices)?;
+        let text = settable(&files.read(name)?, &files.path(name), &choices, &fixed)?;
         entries.push((name.clone(), text.into_bytes()));
     }
     for (unit, file) in archives(&structure, fmus)? {
@@ -133,31 +134,47 @@ impl Choice<'_> {
         let warning = format!("`{name}` is an enumeration: ecos, libcosim and OMSimulator keep the FMU's start value");
         (!starts_so).then_some(warning)
     }
-
-    /// Whether it was given in this line of a file, under this name there.
-    fn is_given(&self, file: &Path, line: u32, name: &str) -> bool {
-        let origin = &self.value.origin;
-        let same_name = name.ends_with(&self.value.name) || self.value.name.ends_with(name);
-        origin.file == file && origin.line == Some(line) && same_name
-    }
 }
 
-/// The text of a file with the numbers of chosen items in place of their names.
-fn numbered(text: &str, file: &Path, choices: &[Choice]) -> Result<String, Error> {
+/// Start values that FMUs with C sources were designed with: constants, which no master may set.
+fn fixed<'a>(structure: &'a Structure, descriptions: &[ModelDescription]) -> Vec<&'a StartValue> {
+    let of = |(component, description): (&'a Component, &ModelDescription)| {
+        let is_fixed = |value: &&StartValue| {
+            description.place(&value.name).is_some_and(|place| is_designed(&description.variables[place]))
+        };
+        component.values.iter().filter(is_fixed).collect::<Vec<_>>()
+    };
+    structure.components.iter().zip(descriptions).flat_map(of).collect()
+}
+
+/// Whether a value was given in this line of a file, under this name there.
+fn is_given(value: &StartValue, file: &Path, line: u32, name: &str) -> bool {
+    let same_name = name.ends_with(&value.name) || value.name.ends_with(name);
+    value.origin.file == file && value.origin.line == Some(line) && same_name
+}
+
+/// The text of a file with what other masters can set: the numbers of chosen items in place of their names, and nothing that
+/// is fixed.
+fn settable(text: &str, file: &Path, choices: &[Choice], fixed: &[&StartValue]) -> Result<String, Error> {
     let document = parse(text, file)?;
-    let named = document.descendants().filter(|node| node.tag_name().name() == "Enumeration");
-    let mut numbered = text.to_owned();
+    let parameters = document.descendants().filter(|node| node.tag_name().name() == "Parameter");
+    let mut changed = text.to_owned();
     // From the end on, so that what is still to be replaced stays in its place.
-    for node in named.collect::<Vec<_>>().into_iter().rev() {
-        let Some(parameter) = node.parent().filter(|parent| parent.tag_name().name() == "Parameter") else { continue };
+    for parameter in parameters.collect::<Vec<_>>().into_iter().rev() {
         let line = document.text_pos_at(parameter.range().start).row;
         let name = attribute(parameter, "name").unwrap_or_default();
-        if let Some(choice) = choices.iter().find(|choice| choice.is_given(file, line, &name)) {
+        if fixed.iter().any(|value| is_given(value, file, line, &name)) {
+            let before = text[..parameter.range().start].trim_end().len();
+            changed.replace_range(before..parameter.range().end, "");
+            continue;
+        }
+        let Some(node) = child(parameter, "Enumeration") else { continue };
+        if let Some(choice) = choices.iter().find(|choice| is_given(choice.value, file, line, &name)) {
             let tag = text[node.range().start + 1..].split("Enumeration").next().unwrap_or_default();
-            numbered.replace_range(node.range(), &format!("<{tag}Integer value=\"{}\"/>", choice.number));
+            changed.replace_range(node.range(), &format!("<{tag}Integer value=\"{}\"/>", choice.number));
         }
     }
-    Ok(numbered)
+    Ok(changed)
 }
 
 /// Parameter sets that other masters don't look for.
