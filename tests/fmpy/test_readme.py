@@ -201,6 +201,18 @@ def test_every_test_that_a_page_names_is_there() -> None:
     assert not [file for file in [*files, *named] if not (ROOT / file).is_file()]
 
 
+def test_pages_count_the_fmus_and_loops_that_list_shows() -> None:
+    told = json.loads(run([PROGRAM, "list", "--json"], ROOT).stdout)
+    fmus, loops = len(told["fmus"]), len(told["loops"])
+    counted = {page: (DOCS / page).read_text() for page in ["index.md", "reliability.md", "source_units.md", "speed.md"]}
+    assert f"- {fmus} [FMUs]" in counted["index.md"] and f"- {loops} [loops]" in counted["index.md"]
+    assert f"{fmus} FMUs and {loops} loops" in counted["reliability.md"] and f"{fmus} of {fmus}" in counted["reliability.md"]
+    assert f"all {fmus} FMUs" in counted["source_units.md"] and f"of {fmus} FMUs" in counted["speed.md"]
+    # Nowhere is another number of FMUs told.
+    texts = [README, *(file.read_text() for file in DOCS.rglob("*.md"))]
+    assert {int(number) for text in texts for number in re.findall(r"\b(\d+) \[?FMUs\b", text)} == {fmus}
+
+
 def test_the_fmus_and_loops_of_the_pages_are_those_that_exist() -> None:
     fmus, loops = ((DOCS / page).read_text() for page in ["fmus.md", "thesis_loops.md"])
     for name in [file.stem for file in (ROOT / "modelDescription").glob("*.toml")]:
