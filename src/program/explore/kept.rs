@@ -80,7 +80,9 @@ impl Session {
         for (unit, source) in exported.iter().zip(&sources) {
             let own =
                 if apart { output::make_folder(&folder, plain(&unit.name)?).map_err(wrong)? } else { folder.clone() };
-            fmus.push(exporter::export_as(source, &library, &own, &content).map_err(wrong)?.to_string_lossy().into_owned());
+            fmus.push(
+                exporter::export_as(source, &library, &own, &content).map_err(wrong)?.to_string_lossy().into_owned(),
+            );
         }
         let left_out = left.iter().map(|unit| unit.name.clone()).collect();
         Ok(json!(Exported { folder: folder.to_string_lossy().into_owned(), fmus, left_out }))
