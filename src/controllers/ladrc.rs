@@ -127,7 +127,7 @@ impl System for Ladrc {
         Ok(Ladrc {
             order: n,
             omega_c,
-            omega_o: d.parameter(bandwidth("omega_o", text).start(BY_CONTROLLER)),
+            omega_o: d.parameter(bandwidth("omega_o", text).start(BY_CONTROLLER).min(BY_CONTROLLER)),
             omega_o_in_force: d.prepared(bandwidth("omega_o_in_force", "observer bandwidth in force")),
             B_0: d.parameter(
                 matrix(

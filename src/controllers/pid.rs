@@ -125,7 +125,7 @@ impl System for Pid {
                     .units(&units.S),
             ),
             S_inverse: d.prepared(matrix("#inverse of S", m, m, "").hidden()),
-            tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAINS)),
+            tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAINS).min(BY_GAINS)),
             T_t: d.prepared(vector("T_t", m, "tracking time in force; 0 where the integral doesn't track").unit("s")),
             r: d.input(vector("r", m, "reference").about(&of_y, "reference of {}").units(y)),
             y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(y)),

@@ -311,7 +311,7 @@ fn what_makes_no_actuator_is_refused_with_what_is_allowed() {
     let refused = |start: &str, named: &[&str]| described::refused(&text(1, start), named);
     refused("u_min = [2.0]\nu_max = [1.0]", &["u_min[1] = 2", "below u_max[1] = 1"]);
     refused("dead_zone = [-0.1]", &["dead_zone[1] = -0.1", "at least 0"]);
-    refused("rate_limit = [0.0]", &["rate_limit[1] = 0", "above 0"]);
+    refused("rate_limit = [0.0]", &["rate_limit[1] = 0", "above 0 and at most 1e15"]);
     refused("time_constant = [-1.0]", &["time_constant[1] = -1", "at least 0"]);
     refused("delay = [0.051]", &["delay[1] = 0.051", "multiple of sample_time = 0.001", "0 … 0.05"]);
     let both = "u_min = [2.0]\nu_max = [1.0]\ndelay = [0.0005]";

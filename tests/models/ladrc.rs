@@ -333,7 +333,8 @@ fn orders_and_bandwidths_that_are_none_are_refused() {
         (4, "", "order = 4"),
         (2, "B_0 = [[0.0]]", "B_0: least singular value"),
         (2, "omega_c = [0.0]", "omega_c"),
-        (2, "omega_o = [-2.0]", "or above 0 rad/s"),
+        (2, "omega_o = [-2.0]", "at least -1"),
+        (2, "omega_o = [-0.5]", "or above 0 rad/s"),
     ] {
         let reason = refusal(order, start);
         assert!(reason.contains(named), "{reason}");

@@ -27,6 +27,7 @@ mod neuro_ppf;
 mod observer;
 mod own_units;
 mod quadrotor;
+mod ranges;
 mod reference;
 mod schema;
 mod sensor;

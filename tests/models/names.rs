@@ -167,7 +167,7 @@ names = { u = ["command"], x = ["state"] }
     unit.put("drive", 5.0);
     unit.run(0.0, 300, 0.1);
     assert!((unit.get("behind.state") - 2.0).abs() < 1e-6, "{}", unit.get("behind.state"));
-    refused(&text.replace("most = 2.0", "most = -1e16"), &["lag.u_min[1]", "most = "]);
+    refused(&text.replace("most = 2.0", "most = -1e15"), &["lag.u_min[1]", "most = "]);
     refused(&text.replace("\"speed\"", "\"spe ed\""), &["lag", "spe ed"]);
     refused(&text.replace("u = [\"command\"]", "u = [\"x\"]"), &["behind", "`x`"]);
 }

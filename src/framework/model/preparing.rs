@@ -81,6 +81,7 @@ impl Model {
 
 fn allowed(min: Option<f64>, above_min: bool, max: Option<f64>) -> String {
     match (min.map(Number), max.map(Number)) {
+        (Some(min), Some(max)) if above_min => format!("must be above {min} and at most {max}"),
         (Some(min), Some(max)) => format!("must be within {min} … {max}"),
         (Some(min), None) if above_min => format!("must be above {min}"),
         (Some(min), None) => format!("must be at least {min}"),

@@ -172,15 +172,19 @@ impl<D: Shape> Spec<D> {
     }
 
     /// A smallest value that doesn't limit anything, unless it is set.
-    pub fn no_lower_limit(mut self) -> Self {
-        self.shown.no_limit = true;
-        self.start(-NO_LIMIT)
+    pub fn no_lower_limit(self) -> Self {
+        self.no_limit(-NO_LIMIT)
     }
 
     /// A largest value that doesn't limit anything, unless it is set.
-    pub fn no_upper_limit(mut self) -> Self {
+    pub fn no_upper_limit(self) -> Self {
+        self.no_limit(NO_LIMIT)
+    }
+
+    /// Starts at what is no limit. Beyond that nothing is meant, so tools see what range such a number ends.
+    fn no_limit(mut self, start: f64) -> Self {
         self.shown.no_limit = true;
-        self.start(NO_LIMIT)
+        self.min(-NO_LIMIT).max(NO_LIMIT).start(start)
     }
 
     /// Shown in its own unit: what is a phase or an angular frequency, nobody wants in degrees.

@@ -100,11 +100,12 @@ static void check_real_limits(const RealVariable *variable, real value, Log *log
     if (!too_small && !(has_max && value > variable->max) && isfinite(value)) {
         return;
     }
-    const char *allowed = has_min && has_max ? "\1n: must be within \1n … \1n"
-                          : has_max          ? "\1n: must be at most \1n"
-                          : is_open          ? "\1n: must be above \1n"
-                          : has_min          ? "\1n: must be at least \1n"
-                                             : "\1n: must be finite";
+    const char *allowed = has_max && is_open   ? "\1n: must be above \1n and at most \1n"
+                          : has_max && has_min ? "\1n: must be within \1n … \1n"
+                          : has_max            ? "\1n: must be at most \1n"
+                          : is_open            ? "\1n: must be above \1n"
+                          : has_min            ? "\1n: must be at least \1n"
+                                               : "\1n: must be finite";
     real values[3] = {value, has_min ? variable->min : variable->max, variable->max};
     refuse_value(log, variable->name, allowed, values, 3);
 }
