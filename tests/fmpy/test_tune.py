@@ -194,6 +194,8 @@ def test_any_parameter_of_any_loop_is_tuned_for_any_of_its_metrics(fmu_folder: P
         ([LOOP, "--parameter", "controller.k_f=0..1"], "only Real parameters can be tuned"),
         ([LOOP, "--parameter", "controller.fuzzy_output=0..1"], "only Real parameters can be tuned"),
         ([LOOP, "--parameter", "controller.k_e"], "has no upper bound"),
+        # What is no limit bounds no search.
+        ([LOOP, "--parameter", "controller.u_max[1]"], "has no lower bound"),
         ([LOOP, "--parameter", "controller.VL_c=11..9"], "the lower bound must be below the upper one"),
         ([LOOP, "--parameter", "controller.VL_c=1..9"], "must lie within 8..12"),
         ([LOOP, "--parameter", "controller.VL_c", "--parameter", "controller.VL_c"], "is named twice"),

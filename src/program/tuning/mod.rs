@@ -16,6 +16,7 @@ use std::collections::HashSet;
 use serde::{Deserialize, Serialize};
 
 use crate::simulation::{LoadedLoop, Place, Settings, Structure, TunedParameter};
+use crate::system::NO_LIMIT;
 use crate::{near, parallel};
 
 /// A parameter that is searched, with its bounds in its own unit.
@@ -168,7 +169,8 @@ fn range(parameter: &TunedParameter, loaded: &LoadedLoop) -> Result<(Range, Plac
     let allowed = |bound: &Option<String>| bound.as_ref().and_then(|text| text.parse::<f64>().ok());
     let (min, max) = (allowed(&variable.min), allowed(&variable.max));
     let bound = |own: Option<f64>, of_fmu: Option<f64>, word: &str| {
-        own.or(of_fmu)
+        // What is no limit bounds no search.
+        own.or(of_fmu.filter(|bound| bound.abs() < NO_LIMIT))
             .ok_or_else(|| format!("`{name}` has no {word} bound, and its FMU names none: give both, {name}=LOW..HIGH"))
     };
     let (low, high) = (bound(*low, min, "lower")?, bound(*high, max, "upper")?);

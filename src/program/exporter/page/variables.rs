@@ -59,8 +59,10 @@ pub fn allowed(variable: &Variable) -> String {
     if !variable.items.is_empty() {
         return variable.items.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
     }
-    let [min, max] =
-        [&variable.min, &variable.max].map(|limit| limit.as_ref().map(|text| figure(variable, Some(text))));
+    let [min, max] = [&variable.min, &variable.max].map(|limit| {
+        let limit = limit.as_deref().filter(|text| !variable.is_no_limit(text));
+        limit.map(|text| figure(variable, Some(text)))
+    });
     match (min, max) {
         (Some(min), Some(max)) => format!("{min} … {max}"),
         (Some(min), None) => format!("≥ {min}"),
