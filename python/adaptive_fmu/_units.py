@@ -264,12 +264,14 @@ def linearise(
     at: float | None = None,
     steady_state: bool = False,
     values: Mapping[str, Value] | None = None,
+    step: float | None = None,
 ) -> Linearisation:
     """The linear system that an FMU, a description or a loop as one unit is like about an operating point.
 
     at: time in s; the states are those of a simulation until then, with held inputs. The start time unless given.
     steady_state: at states whose derivatives are zero at that time instead.
     values: start values of parameters, or values of inputs, by name.
+    step: communication step of simulations and experiments, s. The one that the FMU proposes unless given.
 
     Raises `Error` where there is no such point, or a unit fails.
 
@@ -280,4 +282,5 @@ def linearise(
     request = ["linearise", "--json", *words("--set", values or {})]
     request += [f"--at={number(at)}"] if at is not None else []
     request += ["--steady-state"] if steady_state else []
+    request += [f"--step={number(step)}"] if step is not None else []
     return Linearisation(done([*request, "--", os.fspath(name)]).json())

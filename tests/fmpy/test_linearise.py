@@ -339,6 +339,17 @@ def test_differences_come_close_to_exact_derivatives(name: str, fmu, tmp_path: P
         np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6 * max(1.0, np.abs(wanted).max(initial=0)))
 
 
+def test_an_input_at_a_bound_that_its_description_names_is_moved_inwards(fmu, tmp_path: Path) -> None:
+    """The thrust acts from 0 on: the mean of both sides would be half of it."""
+    bound = (r'(name="u\[1\]".*?<Real unit="N") nominal="5.0" start="4.905"', r'\1 min="0" start="4.905"')
+    bounded = edited(fmu("Quadrotor"), tmp_path, NO_DERIVATIVES, bound)
+    found, inside = (linearise(bounded, "--set", f"u[1]={thrust}") for thrust in (0, 4))
+    assert found["method"]["by"] == inside["method"]["by"] == "differences"
+    columns = [np.array(linear["B"])[:, 0] for linear in (found, inside)]
+    np.testing.assert_allclose(*columns, rtol=1e-3, atol=1e-6)
+    assert columns[0].max() > 1.0
+
+
 KINDS = ["states", "inputs", "outputs"]
 
 

@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 
 use super::export::warn_of;
 use super::hosting::HostingOptions;
+use super::loop_options::positive;
 use super::names::Names;
 use super::ready;
 
@@ -33,6 +34,9 @@ pub struct Arguments {
     /// Names of its states, where its description names none: Real outputs or local variables; all outputs unless given
     #[arg(long, value_name = "NAME,…")]
     states: Option<Names>,
+    /// Communication step in s of simulations and experiments, in place of the one that the FMU proposes
+    #[arg(long, value_parser = positive)]
+    step: Option<f64>,
     #[command(flatten)]
     hosting: HostingOptions,
     /// As JSON
@@ -53,9 +57,9 @@ pub fn assignment(text: &str) -> Result<(String, String), String> {
 /// Prints the linear system.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let fmu = open_unit(&arguments.name, &arguments.hosting.hosting()?)?;
-    let Arguments { at: time, steady_state, set, states, .. } = arguments;
+    let Arguments { at: time, steady_state, set, states, step, .. } = arguments;
     let states = states.clone().map_or_else(Vec::new, |Names(names)| names);
-    let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone(), states };
+    let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone(), states, step: *step };
     let linear = linearise(&fmu, &point)?;
     if arguments.json {
         say!("{}", as_json(&linear));
@@ -145,10 +149,18 @@ pub fn told(method: Method) -> String {
         Method::Differences { part } => {
             format!("by central differences, each value moved by {part:e} of its magnitude")
         }
-        Method::Responses { part, step, misfit } => format!(
-            "by its responses to inputs changed by {part} of their magnitude or half their range, sampled every {step} s; \
-             the linear system's own differ from them by {misfit:.1e} of the largest"
-        ),
+        Method::Responses { part, starts, step, misfit, difference } => {
+            let changed = match starts {
+                0 => "inputs".to_owned(),
+                1 => "inputs and the start value of 1 state".to_owned(),
+                _ => format!("inputs and the start values of {starts} states"),
+            };
+            format!(
+                "by its responses to {changed}, changed by {part} of their magnitude or half their range, sampled every \
+                 {step} s; the linear system's own differ from them by {misfit:.1e} of the largest, two extrapolations to \
+                 no change at all by {difference:.1e} of the largest entry"
+            )
+        }
     }
 }
 

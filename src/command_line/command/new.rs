@@ -60,6 +60,9 @@ struct UnitArguments {
     /// With an FMU for the plant: start value of a parameter, or value of an input, which is held until then
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment, requires = "plant")]
     set: Vec<(String, String)>,
+    /// With an FMU for the plant: communication step in s by which it is linearised, in place of the one that it proposes
+    #[arg(long, requires = "plant", value_parser = positive)]
+    step: Option<f64>,
     #[command(flatten)]
     hosting: HostingOptions,
     /// Least speed of the controlled system, rad/s; that of the plant's own slowest pole unless given

@@ -77,6 +77,10 @@ pub struct Variable {
     pub min: Option<String>,
     /// Largest value.
     pub max: Option<String>,
+    /// exact, approx or calculated, where the file says it.
+    pub initial: Option<String>,
+    /// Usual magnitude, where the file says one above 0.
+    pub nominal: Option<f64>,
     /// Items of an enumeration with their numbers.
     pub items: Vec<(String, i32)>,
 }
@@ -85,6 +89,12 @@ pub struct Variable {
 pub const ABOUT: [&str; 4] = ["author", "version", "license", "copyright"];
 
 impl Variable {
+    /// Smallest and largest value; infinite where the file says none.
+    pub fn bounds(&self) -> (f64, f64) {
+        let bound = |text: &Option<String>| text.as_ref().and_then(|text| text.trim().parse::<f64>().ok());
+        (bound(&self.min).unwrap_or(f64::NEG_INFINITY), bound(&self.max).unwrap_or(f64::INFINITY))
+    }
+
     /// Whether a value of it stands for no limit, as its description says.
     pub fn is_no_limit(&self, value: &str) -> bool {
         let number = value.trim().parse().map(f64::abs);
@@ -265,6 +275,8 @@ fn variable(
         start: attribute(value, "start"),
         min: of_type("min"),
         max: of_type("max"),
+        initial: attribute(node, "initial"),
+        nominal: of_type("nominal").and_then(|text| text.trim().parse().ok()).filter(|nominal| *nominal > 0.0),
         items: items.filter_map(item).collect(),
     })
 }

@@ -45,6 +45,8 @@ use crate::scratch::Scratch;
 /// The command by which this package's program runs a unit for another process of it.
 pub const UNIT_PROCESS: &str = "unit-process";
 
+/// Communication step of an FMU that proposes none, s.
+const STEP: f64 = 1e-3;
 const NOT_FOR_CO_SIMULATION: &str = "modelDescription.xml: it is not for co-simulation";
 const NOT_FOR_EXCHANGE: &str = "modelDescription.xml: it is not for model exchange";
 
@@ -178,6 +180,11 @@ impl Fmu {
     /// Its archive.
     pub fn file(&self) -> &Path {
         &self.file
+    }
+
+    /// The communication step that it proposes, else a usual one, s.
+    pub fn step(&self) -> f64 {
+        self.description.step.filter(|step| *step > 0.0).unwrap_or(STEP)
     }
 
     /// Where it comes from, and how its instances run, for those who want to know.

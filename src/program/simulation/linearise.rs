@@ -28,6 +28,15 @@ pub struct OperatingPoint {
     pub start: Vec<(String, String)>,
     /// The variables that are its states, where its description names none; all Real outputs where none are given.
     pub states: Vec<String>,
+    /// Communication step of simulations and experiments, s; the one that the unit proposes where none is given.
+    pub step: Option<f64>,
+}
+
+impl OperatingPoint {
+    /// Communication step of a unit's simulations and experiments, s.
+    pub(super) fn step_of(&self, fmu: &Fmu) -> f64 {
+        self.step.unwrap_or_else(|| fmu.step())
+    }
 }
 
 /// How the matrices were found.
@@ -41,14 +50,18 @@ pub enum Method {
         /// By what part of its magnitude each value was moved.
         part: f64,
     },
-    /// By what small changes of its inputs do, in co-simulation.
+    /// By what small changes of its inputs, and of start values of its states, do in co-simulation.
     Responses {
-        /// By what part of its magnitude or range each input was changed.
+        /// By what part of its magnitude or range each of these was changed.
         part: f64,
+        /// Number of states whose start values were changed.
+        starts: usize,
         /// Communication step, s.
         step: f64,
         /// The largest difference from the linear system's own responses, relative to them.
         misfit: f64,
+        /// The largest difference between two extrapolations to no change at all, relative to the largest entry.
+        difference: f64,
     },
 }
 
@@ -158,7 +171,8 @@ fn found<'a>(
     let start = structure.start_time;
     if description.co_simulation && exact() && point.states.is_empty() {
         plan.by = Derivatives::Exact;
-        let instance = simulated(prepared(fmu.instantiate(&description.name)?, point, start, time)?, start, time)?;
+        let instance = prepared(fmu.instantiate(&description.name)?, point, start, time)?;
+        let instance = simulated(instance, start, time, point.step_of(fmu))?;
         let matrices = matrices(&plan, &instance)?;
         return Ok(Found { instance, plan, method: Method::Derivatives, unique: None, matrices });
     }
@@ -170,10 +184,10 @@ fn found<'a>(
     if plan.states.is_empty() {
         plan.states = named_states(fmu, &plan, point)?;
     }
-    let found = responses::find(fmu, &plan, point, (start, time))?;
-    let method = Method::Responses { part: responses::CHANGE, step: found.step, misfit: found.misfit };
-    let instance = simulated(prepared(fmu.instantiate(&description.name)?, point, start, time)?, start, time)?;
-    Ok(Found { instance, plan, method, unique: None, matrices: found.matrices })
+    let (method, matrices) = responses::find(fmu, &plan, point, (start, time))?;
+    let instance = prepared(fmu.instantiate(&description.name)?, point, start, time)?;
+    let instance = simulated(instance, start, time, point.step_of(fmu))?;
+    Ok(Found { instance, plan, method, unique: None, matrices })
 }
 
 /// An instance for model exchange at the states of a simulation until a time.
@@ -193,7 +207,8 @@ fn exchanged(
                 "is for model exchange alone: it is linearised at its start, or at a --steady-state".to_owned();
             return Err(Error::Archive { file: fmu.file().to_owned(), reason });
         }
-        let simulated = simulated(prepared(fmu.instantiate(name)?, point, start, time)?, start, time)?;
+        let begun = prepared(fmu.instantiate(name)?, point, start, time)?;
+        let simulated = simulated(begun, start, time, point.step_of(fmu))?;
         let mut states = vec![0.0; plan.states.len()];
         simulated.get_real(&references(&plan.states), &mut states)?;
         instance.set_time(time)?;
@@ -235,7 +250,8 @@ pub(super) fn prepared(
 ) -> Result<Instance, Error> {
     set_starts(&instance, &point.start)?;
     // A stop time must be after the start, and nothing steps beyond it.
-    instance.enter_initialization(start, time.max(start + 1.0).max(time + responses::span(&instance)))?;
+    let span = responses::LONGEST as f64 * point.step_of(instance.fmu());
+    instance.enter_initialization(start, time.max(start + 1.0).max(time + span))?;
     instance.exit_initialization()?;
     Ok(instance)
 }
@@ -259,8 +275,7 @@ pub(super) fn set_starts(instance: &Instance, values: &[(String, String)]) -> Re
 }
 
 /// The instance, stepped to a time.
-pub(super) fn simulated(mut instance: Instance, start: f64, time: f64) -> Result<Instance, Error> {
-    let step = instance.step();
+pub(super) fn simulated(mut instance: Instance, start: f64, time: f64, step: f64) -> Result<Instance, Error> {
     let steps = ((time - start) / step - 1e-6).ceil().max(0.0) as usize;
     let time_of = |k: usize| if k == steps { time } else { start + k as f64 * step };
     for k in 0..steps {

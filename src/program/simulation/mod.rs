@@ -7,6 +7,7 @@ mod comparison;
 mod diagram;
 mod draft;
 mod exchange;
+mod experiments;
 mod feedthrough;
 #[allow(unsafe_code)]
 mod fmu;
@@ -27,6 +28,7 @@ mod ready;
 mod recorded;
 mod recorder;
 mod responses;
+mod sampled;
 mod settling;
 mod sketch;
 mod ssp;

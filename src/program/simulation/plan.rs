@@ -66,7 +66,8 @@ impl<'a> Plan<'a> {
             return self.exact(instance, &self.states);
         }
         let (nominals, states) = (instance.nominals(self.states.len())?, instance.states(self.states.len())?);
-        let changes = self.differences(instance, &states, &nominals, |values| instance.set_states(values));
+        let unbounded = vec![(f64::NEG_INFINITY, f64::INFINITY); states.len()];
+        let changes = self.differences(instance, &states, &nominals, &unbounded, |values| instance.set_states(values));
         instance.set_states(&states)?;
         changes
     }
@@ -80,7 +81,9 @@ impl<'a> Plan<'a> {
         let mut inputs = vec![0.0; references.len()];
         instance.get_real(&references, &mut inputs)?;
         let nominals = vec![1.0; inputs.len()];
-        let changes = self.differences(instance, &inputs, &nominals, |values| instance.set_real(&references, values));
+        let bounds: Vec<_> = self.inputs.iter().map(|input| input.bounds()).collect();
+        let set = |values: &[f64]| instance.set_real(&references, values);
+        let changes = self.differences(instance, &inputs, &nominals, &bounds, set);
         instance.set_real(&references, &inputs)?;
         changes
     }
@@ -100,6 +103,7 @@ impl<'a> Plan<'a> {
         instance: &Instance,
         values: &[f64],
         nominals: &[f64],
+        bounds: &[(f64, f64)],
         set: impl Fn(&[f64]) -> Result<(), Error>,
     ) -> Result<Changes, Error> {
         let mut changes = self.none(values.len());
@@ -115,11 +119,15 @@ impl<'a> Plan<'a> {
                 found.extend(outputs);
                 Ok::<_, Error>(found)
             };
-            let (above, below) = (values[k] + step, values[k] - step);
+            // Beyond a bound a unit refuses a value, or answers as at the bound.
+            let (least, most) = bounds[k];
+            let (above, below) =
+                ((values[k] + step).min(most.max(values[k])), (values[k] - step).max(least.min(values[k])));
             let (more, less) = (at(above)?, at(below)?);
             at(values[k])?;
             // What was really set, rounded.
-            let column: Vec<f64> = more.iter().zip(&less).map(|(a, b)| (a - b) / (above - below)).collect();
+            let moved_by = if above > below { above - below } else { step };
+            let column: Vec<f64> = more.iter().zip(&less).map(|(a, b)| (a - b) / moved_by).collect();
             changes.set(k, &column);
         }
         Ok(changes)

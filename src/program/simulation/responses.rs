@@ -1,219 +1,320 @@
 //! The linear system that a unit in co-simulation is like, where it gives no derivatives: from what small changes of its
-//! inputs do to its states, which it shows at communication points.
+//! inputs, and of start values of its states, do to its states, which it shows at communication points.
 
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::fmu::{Fmu, Instance};
-use super::linearise::{OperatingPoint, prepared, simulated};
-use super::logarithm::logarithm;
-use super::plan::{Plan, references};
+use super::experiments::{Bench, CHANGE, Subject};
+use super::fmu::Fmu;
+use super::linearise::{Method, OperatingPoint};
+use super::plan::Plan;
+use super::sampled::{Difference, Fit, Moved, Unfit, misfit};
 use crate::error::Error;
-use crate::model_description::Variable;
 
-/// Communication steps for which an input is changed, and for which it is back.
+/// Communication steps for which an input is changed, and for which it is back: at most.
 const STEPS: usize = 250;
-/// An input is changed by this part of its magnitude, of half its range, or of 1, whichever is largest.
-pub(super) const CHANGE: f64 = 1e-2;
-/// Singular values of the responses below this part of the largest are rounding.
-const RANK: f64 = 1e-9;
-/// A signal that contributes less than this part of the largest contribution contributes nothing.
-const NOTHING: f64 = 1e-6;
-/// Above this misfit, relative to the responses, the linear system is none.
-const WORST: f64 = 0.1;
+/// The most communication steps of an experiment.
+pub(super) const LONGEST: usize = 2 * STEPS + 1;
+/// Above this misfit, relative to the answers, the linear system is none.
+const WORST_MISFIT: f64 = 0.1;
+/// Two extrapolations that differ more than this, relative to the largest entry, are not certain.
+const WORST_DIFFERENCE: f64 = 1e-2;
+/// The same of eigenvalues, relative to the largest.
+const WORST_EIGENVALUES: f64 = 5e-4;
+/// Two extrapolations that differ by this part of what is allowed are good enough.
+const ENOUGH: f64 = 0.02;
+/// How far an answer may grow before it hides what doesn't grow.
+const GROWTH: f64 = 100.0;
+/// Sizes of experiments with inputs that are tried; and where start values told already.
+const TRIES: usize = 12;
+const FEW_TRIES: usize = 3;
+/// A unit that fails so often fails for another reason than a large change.
+const MOST_FAILURES: usize = 4;
+/// What doesn't do is tried again with this part of the change.
+const SMALLER: f64 = 0.125;
+/// Experiments with start values: communication steps of their halves, and part of the usual change.
+const STARTS: [(usize, f64); 8] =
+    [(1, 1.0), (1, 1e-1), (8, 1.0), (1, 1e-2), (64, 1.0), (1, 1e-3), (64, 1e-1), (1, 1e-4)];
+/// Above this growth in a communication step a shorter one helps.
+const FAST: f64 = 1.2;
+/// Above this condition number the answers are too short for what they are to show.
+const ILL: f64 = 1e6;
 
-/// How long an experiment takes, s.
-pub(super) fn span(instance: &Instance) -> f64 {
-    (2 * STEPS + 1) as f64 * instance.step()
+/// Experiments of one size and what they lead to: the fits to them and to experiments half as large and half as long,
+/// extrapolated to no change at all.
+#[derive(Debug, Clone)]
+struct Tried {
+    fit: Fit,
+    part: f64,
+    difference: Difference,
 }
 
-/// What was found.
+/// Why there is no linear system.
 #[derive(Debug)]
-pub(super) struct Responses {
-    pub matrices: [DMatrix<f64>; 4],
-    /// The largest difference between the unit's and the linear system's responses, relative to these.
-    pub misfit: f64,
-    /// Communication step, s.
-    pub step: f64,
+enum Trouble {
+    Unit(Error),
+    Unfit(Unfit),
+    /// By how much, and the fit.
+    Misfit(f64, Box<Fit>),
+    Uncertain(Box<Tried>),
 }
 
-/// An experiment's answers: half the difference between an input that is raised and one that is lowered, by how much.
-struct Experiment {
-    input: usize,
-    /// States at the communication points, and outputs behind them; a column a point.
-    states: DMatrix<f64>,
-    outputs: DMatrix<f64>,
-    size: f64,
+impl Tried {
+    /// How much the extrapolations differ, relative to what is allowed.
+    fn excess(&self) -> f64 {
+        let Difference { matrices, eigenvalues } = self.difference;
+        (matrices / WORST_DIFFERENCE).max(eigenvalues / WORST_EIGENVALUES)
+    }
+
+    /// The same with what was found from other experiments.
+    fn with(&self, other: &Tried) -> Tried {
+        Tried { difference: self.fit.difference(&other.fit), ..self.clone() }
+    }
+
+    /// How many steps an experiment with inputs may have, and with what part of the usual change its answer is as large as
+    /// what led to this.
+    fn size_for_inputs(&self) -> (usize, f64) {
+        let (n, steps) = (self.fit.sampled.nrows(), longest(self.fit.growth).max(1));
+        let mut most: f64 = 1.0;
+        for input in n..self.fit.sampled.ncols() {
+            let mut x = DVector::zeros(n);
+            for k in 0..2 * steps {
+                let u = if k < steps { self.fit.sizes[input] } else { 0.0 };
+                x = self.fit.sampled.columns(0, n) * x + self.fit.sampled.column(input) * u;
+                let size = |(x, size): (&f64, &f64)| if *size > 0.0 { x.abs() / size } else { 0.0 };
+                most = x.iter().zip(&self.fit.sizes).map(size).fold(most, f64::max);
+            }
+        }
+        (steps, self.part / most)
+    }
+
+    /// Whether inputs do over many steps what the linear system foretells.
+    fn foretells(
+        &self,
+        subject: &impl Subject,
+        inputs: &[Moved],
+        (steps, part): (usize, f64),
+    ) -> Result<bool, Trouble> {
+        let experiments = inputs.iter().map(|moved| subject.experiment(*moved, part, 2 * steps));
+        let experiments = experiments.collect::<Result<Vec<_>, _>>().map_err(Trouble::Unit)?;
+        Ok(misfit(&self.fit.sampled, &experiments) <= WORST_DIFFERENCE)
+    }
 }
 
 /// Finds the linear system about the states of a simulation from `start` until `time`.
 ///
 /// # Errors
-/// When the unit fails, the inputs don't move all states, or what moves is no linear system of these states.
+/// When the unit fails, what is changed doesn't move all states, what moves is no linear system of these states, or it can't
+/// be told with certainty.
 pub(super) fn find(
     fmu: &Arc<Fmu>,
     plan: &Plan,
     point: &OperatingPoint,
-    (start, time): (f64, f64),
-) -> Result<Responses, Error> {
+    span: (f64, f64),
+) -> Result<(Method, [DMatrix<f64>; 4]), Error> {
     let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
     if plan.states.is_empty() || plan.inputs.is_empty() {
         return Err(refuse("has no states or no inputs: there is nothing to linearise".to_owned()));
     }
-    let mut step = 0.0;
-    let mut experiments = Vec::new();
-    for (input, variable) in plan.inputs.iter().enumerate() {
-        let at = || {
-            let instance = fmu.instantiate(&fmu.description.name)?;
-            simulated(prepared(instance, point, start, time)?, start, time)
-        };
-        let mut value = [0.0];
-        let instance = at()?;
-        instance.get_real(&[variable.reference], &mut value)?;
-        let size = change_of(variable, value[0]);
-        step = instance.step();
-        let raised = response(instance, plan, variable, (value[0], size), time)?;
-        let lowered = response(at()?, plan, variable, (value[0], -size), time)?;
-        let states = (&raised.0 - &lowered.0) * 0.5;
-        let outputs = (&raised.1 - &lowered.1) * 0.5;
-        experiments.push(Experiment { input, states, outputs, size });
-    }
-    fitted(plan, &experiments, step).map_err(refuse)
+    let bench = Bench::new(fmu, plan, point, span)?;
+    let (Tried { fit, part, difference }, starts) = found(&bench).map_err(|trouble| match trouble {
+        Trouble::Unit(error) => error,
+        trouble => refuse(told(&trouble, plan, bench.step())),
+    })?;
+    let (step, misfit) = (bench.step(), fit.misfit);
+    let method = Method::Responses { part: part * CHANGE, starts, step, misfit, difference: difference.matrices };
+    Ok((method, fit.matrices()))
 }
 
-/// By how much an input is changed.
-fn change_of(variable: &Variable, value: f64) -> f64 {
-    let bound = |text: &Option<String>| text.as_ref().and_then(|text| text.parse::<f64>().ok());
-    let half = bound(&variable.min).zip(bound(&variable.max)).map(|(min, max)| 0.5 * (max - min));
-    CHANGE * half.filter(|half| half.is_finite()).unwrap_or(1.0).max(value.abs())
+/// The linear system, and the number of states whose start values were changed for it.
+fn found(subject: &impl Subject) -> Result<(Tried, usize), Trouble> {
+    let inputs: Vec<Moved> = (0..subject.shape().inputs).map(Moved::Input).collect();
+    let starts: Vec<Moved> = subject.starts().into_iter().map(Moved::Start).collect();
+    let alone = || Ok((by_inputs(subject, &inputs, (STEPS, 1.0), TRIES)?, 0));
+    if starts.is_empty() {
+        return alone();
+    }
+    let Ok(by_starts) = by_starts(subject, &[&starts[..], &inputs].concat()) else { return alone() };
+    // A start value may set more than a state, as a load that holds it there: what inputs do tells that.
+    let size = by_starts.size_for_inputs();
+    match by_inputs(subject, &inputs, size, FEW_TRIES) {
+        Ok(by_inputs) if by_starts.with(&by_inputs).excess() > 1.0 || by_inputs.excess() < by_starts.excess() => {
+            Ok((by_inputs, 0))
+        }
+        Ok(_) => Ok((by_starts, starts.len())),
+        Err(_) if by_starts.foretells(subject, &inputs, size)? => Ok((by_starts, starts.len())),
+        // Where the operating point moves, a linear system foretells less.
+        Err(_) => match alone() {
+            Err(_) if by_starts.foretells(subject, &inputs, (size.0.div_ceil(8), size.1))? => {
+                Ok((by_starts, starts.len()))
+            }
+            found => found,
+        },
+    }
 }
 
-/// States and outputs while an input is changed, and then back.
-fn response(
-    mut instance: Instance,
-    plan: &Plan,
-    input: &Variable,
-    (value, change): (f64, f64),
-    time: f64,
-) -> Result<(DMatrix<f64>, DMatrix<f64>), Error> {
-    let (step, points) = (instance.step(), 2 * STEPS + 1);
-    let mut states = DMatrix::zeros(plan.states.len(), points);
-    let mut outputs = DMatrix::zeros(plan.outputs.len(), points);
-    let (state_references, output_references) = (references(&plan.states), references(&plan.outputs));
-    for k in 0..points {
-        instance.get_real(&state_references, states.column_mut(k).as_mut_slice())?;
-        instance.get_real(&output_references, outputs.column_mut(k).as_mut_slice())?;
-        if k + 1 < points {
-            instance.set_real(&[input.reference], &[if k < STEPS { value + change } else { value }])?;
-            instance.do_step(time + k as f64 * step, step)?;
+/// By start values of states, and inputs: one communication step shows how they move the states. Where a unit's own
+/// tolerance blurs that, more show it better.
+fn by_starts(subject: &impl Subject, moved: &[Moved]) -> Result<Tried, Trouble> {
+    let mut best = Best::default();
+    for (steps, part) in STARTS {
+        if best.takes(extrapolated(subject, moved, part, steps)) {
+            break;
         }
     }
-    Ok((states, outputs))
+    best.found()
 }
 
-/// The sampled system by least squares over all experiments, and the continuous one whose sampling it is.
-fn fitted(plan: &Plan, experiments: &[Experiment], step: f64) -> Result<Responses, String> {
-    let (n, m, p) = (plan.states.len(), plan.inputs.len(), plan.outputs.len());
-    let points = 2 * STEPS * experiments.len();
-    // One row a communication step: states and inputs at its beginning, states at its end; outputs with what they follow.
-    let (mut known, mut next) = (DMatrix::zeros(points, n + m), DMatrix::zeros(points, n));
-    let (mut seen, mut outputs) = (DMatrix::zeros(points, n + m), DMatrix::zeros(points, p));
-    for (e, experiment) in experiments.iter().enumerate() {
-        for k in 0..2 * STEPS {
-            let row = e * 2 * STEPS + k;
-            known.view_mut((row, 0), (1, n)).copy_from(&experiment.states.column(k).transpose());
-            seen.view_mut((row, 0), (1, n)).copy_from(&experiment.states.column(k + 1).transpose());
-            next.row_mut(row).copy_from(&experiment.states.column(k + 1).transpose());
-            outputs.row_mut(row).copy_from(&experiment.outputs.column(k + 1).transpose());
-            let input = if k < STEPS { experiment.size } else { 0.0 };
-            known[(row, n + experiment.input)] = input;
-            seen[(row, n + experiment.input)] = input;
+/// By inputs alone. Where the answer grows, long experiments show what grows only, and large ones the limits of the linear
+/// system.
+fn by_inputs(subject: &impl Subject, moved: &[Moved], size: (usize, f64), tries: usize) -> Result<Tried, Trouble> {
+    let (mut best, (mut steps, mut part)) = (Best::default(), size);
+    let shortest = 4 * (subject.shape().states + subject.shape().inputs);
+    for _ in 0..tries {
+        let tried = extrapolated(subject, moved, part, steps);
+        let fit = tried.as_ref().ok().map(|tried| &tried.fit);
+        // Of what is no linear system, nothing follows but that less may be one.
+        let growth = fit.filter(|fit| fit.misfit <= WORST_MISFIT).map(|fit| fit.growth);
+        if best.takes(tried) {
+            break;
+        }
+        let longest = growth.map_or(steps / 2, longest).max(shortest);
+        if growth.is_none() || steps <= longest {
+            part *= SMALLER;
+        }
+        steps = steps.min(longest);
+    }
+    best.found()
+}
+
+/// The number of steps of half an experiment in which the answer grows as much as it may.
+fn longest(growth: f64) -> usize {
+    let steps = 0.5 * GROWTH.ln() / growth.ln();
+    if growth > 1.0 && steps < STEPS as f64 { steps as usize } else { STEPS }
+}
+
+/// What was tried.
+#[derive(Default)]
+struct Best {
+    tried: Vec<Tried>,
+    trouble: Option<Trouble>,
+    failures: usize,
+}
+
+impl Best {
+    /// Takes a try; whether another one is of no use.
+    fn takes(&mut self, tried: Result<Tried, Trouble>) -> bool {
+        match tried {
+            Ok(tried) if tried.fit.misfit <= WORST_MISFIT => {
+                let is_enough = tried.excess() <= ENOUGH;
+                self.tried.push(tried);
+                is_enough
+            }
+            Ok(tried) => {
+                self.trouble = Some(Trouble::Misfit(tried.fit.misfit, Box::new(tried.fit)));
+                false
+            }
+            Err(trouble) => {
+                // A unit may fail at a change that is too large for it.
+                self.failures += usize::from(matches!(trouble, Trouble::Unit(_)));
+                let is_final =
+                    self.failures >= MOST_FAILURES || matches!(trouble, Trouble::Unfit(Unfit::StillState(_)));
+                self.trouble = Some(trouble);
+                is_final
+            }
         }
     }
-    for (state, variable) in plan.states.iter().enumerate() {
-        if next.column(state).amax() == 0.0 {
-            return Err(format!("its inputs don't move `{}`: it can't be linearised from responses", variable.name));
+
+    /// The one whose extrapolations differ least. Of many that are uncertain, two may agree by chance: so another one says
+    /// the same.
+    fn found(mut self) -> Result<Tried, Trouble> {
+        self.tried.sort_by(|one, other| one.excess().total_cmp(&other.excess()));
+        let mut tried = self.tried.into_iter();
+        match (tried.next(), self.trouble) {
+            (Some(best), _) if best.excess() <= ENOUGH => Ok(best),
+            (Some(best), _) if best.excess() <= 1.0 && tried.any(|other| best.with(&other).excess() <= 1.0) => Ok(best),
+            (Some(best), _) => Err(Trouble::Uncertain(Box::new(best))),
+            // Something was tried: either it led to a fit, or there is a reason why it didn't.
+            (None, trouble) => Err(trouble.unwrap_or(Trouble::Unfit(Unfit::NoLogarithm))),
         }
     }
-    let sampled = solved(&known, &next)?;
-    let misfit = misfit(&sampled, experiments);
-    if misfit.is_nan() || misfit > WORST {
-        return Err(format!(
-            "answers small changes of its inputs otherwise than a linear system whose states are {} (by {:.1} % of the \
-             largest answer): name all of its states by --states, or choose another operating point by --at or --set",
-            plan.states.iter().map(|state| state.name.as_str()).collect::<Vec<_>>().join(", "),
-            100.0 * misfit
-        ));
-    }
-    let mut held = DMatrix::identity(n + m, n + m);
-    held.view_mut((0, 0), (n, n + m)).copy_from(&sampled);
-    let rates = logarithm(&held)
-        .ok_or_else(|| format!("changes too much within its communication step, {step} s, for its rates to be told"))?
-        / step;
-    let mut shown = solved(&seen, &outputs)?;
-    for (row, output) in plan.outputs.iter().enumerate() {
-        if let Some(state) = plan.states.iter().position(|state| state.name == output.name) {
-            shown.row_mut(row).fill(0.0);
-            shown[(row, state)] = 1.0;
-        }
-    }
-    let (rates, shown) = (cleaned(rates, &known), cleaned(shown, &known));
-    let part = |matrix: &DMatrix<f64>, column: usize, columns: usize, rows: usize| {
-        matrix.view((0, column), (rows, columns)).into_owned()
+}
+
+/// Experiments of a size, and of half of it once or twice.
+fn extrapolated(subject: &impl Subject, moved: &[Moved], part: f64, steps: usize) -> Result<Tried, Trouble> {
+    let fit = |times: i32| {
+        let part = part / f64::from(times);
+        let steps = 2 * (steps / times as usize).max(1);
+        let experiments = moved.iter().map(|moved| subject.experiment(*moved, part, steps));
+        let experiments = experiments.collect::<Result<Vec<_>, _>>().map_err(Trouble::Unit)?;
+        Fit::new(&subject.shape(), &experiments, subject.step()).map_err(Trouble::Unfit)
     };
-    let matrices = [part(&rates, 0, n, n), part(&rates, n, m, n), part(&shown, 0, n, p), part(&shown, n, m, p)];
-    Ok(Responses { matrices, misfit, step })
-}
-
-/// The matrix whose product with each row of `known`, as a column, is the row of `wanted`.
-fn solved(known: &DMatrix<f64>, wanted: &DMatrix<f64>) -> Result<DMatrix<f64>, String> {
-    // Signals may be of very different sizes.
-    let sizes = DVector::from_fn(known.ncols(), |column, _| known.column(column).amax().max(f64::MIN_POSITIVE));
-    let scaled = DMatrix::from_fn(known.nrows(), known.ncols(), |i, j| known[(i, j)] / sizes[j]);
-    let singular = scaled.svd(true, true);
-    let smallest = RANK * singular.singular_values.max();
-    let (rank, count) = (singular.rank(smallest), known.ncols());
-    if rank < count {
-        return Err(format!(
-            "shows in its answers to small changes of its inputs only {rank} of {count} independent signals (states and \
-             inputs): states that depend on each other, or that no input moves, are to be left out by --states"
-        ));
+    let (whole, half) = (fit(1)?, fit(2)?);
+    let first = Tried { difference: half.difference(&whole), part: 0.5 * part, fit: whole.extrapolated(&half) };
+    if first.excess() <= ENOUGH {
+        return Ok(first);
     }
-    let solution = singular.solve(wanted, smallest)?;
-    Ok(DMatrix::from_fn(wanted.ncols(), count, |i, j| solution[(j, i)] / sizes[j]))
+    let second = half.extrapolated(&fit(4)?);
+    Ok(Tried { difference: second.difference(&first.fit), part: 0.25 * part, fit: second })
 }
 
-/// A matrix without the entries that contribute nothing but rounding to their rows.
-fn cleaned(mut matrix: DMatrix<f64>, known: &DMatrix<f64>) -> DMatrix<f64> {
-    let size = |column: usize| known.column(column).amax();
-    for mut row in matrix.row_iter_mut() {
-        let largest = row.iter().enumerate().map(|(column, entry)| entry.abs() * size(column)).fold(0.0, f64::max);
-        for (column, entry) in row.iter_mut().enumerate() {
-            if entry.abs() * size(column) < NOTHING * largest {
-                *entry = 0.0;
-            }
+fn told(trouble: &Trouble, plan: &Plan, step: f64) -> String {
+    let states = || plan.states.iter().map(|state| state.name.as_str()).collect::<Vec<_>>().join(", ");
+    match trouble {
+        Trouble::Unit(error) => error.to_string(),
+        Trouble::Unfit(Unfit::StillState(state)) => {
+            format!("its inputs don't move `{}`: it can't be linearised from responses", plan.states[*state].name)
         }
+        Trouble::Unfit(Unfit::Dependent(rank)) => format!(
+            "shows in its answers to small changes of its inputs only {rank} of {} independent signals (states and \
+             inputs): states that depend on each other, or that no input moves, are to be left out by --states",
+            plan.states.len() + plan.inputs.len()
+        ),
+        Trouble::Unfit(Unfit::NoLogarithm) => format!(
+            "changes too much within its communication step, {step} s, for its rates to be told: choose a shorter one by \
+             --step"
+        ),
+        Trouble::Misfit(misfit, fit) => format!(
+            "answers small changes of its inputs otherwise than a linear system whose states are {} (by {:.1} % of the \
+             largest answer). {}: name all of its states by --states, choose another operating point by --at or --set, or \
+             a shorter step by --step",
+            states(),
+            100.0 * misfit,
+            quality(fit, step)
+        ),
+        Trouble::Uncertain(tried) => uncertain(tried, &states(), step),
     }
-    matrix
 }
 
-/// How far the sampled system's own responses are from the experiments', relative to the largest of each state.
-fn misfit(sampled: &DMatrix<f64>, experiments: &[Experiment]) -> f64 {
-    let n = sampled.nrows();
-    let mut worst: f64 = 0.0;
-    for state in 0..n {
-        let largest = experiments.iter().map(|e| e.states.row(state).amax()).fold(0.0, f64::max);
-        for experiment in experiments {
-            let mut x = experiment.states.column(0).into_owned();
-            for k in 0..2 * STEPS {
-                let input = if k < STEPS { experiment.size } else { 0.0 };
-                x = sampled.columns(0, n) * x + sampled.column(n + experiment.input) * input;
-                let difference = (x[state] - experiment.states[(state, k + 1)]).abs() / largest;
-                // A number that is none is the worst of all.
-                worst = if difference > worst || difference.is_nan() { difference } else { worst };
-            }
-        }
-    }
-    worst
+/// What a fit is worth.
+fn quality(fit: &Fit, step: f64) -> String {
+    format!(
+        "In a communication step of {step} s its answer grows by a factor of {:.4}, and the condition number of the fit is \
+         {:.1e}",
+        fit.growth, fit.condition
+    )
 }
+
+fn uncertain(tried: &Tried, states: &str, step: f64) -> String {
+    let Tried { fit, difference, .. } = tried;
+    let advice = if fit.growth > FAST {
+        "choose a shorter step by --step"
+    } else if fit.condition > ILL {
+        "choose a longer step by --step, or an FMU that lets the start values of its states be set (initial=\"exact\") or \
+         that is for model exchange"
+    } else {
+        "choose another operating point, where it rests, by --at or --set, or an FMU that is for model exchange"
+    };
+    format!(
+        "gives no certain linear system: two extrapolations of its matrices differ by {:.2} % of the largest entry (1 % is \
+         allowed), their eigenvalues by {:.3} % of the largest (0.05 % is allowed). {}: {advice}. If {states} are not all of \
+         its states, name all by --states",
+        100.0 * difference.matrices,
+        100.0 * difference.eigenvalues,
+        quality(fit, step)
+    )
+}
+
+#[cfg(test)]
+mod tests;

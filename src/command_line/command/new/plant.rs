@@ -37,8 +37,9 @@ pub fn find(arguments: &UnitArguments, file: &Path) -> Result<Plant, Error> {
     let states = named("--states", &arguments.states)?;
     let plant = if is_fmu {
         linearised(arguments, file, states.unwrap_or_default())?
-    } else if states.is_some() || arguments.at.is_some() || !arguments.set.is_empty() {
-        let reason = "--states, --at and --set are for an FMU as the plant; a file of matrices is linear already";
+    } else if states.is_some() || arguments.at.is_some() || arguments.step.is_some() || !arguments.set.is_empty() {
+        let reason =
+            "--states, --at, --step and --set are for an FMU as the plant; a file of matrices is linear already";
         return Err(Error::Description { file: file.to_owned(), reason: reason.to_owned() });
     } else {
         Plant::read(file)?
@@ -65,7 +66,13 @@ fn refuse(option: &str, value: &str, allowed: &str) -> Error {
 /// The linear plant that an FMU is like, with its inputs' limits where all have them.
 fn linearised(arguments: &UnitArguments, file: &Path, states: Vec<String>) -> Result<Plant, Error> {
     let fmu = Arc::new(Fmu::open_any(file, &arguments.hosting.hosting()?)?);
-    let point = OperatingPoint { time: arguments.at, steady_state: false, start: arguments.set.clone(), states };
+    let point = OperatingPoint {
+        time: arguments.at,
+        steady_state: false,
+        start: arguments.set.clone(),
+        states,
+        step: arguments.step,
+    };
     let linear = linearise(&fmu, &point)?;
     remark!("{} is linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
     let mut plant = as_json(&linear);

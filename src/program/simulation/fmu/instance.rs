@@ -11,8 +11,6 @@ use crate::error::{Error, Number};
 use crate::fmi2::calls::Function;
 use crate::model_description::ModelDescription;
 
-/// Communication step of an FMU that proposes none, s.
-const STEP: f64 = 1e-3;
 /// More event iterations than this at one time never end.
 const EVENT_ITERATIONS: usize = 1000;
 
@@ -60,7 +58,7 @@ impl Instance {
 
     /// The communication step that its FMU proposes, else a usual one, s.
     pub fn step(&self) -> f64 {
-        self.description().step.filter(|step| *step > 0.0).unwrap_or(STEP)
+        self.fmu.step()
     }
 
     /// Messages since the last call: warnings, when every call was OK.
