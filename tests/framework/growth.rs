@@ -2,9 +2,10 @@
 
 use adaptive_fmu::error::StepError;
 use adaptive_fmu::execution::Execution;
-use adaptive_fmu::system::Section;
+use adaptive_fmu::system::*;
 use common::described::model;
 use common::loops::whole;
+use common::models::Run;
 use common::random::Random;
 use nalgebra::{DMatrix, DVector};
 
@@ -219,5 +220,58 @@ fn no_step_leads_across_a_finite_escape() {
     {
         let time = escape(method, tolerance, h);
         assert!((time - 0.119).abs() < 0.005, "{method}, {tolerance:e}, {h}: ended at {time}");
+    }
+}
+
+/// x'' = −(1 + ε cos 2t) x − d x': an arm whose inertia varies at twice its frequency. At each moment it is damped, and it grows.
+struct Arm {
+    variation: ScalarOf<Parameter>,
+    damping: ScalarOf<Parameter>,
+    x: VectorOf<State>,
+}
+
+impl System for Arm {
+    type Structure = NoStructure;
+    const NAME: &'static str = "arm";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Arm {
+            variation: d.parameter(scalar("variation", "of the stiffness")),
+            damping: d.parameter(scalar("damping", "1/s")),
+            x: d.state(vector("x", 2, "angle and its rate")),
+        })
+    }
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        v.set(self.x, [S::from(1e-9), S::from(0.0)]);
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let [x, rate] = v.array(self.x);
+        let stiffness = v[self.variation] * (t * 2.0).cos() + 1.0;
+        dx.set(self.x, [rate, -stiffness * x - v[self.damping] * rate]);
+    }
+}
+
+/// How far an arm has grown in about 150 s, as a logarithm; `finer`: with each step in so many.
+fn growth_of_arm((variation, damping): (f64, f64), method: &str, steps_a_period: f64, finer: usize) -> f64 {
+    let start = format!("variation = {variation}\ndamping = {damping}\nintegration_method = '{method}'");
+    let (mut run, step) = (Run::of::<Arm>(&start, 0.0), std::f64::consts::PI / steps_a_period);
+    run.run((150.0 / step).ceil() as usize * finer, step / finer as f64);
+    (run.get("x[1]").hypot(run.get("x[2]")) / 1e-9).ln()
+}
+
+#[test]
+fn growth_that_comes_of_equations_that_vary_is_right_in_steps_of_a_third_of_their_period() {
+    for arm in [(0.2, 0.01), (0.5, 0.02), (0.2, 0.001)] {
+        for steps_a_period in [3.0, 5.0, 20.0] {
+            let exact = growth_of_arm(arm, "explicit", steps_a_period, 40);
+            for method in METHODS {
+                let found = growth_of_arm(arm, method, steps_a_period, 1);
+                let off = found / exact - 1.0;
+                println!("{arm:?}, {method}, {steps_a_period} steps a period: {found:.3}, {off:.4}");
+                assert!(off.abs() < 0.015, "{arm:?}, {method}, {steps_a_period} steps a period: {found}, not {exact}");
+            }
+        }
     }
 }

@@ -4,6 +4,7 @@ use adaptive_fmu::error::StepError;
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::{Kind, NoStructure, Registry, Section, System};
+use common::described::{model, open_description};
 use common::models::Run;
 use common::stiff::*;
 use common::{OK, Unit};
@@ -310,4 +311,34 @@ fn systems_too_large_for_the_dense_method_have_no_choice() {
     let offered = |states| many(states).model().variables().find("integration_method").is_some();
     assert!(offered(2000));
     assert!(!offered(2001));
+}
+
+/// Pitch and yaw of the twin rotor after each step, from a pitch at rest, with these controls.
+fn twin_rotor(method: i32, width: f64, step: f64, (pitch, controls): (f64, [f64; 2])) -> Vec<[f64; 2]> {
+    let mut run = Run(Execution::new(model(&open_description("TwinRotor")).unwrap()));
+    run.set("friction_width", width);
+    run.set("x0[1]", pitch);
+    run.set_integer("integration_method", method);
+    run.0.initialise().unwrap();
+    let row = |_| {
+        ["u[1]", "u[2]"].into_iter().zip(controls).for_each(|(u, value)| run.set(u, value));
+        run.step(step);
+        [run.get("x[1]"), run.get("x[3]")]
+    };
+    (0..(2.0 / step).clamp(1.0, 60.0) as usize).map(row).collect()
+}
+
+#[test]
+fn friction_that_is_nearly_a_sign_lets_go_in_long_steps_too() {
+    let (automatic, stiff) = (1, 3);
+    for start in [(0.9, [0.0, 0.0]), (0.0, [0.02, 0.5]), (-0.5, [0.4, -0.3])] {
+        for width in [1e-3, 1e-5, 1e-7, 1e-8, 1e-9] {
+            for step in [1e-3, 0.01, 0.1, 0.5, 1.0] {
+                let [expected, found] = [automatic, stiff].map(|method| twin_rotor(method, width, step, start));
+                let pairs = expected.as_flattened().iter().zip(found.as_flattened());
+                let apart = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                assert!(apart < 1e-4, "{start:?}, width {width:e}, steps of {step} s: {apart:e} apart");
+            }
+        }
+    }
 }

@@ -91,6 +91,40 @@ static void solve_stage(Driver *driver, const real *rates, int stage, real h) {
     solve(driver, u);
 }
 
+/* A correction after the last one may be so large a part of it; else the Jacobian isn't what it was at the start. */
+#define LEFT_OVER R(0.5)
+/* Below this part of a state's magnitude, corrections can't be told from rounding. */
+#ifdef UNIT_FLOAT
+#define CORRECTION_ROUNDING R(1e-5)
+#else
+#define CORRECTION_ROUNDING R(1e-13)
+#endif
+
+/* The error right after an attempt, for one that is tolerated: where the Jacobian damps what would be more, it must be what it
+ * was at the start, which one more stage tells. Else the error is what that would be if nothing were damped. */
+static Estimate undamped_error(Driver *driver, const Problem *problem, real h, real relative_tolerance, Estimate damped) {
+    const real *x = problem->v + FIRST_STATE, *last = driver->stages[STIFF_STAGES - 1];
+    real diagonal = R(1.0) / (GAMMA * h), *left = driver->stages[STIFF_STAGES], *undamped = driver->stages[0];
+    for (int i = 0; i < UNIT_STATES; i++) {
+        left[i] = problem->v[FIRST_RATE + i] + weighted(driver, STAGE_WEIGHTS[STIFF_STAGES - 1], STIFF_STAGES - 1, i) / h -
+                  diagonal * last[i];
+        undamped[i] = left[i] / diagonal;
+    }
+    Estimate most = scaled_error(undamped, driver->start.states, x, relative_tolerance);
+    if (!(most.scaled > R(1.0))) {
+        return damped;
+    }
+    solve(driver, left);
+    for (int i = 0; i < UNIT_STATES; i++) {
+        real size = larger(larger(unit_nominals[i], magnitude(driver->start.states[i])), magnitude(x[i]));
+        int lasts = magnitude(left[i]) <= larger(LEFT_OVER * magnitude(last[i]), CORRECTION_ROUNDING * size);
+        if (!lasts && magnitude(undamped[i]) > relative_tolerance * size) {
+            return most;
+        }
+    }
+    return damped;
+}
+
 /* Advances the states from the start by h and evaluates the problem there, with the Jacobian of the start. */
 static Estimate stiff_attempt(Driver *driver, Problem *problem, real h, real relative_tolerance) {
     if (!decompose(driver, R(1.0) / (GAMMA * h))) {
@@ -113,7 +147,8 @@ static Estimate stiff_attempt(Driver *driver, Problem *problem, real h, real rel
         int is_number = is_finite(problem->v[FIRST_RATE + i]);
         driver->errors[i] = is_number ? driver->stages[STIFF_STAGES - 1][i] : (real)NAN;
     }
-    return scaled_error(driver->errors, driver->start.states, x, relative_tolerance);
+    Estimate damped = scaled_error(driver->errors, driver->start.states, x, relative_tolerance);
+    return damped.scaled <= R(1.0) ? undamped_error(driver, problem, h, relative_tolerance, damped) : damped;
 }
 
 #endif
