@@ -34,6 +34,11 @@ impl Limited {
     }
 }
 
+/// The control of so many channels that was declared last, before its limits cut it.
+pub(super) fn unlimited(d: &mut Declaration, channels: usize) -> VectorOf<Signal> {
+    d.behind_output(vector("#u without limits", channels, ""))
+}
+
 /// The control by hand, of these units and quantities.
 pub(super) fn manual(units: &[&'static str], of_u: &[String]) -> Spec<Many> {
     let text = "control while the controller is not enabled";

@@ -10,7 +10,7 @@ mod template;
 
 use serde::{Deserialize, Serialize};
 
-use super::at_limit::{Guarantee, Limited, manual};
+use super::at_limit::{Guarantee, Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::supervised::Supervised;
 use super::units::{OutputUnits, Quantities, check_channels, of_matrix, with_derivatives};
@@ -123,6 +123,8 @@ pub struct FunnelControl {
     parts: MatrixOf<Signal>,
     /// What a channel asks for.
     asked: VectorOf<Signal>,
+    /// u before its limits.
+    unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     /// When the bounds opened.
     opened_at: ScalarOf<Discrete>,
@@ -153,6 +155,7 @@ impl System for FunnelControl {
         let limit = "that the actuator can give, on which the guarantee ends";
         let takes_over = "it takes over without a jump, and its funnel opens anew";
         let limited = Limited::declare(d, (&u_units, &of_u), limit, "Berger et al. (2021), (2018)");
+        let unlimited = unlimited(d, m);
         let mut known = |names: [&str; 3], (what, about): (&str, &str)| {
             let orders = ["", "rate of the ", "second derivative of the "];
             let inputs = names.into_iter().zip(orders).zip(&derivatives).take(relative_degree);
@@ -204,6 +207,7 @@ impl System for FunnelControl {
             asked: d.local(vector("#asked", m, "").hidden()),
             opened_at: d.discrete(scalar("#opened_at", "").hidden()),
             began_inside: d.discrete(boolean("#began_inside", "").hidden()),
+            unlimited,
             supervised: Supervised::declare(d, limited),
             guarantee: Guarantee::declare(d, limited, "a control at its limit, where the funnel isn't guaranteed"),
             u: limited.u,
@@ -251,7 +255,7 @@ impl System for FunnelControl {
         for j in 0..self.u.len() {
             let law = || self.law(j, |i| y[self.asked][i], v) + v[self.u_b][j];
             let wanted = S::branch(acts, law, || S::select(active, S::from(0.0), v[self.in_command.u_manual][j]));
-            y[self.u][j] = within(wanted, v[self.u_min][j], v[self.u_max][j]);
+            (y[self.unlimited][j], y[self.u][j]) = (wanted, within(wanted, v[self.u_min][j], v[self.u_max][j]));
         }
     }
 

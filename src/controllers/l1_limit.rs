@@ -12,7 +12,7 @@ mod template;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::at_limit::{Limited, manual};
+use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::l1::tracking::{self, BY_GAIN};
 use super::l1::{Cancellation, Commands, Dynamics, L1, PlantMatrices, SETTLED, Symbols, Zeros, add_product, dot};
@@ -103,6 +103,8 @@ pub struct L1Limit {
     u: VectorOf<Signal>,
     /// What the limits add to the control, in the units of u_ad.
     added: VectorOf<Signal>,
+    /// u before its limits.
+    unlimited: VectorOf<Signal>,
     supervised: Supervised,
 }
 
@@ -140,6 +142,7 @@ impl System for L1Limit {
         let Symbols { r, x, u, command, inertia, of_r, of_x, of_u } = &units;
         let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
         let limited = Limited::declare(d, (u, of_u), "that the actuator can give", "");
+        let unlimited = unlimited(d, m);
         Ok(L1Limit {
             filter_at_rest: filter.at_rest(),
             K: d.parameter(
@@ -182,6 +185,7 @@ impl System for L1Limit {
                     .units(command),
             ),
             added: d.local(hidden("#added by limits", m)),
+            unlimited,
             supervised: Supervised::declare(d, limited),
             u: limited.u,
             u_min: limited.u_min,
@@ -253,6 +257,7 @@ impl System for L1Limit {
             let inertia = self.inertia(i, v);
             let wanted = S::branch(active, || (u_ad - feedback) * inertia, || v[self.in_command.u_manual][i]);
             let u = within(wanted, v[self.u_min][i], v[self.u_max][i]);
+            y[self.unlimited][i] = wanted;
             (y[self.u][i], y[self.feedback][i], y[self.added][i]) = (u, feedback, (u - wanted) / inertia);
             y[self.u_ad][i] = S::branch(active, || u_ad, || u / inertia + feedback);
         }

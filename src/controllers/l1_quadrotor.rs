@@ -21,6 +21,8 @@ pub struct L1Quadrotor<const OBSERVED: bool> {
     attitude: Law,
     x: VectorOf<Input>,
     u_manual: VectorOf<Input>,
+    /// u before its limits.
+    unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     u_min: VectorOf<Parameter>,
     u_max: VectorOf<Parameter>,
@@ -70,6 +72,7 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         let enabled = d.input(boolean("enabled", enabled).start(true));
         let u_manual = d.input(control("u_manual", "while the controller is not enabled:"));
         let u = d.output(control("u", ""));
+        let unlimited = d.behind_output(control("#u without limits", ""));
         let min = [0.0, -UNLIMITED, -UNLIMITED, -UNLIMITED];
         let max = [15.0, UNLIMITED, UNLIMITED, UNLIMITED];
         let u_min = d.parameter(control("u_min", "lower limit:").no_lower_limit().starts(&min));
@@ -79,12 +82,13 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
             enabled,
             u_manual: u_manual.part(1..4),
             u: u.part(1..4),
+            unlimited: unlimited.part(1..4),
             u_min: u_min.part(1..4),
             u_max: u_max.part(1..4),
             limited: Limited { u, u_min, u_max },
         };
         let attitude = Law::declare(&structure, ports, d)?;
-        Ok(L1Quadrotor { position, attitude, x, u_manual, u, u_min, u_max })
+        Ok(L1Quadrotor { position, attitude, x, u_manual, u, unlimited, u_min, u_max })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
@@ -109,6 +113,7 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         self.position.outputs([[p1, p2, p3], [v1, v2, v3], [phi, theta, psi]], v, y);
         let thrust = y[self.position.thrust];
         let wanted = S::select(self.attitude.is_active(v), thrust, v[self.u_manual.at(0)]);
+        y[self.unlimited.at(0)] = wanted;
         y[self.u.at(0)] = within(wanted, v[self.u_min.at(0)], v[self.u_max.at(0)]);
         let angles: [S; 3] = std::array::from_fn(|i| y[self.position.angles][i]);
         self.attitude.outputs(&angles, v, y);

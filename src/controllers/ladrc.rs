@@ -10,7 +10,7 @@ mod template;
 
 use serde::{Deserialize, Serialize};
 
-use super::at_limit::{Limited, manual};
+use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::inverse;
 use super::l1::dot;
@@ -86,6 +86,8 @@ pub struct Ladrc {
     z: MatrixOf<State>,
     u_b: VectorOf<State>,
     u_0: VectorOf<Signal>,
+    /// u before its limits.
+    unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     supervised: Supervised,
 }
@@ -120,6 +122,7 @@ impl System for Ladrc {
         let highest = &derivatives[n];
         let of_gain = of_matrix(highest, &u)?;
         let limited = Limited::declare(d, (&u, &of_u), "that the actuator can give", "Herbst, section 2");
+        let unlimited = unlimited(d, m);
         let bandwidth = |name: &str, text: &str| vector(name, m, text).unit("rad/s").in_own_unit();
         let poles = "controller bandwidth: the poles that the loop is to have, as -omega_c";
         let omega_c = d.parameter(bandwidth("omega_c", poles).start(1.0).positive());
@@ -167,6 +170,7 @@ impl System for Ladrc {
             u_0: d.local(
                 vector("u_0", m, "last derivative that the law wants").units(highest).source("Herbst, section 2"),
             ),
+            unlimited,
             supervised: Supervised::declare(d, limited),
             u: limited.u,
             u_min: limited.u_min,
@@ -213,7 +217,7 @@ impl System for Ladrc {
         for j in 0..self.u.len() {
             let wanted = self.law(j, |ch| y[self.u_0][ch], v) + v[self.u_b][j];
             let wanted = S::select(active, wanted, v[self.in_command.u_manual][j]);
-            y[self.u][j] = within(wanted, v[self.u_min][j], v[self.u_max][j]);
+            (y[self.unlimited][j], y[self.u][j]) = (wanted, within(wanted, v[self.u_min][j], v[self.u_max][j]));
         }
     }
 

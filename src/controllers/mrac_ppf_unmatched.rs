@@ -11,7 +11,7 @@ mod structure;
 mod supervision;
 mod template;
 
-use super::at_limit::{Guarantee, Limited, REOPENED_OR_AT_LIMIT, manual};
+use super::at_limit::{Guarantee, Limited, REOPENED_OR_AT_LIMIT, manual, unlimited};
 use super::funnel::{Funnel, Inside};
 use super::in_command::InCommand;
 use super::l1::{SETTLED, dot};
@@ -79,6 +79,8 @@ pub struct MracPpfUnmatched {
     alpha: Option<VectorOf<Signal>>,
     /// What the controls are to bring to the rows that they reach.
     wanted: VectorOf<Signal>,
+    /// u before its limits.
+    unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     projection_active: IntegerOf<Discrete>,
     supervised: Supervised,
@@ -101,6 +103,7 @@ impl System for MracPpfUnmatched {
         let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
         let limited =
             Limited::declare(d, (&u_units, &of_u), "that the actuator can give, on which the guarantee ends", "");
+        let unlimited = unlimited(d, m);
         let takes_over = "it takes over without a jump, and begins anew: from the measured state, without estimates";
         let of_state = |name: &str, text: &str, about: &str| vector(name, n, text).about(&of_x, about).units(&x_units);
         Ok(MracPpfUnmatched {
@@ -158,6 +161,7 @@ impl System for MracPpfUnmatched {
             projection_active: d.discrete(
                 integer("projection_active", "number of estimates that are kept within their bounds").output(),
             ),
+            unlimited,
             supervised: Supervised::declare(d, limited),
             at_bounds: d.warning("logProjection", "estimates at their bounds"),
             u: limited.u,
@@ -218,6 +222,7 @@ impl System for MracPpfUnmatched {
         for k in 0..self.u.len() {
             let law = || self.law(k, |q| y[self.wanted.at(q)]) + v[self.u_b][k];
             let wanted = S::branch(active, law, || v[self.in_command.u_manual][k]);
+            y[self.unlimited.at(k)] = wanted;
             y[self.u.at(k)] = within(wanted, v[self.u_min][k], v[self.u_max][k]);
         }
     }

@@ -9,7 +9,7 @@ mod units;
 
 use serde::Deserialize;
 
-use super::at_limit::{Limited, manual};
+use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::inverse;
 use super::l1::dot;
@@ -70,6 +70,8 @@ pub struct Pid {
     P: VectorOf<Signal>,
     D: VectorOf<Signal>,
     v: VectorOf<Signal>,
+    /// u before its limits.
+    unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     /// u − S v
     cut: VectorOf<Signal>,
@@ -106,6 +108,7 @@ impl System for Pid {
         let tracking = "time with which the integral follows what the limits leave, so that it doesn't wind up; -1 s: by \
                         the gains, 0: off";
         let limited = Limited::declare(d, (u, &of_u), "that the actuator can give", "");
+        let unlimited = unlimited(d, m);
         Ok(Pid {
             K_p: d.parameter(gain("K_p", "proportional gain").start(1.0).units(&units.K_p)),
             K_i: d.parameter(gain("K_i", "integral gain").units(&units.K_i)),
@@ -136,6 +139,7 @@ impl System for Pid {
             D: d.local(vector("D", m, "derivative part").units(v)),
             v: d.local(vector("v", m, "what the channel asks for, P + I + D").units(v)),
             cut: d.local(vector("#u - S v", m, "").hidden()),
+            unlimited,
             supervised: Supervised::declare(d, limited),
             u: limited.u,
             u_min: limited.u_min,
@@ -177,7 +181,7 @@ impl System for Pid {
             let wanted = dot(v.matrix(self.S).row(j).iter(), &y[self.v]);
             let wanted = S::select(active, wanted, v[self.in_command.u_manual][j]);
             let u = within(wanted, v[self.u_min][j], v[self.u_max][j]);
-            (y[self.u][j], y[self.cut][j]) = (u, u - wanted);
+            (y[self.unlimited][j], y[self.u][j], y[self.cut][j]) = (wanted, u, u - wanted);
         }
     }
 

@@ -1,5 +1,6 @@
 //! Systems, their connections and what integrates them: events, errors, accuracy, derivatives, work.
 
+mod at_limits;
 mod clocks;
 mod closed_form;
 mod composites;

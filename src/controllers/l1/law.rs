@@ -355,7 +355,7 @@ impl Law {
             let law = || commanded(u_ad, feedback, beside) * inertia;
             let wanted = S::branch(active, law, || v[self.in_command.u_manual][i]);
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
-            y[self.ports.u][i] = u;
+            (y[self.ports.unlimited][i], y[self.ports.u][i]) = (wanted, u);
             y[self.v][i] = match self.baseline {
                 Baseline::None | Baseline::Inside => beside.map_or(u / inertia, |beside| u / inertia - beside),
                 Baseline::Outside => S::branch(active, || u_ad + (u - wanted) / inertia, || u / inertia + feedback),

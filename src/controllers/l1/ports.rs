@@ -1,7 +1,7 @@
 //! By which signals an L1 law is connected: a unit's own, or a part of them where the law is one part of a unit.
 
 use super::structure::Symbols;
-use crate::controllers::at_limit::{Limited, manual};
+use crate::controllers::at_limit::{Limited, manual, unlimited};
 use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, boolean, vector};
 
 /// The measured state, the control with its limits, and manual control.
@@ -11,6 +11,8 @@ pub(in crate::controllers) struct Ports {
     pub enabled: BooleanOf<Input>,
     pub u_manual: VectorOf<Input>,
     pub u: VectorOf<Signal>,
+    /// u before its limits.
+    pub unlimited: VectorOf<Signal>,
     pub u_min: VectorOf<Parameter>,
     pub u_max: VectorOf<Parameter>,
     /// The whole control of the unit, with its limits.
@@ -29,6 +31,7 @@ impl Ports {
         let limited =
             Limited::declare(d, (u, &units.of_u), "that the actuator can give; the predictor knows of it", "");
         let Limited { u, u_min, u_max } = limited;
-        Ports { x, enabled, u_manual, u, u_min, u_max, limited }
+        let unlimited = unlimited(d, u.len());
+        Ports { x, enabled, u_manual, u, unlimited, u_min, u_max, limited }
     }
 }

@@ -9,6 +9,7 @@ mod template;
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
+use super::at_limit::unlimited;
 use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
 use super::sampling::{Evaluation, prediction_steps};
@@ -88,6 +89,8 @@ pub struct MracPpf {
     /// Integral part of σ̂, a column a channel.
     integral: MatrixOf<State>,
     sigma_hat: MatrixOf<Signal>,
+    /// u before its limits, or as it is held.
+    unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     /// e = x − x_m
     e: DifferenceOf,
@@ -152,6 +155,7 @@ impl System for MracPpf {
             integral: d.state(matrix("sigma_integral", n, n, "integral part of sigma_hat, a column for each channel").source("Hashim (6.21)")),
             sigma_hat: d.local(matrix("sigma_hat", n, n, "estimate of the disturbance's bound, a column for each channel").source("Hashim (6.21)")),
             u: d.output(vector("u", m, "control").about(&of_u, "commanded {}").units(&unit_u).source("Hashim (6.19), (6.24)")),
+            unlimited: unlimited(d, m),
             e: d.difference(x, x_m, ERROR_NOMINAL),
             is_stepped,
             moves: Moves::declare(d, m, is_stepped),
@@ -213,8 +217,9 @@ impl System for MracPpf {
         }
         for k in 0..self.u.len() {
             let u = self.u.at(k);
-            let limited = || within(y[u], v[self.u_min][k], v[self.u_max][k]);
-            y[u] = S::branch(self.is_sampled(v), || v[self.samples.held][k], limited);
+            let (is_sampled, held, wanted) = (self.is_sampled(v), v[self.samples.held][k], y[u]);
+            y[self.unlimited.at(k)] = S::branch(is_sampled, || held, || wanted);
+            y[u] = S::branch(is_sampled, || held, || within(wanted, v[self.u_min][k], v[self.u_max][k]));
         }
     }
 

@@ -9,6 +9,7 @@ mod template;
 
 use serde::Deserialize;
 
+use super::at_limit::unlimited;
 use super::funnel::{self, Funnel};
 use super::moves::Moves;
 use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
@@ -90,6 +91,8 @@ pub struct NeuroPpf {
     r: VectorOf<Input>,
     x: VectorOf<Input>,
     theta_f: MatrixOf<State>,
+    /// u before its limits.
+    unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     E: VectorOf<Signal>,
     F_f: VectorOf<Signal>,
@@ -141,6 +144,7 @@ impl System for NeuroPpf {
             theta_f: d.state(matrix("theta_f", neurons, m, weight).source("Hashim (5.26)")),
             input_gain: structure.input_gain_network.then(|| InputGainNetwork::declare(d, neurons, &u)),
             u: d.output(vector("u", m, "control").about(&of_u, "commanded {}").units(&u).source("Hashim (5.22)")),
+            unlimited: unlimited(d, m),
             E: d.local(
                 vector("E", m, "filtered error: the transformed error, for relative degree 2 with its rate")
                     .source("Hashim (5.10)"),
@@ -244,6 +248,7 @@ impl NeuroPpf {
         let robust = of_nu_a + v[self.eta_Gb] * sum(&nu_b, &nu_b);
         for (i, nu_a) in nu_a.into_iter().enumerate().take(self.r.len()) {
             let wanted = nu_a - robust * y[self.RE.at(i)];
+            y[self.unlimited.at(i)] = wanted;
             y[self.u.at(i)] = within(wanted, v[self.u_min.at(i)], v[self.u_max.at(i)]);
         }
     }

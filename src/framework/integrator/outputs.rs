@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::{Problem, Tolerance};
-use crate::system::{Causality, Section, Variability, Variable, Variables};
+use crate::system::{Section, Variables};
 
 /// Beyond this, an output multiplies what can't be told from rounding: the error of states is controlled there, that of
 /// the output isn't worth what it would take.
@@ -11,19 +11,21 @@ const MOST_AMPLIFIED: f64 = 1e4;
 /// An output's error in a substep may be this part of what is tolerated: an error of the control stays until the loop has
 /// answered it, and those of many substeps add up.
 const PART: f64 = 0.1;
+/// A control before its limits counts in the magnitude that it has within them, up to so many times that.
+const FAR: f64 = 10.0;
 /// Relative accuracy of states below which nothing is asked for the sake of outputs.
 const ROUNDING: f64 = 1e-13;
 
-/// Continuous outputs that aren't states, and storage for them.
+/// Continuous outputs that aren't states, and what counts as such: a control before its limits cut it. With storage for them.
 #[derive(Debug)]
 pub struct Outputs {
     /// Everything that an evaluation of signals writes.
     written: Range<usize>,
     saved: Vec<f64>,
     states: Vec<f64>,
-    /// The outputs among that, with their magnitudes.
-    places: Vec<(usize, f64)>,
-    /// Their values where the substep begins.
+    /// The outputs among that: what is looked at, the output in whose magnitude it counts, and that one's nominal value.
+    places: Vec<(usize, usize, f64)>,
+    /// Values of these outputs where the substep begins.
     before: Vec<f64>,
 }
 
@@ -31,14 +33,8 @@ impl Outputs {
     /// The outputs of a system.
     pub fn new(variables: &Variables) -> Self {
         let written = variables.reals(Section::Connected).start..variables.reals(Section::Signal).end;
-        let is_output = |v: &&Variable| {
-            v.section == Section::Signal
-                && v.is_real()
-                && v.causality == Causality::Output
-                && v.variability == Variability::Continuous
-        };
-        let outputs = variables.iter().filter(is_output).flat_map(Variable::elements);
-        let places: Vec<_> = outputs.map(|y| (variables.index(y) - written.start, y.nominal())).collect();
+        let here = |(place, output, nominal)| (place - written.start, output - written.start, nominal);
+        let places: Vec<_> = variables.controlled().map(here).collect();
         Outputs {
             saved: vec![0.0; written.len()],
             states: vec![0.0; variables.states()],
@@ -51,7 +47,7 @@ impl Outputs {
     /// Takes over the values where a substep begins, where the problem stands evaluated.
     pub fn begin(&mut self, problem: &Problem) {
         let values = &problem.reals[self.written.clone()];
-        self.before.iter_mut().zip(&self.places).for_each(|(before, &(place, _))| *before = values[place]);
+        self.before.iter_mut().zip(&self.places).for_each(|(before, &(_, output, _))| *before = values[output]);
     }
 
     /// The largest error of an output in units of what is tolerated, right after an attempt to t, from `errors`
@@ -67,8 +63,9 @@ impl Outputs {
         problem.evaluate_signals(t);
         let mut worst = 0.0_f64;
         let values = &problem.reals[self.written.clone()];
-        for (&(place, nominal), before) in self.places.iter().zip(&self.before) {
-            let magnitude = nominal.max(before.abs()).max(self.saved[place].abs());
+        for (&(place, output, nominal), before) in self.places.iter().zip(&self.before) {
+            let far = self.saved[place].abs() / FAR;
+            let magnitude = nominal.max(before.abs()).max(self.saved[output].abs()).max(far);
             // Where the other solution gives no number, its distance tells nothing.
             worst = worst.max((values[place] - self.saved[place]).abs() / (PART * tolerance.relative * magnitude));
         }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::marker::PhantomData;
 
-use super::spec::{DiscreteSpec, Shape, Spec, boolean, vector};
+use super::spec::{DiscreteSpec, Many, Shape, Spec, boolean, vector};
 use super::values::{
     BooleanOf, Choice, ChoiceOf, Class, DifferenceOf, Handle, IntegerOf, Offsets, Span, VectorOf, class,
 };
@@ -184,6 +184,19 @@ impl Declaration {
         spec.role(Causality::Local).declare(self)
     }
 
+    /// A hidden signal behind the vector of outputs that was declared last: a control before its limits cut it. The error of
+    /// what is cut is 0, and states behind it would drift, so that this one's counts in its place.
+    pub fn behind_output(&mut self, spec: Spec<Many>) -> VectorOf<class::Signal> {
+        let is_output = |v: &&Variable| v.section == Section::Signal && v.causality == Causality::Output;
+        let output = self.variables.list.iter().rev().find(is_output).map(|output| (output.start, output.len()));
+        let handle = self.local(spec.hidden());
+        if let Some(signal) = self.variables.list.last_mut() {
+            let fitting = output.filter(|&(_, len)| len == signal.len());
+            signal.behind = Some(fitting.map_or(signal.start, |(start, _)| start));
+        }
+        handle
+    }
+
     /// Memory of the simulation itself, not of the system.
     pub(crate) fn memory<V: Declarable>(&mut self, spec: V) -> V::Handle<class::Memory> {
         spec.role(Causality::Hidden).declare(self)
@@ -362,8 +375,20 @@ impl Declaration {
         let sizes = if real { &self.variables.real_sizes } else { &self.variables.integer_sizes };
         let start = sizes[section as usize];
         let given = Vec::new();
-        let variable =
-            Variable { name, given, description, shown, source, section, start, naming, causality, variability, data };
+        let variable = Variable {
+            name,
+            given,
+            description,
+            shown,
+            source,
+            section,
+            start,
+            naming,
+            causality,
+            variability,
+            behind: None,
+            data,
+        };
         if self.has_room(&variable) {
             let sizes = if real { &mut self.variables.real_sizes } else { &mut self.variables.integer_sizes };
             sizes[section as usize] += variable.len();

@@ -189,6 +189,9 @@ pub struct Variable {
     pub causality: Causality,
     /// When it changes.
     pub variability: Variability,
+    /// Of a signal whose error counts as an output's, though nobody sees it: where in its section that output begins.
+    #[serde(skip)]
+    pub behind: Option<usize>,
     /// Type, start value, unit, limits.
     pub data: Data,
 }
@@ -206,6 +209,12 @@ impl Variable {
     /// Never: a declared variable has at least one element.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Whether integration controls its error beside those of states: a continuous output, or what counts as one.
+    fn is_controlled(&self) -> bool {
+        let is_continuous = self.section == Section::Signal && self.variability == Variability::Continuous;
+        is_continuous && self.is_real() && (self.behind.is_some() || self.causality == Causality::Output)
     }
 
     /// Whether its values are real numbers.
@@ -412,6 +421,16 @@ impl Variables {
     /// The element of this full name.
     pub fn find(&self, name: &str) -> Option<Element<'_>> {
         self.by_name().get(name).map(|&(index, offset)| self.list[index].element(offset))
+    }
+
+    /// Whose errors integration controls beside those of states: the place of each, that of the output whose magnitude they
+    /// count in, and its nominal value.
+    pub fn controlled(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
+        let signals = self.reals(Section::Signal).start;
+        self.iter().filter(|v| v.is_controlled()).flat_map(Variable::elements).map(move |y| {
+            let output = y.variable.behind.unwrap_or(y.variable.start);
+            (self.index(y), signals + output + y.offset, y.nominal())
+        })
     }
 
     /// Index of an element in the block: of reals for real variables, else of integers.

@@ -53,7 +53,7 @@ pub fn write(unit: &Unit) -> String {
     }
     define("UNIT_INDICATORS", &variables.indicators().len());
     define("UNIT_HAS_TIME_EVENTS", &u8::from(has_time_events(unit)));
-    define("UNIT_OUTPUTS", &super::tables::watched(variables).len());
+    define("UNIT_OUTPUTS", &variables.controlled().count());
     define("UNIT_REAL_OUTPUTS", &super::tables::real_outputs(variables).len());
     define("UNIT_READS_TIME", &u8::from(reads_time(unit)));
     define("UNIT_CATEGORIES", &unit.categories.len());

@@ -7,7 +7,7 @@ use super::expression::number;
 use super::message::quoted;
 use crate::fmi2::access::{Access, References, Type};
 use crate::model::Model;
-use crate::system::{Causality, Data, Element, Section, Variability, Variable, Variables};
+use crate::system::{Causality, Data, Element, Section, Variables};
 
 /// Entries in a line.
 const IN_A_LINE: usize = 8;
@@ -27,8 +27,8 @@ pub fn write(unit: &Unit) -> String {
     text += &list("int unit_start_integers[AT_LEAST_ONE(UNIT_INTEGERS)]", integers);
     let nominals = (0..variables.states()).map(|k| variables.real_at(Section::State, k).map_or(1.0, |e| e.nominal()));
     text += &list("real unit_nominals[AT_LEAST_ONE(UNIT_STATES)]", nominals.map(number));
-    let outputs = watched(variables);
-    let outputs = outputs.iter().map(|y| format!("{{ {}, {} }}", variables.index(*y), number(y.nominal())));
+    let outputs = variables.controlled();
+    let outputs = outputs.map(|(place, output, nominal)| format!("{{ {place}, {output}, {} }}", number(nominal)));
     text += &list("Output unit_watched[AT_LEAST_ONE(UNIT_OUTPUTS)]", outputs);
     let outputs = real_outputs(variables).into_iter().map(|y| variables.index(y).to_string());
     text += &format!(
@@ -76,21 +76,10 @@ pub fn list(declaration: &str, entries: impl Iterator<Item = String>) -> String 
         let _ = write!(text, "{}{entry},", if k % IN_A_LINE == 0 { "\n    " } else { " " });
     }
     if entries.is_empty() {
-        let nothing = if declaration.starts_with("Output") { "{ 0, R(0.0) }" } else { "0" };
+        let nothing = if declaration.starts_with("Output") { "{ 0, 0, R(0.0) }" } else { "0" };
         let _ = write!(text, "\n    {nothing}");
     }
     text + "\n};\n\n"
-}
-
-/// Continuous outputs that aren't states: their error is controlled too.
-pub fn watched(variables: &Variables) -> Vec<Element<'_>> {
-    let is_watched = |v: &&Variable| {
-        v.section == Section::Signal
-            && v.is_real()
-            && v.causality == Causality::Output
-            && v.variability == Variability::Continuous
-    };
-    variables.iter().filter(is_watched).flat_map(Variable::elements).collect()
 }
 
 /// Real outputs, in the order of modelDescription.xml.

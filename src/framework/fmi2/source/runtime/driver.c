@@ -11,6 +11,8 @@
 /* An output's error in a substep may be this part of what is tolerated: an error of the control stays until the loop has
  * answered it, and those of many substeps add up. */
 #define OUTPUT_PART R(0.1)
+/* A control before its limits counts in the magnitude that it has within them, up to so many times that. */
+#define FAR_BEYOND R(10.0)
 /* Relative accuracy of states below which nothing is asked for the sake of outputs. */
 #ifdef UNIT_FLOAT
 #define STATE_ROUNDING R(1e-6)
@@ -35,7 +37,8 @@ static real outputs_error(Driver *driver, Problem *problem, real t, real scaled,
     for (int i = 0; i < UNIT_OUTPUTS; i++) {
         int place = unit_watched[i].place;
         real value = end[place - FIRST_INPUT];
-        real size = larger(larger(unit_watched[i].nominal, magnitude(driver->outputs[i])), magnitude(value));
+        real size = larger(larger(unit_watched[i].nominal, magnitude(driver->outputs[i])),
+                           larger(magnitude(end[unit_watched[i].output - FIRST_INPUT]), magnitude(value) / FAR_BEYOND));
         /* Where the other solution gives no number, its distance tells nothing. */
         worst = larger(worst, magnitude(v[place] - value) / (OUTPUT_PART * relative_tolerance * size));
     }
@@ -104,7 +107,7 @@ static int substep(Driver *driver, Problem *problem, real *t, real target, const
     real smallest = larger(R(16.0) * REAL_EPSILON * larger(magnitude(*t), magnitude(target)), SHORTEST);
     start_at(&driver->start, problem, *t);
     for (int i = 0; i < UNIT_OUTPUTS; i++) {
-        driver->outputs[i] = problem->v[unit_watched[i].place];
+        driver->outputs[i] = problem->v[unit_watched[i].output];
     }
     if (!begin_substep(driver, problem, settings->method, way, pace, error)) {
         return 0;

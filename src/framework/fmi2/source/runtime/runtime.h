@@ -36,9 +36,11 @@ typedef struct {
     const char *items; /* "1 hold, 2 extrapolate" of a choice; NULL elsewhere */
 } IntegerVariable;
 
-/* A continuous output that isn't a state, and its magnitude. */
+/* A continuous output that isn't a state, or what counts as one; the output in whose magnitude it counts, and that one's nominal
+ * value. */
 typedef struct {
     int place;
+    int output;
     real nominal;
 } Output;
 

@@ -1,0 +1,92 @@
+//! A control before its limits is in the error: where it leaves a limit, it is as accurate as anywhere.
+
+use adaptive_fmu::execution::Execution;
+use adaptive_fmu::system::{Section, Variable};
+use common::described::{model, open_description};
+use common::models::Run;
+
+const STEPS: usize = 150;
+const TOLERANCE: f64 = 1e-6;
+/// Limits stand at these parts of what the control does without them.
+const LIMITS: [f64; 2] = [0.4, 0.6];
+
+/// Where a unit has the elements of a variable.
+fn places(run: &Run, name: &str) -> Vec<usize> {
+    let variables = run.0.model().variables();
+    let named = variables.iter().filter(|v| v.name == name && v.is_real());
+    named.flat_map(Variable::elements).map(|element| variables.index(element)).collect()
+}
+
+/// The controls of a unit after each step of so many times its own, with inputs that move; without limits where none are
+/// given.
+fn controls(name: &str, longer: f64, tolerance: f64, limits: Option<&[Vec<f64>; 2]>) -> Vec<Vec<f64>> {
+    let mut run = Run(Execution::new(model(&open_description(name)).unwrap()));
+    run.set("relative_tolerance", tolerance);
+    for (name, values) in ["u_min", "u_max"].into_iter().zip(limits.into_iter().flatten()) {
+        places(&run, name).into_iter().zip(values).for_each(|(place, &value)| run.0.set_real(place, value));
+    }
+    run.0.initialise().unwrap();
+    let step = run.0.model().description().experiment.step * longer;
+    let (inputs, u) = (run.0.model().variables().reals(Section::Input), places(&run, "u"));
+    let row = |k: usize| {
+        for (i, input) in inputs.clone().enumerate() {
+            run.0.block_mut().reals[input] = 0.05 * (0.1 * (k + 10 * i) as f64).sin();
+        }
+        run.step(step);
+        u.iter().map(|&place| run.0.block().reals[place]).collect()
+    };
+    (0..STEPS).map(row).collect()
+}
+
+/// The largest error of a control where it has just left a limit, in tolerances of its largest magnitude, and how often it did.
+fn error_at_leaving(name: &str, longer: f64) -> (f64, usize) {
+    let free = controls(name, longer, TOLERANCE, None);
+    let part = |part: f64| -> Vec<f64> {
+        let of = |i: usize| free.iter().skip(5).map(move |row| row[i]);
+        let ends = |i| (of(i).fold(f64::MAX, f64::min), of(i).fold(f64::MIN, f64::max));
+        (0..free[0].len()).map(ends).map(|(least, most)| least + part * (most - least).max(1e-3)).collect()
+    };
+    let limits = LIMITS.map(part);
+    let [exact, found] = [1e-9, TOLERANCE].map(|tolerance| controls(name, longer, tolerance, Some(&limits)));
+    let (mut worst, mut times) = (0.0_f64, 0);
+    for i in 0..free[0].len() {
+        let size = exact.iter().map(|row| row[i].abs()).fold(0.0, f64::max);
+        let inside = |u: f64| limits[0][i] < u && u < limits[1][i];
+        for k in 1..STEPS {
+            if inside(exact[k][i]) && inside(found[k][i]) && !inside(exact[k - 1][i]) {
+                worst = worst.max((exact[k][i] - found[k][i]).abs() / (TOLERANCE * size));
+                times += 1;
+            }
+        }
+    }
+    (worst, times)
+}
+
+#[test]
+fn a_control_that_leaves_its_limit_is_as_accurate_as_its_tolerance() {
+    let mut failed = Vec::new();
+    for name in [
+        "PidNonlinearSiso",
+        "LadrcNonlinearSiso",
+        "LadrcTwoLinkRobot",
+        "L1NonlinearSiso",
+        "L1LimitNonlinearSiso",
+        "L1LimitTwoLinkRobot",
+        "FunnelTwoLinkRobot",
+        "MracPpfUnmatchedMimo",
+        "NeuroPpfCoupledMimo",
+    ] {
+        for longer in [1.0, 50.0] {
+            let (worst, times) = error_at_leaving(name, longer);
+            let told =
+                format!("{name}, {longer} of its steps: {worst:.2} tolerances where it leaves a limit, {times} times");
+            println!("{told}");
+            // In long steps errors of many substeps add up that no input has come between.
+            let most = if longer > 1.0 { 6.0 } else { 3.0 };
+            if worst > most || times == 0 {
+                failed.push(told);
+            }
+        }
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
+}
