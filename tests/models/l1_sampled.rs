@@ -361,8 +361,8 @@ fn the_start_is_a_sample_that_takes_the_reference_where_nothing_is_late() {
         unit.put("r[1]", 0.4);
         assert_eq!(unit.exit(), OK);
         let asked = times(M_0, [share * Hand::new(0.005, d, f64::INFINITY).gains[0][0] * 0.4, 0.0]);
-        for i in 0..2 {
-            near(&format!("u_ad[{}], d = {d}", i + 1), unit.get(&format!("u_ad[{}]", i + 1)), asked[i], 1e-9);
+        for (i, asked) in asked.into_iter().enumerate() {
+            near(&format!("u_ad[{}], d = {d}", i + 1), unit.get(&format!("u_ad[{}]", i + 1)), asked, 1e-9);
         }
     }
 }
