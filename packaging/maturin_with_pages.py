@@ -29,23 +29,25 @@ COMPLETIONS = {
 
 def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     name = maturin.build_wheel(wheel_directory, config_settings, metadata_directory)
-    try:
-        add_pages(Path(wheel_directory) / name)
-    except OSError as error:
-        # A program for another platform.
-        print(f"warning: no manual pages and completions: the program can't be run here ({error})", file=sys.stderr)
+    add_pages(Path(wheel_directory) / name)
     return name
 
 
 def add_pages(wheel):
-    with tempfile.TemporaryDirectory(dir=wheel.parent) as folder, zipfile.ZipFile(wheel) as archive:
+    with zipfile.ZipFile(wheel) as archive:
         entries = {entry: archive.read(entry) for entry in archive.infolist()}
+    with tempfile.TemporaryDirectory(dir=wheel.parent) as folder:
         (script,) = (entry for entry in entries if ".data/scripts/" in entry.filename)
         program = Path(folder) / Path(script.filename).name
         program.write_bytes(entries[script])
         program.chmod(0o755)
         share = f"{script.filename.split('/')[0]}/data/share"
-        pages = {f"{share}/{place}": text for place, text in shell_files(program)}
+        try:
+            pages = {f"{share}/{place}": text for place, text in shell_files(program)}
+        except (OSError, subprocess.SubprocessError) as error:
+            # A program for another platform.
+            print(f"warning: no manual pages and completions, which the program writes ({error})", file=sys.stderr)
+            return
         record = next(entry for entry in entries if entry.filename.endswith(".dist-info/RECORD"))
         entries[record] += "".join(map(recorded, pages, pages.values())).encode()
         with zipfile.ZipFile(program.with_name(wheel.name), "w", zipfile.ZIP_DEFLATED) as written:

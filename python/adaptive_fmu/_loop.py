@@ -250,6 +250,7 @@ class Loop:
         *,
         steady_state: bool = False,
         values: Mapping[str, Value] | None = None,
+        step: float | None = None,
         **units: OfUnit,
     ) -> Linearisation:
         """The linear system that the whole loop is like about an operating point; see `adaptive_fmu.linearise`.
@@ -259,7 +260,7 @@ class Loop:
         True
         """
         together = of_units(values, units)
-        return linearise(self.name, at=at, steady_state=steady_state, values=together)
+        return linearise(self.name, at=at, steady_state=steady_state, values=together, step=step)
 
 
 def _give_up(waiting: Sequence[tuple[Any, Future[Any]]]) -> None:

@@ -16,6 +16,8 @@ use std::time::{Duration, SystemTime};
 
 use sha2::{Digest, Sha256};
 
+use crate::begun;
+
 /// The folder, in place of that in the user's cache folder; where it is empty, nothing is kept.
 pub const FOLDER: &str = "ADAPTIVE_FMU_CACHE";
 /// So many files are kept; the oldest go.
@@ -94,6 +96,7 @@ impl Entry {
     /// For what follows from these parts, with an extension; nothing where nothing is to be kept, or can be.
     pub fn of(extension: &str, parts: &[&[u8]]) -> Option<Self> {
         let folder = folder()?;
+        begun::restore_mask();
         make(&folder)?;
         let mut hash = Sha256::new();
         for part in [FORM].iter().chain(parts) {
@@ -108,6 +111,11 @@ impl Entry {
     /// Where it is, when it is there.
     pub fn file(&self) -> &Path {
         &self.file
+    }
+
+    /// The entry beside it with another extension.
+    pub fn with_extension(&self, extension: &str) -> Self {
+        Entry { file: self.file.with_extension(extension) }
     }
 
     /// What was [written](Entry::write) there, whole.
@@ -164,6 +172,7 @@ impl Entry {
     fn place(&self, parts: &[&[u8]]) {
         let Some(folder) = self.file.parent() else { return };
         tidy(folder);
+        begun::restore_mask();
         let write = || -> io::Result<()> {
             let mut file = tempfile::Builder::new().suffix(".tmp").tempfile_in(folder)?;
             parts.iter().try_for_each(|part| file.write_all(part))?;
@@ -179,6 +188,7 @@ impl Entry {
     /// same. Room is made for it.
     pub fn unfinished(&self) -> PathBuf {
         self.file.parent().into_iter().for_each(tidy);
+        begun::restore_mask();
         self.file.with_extension(format!("{}.tmp", std::process::id()))
     }
 }

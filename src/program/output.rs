@@ -191,12 +191,12 @@ pub fn make_folder(out: &Path, below: &str) -> Result<PathBuf, Error> {
 /// # Errors
 /// What stands in the place of one of them, or of the folder.
 pub fn check(out: &Path, below: &str, names: &[&str]) -> Result<(), Error> {
-    if fs::metadata(out).is_ok_and(|found| !found.is_dir()) {
+    if fs::metadata(begun::path(out)).is_ok_and(|found| !found.is_dir()) {
         return Err(refusal(out, "is no folder: name another one by --out"));
     }
     let folder = folder(out, Path::new(below), false)?;
-    let there = folder.ancestors().find(|ancestor| ancestor.as_os_str().is_empty() || ancestor.is_dir());
-    let there = there.filter(|there| !there.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let place = begun::path(&folder);
+    let there = place.ancestors().find(|ancestor| ancestor.is_dir()).unwrap_or(Path::new("."));
     tempfile::tempfile_in(there).map_err(Error::file(&folder))?;
     names.iter().try_for_each(|name| require_plain(&folder.join(name)))
 }
@@ -227,7 +227,7 @@ fn folder(out: &Path, below: &Path, make: bool) -> Result<PathBuf, Error> {
 
 /// Nothing stands there, or a file that may be replaced.
 fn require_plain(file: &Path) -> Result<(), Error> {
-    match fs::symlink_metadata(file) {
+    match fs::symlink_metadata(begun::path(file)) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         Err(error) => Err(Error::file(file)(error)),
         Ok(found) if found.is_symlink() => Err(a_link(file)),

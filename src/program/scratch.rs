@@ -1,25 +1,30 @@
 //! Temporary folders. One is removed with its value; those of a run that was killed, by the next run.
 
-#[cfg(unix)]
-use std::fs;
-use std::fs::{File, TryLockError};
+use std::fs::{self, File, TryLockError};
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Once;
 
 use tempfile::TempDir;
 
+use crate::begun;
 use crate::error::Error;
 
-/// The name of each begins with this.
-const PREFIX: &str = "adaptive-fmu-";
+/// The name of each: this, and so many random characters.
+const PREFIX: &str = ".adaptive-fmu-run-";
+const RANDOM: usize = 6;
+/// A file in each that is locked while the folder is in use: it tells others so, and that the folder was made here.
+const LOCK: &str = "adaptive-fmu.lock";
+/// What is beside that file: the folder that is handed out.
+const FILES: &str = "files";
 
-/// A temporary folder of this process.
+/// A temporary folder of this process, for its user alone.
 #[derive(Debug)]
 pub struct Scratch {
-    /// Tells others that the folder is in use, where the system has such locks of folders.
-    _lock: Option<File>,
-    folder: TempDir,
+    path: PathBuf,
+    _lock: File,
+    /// What is removed with this value.
+    _folder: TempDir,
 }
 
 impl Scratch {
@@ -34,34 +39,50 @@ impl Scratch {
     }
 
     fn made() -> io::Result<Self> {
+        begun::restore_mask();
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX).rand_bytes(RANDOM);
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         loop {
-            let folder = tempfile::Builder::new().prefix(PREFIX).tempdir()?;
-            let lock = File::open(folder.path()).ok();
-            let is_taken = |lock: &File| matches!(lock.try_lock(), Err(TryLockError::WouldBlock));
+            let folder = builder.tempdir()?;
+            let file = folder.path().join(LOCK);
+            let lock = File::create_new(&file)?;
             // Another process may have taken it for one that was left before it was locked.
-            if !lock.as_ref().is_some_and(is_taken) && folder.path().is_dir() {
-                return Ok(Scratch { _lock: lock, folder });
+            if !matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) && file.is_file() {
+                let path = folder.path().join(FILES);
+                fs::create_dir(&path)?;
+                return Ok(Scratch { path, _lock: lock, _folder: folder });
             }
         }
     }
 
     /// The folder.
     pub fn path(&self) -> &Path {
-        self.folder.path()
+        &self.path
     }
 }
 
-/// Removes folders that nobody uses any more: those of this user that aren't locked.
+/// Whether a folder has such a name as these have.
+#[cfg(unix)]
+fn is_named(name: &[u8]) -> bool {
+    let random = name.strip_prefix(PREFIX.as_bytes());
+    random.is_some_and(|random| random.len() == RANDOM && random.iter().all(u8::is_ascii_alphanumeric))
+}
+
+/// Removes folders that nobody uses any more: those of this user that were made here and aren't locked.
 #[cfg(unix)]
 fn remove_left_over(place: &Path) {
     use std::os::unix::fs::MetadataExt;
     for entry in fs::read_dir(place).into_iter().flatten().flatten() {
-        let is_named = entry.file_name().as_encoded_bytes().starts_with(PREFIX.as_bytes());
         let is_own = || entry.metadata().is_ok_and(|found| found.is_dir() && found.uid() == crate::process::user());
-        if is_named
+        let lock = entry.path().join(LOCK);
+        let is_marked = || fs::symlink_metadata(&lock).is_ok_and(|found| found.is_file());
+        if is_named(entry.file_name().as_encoded_bytes())
             && is_own()
-            && let Ok(folder) = File::open(entry.path())
-            && folder.try_lock().is_ok()
+            && is_marked()
+            && let Ok(lock) = File::open(&lock)
+            && lock.try_lock().is_ok()
         {
             // While it is locked nobody else begins to use it. What can't be removed disturbs nothing.
             let _ = fs::remove_dir_all(entry.path());
@@ -81,23 +102,39 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let made = |name: &str| {
             let folder = place.path().join(name);
-            fs::create_dir_all(folder.join("inside")).unwrap();
+            fs::create_dir_all(folder.join(FILES)).unwrap();
+            File::create_new(folder.join(LOCK)).unwrap();
             folder
         };
-        let [left, used, other] = ["adaptive-fmu-left", "adaptive-fmu-used", "another"].map(made);
-        let lock = File::open(&used).unwrap();
+        let left = made(".adaptive-fmu-run-aB3dEf");
+        let used = made(".adaptive-fmu-run-used00");
+        let unmarked = made(".adaptive-fmu-run-backup");
+        fs::remove_file(unmarked.join(LOCK)).unwrap();
+        let others = [".adaptive-fmu-run-longer0", "adaptive-fmu-0.1.0-linux64", "another"].map(made);
+        let others_stay = || unmarked.exists() && others.iter().all(|other| other.exists());
+        let lock = File::open(used.join(LOCK)).unwrap();
         lock.lock().unwrap();
         remove_left_over(place.path());
-        assert_eq!([left.exists(), used.exists(), other.exists()], [false, true, true]);
+        assert_eq!([left.exists(), used.exists(), others_stay()], [false, true, true]);
         drop(lock);
         remove_left_over(place.path());
-        assert_eq!([used.exists(), other.exists()], [false, true]);
+        assert_eq!([used.exists(), others_stay()], [false, true]);
+    }
+
+    #[test]
+    fn a_folder_is_for_its_user_alone() {
+        use std::os::unix::fs::MetadataExt;
+        let scratch = Scratch::new().unwrap();
+        assert_eq!(fs::read_dir(scratch.path()).unwrap().count(), 0);
+        let outer = scratch.path().parent().unwrap();
+        assert!(is_named(outer.file_name().unwrap().as_encoded_bytes()));
+        assert_eq!(fs::metadata(outer).unwrap().mode() & 0o777, 0o700);
     }
 
     #[test]
     fn a_folder_is_gone_with_its_value() {
         let scratch = Scratch::new().unwrap();
-        let folder = scratch.path().to_owned();
+        let folder = scratch.path().parent().unwrap().to_owned();
         assert!(folder.is_dir());
         remove_left_over(folder.parent().unwrap());
         assert!(folder.is_dir());

@@ -8,7 +8,7 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use crate::error::Error;
-use crate::{output, text_file};
+use crate::{begun, output, text_file};
 
 /// What a file holds beside its content.
 const CHECKSUM: &str = "checksum";
@@ -32,7 +32,7 @@ pub fn checksum(contents: impl AsRef<[u8]>) -> String {
 /// # Errors
 /// When it can't be read.
 pub fn checksum_of_file(file: &Path) -> Result<String, Error> {
-    text_file::open(file).and_then(hash).map_err(Error::file(file))
+    text_file::open(&begun::path(file)).and_then(hash).map_err(Error::file(file))
 }
 
 fn hash(mut file: File) -> io::Result<String> {
@@ -109,7 +109,7 @@ pub fn write(file: &Path, mut content: Value) -> Result<(), Error> {
 /// When it can't be read or is no JSON; `what` it should hold.
 pub fn read(file: &Path, what: &str) -> Result<Sealed, Error> {
     let mut text = String::new();
-    let opened = text_file::open(file).and_then(|opened| opened.take(LARGEST).read_to_string(&mut text));
+    let opened = text_file::open(&begun::path(file)).and_then(|opened| opened.take(LARGEST).read_to_string(&mut text));
     opened.map_err(Error::file(file))?;
     let mut content: Value = serde_json::from_str(&text)
         .map_err(|error| Error::Loop { file: file.to_owned(), reason: format!("is no {what}: {error}") })?;

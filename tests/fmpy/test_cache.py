@@ -151,7 +151,7 @@ def test_nothing_of_another_user_is_read(what: str, filled: Path, expected: byte
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root becomes another user")
 def test_another_user_does_not_take_what_is_roots(expected: bytes, filled: Path, tmp_path: Path) -> None:
     """The folders of tests are root's alone: this one lies elsewhere."""
-    place = Path("/tmp") / f"adaptive-fmu-test-{os.getpid()}"
+    place = Path("/tmp") / f"cache-of-root-{os.getpid()}"
     place.mkdir(mode=0o755)
     try:
         place.chmod(0o755)

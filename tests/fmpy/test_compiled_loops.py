@@ -95,6 +95,23 @@ def test_the_loop_that_is_run_after_an_export_has_its_own_design(tmp_path: Path)
     same(table(tmp_path, "3.3.1-case2", "--fmus", tmp_path), table(tmp_path, "3.3.1-case2"))
 
 
+def test_a_loop_that_is_run_after_an_export_leaves_the_values_that_were_asked_for(tmp_path: Path) -> None:
+    poles = "".join(f'<s:Parameter name="pole_real[{k}]"><s:Real value="-7"/></s:Parameter>' for k in (1, 2))
+    (tmp_path / "set.ssv").write_text(
+        '<s:ParameterSet xmlns:s="http://ssp-standard.org/SSP1/SystemStructureParameterValues" name="p" version="1.0">'
+        f"<s:Parameters>{poles}</s:Parameters></s:ParameterSet>"
+    )
+    fmus = ["L1TwoLinkRobot", "TwoLinkRobot", "ReferenceTwoLinkRobot"]
+    assert adaptive_fmu("export", *fmus, "--source", "--out", tmp_path).returncode == 0
+    others = [(tmp_path / f"{name}.fmu").read_bytes() for name in fmus[1:]]
+    words = ["export", fmus[0], "--source", "--values", tmp_path / "set.ssv", "--out", tmp_path]
+    assert adaptive_fmu(*words).returncode == 0
+    asked = (tmp_path / f"{fmus[0]}.fmu").read_bytes()
+    refused = adaptive_fmu(*words, "--run", "3.3.1-case2", folder=tmp_path)
+    assert refused.returncode == 1 and "the FMU was designed with the value that it has, -7" in refused.stderr, refused.stderr
+    assert [(tmp_path / f"{name}.fmu").read_bytes() for name in fmus] == [asked, *others]
+
+
 STRUCTURE = """<SystemStructureDescription xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription" name="two" version="1.0">
 <System name="two"><Elements>{}</Elements></System><DefaultExperiment startTime="0" stopTime="1"/></SystemStructureDescription>"""
 COMPONENT = """<Component name="{}" source="resources/L1ActuatedSiso.fmu"><ParameterBindings><ParameterBinding><ParameterValues>

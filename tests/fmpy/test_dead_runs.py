@@ -133,11 +133,15 @@ def test_what_a_killed_run_left_is_removed_by_the_next(tmp_path: Path) -> None:
     left = [*out.glob("*/.*.part"), *scratch.iterdir()]
     assert left
     # What another run uses, and what only looks like it, stays.
-    others = [out / ".result.csv.Ab12Cd.part", out / ".notes.part", out / "letter.part", scratch / "adaptive-fmu-in-use"]
-    for file in others[:3]:
+    used = scratch / ".adaptive-fmu-run-Ab12Cd" / "adaptive-fmu.lock"
+    files = [out / ".result.csv.Ab12Cd.part", out / ".notes.part", out / "letter.part", used]
+    names = ("adaptive-fmu-in-use", "adaptive-fmu-0.1.0-linux64", ".adaptive-fmu-run-backup")
+    folders = [scratch / name for name in names]
+    for folder in (used.parent, *folders):
+        folder.mkdir()
+    for file in files:
         file.touch()
-    others[3].mkdir()
-    in_use = [os.open(path, os.O_RDONLY) for path in (others[0], others[3])]
+    in_use = [os.open(path, os.O_RDONLY) for path in (files[0], used)]
     for descriptor in in_use:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
     answer = adaptive_fmu("run", LOOP, "--until", "0.1", "--out", out, TMPDIR=str(scratch))
@@ -145,6 +149,7 @@ def test_what_a_killed_run_left_is_removed_by_the_next(tmp_path: Path) -> None:
         os.close(descriptor)
     assert answer.returncode in (0, 3), answer.stderr
     assert not any(path.exists() for path in left), left
-    assert all(path.exists() for path in others)
+    assert all(path.exists() for path in (*files, *folders))
     assert adaptive_fmu("run", LOOP, "--until", "0.1", "--out", out, TMPDIR=str(scratch)).returncode in (0, 3)
-    assert [path.exists() for path in others] == [False, True, True, False]
+    assert [path.exists() for path in files] == [False, True, True, False]
+    assert all(folder.is_dir() for folder in folders) and not used.parent.exists()

@@ -371,6 +371,11 @@ def test_results_that_are_kept_are_those_that_are_computed(pair: str, results: d
     assert abs(failed[0] - failed[1]) <= 2, failed
 
 
+def test_a_tag_ends_the_name_of_a_folder(tmp_path: Path) -> None:
+    refused = adaptive_fmu("league", "--list", "--out", ".", "--tag", "x", folder=tmp_path)
+    assert refused.returncode == 1 and "--tag ends the name of a folder, and `.` has none" in refused.stderr, refused.stderr
+
+
 def test_a_pair_that_is_not_there_is_told_with_near_ones(tmp_path: Path) -> None:
     answer = adaptive_fmu("league", "--only", "robot/pd", "--out", tmp_path / "out")
     assert answer.returncode == 1 and "`robot/pd`" in answer.stderr and "robot/pid" in answer.stderr, answer.stderr

@@ -64,7 +64,8 @@ def test_a_wheel_of_pip_holds_the_modules_and_what_shells_read_as_one_of_dist(wh
     made = adaptive_fmu("dist", "--wheels", "--out", tmp_path)
     assert made.returncode == 0, made.stderr
     of_pip, of_dist = held(wheel), held(Path(made.stdout.splitlines()[0]))
-    kinds = ("adaptive_fmu/", "adaptive_fmu-0.1.0.data/data/share/")
+    version = wheel.name.split("-")[1]
+    kinds = ("adaptive_fmu/", f"adaptive_fmu-{version}.data/data/share/")
     common = lambda files: {
         place: text for place, text in files.items() if place.startswith(kinds) and "/share/adaptive-fmu/" not in place
     }

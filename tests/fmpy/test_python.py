@@ -185,13 +185,15 @@ def test_whatever_is_asked_has_an_end() -> None:
         b'{"request": 2, "arguments": ["list"]}',
         b"nothing",
         b"",
+        b"\xff\xfe",
+        b'{"request": 5, "arguments": ["list", "\xff"], "folder": "."}',
         b'{"request": 3, "arguments": ["list"], "folder": "/nowhere"}',
         b'{"request": 4, "arguments": ["schema"], "folder": "."}',
     ]
     asked = b"".join(line + b"\n" for line in lines)
     done = subprocess.run([adaptive_fmu.program(), "serve"], input=asked, capture_output=True, timeout=60, check=False)
     messages = [json.loads(line[1:]) for line in done.stdout.splitlines() if line.startswith(b"\x1e")]
-    assert [message["end"] for message in messages if "end" in message] == [2, 2, 2, 2, 1, 0]
+    assert [message["end"] for message in messages if "end" in message] == [2, 2, 2, 2, 2, 2, 1, 0]
 
 
 def test_a_sweep_gives_the_runs_one_by_one() -> None:
@@ -230,6 +232,12 @@ def test_a_search_in_the_same_folder_goes_on_or_is_refused_in_words_of_python(tm
     tagged = loop.tune(generations=2, seed=2, tag="two", **words)
     assert tagged.runs == 8 and (tmp_path / "4-case1-fuzzy-tuned@two" / "tuned.ssv").is_file()
     assert loop.tune(generations=2, seed=2, force=True, **words).values == tagged.values
+
+
+def test_a_loop_is_linearised_as_its_name_is() -> None:
+    asked = {"at": 0.5, "step": 1e-3}
+    of_loop, of_name = adaptive_fmu.Loop(LOOP).linearise(**asked), adaptive_fmu.linearise(LOOP, **asked)
+    np.testing.assert_array_equal(of_loop.A, of_name.A)
 
 
 def test_a_linearisation_is_that_of_the_equations() -> None:

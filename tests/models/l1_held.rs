@@ -232,7 +232,7 @@ fn the_advised_adaptation_gain_turns_fast_enough() {
 /// Random designs whose bounds on theta are within what their norm allows.
 #[test]
 fn what_is_called_sound_is_held_at_the_bounds_of_the_input_gain() {
-    let (mut random, mut seen) = (Random::new(43), [0_usize; 3]);
+    let (mut random, mut seen, mut sound) = (Random::new(43), [0_usize; 3], 0);
     for k in 0..40 {
         let mut design = Design::random(&mut random);
         let Value::Between { upper: lambda, .. } = finding(&design.report(), "lambda").value else { continue };
@@ -243,11 +243,14 @@ fn what_is_called_sound_is_held_at_the_bounds_of_the_input_gain() {
         if !report.is_sound() {
             continue;
         }
+        sound += 1;
         let until = 20.0 / design.poles.iter().map(|p| p.abs()).fold(f64::INFINITY, f64::min);
         for omega in design.omega {
             let (ran, most) = (design.run(omega, until), if prediction == Verdict::Ok { 0.1 } else { 0.5 });
+            println!("{k}, omega {omega:.2}, prediction {prediction:?}: {ran:?}");
             assert!(ran.error < most, "design {k}, omega {omega}: {ran:?}, {design:?}");
         }
     }
+    assert!(sound >= 10, "{sound} are called sound");
     assert!(seen.iter().all(|&count| count >= 3), "each verdict is among them: {seen:?}");
 }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use adaptive_fmu::begun;
 use adaptive_fmu::error::Error;
 
 use super::results::tag;
@@ -32,7 +33,7 @@ impl EarlierOptions {
     /// # Errors
     /// When it answers another question or can't be read, with what to do.
     pub fn left<T>(&self, file: &Path, read: impl FnOnce(&Path) -> Result<T, Error>) -> Result<Option<T>, Error> {
-        if self.force || !file.exists() {
+        if self.force || !begun::path(file).exists() {
             return Ok(None);
         }
         read(file).map(Some).map_err(|error| match error {

@@ -11,10 +11,10 @@ use std::time::{Duration, Instant};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::explore::{Server, Session, cases, coarse, token, write_page};
 use adaptive_fmu::exporter::{Library, loops};
+use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::simulation::composite as composite_of;
 use adaptive_fmu::simulation::{LoopFiles, Structure};
 use serde_json::json;
-use tempfile::TempDir;
 
 use super::loop_options::{LoopOptions, positive};
 use super::open;
@@ -114,12 +114,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 
 /// Opens the page by a file that leads to it: what a program is given stands in the list of processes, where anybody on this
 /// machine could read the token. The file, for its user alone, is removed with its folder.
-fn opened(url: &str) -> Result<TempDir, Error> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix("adaptive-fmu-explore-");
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
-    let folder = builder.tempdir().map_err(Error::file(std::env::temp_dir()))?;
+fn opened(url: &str) -> Result<Scratch, Error> {
+    let folder = Scratch::new()?;
     let text = format!(
         "<!DOCTYPE html>\n<meta charset=\"utf-8\">\n<meta name=\"referrer\" content=\"no-referrer\">\n\
          <meta http-equiv=\"refresh\" content=\"0; url={url}\">\n<title>explore</title>\n<a href=\"{url}\">The page of the loop</a>\n"

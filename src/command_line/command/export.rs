@@ -94,8 +94,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         return Err(last);
     }
     let Some(name) = run else { return Ok(ExitCode::SUCCESS) };
-    if content.form != Form::Generic {
-        design_for(name, &library, out, &content)?;
+    // A parameter set is what the user wants, whatever the loop sets.
+    if content.form != Form::Generic && values.is_none() {
+        design_for(name, &library, out, &content, &fmus)?;
     }
     super::run::execute(&super::run::Arguments::of(name, out, *json))
 }
@@ -263,10 +264,11 @@ fn export_with_choices(structure: &Structure, library: &Library, out: &Path, con
     Ok(())
 }
 
-/// Writes those FMUs of a loop anew whose design is fixed at export and reads what the loop sets.
-fn design_for(name: &str, library: &Library, out: &Path, content: &Content) -> Result<(), Error> {
+/// Writes those of some FMUs of a loop anew whose design is fixed at export and reads what the loop sets.
+fn design_for(name: &str, library: &Library, out: &Path, content: &Content, fmus: &[PathBuf]) -> Result<(), Error> {
     let structure = LoopFiles::find(name)?.structure()?;
-    for fmu in exported(&structure) {
+    let is_asked = |fmu: &&String| fmus.contains(&out.join(format!("{fmu}.fmu")));
+    for fmu in exported(&structure).into_iter().filter(is_asked) {
         let source = designed(&structure, fmu, library)?;
         if source != structure.description_of(fmu)? {
             exporter::export_as(&source, library, out, content)?;

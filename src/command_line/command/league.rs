@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::league::{Page, Pair, Record, Stage, Study, Units, advice};
 use adaptive_fmu::scratch::Scratch;
-use adaptive_fmu::{output, text_file};
+use adaptive_fmu::{begun, output, text_file};
 use serde_json::json;
 
 use super::earlier::EarlierOptions;
@@ -128,9 +128,15 @@ impl League {
         }
         // What advice rests on is there, whether it holds or not.
         advice(&study, &[]).map_err(|reason| Error::Loop { file: file.clone(), reason })?;
+        let suffix = arguments.earlier.suffix();
+        if !suffix.is_empty() && arguments.out.file_name().is_none() {
+            let reason =
+                format!("--tag ends the name of a folder, and `{}` has none: name one", arguments.out.display());
+            return Err(Error::Loop { file: "--out".into(), reason });
+        }
         // Without a separator at its end.
         let mut out = arguments.out.components().as_path().as_os_str().to_owned();
-        out.push(arguments.earlier.suffix());
+        out.push(suffix);
         let out = PathBuf::from(out);
         Ok(League { study, file, folder, out, _unpacked: unpacked })
     }
@@ -220,10 +226,10 @@ impl League {
     /// What a bench has counted, where it has.
     fn instructions(&self) -> Result<BTreeMap<String, f64>, Error> {
         let file = self.out.join(INSTRUCTIONS);
-        if !file.is_file() {
+        if !begun::path(&file).is_file() {
             return Ok(BTreeMap::new());
         }
-        let text = text_file::read(&file).map_err(Error::file(&file))?;
+        let text = text_file::read(&begun::path(&file)).map_err(Error::file(&file))?;
         serde_json::from_str(&text).map_err(|error| Error::Loop { file, reason: error.to_string() })
     }
 
@@ -234,7 +240,7 @@ impl League {
         for plant in &self.study.plant {
             for entry in &plant.controller {
                 let file = self.result(&plant.name, &entry.name);
-                if !file.is_file() {
+                if !begun::path(&file).is_file() {
                     continue;
                 }
                 let mut record = Record::read(&file)?;

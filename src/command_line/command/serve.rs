@@ -87,8 +87,8 @@ fn next(requests: &Receiver<Asked>) -> Option<Asked> {
 /// Hands requests over; to stop one is heard while it is answered. When nobody asks any more, whatever runs is to stop.
 fn listen(sender: &Sender<Asked>) {
     let mut last = 0;
-    for line in stdin().lock().lines().map_while(Result::ok) {
-        match serde_json::from_str(&line) {
+    for line in stdin().lock().split(b'\n').map_while(Result::ok) {
+        match serde_json::from_slice(&line) {
             Ok(Line::Request(request)) => {
                 last = request.request;
                 if sender.send(Ok(request)).is_err() {
@@ -97,6 +97,7 @@ fn listen(sender: &Sender<Asked>) {
             }
             Ok(Line::Stop { stop }) => progress::stop(stop),
             Err(error) => {
+                let line = String::from_utf8_lossy(&line);
                 if sender.send(Err(format!("a request that isn't understood ({error}): {line}"))).is_err() {
                     return;
                 }

@@ -169,8 +169,8 @@ impl Design {
         );
         let tolerance = "error tolerated in each closed-form step of the adaptation in co-simulation, relative to a \
                          value's magnitude or nominal value, where that is less than relative_tolerance or a master's";
-        let phase = "angle through which the adaptation may turn in a communication step before the step is called too \
-                     long";
+        let phase =
+            "angle through which the adaptation may turn in a communication step; check advises steps that keep to it";
         let closed_form = "angle through which the adaptation turns in a step from which on the closed form is taken, in \
                            co-simulation, for a tolerance of 1e-6; below, a general method is less work";
         let tracking = "time with which u_ad follows what the limits of the control leave, so that it doesn't wind up; \

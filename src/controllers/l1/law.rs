@@ -167,11 +167,7 @@ impl Law {
             s: d.local(vector("#s", m + plant.B_um.ncols(), "").hidden()),
             in_command: InCommand::by(d, ports.enabled, ports.u_manual),
             step_too_long: d.discrete(
-                boolean(
-                    "step_too_long",
-                    "whether the communication step is too long for the adaptation gain or the control",
-                )
-                .output(),
+                boolean("step_too_long", "whether the communication step is too long for the control").output(),
             ),
             moves: {
                 let is_stepped = d.is_stepped();
@@ -183,8 +179,7 @@ impl Law {
             ),
             omega_entries,
             at_bounds: d.warning("logProjection", "estimates at their bounds, or brought back to tightened ones"),
-            long_step: d
-                .warning("logStepTooLong", "communication step too long for the adaptation gain or the control"),
+            long_step: d.warning("logStepTooLong", "communication step too long for the control"),
             directions: plant.all_directions(),
             unmatched,
             beside,

@@ -30,7 +30,7 @@ pub fn begin(request: &Request, title: &str, page: &str, keys: &[[&str; 3]]) -> 
     text.table("start");
     write_poles(&mut text, "", &design.poles, "1/s, poles of A_m, how the controlled plant is to move");
     text.set("feedback_gain", diagonal(design.feedback_gain, m), "1/s, K: bandwidth of the adaptive control");
-    text.set("adaptation_gain", number(design.adaptation_gain), "Gamma: larger is faster, until step_too_long warns");
+    text.set("adaptation_gain", number(design.adaptation_gain), "Gamma: larger is faster, and needs shorter steps");
     text.set("omega_min", all(design::OMEGA[0], m), "input gain, in parts of B, at least");
     text.set("omega_max", all(design::OMEGA[1], m), "and at most");
     text.set("theta_bound", list(&design.theta_bound), "of each element of theta, which multiplies x");

@@ -248,7 +248,7 @@ impl OneStepMethod for Rosenbrock {
         tolerance: Tolerance,
     ) -> (ErrorEstimate, usize) {
         if !self.decompose(h, problem.kernel) {
-            return (ErrorEstimate { scaled: f64::NAN, order: 5 }, 0);
+            return (ErrorEstimate { scaled: f64::INFINITY, order: 5 }, 0);
         }
         self.solve((&start.rates, problem.kernel), h, &[]);
         self.place(problem, start, &A2);

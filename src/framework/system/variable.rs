@@ -427,9 +427,11 @@ impl Variables {
     /// count in, and its nominal value.
     pub fn controlled(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
         let signals = self.reals(Section::Signal).start;
+        let starting_at =
+            |start: usize| self.iter().find(move |v| v.section == Section::Signal && v.is_real() && v.start == start);
         self.iter().filter(|v| v.is_controlled()).flat_map(Variable::elements).map(move |y| {
-            let output = y.variable.behind.unwrap_or(y.variable.start);
-            (self.index(y), signals + output + y.offset, y.nominal())
+            let output = y.variable.behind.and_then(starting_at).unwrap_or(y.variable);
+            (self.index(y), signals + output.start + y.offset, output.element(y.offset).nominal())
         })
     }
 

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::session::{Session, Wanted};
 use super::set::plain;
+use crate::begun;
 use crate::error::Error;
 use crate::exporter::{self, Content, Library};
 use crate::output::{self, Files};
@@ -29,7 +30,7 @@ fn wrong(error: Error) -> String {
 /// What a page is told where something stands in the place of what it wants written: that stays, unless the user says that it
 /// is to be replaced.
 fn there(place: &Path, wanted: &Wanted) -> Option<Value> {
-    let is_there = !wanted.replace && fs::symlink_metadata(place).is_ok();
+    let is_there = !wanted.replace && fs::symlink_metadata(begun::path(place)).is_ok();
     is_there.then(|| json!({ "error": format!("{} is there already", place.display()), "isThere": true }))
 }
 

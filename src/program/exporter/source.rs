@@ -10,6 +10,7 @@ use super::{Source, compiler, describe};
 use crate::error::Error;
 use crate::fmi2::describe::SourceUnit;
 use crate::fmi2::source::RUNTIME;
+use crate::output;
 use crate::scratch::Scratch;
 
 /// What an FMU holds of the forms of a unit.
@@ -75,7 +76,7 @@ pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Conte
 
 /// Writes an FMU into a folder, which is made; its path.
 fn written(out: &Path, contents: &Contents, libraries: &Libraries) -> Result<PathBuf, Error> {
-    std::fs::create_dir_all(out).map_err(Error::file(out))?;
+    output::make_folder(out, "")?;
     let file = out.join(format!("{}.fmu", contents.unit.name));
     archive::write(&file, contents, libraries)?;
     Ok(file)

@@ -12,6 +12,7 @@ use super::page::{Ending, Report, Thinned};
 use super::provenance::{FORMAT, Provenance};
 use super::ssp::{Metric, PerformanceFunction, Statistic, Structure};
 use super::table::TableMarks;
+use crate::begun;
 use crate::error::Error;
 use crate::sealed::{self, checksum_of_file};
 use crate::text_file::{self, csv_fields};
@@ -74,7 +75,7 @@ pub struct Recorded {
 impl Recorded {
     /// Whether a path is a folder of results.
     pub fn is_at(folder: &Path) -> bool {
-        folder.join(METRICS).is_file()
+        begun::path(&folder.join(METRICS)).is_file()
     }
 
     /// Reads what is told of a run.
@@ -113,7 +114,7 @@ impl Recorded {
         for (name, mark) in [TABLE, PARQUET].into_iter().filter_map(|name| Some((name, marks.get(name)?))) {
             let file = self.folder.join(name);
             // Nothing is read from the second form of the table.
-            if name == PARQUET && !file.exists() {
+            if name == PARQUET && !begun::path(&file).exists() {
                 continue;
             }
             let rows = if name == TABLE { rows(&file)? } else { mark.rows };
@@ -167,7 +168,7 @@ impl Recorded {
         let refuse =
             |line: usize, reason: &str| Error::Loop { file: file.clone(), reason: format!("line {line}: {reason}") };
         // A long run has a long table.
-        let text = std::fs::read_to_string(&file).map_err(Error::file(&file))?;
+        let text = std::fs::read_to_string(begun::path(&file)).map_err(Error::file(&file))?;
         let mut lines = text.lines();
         let (names, measures): (Vec<_>, Vec<_>) = signals.into_iter().unzip();
         let head = csv_fields(lines.next().unwrap_or_default());
@@ -190,7 +191,7 @@ impl Recorded {
 
 /// The rows of a table behind its line of names, each of which ends with the end of a line.
 fn rows(file: &Path) -> Result<u64, Error> {
-    let mut opened = BufReader::new(text_file::open(file).map_err(Error::file(file))?);
+    let mut opened = BufReader::new(text_file::open(&begun::path(file)).map_err(Error::file(file))?);
     let mut lines = 0;
     loop {
         let bytes = opened.fill_buf().map_err(Error::file(file))?;

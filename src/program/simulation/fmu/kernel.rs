@@ -24,12 +24,12 @@ use crate::kernel::Kernel;
 const OPTIONS: [&str; 8] =
     ["-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-s"];
 
-/// Compiles as a process of lower priority, where there is `nice`.
-const SCRIPT: &str = r#"trap '' INT HUP; umask 077
+/// Compiles as a process of lower priority, where there is `nice`. Its exit code is the compiler's.
+const SCRIPT: &str = r#"trap '' INT HUP TERM; umask 077
 source=$1 own=$2 file=$3 sum=$4; shift 4
 if command -v nice >/dev/null; then set -- nice -n 5 "$@"; fi
 "$@" -o "$own" "$source" -lm; code=$?
-if [ $code = 0 ]; then cksum <"$own" >"$own.sum" && mv -f "$own.sum" "$sum" && mv -f "$own" "$file"; code=$?; fi
+if [ $code = 0 ]; then cksum <"$own" >"$own.sum" && mv -f "$own.sum" "$sum" && mv -f "$own" "$file"; fi
 rm -f "$source" "$own" "$own.sum"; exit $code"#;
 
 /// Why this process compiles nothing, where it can't.
@@ -151,13 +151,13 @@ fn kept(library: &Checksum, description: &str) -> Option<Entry> {
 }
 
 /// Where the checksum of a kernel stands. A shell writes it, also when this process has ended: it is that of `cksum`.
-fn sum_of(kernel: &Entry) -> PathBuf {
-    kernel.file().with_extension("sum")
+fn sum_of(kernel: &Entry) -> Entry {
+    kernel.with_extension("sum")
 }
 
 /// Loads a kernel from its file. One that was damaged would be mapped all the same, and end this process.
 fn load(kernel: &Entry) -> Option<Loaded> {
-    let expected = fs::read_to_string(sum_of(kernel)).ok()?;
+    let expected = String::from_utf8(sum_of(kernel).bytes()?).ok()?;
     if cksum(&kernel.bytes()?) != expected.trim() {
         kernel.note_damage();
         return None;
@@ -214,7 +214,7 @@ fn compile(source: &Path, own: &Path, kernel: &Entry) -> bool {
     let mut command = if cfg!(unix) {
         let mut shell = Command::new("sh");
         let sum = sum_of(kernel);
-        shell.args(["-c", SCRIPT, "sh"]).args([source, own, kernel.file(), &sum]).arg(&program).args(arguments);
+        shell.args(["-c", SCRIPT, "sh"]).args([source, own, kernel.file(), sum.file()]).arg(&program).args(arguments);
         shell.args(OPTIONS);
         shell
     } else {
@@ -227,7 +227,7 @@ fn compile(source: &Path, own: &Path, kernel: &Entry) -> bool {
     match command.status().map(|status| status.code()) {
         Ok(Some(0)) if cfg!(unix) => true,
         Ok(Some(0)) => {
-            let put = |bytes: Vec<u8>| fs::write(sum_of(kernel), cksum(&bytes));
+            let put = |bytes: Vec<u8>| fs::write(sum_of(kernel).file(), cksum(&bytes));
             fs::read(own).and_then(put).and_then(|()| fs::rename(own, kernel.file())).is_ok()
         }
         Err(_) | Ok(Some(126 | 127)) => {

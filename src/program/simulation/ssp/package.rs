@@ -11,6 +11,7 @@ use super::{Component, STRUCTURE, StartValue, Structure};
 use crate::error::Error;
 use crate::exporter::{escaped, read_entry, write_entries};
 use crate::model_description::{ModelDescription, Variable, attribute, child, elements};
+use crate::output;
 use crate::simulation::check::{Circles, Wiring, check, is_designed};
 use crate::simulation::fmu::Value;
 
@@ -33,24 +34,24 @@ pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<
     let descriptions = descriptions(&structure, fmus)?;
     let wiring = check(&structure, &descriptions.iter().collect::<Vec<_>>(), Circles::Exchanged)?;
     let choices = choices(&structure, &descriptions, &wiring);
-    let fixed = fixed(&structure, &descriptions);
+    let given = given(&structure, &descriptions);
     let mut warnings = wiring.notes;
     warnings.extend(choices.iter().filter_map(Choice::left_out));
     warnings.extend(overlooked(files)?);
     let file = files.structure_file();
-    let text = with_sources(&settable(&files.structure_text()?, &file, &choices, &fixed)?, &file, &structure)?;
+    let text = with_sources(&settable(&files.structure_text()?, &file, &choices, &given)?, &file, &structure)?;
     let text = for_other_masters(&text, &file, &structure)?;
     let mut entries = vec![(STRUCTURE.to_owned(), text.into_bytes())];
     let beside = files.parameter_files();
     for name in beside.iter().chain(&structure.parameter_files).collect::<BTreeSet<_>>() {
-        let text = settable(&files.read(name)?, &files.path(name), &choices, &fixed)?;
+        let text = settable(&files.read(name)?, &files.path(name), &choices, &given)?;
         entries.push((name.clone(), text.into_bytes()));
     }
     for (unit, file) in archives(&structure, fmus)? {
         entries.push((format!("resources/{unit}.fmu"), std::fs::read(&file).map_err(Error::file(&file))?));
     }
     let entries: Vec<(&str, &[u8])> = entries.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())).collect();
-    std::fs::create_dir_all(out).map_err(Error::file(out))?;
+    output::make_folder(out, "")?;
     let file = out.join(format!("{}.ssp", structure.name));
     write_entries(&file, &entries)?;
     Ok((file, warnings))
@@ -136,26 +137,37 @@ impl Choice<'_> {
     }
 }
 
-/// Start values that FMUs with C sources were designed with: constants, which no master may set.
-fn fixed<'a>(structure: &'a Structure, descriptions: &[ModelDescription]) -> Vec<&'a StartValue> {
+/// A start value of a component.
+struct Given<'a> {
+    component: &'a str,
+    value: &'a StartValue,
+    /// Whether an FMU with C sources was designed with it: a constant, which no master may set.
+    is_fixed: bool,
+}
+
+/// The start values of all components.
+fn given<'a>(structure: &'a Structure, descriptions: &[ModelDescription]) -> Vec<Given<'a>> {
     let of = |(component, description): (&'a Component, &ModelDescription)| {
-        let is_fixed = |value: &&StartValue| {
+        let is_fixed = |value: &StartValue| {
             description.place(&value.name).is_some_and(|place| is_designed(&description.variables[place]))
         };
-        component.values.iter().filter(is_fixed).collect::<Vec<_>>()
+        let given = |value| Given { component: &component.name, value, is_fixed: is_fixed(value) };
+        component.values.iter().map(given).collect::<Vec<_>>()
     };
     structure.components.iter().zip(descriptions).flat_map(of).collect()
 }
 
-/// Whether a value was given in this line of a file, under this name there.
-fn is_given(value: &StartValue, file: &Path, line: u32, name: &str) -> bool {
-    let same_name = name.ends_with(&value.name) || value.name.ends_with(name);
-    value.origin.file == file && value.origin.line == Some(line) && same_name
+/// Whether a component's value was given in this line of a file, under this name there: its own, or with the component in
+/// front, or without the prefix of a binding.
+fn is_given(component: &str, value: &StartValue, file: &Path, line: u32, name: &str) -> bool {
+    let own = &value.name;
+    let is_named = || name == own || name == format!("{component}.{own}") || own.ends_with(&format!(".{name}"));
+    value.origin.file == file && value.origin.line == Some(line) && is_named()
 }
 
 /// The text of a file with what other masters can set: the numbers of chosen items in place of their names, and nothing that
-/// is fixed.
-fn settable(text: &str, file: &Path, choices: &[Choice], fixed: &[&StartValue]) -> Result<String, Error> {
+/// is fixed for all components that take it from there.
+fn settable(text: &str, file: &Path, choices: &[Choice], given: &[Given]) -> Result<String, Error> {
     let document = parse(text, file)?;
     let parameters = document.descendants().filter(|node| node.tag_name().name() == "Parameter");
     let mut changed = text.to_owned();
@@ -163,13 +175,15 @@ fn settable(text: &str, file: &Path, choices: &[Choice], fixed: &[&StartValue]) 
     for parameter in parameters.collect::<Vec<_>>().into_iter().rev() {
         let line = document.text_pos_at(parameter.range().start).row;
         let name = attribute(parameter, "name").unwrap_or_default();
-        if fixed.iter().any(|value| is_given(value, file, line, &name)) {
+        let is_here = |component: &str, value: &StartValue| is_given(component, value, file, line, &name);
+        let mut takers = given.iter().filter(|given| is_here(given.component, given.value)).peekable();
+        if takers.peek().is_some() && takers.all(|given| given.is_fixed) {
             let before = text[..parameter.range().start].trim_end().len();
             changed.replace_range(before..parameter.range().end, "");
             continue;
         }
         let Some(node) = child(parameter, "Enumeration") else { continue };
-        if let Some(choice) = choices.iter().find(|choice| is_given(choice.value, file, line, &name)) {
+        if let Some(choice) = choices.iter().find(|choice| is_here(choice.component, choice.value)) {
             let tag = text[node.range().start + 1..].split("Enumeration").next().unwrap_or_default();
             changed.replace_range(node.range(), &format!("<{tag}Integer value=\"{}\"/>", choice.number));
         }
@@ -266,6 +280,7 @@ fn at_the_end(text: &str, node: Node, inserted: &str) -> (std::ops::Range<usize>
 mod tests {
     use roxmltree::Document;
 
+    use super::super::Origin;
     use super::*;
 
     #[test]
@@ -282,5 +297,27 @@ mod tests {
             assert_eq!(first.parent().and_then(|node| node.parent()).unwrap().tag_name().name(), "E", "{once}");
             assert_eq!(put(&once), once);
         }
+    }
+
+    #[test]
+    fn only_what_is_fixed_for_all_who_take_it_is_left_out() {
+        let file = Path::new("x");
+        let parameter = |name: &str| format!("<Parameter name=\"{name}\"><Real value=\"1\"/></Parameter>");
+        let text = |names: &[&str]| format!("<S>{}</S>", names.iter().map(|name| parameter(name)).collect::<String>());
+        let value = |name: &str| {
+            let origin = Origin { file: file.to_owned(), line: Some(1) };
+            StartValue { name: name.to_owned(), data_type: None, text: "1".to_owned(), unit: None, origin }
+        };
+        let [gain, other, inner] = ["gain", "adaptation_gain", "law.gain"].map(value);
+        let given = |component, value, is_fixed| Given { component, value, is_fixed };
+        let left = |names: &[&str], given: &[Given]| settable(&text(names), file, &[], given).unwrap();
+        let both = ["gain", "adaptation_gain"];
+        assert_eq!(left(&both, &[given("a", &gain, true), given("a", &other, false)]), text(&both[1..]));
+        assert_eq!(left(&both[..1], &[given("a", &gain, true), given("b", &gain, false)]), text(&both[..1]));
+        assert_eq!(left(&both[..1], &[given("a", &gain, true), given("b", &gain, true)]), text(&[]));
+        let apart = ["a.gain", "b.gain"];
+        assert_eq!(left(&apart, &[given("a", &gain, true), given("b", &gain, false)]), text(&apart[1..]));
+        // A binding has a prefix.
+        assert_eq!(left(&both[..1], &[given("a", &inner, true)]), text(&[]));
     }
 }

@@ -189,8 +189,9 @@ typedef struct {
     real work;
     /* Whether an explicit substep goes by the method of order 8. Decided anew in each. */
     int by_order_8;
-    /* Derivatives at the stages of an explicit method, or the stages of the stiff one; the errors of their states. */
-    real stages[UNIT_HAS_ORDER_8 ? 10 : 8][AT_LEAST_ONE(UNIT_STATES)];
+    /* Derivatives at the stages of an explicit method, or the stages of the stiff one and what a further one leaves; the errors
+     * of their states. */
+    real stages[UNIT_HAS_ORDER_8 ? 10 : UNIT_HAS_STIFF ? 9 : 8][AT_LEAST_ONE(UNIT_STATES)];
     real errors[AT_LEAST_ONE(UNIT_STATES)];
     /* What an evaluation writes, as it is at a step's end. */
     real end[AT_LEAST_ONE(EVALUATED)];
