@@ -92,9 +92,10 @@ fn a_unit_that_was_in_use_is_not_made_anew() {
             unsafe { fmi2FreeInstance(component) }
             COUNT.get() - before
         };
-        let counts = [life(), life()];
+        // Units of other tests, which run at the same time, may take its place in between.
+        let counts = [life(), life(), life(), life()];
         println!("{name:28} {counts:?}");
-        assert!(counts[1] < OF_A_LIFE, "{name}: {counts:?}");
+        assert!(counts[1..].iter().any(|&count| count < OF_A_LIFE), "{name}: {counts:?}");
     }
 }
 

@@ -15,6 +15,7 @@ import json
 import os
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -39,6 +40,9 @@ os.environ["ADAPTIVE_FMU_PROGRAM"] = str(PROGRAM)
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "python"), os.environ.get("PYTHONPATH")]))
 # What the program keeps of one run for the next stays here, not in the folder of whoever runs the tests.
 os.environ.setdefault("ADAPTIVE_FMU_CACHE", str(ROOT / "target" / "cache"))
+# Programs under test end at a hangup, though whoever runs the tests does so by nohup.
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
 IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook", "test_pip", "test_publishing"}
 
