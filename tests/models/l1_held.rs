@@ -246,7 +246,7 @@ fn what_is_called_sound_is_held_at_the_bounds_of_the_input_gain() {
         sound += 1;
         let until = 20.0 / design.poles.iter().map(|p| p.abs()).fold(f64::INFINITY, f64::min);
         for omega in design.omega {
-            let (ran, most) = (design.run(omega, until), if prediction == Verdict::Ok { 0.1 } else { 0.5 });
+            let (ran, most) = (design.run(omega, until), if prediction == Verdict::Ok { 0.01 } else { 0.1 });
             println!("{k}, omega {omega:.2}, prediction {prediction:?}: {ran:?}");
             assert!(ran.error < most, "design {k}, omega {omega}: {ran:?}, {design:?}");
         }
