@@ -27,6 +27,15 @@ pub struct Scratch {
     _folder: TempDir,
 }
 
+/// What makes a folder that is the user's alone.
+fn private() -> fs::DirBuilder {
+    #[allow(unused_mut)]
+    let mut builder = fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder
+}
+
 impl Scratch {
     /// A new one, which is empty.
     ///
@@ -51,7 +60,7 @@ impl Scratch {
             // Another process may have taken it for one that was left before it was locked.
             if !matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) && file.is_file() {
                 let path = folder.path().join(FILES);
-                fs::create_dir(&path)?;
+                private().create(&path)?;
                 return Ok(Scratch { path, _lock: lock, _folder: folder });
             }
         }

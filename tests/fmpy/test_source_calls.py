@@ -26,7 +26,7 @@ NO_REFERENCES = [10**6, 2**32 - 1]
 def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """FMUs with libraries that are compiled from their sources."""
     folder = tmp_path_factory.mktemp("compiled")
-    exported = adaptive_fmu("export", "--compile", *NAMES, "--out", folder)
+    exported = adaptive_fmu("export", "--compile", *NAMES, "PidNonlinearSiso", "--out", folder)
     assert exported.returncode == 0, exported.stderr
     return folder
 
@@ -109,8 +109,10 @@ class Pair:
     def differentiate(self) -> None:
         of, by = [self.reference(self.outputs)], [self.reference(self.inputs)]
         seed = [self.small()]
+        # A derivative of 0 has no sign that counts.
         self.ask(
-            f"d{of}/d{by}", lambda unit: bits(unit.slave.getDirectionalDerivative(of, by, seed))
+            f"d{of}/d{by}",
+            lambda unit: bits([slope + 0.0 for slope in unit.slave.getDirectionalDerivative(of, by, seed)]),
         )
 
     def use_slopes(self) -> None:

@@ -31,7 +31,7 @@ impl OpenOption {
     /// Opens the page, where that is asked for. A page that can't be opened is there all the same: a warning says why.
     pub fn show(self, page: &Path) {
         if self.open {
-            show(begun::path(page).as_os_str());
+            show(page.as_os_str());
         }
     }
 }
@@ -45,6 +45,8 @@ pub fn show(page: &OsStr) {
 
 fn opened(page: &OsStr) -> Result<(), String> {
     let mut opener = Command::new(OPENER[0]);
+    // A page is named from the folder where the command began.
+    opener.current_dir(begun::path(Path::new(".")));
     opener.args(&OPENER[1..]).arg(page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     let mut running = opener.spawn().map_err(|error| error.to_string())?;
     let begun = Instant::now();

@@ -150,6 +150,8 @@ static void text_with_digits(Text *text, real value, char form, int digits) {
         decimal_cut(&d, F(fabs)(value), digits + 1, 0);
     } else if (value != 0) {
         decimal_exact(&d, F(fabs)(value), form == 'f' ? digits : digits + 1, form == 'f');
+    } else {
+        /* Zero has its digits. */
     }
     if (form == 'f') {
         text_written_out(text, &d, digits);
