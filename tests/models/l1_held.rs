@@ -223,10 +223,20 @@ fn with_the_gain_that_it_tolerates_and_a_faster_adaptation_it_is_held() {
 fn the_advised_adaptation_gain_turns_fast_enough() {
     let design = Design { K: 7.0, ..Design::third() };
     let note = finding(&design.report(), PREDICTION).note.clone();
-    let advised: f64 = note.split_once("adaptation_gain = ").unwrap().1.split(' ').next().unwrap().parse().unwrap();
+    let gain_of = |note: &str| -> f64 {
+        note.split_once("adaptation_gain = ").unwrap().1.split(' ').next().unwrap().parse().unwrap()
+    };
+    let advised = gain_of(&note);
     for (gain, verdict) in [(advised, Verdict::Ok), (0.9 * advised, Verdict::Warning)] {
         assert_eq!(finding(&Design { gain, ..design.clone() }.report(), PREDICTION).verdict, verdict, "{note}");
     }
+    // One that is as fast as that, with bounds as wide as no prediction holds: a larger gain is advised, not that one again.
+    let wide = Design { gain: advised, theta: 1e6, ..design };
+    let note = finding(&wide.report(), PREDICTION).note.clone();
+    assert_eq!(finding(&wide.report(), PREDICTION).verdict, Verdict::Warning, "{note}");
+    let enough = Design { gain: gain_of(&note), ..wide };
+    assert!(enough.gain > advised, "{note}");
+    assert_eq!(finding(&enough.report(), PREDICTION).verdict, Verdict::Ok, "{note}");
 }
 
 /// Random designs whose bounds on theta are within what their norm allows.

@@ -1,4 +1,4 @@
-//! What an earlier call of the same command left in its folder: gone on with, replaced, or left beside.
+//! Results of an earlier call of the same command in the same folder: continued, replaced, or stored beside new ones.
 
 use std::path::Path;
 
@@ -23,12 +23,12 @@ pub struct EarlierOptions {
 }
 
 impl EarlierOptions {
-    /// What the name of the folder ends with.
+    /// End of the name of the folder.
     pub fn suffix(&self) -> String {
         self.tag.as_ref().map_or_else(String::new, |tag| format!("@{tag}"))
     }
 
-    /// What an earlier call left in a file; nothing where there is none, or it is to be replaced.
+    /// Reads what an earlier call left in a file; `None` if there is none, or it is to be replaced.
     ///
     /// # Errors
     /// When it answers another question or can't be read, with what to do.
@@ -43,7 +43,7 @@ impl EarlierOptions {
     }
 }
 
-/// What to do about an earlier result, in the words of who asks.
+/// Advice on an earlier result, in the vocabulary of the interface that was used.
 fn advice() -> &'static str {
     if console::serves() {
         "force=True starts anew and replaces it, tag=\"NAME\" keeps both"

@@ -138,7 +138,7 @@ fn all() -> Vec<String> {
     exporter::descriptions().iter().map(|(name, _)| (*name).to_owned()).collect()
 }
 
-/// What became of one FMU or archive: its path.
+/// Path of an FMU or archive that was written, or the error.
 type Tried = Result<PathBuf, Error>;
 
 /// The files that were written; one that fails doesn't keep the others from it.

@@ -50,7 +50,7 @@ pub fn stop(request: u64) {
     STOPPED.store(request, Ordering::SeqCst);
 }
 
-/// Whether the system asked the process to end.
+/// True if the system asked the process to end.
 pub fn is_asked_to_end() -> bool {
     #[cfg(unix)]
     return process::is_asked_to_end();
@@ -58,7 +58,7 @@ pub fn is_asked_to_end() -> bool {
     return false;
 }
 
-/// Whether the user asked the run to stop, or the system the process to end.
+/// True if the user asked the run to stop, or the system the process to end.
 pub fn is_interrupted() -> bool {
     let answered = ANSWERED.load(Ordering::SeqCst);
     ASKED_TO_STOP.load(Ordering::SeqCst)

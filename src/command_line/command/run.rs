@@ -119,7 +119,7 @@ pub struct Run {
     recording: Recording,
     measured: Vec<Measured>,
     ending: Ending,
-    /// Of a run too long for the memory, what its recording has, and its table.
+    /// Recorded points and table of a run too long for the memory.
     thinned: Option<Thinned>,
     tabled: Option<Tabled>,
     /// Where its results are, where it has any.

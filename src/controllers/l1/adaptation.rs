@@ -70,7 +70,7 @@ impl Law {
         };
         let needed = widest.and_then(|band| adaptation.needed(band));
         let is_fast = needed.is_some_and(|needed| adaptation.gain >= needed);
-        // A fast adaptation ends its transient long before the filter passes it on, so that the bound says less.
+        // What is fast leaves its transient before the filter passes it on: such a bound proves nothing against it.
         let verdict = match off.verdict() {
             Verdict::NotSound if is_fast => Verdict::Warning,
             _ if is_fast => Verdict::Ok,
@@ -84,7 +84,8 @@ impl Law {
             return report.tell(&name, off.bound, "", &note);
         }
         let enough = adaptation.gain * (off.bound / (NEAR * off.reference[0])).powi(2);
-        let advised = needed.map_or(enough, |needed| needed.min(enough));
+        // One that is fast already lacks no speed.
+        let advised = needed.filter(|_| !is_fast).map_or(enough, |needed| needed.min(enough));
         let filter =
             widest.map_or(String::new(), |band| format!(", beside a filter of {} rad/s", number(three_digits(band))));
         let note = format!(
