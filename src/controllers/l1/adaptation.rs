@@ -90,10 +90,11 @@ impl Law {
             widest.map_or(String::new(), |band| format!(", beside a filter of {} rad/s", number(three_digits(band))));
         let note = format!(
             "the adaptation turns at {} rad/s{filter}: the output may be off by that much, where references are of about \
-             {references}. {} = {} would do, or a smaller {} or {}",
+             {references}. {} = {} would do, with steps {} times shorter, or a smaller {} or {}",
             number(three_digits(turns)),
             v.name(self.design.adaptation_gain),
             number(rounded_up(advised)),
+            number(rounded_up((advised / adaptation.gain).sqrt())),
             v.name(self.design.feedback_gain),
             v.name(self.design.sigma_bound),
         );
