@@ -180,7 +180,7 @@ impl Controls {
             ("SUBSTEP", of(pace.substep)),
             ("SUBSTEP_8", of(pace.substep_8)),
             ("OWN_SUBSTEP", of(pace.own_substep)),
-            // Seven in a row.
+            // Eight in a row.
             ("LIMITS", of(pace.limits[0])),
             ("JACOBIAN_SIZE", of(pace.jacobian_size)),
             ("UNTIL_LOOK", of(pace.until_look)),
@@ -230,8 +230,8 @@ pub(crate) struct PaceMemory {
     stiff: BooleanOf<Memory>,
     evidence: IntegerOf<Memory>,
     /// Limits of the explicit methods, of order 5 and 8, for stability and growth, of the stiff one; the mode that grows:
-    /// rate, frequency.
-    limits: [ScalarOf<Memory>; 7],
+    /// rate, frequency; how far errors are carried.
+    limits: [ScalarOf<Memory>; 8],
     jacobian_size: ScalarOf<Memory>,
     until_look: ScalarOf<Memory>,
     interval: ScalarOf<Memory>,
@@ -245,8 +245,17 @@ impl PaceMemory {
             own_substep: d.memory(scalar("#own substep", "")),
             stiff: d.memory(boolean("#stiff", "")),
             evidence: d.memory(integer("#evidence", "").within(-MOST_EVIDENCE, MOST_EVIDENCE)),
-            limits: ["#stable", "#growing", "#stable 8", "#growing 8", "#stiff limit", "#growth", "#frequency"]
-                .map(|name| d.memory(scalar(name, ""))),
+            limits: [
+                "#stable",
+                "#growing",
+                "#stable 8",
+                "#growing 8",
+                "#stiff limit",
+                "#growth",
+                "#frequency",
+                "#carried",
+            ]
+            .map(|name| d.memory(scalar(name, ""))),
             jacobian_size: d.memory(scalar("#Jacobian", "")),
             until_look: d.memory(scalar("#until look", "")),
             interval: d.memory(scalar("#interval", "")),
@@ -254,7 +263,8 @@ impl PaceMemory {
     }
 
     pub(crate) fn read(self, v: &Values<f64>) -> Pace {
-        let [stable, growing, stable_8, growing_8, stiff, growth, frequency] = self.limits.map(|limit| v[limit]);
+        let [stable, growing, stable_8, growing_8, stiff, growth, frequency, carried] =
+            self.limits.map(|limit| v[limit]);
         Pace {
             substep: v[self.substep],
             substep_8: v[self.substep_8],
@@ -266,6 +276,7 @@ impl PaceMemory {
                 order_8: ExplicitLimits { stable: stable_8, growing: growing_8 },
                 stiff,
                 mode: Mode { growth, frequency },
+                carried,
             },
             jacobian_size: v[self.jacobian_size],
             until_look: v[self.until_look],
@@ -284,8 +295,9 @@ impl PaceMemory {
         v[self.own_substep] = pace.own_substep;
         v.put(self.stiff, pace.stiff);
         v.put(self.evidence, pace.evidence);
-        let Limits { order_5, order_8, stiff, mode: Mode { growth, frequency } } = pace.limits;
-        let limits = [order_5.stable, order_5.growing, order_8.stable, order_8.growing, stiff, growth, frequency];
+        let Limits { order_5, order_8, stiff, mode: Mode { growth, frequency }, carried } = pace.limits;
+        let explicit = [order_5.stable, order_5.growing, order_8.stable, order_8.growing];
+        let limits = explicit.into_iter().chain([stiff, growth, frequency, carried]);
         self.limits.iter().zip(limits).for_each(|(&handle, limit)| v[handle] = limit);
         v[self.jacobian_size] = pace.jacobian_size;
         v[self.until_look] = pace.until_look;

@@ -127,16 +127,11 @@ def test_a_broken_kernel_is_made_anew(tmp_path: Path) -> None:
     zeroed = whole[:middle] + bytes(64) + whole[middle + 64 :]
     for broken in (b"", b"\x7fELF", whole[: len(whole) // 3], zeroed):
         kernel.write_bytes(broken)
-        for _ in range(30):
-            table, told = ran("3.2.1-cosine", tmp_path, cache, "--composite", until=2.0)
-            assert table == expected
-            if told:  # A run that ended before its kernel was read has nothing to tell.
-                break
-        assert told.count(f"damaged files of the cache are made anew: {kernel}") == 1
+        table, told = ran("3.2.1-cosine", tmp_path, cache, "--composite", until=2.0)
+        assert table == expected and told.count(f"damaged files of the cache are made anew: {kernel}") == 1
         ran("3.2.1-cosine", tmp_path, cache, "--composite", until=20.0)
-        end = time.monotonic() + 60
-        while kernel.read_bytes() != whole and time.monotonic() < end:
-            time.sleep(0.05)
+        # Each of these runs may have left a compiler that isn't done.
+        kernels(cache, 1)
         assert kernel.read_bytes() == whole
 
 

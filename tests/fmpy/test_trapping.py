@@ -21,7 +21,9 @@ from conftest import FMU_NAMES, ROOT, adaptive_fmu
 SOME = ["FunnelNonlinearSiso", "Sensor"]
 ALL = os.environ.get("ADAPTIVE_FMU_TRAPPING") == "all"
 NAMES = FMU_NAMES if ALL else SOME
-COMPILERS = [[compiler, level] for compiler in ["gcc", "clang"] for level in ["-O0", "-O2"] if shutil.which(compiler)]
+# Without its option clang computes quotients ahead of the branch that uses them.
+TRAPPING_MATH = {"gcc": [], "clang": ["-ffp-exception-behavior=maytrap"]}
+COMPILERS = [[compiler, level] for compiler in TRAPPING_MATH for level in ["-O0", "-O2"] if shutil.which(compiler)]
 BUILDS = COMPILERS if ALL else COMPILERS[1:2]
 
 pytestmark = pytest.mark.skipif(
@@ -41,21 +43,27 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def started(*command: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
 @pytest.mark.parametrize("form", ["unit", "law"])
 @pytest.mark.parametrize("build", BUILDS, ids=" ".join)
 @pytest.mark.parametrize("name", NAMES)
 def test_no_exception_is_raised_from_the_start_and_from_random_states(name, build, form, sources, tmp_path) -> None:
     program = tmp_path / "trapping"
     defines = ["-DLAW"] if form == "law" else []
-    flags = [*build, "-std=c99", "-g", "-ffp-contract=off", "-no-pie", *defines, "-I", sources / name / "sources"]
+    flags = [*build, *TRAPPING_MATH[build[0]], "-std=c99", "-g", "-ffp-contract=off", "-no-pie", *defines, "-I", sources / name / "sources"]
     compiled = subprocess.run(
         [*flags, ROOT / "tests/fmpy/trapping.c", "-o", program, "-lm"], capture_output=True, text=True, check=False
     )
     assert compiled.returncode == 0, compiled.stderr
     step = fmpy.read_model_description(str(sources / name)).defaultExperiment.stepSize
-    ran = subprocess.run([program, step], capture_output=True, text=True, check=False, timeout=120)
+    ran = started(program, step)
     where = ran.stderr.split(" at ")[-1].strip()
     line = subprocess.run(["addr2line", "-fe", program, where], capture_output=True, text=True, check=False).stdout
     assert ran.returncode == 0, f"{ran.stderr}{line}"
     # Most points are taken: what is refused shows nothing.
-    assert int(ran.stdout) >= (48 if form == "law" else 240), ran.stdout
+    assert int(ran.stdout.split()[0]) >= (48 if form == "law" else 120), ran.stdout
+    # A unit computes as it always does, however its host rounds.
+    assert form == "law" or started(program, step, "downward").stdout == ran.stdout

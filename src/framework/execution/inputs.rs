@@ -16,6 +16,13 @@ impl Execution {
         self.point()[slopes][input] = slope;
     }
 
+    /// Whether inputs are others than in the communication step before.
+    pub(super) fn inputs_moved(&self) -> bool {
+        let inputs = self.model.variables().reals(Section::Input);
+        let previous = self.model.controls().previous_inputs;
+        previous.is_some_and(|previous| self.block.reals[inputs] != self.values()[previous])
+    }
+
     /// Decides how inputs go during this step; whether they change at all.
     pub(super) fn prepare_inputs(&mut self, workspace: &mut Workspace, step: f64, first: bool) -> bool {
         let controls = self.model.controls();

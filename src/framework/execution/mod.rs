@@ -361,12 +361,13 @@ impl Execution {
         }
         let (t0, settings) = (self.time(), self.settings());
         let t1 = t0 + step;
+        let moved = !first && self.inputs_moved();
         let ramped = self.prepare_inputs(workspace, step, first);
         let mut next = pace.read(&self.values());
         self.recall_indicators(workspace);
         let Workspace { driver, ramp_values, ramp_slopes, .. } = workspace;
         let ramp = Ramp { values: ramp_values, slopes: ramp_slopes, time: t0 };
-        let mut problem = Problem { ramp, held: !ramped, ..self.problem() };
+        let mut problem = Problem { ramp, held: !ramped, moved: ramped || moved, ..self.problem() };
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
         self.keep_indicators(workspace);
         self.keep_integer_inputs();
@@ -415,6 +416,7 @@ impl Execution {
             integers: &mut self.block.integers,
             ramp: Ramp { values: &[], slopes: &[], time: 0.0 },
             held: true,
+            moved: false,
             log: &mut self.log,
             kernel: self.kernel.as_ref(),
         }

@@ -146,6 +146,8 @@ pub struct Problem<'a> {
     pub ramp: Ramp<'a>,
     /// Whether inputs are held: then they stay as they are.
     pub held: bool,
+    /// Whether they move, or are others than in the communication step before.
+    pub moved: bool,
     /// Where messages go.
     pub log: &'a mut MessageLog,
     /// Its equations, compiled, where they were handed over.

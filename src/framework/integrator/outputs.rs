@@ -13,6 +13,9 @@ const MOST_AMPLIFIED: f64 = 1e4;
 const PART: f64 = 0.1;
 /// A control before its limits counts in the magnitude that it has within them, up to so many times that.
 const FAR: f64 = 10.0;
+/// Where a control comes to a limit or leaves it within a substep, rates have a kink there, of which the two solutions know
+/// nothing: what hides behind their difference may be so many times as large.
+const KINK: f64 = 6.0;
 /// Relative accuracy of states below which nothing is asked for the sake of outputs.
 const ROUNDING: f64 = 1e-13;
 
@@ -27,6 +30,8 @@ pub struct Outputs {
     places: Vec<(usize, usize, f64)>,
     /// Values of these outputs where the substep begins.
     before: Vec<f64>,
+    /// Which of them a limit cuts there.
+    cut: Vec<bool>,
 }
 
 impl Outputs {
@@ -39,6 +44,7 @@ impl Outputs {
             saved: vec![0.0; written.len()],
             states: vec![0.0; variables.states()],
             before: vec![0.0; places.len()],
+            cut: vec![false; places.len()],
             places,
             written,
         }
@@ -47,12 +53,21 @@ impl Outputs {
     /// Takes over the values where a substep begins, where the problem stands evaluated.
     pub fn begin(&mut self, problem: &Problem) {
         let values = &problem.reals[self.written.clone()];
-        self.before.iter_mut().zip(&self.places).for_each(|(before, &(_, output, _))| *before = values[output]);
+        for ((before, cut), &(place, output, _)) in self.before.iter_mut().zip(&mut self.cut).zip(&self.places) {
+            (*before, *cut) = (values[output], values[place] != values[output]);
+        }
+    }
+
+    /// Whether a control came to a limit or left it since the substep began.
+    fn has_kink(&self, problem: &Problem) -> bool {
+        let values = &problem.reals[self.written.clone()];
+        self.places.iter().zip(&self.cut).any(|(&(place, output, _), &cut)| cut != (values[place] != values[output]))
     }
 
     /// The largest error of an output in units of what is tolerated, right after an attempt to t, from `errors`
     /// of the states, whose own largest is `scaled`. The problem stands as before.
     pub fn error(&mut self, problem: &mut Problem, t: f64, errors: &[f64], scaled: f64, tolerance: Tolerance) -> f64 {
+        let scaled = scaled * if self.has_kink(problem) { KINK } else { 1.0 };
         let amplified = (tolerance.relative / ROUNDING).clamp(1.0, MOST_AMPLIFIED);
         if self.places.is_empty() || scaled * amplified <= 1.0 {
             return scaled;

@@ -26,6 +26,13 @@ const FORGOTTEN: f64 = 0.5;
 /// A mode that decays more slowly than this part of its frequency may soon grow: the stiff method follows it, with an
 /// error of its growth of this part of its frequency too.
 const HARDLY_DAMPED: f64 = 1e-6;
+/// An oscillation that is damped by less than this part of its frequency carries errors on, the farther the less it is damped.
+const CARRYING: f64 = 0.05;
+/// So far at most; and one that grows.
+const FARTHEST: f64 = 100.0;
+const GROWING: f64 = 1000.0;
+/// What is tolerated isn't tightened beyond this: rounding errors are as large.
+const LEAST_TOLERATED: f64 = 1e-12;
 /// The explicit method's substep stays at this part of its limit of stability. At the limit, errors of the tolerance's
 /// size stay for ever.
 const STABLE_PART: f64 = 0.8;
@@ -97,6 +104,8 @@ pub struct Limits {
     pub stiff: f64,
     /// The mode that sets the limit of growth.
     pub mode: Mode,
+    /// How many times as far as well-damped modes the least damped oscillation carries an error; 0 where none does.
+    pub carried: f64,
 }
 
 impl Limits {
@@ -122,6 +131,13 @@ impl Limits {
     /// Adds what an eigenvalue asks for whose rounding error may be as large as `noise`.
     fn add(&mut self, value: Complex<f64>, noise: f64) {
         let (size, growth) = (value.norm(), value.re);
+        if value.im > 0.0 && -growth < CARRYING * size {
+            self.carried = self.carried.max(match growth {
+                growth if growth > 0.0 => GROWING,
+                growth if -growth * FARTHEST > CARRYING * size => CARRYING * size / -growth,
+                _ => FARTHEST,
+            });
+        }
         if size <= noise {
             // Whatever it is, it may grow as fast as that.
             return self.follow(noise / GROWTH_IN_A_SUBSTEP, value);
@@ -147,6 +163,16 @@ impl Limits {
         if limit > self.stiff {
             (self.stiff, self.mode) = (limit, Mode { growth: value.re, frequency: value.im });
         }
+    }
+
+    /// Keeps half of how far errors were carried before: between two looks an oscillation may come and go.
+    pub fn keep_carrying(&mut self, before: f64) {
+        self.carried = self.carried.max(FORGOTTEN * before);
+    }
+
+    /// The relative error that a substep may have, so that what an oscillation carries on stays within `relative`.
+    pub fn tolerated(&self, relative: f64) -> f64 {
+        (relative / self.carried.max(1.0)).max(relative.min(LEAST_TOLERATED))
     }
 
     /// Keeps what was followed before, for substeps twice as long: where equations change faster than a substep sees,

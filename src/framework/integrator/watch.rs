@@ -88,10 +88,12 @@ impl Watch {
     }
 
     fn look(&mut self, jacobian: &Jacobian, pace: &mut Pace) {
+        let carried = pace.limits.carried;
         (pace.limits, self.damped) = if self.spectrum.find(jacobian.by_states()) {
             Limits::with_damped(&self.spectrum)
         } else {
             Default::default()
         };
+        pace.limits.keep_carrying(carried);
     }
 }

@@ -35,7 +35,7 @@ macro_rules! runtime {
 runtime!(
     "access.c" "all.c" "calls.c" "choice.c" "chosen.c" "derivatives.c" "digits.c" "driver.c" "elimination.c" "events.c"
     "exchange.c" "exchange_calls.c" "execution.c" "explicit.c" "failures.c" "fixed.c" "fmi2.c" "fmi2.h"
-    "indicators.c" "instance.h" "law.c" "law.h" "memory.c" "numbers.h" "order_8.c" "problem.c" "problem.h" "real.h"
+    "indicators.c" "instance.h" "law.c" "law.h" "memory.c" "modes.c" "numbers.h" "order_8.c" "problem.c" "problem.h" "real.h"
     "runtime.h" "spectrum.c" "stability.c" "states.c" "stepping.c" "stiff.c" "text.c" "text.h"
 );
 

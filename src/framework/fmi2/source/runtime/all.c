@@ -34,6 +34,7 @@
 #include "execution.c"
 #include "exchange.c"
 
+#include "modes.c"
 #include "calls.c"
 #include "memory.c"
 #include "access.c"

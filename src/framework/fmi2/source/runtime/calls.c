@@ -98,6 +98,7 @@ static const char *const interface_names[2] = {"model exchange", "co-simulation"
 typedef struct {
     Instance *instance;
     Function function;
+    unsigned host_modes;
     Text why;
     char room[TEXT_ROOM];
 } Call;
@@ -148,6 +149,7 @@ static fmi2Status refused(Call *call, const char *reason) {
 /* Whether a call may be answered: the master has an instance, the table allows it, and no pointer that is needed is
  * NULL. */
 static int call_begins(Call *call, fmi2Component c, Function function, int pointers_given) {
+    call->host_modes = host_modes_aside();
     call->instance = c;
     call->function = function;
     call->room[0] = '\0';
@@ -172,10 +174,14 @@ static int has_elements(const void *array, size_t count) {
 
 static void release(Instance *instance);
 
+/* The logger runs in the host's modes. */
 static void send(const Instance *instance, fmi2Status status, int category, const char *text) {
     const fmi2CallbackFunctions *master = &instance->callbacks;
     if (master->logger != NULL) {
+        unsigned host = instance->host_modes;
+        host_modes_back(host);
         master->logger(master->componentEnvironment, instance->name, status, unit_categories[category], text);
+        (void)host_modes_aside();
     }
 }
 
@@ -200,16 +206,13 @@ static void send_waiting(Instance *instance) {
     }
 }
 
-/* Ends a call: messages and the reason are sent as the last thing that it does, when nothing is half done. */
-static fmi2Status call_ends(Call *call, fmi2Status status) {
+static void send_all(const Call *call, fmi2Status status) {
     Instance *instance = call->instance;
-    if (instance == NULL) {
-        return fmi2Error;
-    }
     instance->log.refused = 0;
     if (instance->log.count == 0 && call->room[0] == '\0') {
-        return status;
+        return;
     }
+    instance->host_modes = call->host_modes;
     instance->sending++;
     send_waiting(instance);
     if (call->room[0] != '\0') {
@@ -219,5 +222,13 @@ static fmi2Status call_ends(Call *call, fmi2Status status) {
     if (instance->is_freed && instance->sending == 0) {
         release(instance);
     }
+}
+
+/* Ends a call: messages and the reason are sent as the last thing that it does, when nothing is half done. */
+static fmi2Status call_ends(const Call *call, fmi2Status status) {
+    if (call->instance != NULL) {
+        send_all(call, status);
+    }
+    host_modes_back(call->host_modes);
     return status;
 }

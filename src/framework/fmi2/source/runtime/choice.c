@@ -78,6 +78,7 @@ static real explicit_limit(const ExplicitLimits *limits) {
 
 /* Looks at the eigenvalues of the Jacobian. */
 static void look(Driver *driver, Pace *pace) {
+    real carried = pace->limits.carried;
     memset(driver->matrix, 0, sizeof driver->matrix);
     for (int column = 0; column < UNIT_STATES; column++) {
         for (int entry = unit_columns[column]; entry < unit_columns[column + 1]; entry++) {
@@ -91,6 +92,7 @@ static void look(Driver *driver, Pace *pace) {
         memset(&pace->limits, 0, sizeof pace->limits);
         driver->damped = (Mode){R(0.0), R(0.0)};
     }
+    keep_carrying(&pace->limits, carried);
 }
 
 /* How large the Jacobian is, with states in units of their nominal values: its largest sum of a row, 1/s. */
@@ -300,25 +302,40 @@ static int begin_substep(Driver *driver, const Problem *problem, int method, rea
     return 1;
 }
 
+/* What is tolerated isn't tightened beyond this: rounding errors are as large. */
+#ifdef UNIT_FLOAT
+#define LEAST_TOLERATED R(1e-3)
+#else
+#define LEAST_TOLERATED R(1e-12)
+#endif
+
+/* The relative error that a substep may have, so that what an oscillation carries on stays within a tolerance. Where inputs
+ * move, what a master holds or extrapolates errs by more than that. */
+static real tolerated(const Problem *problem, const Limits *limits, real relative_tolerance) {
+    real tightened = larger(relative_tolerance / larger(limits->carried, R(1.0)), smaller(relative_tolerance, LEAST_TOLERATED));
+    return problem->moved ? relative_tolerance : tightened;
+}
+
 /* Tries a substep of length h by the method in force, from where the last one ended. */
 static Estimate attempt(Driver *driver, Problem *problem, real h, real relative_tolerance, Pace *pace) {
+    real tolerance = tolerated(problem, &pace->limits, relative_tolerance);
 #if UNIT_HAS_STIFF
     if (pace->stiff) {
         driver->work += STIFF_WORK(EVALUATION_WORK);
         pace->until_look -= STIFF_WORK(TYPICAL_EVALUATION) + JACOBIAN_WORK(TYPICAL_EVALUATION);
-        return stiff_attempt(driver, problem, h, relative_tolerance);
+        return stiff_attempt(driver, problem, h, tolerance);
     }
 #endif
 #if UNIT_HAS_ORDER_8
     if (driver->by_order_8) {
         driver->work += ORDER_8_WORK(EVALUATION_WORK);
         pace->until_look -= ORDER_8_WORK(TYPICAL_EVALUATION);
-        return order_8_attempt(driver, problem, h, relative_tolerance);
+        return order_8_attempt(driver, problem, h, tolerance);
     }
 #endif
     driver->work += EXPLICIT_WORK(EVALUATION_WORK);
     pace->until_look -= EXPLICIT_WORK(TYPICAL_EVALUATION);
-    return explicit_attempt(driver, problem, h, relative_tolerance);
+    return explicit_attempt(driver, problem, h, tolerance);
 }
 
 #endif

@@ -13,6 +13,9 @@
 #define OUTPUT_PART R(0.1)
 /* A control before its limits counts in the magnitude that it has within them, up to so many times that. */
 #define FAR_BEYOND R(10.0)
+/* Where a control comes to a limit or leaves it within a substep, rates have a kink there, of which the two solutions know
+ * nothing: what hides behind their difference may be so many times as large. */
+#define KINK R(6.0)
 /* Relative accuracy of states below which nothing is asked for the sake of outputs. */
 #ifdef UNIT_FLOAT
 #define STATE_ROUNDING R(1e-6)
@@ -20,15 +23,30 @@
 #define STATE_ROUNDING R(1e-13)
 #endif
 
+/* Whether a limit cuts an output. */
+static int is_cut(const real *v, int i) {
+    return v[unit_watched[i].place] != v[unit_watched[i].output];
+}
+
+/* Whether a control came to a limit or left it since the substep began. */
+static int has_kink(const Driver *driver, const real *v) {
+    int changed = 0;
+    for (int i = 0; i < UNIT_OUTPUTS; i++) {
+        changed = changed || (int)driver->cut[i] != is_cut(v, i);
+    }
+    return changed;
+}
+
 /* The largest error of a continuous output in units of what is tolerated, right after an attempt to t whose largest error
  * of a state is `scaled`: outputs multiply the errors of states, by gains of thousands in a controller. The problem stands
  * as before. */
 static real outputs_error(Driver *driver, Problem *problem, real t, real scaled, real relative_tolerance) {
     real amplified = clamped(relative_tolerance / STATE_ROUNDING, R(1.0), MOST_AMPLIFIED), worst = R(0.0);
+    real *v = problem->v, *end = driver->end;
+    scaled *= has_kink(driver, v) ? KINK : R(1.0);
     if (scaled * amplified <= R(1.0)) {
         return scaled;
     }
-    real *v = problem->v, *end = driver->end;
     copy(end, v + FIRST_INPUT, EVALUATED);
     for (int i = 0; i < UNIT_STATES; i++) {
         v[FIRST_STATE + i] -= driver->errors[i];
@@ -69,7 +87,8 @@ static Estimate controlled(Driver *driver, Problem *problem, real h, real relati
     Estimate estimate = attempt(driver, problem, h, relative_tolerance, pace);
 #if OUTPUTS_HAVE_ERRORS
     if (estimate.scaled <= R(1.0)) {
-        estimate.scaled = outputs_error(driver, problem, driver->start.time + h, estimate.scaled, relative_tolerance);
+        real tolerance = tolerated(problem, &pace->limits, relative_tolerance), end = driver->start.time + h;
+        estimate.scaled = outputs_error(driver, problem, end, estimate.scaled, tolerance);
     }
 #endif
     return estimate;
@@ -106,9 +125,12 @@ static int substep(Driver *driver, Problem *problem, real *t, real target, const
     real way = target - *t, tolerance = settings->relative_tolerance;
     real smallest = larger(R(16.0) * REAL_EPSILON * larger(magnitude(*t), magnitude(target)), SHORTEST);
     start_at(&driver->start, problem, *t);
+#if OUTPUTS_HAVE_ERRORS
     for (int i = 0; i < UNIT_OUTPUTS; i++) {
         driver->outputs[i] = problem->v[unit_watched[i].output];
+        driver->cut[i] = (unsigned char)is_cut(problem->v, i);
     }
+#endif
     if (!begin_substep(driver, problem, settings->method, way, pace, error)) {
         return 0;
     }

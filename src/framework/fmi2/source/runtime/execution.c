@@ -77,7 +77,7 @@ static Settings settings_of(const Instance *instance) {
 
 static Problem problem_of(Instance *instance, int ramped) {
     Problem problem = {instance->block.v, instance->block.n, !ramped, NULL, NULL, instance->block.v[AT_TIME],
-                       &instance->log};
+                       &instance->log, 0};
 #if UNIT_INPUTS > 0
     problem.ramp_values = instance->ramp_values;
     problem.ramp_slopes = instance->ramp_slopes;
@@ -282,6 +282,19 @@ static void set_input_slope(Instance *instance, int input, real slope) {
 }
 #endif
 
+/* Whether inputs are others than in the communication step before. */
+static int inputs_moved(const Block *block) {
+    int moved = 0;
+#if UNIT_INPUTS > 0
+    for (int k = 0; k < UNIT_INPUTS; k++) {
+        moved = moved || block->v[FIRST_INPUT + k] != block->v[AT_PREVIOUS_INPUTS + k];
+    }
+#else
+    (void)block;
+#endif
+    return moved;
+}
+
 /* Decides how inputs go during this step; whether they change at all. */
 static int prepare_inputs(Instance *instance, real step, int first) {
     int ramped = 0;
@@ -323,7 +336,7 @@ static Pace read_pace(const Block *block) {
                  v[AT_SUBSTEP_8],
                  block->n[AT_STIFF],
                  block->n[AT_EVIDENCE],
-                 {{limits[0], limits[1]}, {limits[2], limits[3]}, limits[4], {limits[5], limits[6]}},
+                 {{limits[0], limits[1]}, {limits[2], limits[3]}, limits[4], {limits[5], limits[6]}, limits[7]},
                  v[AT_JACOBIAN_SIZE],
                  v[AT_UNTIL_LOOK],
                  v[AT_INTERVAL]};
@@ -332,14 +345,14 @@ static Pace read_pace(const Block *block) {
 
 static void write_pace(Block *block, const Pace *pace) {
     const Limits *limits = &pace->limits;
-    real numbers[7] = {limits->order_5.stable,  limits->order_5.growing, limits->order_8.stable,
+    real numbers[8] = {limits->order_5.stable,  limits->order_5.growing, limits->order_8.stable,
                        limits->order_8.growing, limits->stiff,           limits->mode.growth,
-                       limits->mode.frequency};
+                       limits->mode.frequency,  limits->carried};
     block->v[AT_SUBSTEP] = pace->substep;
     block->v[AT_SUBSTEP_8] = pace->substep_8;
     block->n[AT_STIFF] = pace->stiff;
     block->n[AT_EVIDENCE] = pace->evidence;
-    copy_reals(block->v + AT_LIMITS, numbers, 7);
+    copy_reals(block->v + AT_LIMITS, numbers, 8);
     block->v[AT_JACOBIAN_SIZE] = pace->jacobian_size;
     block->v[AT_UNTIL_LOOK] = pace->until_look;
     block->v[AT_INTERVAL] = pace->interval;
@@ -357,9 +370,11 @@ static int try_step(Instance *instance, real step, StepError *error) {
     }
     real t0 = block->v[AT_TIME], t1 = t0 + step;
     Settings settings = settings_of(instance);
+    int moved = !first && inputs_moved(block);
     int ramped = prepare_inputs(instance, step, first);
     Pace pace = read_pace(block);
     Problem problem = problem_of(instance, ramped);
+    problem.moved = ramped || moved;
     if (!driver_advance(&instance->driver, &problem, t0, t1, &settings, &pace, error)) {
         return 0;
     }

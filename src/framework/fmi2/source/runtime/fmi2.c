@@ -1,7 +1,7 @@
 /* The functions of the standard. Each call passes the table of allowed calls, and ends with its messages.
  *
- * The floating-point state is taken as the host has it: rounding to nearest and with small numbers, as C begins with.
- * Division by zero, invalid operations and overflow may be trapped: values that nobody asks for aren't computed. */
+ * A call that computes does so in the default floating-point modes. Where the host's can't be set aside, division by zero, invalid
+ * operations and overflow may be trapped: values that nobody asks for aren't computed. */
 
 /* Answers a call: nothing is done where it isn't allowed, or where a pointer that is needed is NULL. */
 #define ANSWER(c, function, pointers_given, answer)                           \
@@ -72,7 +72,9 @@ FMI2_FUNCTION(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fm
     instance->logs_events = logging != 0;
     instance->points_differ = 0;
     instance->salt = salt_of(instance);
+    unsigned host = host_modes_aside();
     put_at_start(instance);
+    host_modes_back(host);
     return instance;
 }
 

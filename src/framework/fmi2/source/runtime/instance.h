@@ -81,6 +81,7 @@ typedef struct {
     int points_differ; /* whether it was logged that the master's communication points aren't the sums of its steps */
     int sending;     /* how many calls are sending messages: the master's logger may call in again */
     int is_freed;
+    unsigned host_modes; /* of the floating-point unit, for the master's logger */
 
     size_t salt; /* mixed into generations, so that a state of another instance isn't taken for one of its own */
     Slot *slots;

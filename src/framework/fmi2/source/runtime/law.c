@@ -112,7 +112,7 @@ static int take_step(Problem *problem) {
 
 int LAW_NAME(_step)(UNIT_LAW_PREFIX *self, const real *inputs, real *outputs) {
     Log log = {0};
-    Problem problem = {self->v, self->n, 1, NULL, NULL, 0, &log};
+    Problem problem = {self->v, self->n, 1, NULL, NULL, 0, &log, 0};
     as_before = *self;
     (void)inputs, (void)outputs;
 #if UNIT_INPUTS > 0

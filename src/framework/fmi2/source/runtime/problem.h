@@ -59,6 +59,7 @@ typedef struct {
     ExplicitLimits order_8;
     real stiff; /* the stiff one, that what grows does so at its rate */
     Mode mode;  /* the mode that sets the limit of growth */
+    real carried; /* how many times as far as well-damped modes the least damped oscillation carries an error; 0: none does */
 } Limits;
 
 /* What integrates. */
@@ -106,6 +107,7 @@ typedef struct {
     const real *ramp_slopes;
     real ramp_time;
     Log *log;
+    int moved; /* whether inputs move, or are others than in the communication step before */
 } Problem;
 
 /* Why a step can't be finished. */
@@ -197,6 +199,8 @@ typedef struct {
     real end[AT_LEAST_ONE(EVALUATED)];
     /* Outputs where a substep begins. */
     real outputs[AT_LEAST_ONE(UNIT_OUTPUTS)];
+    /* Which of them a limit cuts there. */
+    unsigned char cut[AT_LEAST_ONE(UNIT_OUTPUTS)];
 #if UNIT_INDICATORS > 0
     Indicators indicators;
 #endif

@@ -18,6 +18,11 @@
 #define FORGOTTEN R(0.5)
 /* A mode that decays more slowly than this part of its frequency may soon grow: the stiff method follows it. */
 #define HARDLY_DAMPED R(1e-6)
+/* An oscillation that is damped by less than this part of its frequency carries errors on, the farther the less it is damped;
+ * so far at most, and one that grows. */
+#define CARRYING R(0.05)
+#define FARTHEST R(100.0)
+#define GROWING R(1000.0)
 /* The explicit method's substep stays at this part of its limit of stability. */
 #define STABLE_PART R(0.8)
 /* Stability along a ray is looked for from lambda h of this magnitude, in such steps, up to the farthest point: of order 5,
@@ -179,6 +184,10 @@ static void follow(Limits *limits, real limit, Mode mode) {
 /* Adds what an eigenvalue asks for whose rounding error may be as large as `noise`. */
 static void add_limit(Limits *limits, Mode value, real noise) {
     real size = F(hypot)(value.growth, value.frequency), growth = value.growth;
+    if (value.frequency > R(0.0) && -growth < CARRYING * size) {
+        real damped = -growth * FARTHEST > CARRYING * size ? CARRYING * size / -growth : FARTHEST;
+        limits->carried = larger(limits->carried, growth > R(0.0) ? GROWING : damped);
+    }
     if (size <= noise) {
         /* Whatever it is, it may grow as fast as that. */
         follow(limits, noise / GROWTH_IN_A_SUBSTEP, value);
@@ -226,6 +235,11 @@ static void remember_limits(Limits *limits, const Limits *before) {
         limits->stiff = FORGOTTEN * before->stiff;
         limits->mode = before->mode;
     }
+}
+
+/* Keeps half of how far errors were carried before: between two looks an oscillation may come and go. */
+static void keep_carrying(Limits *limits, real before) {
+    limits->carried = larger(limits->carried, FORGOTTEN * before);
 }
 
 #endif
