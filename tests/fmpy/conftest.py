@@ -27,12 +27,9 @@ import pytest
 _TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(Path(__file__).parent), str(_TESTS / "masters"), str(_TESTS.parent / "python")]
 
+import sample  # noqa: E402
 from master import Fmu, Unit  # noqa: E402
-
-ROOT = Path(__file__).resolve().parents[2]
-# What a person wrote an FMU's description or a loop's structure for, known before anything is exported.
-FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
-LOOP_NAMES = sorted(file.parent.name for file in ROOT.glob("examples/*/SystemStructure.ssd"))
+from sample import FMU_NAMES, LOOP_NAMES, ROOT  # noqa: E402, F401
 GIVEN = os.environ.get("ADAPTIVE_FMU_TESTED")
 PROGRAM = Path(GIVEN).resolve() if GIVEN else ROOT / "target" / "release" / "adaptive-fmu"
 # The Python package as it is in the sources, with this program, also in processes that the tests start.
@@ -48,6 +45,31 @@ IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook"
 
 # Folders of a run of tests that stay until its end.
 SHARED = {"exported", "fmus", "unpacked"}
+
+
+def pytest_report_header() -> str:
+    """What is looked at."""
+    return sample.TOLD
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What `tests/all` alone runs is marked."""
+    config.addinivalue_line("markers", "slow: takes more than 20 s, or goes through all FMUs or platforms: tests/all runs it")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """A test that is named runs, slow or not."""
+    if sample.ALL or any("::" in name or name.endswith(".py") for name in config.args):
+        return
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    config.hook.pytest_deselected(items=slow)
+    items[:] = [item for item in items if item not in set(slow)]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """A failure tells what was looked at."""
+    if terminalreporter.stats.get("failed") or terminalreporter.stats.get("error"):
+        terminalreporter.write_line(sample.TOLD)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -124,9 +146,9 @@ def fmu(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[
     return get
 
 
-@pytest.fixture(params=FMU_NAMES)
+@pytest.fixture(params=sample.FMUS)
 def each_fmu(request: pytest.FixtureRequest, fmu: Callable[[str], Fmu]) -> Fmu:
-    """Every FMU in turn."""
+    """Every FMU of the sample in turn."""
     return fmu(request.param)
 
 

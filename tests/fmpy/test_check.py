@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import FMU_NAMES, ROOT, adaptive_fmu
+import sample
+from conftest import ROOT, adaptive_fmu
 from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from scipy.signal import tf2ss
 
@@ -219,7 +220,7 @@ def test_the_bandwidth_is_where_the_low_pass_has_fallen(design: Checked) -> None
     assert design["bandwidth"] == pytest.approx(frequencies[np.argmax(smallest < 0.5**0.5)], rel=2e-3)
 
 
-@pytest.mark.parametrize("name", FMU_NAMES)
+@pytest.mark.parametrize("name", sample.FMUS)
 def test_every_fmu_is_checked_and_the_exit_code_tells_whether_it_is_sound(name: str) -> None:
     answer = adaptive_fmu("check", name, "--json")
     told = json.loads(answer.stdout)

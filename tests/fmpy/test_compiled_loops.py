@@ -5,14 +5,14 @@ ADAPTIVE_FMU_COMPILED_LOOPS=all takes every loop in place of some, which takes m
 """
 
 import json
-import os
 import re
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
-from conftest import LOOP_NAMES, ROOT, adaptive_fmu, read_csv
+import sample
+from conftest import ROOT, adaptive_fmu, read_csv
 from loops import pack
 from lxml import etree
 from masters import TOLERANCE, differences, in_fmpy, run_in, steps_of
@@ -21,8 +21,8 @@ from package import Package
 # They set what the design of a unit reads, which a compiled one is designed with; of the first that is all that they set.
 DESIGNED = ["3.3.1-case2", "3.3.1-case2-bench", "4-case3", "4-case3-fuzzy", "7.5.2"]
 LOOPS = ["3.2.1-cosine", "3.3.1-case2", "6.5.1-mrac", "7.5.1"]
-if os.environ.get("ADAPTIVE_FMU_COMPILED_LOOPS") == "all":
-    LOOPS = LOOP_NAMES
+if sample.ALL:
+    LOOPS = sample.LOOPS
 VALUES = Path(fmpy.__file__).parent / "ssp" / "schema" / "SystemStructureParameterValues.xsd"
 
 

@@ -28,7 +28,10 @@ def has_newlib() -> bool:
 
 TOOLS = [COMPILER, SIZES, SYMBOLS, EMULATOR, "gcc"]
 LACKING = [tool for tool in TOOLS if not shutil.which(tool)] or ([] if has_newlib() else ["newlib for it"])
-pytestmark = pytest.mark.skipif(bool(LACKING), reason=f"nothing was run on a Cortex-M7: no {', no '.join(LACKING)}")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(LACKING), reason=f"nothing was run on a Cortex-M7: no {', no '.join(LACKING)}"),
+]
 
 BOARD = ROOT / "tests" / "cortex_m7"
 MACHINE = ["-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"]

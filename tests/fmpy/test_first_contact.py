@@ -9,7 +9,8 @@ import fmpy.logging
 import numpy as np
 import pytest
 import responses
-from conftest import FMU_NAMES, LOOP_NAMES
+import sample
+
 from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, printLogMessage
 from lxml import html
 from master import Fmu
@@ -97,14 +98,14 @@ def test_controllers_alone_answer_the_error_that_they_start_with_within_bounds(f
     assert np.allclose(answer["u[1]"], -0.5 * (64.0 + 5.0 * answer["time"]), atol=1e-6)
 
 
-@pytest.mark.parametrize("name", FMU_NAMES)
+@pytest.mark.parametrize("name", sample.FMUS)
 def test_inputs_start_at_0_but_for_those_that_are_senseless_there(name: str, fmu: Callable[[str], Fmu]) -> None:
     variables = fmu(name).description.modelVariables
     starts = {v.name: float(v.start) for v in variables if v.causality == "input" and v.type == "Real"}
     assert {input_: start for input_, start in starts.items() if start} == GIVEN.get(name, {})
 
 
-@pytest.mark.parametrize("loop", LOOP_NAMES)
+@pytest.mark.parametrize("loop", sample.LOOPS)
 def test_no_loop_leaves_an_input_open_that_starts_with_something(loop: str) -> None:
     connected = {(link.get("endElement"), link.get("endConnector")) for link in responses.elements(loop, "Connection")}
     for unit in responses.elements(loop, "Component"):

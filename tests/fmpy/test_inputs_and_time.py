@@ -6,7 +6,8 @@ from collections.abc import Callable
 import fmpy
 import numpy as np
 import pytest
-from conftest import FMU_NAMES
+import sample
+
 from independent import HALF_PERIOD, plant_rate, square
 from master import CONTROLLER, PLANT, REFERENCE, Fmu, FMICallException, Unit, at_ease, refused
 from scipy.integrate import solve_ivp
@@ -232,7 +233,7 @@ def test_fmpy_simulates_every_unit_with_any_step_and_stop_time(each_fmu: Fmu, st
 
 
 # The plant diverges without its controller: the next test.
-@pytest.mark.parametrize("name", [name for name in FMU_NAMES if name != PLANT])
+@pytest.mark.parametrize("name", [name for name in sample.FMUS if name != PLANT])
 def test_fmpy_runs_the_default_experiment_of_every_unit_that_can_stand_alone(fmu, name: str) -> None:
     result = fmpy.simulate_fmu(str(fmu(name).path), start_values=at_ease(fmu(name)))
     assert result["time"][-1] == float(fmu(name).description.defaultExperiment.stopTime)

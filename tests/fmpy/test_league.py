@@ -381,6 +381,7 @@ def test_a_pair_that_is_not_there_is_told_with_near_ones(tmp_path: Path) -> None
     assert answer.returncode == 1 and "`robot/pd`" in answer.stderr and "robot/pid" in answer.stderr, answer.stderr
 
 
+@pytest.mark.slow
 def test_dask_computes_what_the_program_computes(tmp_path: Path) -> None:
     """Two workers of its own, and the same results to the last bit; what is there isn't computed again."""
     text = study(tmp_path).read_text()

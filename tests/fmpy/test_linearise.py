@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import FMU_NAMES, ROOT, adaptive_fmu
+import sample
+from conftest import ROOT, adaptive_fmu
 from fmpy.fmi2 import FMU2Model
 from master import CONTROLLER, PLANT, Fmu, tried
 from scipy.optimize import brentq
@@ -185,7 +186,7 @@ def test_where_there_is_no_steady_state_what_remains_is_told() -> None:
     assert "remains" in told and "A is singular" in told and "of 7" in told
 
 
-@pytest.mark.parametrize("name", FMU_NAMES)
+@pytest.mark.parametrize("name", sample.FMUS)
 def test_every_fmu_is_linearised_as_json_of_one_shape(name: str, fmu, fmu_folder) -> None:
     for option in ([], ["--steady-state"]):
         linear = linearise(fmu_folder / f"{name}.fmu", *option, **tried(fmu(name), "steady"))

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import FMU_NAMES, ROOT
+import sample
+from conftest import ROOT
 from master import at_ease
 
 STEPS = int(os.environ.get("ADAPTIVE_FMU_STEPS", "1000"))
@@ -32,9 +33,9 @@ def words(entry: int | tuple[int, float]) -> str:
 
 @pytest.fixture(scope="module")
 def plan(fmu, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Every FMU in either interface."""
+    """Every FMU of the sample in either interface."""
     lines = []
-    for name in FMU_NAMES:
+    for name in sample.FMUS:
         unit = fmu(name)
         description, variables = unit.description, unit.variables.values()
         reals = [v for v in variables if v.type == "Real"]
@@ -57,9 +58,10 @@ def plan(fmu, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_memory_in_use_does_not_grow_and_the_system_is_asked_for_nothing_but_the_description(life, plan: Path) -> None:
     done = subprocess.run([life("-DCOUNTED", "-rdynamic"), plan, str(STEPS)], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
-    assert done.stdout.count(".so, ") == 2 * len(FMU_NAMES) and done.stdout.endswith("all as it should be\n")
+    assert done.stdout.count(".so, ") == 2 * len(sample.FMUS) and done.stdout.endswith("all as it should be\n")
 
 
+@pytest.mark.slow
 def test_valgrind_finds_no_wrong_access_and_no_leak(life, plan: Path) -> None:
     if not shutil.which("valgrind"):
         pytest.skip("there is no valgrind")

@@ -14,6 +14,8 @@ from scipy.integrate import solve_ivp
 from test_command_line import fails
 from test_platforms import OLDEST_GLIBC, STANDARD, asked, glibc, told
 
+pytestmark = pytest.mark.slow
+
 CRATE = ROOT / "examples" / "my_plant"
 # As docs/own_plant.md has it, so that it is built once for both.
 TARGET = ROOT / "target" / "my_plant"

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LOOP_NAMES, ROOT, adaptive_fmu
+import sample
+from conftest import ROOT, adaptive_fmu
 from loops import in_fmpy_and_by_the_program, pack
 from master import Loop
 from masters import COUNT, RECORDED, TOLERANCE, differences, in_fmpy, points, run_in, steps_of
@@ -19,8 +20,8 @@ EXAMPLE = ROOT / "examples" / "3.2.1-cosine"
 
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Package]:
-    """All loops, packed once."""
-    files = pack(tmp_path_factory.mktemp("packed"), *LOOP_NAMES)
+    """Loops, packed once."""
+    files = pack(tmp_path_factory.mktemp("packed"), *{*sample.LOOPS, EXAMPLE.name})
     return {file.stem: Package(file, tmp_path_factory.mktemp(file.stem)) for file in files}
 
 
@@ -41,7 +42,7 @@ def run(master: str, tmp_path: Path) -> Callable[..., Loop]:
     return packed
 
 
-@pytest.mark.parametrize("name", LOOP_NAMES)
+@pytest.mark.parametrize("name", sample.LOOPS)
 def test_every_output_has_the_value_that_it_has_in_fmpy_at_every_communication_point(
     master: str, name: str, packages: dict[str, Package], tmp_path: Path
 ) -> None:
@@ -72,7 +73,7 @@ def test_masters_differ_by_amplified_rounding_as_far_as_the_page_says(name: str,
     assert all(np.array_equal(again[it], runs[0][it]) for it in again.signals), "at the same points the bits are the same"
 
 
-@pytest.mark.parametrize("name", LOOP_NAMES)
+@pytest.mark.parametrize("name", sample.LOOPS)
 def test_a_packed_loop_in_fmpy_is_the_loop_that_the_program_runs(name, packages, tmp_path) -> None:
     difference, limit = in_fmpy_and_by_the_program(packages[name], COUNT, tmp_path)
     assert difference <= limit

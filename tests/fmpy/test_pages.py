@@ -16,7 +16,8 @@ import fmpy
 import numpy as np
 import pytest
 import responses
-from conftest import FMU_NAMES, LOOP_NAMES, ROOT, Ran, adaptive_fmu
+import sample
+from conftest import FMU_NAMES, ROOT, Ran, adaptive_fmu
 from lxml import etree, html
 from master import Fmu
 
@@ -291,7 +292,7 @@ def leaves(curve: np.ndarray, other: np.ndarray, off: np.ndarray) -> list[int]:
     return beyond
 
 
-@pytest.mark.parametrize("loop", [loop for loop in LOOP_NAMES if not responses.is_to_fail(loop)])
+@pytest.mark.parametrize("loop", [loop for loop in sample.LOOPS if not responses.is_to_fail(loop)])
 def test_the_picture_of_a_loop_is_what_it_records(loop: str, ran: Callable[..., Ran]) -> None:
     """UPDATE_RESPONSES=1 writes examples/LOOP/response.txt anew."""
     _, table = ran(loop)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 LOOPS = ["3.3.1-case1", "3.3.1-case2", "3.3.2-case1", "3.3.3", "3.4.2", "4-case1", "7.5.3-case1"]
 PARTS = [
     "Van der Pol, a step of 10 ms",

@@ -168,6 +168,7 @@ def test_examples_are_as_the_rules_of_the_list_have_them_and_fmpy_computes_the_s
             assert np.abs(computed - expected[variable]).max() <= 1e-6 * max(1, np.abs(computed).max()), (name, variable)
 
 
+@pytest.mark.slow
 def test_one_command_makes_everything_that_a_release_page_holds(tmp_path: Path) -> None:
     """For the quickest platform; the others go the same way."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}

@@ -76,6 +76,7 @@ def test_a_linear_limit_is_the_loop_with_the_unit_of_that_controller(report, pag
                 assert shown == pytest.approx(added, rel=1e-3), own["run"]
 
 
+@pytest.mark.slow
 def test_what_the_page_about_choosing_says_of_adaptation_beside_its_limit(tmp_path) -> None:
     only = [word for name in ["3", "4", "6.5.2", "7.5.2"] for word in ("--only", name)]
     answer = adaptive_fmu("report", *only, "--json", "--out", tmp_path)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import FMU_NAMES, adaptive_fmu, read_csv
+import sample
+from conftest import adaptive_fmu, read_csv
 from fmpy import simulate_fmu
 from master import PLANT, Fmu, at_ease
 
@@ -47,7 +48,7 @@ def settings(fmu: Fmu) -> list[str]:
     return [part for name, value in at_ease(fmu).items() for part in ("--set", f"{name}={value!r}")]
 
 
-@pytest.mark.parametrize("name", FMU_NAMES)
+@pytest.mark.parametrize("name", sample.FMUS)
 def test_co_simulation_gives_what_fmpy_gives(name: str, fmu, tmp_path: Path) -> None:
     unit = fmu(name)
     file, table = inputs_of(unit, tmp_path)

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import fmpy
 import pytest
-from conftest import FMU_NAMES, ROOT, adaptive_fmu, files_in
+import sample
+from conftest import ROOT, adaptive_fmu, files_in
 from laws import WARNINGS
 from test_platforms import OLDEST_GLIBC, STANDARD, glibc
 
@@ -52,7 +53,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sources")
     exported = adaptive_fmu("export", "--source-only", "--all", "--out", folder)
     assert exported.returncode == 0, exported.stderr
-    for name in FMU_NAMES:
+    for name in {*sample.FMUS, *SMALL, "ActuatorTwoLinkRobot"}:
         with zipfile.ZipFile(folder / f"{name}.fmu") as archive:
             archive.extractall(folder / name, [file for file in archive.namelist() if file.startswith("sources/")])
     return folder
@@ -62,7 +63,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("file", ["all.c", "law.c"])
 def test_no_unit_has_a_warning(compiler: str, file: str, sources: Path) -> None:
     command = [tool(compiler), *WARNINGS, "-fsyntax-only"]
-    for name in FMU_NAMES:
+    for name in sample.FMUS:
         # A law allocates nothing anyway.
         for defines in DEFINES if file == "all.c" else DEFINES[:2]:
             written = [*command, *defines, sources / name / "sources" / file]
@@ -70,6 +71,7 @@ def test_no_unit_has_a_warning(compiler: str, file: str, sources: Path) -> None:
             assert compiled.returncode == 0, f"{name} {defines}: {compiled.stderr}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("defines", [[], ["-DFMI2_STATIC_INSTANCES=2", "-DFMI2_STATIC_STATES=100"]])
 @pytest.mark.parametrize("name", [*SMALL, "ActuatorTwoLinkRobot"])
 def test_valgrind_finds_neither_errors_nor_leaks(name: str, defines: list[str], sources: Path, tmp_path: Path) -> None:
@@ -112,6 +114,7 @@ def counted(sources: Path) -> tuple[Counter[str], Counter[str]]:
     return Counter(rule for *_, rule in runtime), generated
 
 
+@pytest.mark.slow
 def test_misra_counts_are_not_above_those_of_the_page(sources: Path) -> None:
     version = subprocess.run([tool("cppcheck"), "--version"], capture_output=True, text=True, check=True).stdout.strip()
     if not (version == COUNTED_BY or version.startswith(f"{COUNTED_BY}.")):
@@ -146,6 +149,7 @@ def library_of(folder: Path, platform: str) -> Path:
     return folder / "binaries" / platform / f"NonlinearSiso{PLATFORMS[platform]}"
 
 
+@pytest.mark.slow
 def test_zig_compiles_a_unit_for_six_platforms(of_six_platforms: Path) -> None:
     made = {f"{platform}/NonlinearSiso{suffix}" for platform, suffix in PLATFORMS.items()}
     assert made <= files_in(of_six_platforms / "binaries")

@@ -1,12 +1,9 @@
 """Units as C source in hosts that trap floating-point exceptions, as TwinCAT's do: division by zero, invalid operations and
 overflow end the program (`trapping.c`).
 
-A commit tries some units. ADAPTIVE_FMU_TRAPPING=all in the environment has all of them tried, by each compiler and level:
-
-    ADAPTIVE_FMU_TRAPPING=all target/venv/bin/python -m pytest -q -n logical tests/fmpy/test_trapping.py
+A commit tries some units, `tests/all` all of them, by each compiler and level.
 """
 
-import os
 import platform
 import shutil
 import subprocess
@@ -15,16 +12,16 @@ from pathlib import Path
 
 import fmpy
 import pytest
-from conftest import FMU_NAMES, ROOT, adaptive_fmu
+import sample
+from conftest import ROOT, adaptive_fmu
 
 # A law with limits and a barrier, and a unit that need not sample.
 SOME = ["FunnelNonlinearSiso", "Sensor"]
-ALL = os.environ.get("ADAPTIVE_FMU_TRAPPING") == "all"
-NAMES = FMU_NAMES if ALL else SOME
+NAMES = sample.FMUS if sample.ALL else SOME
 # Without its option clang computes quotients ahead of the branch that uses them.
 TRAPPING_MATH = {"gcc": [], "clang": ["-ffp-exception-behavior=maytrap"]}
 COMPILERS = [[compiler, level] for compiler in TRAPPING_MATH for level in ["-O0", "-O2"] if shutil.which(compiler)]
-BUILDS = COMPILERS if ALL else COMPILERS[1:2]
+BUILDS = COMPILERS if sample.ALL else COMPILERS[1:2]
 
 pytestmark = pytest.mark.skipif(
     platform.system() != "Linux" or platform.machine() != "x86_64" or not COMPILERS,

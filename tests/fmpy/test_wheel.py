@@ -89,6 +89,7 @@ def fresh(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, st
     return {**kept, "PATH": str(python.parent), "HOME": str(folder), "TMPDIR": str(tmp_path_factory.mktemp("tmp"))}
 
 
+@pytest.mark.slow
 def test_from_a_fresh_environment_to_a_loop_a_plot_a_gain_and_an_fmu_for_six_platforms(
     fresh: dict[str, str], tmp_path: Path
 ) -> None:

@@ -15,6 +15,7 @@ use adaptive_fmu::system::{Element, Section};
 use common::described::open_description;
 use common::exact::{Exact, Task};
 use common::random::Random;
+use common::sample::sampled_names;
 use common::*;
 
 /// The numbers of the items of `integration_method`.
@@ -198,7 +199,7 @@ fn methods(name: &str) -> &'static [i32] {
 fn survey_all(count: usize) {
     let (mut steps, mut refused, mut unknown, mut beyond, mut worst) = (0, 0, 0, 0, 0.0_f64);
     println!("    unit and method, steps, refused, unknown, carried, worst error");
-    for name in description_names() {
+    for name in sampled_names() {
         for &method in methods(&name) {
             let tally = survey(&name, method, count);
             let Tally { steps: taken, refused: not, unknown: no, carried, .. } = tally;

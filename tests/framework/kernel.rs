@@ -9,8 +9,9 @@ use adaptive_fmu::kernel::Kernel;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::*;
+use common::description;
 use common::random::Random;
-use common::{description, description_names};
+use common::sample::{sampled, sampled_names};
 use libloading::Library;
 
 use crate::recording::{Draw, same, whole_loops};
@@ -130,7 +131,7 @@ fn stiff_steps_by_kernels_have_the_bits_of_generic_ones() {
 fn the_kernels_of_all_units_give_the_bits_of_the_equations() {
     let mut random = Random::new(28);
     let folder = tempfile::tempdir().unwrap();
-    for name in description_names() {
+    for name in sampled_names() {
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
         compare(&model, (100, "-O1"), &mut random, folder.path());
     }
@@ -141,7 +142,7 @@ fn the_kernels_of_all_whole_loops_give_the_bits_of_the_equations() {
     let mut random = Random::new(29);
     let folder = tempfile::tempdir().unwrap();
     // Large sources take a compiler long to optimise.
-    whole_loops().iter().for_each(|model| compare(model, (20, "-O0"), &mut random, folder.path()));
+    sampled(whole_loops()).iter().for_each(|model| compare(model, (20, "-O0"), &mut random, folder.path()));
 }
 
 #[test]

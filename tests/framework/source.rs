@@ -9,6 +9,7 @@ use adaptive_fmu::model::{Block, Description, Model};
 use adaptive_fmu::recording::Method;
 use adaptive_fmu::system::*;
 use common::random::Random;
+use common::sample::{sampled, sampled_names};
 use common::{at_top, description, description_names};
 use libloading::Library;
 
@@ -151,7 +152,7 @@ fn close(found: f64, expected: f64) -> bool {
 fn the_source_of_all_units_gives_the_bits_of_the_equations() {
     let mut random = Random::new(26);
     let folder = folder();
-    for name in description_names() {
+    for name in sampled_names() {
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
         compare(&model, (100, "-O1"), &mut random, folder.path());
     }
@@ -161,7 +162,7 @@ fn the_source_of_all_units_gives_the_bits_of_the_equations() {
 fn the_source_of_all_whole_loops_gives_the_bits_of_the_equations() {
     let mut random = Random::new(27);
     let folder = folder();
-    for model in whole_loops() {
+    for model in sampled(whole_loops()) {
         // Large sources take a compiler long to optimise.
         compare(&model, (20, "-O0"), &mut random, folder.path());
     }

@@ -3,8 +3,8 @@
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::system::{Causality, Section, Variability};
 use common::described::{model, open_description};
-use common::description_names;
 use common::models::Run;
+use common::sample::sampled_names;
 
 const EXPLICIT: i32 = 2;
 const STEPS: usize = 40;
@@ -96,7 +96,7 @@ fn difference(run: &Run, found: &[Vec<f64>], expected: &[Vec<f64>]) -> f64 {
 #[test]
 fn errors_fall_with_the_tolerance_in_force_in_every_unit() {
     let mut failed = Vec::new();
-    for name in description_names() {
+    for name in sampled_names() {
         for (handling, asked) in [(1, Asked::ByUser), (1, Asked::ByMaster), (2, Asked::ByUser)] {
             let Some(mut exact) = unit(&name, 1e-11, Asked::ByUser, handling, Some(EXPLICIT)) else { continue };
             let expected = motion(&mut exact);

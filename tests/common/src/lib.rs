@@ -14,6 +14,7 @@ pub mod loops;
 pub mod models;
 pub mod pages;
 pub mod random;
+pub mod sample;
 pub mod sequences;
 pub mod standard;
 pub mod states;

@@ -1,0 +1,49 @@
+"""What a run of the tests looks at: all FMUs and loops (tests/all), or a sample (tests/run).
+
+A sample has one FMU of each kind and every third loop. The commit chooses it, so that all are met in turn; TEST_SAMPLE=N in the
+environment asks for that of a run that failed.
+"""
+
+import os
+import subprocess
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+from random import Random
+
+ROOT = Path(__file__).resolve().parents[2]
+# What a person wrote an FMU's description or a loop's structure for, known before anything is exported.
+FMU_NAMES = sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
+LOOP_NAMES = sorted(file.parent.name for file in ROOT.glob("examples/*/SystemStructure.ssd"))
+
+ALL = os.environ.get("TEST_ALL") == "1"
+
+
+def _number() -> int:
+    if given := os.environ.get("TEST_SAMPLE"):
+        return int(given)
+    asked = ["git", "rev-parse", "HEAD"]
+    commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    return int(commit or "0", 16) % 1000
+
+
+NUMBER = _number()
+
+
+def one_of_each_kind(number: int) -> list[str]:
+    """An FMU of each kind."""
+    kinds = defaultdict(list)
+    for name in FMU_NAMES:
+        kinds[tomllib.loads((ROOT / "modelDescription" / f"{name}.toml").read_text())["model"]].append(name)
+    return sorted(Random(f"{number} {kind}").choice(names) for kind, names in kinds.items())
+
+
+def every_third_loop(number: int) -> list[str]:
+    """A third of the loops."""
+    return LOOP_NAMES[number % 3 :: 3]
+
+
+# For tests of what follows from the framework or from the kind.
+FMUS = FMU_NAMES if ALL else one_of_each_kind(NUMBER)
+LOOPS = LOOP_NAMES if ALL else every_third_loop(NUMBER)
+TOLD = f"all {len(FMUS)} FMUs and {len(LOOPS)} loops" if ALL else f"TEST_SAMPLE={NUMBER}: {len(FMUS)} FMUs, {len(LOOPS)} loops"
