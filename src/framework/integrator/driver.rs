@@ -256,7 +256,7 @@ impl Driver {
     ) -> (ErrorEstimate, usize) {
         let (mut estimate, state) = self.attempt(problem, h, settings, pace);
         if estimate.scaled <= 1.0 && !self.methods.by_itself() {
-            let tolerance = Tolerance { relative: tolerated(problem, settings, pace), nominals: &self.nominals };
+            let tolerance = Tolerance { relative: self.tolerated(problem, settings, pace), nominals: &self.nominals };
             let (errors, end) = (self.methods.in_force(pace).errors(), self.start.time + h);
             estimate.scaled = self.outputs.error(problem, end, errors, estimate.scaled, tolerance);
         }
@@ -274,8 +274,15 @@ impl Driver {
     ) -> (ErrorEstimate, usize) {
         self.work += self.methods.work(pace);
         pace.until_look -= self.methods.typical_work(pace);
-        let tolerance = Tolerance { relative: tolerated(problem, settings, pace), nominals: &self.nominals };
+        let tolerance = Tolerance { relative: self.tolerated(problem, settings, pace), nominals: &self.nominals };
         self.methods.in_force(pace).attempt(problem, &self.start, h, tolerance)
+    }
+
+    /// The error that a substep may have: for a general method, an oscillation that is hardly damped adds up those of many.
+    /// Where inputs move, what a master holds or extrapolates errs by more than that.
+    fn tolerated(&self, problem: &Problem, settings: &Settings, pace: &Pace) -> f64 {
+        let relative = settings.relative_tolerance;
+        if problem.moved || self.methods.by_itself() { relative } else { pace.limits.tolerated(relative) }
     }
 
     /// Chooses the method of a substep that begins where the problem stands.
@@ -305,13 +312,6 @@ impl Driver {
         !error.is_finite()
             || !problem.system.own_step().is_some_and(|own| own.pays(h, relative_tolerance, &problem.values()))
     }
-}
-
-/// The error that a substep may have: an oscillation that is hardly damped adds up those of many. Where inputs move, what a
-/// master holds or extrapolates errs by more than that.
-fn tolerated(problem: &Problem, settings: &Settings, pace: &Pace) -> f64 {
-    let relative = settings.relative_tolerance;
-    if problem.moved { relative } else { pace.limits.tolerated(relative) }
 }
 
 /// Factor to the next substep from a scaled error.
