@@ -2,7 +2,7 @@
 
 use adaptive_fmu::system::{Causality, Element, Section, Variability};
 use common::described::open_description;
-use common::sample::sampled_names;
+use common::sample::{sampled, sampled_names};
 use common::*;
 
 /// Constant inputs of no special values.
@@ -85,7 +85,7 @@ fn differences(name: &str, substeps: f64) -> Vec<String> {
 
 #[test]
 fn model_exchange_and_co_simulation_agree() {
-    for name in sampled_names() {
+    for name in sampled(sampled_names()) {
         let adapts = Unit::new(&name).model.variables().find("adaptation_frequency").is_some();
         // The layer in which projection acts is stiff: an estimate that comes to its bound fast asks for short substeps.
         let substeps = if adapts { vec![20_000.0, 80_000.0] } else { vec![2000.0] };
