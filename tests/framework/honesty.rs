@@ -222,7 +222,7 @@ fn a_step_arrives_where_the_equations_lead_or_is_refused() {
 }
 
 /// The same with more steps, as many as `HONESTY_STEPS` says:
-/// `cargo test --release --test framework honesty:: -- --ignored --nocapture`.
+/// `TEST_ALL=1 cargo test --release --test framework honesty:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "takes minutes"]
 fn any_number_of_steps_arrives_where_the_equations_lead_or_is_refused() {

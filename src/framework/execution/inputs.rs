@@ -16,7 +16,7 @@ impl Execution {
         self.point()[slopes][input] = slope;
     }
 
-    /// Whether inputs are others than in the communication step before.
+    /// True if an input has another value than in the communication step before.
     pub(super) fn inputs_moved(&self) -> bool {
         let inputs = self.model.variables().reals(Section::Input);
         let previous = self.model.controls().previous_inputs;

@@ -13,8 +13,8 @@ const MOST_AMPLIFIED: f64 = 1e4;
 const PART: f64 = 0.1;
 /// A control before its limits counts in the magnitude that it has within them, up to so many times that.
 const FAR: f64 = 10.0;
-/// Where a control comes to a limit or leaves it within a substep, rates have a kink there, of which the two solutions know
-/// nothing: what hides behind their difference may be so many times as large.
+/// Factor on the error estimate of a substep in which a control reaches or leaves a limit: rates have a kink there, and the
+/// difference of the two solutions doesn't show it.
 const KINK: f64 = 6.0;
 /// Relative accuracy of states below which nothing is asked for the sake of outputs.
 const ROUNDING: f64 = 1e-13;
@@ -30,7 +30,7 @@ pub struct Outputs {
     places: Vec<(usize, usize, f64)>,
     /// Values of these outputs where the substep begins.
     before: Vec<f64>,
-    /// Which of them a limit cuts there.
+    /// True for each of them that a limit cuts there.
     cut: Vec<bool>,
 }
 
@@ -58,7 +58,7 @@ impl Outputs {
         }
     }
 
-    /// Whether a control came to a limit or left it since the substep began.
+    /// True if a control reached or left a limit since the substep began.
     fn has_kink(&self, problem: &Problem) -> bool {
         let values = &problem.reals[self.written.clone()];
         self.places.iter().zip(&self.cut).any(|(&(place, output, _), &cut)| cut != (values[place] != values[output]))

@@ -31,7 +31,7 @@ const CARRYING: f64 = 0.05;
 /// So far at most; and one that grows.
 const FARTHEST: f64 = 100.0;
 const GROWING: f64 = 1000.0;
-/// What is tolerated isn't tightened beyond this: rounding errors are as large.
+/// Smallest tolerance that oscillations tighten to: rounding errors are as large.
 const LEAST_TOLERATED: f64 = 1e-12;
 /// The explicit method's substep stays at this part of its limit of stability. At the limit, errors of the tolerance's
 /// size stay for ever.
@@ -104,7 +104,7 @@ pub struct Limits {
     pub stiff: f64,
     /// The mode that sets the limit of growth.
     pub mode: Mode,
-    /// How many times as far as well-damped modes the least damped oscillation carries an error; 0 where none does.
+    /// Factor by which the least damped oscillation divides the tolerance, since it carries errors on; 0 without one.
     pub carried: f64,
 }
 

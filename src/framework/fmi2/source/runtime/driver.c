@@ -13,8 +13,8 @@
 #define OUTPUT_PART R(0.1)
 /* A control before its limits counts in the magnitude that it has within them, up to so many times that. */
 #define FAR_BEYOND R(10.0)
-/* Where a control comes to a limit or leaves it within a substep, rates have a kink there, of which the two solutions know
- * nothing: what hides behind their difference may be so many times as large. */
+/* Factor on the error estimate of a substep in which a control reaches or leaves a limit: rates have a kink there, and the
+ * difference of the two solutions doesn't show it. */
 #define KINK R(6.0)
 /* Relative accuracy of states below which nothing is asked for the sake of outputs. */
 #ifdef UNIT_FLOAT
@@ -23,12 +23,12 @@
 #define STATE_ROUNDING R(1e-13)
 #endif
 
-/* Whether a limit cuts an output. */
+/* True if a limit cuts an output. */
 static int is_cut(const real *v, int i) {
     return v[unit_watched[i].place] != v[unit_watched[i].output];
 }
 
-/* Whether a control came to a limit or left it since the substep began. */
+/* True if a control reached or left a limit since the substep began. */
 static int has_kink(const Driver *driver, const real *v) {
     int changed = 0;
     for (int i = 0; i < UNIT_OUTPUTS; i++) {

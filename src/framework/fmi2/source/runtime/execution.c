@@ -282,7 +282,7 @@ static void set_input_slope(Instance *instance, int input, real slope) {
 }
 #endif
 
-/* Whether inputs are others than in the communication step before. */
+/* True if an input has another value than in the communication step before. */
 static int inputs_moved(const Block *block) {
     int moved = 0;
 #if UNIT_INPUTS > 0

@@ -1,8 +1,8 @@
 /* The floating-point modes of the processor are the host's own. A host may round in its own way, flush small numbers to zero
  * or let exceptions end it (TwinCAT does): a unit computes in the default modes, and hands back the host's, with its flags of
- * past exceptions. Known of SSE; elsewhere the modes are taken as they are. */
+ * past exceptions. Where SSE2 does the arithmetic, that is; elsewhere the modes are taken as they are. */
 
-#if defined(__SSE2__) || defined(_M_X64)
+#if defined(__SSE2_MATH__) || defined(_M_X64)
 
 #include <emmintrin.h>
 

@@ -107,7 +107,7 @@ typedef struct {
     const real *ramp_slopes;
     real ramp_time;
     Log *log;
-    int moved; /* whether inputs move, or are others than in the communication step before */
+    int moved; /* true if inputs change within the communication step, or since the one before */
 } Problem;
 
 /* Why a step can't be finished. */
