@@ -7,6 +7,7 @@
 #![deny(unsafe_code)]
 
 mod controls;
+pub mod derivatives;
 mod designed;
 pub mod eigenvalues;
 pub mod error;
