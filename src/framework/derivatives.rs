@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use crate::integrator::Sparsity;
-use crate::recording::{Leaf, Node, Operation, Recording, Tape};
+use crate::recording::{Given, Instructions, Leaf, Node, Operation, Recording, Registers, Tape};
 use crate::system::{Section, Variables};
 
 /// Changes of values of the block in a direction, which the leaves [`Leaf::TimeChange`] and [`Leaf::Change`] are.
@@ -109,5 +109,38 @@ impl Jacobian {
     pub fn size(&self) -> usize {
         let wanted: Vec<Node> = self.nodes().collect();
         self.tape.needed(&wanted).into_iter().filter(|needed| *needed).count()
+    }
+}
+
+/// What computes the changes of a block in a direction, again and again.
+#[derive(Debug)]
+pub struct Direction {
+    instructions: Instructions,
+    /// Where the changes go that it computes.
+    changing: Vec<usize>,
+    /// What doesn't change.
+    fixed: Vec<usize>,
+}
+
+impl Direction {
+    /// As operations have it.
+    pub fn of(directional: &Directional) -> Self {
+        let changes = directional.changes.iter();
+        let (changing, nodes): (Vec<usize>, Vec<Node>) =
+            changes.clone().filter_map(|&(place, node)| Some((place, node?))).unzip();
+        let fixed = changes.filter(|(_, node)| node.is_none()).map(|&(place, _)| place).collect();
+        Direction { instructions: Instructions::of(&directional.tape, &nodes), changing, fixed }
+    }
+
+    /// Writes the changes of all that follows where time and values change as these changes say.
+    pub fn carry_out(&self, point: &Given, of_time: f64, changes: &mut [f64], registers: &mut Registers) {
+        let leaf = |leaf: Leaf| match leaf {
+            Leaf::TimeChange => of_time,
+            Leaf::Change(place) => changes[place as usize],
+            _ => point.leaf(leaf),
+        };
+        let found = self.instructions.carry_out(leaf, registers);
+        self.changing.iter().zip(found).for_each(|(&place, change)| changes[place] = change);
+        self.fixed.iter().for_each(|&place| changes[place] = 0.0);
     }
 }

@@ -9,6 +9,7 @@ use std::sync::{Arc, OnceLock};
 use serde::{Deserialize, Serialize};
 
 use crate::controls::Controls;
+use crate::derivatives::{self, Direction};
 use crate::designed::designed;
 use crate::error::{Invalid, Number};
 use crate::integrator::{Sparsity, Work, Workspace, Workspaces};
@@ -17,7 +18,7 @@ use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
 use crate::structure::{Place, Structure};
 use crate::system::{
-    Data, Declaration, DynSystem, Happens, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variable,
+    Data, Declaration, DynSystem, Equations, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variable,
     Variables, Word, Words,
 };
 
@@ -209,6 +210,8 @@ pub struct Model {
     nominals: Vec<f64>,
     sparsity: OnceLock<Arc<Sparsity>>,
     structure: OnceLock<Structure>,
+    direction: OnceLock<Direction>,
+    start_direction: OnceLock<Direction>,
     workspaces: Workspaces,
 }
 
@@ -290,6 +293,8 @@ impl Model {
             nominals,
             sparsity: OnceLock::new(),
             structure: OnceLock::new(),
+            direction: OnceLock::new(),
+            start_direction: OnceLock::new(),
             workspaces: Workspaces::default(),
         };
         // Start values that the system refuses make no model.
@@ -320,7 +325,7 @@ impl Model {
     }
 
     /// Its equations over numbers.
-    pub fn equations(&self) -> &dyn Happens<f64> {
+    pub fn equations(&self) -> &dyn Equations<f64> {
         self.system.as_ref()
     }
 
@@ -350,6 +355,22 @@ impl Model {
         self.structure.get_or_init(|| Structure::of(self.system(), &self.variables))
     }
 
+    /// What computes changes of signals and rates, recorded when it is first asked for.
+    pub fn direction(&self) -> &Direction {
+        let recorded = || derivatives::directional(&self.variables, self.recorded(Method::Evaluate));
+        self.direction.get_or_init(|| Direction::of(&recorded()))
+    }
+
+    /// What computes changes of the start, likewise.
+    pub fn start_direction(&self) -> &Direction {
+        let recorded = || derivatives::start_directional(&self.variables, self.recorded(Method::Start));
+        self.start_direction.get_or_init(|| Direction::of(&recorded()))
+    }
+
+    fn recorded(&self, method: Method) -> Recording {
+        Recording::of(self.system(), method, &self.variables.layout())
+    }
+
     /// The names of the parameters that its design is computed from.
     pub fn designed_names(&self) -> Vec<String> {
         let designed = self.designed();
@@ -370,8 +391,7 @@ impl Model {
     /// # Errors
     /// The kind, and the methods in which it looks at a number.
     pub fn check_recorded(&self) -> Result<(), Invalid> {
-        let layout = self.variables.layout();
-        let looks = |method: &Method| Recording::of(self.system(), *method, &layout).tape.has_looked();
+        let looks = |method: &Method| self.recorded(*method).tape.has_looked();
         let looking: Vec<_> = Method::ALL.iter().filter(|method| looks(method)).map(|method| method.name()).collect();
         if looking.is_empty() {
             return Ok(());

@@ -140,7 +140,12 @@ impl<T: Scalar> Bounds<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::system::Dual;
+    use crate::recording::{Recorded, slopes};
+
+    /// Bounds as numbers of a recording.
+    fn recorded(lower: f64, upper: f64) -> Bounds<Recorded> {
+        Bounds { lower: lower.into(), upper: upper.into() }
+    }
 
     const BOUNDS: [(f64, f64); 4] = [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.3, 1.0)];
 
@@ -162,22 +167,24 @@ mod tests {
     #[test]
     fn the_inverse_has_the_slope_of_the_inverse_everywhere() {
         for epsilon in [-3.0, -1e-9, 0.0, 1e-9, 0.4] {
-            let (z, slope) =
-                Dual::of(|epsilon: Dual| Bounds { lower: 0.3.into(), upper: 1.0.into() }.inverse(epsilon), epsilon);
+            let [(z, slope)] = slopes(|epsilon| [recorded(0.3, 1.0).inverse(epsilon)], epsilon);
             let of = Bounds { lower: 0.3, upper: 1.0 }.slope(z);
             assert!((slope * of - 1.0).abs() < 1e-12, "at {epsilon}: {slope}");
         }
     }
 
     #[test]
-    fn what_belongs_to_a_transformed_error_has_the_derivatives_that_dual_numbers_find() {
+    fn what_belongs_to_a_transformed_error_has_the_derivatives_of_the_equations() {
         for (lower, upper) in BOUNDS {
-            let bounds = Bounds { lower: lower.into(), upper: upper.into() };
+            let functions = |epsilon| {
+                let at = recorded(lower, upper).at(epsilon, 0.3.into());
+                [at.z, at.dz, at.R, at.dR]
+            };
             for epsilon in [-100.0, -20.0, -1.0, -0.003, 1e-9, 0.02, 0.7, 5.0] {
-                let at = bounds.at(Dual::new(epsilon, 1.0), 0.3.into());
-                for (dual, slope) in [(at.z, at.dz.value), (at.R, at.dR.value)] {
-                    let size = slope.abs() + 1e-3 * dual.value.abs();
-                    assert!((dual.derivative() - slope).abs() <= 1e-12 * size, "at {epsilon}: {slope}");
+                let [z, dz, R, dR] = slopes(functions, epsilon);
+                for ((value, exact), (slope, _)) in [(z, dz), (R, dR)] {
+                    let size = slope.abs() + 1e-3 * value.abs();
+                    assert!((exact - slope).abs() <= 1e-12 * size, "at {epsilon}: {slope}");
                 }
             }
         }
@@ -203,10 +210,9 @@ mod tests {
         for (lower, upper) in BOUNDS {
             let bounds = Bounds { lower, upper };
             let z = -lower + 0.3 * (lower + upper);
-            let of = |z: Dual| Bounds { lower: lower.into(), upper: upper.into() }.transformed(z);
-            assert!((Dual::of(of, z).1 / bounds.slope(z) - 1.0).abs() < 1e-13);
-            let slope = |z: Dual| Bounds { lower: lower.into(), upper: upper.into() }.slope(z);
-            let second = Dual::of(slope, z).1;
+            let of = |z| [recorded(lower, upper).transformed(z), recorded(lower, upper).slope(z)];
+            let [(_, first), (_, second)] = slopes(of, z);
+            assert!((first / bounds.slope(z) - 1.0).abs() < 1e-13);
             assert!((second - bounds.second_slope(z)).abs() < 1e-12 * second.abs());
         }
     }
@@ -215,7 +221,8 @@ mod tests {
     fn a_performance_function_falls_from_its_start_to_its_end() {
         let at = |t| Performance::at(t, 1.1, 0.005, 2.0);
         assert_eq!((at(0.0).rho, at(1e9).rho), (1.1, 0.005));
-        let (rho, rate) = Dual::of(|t: Dual| Performance::at(t, 1.1.into(), 0.005.into(), 2.0.into()).rho, 0.7);
+        let of = |t| [Performance::at(t, 1.1.into(), 0.005.into(), 2.0.into()).rho];
+        let [(rho, rate)] = slopes(of, 0.7);
         assert!((rho - at(0.7).rho).abs() < 1e-15 && (rate - at(0.7).rate).abs() < 1e-15);
         assert!((at(0.7).second_rate - 4.0 * 1.095 * (-1.4_f64).exp()).abs() < 1e-14);
     }

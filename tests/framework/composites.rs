@@ -168,11 +168,7 @@ fn exact_derivatives_go_through_the_connections() {
     let index = |name: &str| variables.index(variables.find(name).unwrap()) as u32;
     let (unknowns, knowns) = ([index("der(b.x[1])"), index("b.y[1]")], [index("a.u[2]")]);
     let derivatives = run.0.directional_derivative(&knowns, &[1.0]);
-    assert_eq!(
-        unknowns.map(|unknown| derivatives[unknown as usize].derivative()),
-        [1.5, 0.0],
-        "3 × 0.5 through a's feedthrough"
-    );
+    assert_eq!(unknowns.map(|unknown| derivatives[unknown as usize]), [1.5, 0.0], "3 × 0.5 through a's feedthrough");
 }
 
 #[test]

@@ -38,58 +38,41 @@ fn compare(model: &Model, (points, optimised): (usize, &str), random: &mut Rando
     let (kernel, _library) = compiled(model, folder, optimised);
     assert!(kernel.fits(variables, model.sparsity().entries()), "{name}");
     for _ in 0..points {
-        let Draw { time, block, .. } = Draw::new(model, random);
+        let draw = Draw::new(model, random);
+        let Draw { time, block, .. } = &draw;
         for with_rates in [false, true] {
             let (mut expected, mut found) = (block.clone(), block.clone());
             if with_rates {
-                model.equations().evaluate(time, &mut expected.reals, &expected.integers, variables.offsets());
-                kernel.evaluate(time, &mut found.reals, &found.integers);
+                model.equations().evaluate(*time, &mut expected.reals, &expected.integers, variables.offsets());
+                kernel.evaluate(*time, &mut found.reals, &found.integers);
             } else {
-                model.equations().outputs(time, &mut expected.reals, &expected.integers, variables.offsets());
-                kernel.outputs(time, &mut found.reals, &found.integers);
+                model.equations().outputs(*time, &mut expected.reals, &expected.integers, variables.offsets());
+                kernel.outputs(*time, &mut found.reals, &found.integers);
             }
             for (place, (found, expected)) in found.reals.iter().zip(&expected.reals).enumerate() {
                 assert!(same(*found, *expected), "{name}, real {place}: {found:e}, not {expected:e}");
             }
             assert_eq!(found.integers, expected.integers, "{name}");
         }
-        compare_jacobian(model, &kernel, (time, &block.reals, &block.integers), random);
+        compare_jacobian(model, &kernel, &draw, random);
     }
 }
 
-/// Where dual numbers give a number, the kernel's is that number: neither rounding nor order is another.
-fn compare_jacobian(model: &Model, kernel: &Kernel, (t, reals, integers): (f64, &[f64], &[i32]), random: &mut Random) {
+/// The kernel's derivatives are those of the generic form: neither rounding nor order is another.
+fn compare_jacobian(model: &Model, kernel: &Kernel, draw: &Draw, random: &mut Random) {
     let (name, variables, sparsity) = (&model.description().name, model.variables(), model.sparsity());
     let mut entries = vec![0.0; sparsity.entries()];
     let mut by_time = vec![0.0; variables.states()];
     let slopes: Vec<f64> = variables.reals(Section::Input).map(|_| random.next()).collect();
-    if !kernel.jacobian(t, (reals, integers), Some(&slopes), &mut entries, &mut by_time) {
+    let block = (&*draw.block.reals, &*draw.block.integers);
+    if !kernel.jacobian(draw.time, block, Some(&slopes), &mut entries, &mut by_time) {
         // Neuro laws have too many weights for it.
         assert!(variables.states() == 0 || variables.states() > 30, "{name}: {}", variables.states());
         return;
     }
-    let along = |moved: &dyn Fn(&mut [Dual]), of_time: f64| {
-        let mut block: Vec<Dual> = reals.iter().map(|&value| value.into()).collect();
-        moved(&mut block);
-        Dual::equations(model.system()).evaluate(Dual::new(t, of_time), &mut block, integers, variables.offsets());
-        variables.reals(Section::Derivative).map(|place| block[place].derivative()).collect::<Vec<f64>>()
-    };
-    let equal = |found: f64, expected: f64| found == expected || expected.is_nan();
-    let mut found = entries.iter();
-    for (column, rows) in sparsity.columns().iter().enumerate() {
-        let state = variables.reals(Section::State).start + column;
-        let expected = along(&|block| block[state].derivatives[0] = 1.0, 0.0);
-        for (&row, found) in rows.iter().zip(&mut found) {
-            let expected = expected[row as usize];
-            assert!(equal(*found, expected), "{name}, Jacobian {row}, {column}: {found:e}, not {expected:e}");
-        }
-    }
-    let inputs = variables.reals(Section::Input);
-    let moving = |block: &mut [Dual]| {
-        block[inputs.clone()].iter_mut().zip(&slopes).for_each(|(input, slope)| input.derivatives[0] = *slope);
-    };
-    for (row, (found, expected)) in by_time.iter().zip(along(&moving, 1.0)).enumerate() {
-        assert!(equal(*found, expected), "{name}, by time {row}: {found:e}, not {expected:e}");
+    let found = entries.iter().chain(&by_time);
+    for (place, (found, expected)) in found.zip(draw.jacobian(model, Some(&slopes))).enumerate() {
+        assert!(same(*found, expected), "{name}, Jacobian {place}: {found:e}, not {expected:e}");
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
-use adaptive_fmu::recording::{Given, Leaf, Method, Node, Operation, Recording};
+use adaptive_fmu::recording::{Given, Leaf, Method, Node, Operation, Recording, Registers};
 use adaptive_fmu::system::*;
 use common::loops::{loop_names, whole};
 use common::random::Random;
@@ -78,6 +78,26 @@ impl Draw {
         equations.evaluate(time, &mut block.reals, &block.integers, variables.offsets());
         let crossed = variables.indicators().iter().map(|_| random.next() > 0.0).collect();
         Draw { time, step: 0.1 * random.next().abs(), block, crossed }
+    }
+
+    /// As a recording is given it.
+    pub fn given(&self) -> Given<'_> {
+        let Draw { time, step, block, crossed } = self;
+        Given { time: *time, step: *step, reals: &block.reals, integers: &block.integers, crossed }
+    }
+
+    /// The entries of the Jacobian and the rates' change by time, where inputs move along these slopes.
+    pub fn jacobian(&self, model: &Model, slopes: Option<&[f64]>) -> Vec<f64> {
+        let given = self.given();
+        let leaf = |leaf: Leaf| match leaf {
+            Leaf::Time => given.time,
+            Leaf::Real(place) => given.reals[place as usize],
+            Leaf::Integer(place) => f64::from(given.integers[place as usize]),
+            Leaf::Slope(input) => slopes.map_or(0.0, |slopes| slopes[input as usize]),
+            other => panic!("the equations of rates don't read {other:?}"),
+        };
+        let jacobian = model.sparsity().jacobian(model.system(), model.variables());
+        jacobian.carry_out(leaf, &mut Registers::new()).collect()
     }
 
     /// The same but for some of what is given: zero, small and large numbers, numbers that are equal to each other.
@@ -187,8 +207,7 @@ impl<'a> Compared<'a> {
 
     fn at(&mut self, draw: &Draw) {
         let (name, method) = (&self.model.description().name, self.method);
-        let Draw { time, step, block, crossed } = draw;
-        let given = Given { time: *time, step: *step, reals: &block.reals, integers: &block.integers, crossed };
+        let given = draw.given();
         let (expected, expected_results) = draw.generic(self.model, method);
         let (reals, integers, results) = self.recording.carry_out(&given);
         self.branches.see(&self.recording, &self.recording.tape.values(&given));

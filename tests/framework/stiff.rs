@@ -12,9 +12,9 @@ use common::{OK, Unit};
 const METHODS: [&str; 2] = ["stiff", "automatic"];
 
 /// Whether the stiff method is in force after a step.
-fn is_stiff(run: &Run) -> bool {
-    let variables = run.0.model().variables();
-    run.0.block().integers[variables.index(variables.find("#stiff").unwrap())] != 0
+fn is_stiff(execution: &Execution) -> bool {
+    let variables = execution.model().variables();
+    execution.block().integers[variables.index(variables.find("#stiff").unwrap())] != 0
 }
 
 fn run_of<M: System<Structure = NoStructure>>(method: &str, start: &str) -> Run {
@@ -95,7 +95,9 @@ fn one_substep_falls_onto_the_slow_solution_however_stiff_the_fall() {
         run.step(0.1);
         let error = (run.get("x") - 0.1_f64.cos()).abs();
         assert!(error < accuracy, "stiffness {stiffness:e}: off by {error:e}");
-        assert_eq!(evaluations()[1], 2, "one Jacobian and one time derivative: one substep");
+        let evaluations = evaluations();
+        // Those of the start, the stages, and where the indicator is looked at within the substep: a second one takes nine.
+        assert!(evaluations <= 27, "{evaluations} evaluations are those of one substep");
     }
 }
 
@@ -120,8 +122,7 @@ fn the_automatic_choice_saves_a_hundred_times_the_evaluations() {
     let evaluations_of = |method: &str| {
         let mut run = run_of::<VanDerPol>(method, "");
         run.run(1, 1.0);
-        let [plain, dual] = evaluations();
-        plain + dual
+        evaluations()
     };
     let [explicit, automatic] = ["explicit", "automatic"].map(evaluations_of);
     assert!(automatic < 12_000, "{automatic} evaluations");
@@ -136,12 +137,12 @@ fn a_system_that_is_stiff_for_a_while_goes_by_the_stiff_method_for_a_while() {
         run.run(5, 1.0);
         evaluations();
         run.run(5, 1.0);
-        (is_stiff(&run), evaluations())
+        (is_stiff(&run.0), evaluations())
     };
     for _ in 0..3 {
         assert!(!phase(1.0).0, "explicit");
-        let (stiff, [plain, dual]) = phase(1e6);
-        assert!(stiff && dual > 0 && plain < 20_000, "{plain} evaluations, where 1e7 would be needed");
+        let (stiff, evaluations) = phase(1e6);
+        assert!(stiff && evaluations < 20_000, "{evaluations} evaluations, where 1e7 would be needed");
     }
     assert!(!phase(1.0).0, "explicit again");
 }
@@ -153,7 +154,7 @@ fn what_is_asked_for_is_done() {
         run.set("stiffness", 1e3);
         for _ in 0..10 {
             run.step(0.1);
-            assert_eq!(is_stiff(&run), stiff, "{method}");
+            assert_eq!(is_stiff(&run.0), stiff, "{method}");
         }
     }
 }
@@ -165,7 +166,7 @@ fn short_communication_steps_never_bring_the_stiff_method_in() {
     run.set("stiffness", 400.0);
     for _ in 0..3000 {
         run.step(0.01);
-        assert!(!is_stiff(&run));
+        assert!(!is_stiff(&run.0));
     }
 }
 
@@ -224,8 +225,9 @@ fn a_saved_state_continues_bit_for_bit_in_a_stiff_phase_and_on_its_way_into_it()
         assert_eq!(unit.free(state), OK);
     }
     evaluations();
-    unit.run(200.0 * STEP, 1, STEP);
-    assert!(evaluations()[1] > 0, "the stiff method was in force at last");
+    unit.run(200.0 * STEP, 1, 0.1);
+    let evaluations = evaluations();
+    assert!(evaluations < 2_000, "{evaluations} evaluations, where the explicit method needs 1e5");
 }
 
 #[test]
@@ -290,8 +292,7 @@ fn large_systems_stay_explicit_while_the_dense_method_would_not_pay() {
     let mut execution = many(1000);
     // Ten explicit substeps or so each: far less work than one decomposition of 1000 equations.
     (0..20).for_each(|k| execution.step(f64::from(k) * 0.02, 0.02).map(|_| ()).unwrap());
-    let [plain, dual] = evaluations();
-    assert_eq!(dual, 0, "explicit, {plain} evaluations");
+    assert!(!is_stiff(&execution), "{} evaluations", evaluations());
 }
 
 #[test]
@@ -299,9 +300,9 @@ fn a_system_of_fifty_states_goes_by_the_stiff_method_when_that_pays() {
     evaluations();
     let mut execution = many(50);
     (0..200).for_each(|k| execution.step(f64::from(k), 1.0).map(|_| ()).unwrap());
-    let [plain, dual] = evaluations();
+    let evaluations = evaluations();
     // The explicit method alone would take 3e5: six every 3.3 ms.
-    assert!(dual > 0 && plain < 20_000 && dual < 100_000, "{plain} and {dual} evaluations");
+    assert!(is_stiff(&execution) && evaluations < 20_000, "{evaluations} evaluations");
     let error = (execution.block().reals[execution.model().variables().reals(Section::State)][0] - 200_f64.cos()).abs();
     assert!(error < 2e-3, "within its lag of 1 ms: {error}");
 }

@@ -1,101 +1,107 @@
-//! Exact derivatives of an instance's equations, by dual numbers.
+//! Exact derivatives of an instance's equations, from their recordings.
 
 use super::Execution;
-use crate::system::{Compiled, CompiledStart, Dual, MessageLog, Point, Section, Values};
+use crate::derivatives::Direction;
+use crate::model::{Block, Model};
+use crate::recording::{Given, Registers};
+use crate::system::{Section, Values};
+
+/// What derivatives are computed in; it takes memory when they are first asked for.
+#[derive(Debug)]
+pub(super) struct Derivation {
+    /// Where they are taken.
+    block: Block,
+    /// In which direction; and then the changes of all values of the block.
+    changes: Vec<f64>,
+    registers: Registers,
+}
+
+impl Derivation {
+    pub fn new() -> Self {
+        let block = Block { reals: Vec::new(), integers: Vec::new() };
+        Derivation { block, changes: Vec::new(), registers: Registers::new() }
+    }
+
+    /// Changes where time and values of the block change.
+    fn along(&mut self, direction: &Direction, (time, of_time): (f64, f64)) -> &[f64] {
+        let Derivation { block, changes, registers } = self;
+        let point = Given { time, step: 0.0, reals: &block.reals, integers: &block.integers, crossed: &[] };
+        direction.carry_out(&point, of_time, changes, registers);
+        changes
+    }
+}
 
 impl Execution {
     /// Derivatives in the direction that gives each of the `knowns` (inputs and states, by their places in the block) the
-    /// change in `seed`: exact, by one pass with dual numbers at the present inputs and the valid parameters. Values at
-    /// the places of the block.
-    pub fn directional_derivative(&mut self, knowns: &[u32], seed: &[f64]) -> &[Dual] {
-        self.lift();
-        for (&known, &change) in knowns.iter().zip(seed) {
-            self.dual[known as usize].derivatives[0] += change;
-        }
-        self.evaluate_dual(Dual::from(self.time()));
-        &self.dual
+    /// change in `seed`: exact, at the present inputs and the valid parameters. Values at the places of the block.
+    pub fn directional_derivative(&mut self, knowns: &[u32], seed: &[f64]) -> &[f64] {
+        self.place_derivation();
+        self.seed(knowns, seed);
+        self.along(Model::direction, 0.0)
     }
 
     /// Derivatives of the start, at the present time, parameters and inputs, in the direction that gives each of the
-    /// `inputs` (by their places in the block) the change in `seed`: exact, by one pass with dual numbers through the start
-    /// itself. Values at the places of the block.
-    pub fn start_derivative(&mut self, inputs: &[u32], seed: &[f64]) -> &[Dual] {
-        self.lift();
+    /// `inputs` (by their places in the block) the change in `seed`: exact, through the start itself. Values at the places
+    /// of the block.
+    pub fn start_derivative(&mut self, inputs: &[u32], seed: &[f64]) -> &[f64] {
+        self.place_derivation();
         let (variables, start) = (self.model.variables(), self.model.start());
         for section in [Section::State, Section::Discrete] {
             let (reals, integers) = (variables.reals(section), variables.integers(section));
-            for place in reals {
-                self.dual[place] = Dual::from(start.reals[place]);
-            }
-            self.dual_integers[integers.clone()].copy_from_slice(&start.integers[integers]);
+            self.derivation.block.reals[reals.clone()].copy_from_slice(&start.reals[reals]);
+            self.derivation.block.integers[integers.clone()].copy_from_slice(&start.integers[integers]);
         }
-        for (&input, &change) in inputs.iter().zip(seed) {
-            self.dual[input as usize].derivatives[0] += change;
-        }
-        let t = Dual::from(self.time());
-        // What is told and refused was told and refused when the start was computed.
-        let mut unheard = MessageLog::new();
-        let mut point = Point::new(&mut self.dual, &mut self.dual_integers, variables.offsets(), &mut unheard);
-        Dual::start(self.model.system()).initialise(t, &mut point);
-        self.evaluate_dual(t);
-        &self.dual
+        self.seed(inputs, seed);
+        self.along(Model::start_direction, 0.0)
     }
 
-    /// Takes the block over into dual numbers that don't change, with the valid parameters: those that wait to be
-    /// taken over aren't in force.
-    fn lift(&mut self) {
-        self.take_dual_numbers();
+    /// Time derivatives of signals and states at the last communication point, exact, along the solution. Values at the
+    /// places of the block.
+    pub fn time_derivatives(&mut self) -> &[f64] {
+        self.place_derivation();
         let (variables, controls) = (self.model.variables(), self.model.controls());
-        for (dual, &value) in self.dual.iter_mut().zip(&self.block.reals) {
-            *dual = Dual::from(value);
-        }
-        if let Some(valid) = controls.valid_reals {
-            let values = Values::new(&self.block.reals, &self.block.integers, variables.offsets());
-            for (parameter, &value) in variables.reals(Section::Parameter).zip(&values[valid]) {
-                self.dual[parameter] = Dual::from(value);
-            }
-        }
-        let valid = self.valid_integers();
-        self.dual_integers.copy_from_slice(&self.block.integers);
-        self.dual_integers.copy_within(valid, self.model.variables().integers(Section::Parameter).start);
-        if self.values().get(self.model.controls().integer_inputs_wait) {
-            let in_force = self.kept(self.model.controls().last_integer_inputs, Section::Input);
-            self.dual_integers.copy_within(in_force, self.model.variables().integers(Section::Input).start);
-        }
-    }
-
-    /// Takes memory for dual numbers, once.
-    pub(super) fn take_dual_numbers(&mut self) {
-        self.dual.resize(self.block.reals.len(), Dual::from(0.0));
-        self.dual_integers.resize(self.block.integers.len(), 0);
-    }
-
-    fn evaluate_dual(&mut self, t: Dual) {
-        let (system, offsets) = (self.model.system(), self.model.variables().offsets());
-        Dual::equations(system).evaluate(t, &mut self.dual, &self.dual_integers, offsets);
-    }
-
-    /// Time derivatives of signals and states at the last communication point, exact, by one pass with dual
-    /// numbers along the solution. Values at the places of the block.
-    pub fn time_derivatives(&mut self) -> &[Dual] {
-        self.lift();
-        let (variables, controls) = (self.model.variables(), self.model.controls());
-        for (state, rate) in variables.reals(Section::State).zip(variables.reals(Section::Derivative)) {
-            self.dual[state].derivatives[0] = self.block.reals[rate];
-        }
+        let kept = self.kept(controls.last_integer_inputs, Section::Input);
+        let Derivation { block, changes, .. } = &mut self.derivation;
+        let rates = &self.block.reals[variables.reals(Section::Derivative)];
+        changes[variables.reals(Section::State)].copy_from_slice(rates);
         // As the last step left them: what was set since then isn't in force yet.
         let values = Values::new(&self.block.reals, &self.block.integers, variables.offsets());
         if let Some((slopes, last_inputs)) = controls.slopes.zip(controls.last_inputs) {
-            for ((input, &value), &slope) in
-                variables.reals(Section::Input).zip(&values[last_inputs]).zip(&values[slopes])
-            {
-                self.dual[input] = Dual::new(value, slope);
-            }
+            let inputs = variables.reals(Section::Input);
+            block.reals[inputs.clone()].copy_from_slice(&values[last_inputs]);
+            changes[inputs].copy_from_slice(&values[slopes]);
         }
-        let (kept, present) =
-            (self.kept(controls.last_integer_inputs, Section::Input), variables.integers(Section::Input));
-        self.dual_integers.copy_within(kept, present.start);
-        self.evaluate_dual(Dual::new(self.time(), 1.0));
-        &self.dual
+        block.integers.copy_within(kept, variables.integers(Section::Input).start);
+        self.along(Model::direction, 1.0)
+    }
+
+    /// Takes the block over, with the valid parameters: those that wait to be taken over aren't in force. Nothing changes yet.
+    fn place_derivation(&mut self) {
+        let (variables, controls) = (self.model.variables(), self.model.controls());
+        let valid_integers = self.valid_integers();
+        let inputs_wait = self.values().get(controls.integer_inputs_wait);
+        let inputs_in_force = inputs_wait.then(|| self.kept(controls.last_integer_inputs, Section::Input));
+        let Derivation { block, changes, .. } = &mut self.derivation;
+        changes.clear();
+        changes.resize(self.block.reals.len(), 0.0);
+        block.reals.clone_from(&self.block.reals);
+        block.integers.clone_from(&self.block.integers);
+        let values = Values::new(&self.block.reals, &self.block.integers, variables.offsets());
+        if let Some(valid) = controls.valid_reals {
+            block.reals[variables.reals(Section::Parameter)].copy_from_slice(&values[valid]);
+        }
+        block.integers.copy_within(valid_integers, variables.integers(Section::Parameter).start);
+        if let Some(in_force) = inputs_in_force {
+            block.integers.copy_within(in_force, variables.integers(Section::Input).start);
+        }
+    }
+
+    fn along(&mut self, direction: impl Fn(&Model) -> &Direction, of_time: f64) -> &[f64] {
+        let time = self.time();
+        self.derivation.along(direction(&self.model), (time, of_time))
+    }
+
+    fn seed(&mut self, knowns: &[u32], seed: &[f64]) {
+        knowns.iter().zip(seed).for_each(|(&known, &change)| self.derivation.changes[known as usize] += change);
     }
 }

@@ -7,6 +7,7 @@ mod model_exchange;
 use std::sync::Arc;
 
 pub use crate::controls::{InputHandling, OnStepFailure};
+use derivatives::Derivation;
 pub use model_exchange::Update;
 
 use crate::controls::TIGHTEST_TOLERANCE;
@@ -14,7 +15,7 @@ use crate::error::{Invalid, StepError};
 use crate::integrator::{Chosen, IntegrationMethod, Place, Problem, Ramp, Settings, Workspace};
 use crate::kernel::Kernel;
 use crate::model::{Block, Model};
-use crate::system::{Causality, Dual, Handle, Message, MessageLog, Point, Section, Values};
+use crate::system::{Causality, Handle, Message, MessageLog, Point, Section, Values};
 
 /// An instance of a model.
 #[derive(Debug)]
@@ -28,9 +29,7 @@ pub struct Execution {
     fresh: bool,
     /// Where it works.
     place: Place,
-    /// The block over dual numbers; empty until derivatives are asked for.
-    dual: Vec<Dual>,
-    dual_integers: Vec<i32>,
+    derivation: Derivation,
     event_indicators: Vec<f64>,
     kernel: Option<Kernel>,
     /// Messages that wait to be logged.
@@ -45,8 +44,7 @@ impl Execution {
             fresh: false,
             place: model.workspaces().place(|| model.workspace()),
             integrates: true,
-            dual: Vec::new(),
-            dual_integers: Vec::new(),
+            derivation: Derivation::new(),
             event_indicators: vec![0.0; model.variables().indicators().len()],
             block: model.start().clone(),
             model,
@@ -97,10 +95,9 @@ impl Execution {
         done
     }
 
-    /// From now on the master integrates, in model exchange, and may ask for derivatives at any time.
+    /// From now on the master integrates, in model exchange.
     pub fn hand_over_integration(&mut self) {
         self.integrates = false;
-        self.take_dual_numbers();
         self.mark_stepped();
         self.changed();
     }
@@ -231,6 +228,9 @@ impl Execution {
         let settings = self.settings();
         workspace.driver.settle(&mut self.problem(), t, &settings)?;
         self.keep_indicators(workspace);
+        if self.integrates {
+            workspace.driver.prepare(&self.problem(), &settings);
+        }
         Ok(())
     }
 

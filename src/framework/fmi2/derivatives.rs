@@ -63,7 +63,7 @@ impl Instance {
             }
         }
         let found = self.execution.time_derivatives();
-        let broken = hand_out(references.iter().map(|&reference| found[reference as usize].derivative()), values);
+        let broken = hand_out(references.iter().map(|&reference| found[reference as usize]), values);
         Ok(self.answer_for(function, references, broken))
     }
 
@@ -112,7 +112,7 @@ impl Instance {
         } else {
             self.execution.directional_derivative(knowns, seed)
         };
-        let broken = hand_out(unknowns.iter().map(|&unknown| found[unknown as usize].derivative()), result);
+        let broken = hand_out(unknowns.iter().map(|&unknown| found[unknown as usize]), result);
         Ok(self.answer_for(function, unknowns, broken))
     }
 

@@ -60,6 +60,13 @@ impl Driver {
         }
     }
 
+    /// Takes what steps of a problem need, before the first.
+    pub fn prepare(&mut self, problem: &Problem, settings: &Settings) {
+        if settings.method != IntegrationMethod::Fixed {
+            self.methods.prepare(problem);
+        }
+    }
+
     /// Takes storage for the kernel that problems come with from now on.
     pub fn take_kernel(&mut self, kernel: &crate::kernel::Kernel) {
         self.methods.take_kernel(kernel);

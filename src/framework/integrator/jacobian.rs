@@ -1,45 +1,46 @@
-//! Exact derivatives of the state equation, by dual numbers: several directions a pass, and several columns a direction
-//! where no two of them move the same rate.
+//! Exact derivatives of the state equation, from its recording.
 
 use std::sync::Arc;
 
 use super::Problem;
 use super::sparsity::Sparsity;
-use crate::system::{Compiled, DIRECTIONS, Dual, Section, Variables, Wide};
-
-/// Up to so many directions are taken one by one: a pass over wide numbers costs as much.
-const FEW: usize = 3;
+use crate::kernel::Kernel;
+use crate::recording::{Leaf, Registers};
+use crate::system::Variables;
 
 /// The derivatives of f(t, x) where a substep begins, and storage for them.
 #[derive(Debug)]
 pub struct Jacobian {
     sparsity: Arc<Sparsity>,
-    block: Block,
-    /// What is there of ∂f/∂x, as a kernel writes it.
+    registers: Registers,
+    /// What is there of ∂f/∂x, column by column.
     entries: Vec<f64>,
-    /// Whether these are those of the last evaluation.
-    by_kernel: bool,
-    /// ∂f/∂x, by columns; as the block, empty until it is needed, in memory that is there from the begin.
+    /// ∂f/∂x, by columns; empty until it is needed, in memory that is there from the begin.
     by_states: Vec<f64>,
     /// ∂f/∂t, with the change of the inputs in it.
     by_time: Vec<f64>,
-}
-
-/// The whole block over dual numbers.
-#[derive(Debug)]
-enum Block {
-    Narrow(Vec<Dual>),
-    Wide(Vec<Wide>),
+    /// Sums of rows.
+    sums: Vec<f64>,
 }
 
 impl Jacobian {
     /// Storage for a system.
     pub fn new(variables: &Variables, sparsity: &Arc<Sparsity>) -> Self {
-        let (n, size) = (variables.states(), variables.reals(Section::Derivative).end);
-        let few = sparsity.groups().len() < FEW;
-        let block = if few { Block::Narrow(Vec::with_capacity(size)) } else { Block::Wide(Vec::with_capacity(size)) };
-        let (entries, by_states) = (vec![0.0; sparsity.entries()], Vec::with_capacity(n * n));
-        Jacobian { sparsity: Arc::clone(sparsity), block, entries, by_kernel: false, by_states, by_time: vec![0.0; n] }
+        let n = variables.states();
+        Jacobian {
+            sparsity: Arc::clone(sparsity),
+            registers: Registers::new(),
+            entries: vec![0.0; sparsity.entries()],
+            by_states: Vec::with_capacity(n * n),
+            by_time: vec![0.0; n],
+            sums: vec![0.0; n],
+        }
+    }
+
+    /// Records what computes it, unless that was done, and takes the memory that it needs: a step takes none.
+    pub fn prepare(&mut self, problem: &Problem) {
+        let registers = self.sparsity.jacobian(problem.system, problem.variables).registers();
+        self.registers.reserve(registers.saturating_sub(self.registers.len()));
     }
 
     /// ∂f/∂x, by columns.
@@ -52,9 +53,9 @@ impl Jacobian {
         &self.by_time
     }
 
-    /// What is there of ∂f/∂x, column by column, where a kernel evaluated it.
-    pub fn entries(&self) -> Option<&[f64]> {
-        self.by_kernel.then_some(&self.entries)
+    /// What is there of ∂f/∂x, column by column.
+    pub fn entries(&self) -> &[f64] {
+        &self.entries
     }
 
     /// Evaluates both where the problem stands.
@@ -64,91 +65,44 @@ impl Jacobian {
     pub fn evaluate(&mut self, problem: &Problem, t: f64) -> Result<(), usize> {
         let n = self.by_time.len();
         self.by_states.resize(n * n, 0.0);
-        self.by_kernel = self.evaluate_by_kernel(problem, t);
-        if !self.by_kernel {
-            let (sparsity, results) = (&self.sparsity, (&mut self.by_states[..], &mut self.by_time[..]));
-            match &mut self.block {
-                Block::Narrow(block) => evaluate::<1>(block, sparsity, problem, t, results),
-                Block::Wide(block) => evaluate::<DIRECTIONS>(block, sparsity, problem, t, results),
-            }
+        if !self.evaluate_by_kernel(problem, t) {
+            self.evaluate_by_recording(problem, t);
         }
-        let broken = self.by_states.iter().chain(&self.by_time).position(|derivative| !derivative.is_finite());
-        broken.map_or(Ok(()), |place| Err(place % self.by_time.len()))
+        for (place, entry) in self.sparsity.places().zip(&self.entries) {
+            self.by_states[place.column * n + place.row] = *entry;
+        }
+        let rows = self.sparsity.places().map(|place| place.row).chain(0..n);
+        let broken = self.entries.iter().chain(&self.by_time).zip(rows).find(|(derivative, _)| !derivative.is_finite());
+        broken.map_or(Ok(()), |(_, row)| Err(row))
     }
 
     /// Evaluates both by compiled equations, where there are any; whether it did.
     fn evaluate_by_kernel(&mut self, problem: &Problem, t: f64) -> bool {
-        let Some(kernel) = problem.kernel else { return false };
         let slopes = (!problem.held).then_some(problem.ramp.slopes);
         let block = (&*problem.reals, &*problem.integers);
-        if !kernel.jacobian(t, block, slopes, &mut self.entries, &mut self.by_time) {
-            return false;
-        }
-        let (n, mut entries) = (self.by_time.len(), self.entries.iter());
-        for (column, rows) in self.sparsity.columns().iter().enumerate() {
-            for (&row, entry) in rows.iter().zip(&mut entries) {
-                self.by_states[column * n + row as usize] = *entry;
-            }
-        }
-        true
+        let by = |kernel: &Kernel| kernel.jacobian(t, block, slopes, &mut self.entries, &mut self.by_time);
+        problem.kernel.is_some_and(by)
+    }
+
+    fn evaluate_by_recording(&mut self, problem: &Problem, t: f64) {
+        let leaf = |leaf: Leaf| match leaf {
+            Leaf::Time => t,
+            Leaf::Real(place) => problem.reals[place as usize],
+            Leaf::Integer(place) => f64::from(problem.integers[place as usize]),
+            Leaf::Slope(input) if !problem.held => problem.ramp.slopes[input as usize],
+            _ => 0.0,
+        };
+        let instructions = self.sparsity.jacobian(problem.system, problem.variables);
+        let found = instructions.carry_out(leaf, &mut self.registers);
+        self.entries.iter_mut().chain(&mut self.by_time).zip(found).for_each(|(number, found)| *number = found);
     }
 
     /// How large ∂f/∂x is, with states in units of their nominal values: its largest sum of a row, 1/s.
-    pub fn size(&self, nominals: &[f64]) -> f64 {
-        let n = nominals.len();
-        let row = |i: usize| {
-            let entries = self.by_states[i..].iter().step_by(n).zip(nominals);
-            entries.map(|(a, nominal)| a.abs() * nominal).sum::<f64>() / nominals[i]
-        };
-        (0..n).map(row).fold(0.0, f64::max)
-    }
-}
-
-/// All passes: the last direction is that of time, the others are the groups of columns.
-fn evaluate<const N: usize>(
-    block: &mut Vec<Dual<N>>,
-    sparsity: &Sparsity,
-    problem: &Problem,
-    t: f64,
-    (by_states, by_time): (&mut [f64], &mut [f64]),
-) where
-    Dual<N>: Compiled<Integer = i32>,
-{
-    let variables = problem.variables;
-    let (states, rates) = (variables.reals(Section::State), variables.reals(Section::Derivative));
-    block.clear();
-    block.extend(problem.reals[..rates.end].iter().map(|&value| Dual::from(value)));
-    let (n, groups, equations) = (states.len(), sparsity.groups(), Dual::<N>::equations(problem.system));
-    let mut first = 0;
-    while first <= groups.len() {
-        let directions = first..(first + N).min(groups.len() + 1);
-        let of_time = directions.contains(&groups.len());
-        let columns = |k: usize| groups.get(k).into_iter().flatten().map(|&column| column as usize);
-        let mut time = Dual::from(t);
-        for (place, k) in directions.clone().enumerate() {
-            columns(k).for_each(|column| block[states.start + column].derivatives[place] = 1.0);
+    pub fn size(&mut self, nominals: &[f64]) -> f64 {
+        self.sums.fill(0.0);
+        for (place, entry) in self.sparsity.places().zip(&self.entries) {
+            self.sums[place.row] += entry.abs() * nominals[place.column];
         }
-        if of_time {
-            let place = groups.len() - first;
-            time.derivatives[place] = 1.0;
-            if !problem.held {
-                let inputs = &mut block[variables.reals(Section::Input)];
-                inputs.iter_mut().zip(problem.ramp.slopes).for_each(|(input, &slope)| input.derivatives[place] = slope);
-            }
-        }
-        equations.evaluate(time, block, problem.integers, variables.offsets());
-        for (place, k) in directions.clone().enumerate() {
-            for column in columns(k) {
-                for &row in &sparsity.columns()[column] {
-                    by_states[column * n + row as usize] = block[rates.start + row as usize].derivatives[place];
-                }
-                block[states.start + column].derivatives[place] = 0.0;
-            }
-        }
-        if of_time {
-            let place = groups.len() - first;
-            by_time.iter_mut().zip(&block[rates.clone()]).for_each(|(change, rate)| *change = rate.derivatives[place]);
-        }
-        first += N;
+        self.sums.iter().zip(nominals).map(|(sum, nominal)| sum / nominal).fold(0.0, f64::max)
     }
 }

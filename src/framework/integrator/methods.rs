@@ -170,6 +170,13 @@ impl Methods {
         }
     }
 
+    /// Takes what steps of a problem need, before the first.
+    pub fn prepare(&mut self, problem: &Problem) {
+        if let Some(stiff) = &mut self.stiff {
+            stiff.prepare(problem);
+        }
+    }
+
     /// Takes storage for a kernel.
     pub fn take_kernel(&mut self, kernel: &Kernel) {
         if let Some(stiff) = &mut self.stiff {

@@ -23,7 +23,7 @@
 //! at 10 ms), and saving their state through the public interface changes the run that is saved.
 //!
 //! A Rosenbrock method has none of that: it is a one-step method as well, solves linear equations only, so that nothing
-//! can fail to converge, and its exact Jacobian comes from the equations over dual numbers. The same oscillator, stiff
+//! can fail to converge, and its exact Jacobian comes from the recorded equations. The same oscillator, stiff
 //! (mu jumps between 5000 and 4000), in steps of 10 ms:
 //!
 //! | method | ns a step | allocations a step | largest error |
@@ -81,7 +81,7 @@ pub use workspace::{Place, Workspace, Workspaces};
 
 use crate::error::Invalid;
 use crate::kernel::Kernel;
-use crate::system::{DynSystem, ErrorEstimate, Happens, MessageLog, Offsets, Point, Section, Values, Variables};
+use crate::system::{DynSystem, Equations, ErrorEstimate, MessageLog, Offsets, Point, Section, Values, Variables};
 
 /// Work that one communication step may take by default, in elementary operations of about 1 ns.
 pub const WORK_LIMIT: f64 = 1e9;
@@ -160,7 +160,7 @@ impl std::fmt::Debug for Problem<'_> {
 }
 
 impl<'a> Problem<'a> {
-    fn equations(&self) -> &'a dyn Happens<f64> {
+    fn equations(&self) -> &'a dyn Equations<f64> {
         self.system
     }
 

@@ -131,9 +131,14 @@ impl Rosenbrock {
         }
     }
 
+    /// Takes what a substep of a problem needs.
+    pub fn prepare(&mut self, problem: &Problem) {
+        self.jacobian.prepare(problem);
+    }
+
     /// The Jacobian of the last [`OneStepMethod::begin`].
-    pub fn jacobian(&self) -> &Jacobian {
-        &self.jacobian
+    pub fn jacobian(&mut self) -> &mut Jacobian {
+        &mut self.jacobian
     }
 
     /// Takes storage for what a kernel decomposes.
@@ -144,10 +149,9 @@ impl Rosenbrock {
     /// Decomposes I/(γh) − J; whether it is regular.
     fn decompose(&mut self, h: f64, kernel: Option<&Kernel>) -> bool {
         let (diagonal, by_states) = (1.0 / (GAMMA * h), self.jacobian.by_states());
-        let compiled = kernel.filter(|kernel| kernel.factors().is_some()).zip(self.jacobian.entries());
-        let accurate = if let Some((kernel, entries)) = compiled {
+        let accurate = if let Some(kernel) = kernel.filter(|kernel| kernel.factors().is_some()) {
             self.decomposed = Decomposed::ByKernel;
-            kernel.decompose(diagonal, entries, &mut self.factors)
+            kernel.decompose(diagonal, self.jacobian.entries(), &mut self.factors)
         } else {
             self.decomposed = Decomposed::ByPattern;
             self.elimination.as_mut().is_some_and(|elimination| elimination.decompose(diagonal, by_states))

@@ -1,11 +1,14 @@
-//! Which entries of the exact Jacobian ∂f/∂x are there, whatever the numbers are.
+//! Which entries of the exact Jacobian ∂f/∂x are there, whatever the numbers are, and what computes them.
+
+use std::sync::OnceLock;
 
 use super::elimination::Pattern;
-use crate::recording::{Leaf, Method, Recording};
+use crate::derivatives;
+use crate::recording::{Instructions, Leaf, Method, Node, Recording};
 use crate::system::{DynSystem, Section, Variables};
 
 /// The pattern of ∂f/∂x, and columns that one direction takes together.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub struct Sparsity {
     /// The states whose rates depend on each state, in increasing order: by columns.
     columns: Vec<Vec<u32>>,
@@ -13,6 +16,15 @@ pub struct Sparsity {
     groups: Vec<Vec<u32>>,
     /// The pattern of its elimination, where that is worth it.
     pattern: Option<Pattern>,
+    /// What computes its entries, and the rates' change by time.
+    jacobian: OnceLock<Instructions>,
+}
+
+/// Where an entry of the Jacobian stands.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub row: usize,
+    pub column: usize,
 }
 
 impl Sparsity {
@@ -50,7 +62,22 @@ impl Sparsity {
             columns[column].iter().for_each(|&row| taken[group][row as usize] = true);
         }
         let pattern = Pattern::new(&columns);
-        Sparsity { columns, groups, pattern }
+        Sparsity { columns, groups, pattern, jacobian: OnceLock::new() }
+    }
+
+    /// What computes the entries column by column, and the rates' change by time: recorded when it is first asked for.
+    pub fn jacobian(&self, system: &dyn DynSystem, variables: &Variables) -> &Instructions {
+        self.jacobian.get_or_init(|| {
+            let evaluate = Recording::of(system, Method::Evaluate, &variables.layout());
+            let jacobian = derivatives::jacobian(variables, self, evaluate);
+            Instructions::of(&jacobian.tape, &jacobian.nodes().collect::<Vec<Node>>())
+        })
+    }
+
+    /// Where each entry stands, column by column.
+    pub(super) fn places(&self) -> impl Iterator<Item = Place> {
+        let columns = self.columns.iter().enumerate();
+        columns.flat_map(|(column, rows)| rows.iter().map(move |&row| Place { row: row as usize, column }))
     }
 
     /// The rows of each column.

@@ -57,7 +57,7 @@ impl Watch {
     }
 
     /// The stiff method looks at the Jacobian of its substep, if that is due or it has changed; whether it did.
-    pub fn look_for_stiff(&mut self, jacobian: &Jacobian, nominals: &[f64], way: f64, pace: &mut Pace) -> bool {
+    pub fn look_for_stiff(&mut self, jacobian: &mut Jacobian, nominals: &[f64], way: f64, pace: &mut Pace) -> bool {
         let size = jacobian.size(nominals);
         let changed = size > CHANGE * pace.jacobian_size || pace.jacobian_size > CHANGE * size;
         if pace.until_look > 0.0 && !changed {

@@ -10,8 +10,8 @@ const CALL: f64 = 30.0;
 const NUMBER: f64 = 1.0;
 /// The same for a state, where only states are known.
 const STATE: f64 = 20.0;
-/// An evaluation over dual numbers in plain ones.
-const DUAL: f64 = 2.5;
+/// A column of the Jacobian in evaluations.
+const COLUMN: f64 = 2.5;
 
 /// Operations of the parts of an integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +49,7 @@ impl Work {
             explicit: 7.0 * evaluation + 50.0 * n,
             order_8: 12.0 * evaluation + 90.0 * n,
             stiff: 9.0 * evaluation + 2.0 / 3.0 * n.powi(3) + 16.0 * n.powi(2) + 80.0 * n,
-            jacobian: (n + 1.0) * DUAL * evaluation,
+            jacobian: (n + 1.0) * COLUMN * evaluation,
             eigenvalues: 20.0 * n.powi(3) + 100.0 * n,
         }
     }

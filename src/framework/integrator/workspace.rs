@@ -1,7 +1,7 @@
 //! What an instance works with within a call, and how instances of one model share it.
 //!
-//! Nothing in it is needed by the next call. It takes many times the memory of an instance's values: dual numbers, the
-//! matrices of the stiff method and of eigenvalues. So an instance that is alone has its own, and those beside it share one
+//! Nothing in it is needed by the next call. It takes many times the memory of an instance's values: what derivatives are
+//! computed in, the matrices of the stiff method and of eigenvalues. So an instance that is alone has its own, and those beside it share one
 //! for each thread that initialises them: a host with a thread for each instance finds every instance a workspace, and one
 //! thread with many instances needs one for all of them. Where a thread meets a workspace that is in use, by steps of
 //! instances that another thread has initialised, it goes to another, which is made if there is none.

@@ -20,7 +20,8 @@ pub struct Given<'a> {
 }
 
 impl Given<'_> {
-    fn leaf(&self, leaf: Leaf) -> f64 {
+    /// The value of a leaf.
+    pub(crate) fn leaf(&self, leaf: Leaf) -> f64 {
         match leaf {
             Leaf::Time => self.time,
             Leaf::Step => self.step,

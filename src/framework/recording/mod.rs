@@ -8,6 +8,7 @@
 //! [`Point::when`](crate::system::Point::when) is recorded as a selection between what stood and what it leaves.
 
 mod evaluate;
+mod instructions;
 mod iteration;
 mod method;
 mod node;
@@ -17,6 +18,7 @@ mod tape;
 
 pub use crate::scalar::Opaque;
 pub use evaluate::Given;
+pub use instructions::{Instructions, Registers, slopes};
 pub use iteration::Body;
 pub use method::{Method, Recording};
 pub(crate) use node::on_tape;

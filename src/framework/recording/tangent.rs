@@ -274,3 +274,55 @@ fn with_changes(body: &Body, len: usize, changing: &[usize], captured: usize) ->
     let next = next.into_iter().chain(of_next).collect();
     Body { operations: tape.operations, goes_on, next }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::instructions::slopes;
+    use super::super::node::Recorded;
+    use crate::scalar::Scalar;
+    use num_dual::{Dual64, DualNum};
+
+    /// Every function and operation against those of a library, at random places.
+    #[test]
+    fn derivatives_are_those_of_an_independent_implementation() {
+        type Own = fn(Recorded) -> Recorded;
+        type Other = fn(Dual64) -> Dual64;
+        let pairs: [(Own, Other); 19] = [
+            (|x| Scalar::sin(x), |x| x.sin()),
+            (|x| Scalar::cos(x), |x| x.cos()),
+            (|x| Scalar::tan(x), |x| x.tan()),
+            (|x| Scalar::cosh(x), |x| x.cosh()),
+            (|x| Scalar::tanh(x), |x| x.tanh()),
+            (|x| Scalar::exp(x), |x| x.exp()),
+            (|x| Scalar::ln(x), |x| x.ln()),
+            (|x| Scalar::ln_1p(x), |x| x.ln_1p()),
+            (|x| Scalar::sqrt(x), |x| x.sqrt()),
+            (|x| Scalar::atan(x), |x| x.atan()),
+            (|x| Scalar::recip(x), |x| x.recip()),
+            (|x| Scalar::powi(x, -3), |x| x.powi(-3)),
+            (|x| Scalar::powf(x, 1.7), |x| x.powf(1.7)),
+            (|x| Scalar::powd(x, x * 0.5), |x| x.powd(x * 0.5)),
+            (|x| x * x - x / (x + 2.0), |x| x * x - x / (x + 2.0)),
+            (|x| -x * 3.0 / 7.0 - 1.0, |x| -x * 3.0 / 7.0 - 1.0),
+            (|x| Scalar::abs(-x), |x| num_traits::Signed::abs(&-x)),
+            (|x| Scalar::powi(x, 0), |x| x.powi(0)),
+            (|x| Recorded::from(3.0) / x, |x| Dual64::from(3.0) / x),
+        ];
+        for k in 1..40 {
+            let x = 0.07 * f64::from(k);
+            for (number, (own, other)) in pairs.into_iter().enumerate() {
+                let ([(value, slope)], other) = (slopes(|x| [own(x)], x), other(Dual64::new(x, 1.0)));
+                assert!((value - other.re).abs() <= 1e-14 * other.re.abs(), "{number} at {x}: {value} {other}");
+                assert!(
+                    (slope - other.eps).abs() <= 1e-12 * (1.0 + other.eps.abs()),
+                    "{number} at {x}: {slope} {other}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_saturated_function_has_a_derivative_far_out() {
+        assert_eq!(slopes(|x| [Scalar::tanh(x)], 800.0), [(1.0, 0.0)]);
+    }
+}

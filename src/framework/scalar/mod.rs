@@ -1,15 +1,13 @@
 //! What equations are written over.
 //!
-//! A scalar is a number, a dual number that carries exact derivatives, or a node of a [recording](crate::recording). Equations
-//! can't look at its value: what depends on one is *selected* by a flag, so that the same text serves all three.
+//! A scalar is a number, or a node of a [recording](crate::recording), from which exact derivatives follow. Equations can't
+//! look at its value: what depends on one is *selected* by a flag, so that the same text serves both.
 
-mod dual;
 mod messages;
 mod opaque;
 
 use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, DivAssign, Mul, MulAssign, Neg, Not, Sub, SubAssign};
 
-pub use dual::Dual;
 pub use messages::{Message, MessageLog};
 pub(crate) use messages::{REFERENCE, of_part};
 pub use opaque::Opaque;
@@ -33,7 +31,7 @@ pub trait Flag:
 
 impl Flag for bool {}
 
-/// What equations are written over: `f64`, dual numbers that carry exact derivatives, and nodes of a recording.
+/// What equations are written over: `f64`, and nodes of a recording.
 ///
 /// Beside arithmetic and elementary functions it has *selection*. A condition is a [`Scalar::Flag`]; what depends on one is
 /// chosen by [`Scalar::select`] between values that stand, by [`Scalar::branch`] between two ways of computing them, or
@@ -253,128 +251,6 @@ pub fn any<S: Scalar>(flags: impl IntoIterator<Item = S::Flag>) -> S::Flag {
     flags.into_iter().fold(false.into(), |any, flag| any | flag)
 }
 
-/// What all kinds of numbers have in common: conditions are decided by the value.
-macro_rules! of_numbers {
-    () => {
-        type Flag = bool;
-        type Integer = i32;
-
-        fn floor(self) -> Self {
-            Self::from(self.number().floor())
-        }
-        fn round(self) -> Self {
-            Self::from(self.number().round())
-        }
-        fn below(self, other: Self) -> bool {
-            self.number() < other.number()
-        }
-        fn at_most(self, other: Self) -> bool {
-            self.number() <= other.number()
-        }
-        fn equals(self, other: Self) -> bool {
-            self.number() == other.number()
-        }
-        fn from_integer(integer: i32) -> Self {
-            Self::from(f64::from(integer))
-        }
-        fn to_integer(self) -> i32 {
-            self.number() as i32
-        }
-        fn integer(value: i32) -> i32 {
-            value
-        }
-        fn same(one: i32, other: i32) -> bool {
-            one == other
-        }
-        fn select_integer(flag: bool, yes: i32, no: i32) -> i32 {
-            if flag { yes } else { no }
-        }
-        fn told(self) -> String {
-            error::Number(self.number()).to_string()
-        }
-        fn rounded(self) -> String {
-            report::number(self.number())
-        }
-        fn rounded_at_most(self) -> String {
-            report::at_most(self.number())
-        }
-        fn rounded_at_least(self) -> String {
-            report::at_least(self.number())
-        }
-        fn scientific(self, digits: usize) -> String {
-            format!("{:.digits$e}", self.number())
-        }
-        fn scientific_at_most(self, digits: usize) -> String {
-            format!("{:.digits$e}", report::no_more(self.number(), digits + 1))
-        }
-        fn fixed(self, digits: usize) -> String {
-            format!("{:.digits$}", self.number())
-        }
-        #[inline]
-        fn select(flag: bool, yes: Self, no: Self) -> Self {
-            if flag { yes } else { no }
-        }
-        #[inline]
-        fn branch<R: Merge<Self>>(flag: bool, yes: impl FnOnce() -> R, no: impl FnOnce() -> R) -> R {
-            if flag { yes() } else { no() }
-        }
-        fn element(values: &[Self], place: Self) -> Self {
-            // A cast keeps to the numbers that there are, and makes 0 of what is none.
-            values[(place.number() as usize).min(values.len() - 1)]
-        }
-        fn put_element(values: &mut [Self], place: Self, value: Self) {
-            values[(place.number() as usize).min(values.len() - 1)] = value;
-        }
-        #[inline]
-        fn iterate(state: &mut [Self], most: usize, goes_on: impl Fn(&[Self]) -> bool, step: impl Fn(&mut [Self])) {
-            for _ in 0..most {
-                if !goes_on(state) {
-                    break;
-                }
-                step(state);
-            }
-        }
-        fn opaque(function: Opaque, arguments: &[Self]) -> Self {
-            Self::from(function.of(arguments.iter().map(|argument| argument.number())))
-        }
-        #[inline]
-        fn carry_out<P: Changed<Self>>(flag: bool, place: &mut P, change: impl FnOnce(&mut P)) {
-            if flag {
-                change(place);
-            }
-        }
-        #[inline]
-        fn log(flag: bool, log: &mut MessageLog, category: &'static str, text: impl FnOnce() -> String) {
-            if flag {
-                log.tell(category, text());
-            }
-        }
-        #[inline]
-        fn refuse(flag: bool, log: &mut MessageLog, reason: impl FnOnce() -> Invalid) {
-            if flag {
-                log.refuse(reason());
-            }
-        }
-    };
-}
-
-/// The value that conditions are decided by.
-trait Number: Copy {
-    fn number(self) -> f64;
-}
-
-impl Number for f64 {
-    fn number(self) -> f64 {
-        self
-    }
-}
-
-impl<const N: usize> Number for Dual<N> {
-    fn number(self) -> f64 {
-        self.value
-    }
-}
-
 macro_rules! functions_of_numbers {
     ($($name:ident)*) => {$(
         #[inline]
@@ -385,7 +261,10 @@ macro_rules! functions_of_numbers {
 }
 
 impl Scalar for f64 {
-    functions_of_numbers!(sin cos tan cosh tanh exp ln ln_1p sqrt atan recip abs signum);
+    type Flag = bool;
+    type Integer = i32;
+
+    functions_of_numbers!(sin cos tan cosh tanh exp ln ln_1p sqrt atan recip abs signum floor round);
     #[inline]
     fn powi(self, exponent: i32) -> f64 {
         f64::powi(self, exponent)
@@ -398,51 +277,94 @@ impl Scalar for f64 {
     fn powd(self, exponent: f64) -> f64 {
         f64::powf(self, exponent)
     }
-    of_numbers!();
-}
-
-macro_rules! functions_with_slopes {
-    ($($name:ident $x:ident $value:ident: $slope:expr),* $(,)?) => {$(
-        fn $name(self) -> Self {
-            let $x = self.value;
-            let $value = $x.$name();
-            self.chained($value, $slope)
+    fn below(self, other: Self) -> bool {
+        self < other
+    }
+    fn at_most(self, other: Self) -> bool {
+        self <= other
+    }
+    fn equals(self, other: Self) -> bool {
+        self == other
+    }
+    fn from_integer(integer: i32) -> Self {
+        f64::from(integer)
+    }
+    fn to_integer(self) -> i32 {
+        self as i32
+    }
+    fn integer(value: i32) -> i32 {
+        value
+    }
+    fn same(one: i32, other: i32) -> bool {
+        one == other
+    }
+    fn select_integer(flag: bool, yes: i32, no: i32) -> i32 {
+        if flag { yes } else { no }
+    }
+    fn told(self) -> String {
+        error::Number(self).to_string()
+    }
+    fn rounded(self) -> String {
+        report::number(self)
+    }
+    fn rounded_at_most(self) -> String {
+        report::at_most(self)
+    }
+    fn rounded_at_least(self) -> String {
+        report::at_least(self)
+    }
+    fn scientific(self, digits: usize) -> String {
+        format!("{:.digits$e}", self)
+    }
+    fn scientific_at_most(self, digits: usize) -> String {
+        format!("{:.digits$e}", report::no_more(self, digits + 1))
+    }
+    fn fixed(self, digits: usize) -> String {
+        format!("{:.digits$}", self)
+    }
+    #[inline]
+    fn select(flag: bool, yes: Self, no: Self) -> Self {
+        if flag { yes } else { no }
+    }
+    #[inline]
+    fn branch<R: Merge<Self>>(flag: bool, yes: impl FnOnce() -> R, no: impl FnOnce() -> R) -> R {
+        if flag { yes() } else { no() }
+    }
+    fn element(values: &[Self], place: Self) -> Self {
+        // A cast keeps to the numbers that there are, and makes 0 of what is none.
+        values[(place as usize).min(values.len() - 1)]
+    }
+    fn put_element(values: &mut [Self], place: Self, value: Self) {
+        values[(place as usize).min(values.len() - 1)] = value;
+    }
+    #[inline]
+    fn iterate(state: &mut [Self], most: usize, goes_on: impl Fn(&[Self]) -> bool, step: impl Fn(&mut [Self])) {
+        for _ in 0..most {
+            if !goes_on(state) {
+                break;
+            }
+            step(state);
         }
-    )*};
-}
-
-/// f(x) and f'(x).
-impl<const N: usize> Scalar for Dual<N> {
-    functions_with_slopes!(
-        sin x _y: x.cos(),
-        cos x _y: -x.sin(),
-        tan x y: 1.0 + y * y,
-        cosh x _y: x.sinh(),
-        tanh x _y: x.cosh().recip().powi(2),
-        exp x y: y,
-        ln x _y: x.recip(),
-        ln_1p x _y: (x + 1.0).recip(),
-        sqrt x y: 0.5 / y,
-        atan x _y: (1.0 + x * x).recip(),
-        recip x y: -y * y,
-        abs x _y: x.signum(),
-        signum x _y: 0.0,
-    );
-    fn powi(self, exponent: i32) -> Self {
-        let slope = if exponent == 0 { 0.0 } else { self.value.powi(exponent - 1) * f64::from(exponent) };
-        self.chained(self.value.powi(exponent), slope)
     }
-    fn powf(self, exponent: f64) -> Self {
-        let slope = if exponent == 0.0 { 0.0 } else { self.value.powf(exponent - 1.0) * exponent };
-        self.chained(self.value.powf(exponent), slope)
+    fn opaque(function: Opaque, arguments: &[Self]) -> Self {
+        function.of(arguments.iter().copied())
     }
-    fn powd(self, exponent: Self) -> Self {
-        let value = self.value.powf(exponent.value);
-        let by_base = exponent.value * self.value.powf(exponent.value - 1.0);
-        let by_exponent = if self.value > 0.0 { value * self.value.ln() } else { 0.0 };
-        let derivatives =
-            std::array::from_fn(|k| by_base * self.derivatives[k] + by_exponent * exponent.derivatives[k]);
-        Dual { value, derivatives }
+    #[inline]
+    fn carry_out<P: Changed<Self>>(flag: bool, place: &mut P, change: impl FnOnce(&mut P)) {
+        if flag {
+            change(place);
+        }
     }
-    of_numbers!();
+    #[inline]
+    fn log(flag: bool, log: &mut MessageLog, category: &'static str, text: impl FnOnce() -> String) {
+        if flag {
+            log.tell(category, text());
+        }
+    }
+    #[inline]
+    fn refuse(flag: bool, log: &mut MessageLog, reason: impl FnOnce() -> Invalid) {
+        if flag {
+            log.refuse(reason());
+        }
+    }
 }

@@ -11,14 +11,8 @@ use crate::error::Invalid;
 use crate::near;
 use crate::recording::Recorded;
 use crate::report::DesignReport;
-use crate::scalar::Dual;
 
-/// How many directions one pass over [`Wide`] numbers takes.
-pub const DIRECTIONS: usize = 8;
-/// Dual numbers that carry exact derivatives in several directions.
-pub type Wide = Dual<DIRECTIONS>;
-
-/// The equations of a system over one scalar.
+/// What a system does, over one scalar.
 pub trait Equations<S: Scalar> {
     /// Writes the signals of a block.
     fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets);
@@ -29,16 +23,8 @@ pub trait Equations<S: Scalar> {
         self.outputs(t, reals, integers, offsets);
         self.derivatives(t, reals, integers, offsets);
     }
-}
-
-/// The start of a system over one scalar.
-pub trait Starts<S: Scalar>: Equations<S> {
     /// See [`System::initialise`].
     fn initialise(&self, t: S, v: &mut Point<S>);
-}
-
-/// What happens beside the equations, over one scalar.
-pub trait Happens<S: Scalar>: Starts<S> {
     /// See [`System::relate`].
     fn relate(&self, v: &mut Point<S>);
     /// See [`System::parameters_changed`].
@@ -55,9 +41,8 @@ pub trait Happens<S: Scalar>: Starts<S> {
     fn step_completed(&self, t: S, step: S, v: &mut Point<S>);
 }
 
-/// A [`System`] whose type was erased. Every `System` is one: all of it over numbers and recordings, what has derivatives
-/// over dual numbers.
-pub trait DynSystem: Happens<f64> + Happens<Recorded> + Starts<Dual> + Equations<Wide> + Send + Sync {
+/// A [`System`] whose type was erased, over numbers and recordings. Every `System` is one.
+pub trait DynSystem: Equations<f64> + Equations<Recorded> + Send + Sync {
     /// See [`System::prepare`].
     ///
     /// # Errors
@@ -71,42 +56,21 @@ pub trait DynSystem: Happens<f64> + Happens<Recorded> + Starts<Dual> + Equations
 
 /// A scalar that equations are compiled for.
 pub trait Compiled: Scalar {
-    /// The equations of a system over it.
+    /// What a system does, over it.
     fn equations(system: &dyn DynSystem) -> &dyn Equations<Self>;
 }
 
-/// A scalar that the start is compiled for.
-pub trait CompiledStart: Compiled {
-    /// The start of a system over it.
-    fn start(system: &dyn DynSystem) -> &dyn Starts<Self>;
+impl Compiled for f64 {
+    fn equations(system: &dyn DynSystem) -> &dyn Equations<f64> {
+        system
+    }
 }
 
-/// A scalar that everything is compiled for.
-pub trait CompiledWhole: CompiledStart {
-    /// All of a system over it.
-    fn whole(system: &dyn DynSystem) -> &dyn Happens<Self>;
+impl Compiled for Recorded {
+    fn equations(system: &dyn DynSystem) -> &dyn Equations<Recorded> {
+        system
+    }
 }
-
-macro_rules! compiled {
-    ($($scalar:ty: $compiled:ident $method:ident $is:ident),* $(,)?) => {$(
-        impl $compiled for $scalar {
-            fn $method(system: &dyn DynSystem) -> &dyn $is<Self> {
-                system
-            }
-        }
-    )*};
-}
-compiled!(
-    f64: Compiled equations Equations,
-    f64: CompiledStart start Starts,
-    f64: CompiledWhole whole Happens,
-    Recorded: Compiled equations Equations,
-    Recorded: CompiledStart start Starts,
-    Recorded: CompiledWhole whole Happens,
-    Dual: Compiled equations Equations,
-    Dual: CompiledStart start Starts,
-    Wide: Compiled equations Equations,
-);
 
 impl<M: System, S: Scalar> Equations<S> for M {
     fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets) {
@@ -119,15 +83,9 @@ impl<M: System, S: Scalar> Equations<S> for M {
         let v = Values { reals: known, integers, offsets };
         System::derivatives(self, t, &v, &mut Written { section, class: PhantomData });
     }
-}
-
-impl<M: System, S: Scalar> Starts<S> for M {
     fn initialise(&self, t: S, v: &mut Point<S>) {
         System::initialise(self, t, v);
     }
-}
-
-impl<M: System, S: Scalar> Happens<S> for M {
     fn relate(&self, v: &mut Point<S>) {
         System::relate(self, v);
     }

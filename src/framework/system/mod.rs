@@ -61,8 +61,8 @@
 //! | [`System::report`] | before a unit is used at all, after `prepare` | allocate; take up to some 0.1 s |
 //!
 //! All methods but `declare`, `prepare`, `report` and `own_step` are generic over the [`Scalar`]: with `f64` they are
-//! simulated, with dual numbers the same text gives exact derivatives, for masters and for the integration of stiff
-//! equations, and over nodes of a [recording](crate::recording) it tells what depends on what: nobody has to declare that.
+//! simulated, and over nodes of a [recording](crate::recording) the same text gives exact derivatives, for masters and for the
+//! integration of stiff equations, and tells what depends on what: nobody has to declare that.
 //! So use `S`'s own functions (`x.sin()`), and write `x * 2.0` rather than `2.0 * x`. A scalar can't be looked at: where
 //! something depends on a condition, it is selected ([`Scalar::select`], [`Scalar::branch`]) or carried out on a condition
 //! ([`Point::when`]). And keep whatever jumps out of the equations: a jump is an *event*, its value a *discrete* variable
@@ -113,9 +113,7 @@ mod variable;
 
 pub use composite::Structure as CompositeStructure;
 pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
-pub use erased::{
-    Compiled, CompiledStart, CompiledWhole, DIRECTIONS, DynSystem, Equations, Happens, Kind, Registry, Starts, Wide,
-};
+pub use erased::{Compiled, DynSystem, Equations, Kind, Registry};
 pub use names::{Described, Named, Names, Word, Words};
 pub use point::Point;
 pub use quantity::{of_outputs, quantities};
@@ -139,7 +137,7 @@ use serde::de::DeserializeOwned;
 
 pub use crate::error::{Invalid, Number};
 pub use crate::report::{DesignReport, Verdict};
-pub use crate::scalar::{Changed, Dual, Flag, Merge, Message, MessageLog, Scalar, any, larger, smaller};
+pub use crate::scalar::{Changed, Flag, Merge, Message, MessageLog, Scalar, any, larger, smaller};
 
 /// The structure of a system that has none to choose: its description's `[structure]` is empty.
 #[derive(Debug, Default, Deserialize)]

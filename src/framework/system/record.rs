@@ -1,6 +1,6 @@
 //! A system's methods, run over the scalar that records.
 
-use super::{DynSystem, Happens, MessageLog, Offsets, Point};
+use super::{DynSystem, Equations, MessageLog, Offsets, Point};
 use crate::recording::{Leaf, Method, Operation, Recorded, Recording, on_tape};
 
 /// A system's values: how many there are, and where sections begin.
@@ -66,7 +66,7 @@ fn record(
     t: Recorded,
     v: &mut Point<Recorded>,
 ) -> Vec<Recorded> {
-    let equations: &dyn Happens<Recorded> = system;
+    let equations: &dyn Equations<Recorded> = system;
     let mut results = Vec::new();
     match method {
         Method::Relate => equations.relate(v),

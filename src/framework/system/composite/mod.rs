@@ -14,9 +14,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::declaration::Declaration;
-use super::erased::{
-    Compiled, CompiledStart, CompiledWhole, DynSystem, Equations, Happens, Kind, Registry, Starts, read,
-};
+use super::erased::{Compiled, DynSystem, Equations, Kind, Registry, read};
 use super::names::Names;
 use super::values::{Offsets, Values};
 use super::{MessageLog, OwnStep, Point, Scalar, Section};
@@ -200,9 +198,7 @@ impl<S: Compiled> Equations<S> for Composite {
             reals[first + state] -= rate;
         }
     }
-}
 
-impl<S: CompiledStart> Starts<S> for Composite {
     /// A part may start from inputs that follow from the start of others: after as many rounds as there are parts, every
     /// value has gone round.
     fn initialise(&self, t: S, v: &mut Point<S>) {
@@ -214,31 +210,29 @@ impl<S: CompiledStart> Starts<S> for Composite {
                 let mut unheard = MessageLog::unheard();
                 let (offsets, log) = (v.offsets, if is_last { &mut *v.log } else { &mut unheard });
                 let mut v = Point::new(v.reals, v.integers, offsets, log);
-                part.with(&mut v, |system, v| S::start(system).initialise(t, v));
+                part.with(&mut v, |system, v| S::equations(system).initialise(t, v));
             }
             self.take_own_states(v.reals, v.offsets);
             self.outputs(t, v.reals, v.integers, v.offsets);
         }
     }
-}
 
-impl<S: CompiledWhole> Happens<S> for Composite {
     fn relate(&self, v: &mut Point<S>) {
-        self.parts.iter().for_each(|part| part.with(v, |system, v| S::whole(system).relate(v)));
+        self.parts.iter().for_each(|part| part.with(v, |system, v| S::equations(system).relate(v)));
     }
 
     fn parameters_changed(&self, t: S, v: &mut Point<S>) {
-        self.each(v, |part, v| part.with(v, |system, v| S::whole(system).parameters_changed(t, v)));
+        self.each(v, |part, v| part.with(v, |system, v| S::equations(system).parameters_changed(t, v)));
     }
 
     fn check(&self, t: S, v: &mut Point<S>) {
-        self.parts.iter().for_each(|part| part.with(v, |system, v| S::whole(system).check(t, v)));
+        self.parts.iter().for_each(|part| part.with(v, |system, v| S::equations(system).check(t, v)));
     }
 
     fn next_time_event(&self, v: &Values<S>) -> S {
         let next = |part: &Part| {
             let own = Values { offsets: &part.offsets(v.offsets), ..*v };
-            S::whole(part.system.as_ref()).next_time_event(&own)
+            S::equations(part.system.as_ref()).next_time_event(&own)
         };
         // One that isn't a number shows, whatever the others are.
         let earlier = |a: S, b: S| S::select(!a.equals(a) | a.at_most(b), a, b);
@@ -248,7 +242,7 @@ impl<S: CompiledWhole> Happens<S> for Composite {
     fn event_indicators(&self, t: S, v: &Values<S>, z: &mut [S]) {
         for part in &self.parts {
             let own = Values { offsets: &part.offsets(v.offsets), ..*v };
-            S::whole(part.system.as_ref()).event_indicators(t, &own, &mut z[part.indicators.clone()]);
+            S::equations(part.system.as_ref()).event_indicators(t, &own, &mut z[part.indicators.clone()]);
         }
     }
 
@@ -257,7 +251,7 @@ impl<S: CompiledWhole> Happens<S> for Composite {
         self.each(v, |part, v| {
             let crossed = &crossed[part.indicators.clone()];
             part.with(v, |system, v| {
-                let system = S::whole(system);
+                let system = S::equations(system);
                 let due = system.next_time_event(&v.values()).at_most(t);
                 let its_own = crossed.iter().fold(due, |any, &one| any | one);
                 v.when(its_own, |v| system.event(t, crossed, v));
@@ -268,7 +262,7 @@ impl<S: CompiledWhole> Happens<S> for Composite {
     /// No part holds the inputs that it has from others.
     fn step_completed(&self, t: S, _step: S, v: &mut Point<S>) {
         let none = S::from(0.0);
-        self.each(v, |part, v| part.with(v, |system, v| S::whole(system).step_completed(t, none, v)));
+        self.each(v, |part, v| part.with(v, |system, v| S::equations(system).step_completed(t, none, v)));
     }
 }
 

@@ -19,7 +19,7 @@
 #define EVALUATION_WORK (CALL_WORK + (real)(FIRST_RATE + UNIT_STATES))
 #define TYPICAL_EVALUATION (CALL_WORK + R(20.0) * STATES)
 #define STATES ((real)UNIT_STATES)
-/* Of a substep that is tried by either method, of a Jacobian (over dual numbers), and of its eigenvalues. */
+/* Of a substep that is tried by either method, of a Jacobian, and of its eigenvalues. */
 #define EXPLICIT_WORK(evaluation) (R(7.0) * (evaluation) + R(50.0) * STATES)
 #define ORDER_8_WORK(evaluation) (R(12.0) * (evaluation) + R(90.0) * STATES)
 #define STIFF_WORK(evaluation)                                                                                              \
