@@ -2,8 +2,10 @@
 
 use std::collections::HashMap;
 
+use super::guard::{Guard, guards};
 use super::iteration::Body;
 use super::node::{Recorded, on_tape};
+use super::tangent::needed;
 use super::tape::{Binary, Comparison, Leaf, Node, Operation, Tape, Unary};
 use crate::scalar::Opaque;
 
@@ -30,10 +32,12 @@ enum Instruction {
     Opaque(Opaque, [Register; 3]),
     /// Writes the state that a loop reaches.
     Iterate(u32),
+    /// Where this is 0, the next instruction isn't needed: it would have no number, perhaps, and writes 0.
+    Where(Register),
 }
 
 /// An iteration. Its registers lie together: the state, what it reads beside that, and what its instructions write.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 struct Loop {
     most: usize,
     start: Vec<Register>,
@@ -76,7 +80,8 @@ impl Instructions {
         let first_leaf = writer.take(leaves.len());
         let given: HashMap<usize, Register> =
             leaves.iter().zip(first_leaf as Register..).map(|(&(place, _), register)| (place, register)).collect();
-        let (instructions, places) = writer.write(tape.operations(), &needed, |place, _| given[&place]);
+        let unconditional: Vec<_> = wanted.iter().map(|&node| (node, None)).collect();
+        let (instructions, places) = writer.write(tape.operations(), &unconditional, &|place, _| given[&place]);
         Instructions {
             leaves: leaves.into_iter().map(|(_, leaf)| leaf).collect(),
             instructions,
@@ -114,7 +119,8 @@ impl Instructions {
     fn run(&self, instructions: &[Instruction], first: usize, r: &mut [f64]) {
         let mut to = first;
         let flag = |holds: bool| f64::from(u8::from(holds));
-        for instruction in instructions {
+        let mut instructions = instructions.iter();
+        while let Some(instruction) = instructions.next() {
             let of = |register: Register| r[register as usize];
             r[to] = match *instruction {
                 Instruction::Add(a, b) => of(a) + of(b),
@@ -133,6 +139,16 @@ impl Instructions {
                 Instruction::Opaque(function, arguments) => function.of(arguments.into_iter().map(of)),
                 Instruction::Iterate(number) => {
                     to += self.iterate(&self.loops[number as usize], to, r);
+                    continue;
+                }
+                Instruction::Where(condition) if of(condition) != 0.0 => continue,
+                Instruction::Where(_) => {
+                    let count = match instructions.next() {
+                        Some(Instruction::Iterate(number)) => self.loops[*number as usize].start.len(),
+                        _ => 1,
+                    };
+                    r[to..to + count].fill(0.0);
+                    to += count;
                     continue;
                 }
             };
@@ -198,36 +214,141 @@ impl Writer {
         }
     }
 
-    /// The instructions of the operations that are needed, and the register of each operation; those of what is given are
-    /// found by a function.
+    /// The instructions that compute what is wanted, perhaps under a condition, and the registers of all operations; those of
+    /// what is given are found by a function.
     fn write(
         &mut self,
         operations: &[Operation],
-        needed: &[bool],
-        given: impl Fn(usize, &Operation) -> Register,
+        wanted: &[(Node, Option<Node>)],
+        given: &dyn Fn(usize, &Operation) -> Register,
     ) -> (Vec<Instruction>, Vec<Register>) {
-        let results: usize = (0..operations.len()).filter(|&k| needed[k]).map(|k| written(&operations[k])).sum();
-        let mut to = self.take(results) as Register;
-        let (mut instructions, mut places) = (Vec::with_capacity(results), vec![0; operations.len()]);
-        for (place, operation) in operations.iter().enumerate().filter(|(place, _)| needed[*place]) {
-            let of = |node: &Node| places[node.index()];
-            places[place] = match operation {
-                Operation::Constant(bits) => self.known[bits],
-                Operation::Leaf(_) | Operation::Carried(_) => given(place, operation),
-                Operation::Part(iteration, number) => of(iteration) + number,
-                _ => {
-                    let own = to;
-                    to += written(operation) as Register;
-                    instructions.push(self.instruction(operation, of));
-                    own
-                }
-            };
+        let nodes: Vec<Node> = wanted.iter().flat_map(|&(node, condition)| [Some(node), condition]).flatten().collect();
+        let needed = needed(operations, &nodes);
+        let mut scope = Scope {
+            operations,
+            guards: guards(operations, &needed, wanted),
+            given,
+            known: &self.known,
+            places: vec![None; operations.len()],
+            is_open: vec![false; operations.len()],
+            instructions: Vec::new(),
+            to: self.registers as Register,
+            loops: Vec::new(),
+            first_loop: self.loops.len(),
+        };
+        (0..operations.len()).filter(|&place| needed[place]).for_each(|place| _ = scope.computed(place));
+        let Scope { places, instructions, to, loops, .. } = scope;
+        self.registers = to as usize;
+        // Loops have their registers behind those of what is around them.
+        self.loops.extend(loops.iter().map(|_| Loop::default()));
+        let first = self.loops.len() - loops.len();
+        for (k, place) in loops.into_iter().enumerate() {
+            let Operation::Iterate { body, most, start, captured } = &operations[place] else { continue };
+            let of = |nodes: &[Node]| nodes.iter().map(|node| places[node.index()].unwrap_or_default()).collect();
+            self.loops[first + k] = self.iteration(body, *most, of(start), of(captured));
         }
-        (instructions, places)
+        (instructions, places.into_iter().map(Option::unwrap_or_default).collect())
     }
 
-    fn instruction(&mut self, operation: &Operation, of: impl Fn(&Node) -> Register) -> Instruction {
-        match operation {
+    fn iteration(&mut self, body: &Body, most: usize, start: Vec<Register>, captured: Vec<Register>) -> Loop {
+        let scratch = self.take(start.len());
+        let state = self.take(start.len() + captured.len());
+        let carried = |_, operation: &Operation| match operation {
+            Operation::Carried(number) => state as Register + number,
+            _ => unreachable!("the body of an iteration reads what it carries alone"),
+        };
+        let next = body.next.iter().map(|&node| (node, Some(body.goes_on)));
+        let wanted: Vec<_> = std::iter::once((body.goes_on, None)).chain(next).collect();
+        let (instructions, places) = self.write(&body.operations, &wanted, &carried);
+        let of = |node: &Node| places[node.index()];
+        let (goes_on, next) = (of(&body.goes_on), body.next.iter().map(of).collect());
+        Loop { most, start, captured, state, instructions, goes_on, next, scratch }
+    }
+}
+
+/// Instructions that are being written.
+struct Scope<'a> {
+    operations: &'a [Operation],
+    guards: Vec<Guard>,
+    given: &'a dyn Fn(usize, &Operation) -> Register,
+    known: &'a HashMap<u64, Register>,
+    places: Vec<Option<Register>>,
+    /// Which operations are being computed.
+    is_open: Vec<bool>,
+    instructions: Vec<Instruction>,
+    /// The register of the next result.
+    to: Register,
+    /// Operations that are loops.
+    loops: Vec<usize>,
+    first_loop: usize,
+}
+
+impl Scope<'_> {
+    fn of(&self, node: &Node) -> Register {
+        self.places[node.index()].unwrap_or_default()
+    }
+
+    /// Computes an operation behind its operands, unless that is done, or under way; whether it is done.
+    fn computed(&mut self, place: usize) -> bool {
+        if self.places[place].is_some() || self.is_open[place] {
+            return self.places[place].is_some();
+        }
+        self.is_open[place] = true;
+        let operation = &self.operations[place];
+        let operands_are = operation.operands().all(|operand| self.computed(operand.index()));
+        if operands_are {
+            let register = match operation {
+                Operation::Constant(bits) => self.known[bits],
+                Operation::Leaf(_) | Operation::Carried(_) => (self.given)(place, operation),
+                Operation::Part(iteration, number) => self.of(iteration) + number,
+                _ => {
+                    if operation.is_partial()
+                        && let Some(guard) = self.guard(place)
+                    {
+                        self.instructions.push(Instruction::Where(guard));
+                    }
+                    let instruction = self.instruction(place);
+                    let results = if let Operation::Iterate { start, .. } = operation { start.len() } else { 1 };
+                    self.push(instruction, results)
+                }
+            };
+            self.places[place] = Some(register);
+        }
+        self.is_open[place] = false;
+        operands_are
+    }
+
+    /// Writes an instruction with so many results: where the first of them is.
+    fn push(&mut self, instruction: Instruction, results: usize) -> Register {
+        let own = self.to;
+        self.to += results as Register;
+        self.instructions.push(instruction);
+        own
+    }
+
+    /// Where an operation is needed; nothing where that is always.
+    fn guard(&mut self, place: usize) -> Option<Register> {
+        let guard = self.guards[place].clone();
+        let mut any = None;
+        for term in guard.terms() {
+            let mut all = None;
+            for &(node, holds) in term {
+                // What follows from the operation itself doesn't say where that is needed.
+                if self.computed(node.index()) {
+                    let condition = self.of(&node);
+                    let literal = if holds { condition } else { self.push(Instruction::Not(condition), 1) };
+                    all = Some(all.map_or(literal, |all| self.push(Instruction::And(all, literal), 1)));
+                }
+            }
+            let all = all?;
+            any = Some(any.map_or(all, |any| self.push(Instruction::Or(any, all), 1)));
+        }
+        any
+    }
+
+    fn instruction(&mut self, place: usize) -> Instruction {
+        let of = |node: &Node| self.of(node);
+        match &self.operations[place] {
             Operation::Unary(Unary::Neg, a) => Instruction::Neg(of(a)),
             Operation::Unary(function, a) => Instruction::Unary(*function, of(a)),
             Operation::Binary(operation, a, b) => {
@@ -251,40 +372,14 @@ impl Writer {
                 let [a, b, c] = &arguments[..] else { unreachable!("its functions have three arguments") };
                 Instruction::Opaque(*function, [of(a), of(b), of(c)])
             }
-            Operation::Iterate { body, most, start, captured } => {
-                let all = |nodes: &[Node]| nodes.iter().map(&of).collect();
-                let number = self.iteration(body, *most, all(start), all(captured));
-                Instruction::Iterate(number)
+            Operation::Iterate { .. } => {
+                self.loops.push(place);
+                Instruction::Iterate((self.first_loop + self.loops.len() - 1) as u32)
             }
             Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) | Operation::Part(..) => {
                 unreachable!("it has a register")
             }
         }
-    }
-
-    /// Writes a loop: its number.
-    fn iteration(&mut self, body: &Body, most: usize, start: Vec<Register>, captured: Vec<Register>) -> u32 {
-        let scratch = self.take(start.len());
-        let state = self.take(start.len() + captured.len());
-        let needed = vec![true; body.operations.len()];
-        let carried = |_, operation: &Operation| match operation {
-            Operation::Carried(number) => state as Register + number,
-            _ => unreachable!("the body of an iteration reads what it carries alone"),
-        };
-        let (instructions, places) = self.write(&body.operations, &needed, carried);
-        let of = |node: &Node| places[node.index()];
-        let (goes_on, next) = (of(&body.goes_on), body.next.iter().map(of).collect());
-        self.loops.push(Loop { most, start, captured, state, instructions, goes_on, next, scratch });
-        self.loops.len() as u32 - 1
-    }
-}
-
-/// How many registers an operation writes.
-fn written(operation: &Operation) -> usize {
-    match operation {
-        Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) | Operation::Part(..) => 0,
-        Operation::Iterate { start, .. } => start.len(),
-        _ => 1,
     }
 }
 

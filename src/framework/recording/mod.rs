@@ -8,6 +8,7 @@
 //! [`Point::when`](crate::system::Point::when) is recorded as a selection between what stood and what it leaves.
 
 mod evaluate;
+mod guard;
 mod instructions;
 mod iteration;
 mod method;
@@ -18,6 +19,7 @@ mod tape;
 
 pub use crate::scalar::Opaque;
 pub use evaluate::Given;
+pub(crate) use guard::{Guard, guards};
 pub use instructions::{Instructions, Registers, slopes};
 pub use iteration::Body;
 pub use method::{Method, Recording};

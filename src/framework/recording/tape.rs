@@ -154,6 +154,27 @@ impl Operation {
         few.into_iter().flatten().chain(many.into_iter().flatten().copied())
     }
 
+    /// Whether it isn't defined for every number, or its result may be none.
+    pub(super) fn is_partial(&self) -> bool {
+        match self {
+            Operation::Unary(function, _) => matches!(
+                function,
+                Unary::Tan
+                    | Unary::Cosh
+                    | Unary::Sinh
+                    | Unary::Exp
+                    | Unary::Ln
+                    | Unary::Ln1p
+                    | Unary::Sqrt
+                    | Unary::Recip
+            ),
+            Operation::Binary(operation, ..) => matches!(operation, Binary::Div | Binary::Pow),
+            Operation::Powi(_, exponent) => ![1, 2].contains(exponent),
+            Operation::Powf(..) | Operation::Opaque(..) | Operation::Iterate { .. } => true,
+            _ => false,
+        }
+    }
+
     /// The same of other operands.
     pub(super) fn over(&self, of: impl Fn(Node) -> Node) -> Operation {
         let all = |nodes: &[Node]| nodes.iter().map(|&node| of(node)).collect();

@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use super::expression::{Expression, Kind};
-use super::guard::{Guard, guards};
 use super::names::Names;
 use crate::recording::{Body, Leaf, Node, Operation, Tape, needed};
+use crate::recording::{Guard, guards};
 use crate::scalar::Opaque;
 
 /// Expressions of more operations get a name, so that a person can follow them.

@@ -9,7 +9,6 @@ mod elimination;
 mod equations;
 mod expression;
 mod function;
-mod guard;
 mod header;
 pub mod kernel;
 mod message;

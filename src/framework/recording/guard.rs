@@ -1,7 +1,7 @@
 //! Where operations are needed: under which conditions what is wanted asks for them. Where hosts trap floating-point exceptions,
 //! a quotient must not be computed that equations don't ask for.
 
-use crate::recording::{Node, Operation};
+use super::tape::{Node, Operation};
 
 /// A condition, and whether it holds.
 pub type Literal = (Node, bool);
