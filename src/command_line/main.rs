@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use adaptive_fmu::error::{Error, one_line};
-use adaptive_fmu::{begun, cache, exporter, simulation};
+use adaptive_fmu::{begun, cache, exporter, fmu};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Adaptive controllers and their plants as FMI 2.0 units.
@@ -76,7 +76,7 @@ enum Command {
     #[command(hide = true)]
     Serve,
     /// Runs a unit of another tool for another process of this program
-    #[command(name = simulation::UNIT_PROCESS, hide = true)]
+    #[command(name = fmu::UNIT_PROCESS, hide = true)]
     UnitProcess,
 }
 
@@ -149,7 +149,7 @@ fn run(Arguments { command, global }: Arguments) -> ExitCode {
             ExitCode::FAILURE
         }
     };
-    if let Some(note) = simulation::compiler_trouble() {
+    if let Some(note) = fmu::compiler_trouble() {
         TOLD.call_once(|| remark!("{note}"));
     }
     cache::trouble().iter().for_each(|line| tell!("warning: {line}"));
@@ -188,7 +188,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
 
 #[cfg(unix)]
 fn serve_unit() -> Result<ExitCode, Error> {
-    simulation::serve_unit().map_err(Error::file("the connection to the other process"))?;
+    fmu::serve_unit().map_err(Error::file("the connection to the other process"))?;
     Ok(ExitCode::SUCCESS)
 }
 

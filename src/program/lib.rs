@@ -5,6 +5,7 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
+pub mod analysis;
 mod base64;
 pub mod begun;
 mod c_compiler;
@@ -15,6 +16,9 @@ pub mod distribution;
 mod dynamic;
 pub mod explore;
 pub mod exporter;
+pub mod figures;
+#[allow(unsafe_code)]
+pub mod fmu;
 pub mod league;
 pub mod model_description;
 pub mod output;
@@ -24,16 +28,18 @@ pub mod parquet;
 #[allow(unsafe_code)]
 pub mod process;
 pub mod reproduction;
+pub mod results;
 pub mod schema;
 pub mod scratch;
 pub mod sealed;
 pub mod simulation;
+pub mod structure;
 pub mod tuning;
 pub mod validation;
 
+pub use adaptive_fmu_framework as framework;
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, recording, report, scalar, structure, system,
-    text_file,
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, recording, report, scalar, system, text_file,
 };
 pub use adaptive_fmu_models::{catalogue, controllers, library, mathematics, plants, template, texts};
 

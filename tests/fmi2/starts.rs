@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use adaptive_fmu::execution::Execution;
+use adaptive_fmu::framework::structure::Place;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
-use adaptive_fmu::simulation::LoopFiles;
-use adaptive_fmu::structure::Place;
+use adaptive_fmu::structure::LoopFiles;
 use adaptive_fmu::system::{Causality, Section, Variable};
 use adaptive_fmu_library::fmi2_functions::*;
 use common::described::open_description;

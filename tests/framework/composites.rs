@@ -3,10 +3,10 @@
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::exporter::{self, Library};
 use adaptive_fmu::fmi2::model_description;
+use adaptive_fmu::framework::structure::Place;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
-use adaptive_fmu::simulation::{LoopFiles, Structure, composite};
-use adaptive_fmu::structure::Place;
+use adaptive_fmu::structure::{LoopFiles, Structure, composite};
 use adaptive_fmu::system::*;
 use common::at_top;
 use common::loops::whole as whole_loop;

@@ -4,9 +4,9 @@
 use std::collections::BTreeSet;
 
 use adaptive_fmu::execution::Execution;
+use adaptive_fmu::framework::structure::Place;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
-use adaptive_fmu::structure::Place;
 use adaptive_fmu::system::{Causality, Element, Section};
 use common::described::open_description;
 use common::random::Random;

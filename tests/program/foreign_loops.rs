@@ -3,7 +3,9 @@
 use std::fs;
 use std::process::{Command, Output};
 
-use adaptive_fmu::simulation::{Hosting, LoadedLoop, LoopFiles, Order, Recording, Settings};
+use adaptive_fmu::fmu::Hosting;
+use adaptive_fmu::simulation::{LoadedLoop, Recording};
+use adaptive_fmu::structure::{LoopFiles, Order, Settings};
 use tempfile::TempDir;
 
 use crate::foreign;

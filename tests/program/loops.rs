@@ -3,8 +3,10 @@
 use std::fs;
 use std::path::Path;
 
+use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;
-use adaptive_fmu::simulation::{Circles, LoadedLoop, Value, check};
+use adaptive_fmu::simulation::LoadedLoop;
+use adaptive_fmu::structure::{Circles, check};
 
 use crate::structures::{Folder, UNIT, assert_tells, binding, connection, connection_with, gain, set, start, wiring};
 
@@ -217,9 +219,8 @@ fn a_single_value_names_a_unit_that_is_there_and_means_one() {
     assert_eq!(structure.components[1].values[0].text, "8");
     // Without a unit it is of the loop as one unit, which separate ones have not.
     structure.set("gain=1").unwrap();
-    let refusal = LoadedLoop::new(&structure, Path::new(""), &adaptive_fmu::simulation::Hosting::InProcess)
-        .unwrap_err()
-        .to_string();
+    let refusal =
+        LoadedLoop::new(&structure, Path::new(""), &adaptive_fmu::fmu::Hosting::InProcess).unwrap_err().to_string();
     assert_tells(&refusal, &["--set gain=1", "UNIT.variable", "one, two", "--composite"]);
 }
 

@@ -1,7 +1,8 @@
 //! Loops as others write them: units by their texts alone, systems within systems, mappings of parameters.
 
+use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;
-use adaptive_fmu::simulation::{Circles, Value, Wiring, check};
+use adaptive_fmu::structure::{Circles, Wiring, check};
 
 use crate::structures::{CONNECTORS, Folder, UNIT, assert_tells, binding, connection, gain, set, start};
 

@@ -1,7 +1,7 @@
 //! What `report` says of the thesis: every claim is about something that its runs measure.
 
 use adaptive_fmu::reproduction::{Figure, Outcome, Run, Study};
-use adaptive_fmu::simulation::{LoopFiles, Structure};
+use adaptive_fmu::structure::{LoopFiles, Structure};
 
 fn structure(run: &Run) -> Structure {
     LoopFiles::find(&run.name).unwrap().structure().unwrap()

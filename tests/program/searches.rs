@@ -2,7 +2,9 @@
 
 use std::process::Command;
 
-use adaptive_fmu::simulation::{Hosting, LoadedLoop, LoopFiles, Settings, TunedParameter};
+use adaptive_fmu::fmu::Hosting;
+use adaptive_fmu::simulation::LoadedLoop;
+use adaptive_fmu::structure::{LoopFiles, Settings, TunedParameter};
 use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Search, Swarm};
 
 const LOOP: &str = "3.2.1-cosine";

@@ -2,8 +2,9 @@
 
 use std::fs;
 
+use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;
-use adaptive_fmu::simulation::{Circles, LoopFiles, Structure, Value, Wiring, check};
+use adaptive_fmu::structure::{Circles, LoopFiles, Structure, Wiring, check};
 use tempfile::TempDir;
 
 /// A unit with inputs and outputs of all types: y follows u without delay, z and `length` do not.

@@ -11,7 +11,7 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 use adaptive_fmu::exporter::{self, Platform};
-use adaptive_fmu::simulation::Hosting;
+use adaptive_fmu::fmu::Hosting;
 use adaptive_fmu::validation::{Finding, Report, Severity, Trial, validate};
 use common::at_top;
 use tempfile::TempDir;

@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use adaptive_fmu::begun;
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::{Asked, LoopFiles, Mark, TABLE};
+use adaptive_fmu::results::{Asked, Mark, TABLE};
+use adaptive_fmu::structure::LoopFiles;
 use serde_json::json;
 
 use super::hosting::HostingOptions;

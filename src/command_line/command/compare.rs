@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::{Comparison, LoopFiles, RecordedRun, Report, Verdict};
+use adaptive_fmu::results::{Comparison, RecordedRun, Report, Verdict};
+use adaptive_fmu::structure::LoopFiles;
 use adaptive_fmu::{output, parallel};
 use serde_json::{Value, json};
 
@@ -115,7 +116,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
             tell!("{} {shortfall}", report.structure.name);
         }
     }
-    let verdicts = comparison.runs.iter().map(adaptive_fmu::simulation::Report::verdict);
+    let verdicts = comparison.runs.iter().map(adaptive_fmu::results::Report::verdict);
     Ok(exit_code(verdicts.max().unwrap_or(Verdict::Holds)))
 }
 

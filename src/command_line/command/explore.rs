@@ -12,8 +12,8 @@ use adaptive_fmu::error::Error;
 use adaptive_fmu::explore::{Server, Session, cases, coarse, token, write_page};
 use adaptive_fmu::exporter::{Library, loops};
 use adaptive_fmu::scratch::Scratch;
-use adaptive_fmu::simulation::composite as composite_of;
-use adaptive_fmu::simulation::{LoopFiles, Structure};
+use adaptive_fmu::structure::composite as composite_of;
+use adaptive_fmu::structure::{LoopFiles, Structure};
 use serde_json::json;
 
 use super::loop_options::{LoopOptions, positive};

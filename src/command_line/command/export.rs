@@ -11,7 +11,7 @@ use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform, Source};
 use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
-use adaptive_fmu::simulation::{Component, LoopFiles, Structure, composite, designed, pack, with_values};
+use adaptive_fmu::structure::{Component, LoopFiles, Structure, composite, designed, pack, with_values};
 use serde_json::json;
 
 #[derive(clap::Args)]

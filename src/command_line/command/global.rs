@@ -2,8 +2,8 @@
 
 use std::num::NonZeroUsize;
 
+use adaptive_fmu::fmu::keep_details;
 use adaptive_fmu::parallel;
-use adaptive_fmu::simulation::keep_details;
 
 use crate::console::{self, Detail};
 

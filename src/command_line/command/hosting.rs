@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::Hosting;
+use adaptive_fmu::fmu::Hosting;
 
 use super::loop_options::positive;
 

@@ -3,11 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use adaptive_fmu::analysis::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
+use adaptive_fmu::fmu::{Fmu, Hosting};
 use adaptive_fmu::report::number;
-use adaptive_fmu::simulation::{Fmu, Hosting, Linearisation, LoopFiles, Method, OperatingPoint, Quantity, Structure};
-use adaptive_fmu::simulation::{composite, linearise};
+use adaptive_fmu::structure::{LoopFiles, Structure, composite};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 

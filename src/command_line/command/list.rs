@@ -4,7 +4,7 @@ use adaptive_fmu::catalogue::{Entry, Trial};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
 use adaptive_fmu::library::CATALOGUE;
-use adaptive_fmu::simulation::LoopFiles;
+use adaptive_fmu::structure::LoopFiles;
 use serde_json::{Value, json};
 
 #[derive(clap::Args)]

@@ -4,10 +4,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::fmu::{Fmu, Hosting, Ready, Value};
 use adaptive_fmu::reproduction::linear_limit;
+use adaptive_fmu::results::{Asked, Mark, Provenance, UnitMark, Versions};
 use adaptive_fmu::sealed::checksum;
-use adaptive_fmu::simulation::{Asked, Component, Fmu, Hosting, LoadedLoop, LoopFiles, Mark, Order, Provenance, Ready};
-use adaptive_fmu::simulation::{Settings, Structure, Value, Versions, Whole, check_values};
+use adaptive_fmu::simulation::LoadedLoop;
+use adaptive_fmu::structure::{Component, LoopFiles, Order, Settings, Structure, Whole, check_values};
 
 use super::export::{export_units, warn_of};
 use super::hosting::HostingOptions;
@@ -167,7 +169,7 @@ impl LoopOptions {
             component.is_some_and(|component| self.fmus.is_some() || !component.is_exported())
         };
         let source = Mark { name: name.into(), checksum: files.checksum(structure)? };
-        Ok(Provenance { versions: Versions::own(), source, settings: asked, units: loaded.marks(elsewhere)? })
+        Ok(Provenance { versions: Versions::own(), source, settings: asked, units: UnitMark::all(loaded, elsewhere)? })
     }
 
     /// The units of a loop, exported where they don't come with it.

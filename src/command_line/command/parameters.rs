@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::simulation::{LoopFiles, Structure};
+use adaptive_fmu::structure::{LoopFiles, Structure};
 
 #[derive(clap::Args, Default, Clone)]
 pub struct Parameters {

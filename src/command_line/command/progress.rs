@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 use adaptive_fmu::error::Error;
 #[cfg(unix)]
 use adaptive_fmu::process;
-use adaptive_fmu::simulation::{Ending, Recording, Settings};
+use adaptive_fmu::results::Ending;
+use adaptive_fmu::simulation::Recording;
+use adaptive_fmu::structure::Settings;
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 

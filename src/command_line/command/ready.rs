@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::Ready;
+use adaptive_fmu::fmu::Ready;
 
 static KEPT: Mutex<Option<Arc<Ready>>> = Mutex::new(None);
 /// Those that a command of many runs holds until its end.

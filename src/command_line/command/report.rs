@@ -7,7 +7,8 @@ use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::parallel;
 use adaptive_fmu::reproduction::{Curve, Done, Example, Figure, Outcome, Page, Run, Study, linear_limit};
-use adaptive_fmu::simulation::{Ending, LoopFiles};
+use adaptive_fmu::results::Ending;
+use adaptive_fmu::structure::LoopFiles;
 use adaptive_fmu::text_file;
 use serde_json::{Value, json};
 

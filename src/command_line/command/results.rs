@@ -5,9 +5,10 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::figures::svg;
 use adaptive_fmu::output::Files;
-use adaptive_fmu::simulation::{
-    FILES, METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, TableMarks, Tabled, svg, told,
+use adaptive_fmu::results::{
+    FILES, METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, TableMarks, Tabled, told,
 };
 use adaptive_fmu::{begun, parallel};
 use serde_json::json;

@@ -5,12 +5,14 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::figures::{Diagram, terminal};
 use adaptive_fmu::output;
-use adaptive_fmu::simulation::{
-    Diagram, Ended, Ending, LoopFiles, Measured, Provenance, Recorder, Recording, Report, Settings, Structure,
-    TablePlace, Tabled, Thinned, Verdict,
+use adaptive_fmu::results::{
+    Ended, Ending, Measured, Provenance, Recorder, Report, TablePlace, Tabled, Thinned, Verdict,
 };
-use adaptive_fmu::simulation::{METRICS, TABLE, terminal};
+use adaptive_fmu::results::{METRICS, TABLE};
+use adaptive_fmu::simulation::Recording;
+use adaptive_fmu::structure::{LoopFiles, Settings, Structure};
 use serde_json::{Value, json};
 
 use super::loop_options::LoopOptions;

@@ -5,7 +5,8 @@ use std::process::ExitCode;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
 use adaptive_fmu::parallel;
-use adaptive_fmu::simulation::{LoopFiles, Row, Verdict, table};
+use adaptive_fmu::results::{Row, Verdict, table};
+use adaptive_fmu::structure::LoopFiles;
 use serde_json::{Value, json};
 
 use super::progress::{self, Bars};

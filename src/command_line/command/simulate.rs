@@ -6,10 +6,11 @@ use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::fmi2::calls::Interface;
+use adaptive_fmu::fmu::Fmu;
 use adaptive_fmu::output;
-use adaptive_fmu::simulation::{
-    Alone, Ending, Fmu, Inputs, Order, Plot, Recording, Report, Settings, Structure, Verdict,
-};
+use adaptive_fmu::results::{Ending, Report, Verdict};
+use adaptive_fmu::simulation::{Alone, Inputs, Recording};
+use adaptive_fmu::structure::{Order, Plot, Settings, Structure};
 use clap::ValueEnum;
 use serde_json::json;
 

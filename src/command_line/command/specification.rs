@@ -5,7 +5,8 @@ use std::str::FromStr;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
-use adaptive_fmu::simulation::{LoopFiles, Recorded};
+use adaptive_fmu::results::Recorded;
+use adaptive_fmu::structure::LoopFiles;
 
 use super::loop_options::LoopOptions;
 use super::names::Names;

@@ -5,11 +5,12 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use adaptive_fmu::analysis::{Axis, Point, Sweep, SweepPage};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::parallel;
 use adaptive_fmu::sealed::{self, Sealed, differing};
-use adaptive_fmu::simulation::{Axis, LoopFiles, Point, Sweep, SweepPage};
+use adaptive_fmu::structure::LoopFiles;
 use adaptive_fmu::text_file::csv_field;
 use serde::Deserialize;
 use serde_json::{Value, json};

@@ -7,8 +7,8 @@ use std::time::Instant;
 
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::composite as composite_of;
-use adaptive_fmu::simulation::{LoopFiles, Settings, SquareTerm, Structure, TunedParameter, Tuning};
+use adaptive_fmu::structure::composite as composite_of;
+use adaptive_fmu::structure::{LoopFiles, Settings, SquareTerm, Structure, TunedParameter, Tuning};
 use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
 use adaptive_fmu::{output, parallel};
 

@@ -4,8 +4,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::figures::{Part, of_plot, svg};
 use adaptive_fmu::output::Files;
-use adaptive_fmu::simulation::{Part, Plot, Recording, Scale, of_plot, svg};
+use adaptive_fmu::simulation::Recording;
+use adaptive_fmu::structure::{Plot, Scale};
 use adaptive_fmu::tuning::{Best, Generation, Outcome, Range, Swarm, parameter_set};
 use serde_json::{Map, Value, json};
 

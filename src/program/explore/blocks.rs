@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::parameters::role;
 use crate::catalogue::Role;
 use crate::exporter::escaped;
-use crate::simulation::{Component, Structure};
+use crate::structure::{Component, Structure};
 
 /// Sizes in pixels.
 const BLOCK: (f64, f64) = (132.0, 52.0);

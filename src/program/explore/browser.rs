@@ -9,7 +9,9 @@ use super::cases::{cases, coarse};
 use super::session::{Session, Wanted};
 use crate::SOURCE;
 use crate::error::Error;
-use crate::simulation::{LoadedLoop, LoopFiles, Ready, Settings, Structure, Whole};
+use crate::fmu::Ready;
+use crate::simulation::LoadedLoop;
+use crate::structure::{LoopFiles, Settings, Structure, Whole};
 
 /// The loop that the page is of.
 static SESSION: Mutex<Option<Session>> = Mutex::new(None);

@@ -1,7 +1,8 @@
 //! A loop as it is, and with each of the parameter sets that lie beside it.
 
 use crate::error::Error;
-use crate::simulation::{LoadedLoop, LoopFiles, Settings, Structure};
+use crate::simulation::LoadedLoop;
+use crate::structure::{LoopFiles, Settings, Structure};
 
 /// The most communication points of a loop as one unit while parameters are moved: about one a pixel.
 const POINTS: f64 = 1000.0;

@@ -12,7 +12,7 @@ use crate::begun;
 use crate::error::Error;
 use crate::exporter::{self, Content, Library};
 use crate::output::{self, Files};
-use crate::simulation::{Component, started};
+use crate::structure::{Component, started};
 
 /// FMUs that were exported.
 #[derive(Debug, serde::Serialize)]

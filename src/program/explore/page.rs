@@ -9,9 +9,9 @@ use flate2::write::GzEncoder;
 use crate::base64;
 use crate::error::Error;
 use crate::exporter::escaped;
+use crate::figures::{DIAGRAMS, SCRIPT, STYLE};
 use crate::fmi2::build::Build;
 use crate::output;
-use crate::simulation::{DIAGRAMS, SCRIPT, STYLE};
 use crate::{SOURCE, library};
 
 const PAGE: &str = include_str!("explore.html");

@@ -4,10 +4,12 @@ use serde::{Serialize, Serializer};
 use serde_json::Value as Json;
 
 use crate::catalogue::Role;
+use crate::fmu::Value;
 use crate::library;
 use crate::model::Description;
 use crate::model_description::Variable;
-use crate::simulation::{LoadedLoop, Place, Structure, Value};
+use crate::simulation::{LoadedLoop, Place};
+use crate::structure::Structure;
 use crate::system::NO_LIMIT;
 
 /// So many sliders of a unit are shown at first.
@@ -264,7 +266,7 @@ mod tests {
     use serde_json::json;
 
     use super::{Control, range};
-    use crate::simulation::Value;
+    use crate::fmu::Value;
 
     #[test]
     fn a_value_must_be_of_its_parameters_type() {

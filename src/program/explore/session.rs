@@ -15,7 +15,10 @@ use super::cases::Base;
 use super::clock::Instant;
 use super::parameters::Parameter;
 use crate::error::Error;
-use crate::simulation::{self, Ending, LoadedLoop, Report, Settings, Structure, measure};
+use crate::fmu;
+use crate::results::{Ending, Report, measure};
+use crate::simulation::{LoadedLoop, Recording};
+use crate::structure::{Settings, Structure};
 
 /// Groups of points of a curve, which has about twice as many points.
 const GROUPS: usize = 250;
@@ -33,7 +36,7 @@ const MOST_PAGES: usize = 100;
 pub struct Session {
     pub(super) bases: Vec<Base>,
     /// What its variables start with as the loop's files have it, by names: what a set leaves out.
-    pub(super) plain: BTreeMap<String, simulation::Value>,
+    pub(super) plain: BTreeMap<String, fmu::Value>,
     pub(super) parameters: Vec<Parameter>,
     settings: Settings,
     /// The same with the communication step by which metrics are measured.
@@ -80,7 +83,7 @@ pub(super) struct Wanted {
 }
 
 /// Values with their parameters.
-type Chosen<'a> = Vec<(&'a Parameter, simulation::Value)>;
+type Chosen<'a> = Vec<(&'a Parameter, fmu::Value)>;
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -257,7 +260,7 @@ impl Session {
         &self,
         structure: &Structure,
         settings: Settings,
-        mut recording: simulation::Recording,
+        mut recording: Recording,
         failure: Option<Error>,
         begun: Instant,
     ) -> Result<Value, String> {

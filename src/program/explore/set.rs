@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::parameters::written;
 use super::session::{Session, Wanted};
-use crate::simulation::Value;
+use crate::fmu::Value;
 use crate::tuning::typed_set;
 
 /// The longest name of a set.

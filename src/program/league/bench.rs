@@ -9,7 +9,7 @@ use crate::exporter::Source;
 use crate::model_description::{Affine, ModelDescription};
 use crate::plants::actuator::Actuator;
 use crate::plants::sensor::Sensor;
-use crate::simulation::{Component, Connection, Connector, Structure, UnitFile};
+use crate::structure::{Component, Connection, Connector, Structure, UnitFile};
 use crate::system::System;
 
 /// The most samples of a delay: a third of a second at the usual sample time.

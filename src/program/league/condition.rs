@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::bench::{ACTUATOR, CONTROLLER, SENSOR};
 use super::pair::Pair;
 use super::study::{Plant, Shift};
-use crate::simulation::{Change, Place, Value};
+use crate::fmu::Value;
+use crate::simulation::{Change, Place};
 
 /// A disturbance lasts so long, s.
 const PULSE: f64 = 2.0;

@@ -14,7 +14,8 @@ use super::record::Record;
 use super::standing::{Rank, standings};
 use super::study::{Budget, Plant, Study};
 use crate::exporter::escaped;
-use crate::simulation::{four_digits, still, still_ending};
+use crate::figures::{still, still_ending};
+use crate::results::four_digits;
 
 const OWN_STYLE: &str = "
   h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }

@@ -9,8 +9,10 @@ use super::judged::{Judged, Outcome, Signals, Watch};
 use super::study::{Budget, Entry, Plant};
 use super::units::Units;
 use crate::error::Error;
+use crate::fmu::Value;
 use crate::near;
-use crate::simulation::{Draft, Found, LoadedLoop, LoopFiles, Order, Place, Settings, Structure, Value, Wishes};
+use crate::simulation::{LoadedLoop, Place};
+use crate::structure::{Draft, Found, LoopFiles, Order, Settings, Structure, Wishes};
 
 /// The parameter of a unit, or of a loop that is one, that says how well it is integrated.
 const TOLERANCE: &str = "relative_tolerance";

@@ -8,7 +8,7 @@ use super::quantity::under;
 use super::record::Record;
 use super::study::Plant;
 use crate::exporter::escaped;
-use crate::simulation::four_digits;
+use crate::results::four_digits;
 
 /// Sizes in pixels.
 const LABELS: f64 = 90.0;

@@ -5,7 +5,7 @@ use super::judged::Outcome;
 use super::record::Record;
 use super::study::{Plant, Study};
 use crate::near;
-use crate::simulation::four_digits;
+use crate::results::four_digits;
 
 /// An interval that holds the true value of what a record estimates.
 type Estimated = fn(&Record) -> Option<[f64; 2]>;

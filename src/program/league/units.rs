@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::Error;
+use crate::fmu::{Fmu, Hosting, Ready};
 use crate::model::Description;
 use crate::sealed;
-use crate::simulation::{Component, Fmu, Hosting, LoadedLoop, Ready, Structure, Whole};
+use crate::simulation::LoadedLoop;
+use crate::structure::{Component, Structure, Whole};
 use crate::system::Kind;
 
 /// Units, each opened once.

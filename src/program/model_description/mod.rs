@@ -1,5 +1,6 @@
 //! modelDescription.xml, read: of FMUs from anywhere.
 
+mod model_structure;
 mod units;
 pub(crate) mod xml;
 
@@ -9,6 +10,7 @@ use std::sync::Arc;
 
 use roxmltree::{Document, Node};
 
+pub(crate) use model_structure::ModelStructure;
 pub use units::{Affine, UnitDefinition};
 
 use crate::system::{NO_LIMIT, Number, TELLS_NO_LIMIT};

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::outcome::Outcome;
-use crate::simulation::{Ending, Measured, Verdict, four_digits};
+use crate::results::{Ending, Measured, Verdict, four_digits};
 
 /// A claim, in words and by metrics: `RUN: LABEL`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

@@ -6,8 +6,8 @@ use serde::Deserialize;
 
 use super::outcome::{Outcome, Samples};
 use super::{Curve, Example, Run};
-use crate::simulation::{Diagram, Given, Part, Path, PerformanceFunction, Plot, Scale, Shown, Structure};
-use crate::simulation::{bound, figure, labelled, space, time_label};
+use crate::figures::{Diagram, Given, Part, Path, Shown, bound, figure, labelled, space, time_label};
+use crate::structure::{PerformanceFunction, Plot, Scale, Structure};
 use crate::text_file::csv_field;
 
 /// Names of the axes of paths, unless a figure says otherwise.

@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::exporter::Source;
 use crate::library::{self, REGISTRY};
 use crate::model::{Description, Model};
-use crate::simulation::Structure;
+use crate::structure::Structure;
 use crate::system::Variables;
 
 /// The loop with the linear controllers that its adaptive ones tend to as their adaptation gets fast, each of the same
@@ -62,7 +62,7 @@ fn is_there(variables: &Variables, name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::LoopFiles;
+    use crate::structure::LoopFiles;
 
     fn of(name: &str) -> Structure {
         LoopFiles::find(name).unwrap().structure().unwrap()
@@ -80,10 +80,10 @@ mod tests {
         let mut structure = of("3.3.1-case2");
         let own = linear_limit(&structure).unwrap().unwrap();
         let estimate = structure.metrics[0].clone();
-        structure.metrics.push(crate::simulation::Metric { of: "controller.sigma_hat[1]".to_owned(), ..estimate });
+        structure.metrics.push(crate::structure::Metric { of: "controller.sigma_hat[1]".to_owned(), ..estimate });
         let controller = structure.components.iter_mut().find(|component| component.name == "controller").unwrap();
         let gain = controller.values[0].clone();
-        controller.values.push(crate::simulation::StartValue { name: "adaptation_gain".to_owned(), ..gain });
+        controller.values.push(crate::structure::StartValue { name: "adaptation_gain".to_owned(), ..gain });
         let limit = linear_limit(&structure).unwrap().unwrap();
         assert_eq!((&limit.metrics, &limit.components), (&own.metrics, &own.components));
         assert_eq!(limit.metrics, of("3.3.1-case2").metrics);

@@ -4,7 +4,9 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use super::Curve;
-use crate::simulation::{Ending, Measured, Metric, Report, Structure, Verdict, four_digits, thinned};
+use crate::figures::thinned;
+use crate::results::{Ending, Measured, Report, Verdict, four_digits};
+use crate::structure::{Metric, Structure};
 
 /// Groups of points in a kept curve, in its first part, where peaks are, and in the rest.
 const GROUPS: usize = 1500;

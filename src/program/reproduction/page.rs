@@ -8,7 +8,8 @@ use super::figure::Drawing;
 use super::outcome::Outcome;
 use super::{Example, Study, Table};
 use crate::exporter::escaped;
-use crate::simulation::{Ending, Measured, Verdict, four_digits, still, still_ending};
+use crate::figures::{still, still_ending};
+use crate::results::{Ending, Measured, Verdict, four_digits};
 
 const OWN_STYLE: &str = "
   h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }

@@ -2,17 +2,17 @@
 
 use std::sync::Arc;
 
-use super::check::SHOWS_VARIABLES;
-use super::closed_loop::{Recording, Said, Settings};
+use super::closed_loop::Said;
 use super::exchange::Exchange;
-use super::fmu::{Fmu, Instance};
 use super::inputs::Inputs;
-use super::linearise::set_starts;
-use super::model_structure::ModelStructure;
 use super::port::{Ports, signals};
+use super::recording::Recording;
 use crate::error::Error;
 use crate::fmi2::calls::Interface;
+use crate::fmu::{Fmu, Instance, SHOWS_VARIABLES, set_starts};
 use crate::model_description::Affine;
+use crate::model_description::ModelStructure;
+use crate::structure::Settings;
 
 /// What is run, and how.
 #[derive(Debug)]

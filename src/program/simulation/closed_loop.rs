@@ -1,75 +1,23 @@
 //! The master: units stepped together, outputs handed to inputs.
 
-use std::fmt;
-use std::str::FromStr;
-
-use super::fmu::{Instance, Messages};
-use super::loaded::Place;
 use super::port::Ports;
+use super::recording::Recording;
 use super::settling::Settling;
 use crate::error::Error;
+use crate::fmu::{Instance, Messages};
 use crate::model_description::Affine;
 use crate::model_description::Variable;
 use crate::report::number;
-
-/// When units see each other's new outputs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Order {
-    /// One unit after the other: each takes the latest outputs, then steps.
-    GaussSeidel,
-    /// All take the outputs of the last communication point, then all step.
-    Jacobi,
-}
-
-impl fmt::Display for Order {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Order::GaussSeidel => "gauss-seidel",
-            Order::Jacobi => "jacobi",
-        })
-    }
-}
-
-impl FromStr for Order {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "gauss-seidel" => Ok(Order::GaussSeidel),
-            "jacobi" => Ok(Order::Jacobi),
-            _ => Err(format!("order = {text}: must be gauss-seidel or jacobi")),
-        }
-    }
-}
-
-/// How a loop is run.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
-    /// Start time, s.
-    pub start_time: f64,
-    /// Stop time, s.
-    pub stop_time: f64,
-    /// Communication step, s.
-    pub step: f64,
-    /// Order of the units.
-    pub order: Order,
-}
+use crate::structure::{Order, Settings};
 
 /// The most messages of a unit that a recording keeps; of further ones, their number and the last.
 const MOST_MESSAGES: usize = 100;
 
-impl Settings {
-    /// Number of communication steps: whole ones, and a shorter one at the end where they don't fill the time.
-    pub fn steps(self) -> usize {
-        ((self.stop_time - self.start_time) / self.step - 1e-6).ceil().max(0.0) as usize
-    }
-
-    /// The communication steps, from one time to the next.
-    pub(super) fn points(self) -> impl Iterator<Item = (f64, f64)> {
-        let Settings { start_time, stop_time, step, .. } = self;
-        let steps = self.steps();
-        let time_of = move |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
-        (0..steps).map(move |k| (time_of(k), time_of(k + 1)))
-    }
+/// A variable of a unit, by places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    pub(crate) unit: usize,
+    pub(crate) variable: usize,
 }
 
 /// A value that a Real variable gets while a loop runs.
@@ -141,47 +89,6 @@ pub struct ClosedLoop {
     notes: Vec<String>,
     /// Whether values may go round without a delay.
     circular: bool,
-}
-
-/// What was recorded at all communication points: all outputs, and what else was asked for.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Recording {
-    /// Names, `unit.variable`.
-    pub names: Vec<String>,
-    /// Unit of measurement of each; empty where none is told.
-    pub measures: Vec<String>,
-    /// Times, s.
-    pub times: Vec<f64>,
-    /// One column a name.
-    pub columns: Vec<Vec<f64>>,
-    /// What the loop may lack, and warnings of units.
-    pub warnings: Vec<String>,
-    /// What units told beside, where that is kept ([`keep_details`](super::keep_details)).
-    pub details: Vec<String>,
-}
-
-impl Recording {
-    /// The column of a signal.
-    pub fn column(&self, name: &str) -> Option<&[f64]> {
-        let place = self.names.iter().position(|known| known == name)?;
-        self.columns.get(place).map(Vec::as_slice)
-    }
-
-    /// The unit of measurement of a signal, where one is told.
-    pub fn measure(&self, name: &str) -> Option<&str> {
-        let place = self.names.iter().position(|known| known == name)?;
-        self.measures.get(place).map(String::as_str).filter(|unit| !unit.is_empty())
-    }
-
-    /// Number of values, times included.
-    pub fn values(&self) -> usize {
-        self.times.len() * (self.columns.len() + 1)
-    }
-
-    pub(super) fn push(&mut self, time: f64, row: &[f64]) {
-        self.times.push(time);
-        self.columns.iter_mut().zip(row).for_each(|(column, value)| column.push(*value));
-    }
 }
 
 impl ClosedLoop {

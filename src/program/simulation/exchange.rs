@@ -1,8 +1,8 @@
 //! A master for model exchange: integrates a unit's equations, and finds its events.
 
-use super::fmu::{Event, Instance};
-use super::inputs::Inputs;
+use super::inputs::{Inputs, Side};
 use crate::error::Error;
+use crate::fmu::{Event, Instance};
 use crate::integrator::tableau::{E, STAGES, TABLEAU};
 
 /// A step is never shorter than this part of the time, or of 1 s.
@@ -33,13 +33,6 @@ pub(super) struct Exchange<'a> {
     /// When the last event was, s, and how many before it were close to each other.
     last_event: f64,
     close: usize,
-}
-
-/// On which side of its jumps an input is taken.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Side {
-    Before,
-    After,
 }
 
 impl<'a> Exchange<'a> {

@@ -4,10 +4,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-use super::check::SHOWS_VARIABLES;
-use super::exchange::Side;
-use super::fmu::Instance;
 use crate::error::Error;
+use crate::fmu::{Instance, SHOWS_VARIABLES};
 use crate::model_description::{ModelDescription, Variable};
 use crate::{near, text_file};
 
@@ -33,6 +31,13 @@ enum Kind {
     Held,
     Integer,
     Boolean,
+}
+
+/// On which side of its jumps an input is taken.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Side {
+    Before,
+    After,
 }
 
 /// The longest line of a file, in bytes.

@@ -1,19 +1,16 @@
 //! Loops whose FMUs are loaded and fit each other: what instances are made of, as many as are wanted.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::check::{Circles, Link, check, kept, typed, within_limits};
-use super::closed_loop::ClosedLoop;
-use super::fmu::{Fmu, Hosting, Value};
+use super::closed_loop::{ClosedLoop, Place};
 use super::port::signals;
-use super::provenance::{Mark, UnitMark};
-use super::ssp::{Component, Structure};
-use super::whole::ABOUT_STEPS;
 use crate::error::Error;
+use crate::fmu::{Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
 use crate::model_description::{ModelDescription, Variable};
 use crate::near;
+use crate::structure::{Circles, Component, Link, Structure, check};
 
 /// A loop that is ready to be instantiated.
 #[derive(Debug)]
@@ -25,13 +22,13 @@ pub struct LoadedLoop {
 }
 
 #[derive(Debug)]
-struct LoadedUnit {
-    fmu: Arc<Fmu>,
-    name: String,
+pub(crate) struct LoadedUnit {
+    pub fmu: Arc<Fmu>,
+    pub name: String,
     /// What stands before its variables' names in the loop's.
     prefix: String,
     /// Start values: places of variables.
-    values: Vec<(usize, Value)>,
+    pub values: Vec<(usize, Value)>,
     /// What is recorded of it: places of its outputs, and of what else is asked for.
     recorded: Vec<usize>,
 }
@@ -43,54 +40,10 @@ impl LoadedUnit {
     }
 
     /// The value that a variable starts with here.
-    fn value(&self, place: usize) -> Option<Value> {
+    pub fn value(&self, place: usize) -> Option<Value> {
         let given = self.values.iter().rfind(|(other, _)| *other == place).map(|(_, value)| value.clone());
-        given.or_else(|| own(&self.fmu.description.variables[place]))
+        given.or_else(|| own_start(&self.fmu.description.variables[place]))
     }
-
-    /// What is told of it in results, with its archive, where that is used as it is.
-    fn mark(&self, file: Option<Mark>) -> UnitMark {
-        let ModelDescription { name, guid, variables, .. } = &self.fmu.description;
-        let differs = |(place, value): &&(usize, Value)| own(&variables[*place]).as_ref() != Some(value);
-        let parameter =
-            |(place, value): &(usize, Value)| (variables[*place].name.clone(), told(value, &variables[*place]));
-        let integration = ABOUT_STEPS.iter().filter_map(|name| {
-            let place = self.fmu.description.place(name)?;
-            Some(((*name).to_owned(), told(&self.value(place)?, &variables[place])))
-        });
-        UnitMark {
-            fmu: name.clone(),
-            guid: guid.clone(),
-            file,
-            parameters: self.values.iter().filter(differs).map(parameter).collect(),
-            integration: integration.collect(),
-        }
-    }
-}
-
-/// The value that an FMU gives a variable.
-fn own(variable: &Variable) -> Option<Value> {
-    typed(variable.start.as_ref()?, variable).ok()
-}
-
-/// A value as results tell it: an enumeration's by the name of the item.
-fn told(value: &Value, variable: &Variable) -> serde_json::Value {
-    match value {
-        Value::Real(number) => (*number).into(),
-        Value::Integer(number) => match variable.items.iter().find(|(_, item)| item == number) {
-            Some((name, _)) => name.clone().into(),
-            None => (*number).into(),
-        },
-        Value::Boolean(value) => (*value).into(),
-        Value::String(text) => text.clone().into(),
-    }
-}
-
-/// A variable of a unit, by places.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
-    pub(super) unit: usize,
-    pub(super) variable: usize,
 }
 
 impl LoadedLoop {
@@ -144,6 +97,11 @@ impl LoadedLoop {
         Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false })
     }
 
+    /// Its units, in the order in which they are stepped.
+    pub(crate) fn units(&self) -> &[LoadedUnit] {
+        &self.units
+    }
+
     /// A variable by its name in the loop.
     pub fn variable(&self, name: &str) -> Option<(Place, &Variable)> {
         self.units.iter().enumerate().find_map(|(unit, LoadedUnit { fmu, prefix, .. })| {
@@ -161,25 +119,6 @@ impl LoadedLoop {
     pub fn tunable(&self) -> Vec<String> {
         let is_tunable = |v: &Variable| v.causality == "parameter" && v.kind == "Real";
         self.variables().filter(|(_, _, variable)| is_tunable(variable)).map(|(name, _, _)| name).collect()
-    }
-
-    /// What is told of each unit in results, by its name; of which the archives were used as they are.
-    ///
-    /// # Errors
-    /// When an archive can't be read any more.
-    pub fn marks(&self, is_elsewhere: impl Fn(&str) -> bool) -> Result<BTreeMap<String, UnitMark>, Error> {
-        // However many units are of an archive, it is read once.
-        let mut known: HashMap<&Path, Mark> = HashMap::new();
-        let mut marked = BTreeMap::new();
-        for unit in &self.units {
-            let file = is_elsewhere(&unit.name).then(|| unit.fmu.file());
-            if let Some(file) = file.filter(|file| !known.contains_key(file)) {
-                known.insert(file, Mark::of(file)?);
-            }
-            let mark = file.and_then(|file| known.get(file).cloned());
-            marked.insert(unit.name.clone(), unit.mark(mark));
-        }
-        Ok(marked)
     }
 
     /// The full name and the place of a variable that can be given a start value. The unit may be left out of a name that
@@ -218,7 +157,7 @@ impl LoadedLoop {
             return Some("it is connected, and its values come from there".to_owned());
         }
         let is_fixed = found.start.is_none() || found.variability == "constant" || found.causality == "output";
-        is_fixed.then(|| kept(found))
+        is_fixed.then(|| why_fixed(found))
     }
 
     /// A text as a start value of a variable, within the bounds that its FMU names.

@@ -1,67 +1,18 @@
-//! FMUs as a master sees them: loading, closed loops, metrics, and what is shown of a run.
+//! Loops and single FMUs, run: instances that exchange values, and what is recorded of them.
 
 mod alone;
-mod check;
 mod closed_loop;
-mod comparison;
-mod diagram;
-mod draft;
 mod exchange;
-mod experiments;
-mod feedthrough;
-#[allow(unsafe_code)]
-mod fmu;
-mod ideal;
 mod inputs;
-mod kept;
-mod linearise;
 mod loaded;
-mod logarithm;
-mod metrics;
-mod model_structure;
-mod overview;
-mod page;
-mod plan;
 mod port;
-mod provenance;
-mod ready;
-mod recorded;
-mod recorder;
-mod responses;
-mod sampled;
+mod recording;
 mod settling;
-mod sketch;
-mod ssp;
-mod steady_state;
-mod sweep;
-mod table;
-mod whole;
 
 pub use alone::Alone;
-pub use check::{Circles, Link, Wiring, check, start_values};
-pub use closed_loop::{Change, ClosedLoop, Order, Recording, Settings};
-pub use comparison::Comparison;
-pub use diagram::{COLOURS, Diagram, Given, Part, Path, Peak, Shown, Style};
-pub use diagram::{bound, figure, labelled, of_plot, space, svg, thinned, time_label};
-pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
-#[cfg(unix)]
-pub use fmu::serve_unit;
-pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value, compiler_trouble, keep_details};
+pub use closed_loop::{Change, ClosedLoop, Place};
 pub use inputs::Inputs;
-pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
-pub use loaded::{LoadedLoop, Place};
-pub(crate) use metrics::Difference;
-pub use metrics::{Measured, Meter, measure};
-pub use overview::{Row, Verdict, four_digits, table};
-pub use page::{DIAGRAMS, Ending, Report, SCRIPT, STYLE, Thinned, still, still_ending};
-pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
-pub use ready::Ready;
-pub use recorded::{FILES, METRICS, PARQUET, Recorded, RecordedRun, TABLE, told};
-pub use recorder::{Ended, Recorder, TablePlace, Tabled};
-pub use sketch::terminal;
-pub use ssp::{Component, Connection, Connector, LoopFiles, Origin, StartValue, Structure, UnitFile, pack};
-pub use ssp::{ExpectedFailure, IdealModel, Metric, PerformanceFunction, Plot, STRUCTURE, Scale, Statistic};
-pub use ssp::{SquareTerm, TunedParameter, Tuning};
-pub use sweep::{Axis, Point, Spacing, Sweep, SweepPage};
-pub use table::{Table, TableMark, TableMarks};
-pub use whole::{Whole, check_values, composite, composite_name, designed, started, with_values};
+pub use loaded::LoadedLoop;
+pub(crate) use loaded::LoadedUnit;
+pub use recording::Recording;
+pub(crate) use recording::place;

@@ -1,7 +1,7 @@
 //! Variables of a unit that are read or set together, and where their values stand in the row of signals.
 
-use super::fmu::Instance;
 use crate::error::Error;
+use crate::fmu::Instance;
 use crate::model_description::Affine;
 use crate::model_description::{ModelDescription, Variable};
 

@@ -1,7 +1,8 @@
 //! What a run has come to while it still goes on, so that one that can be no better any more ends.
 
 use super::Objective;
-use crate::simulation::{Difference, Settings, SquareTerm, Statistic, Structure};
+use crate::results::Difference;
+use crate::structure::{Settings, SquareTerm, Statistic, Structure};
 
 /// A floor counts where it is above a value by more than rounding errors of sums in another order.
 const ROUNDING: f64 = 1e-9;
@@ -79,7 +80,8 @@ pub(super) fn is_whole(samples: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::{LoopFiles, Order, Recording};
+    use crate::simulation::Recording;
+    use crate::structure::{LoopFiles, Order};
 
     fn settings(start_time: f64) -> Settings {
         Settings { start_time, stop_time: start_time + 2.0, step: 0.25, order: Order::Jacobi }

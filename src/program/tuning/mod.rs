@@ -15,7 +15,8 @@ use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
 
-use crate::simulation::{LoadedLoop, Place, Settings, Structure, TunedParameter};
+use crate::simulation::{LoadedLoop, Place};
+use crate::structure::{Settings, Structure, TunedParameter};
 use crate::system::NO_LIMIT;
 use crate::{near, parallel};
 

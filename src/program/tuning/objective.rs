@@ -6,7 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::floor::is_whole;
 use crate::near;
-use crate::simulation::{Recording, Settings, SquareTerm, Structure, measure};
+use crate::results::measure;
+use crate::simulation::Recording;
+use crate::structure::{Settings, SquareTerm, Structure};
 
 /// A number that a run of a loop comes to; the smaller the better.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::check::check;
 use super::{Motion, Objective, Range, Swarm};
 use crate::error::Error;
+use crate::results::Provenance;
 use crate::sealed::{self, Sealed, differing};
-use crate::simulation::Provenance;
 
 /// What a search is about: a file can be gone on from by the same question only.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -22,8 +22,8 @@ pub use findings::{Finding, Findings, Severity};
 pub use trial::Trial;
 
 use crate::error::Error;
+use crate::fmu::Hosting;
 use crate::model_description::xml;
-use crate::simulation::Hosting;
 use archive::Archive;
 use findings::{At, Lines};
 use variables::Variable;

@@ -9,8 +9,8 @@ use super::archive::Archive;
 use super::findings::{At, Findings};
 use crate::error::Error;
 use crate::exporter::Platform;
+use crate::fmu::{Fmu, Hosting, Instance};
 use crate::model_description::Variable;
-use crate::simulation::{Fmu, Hosting, Instance};
 
 /// Communication steps of a trial, at most.
 const STEPS: usize = 20;

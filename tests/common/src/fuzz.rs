@@ -11,7 +11,7 @@ use adaptive_fmu::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::Model;
 use adaptive_fmu::model_description::ModelDescription;
-use adaptive_fmu::simulation::LoopFiles;
+use adaptive_fmu::structure::LoopFiles;
 
 use super::sequences::{Subject, Tally};
 use super::{OK, Unit};

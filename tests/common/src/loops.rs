@@ -1,7 +1,7 @@
 //! The closed loop of example 3.2.1, as a master runs it.
 
 use adaptive_fmu::exporter::Library;
-use adaptive_fmu::simulation::{LoopFiles, composite};
+use adaptive_fmu::structure::{LoopFiles, composite};
 
 use super::{OK, Unit, at_top};
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::output::{Files, make_folder};
-use adaptive_fmu::simulation::{Draft, Found, STRUCTURE, Wishes};
+use adaptive_fmu::structure::{Draft, Found, STRUCTURE, Wishes};
 
 use super::there_already;
 use crate::command::loop_options::positive;

@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use adaptive_fmu::analysis::{OperatingPoint, Quantity, linearise};
 use adaptive_fmu::error::{Error, Invalid};
+use adaptive_fmu::fmu::Fmu;
 use adaptive_fmu::model_description::Variable;
-use adaptive_fmu::simulation::{Fmu, OperatingPoint, Quantity, linearise};
 use adaptive_fmu::system::NO_LIMIT;
 use adaptive_fmu::template::{MOST, Plant, Sizes};
 use serde_json::{Value, json};

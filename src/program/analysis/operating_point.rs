@@ -1,0 +1,84 @@
+//! Operating points: where an FMU is linearised, how it comes there, and by what means its matrices are found.
+
+use serde::Serialize;
+
+use crate::error::Error;
+use crate::fmu::{Fmu, Instance, set_starts};
+
+/// Communication steps for which an input is changed, and for which it is back: at most.
+pub(super) const STEPS: usize = 250;
+/// The most communication steps of an experiment.
+pub(super) const LONGEST: usize = 2 * STEPS + 1;
+
+/// Where an FMU is linearised.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct OperatingPoint {
+    /// Time, s; the start time where none is given.
+    pub time: Option<f64>,
+    /// Whether states are sought whose derivatives are zero then. Else they are those of a simulation until then.
+    pub steady_state: bool,
+    /// Start values of parameters and inputs; inputs keep them.
+    pub start: Vec<(String, String)>,
+    /// The variables that are its states, where its description names none; all Real outputs where none are given.
+    pub states: Vec<String>,
+    /// Communication step of simulations and experiments, s; the one that the unit proposes where none is given.
+    pub step: Option<f64>,
+}
+
+impl OperatingPoint {
+    /// Communication step of a unit's simulations and experiments, s.
+    pub(super) fn step_of(&self, fmu: &Fmu) -> f64 {
+        self.step.unwrap_or_else(|| fmu.step())
+    }
+}
+
+/// How the matrices were found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "by")]
+pub enum Method {
+    /// By the unit's own derivatives.
+    Derivatives,
+    /// By central differences of its equations, in model exchange.
+    Differences {
+        /// By what part of its magnitude each value was moved.
+        part: f64,
+    },
+    /// By what small changes of its inputs, and of start values of its states, do in co-simulation.
+    Responses {
+        /// By what part of its magnitude or range each of these was changed.
+        part: f64,
+        /// Number of states whose start values were changed.
+        starts: usize,
+        /// Communication step, s.
+        step: f64,
+        /// The largest difference from the linear system's own responses, relative to them.
+        misfit: f64,
+        /// The largest difference between two extrapolations to no change at all, relative to the largest entry.
+        difference: f64,
+    },
+}
+
+/// An instance with its start values, initialised.
+pub(super) fn prepared(
+    mut instance: Instance,
+    point: &OperatingPoint,
+    start: f64,
+    time: f64,
+) -> Result<Instance, Error> {
+    set_starts(&instance, &point.start)?;
+    // A stop time must be after the start, and nothing steps beyond it.
+    let span = LONGEST as f64 * point.step_of(instance.fmu());
+    instance.enter_initialization(start, time.max(start + 1.0).max(time + span))?;
+    instance.exit_initialization()?;
+    Ok(instance)
+}
+
+/// The instance, stepped to a time.
+pub(super) fn simulated(mut instance: Instance, start: f64, time: f64, step: f64) -> Result<Instance, Error> {
+    let steps = ((time - start) / step - 1e-6).ceil().max(0.0) as usize;
+    let time_of = |k: usize| if k == steps { time } else { start + k as f64 * step };
+    for k in 0..steps {
+        instance.do_step(time_of(k), time_of(k + 1) - time_of(k))?;
+    }
+    Ok(instance)
+}

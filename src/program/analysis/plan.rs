@@ -1,0 +1,151 @@
+//! The variables of a linear system, and how they change with each other.
+
+use nalgebra::DMatrix;
+
+use crate::error::Error;
+use crate::fmu::Instance;
+use crate::model_description::ModelStructure;
+use crate::model_description::{ModelDescription, Variable};
+
+/// How derivatives are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Derivatives {
+    /// By the unit's own, which are exact.
+    Exact,
+    /// By central differences about the present states and inputs, in model exchange.
+    Differences,
+}
+
+/// A difference moves a value by this part of its magnitude, or of its nominal value where that is larger: the third root
+/// of the rounding, which makes the errors of both smallest.
+pub(super) const DIFFERENCE: f64 = 6e-6;
+
+/// The variables of the matrices.
+#[derive(Debug)]
+pub(super) struct Plan<'a> {
+    pub states: Vec<&'a Variable>,
+    pub derivatives: Vec<&'a Variable>,
+    pub inputs: Vec<&'a Variable>,
+    pub outputs: Vec<&'a Variable>,
+    pub by: Derivatives,
+}
+
+/// How the derivatives of states, and outputs, change with knowns: a column a known.
+#[derive(Debug)]
+pub(super) struct Changes {
+    pub derivatives: DMatrix<f64>,
+    pub outputs: DMatrix<f64>,
+}
+
+pub(super) fn references(variables: &[&Variable]) -> Vec<u32> {
+    variables.iter().map(|variable| variable.reference).collect()
+}
+
+impl<'a> Plan<'a> {
+    pub fn new(description: &'a ModelDescription, structure: &ModelStructure, by: Derivatives) -> Self {
+        let variables = &description.variables;
+        let is_input = |v: &&Variable| v.causality == "input" && v.kind == "Real" && v.variability == "continuous";
+        let outputs = variables.iter().filter(|v| v.causality == "output" && v.kind == "Real");
+        Plan {
+            states: structure.states.iter().map(|(state, _)| &variables[*state]).collect(),
+            derivatives: structure.states.iter().map(|(_, derivative)| &variables[*derivative]).collect(),
+            inputs: variables.iter().filter(is_input).collect(),
+            outputs: if structure.outputs.is_empty() {
+                // Some tools leave the list out.
+                outputs.collect()
+            } else {
+                structure.outputs.iter().map(|&k| &variables[k]).filter(|v| v.kind == "Real").collect()
+            },
+            by,
+        }
+    }
+
+    /// How they change with the states.
+    pub fn by_states(&self, instance: &Instance) -> Result<Changes, Error> {
+        if self.by == Derivatives::Exact {
+            return self.exact(instance, &self.states);
+        }
+        let (nominals, states) = (instance.nominals(self.states.len())?, instance.states(self.states.len())?);
+        let unbounded = vec![(f64::NEG_INFINITY, f64::INFINITY); states.len()];
+        let changes = self.differences(instance, &states, &nominals, &unbounded, |values| instance.set_states(values));
+        instance.set_states(&states)?;
+        changes
+    }
+
+    /// How they change with the inputs.
+    pub fn by_inputs(&self, instance: &Instance) -> Result<Changes, Error> {
+        if self.by == Derivatives::Exact {
+            return self.exact(instance, &self.inputs);
+        }
+        let references = references(&self.inputs);
+        let mut inputs = vec![0.0; references.len()];
+        instance.get_real(&references, &mut inputs)?;
+        let nominals = vec![1.0; inputs.len()];
+        let bounds: Vec<_> = self.inputs.iter().map(|input| input.bounds()).collect();
+        let set = |values: &[f64]| instance.set_real(&references, values);
+        let changes = self.differences(instance, &inputs, &nominals, &bounds, set);
+        instance.set_real(&references, &inputs)?;
+        changes
+    }
+
+    fn exact(&self, instance: &Instance, knowns: &[&Variable]) -> Result<Changes, Error> {
+        let unknowns = [references(&self.derivatives), references(&self.outputs)].concat();
+        let mut changes = self.none(knowns.len());
+        for (k, known) in knowns.iter().enumerate() {
+            let column = instance.directional_derivative(&unknowns, &[known.reference], &[1.0])?;
+            changes.set(k, &column);
+        }
+        Ok(changes)
+    }
+
+    fn differences(
+        &self,
+        instance: &Instance,
+        values: &[f64],
+        nominals: &[f64],
+        bounds: &[(f64, f64)],
+        set: impl Fn(&[f64]) -> Result<(), Error>,
+    ) -> Result<Changes, Error> {
+        let mut changes = self.none(values.len());
+        let mut moved = values.to_vec();
+        for k in 0..values.len() {
+            let step = DIFFERENCE * values[k].abs().max(nominals[k].abs());
+            let mut at = |value: f64| {
+                moved[k] = value;
+                set(&moved)?;
+                let mut found = instance.state_derivatives(self.derivatives.len())?;
+                let mut outputs = vec![0.0; self.outputs.len()];
+                instance.get_real(&references(&self.outputs), &mut outputs)?;
+                found.extend(outputs);
+                Ok::<_, Error>(found)
+            };
+            // Beyond a bound a unit refuses a value, or answers as at the bound.
+            let (least, most) = bounds[k];
+            let (above, below) =
+                ((values[k] + step).min(most.max(values[k])), (values[k] - step).max(least.min(values[k])));
+            let (more, less) = (at(above)?, at(below)?);
+            at(values[k])?;
+            // What was really set, rounded.
+            let moved_by = if above > below { above - below } else { step };
+            let column: Vec<f64> = more.iter().zip(&less).map(|(a, b)| (a - b) / moved_by).collect();
+            changes.set(k, &column);
+        }
+        Ok(changes)
+    }
+
+    fn none(&self, columns: usize) -> Changes {
+        Changes {
+            derivatives: DMatrix::zeros(self.derivatives.len(), columns),
+            outputs: DMatrix::zeros(self.outputs.len(), columns),
+        }
+    }
+}
+
+impl Changes {
+    /// Sets a column: the derivatives' part, then the outputs'.
+    fn set(&mut self, column: usize, values: &[f64]) {
+        let (derivatives, outputs) = values.split_at(self.derivatives.nrows());
+        self.derivatives.column_mut(column).copy_from_slice(derivatives);
+        self.outputs.column_mut(column).copy_from_slice(outputs);
+    }
+}

@@ -1,0 +1,316 @@
+//! The linear system that a unit in co-simulation is like, where it gives no derivatives: from what small changes of its
+//! inputs, and of start values of its states, do to its states, which it shows at communication points.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::experiments::{Bench, CHANGE, Subject};
+use super::operating_point::{Method, OperatingPoint, STEPS};
+use super::plan::Plan;
+use super::sampled::{Difference, Fit, Moved, Unfit, misfit};
+use crate::error::Error;
+use crate::fmu::Fmu;
+
+/// Above this misfit, relative to the answers, the linear system is none.
+const WORST_MISFIT: f64 = 0.1;
+/// Two extrapolations that differ more than this, relative to the largest entry, are not certain.
+const WORST_DIFFERENCE: f64 = 1e-2;
+/// The same of eigenvalues, relative to the largest.
+const WORST_EIGENVALUES: f64 = 5e-4;
+/// Two extrapolations that differ by this part of what is allowed are good enough.
+const ENOUGH: f64 = 0.02;
+/// How far an answer may grow before it hides what doesn't grow.
+const GROWTH: f64 = 100.0;
+/// Sizes of experiments with inputs that are tried; and where start values told already.
+const TRIES: usize = 12;
+const FEW_TRIES: usize = 3;
+/// A unit that fails so often fails for another reason than a large change.
+const MOST_FAILURES: usize = 4;
+/// What doesn't do is tried again with this part of the change.
+const SMALLER: f64 = 0.125;
+/// Experiments with start values: communication steps of their halves, and part of the usual change.
+const STARTS: [(usize, f64); 8] =
+    [(1, 1.0), (1, 1e-1), (8, 1.0), (1, 1e-2), (64, 1.0), (1, 1e-3), (64, 1e-1), (1, 1e-4)];
+/// Above this growth in a communication step a shorter one helps.
+const FAST: f64 = 1.2;
+/// Above this condition number the answers are too short for what they are to show.
+const ILL: f64 = 1e6;
+
+/// Experiments of one size and what they lead to: the fits to them and to experiments half as large and half as long,
+/// extrapolated to no change at all.
+#[derive(Debug, Clone)]
+struct Tried {
+    fit: Fit,
+    part: f64,
+    difference: Difference,
+}
+
+/// Why there is no linear system.
+#[derive(Debug)]
+enum Trouble {
+    Unit(Error),
+    Unfit(Unfit),
+    /// By how much, and the fit.
+    Misfit(f64, Box<Fit>),
+    Uncertain(Box<Tried>),
+}
+
+impl Tried {
+    /// How much the extrapolations differ, relative to what is allowed.
+    fn excess(&self) -> f64 {
+        let Difference { matrices, eigenvalues } = self.difference;
+        (matrices / WORST_DIFFERENCE).max(eigenvalues / WORST_EIGENVALUES)
+    }
+
+    /// The same with what was found from other experiments.
+    fn with(&self, other: &Tried) -> Tried {
+        Tried { difference: self.fit.difference(&other.fit), ..self.clone() }
+    }
+
+    /// How many steps an experiment with inputs may have, and with what part of the usual change its answer is as large as
+    /// what led to this.
+    fn size_for_inputs(&self) -> (usize, f64) {
+        let (n, steps) = (self.fit.sampled.nrows(), longest(self.fit.growth).max(1));
+        let mut most: f64 = 1.0;
+        for input in n..self.fit.sampled.ncols() {
+            let mut x = DVector::zeros(n);
+            for k in 0..2 * steps {
+                let u = if k < steps { self.fit.sizes[input] } else { 0.0 };
+                x = self.fit.sampled.columns(0, n) * x + self.fit.sampled.column(input) * u;
+                let size = |(x, size): (&f64, &f64)| if *size > 0.0 { x.abs() / size } else { 0.0 };
+                most = x.iter().zip(&self.fit.sizes).map(size).fold(most, f64::max);
+            }
+        }
+        (steps, self.part / most)
+    }
+
+    /// Whether inputs do over many steps what the linear system foretells.
+    fn foretells(
+        &self,
+        subject: &impl Subject,
+        inputs: &[Moved],
+        (steps, part): (usize, f64),
+    ) -> Result<bool, Trouble> {
+        let experiments = inputs.iter().map(|moved| subject.experiment(*moved, part, 2 * steps));
+        let experiments = experiments.collect::<Result<Vec<_>, _>>().map_err(Trouble::Unit)?;
+        Ok(misfit(&self.fit.sampled, &experiments) <= WORST_DIFFERENCE)
+    }
+}
+
+/// Finds the linear system about the states of a simulation from `start` until `time`.
+///
+/// # Errors
+/// When the unit fails, what is changed doesn't move all states, what moves is no linear system of these states, or it can't
+/// be told with certainty.
+pub(super) fn find(
+    fmu: &Arc<Fmu>,
+    plan: &Plan,
+    point: &OperatingPoint,
+    span: (f64, f64),
+) -> Result<(Method, [DMatrix<f64>; 4]), Error> {
+    let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
+    if plan.states.is_empty() || plan.inputs.is_empty() {
+        return Err(refuse("has no states or no inputs: there is nothing to linearise".to_owned()));
+    }
+    let bench = Bench::new(fmu, plan, point, span)?;
+    let (Tried { fit, part, difference }, starts) = found(&bench).map_err(|trouble| match trouble {
+        Trouble::Unit(error) => error,
+        trouble => refuse(told(&trouble, plan, bench.step())),
+    })?;
+    let (step, misfit) = (bench.step(), fit.misfit);
+    let method = Method::Responses { part: part * CHANGE, starts, step, misfit, difference: difference.matrices };
+    Ok((method, fit.matrices()))
+}
+
+/// The linear system, and the number of states whose start values were changed for it.
+fn found(subject: &impl Subject) -> Result<(Tried, usize), Trouble> {
+    let inputs: Vec<Moved> = (0..subject.shape().inputs).map(Moved::Input).collect();
+    let starts: Vec<Moved> = subject.starts().into_iter().map(Moved::Start).collect();
+    let alone = || Ok((by_inputs(subject, &inputs, (STEPS, 1.0), TRIES)?, 0));
+    if starts.is_empty() {
+        return alone();
+    }
+    let Ok(by_starts) = by_starts(subject, &[&starts[..], &inputs].concat()) else { return alone() };
+    // A start value may set more than a state, as a load that holds it there: what inputs do tells that.
+    let size = by_starts.size_for_inputs();
+    match by_inputs(subject, &inputs, size, FEW_TRIES) {
+        Ok(by_inputs) if by_starts.with(&by_inputs).excess() > 1.0 || by_inputs.excess() < by_starts.excess() => {
+            Ok((by_inputs, 0))
+        }
+        Ok(_) => Ok((by_starts, starts.len())),
+        Err(_) if by_starts.foretells(subject, &inputs, size)? => Ok((by_starts, starts.len())),
+        // Where the operating point moves, a linear system foretells less.
+        Err(_) => match alone() {
+            Err(_) if by_starts.foretells(subject, &inputs, (size.0.div_ceil(8), size.1))? => {
+                Ok((by_starts, starts.len()))
+            }
+            found => found,
+        },
+    }
+}
+
+/// By start values of states, and inputs: one communication step shows how they move the states. Where a unit's own
+/// tolerance blurs that, more show it better.
+fn by_starts(subject: &impl Subject, moved: &[Moved]) -> Result<Tried, Trouble> {
+    let mut best = Best::default();
+    for (steps, part) in STARTS {
+        if best.takes(extrapolated(subject, moved, part, steps)) {
+            break;
+        }
+    }
+    best.found()
+}
+
+/// By inputs alone. Where the answer grows, long experiments show what grows only, and large ones the limits of the linear
+/// system.
+fn by_inputs(subject: &impl Subject, moved: &[Moved], size: (usize, f64), tries: usize) -> Result<Tried, Trouble> {
+    let (mut best, (mut steps, mut part)) = (Best::default(), size);
+    let shortest = 4 * (subject.shape().states + subject.shape().inputs);
+    for _ in 0..tries {
+        let tried = extrapolated(subject, moved, part, steps);
+        let fit = tried.as_ref().ok().map(|tried| &tried.fit);
+        // Of what is no linear system, nothing follows but that less may be one.
+        let growth = fit.filter(|fit| fit.misfit <= WORST_MISFIT).map(|fit| fit.growth);
+        if best.takes(tried) {
+            break;
+        }
+        let longest = growth.map_or(steps / 2, longest).max(shortest);
+        if growth.is_none() || steps <= longest {
+            part *= SMALLER;
+        }
+        steps = steps.min(longest);
+    }
+    best.found()
+}
+
+/// The number of steps of half an experiment in which the answer grows as much as it may.
+fn longest(growth: f64) -> usize {
+    let steps = 0.5 * GROWTH.ln() / growth.ln();
+    if growth > 1.0 && steps < STEPS as f64 { steps as usize } else { STEPS }
+}
+
+/// What was tried.
+#[derive(Default)]
+struct Best {
+    tried: Vec<Tried>,
+    trouble: Option<Trouble>,
+    failures: usize,
+}
+
+impl Best {
+    /// Takes a try; whether another one is of no use.
+    fn takes(&mut self, tried: Result<Tried, Trouble>) -> bool {
+        match tried {
+            Ok(tried) if tried.fit.misfit <= WORST_MISFIT => {
+                let is_enough = tried.excess() <= ENOUGH;
+                self.tried.push(tried);
+                is_enough
+            }
+            Ok(tried) => {
+                self.trouble = Some(Trouble::Misfit(tried.fit.misfit, Box::new(tried.fit)));
+                false
+            }
+            Err(trouble) => {
+                // A unit may fail at a change that is too large for it.
+                self.failures += usize::from(matches!(trouble, Trouble::Unit(_)));
+                let is_final =
+                    self.failures >= MOST_FAILURES || matches!(trouble, Trouble::Unfit(Unfit::StillState(_)));
+                self.trouble = Some(trouble);
+                is_final
+            }
+        }
+    }
+
+    /// The one whose extrapolations differ least. Of many that are uncertain, two may agree by chance: so another one says
+    /// the same.
+    fn found(mut self) -> Result<Tried, Trouble> {
+        self.tried.sort_by(|one, other| one.excess().total_cmp(&other.excess()));
+        let mut tried = self.tried.into_iter();
+        match (tried.next(), self.trouble) {
+            (Some(best), _) if best.excess() <= ENOUGH => Ok(best),
+            (Some(best), _) if best.excess() <= 1.0 && tried.any(|other| best.with(&other).excess() <= 1.0) => Ok(best),
+            (Some(best), _) => Err(Trouble::Uncertain(Box::new(best))),
+            // Something was tried: either it led to a fit, or there is a reason why it didn't.
+            (None, trouble) => Err(trouble.unwrap_or(Trouble::Unfit(Unfit::NoLogarithm))),
+        }
+    }
+}
+
+/// Experiments of a size, and of half of it once or twice.
+fn extrapolated(subject: &impl Subject, moved: &[Moved], part: f64, steps: usize) -> Result<Tried, Trouble> {
+    let fit = |times: i32| {
+        let part = part / f64::from(times);
+        let steps = 2 * (steps / times as usize).max(1);
+        let experiments = moved.iter().map(|moved| subject.experiment(*moved, part, steps));
+        let experiments = experiments.collect::<Result<Vec<_>, _>>().map_err(Trouble::Unit)?;
+        Fit::new(&subject.shape(), &experiments, subject.step()).map_err(Trouble::Unfit)
+    };
+    let (whole, half) = (fit(1)?, fit(2)?);
+    let first = Tried { difference: half.difference(&whole), part: 0.5 * part, fit: whole.extrapolated(&half) };
+    if first.excess() <= ENOUGH {
+        return Ok(first);
+    }
+    let second = half.extrapolated(&fit(4)?);
+    Ok(Tried { difference: second.difference(&first.fit), part: 0.25 * part, fit: second })
+}
+
+fn told(trouble: &Trouble, plan: &Plan, step: f64) -> String {
+    let states = || plan.states.iter().map(|state| state.name.as_str()).collect::<Vec<_>>().join(", ");
+    match trouble {
+        Trouble::Unit(error) => error.to_string(),
+        Trouble::Unfit(Unfit::StillState(state)) => {
+            format!("its inputs don't move `{}`: it can't be linearised from responses", plan.states[*state].name)
+        }
+        Trouble::Unfit(Unfit::Dependent(rank)) => format!(
+            "shows in its answers to small changes of its inputs only {rank} of {} independent signals (states and \
+             inputs): states that depend on each other, or that no input moves, are to be left out by --states",
+            plan.states.len() + plan.inputs.len()
+        ),
+        Trouble::Unfit(Unfit::NoLogarithm) => format!(
+            "changes too much within its communication step, {step} s, for its rates to be told: choose a shorter one by \
+             --step"
+        ),
+        Trouble::Misfit(misfit, fit) => format!(
+            "answers small changes of its inputs otherwise than a linear system whose states are {} (by {:.1} % of the \
+             largest answer). {}: name all of its states by --states, choose another operating point by --at or --set, or \
+             a shorter step by --step",
+            states(),
+            100.0 * misfit,
+            quality(fit, step)
+        ),
+        Trouble::Uncertain(tried) => uncertain(tried, &states(), step),
+    }
+}
+
+/// What a fit is worth.
+fn quality(fit: &Fit, step: f64) -> String {
+    format!(
+        "In a communication step of {step} s its answer grows by a factor of {:.4}, and the condition number of the fit is \
+         {:.1e}",
+        fit.growth, fit.condition
+    )
+}
+
+fn uncertain(tried: &Tried, states: &str, step: f64) -> String {
+    let Tried { fit, difference, .. } = tried;
+    let advice = if fit.growth > FAST {
+        "choose a shorter step by --step"
+    } else if fit.condition > ILL {
+        "choose a longer step by --step, or an FMU that lets the start values of its states be set (initial=\"exact\") or \
+         that is for model exchange"
+    } else {
+        "choose another operating point, where it rests, by --at or --set, or an FMU that is for model exchange"
+    };
+    format!(
+        "gives no certain linear system: two extrapolations of its matrices differ by {:.2} % of the largest entry (1 % is \
+         allowed), their eigenvalues by {:.3} % of the largest (0.05 % is allowed). {}: {advice}. If {states} are not all of \
+         its states, name all by --states",
+        100.0 * difference.matrices,
+        100.0 * difference.eigenvalues,
+        quality(fit, step)
+    )
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,100 @@
+//! Pages with diagrams that a reader can zoom, in one file that loads nothing.
+
+use std::fmt::Write;
+
+use super::diagram::{Diagram, groups};
+use crate::exporter::escaped;
+
+/// A browser that obeys this loads nothing from anywhere.
+const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
+/// A browser that obeys this loads nothing, and runs nothing.
+const STILL: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
+/// How pages look.
+pub const STYLE: &str = "
+  body { font: 16px/1.5 system-ui, sans-serif; max-width: 75em; margin: 1.5em auto; padding: 0 1em; color: #1b1b1b; }
+  h1 { font-size: 1.5em; margin-bottom: 0; }
+  h2 { font-size: 1.1em; margin: 1.5em 0 .3em; }
+  table { border-collapse: collapse; }
+  td, th { border-bottom: 1px solid #ddd; padding: .25em 1.2em .25em 0; text-align: left; vertical-align: top; }
+  .number { text-align: right; font-variant-numeric: tabular-nums; }
+  .scroll { overflow-x: auto; }
+  .bad { color: #b00020; font-weight: bold; }
+  @media print { body { margin: 0; font-size: 12px; } .diagram, table { break-inside: avoid; } }
+";
+/// How diagrams look.
+pub const DIAGRAMS: &str = "
+  .diagram { display: flex; gap: .8em; }
+  .plot { position: relative; flex: 1; min-width: 0; }
+  .plot svg { display: block; overflow: hidden; user-select: none; touch-action: pan-y; cursor: crosshair; }
+  .plot text { font-size: 12px; fill: #444; }
+  .plot path { fill: none; }
+  .plot .grid { stroke: #e4e4e4; }
+  .plot .curve { stroke-width: 1.5; stroke-linejoin: round; }
+  .plot .beneath { stroke-width: 3.2; stroke-opacity: .55; }
+  .plot .mark { stroke: #888; }
+  .plot .zoomed { fill: #0002; }
+  .legend { flex: 0 0 15em; margin: .4em 0 0; display: flex; flex-direction: column; align-items: start; }
+  .legend button, .peak { border: 0; padding: .15em 0; background: none; font: inherit; font-size: .85em; text-align: left;
+    cursor: pointer; overflow-wrap: anywhere; }
+  .legend svg { vertical-align: middle; margin-right: .5em; }
+  .legend .hidden { opacity: .4; text-decoration: line-through; }
+  .peak { display: block; margin-left: 76px; color: #0b5394; text-decoration: underline; }
+  .peak[hidden] { display: none; }
+  .told { position: absolute; top: 14px; padding: .1em .5em; background: #fffd; border: 1px solid #ccc; font-size: .8em;
+    pointer-events: none; z-index: 1; }
+  .told div::before { content: '\\25ac '; color: var(--colour); }
+  @media (max-width: 50em) { .diagram { display: block; }
+    .legend { flex-flow: row wrap; gap: 0 1.2em; margin: .2em 0 0 1em; } }
+  @media print { .diagram { display: block; } .legend { flex-flow: row wrap; gap: 0 1.2em; } }
+";
+/// What draws the diagrams, and lets a reader zoom them.
+pub const SCRIPT: &str = include_str!("page.js");
+
+/// The beginning of a page that needs no script and loads nothing: title, what it is about, and how it looks beside what every
+/// page has.
+pub fn still(title: &str, about: &str, style: &str) -> String {
+    let (title, about) = (escaped(title), escaped(about));
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{STILL}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>{STYLE}{style}</style>\n</head>\n\
+         <body>\n<h1>{title}</h1>\n<p>{about}</p>\n"
+    )
+}
+
+/// The end of such a page.
+pub fn still_ending() -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    format!("<p>Made by adaptive-fmu {version}, from runs of FMUs.</p>\n</body>\n</html>\n")
+}
+
+/// Adds diagrams to a page, each as the numbers that [`SCRIPT`] draws it of.
+pub(crate) fn push_diagrams(page: &mut String, diagrams: &[Diagram]) {
+    let groups = groups(diagrams.iter().map(|diagram| diagram.curves.len()).sum());
+    for diagram in diagrams {
+        // Whatever a name holds, it ends no script.
+        let numbers = diagram.with_points(groups).to_string().replace('<', "\\u003c");
+        let _ = writeln!(
+            page,
+            "<h2>{}</h2>\n<div class=\"diagram\"><script type=\"application/json\">{numbers}</script></div>",
+            escaped(&diagram.title)
+        );
+    }
+}
+
+/// A page up to its title and what it is about.
+pub(crate) fn beginning(name: &str, description: &str) -> String {
+    let (name, description) = (escaped(name), escaped(description));
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
+         <title>{name}</title>\n<style>{STYLE}{DIAGRAMS}</style>\n</head>\n<body>\n<h1>{name}</h1>\n<p>{description}</p>\n"
+    )
+}
+
+/// What draws the diagrams of a page, and its end.
+pub(crate) fn ending(page: &mut String) {
+    let _ = writeln!(page, "<script>\n{SCRIPT}</script>\n</body>\n</html>");
+}

@@ -1,0 +1,366 @@
+//! An instance of a unit, with every answer and every number checked.
+
+use std::cell::Cell;
+use std::sync::Arc;
+
+use super::Fmu;
+use super::Value;
+use super::messages::Messages;
+use super::unit::{Answer, Call, DISCARD, OK, RunningUnit, WARNING, no_event_info};
+use crate::error::{Error, Number};
+use crate::fmi2::calls::Function;
+use crate::model_description::ModelDescription;
+
+/// More event iterations than this at one time never end.
+const EVENT_ITERATIONS: usize = 1000;
+
+/// An instance of an FMU.
+#[derive(Debug)]
+pub struct Instance {
+    unit: Box<dyn RunningUnit>,
+    name: String,
+    time: f64,
+    /// Whether what failed last may be tried otherwise: it was discarded, or gave a number that is none.
+    may_try_again: Cell<bool>,
+    fmu: Arc<Fmu>,
+}
+
+/// What an event of model exchange came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Event {
+    /// When the unit wants the next one, s.
+    pub next: Option<f64>,
+    /// Whether continuous states were set anew.
+    pub states_changed: bool,
+    /// Whether the states' nominal values changed.
+    pub nominals_changed: bool,
+}
+
+impl Instance {
+    pub(super) fn new(unit: Box<dyn RunningUnit>, name: &str, fmu: &Arc<Fmu>) -> Self {
+        Instance { unit, name: name.to_owned(), time: 0.0, may_try_again: Cell::new(false), fmu: Arc::clone(fmu) }
+    }
+
+    /// Its name in the loop.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its FMU.
+    pub fn fmu(&self) -> &Fmu {
+        &self.fmu
+    }
+
+    /// The description of its FMU.
+    pub fn description(&self) -> &ModelDescription {
+        &self.fmu.description
+    }
+
+    /// The communication step that its FMU proposes, else a usual one, s.
+    pub fn step(&self) -> f64 {
+        self.fmu.step()
+    }
+
+    /// Messages since the last call: warnings, when every call was OK.
+    pub fn messages(&self) -> Messages {
+        self.unit.messages()
+    }
+
+    /// Whether what failed last may be tried otherwise, as with a shorter step.
+    pub(crate) fn may_try_again(&self) -> bool {
+        self.may_try_again.get()
+    }
+
+    fn call(&self, call: Call<'_>) -> Result<(), Error> {
+        let function = call.function();
+        match self.unit.call(call) {
+            Ok(answer) => self.check(function, answer),
+            Err(reason) => {
+                self.may_try_again.set(false);
+                let said = self.unit.messages();
+                let said = if said.is_empty() { String::new() } else { format!("; {}", said.joined()) };
+                Err(self.refusal(function, format!("{reason}{said}")))
+            }
+        }
+    }
+
+    fn check(&self, function: Function, answer: Answer) -> Result<(), Error> {
+        if answer == OK || answer == WARNING {
+            return Ok(());
+        }
+        self.may_try_again.set(answer == DISCARD);
+        let messages = self.unit.messages();
+        Err(self.refusal(
+            function,
+            match answer {
+                _ if !messages.is_empty() => messages.joined(),
+                DISCARD => "it discarded the call (fmi2Discard), without a message".to_owned(),
+                3 => "it answered with an error (fmi2Error), without a message".to_owned(),
+                4 => "it answered that it can't go on (fmi2Fatal), without a message".to_owned(),
+                5 => "it answered that it isn't done yet (fmi2Pending), which is no answer to this call".to_owned(),
+                answer => format!("it answered with {answer}, which is no status of the standard"),
+            },
+        ))
+    }
+
+    fn refusal(&self, function: Function, message: String) -> Error {
+        Error::Unit { unit: self.name.clone(), function: function.name(), time: self.time, message }
+    }
+
+    /// Refuses a number that a unit gave with the status OK and that is none.
+    fn check_numbers(&self, function: Function, numbers: &[f64], name: impl Fn(usize) -> String) -> Result<(), Error> {
+        let Some(place) = numbers.iter().position(|number| !number.is_finite()) else { return Ok(()) };
+        self.may_try_again.set(true);
+        let (name, number) = (name(place), Number(numbers[place]));
+        Err(self
+            .refusal(function, format!("{name} = {number}: no finite number, though the call was answered with OK")))
+    }
+
+    /// The variable of a value reference, for messages.
+    fn name_of(&self, reference: u32) -> String {
+        let variables = &self.description().variables;
+        let found = variables.iter().find(|variable| variable.reference == reference && variable.kind == "Real");
+        found.map_or_else(|| format!("value reference {reference}"), |variable| format!("`{}`", variable.name))
+    }
+
+    /// Sets a start value.
+    ///
+    /// # Errors
+    /// When the unit refuses it.
+    pub fn set_start(&self, reference: u32, value: &Value) -> Result<(), Error> {
+        match value {
+            Value::Real(value) => self.set_real(&[reference], &[*value]),
+            Value::Integer(value) => self.set_integer(&[reference], &[*value]),
+            Value::Boolean(value) => self.set_boolean(&[reference], &[i32::from(*value)]),
+            Value::String(text) => self.call(Call::SetString(reference, text)),
+        }
+    }
+
+    /// Sets up the experiment and enters Initialization Mode.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn enter_initialization(&mut self, start: f64, stop: f64) -> Result<(), Error> {
+        self.time = start;
+        self.call(Call::SetupExperiment { start, stop })?;
+        self.call(Call::Plain(Function::EnterInitializationMode))
+    }
+
+    /// Leaves Initialization Mode.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn exit_initialization(&self) -> Result<(), Error> {
+        self.call(Call::Plain(Function::ExitInitializationMode))
+    }
+
+    /// Reads real variables.
+    ///
+    /// # Errors
+    /// When the unit refuses, or gives what is no finite number.
+    pub fn get_real(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
+        self.get_any_real(references, values)?;
+        self.check_numbers(Function::GetReal, values, |place| self.name_of(references[place]))
+    }
+
+    /// Reads real variables, finite or not.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn get_any_real(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        self.call(Call::GetReal(references, values))
+    }
+
+    /// Sets real variables.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn set_real(&self, references: &[u32], values: &[f64]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        self.call(Call::SetReal(references, values))
+    }
+
+    /// Reads integer variables.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        self.call(Call::GetWhole(Function::GetInteger, references, values))
+    }
+
+    /// Sets integer variables.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn set_integer(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        self.call(Call::SetWhole(Function::SetInteger, references, values))
+    }
+
+    /// Reads boolean variables: 0 or 1.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn get_boolean(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        self.call(Call::GetWhole(Function::GetBoolean, references, values))
+    }
+
+    /// Sets boolean variables: 0 or 1.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn set_boolean(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
+        assert_eq!(references.len(), values.len());
+        self.call(Call::SetWhole(Function::SetBoolean, references, values))
+    }
+
+    /// Takes one communication step.
+    ///
+    /// # Errors
+    /// When the step isn't finished, discarded ones included.
+    pub fn do_step(&mut self, time: f64, step: f64) -> Result<(), Error> {
+        self.time = time;
+        self.call(Call::DoStep { time, step })
+    }
+
+    /// Ends the simulation.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn terminate(&self) -> Result<(), Error> {
+        self.call(Call::Plain(Function::Terminate))
+    }
+
+    /// Frees the instance; what it said at the last.
+    ///
+    /// # Errors
+    /// When its process doesn't survive that.
+    pub fn free(mut self) -> Result<Messages, Error> {
+        let freed = self.unit.free();
+        let messages = self.unit.messages();
+        freed.map(|()| messages).map_err(|message| {
+            let (unit, function) = (self.name.clone(), "fmi2FreeInstance");
+            Error::Unit { unit, function, time: self.time, message }
+        })
+    }
+
+    /// How unknowns change when knowns change along a direction.
+    ///
+    /// # Errors
+    /// When the unit refuses, or gives what is no finite number.
+    pub fn directional_derivative(&self, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<Vec<f64>, Error> {
+        assert_eq!(knowns.len(), seed.len());
+        let mut result = vec![0.0; unknowns.len()];
+        self.call(Call::DirectionalDerivative { unknowns, knowns, seed, result: &mut result })?;
+        self.check_numbers(Function::GetDirectionalDerivative, &result, |place| {
+            format!("the derivative of {}", self.name_of(unknowns[place]))
+        })?;
+        Ok(result)
+    }
+
+    /// Ends an event of model exchange: discrete states are taken over until they no longer change. The instance is in
+    /// Event Mode, as it is after initialisation, and then in Continuous-Time Mode.
+    ///
+    /// # Errors
+    /// When the unit refuses, or its events never end.
+    pub fn finish_event(&self) -> Result<Event, Error> {
+        let (mut info, mut states_changed, mut nominals_changed) = (no_event_info(), false, false);
+        for _ in 0..EVENT_ITERATIONS {
+            self.call(Call::NewDiscreteStates(&mut info))?;
+            states_changed |= info.values_changed != 0;
+            nominals_changed |= info.nominals_changed != 0;
+            if info.terminate_simulation != 0 {
+                let reason = "the unit asks to end the simulation".to_owned();
+                return Err(self.refusal(Function::NewDiscreteStates, reason));
+            }
+            if info.new_discrete_states_needed == 0 {
+                self.call(Call::Plain(Function::EnterContinuousTimeMode))?;
+                let next = (info.next_event_time_defined != 0).then_some(info.next_event_time);
+                return Ok(Event { next, states_changed, nominals_changed });
+            }
+        }
+        let reason = format!("its discrete states still change after {EVENT_ITERATIONS} iterations");
+        Err(self.refusal(Function::NewDiscreteStates, reason))
+    }
+
+    /// Begins an event of model exchange.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn begin_event(&self) -> Result<(), Error> {
+        self.call(Call::Plain(Function::EnterEventMode))
+    }
+
+    /// Sets the time of model exchange, s.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn set_time(&mut self, time: f64) -> Result<(), Error> {
+        self.time = time;
+        self.call(Call::SetTime(time))
+    }
+
+    /// Tells that an integrator's step is complete; whether the unit asks for Event Mode.
+    ///
+    /// # Errors
+    /// When the unit refuses, or asks to end the simulation.
+    pub fn completed_step(&self) -> Result<bool, Error> {
+        let mut asked = [0; 2];
+        self.call(Call::CompletedIntegratorStep(&mut asked))?;
+        if asked[1] != 0 {
+            let reason = "the unit asks to end the simulation".to_owned();
+            return Err(self.refusal(Function::CompletedIntegratorStep, reason));
+        }
+        Ok(asked[0] != 0)
+    }
+
+    /// The continuous states, in the order of the model structure.
+    ///
+    /// # Errors
+    /// When the unit refuses, or gives what is no finite number.
+    pub fn states(&self, count: usize) -> Result<Vec<f64>, Error> {
+        self.numbers(Function::GetContinuousStates, "state", count)
+    }
+
+    /// Their derivatives.
+    ///
+    /// # Errors
+    /// When the unit refuses, or gives what is no finite number.
+    pub fn state_derivatives(&self, count: usize) -> Result<Vec<f64>, Error> {
+        self.numbers(Function::GetDerivatives, "derivative", count)
+    }
+
+    /// The event indicators.
+    ///
+    /// # Errors
+    /// When the unit refuses, or gives what is no finite number.
+    pub fn event_indicators(&self, count: usize) -> Result<Vec<f64>, Error> {
+        self.numbers(Function::GetEventIndicators, "event indicator", count)
+    }
+
+    /// The states' nominal values.
+    ///
+    /// # Errors
+    /// When the unit refuses, or gives what is no finite number.
+    pub fn nominals(&self, count: usize) -> Result<Vec<f64>, Error> {
+        self.numbers(Function::GetNominalsOfContinuousStates, "nominal value", count)
+    }
+
+    fn numbers(&self, function: Function, what: &str, count: usize) -> Result<Vec<f64>, Error> {
+        let mut numbers = vec![0.0; count];
+        self.call(Call::GetNumbers(function, &mut numbers))?;
+        self.check_numbers(function, &numbers, |place| format!("{what} {}", place + 1))?;
+        Ok(numbers)
+    }
+
+    /// Sets the continuous states.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn set_states(&self, states: &[f64]) -> Result<(), Error> {
+        self.call(Call::SetContinuousStates(states))
+    }
+}

@@ -1,0 +1,319 @@
+//! FMUs, loaded as any master loads them: those of this package into this process, those of other tools into processes
+//! of their own.
+
+#[cfg(unix)]
+mod guest;
+mod in_process;
+mod instance;
+mod kernel;
+mod messages;
+#[cfg(unix)]
+mod own_process;
+#[cfg(unix)]
+mod python;
+mod ready;
+mod start;
+mod unit;
+#[cfg(unix)]
+mod wire;
+
+use std::ffi::c_int;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+#[cfg(unix)]
+pub use guest::serve as serve_unit;
+use in_process::{Binary, InProcess, Plan};
+pub use instance::{Event, Instance};
+pub use kernel::compiler_trouble;
+use kernel::{Awaited, checksum};
+pub use messages::Messages;
+#[cfg(unix)]
+use own_process::OwnProcess;
+pub use ready::Ready;
+pub(crate) use start::{SHOWS_VARIABLES, is_designed, own_start, set_starts, typed, why_fixed, within_limits};
+use unit::RunningUnit;
+
+use crate::cache::Checksum;
+use crate::error::Error;
+use crate::exporter::{Entry, Platform, entries, own_library, read_entry, unpack_but};
+use crate::fmi2::resources::DESCRIPTION;
+#[cfg(target_family = "wasm")]
+use crate::fmi2::resources::HELD;
+use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
+use crate::model_description::ModelDescription;
+use crate::scratch::Scratch;
+
+/// The command by which this package's program runs a unit for another process of it.
+pub const UNIT_PROCESS: &str = "unit-process";
+
+/// Communication step of an FMU that proposes none, s.
+const STEP: f64 = 1e-3;
+const NOT_FOR_CO_SIMULATION: &str = "modelDescription.xml: it is not for co-simulation";
+const NOT_FOR_EXCHANGE: &str = "modelDescription.xml: it is not for model exchange";
+
+/// Whether what units of this package tell of calls that went well is kept: by which method they are integrated.
+static DETAILS: AtomicBool = AtomicBool::new(false);
+
+/// From now on, what units of this package tell of calls that went well is kept ([`Messages::details`]).
+pub fn keep_details() {
+    DETAILS.store(true, Ordering::Relaxed);
+}
+
+/// A value of a variable.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// Of a Real.
+    Real(f64),
+    /// Of an Integer, or the number of an Enumeration's item.
+    Integer(i32),
+    /// Of a Boolean.
+    Boolean(bool),
+    /// Of a String.
+    String(String),
+}
+
+/// Where units of other tools run. Those that were built with this crate always run in this process.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Hosting {
+    /// In this process: faster, and what they do wrong they do to it.
+    InProcess,
+    /// Each instance in a process of its own.
+    OwnProcess {
+        /// This package's program.
+        program: PathBuf,
+        /// How long one call may take.
+        patience: Duration,
+    },
+}
+
+impl Hosting {
+    /// Whether a process can be had for each unit on this platform.
+    pub const HAS_PROCESSES: bool = cfg!(unix);
+}
+
+/// An FMU that was unpacked.
+#[derive(Debug)]
+pub struct Fmu {
+    file: PathBuf,
+    /// Its files, as long as it lives; none where it was never an archive.
+    _folder: Option<Scratch>,
+    /// What its instances are told of where its resources lie.
+    resources: String,
+    /// modelDescription.xml
+    text: String,
+    /// What it says of itself.
+    pub description: ModelDescription,
+    /// Where instances for co-simulation run, and those for model exchange, where it is for these.
+    co_simulation: Option<Place>,
+    /// One that can't be had says why when it is asked for: the other interface may do.
+    exchange: Option<Result<Place, String>>,
+}
+
+/// Where its instances run.
+#[derive(Debug, Clone)]
+enum Place {
+    Here {
+        binary: Arc<Binary>,
+        /// Its compiled equations, where it is of this crate.
+        kernel: Option<Awaited>,
+    },
+    #[cfg(unix)]
+    OwnProcess { library: PathBuf, program: PathBuf, patience: Duration },
+}
+
+impl Fmu {
+    /// Opens an archive of a unit for co-simulation, whose instances run where units of its kind do.
+    ///
+    /// # Errors
+    /// When it is no FMU 2.0 for co-simulation on this platform.
+    pub fn open(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
+        let fmu = Self::open_any(file, hosting)?;
+        let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
+        if fmu.description.co_simulation { Ok(fmu) } else { Err(refuse(NOT_FOR_CO_SIMULATION.to_owned())) }
+    }
+
+    /// Opens an archive of a unit for co-simulation, model exchange or both.
+    ///
+    /// # Errors
+    /// When it is no FMU 2.0 on this platform.
+    pub fn open_any(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
+        let text = read_entry(file, "modelDescription.xml")?;
+        let description = ModelDescription::read(&text).map_err(refuse)?;
+        let folder = Scratch::new()?;
+        let (own, entries, common) = (Platform::own(), entries(file)?, OwnLibrary::loaded());
+        // The library beside this program isn't unpacked: it is loaded already.
+        unpack_but(file, folder.path(), common.map(|common| common.mark))?;
+        let resources = folder.path().join("resources");
+        let place = |identifier: &str| {
+            let held = own.binaries(identifier).find_map(|place| entries.iter().find(|entry| entry.name == place));
+            if let Some(common) = common.filter(|common| held.is_some_and(|held| common.is_entry(held))) {
+                return Ok(Place::here(&common.binary, Some(&common.checksum), &resources));
+            }
+            let missing = || format!("holds no {}: it can't run on this platform", own.binary(identifier));
+            let library = own.find_binary(folder.path(), identifier).ok_or_else(missing)?;
+            Place::of(library, &resources, hosting)
+        };
+        let first = place(&description.model_identifier).map_err(refuse)?;
+        let exchange = match &description.exchange_identifier {
+            Some(identifier) if *identifier == description.model_identifier => Some(Ok(first.clone())),
+            other => other.as_deref().map(place),
+        };
+        let co_simulation = description.co_simulation.then_some(first);
+        let (file, resources) = (file.to_owned(), file_uri(&resources));
+        Ok(Fmu { file, _folder: Some(folder), resources, text, description, co_simulation, exchange })
+    }
+
+    /// A unit of this very library, of its description and the modelDescription.xml of that: where there are no archives.
+    ///
+    /// # Errors
+    /// When that is none for co-simulation.
+    #[cfg(target_family = "wasm")]
+    pub fn linked(described: &str, text: String) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Library(reason);
+        let description = ModelDescription::read(&text).map_err(refuse)?;
+        let place = Place::Here { binary: Arc::new(Binary::linked().map_err(refuse)?), kernel: None };
+        let resources = format!("{HELD}{}", described.replace('%', "%25"));
+        let file = PathBuf::from(format!("{}.fmu", description.name));
+        Ok(Fmu { file, _folder: None, resources, text, description, co_simulation: Some(place), exchange: None })
+    }
+
+    /// Its archive.
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// The communication step that it proposes, else a usual one, s.
+    pub fn step(&self) -> f64 {
+        self.description.step.filter(|step| *step > 0.0).unwrap_or(STEP)
+    }
+
+    /// Where it comes from, and how its instances run, for those who want to know.
+    pub fn told(&self) -> String {
+        let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
+        let how = match self.co_simulation.as_ref().or_else(exchange) {
+            Some(Place::Here { kernel, .. }) => kernel.as_ref().map_or("in this process", Awaited::told),
+            #[cfg(unix)]
+            Some(Place::OwnProcess { .. }) => "each instance in a process of its own",
+            None => "nowhere",
+        };
+        format!("{}, {how}", self.file.display())
+    }
+
+    /// The text of its modelDescription.xml.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Whether each instance has a process of its own.
+    pub fn has_own_processes(&self) -> bool {
+        let exchange = self.exchange.iter().filter_map(|place| place.as_ref().ok());
+        self.co_simulation.iter().chain(exchange).all(|place| !matches!(place, Place::Here { .. }))
+    }
+
+    /// An instance for co-simulation.
+    ///
+    /// # Errors
+    /// When it is not for that, its library lacks a function, or refuses.
+    pub fn instantiate(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
+        let place = self.co_simulation.as_ref().ok_or(NOT_FOR_CO_SIMULATION);
+        self.instantiate_in(place, CO_SIMULATION, name)
+    }
+
+    /// An instance for model exchange.
+    ///
+    /// # Errors
+    /// When it is not for that, its library lacks a function, or refuses.
+    pub fn instantiate_for_exchange(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
+        let place = self.exchange.as_ref().ok_or(NOT_FOR_EXCHANGE);
+        let place = place.and_then(|place| place.as_ref().map_err(String::as_str));
+        self.instantiate_in(place, MODEL_EXCHANGE, name)
+    }
+
+    fn instantiate_in(
+        self: &Arc<Self>,
+        place: Result<&Place, &str>,
+        kind: c_int,
+        name: &str,
+    ) -> Result<Instance, Error> {
+        let resources = self.resources.clone();
+        let ModelDescription { guid, generation_tool, .. } = &self.description;
+        // Those of this package tell of errors and warnings in any case.
+        let is_own = generation_tool.starts_with("adaptive-fmu");
+        let details = is_own && DETAILS.load(Ordering::Relaxed);
+        let plan =
+            Plan { kind, name: name.to_owned(), guid: guid.clone(), resources, logs: !is_own || details, details };
+        let unit = place.map_err(str::to_owned).and_then(|place| place.unit(&plan));
+        let unit = unit.map_err(|reason| Error::Archive { file: self.file.clone(), reason })?;
+        Ok(Instance::new(unit, name, self))
+    }
+}
+
+impl Place {
+    /// Where the instances of a library run, whose resources lie in a folder; the reason where it can't be loaded.
+    fn of(library: PathBuf, resources: &Path, hosting: &Hosting) -> Result<Self, String> {
+        let bytes = std::fs::read(&library).map_err(|error| format!("its library can't be read: {error}"))?;
+        let checksum = checksum(&library, &bytes);
+        #[cfg(unix)]
+        if let Hosting::OwnProcess { program, patience } = hosting
+            && checksum.is_none()
+        {
+            return Ok(Place::OwnProcess { library, program: program.clone(), patience: *patience });
+        }
+        #[cfg(not(unix))]
+        let _ = hosting;
+        Ok(Place::here(&Arc::new(Binary::load(&library)?), checksum.as_ref(), resources))
+    }
+
+    /// In this process; by compiled equations where its library is of this crate, and has a checksum.
+    fn here(binary: &Arc<Binary>, checksum: Option<&Checksum>, resources: &Path) -> Self {
+        let kernel = checksum.and_then(|checksum| Awaited::of(binary, checksum, &resources.join(DESCRIPTION)));
+        Place::Here { binary: Arc::clone(binary), kernel }
+    }
+
+    fn unit(&self, plan: &Plan) -> Result<Box<dyn RunningUnit>, String> {
+        Ok(match self {
+            Place::Here { binary, kernel } => Box::new(InProcess::new(binary, kernel.clone(), plan)?),
+            #[cfg(unix)]
+            Place::OwnProcess { library, program, patience } => {
+                Box::new(OwnProcess::new(program, *patience, library, plan)?)
+            }
+        })
+    }
+}
+
+/// The library that was built together with this program, as most FMUs hold it: loaded once.
+struct OwnLibrary {
+    binary: Arc<Binary>,
+    checksum: Checksum,
+    /// Size and checksum within archives.
+    mark: (u64, u32),
+}
+
+impl OwnLibrary {
+    /// Where there is one.
+    fn loaded() -> Option<&'static Self> {
+        static OWN: OnceLock<Option<OwnLibrary>> = OnceLock::new();
+        let load = || {
+            let file = own_library()?;
+            let bytes = std::fs::read(&file).ok()?;
+            let mark = (bytes.len() as u64, crc32fast::hash(&bytes));
+            let checksum = checksum(&file, &bytes)?;
+            Some(OwnLibrary { binary: Arc::new(Binary::load(&file).ok()?), checksum, mark })
+        };
+        OWN.get_or_init(load).as_ref()
+    }
+
+    fn is_entry(&self, entry: &Entry) -> bool {
+        self.mark == (entry.size, entry.checksum)
+    }
+}
+
+/// A `file:` URI of a path.
+fn file_uri(path: &Path) -> String {
+    let text = path.to_string_lossy().replace('\\', "/").replace('%', "%25").replace(' ', "%20");
+    if text.starts_with('/') { format!("file://{text}") } else { format!("file:///{text}") }
+}

@@ -1,0 +1,76 @@
+//! Units that are made ready once for all runs of a process: exported, unpacked and loaded.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::Fmu;
+use crate::error::Error;
+use crate::exporter::{Library, Source};
+#[cfg(not(target_family = "wasm"))]
+use crate::scratch::Scratch;
+
+/// So many units are kept; the one that wasn't asked for longest goes.
+const MOST_KEPT: usize = 64;
+
+/// Units by their descriptions.
+#[derive(Debug)]
+pub struct Ready {
+    library: Library,
+    #[cfg(not(target_family = "wasm"))]
+    folder: Scratch,
+    kept: Mutex<VecDeque<(String, Arc<Fmu>)>>,
+}
+
+impl Ready {
+    /// None is ready yet. They are of the library that was built together with this program.
+    ///
+    /// # Errors
+    /// When there is none, or no temporary folder can be had.
+    pub fn new() -> Result<Self, Error> {
+        Ok(Ready {
+            library: Library::beside_program()?,
+            #[cfg(not(target_family = "wasm"))]
+            folder: Scratch::new()?,
+            kept: Mutex::default(),
+        })
+    }
+
+    /// The library that they are of.
+    pub fn library(&self) -> &Library {
+        &self.library
+    }
+
+    /// The unit of a description.
+    ///
+    /// # Errors
+    /// For a description that is refused, or files that can't be written.
+    pub fn fmu(&self, source: &Source) -> Result<Arc<Fmu>, Error> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let place = kept.iter().position(|(text, _)| *text == source.text);
+        let fmu = match place.and_then(|place| kept.remove(place)) {
+            Some((_, fmu)) => fmu,
+            None => Arc::new(self.made(source)?),
+        };
+        kept.push_back((source.text.clone(), Arc::clone(&fmu)));
+        while kept.len() > MOST_KEPT {
+            kept.pop_front();
+        }
+        Ok(fmu)
+    }
+
+    /// By way of an archive, as any master has it.
+    #[cfg(not(target_family = "wasm"))]
+    fn made(&self, source: &Source) -> Result<Fmu, Error> {
+        let file = crate::exporter::export(source, &self.library, self.folder.path())?;
+        let fmu = Fmu::open_any(&file, &super::Hosting::InProcess)?;
+        // It was unpacked; the next may have its name.
+        std::fs::remove_file(&file).map_err(Error::file(&file))?;
+        Ok(fmu)
+    }
+
+    #[cfg(target_family = "wasm")]
+    fn made(&self, source: &Source) -> Result<Fmu, Error> {
+        let (unit, _) = crate::exporter::describe(source, &self.library)?;
+        Fmu::linked(&source.text, unit.model_description)
+    }
+}

@@ -1,0 +1,161 @@
+//! Runs of several loops on one page: what all of them measure, in one table and in common diagrams.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use super::report::Report;
+use crate::exporter::escaped;
+use crate::figures::{Diagram, Given, Part, Shown, beginning, bound, ending, push_diagrams, time_label};
+use crate::structure::{Metric, PerformanceFunction, Scale};
+
+/// Runs side by side, one at least.
+#[derive(Debug)]
+pub struct Comparison<'a> {
+    /// The runs.
+    pub runs: Vec<Report<'a>>,
+}
+
+/// What all runs measure of: a signal, what is subtracted from it, and the funnel that the difference is to stay in.
+struct Compared<'a> {
+    of: &'a str,
+    minus: Option<&'a str>,
+    funnel: Option<PerformanceFunction>,
+}
+
+impl Comparison<'_> {
+    /// The metrics of all runs: label, and a value a run.
+    pub fn metrics(&self) -> Vec<(String, Vec<Option<f64>>)> {
+        let mut rows: Vec<(String, Vec<Option<f64>>)> = Vec::new();
+        for metric in self.runs.iter().flat_map(|run| run.measured) {
+            if rows.iter().all(|(label, _)| *label != metric.label) {
+                let value = |run: &Report| run.measured.iter().find(|other| other.label == metric.label)?.value;
+                rows.push((metric.label.clone(), self.runs.iter().map(value).collect()));
+            }
+        }
+        rows
+    }
+
+    /// The table of metrics for a terminal.
+    pub fn table(&self) -> String {
+        let number = |value: &Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.5}"));
+        let width = self.runs.iter().map(|run| run.structure.name.len()).max().unwrap_or(0).max(12);
+        let names: Vec<_> = self.runs.iter().map(|run| format!("{:>width$}", run.structure.name)).collect();
+        let mut text = format!("{:32} {}\n", "", names.join(" "));
+        for (label, values) in self.metrics() {
+            let values: Vec<_> = values.iter().map(|value| format!("{:>width$}", number(value))).collect();
+            let _ = writeln!(text, "{label:32} {}", values.join(" "));
+        }
+        text
+    }
+
+    /// The page.
+    ///
+    /// # Errors
+    /// When a metric names a signal that isn't there.
+    pub fn html(&self) -> Result<String, String> {
+        let names: Vec<_> = self.runs.iter().map(|run| run.structure.name.as_str()).collect();
+        let mut page = beginning(&names.join(", "), "Compared: what all of these loops measure.");
+        for run in &self.runs {
+            let (name, description) = (escaped(&run.structure.name), escaped(&run.structure.description));
+            let _ = writeln!(page, "<p><b>{name}</b>: {description}</p>");
+            if let Some(shortfall) = run.shortfall() {
+                let _ = writeln!(page, "<p class=\"bad\">The run of {name} {}.</p>", escaped(&shortfall));
+            }
+        }
+        push_diagrams(&mut page, &self.diagrams()?);
+        self.push_metrics(&mut page);
+        ending(&mut page);
+        Ok(page)
+    }
+
+    /// What all runs measure, a signal a diagram, and errors in their funnels.
+    ///
+    /// # Errors
+    /// When a metric names a signal that isn't there.
+    pub fn diagrams(&self) -> Result<Vec<Diagram<'_>>, String> {
+        let mut diagrams = Vec::new();
+        for compared in self.compared() {
+            diagrams.push(self.signals(&compared)?);
+            if let (Some(minus), Some(funnel)) = (compared.minus, compared.funnel) {
+                diagrams.push(self.errors(&compared, minus, funnel)?);
+            }
+        }
+        Ok(diagrams)
+    }
+
+    /// What the metrics of every run are about, in the order of the first.
+    fn compared(&self) -> Vec<Compared<'_>> {
+        let key = |metric: &Metric| (metric.of.clone(), metric.minus.clone());
+        let known = |run: &Report, metric: &Metric| run.structure.metrics.iter().any(|other| key(other) == key(metric));
+        let metrics = || self.runs[0].structure.metrics.iter();
+        let with_funnel = metrics().filter_map(|metric| metric.funnel.map(|funnel| (key(metric), funnel)));
+        let funnels: BTreeMap<_, _> = with_funnel.collect();
+        let mut found: Vec<Compared> = Vec::new();
+        for metric in metrics().filter(|metric| self.runs.iter().all(|run| known(run, metric))) {
+            let (of, minus) = (metric.of.as_str(), metric.minus.as_deref());
+            if found.iter().all(|other| (other.of, other.minus) != (of, minus)) {
+                found.push(Compared { of, minus, funnel: funnels.get(&key(metric)).copied() });
+            }
+        }
+        found
+    }
+
+    fn signals(&self, Compared { of, minus, .. }: &Compared) -> Result<Diagram<'_>, String> {
+        let mut given = Vec::new();
+        for run in &self.runs {
+            given.push(curve(run, &run.structure.name, Part::Own, Shown::signal(of), Cow::Borrowed(column(run, of)?)));
+        }
+        if let Some(minus) = minus {
+            let first = &self.runs[0];
+            let values = Cow::Borrowed(column(first, minus)?);
+            given.push(curve(first, minus, Part::Reference, Shown::signal(minus), values));
+        }
+        Ok(Diagram::new(of, &time_label(), Scale::Linear, given))
+    }
+
+    fn errors(
+        &self,
+        Compared { of, .. }: &Compared,
+        minus: &str,
+        funnel: PerformanceFunction,
+    ) -> Result<Diagram<'_>, String> {
+        let mut given = Vec::new();
+        for run in &self.runs {
+            let pairs = column(run, of)?.iter().zip(column(run, minus)?);
+            let errors = pairs.map(|(of, minus)| (of - minus).abs()).collect();
+            let shown = Shown { minus: Some(minus.to_owned()), magnitude: true, ..Shown::signal(of) };
+            given.push(curve(run, &run.structure.name, Part::Own, shown, errors));
+        }
+        given.push(bound(funnel, &self.runs[0].recording.times));
+        let title = format!("|{of} − {minus}| in its funnel");
+        Ok(Diagram::new(&title, &time_label(), Scale::Logarithmic, given))
+    }
+
+    fn push_metrics(&self, page: &mut String) {
+        page.push_str("<h2>Metrics</h2>\n<div class=\"scroll\"><table id=\"metrics\">\n<tr><th>metric");
+        for run in &self.runs {
+            let _ = write!(page, "<th class=\"number\">{}", escaped(&run.structure.name));
+        }
+        for (label, values) in self.metrics() {
+            let _ = write!(page, "\n<tr><td>{}", escaped(&label));
+            for value in values {
+                let value = value.map_or("–".to_owned(), |value| format!("{value:.5}"));
+                let _ = write!(page, "<td class=\"number\">{value}");
+            }
+        }
+        page.push_str("\n</table></div>\n");
+    }
+}
+
+/// A curve of a run; its unit is that of the signal that it shows.
+fn curve<'a>(run: &'a Report, name: &str, part: Part, shown: Shown, values: Cow<'a, [f64]>) -> Given<'a> {
+    let unit = shown.of.as_deref().and_then(|of| run.recording.measure(of)).unwrap_or_default().to_owned();
+    let times = Cow::Borrowed(run.recording.times.as_slice());
+    Given { name: name.to_owned(), unit, part, shown, times, values }
+}
+
+fn column<'a>(run: &'a Report, name: &str) -> Result<&'a [f64], String> {
+    let column = run.recording.column(name);
+    column.ok_or_else(|| format!("{}: there is no signal `{name}`", run.structure.name))
+}

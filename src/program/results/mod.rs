@@ -1,0 +1,22 @@
+//! Results of runs: metrics, tables, pages and how a run came to its numbers, as they are written and read again.
+
+mod comparison;
+mod ideal;
+mod kept;
+mod metrics;
+mod overview;
+mod provenance;
+mod recorded;
+mod recorder;
+mod report;
+mod table;
+
+pub use comparison::Comparison;
+pub(crate) use metrics::Difference;
+pub use metrics::{Measured, Meter, measure};
+pub use overview::{Row, Verdict, four_digits, table};
+pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
+pub use recorded::{FILES, METRICS, Recorded, RecordedRun, told};
+pub use recorder::{Ended, Recorder, TablePlace, Tabled};
+pub use report::{Ending, Report, Thinned};
+pub use table::{PARQUET, TABLE, Table, TableMark, TableMarks};

@@ -1,0 +1,219 @@
+//! Results of an earlier run, read from its folder: what a comparison needs, and what the run can be repeated with.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::metrics::Measured;
+use super::provenance::{FORMAT, Provenance};
+use super::report::{Ending, Report, Thinned};
+use super::table::{PARQUET, TABLE, TableMarks};
+use crate::begun;
+use crate::error::Error;
+use crate::sealed::{self, checksum_of_file};
+use crate::simulation::Recording;
+use crate::structure::{Metric, Order, PerformanceFunction, Settings, Statistic, Structure};
+use crate::text_file::{self, csv_fields};
+
+/// Name of the metrics of a run, and of how it came to them.
+pub const METRICS: &str = "metrics.json";
+/// What the metrics tell, below `written`, of the files of the table.
+pub const FILES: &str = "files";
+
+/// A signal that a metric is about.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct About {
+    label: String,
+    of: String,
+    minus: Option<String>,
+    funnel: Option<[f64; 3]>,
+}
+
+/// The content of `metrics.json`.
+pub fn told(report: &Report, provenance: Option<&Provenance>, written: &Value) -> Value {
+    let Report { structure, recording, measured, ending, thinned, .. } = report;
+    let mut told = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured });
+    let Some(provenance) = provenance else { return told };
+    let about = structure.metrics.iter().map(|metric| {
+        let Metric { label, of, minus, funnel, .. } = metric.clone();
+        About { label, of, minus, funnel: funnel.map(|PerformanceFunction { start, end, rate }| [start, end, rate]) }
+    });
+    told["description"] = json!(structure.description);
+    told["about"] = json!(about.collect::<Vec<_>>());
+    told["signals"] = json!(recording.names.iter().zip(&recording.measures).collect::<Vec<_>>());
+    told["written"] = written.clone();
+    if let Some(Thinned { of, .. }) = thinned {
+        told["drawn"] = json!({ "points": recording.times.len(), "of": of });
+    }
+    if let Ok(Value::Object(provenance)) = serde_json::to_value(provenance) {
+        provenance.into_iter().for_each(|(key, value)| told[key] = value);
+    }
+    told
+}
+
+/// Results of an earlier run.
+#[derive(Debug)]
+pub struct Recorded {
+    /// Where they are.
+    pub folder: PathBuf,
+    /// How the run came to its numbers.
+    pub provenance: Provenance,
+    /// How its tables were written.
+    pub written: Value,
+    /// How it ended.
+    pub ended: String,
+    told: Value,
+}
+
+impl Recorded {
+    /// Whether a path is a folder of results.
+    pub fn is_at(folder: &Path) -> bool {
+        begun::path(&folder.join(METRICS)).is_file()
+    }
+
+    /// Reads what is told of a run.
+    ///
+    /// # Errors
+    /// When the folder holds no results, or those of a version that told too little or more than this one knows.
+    pub fn read(folder: &Path) -> Result<Self, Error> {
+        let file = folder.join(METRICS);
+        let refuse = |reason: String| Error::Loop { file: file.clone(), reason };
+        let told = sealed::read(&file, "file of metrics")?.content;
+        let format = told["versions"]["format"].as_u64();
+        if format.is_none() {
+            return Err(refuse(
+                "doesn't tell how its run came to its numbers: run the loop again by its name".to_owned(),
+            ));
+        }
+        if format > Some(FORMAT.into()) {
+            return Err(refuse(format!("is of a later version: this one reads results up to format {FORMAT}")));
+        }
+        let provenance = Provenance::deserialize(&told).map_err(|error| refuse(format!("can't be read: {error}")))?;
+        let text = |name: &str| told[name].as_str().unwrap_or_default().to_owned();
+        let (ended, written) = (text("ended"), told["written"].clone());
+        Ok(Recorded { folder: folder.to_owned(), provenance, written, ended, told })
+    }
+
+    /// Checks the files of its table against what the run noted of them. False where it noted nothing, as version 0.1: then
+    /// damage isn't seen.
+    ///
+    /// # Errors
+    /// When one isn't as the run wrote it.
+    pub fn check(&self) -> Result<bool, Error> {
+        let file = self.folder.join(METRICS);
+        let marks = Option::<TableMarks>::deserialize(&self.written[FILES]);
+        let wrong = |error| Error::Loop { file, reason: format!("can't be read: {error}") };
+        let Some(marks) = marks.map_err(wrong)? else { return Ok(false) };
+        for (name, mark) in [TABLE, PARQUET].into_iter().filter_map(|name| Some((name, marks.get(name)?))) {
+            let file = self.folder.join(name);
+            // Nothing is read from the second form of the table.
+            if name == PARQUET && !begun::path(&file).exists() {
+                continue;
+            }
+            let rows = if name == TABLE { rows(&file)? } else { mark.rows };
+            if rows != mark.rows || checksum_of_file(&file)? != mark.checksum {
+                let counted =
+                    if rows == mark.rows { String::new() } else { format!(": it has {rows} rows of {}", mark.rows) };
+                let reason = format!("is not as its run wrote it{counted}; run the loop again by its name");
+                return Err(Error::Loop { file, reason });
+            }
+        }
+        Ok(true)
+    }
+
+    /// The run as a comparison shows it. Its points are those of its table.
+    ///
+    /// # Errors
+    /// When the table can't be read, or doesn't fit what is told of the run.
+    pub fn run(&self) -> Result<RecordedRun, Error> {
+        let file = self.folder.join(METRICS);
+        let wrong =
+            |error: serde_json::Error| Error::Loop { file: file.clone(), reason: format!("can't be read: {error}") };
+        let about = Vec::<About>::deserialize(&self.told["about"]).map_err(wrong)?;
+        let measured = Vec::<Measured>::deserialize(&self.told["metrics"]).map_err(wrong)?;
+        let signals = Vec::<(String, String)>::deserialize(&self.told["signals"]).map_err(wrong)?;
+        let recording = self.table(signals)?;
+        let asked = &self.provenance.settings;
+        let settings = Settings {
+            start_time: asked.start_time,
+            stop_time: asked.stop_time,
+            step: asked.step,
+            order: asked.order.as_deref().and_then(|order| order.parse().ok()).unwrap_or(Order::GaussSeidel),
+        };
+        let metric = |About { label, of, minus, funnel }| {
+            let funnel = funnel.map(|[start, end, rate]| PerformanceFunction { start, end, rate });
+            Metric { label, statistic: Statistic::Max, of, minus, funnel, from: settings.start_time, limit: None }
+        };
+        let text = |name: &str| self.told[name].as_str().unwrap_or_default().to_owned();
+        let mut structure = Structure::bare(file, self.folder.display().to_string(), text("description"), settings);
+        structure.metrics = about.into_iter().map(metric).collect();
+        let ending = match self.ended.as_str() {
+            "complete" => Ending::Complete,
+            "interrupted" => Ending::Interrupted,
+            _ => Ending::Failed("see its page".to_owned()),
+        };
+        Ok(RecordedRun { structure, settings, whole: asked.composite, recording, measured, ending })
+    }
+
+    /// The table. Files of other programs are refused at the first line that doesn't fit.
+    fn table(&self, signals: Vec<(String, String)>) -> Result<Recording, Error> {
+        let file = self.folder.join(TABLE);
+        let refuse =
+            |line: usize, reason: &str| Error::Loop { file: file.clone(), reason: format!("line {line}: {reason}") };
+        // A long run has a long table.
+        let text = std::fs::read_to_string(begun::path(&file)).map_err(Error::file(&file))?;
+        let mut lines = text.lines();
+        let (names, measures): (Vec<_>, Vec<_>) = signals.into_iter().unzip();
+        let head = csv_fields(lines.next().unwrap_or_default());
+        if head.first().is_none_or(|time| time != "time") || head[1..] != names[..] {
+            return Err(refuse(1, "must name `time` and the signals that metrics.json names"));
+        }
+        let columns = vec![Vec::new(); names.len()];
+        let mut recording = Recording { names, measures, columns, ..Recording::default() };
+        for (k, line) in lines.enumerate() {
+            let numbers = line.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>();
+            let numbers = numbers.map_err(|_| refuse(k + 2, "must be numbers"))?;
+            match numbers.split_first() {
+                Some((time, row)) if row.len() == recording.names.len() => recording.push(*time, row),
+                _ => return Err(refuse(k + 2, "must have as many values as there are names")),
+            }
+        }
+        if recording.times.is_empty() { Err(refuse(2, "must be the values at the first time")) } else { Ok(recording) }
+    }
+}
+
+/// The rows of a table behind its line of names, each of which ends with the end of a line.
+fn rows(file: &Path) -> Result<u64, Error> {
+    let mut opened = BufReader::new(text_file::open(&begun::path(file)).map_err(Error::file(file))?);
+    let mut lines = 0;
+    loop {
+        let bytes = opened.fill_buf().map_err(Error::file(file))?;
+        if bytes.is_empty() {
+            return Ok(u64::saturating_sub(lines, 1));
+        }
+        lines += bytes.iter().filter(|&&byte| byte == b'\n').count() as u64;
+        let count = bytes.len();
+        opened.consume(count);
+    }
+}
+
+/// An earlier run, for a report on it.
+#[derive(Debug)]
+pub struct RecordedRun {
+    structure: Structure,
+    settings: Settings,
+    whole: bool,
+    recording: Recording,
+    measured: Vec<Measured>,
+    ending: Ending,
+}
+
+impl RecordedRun {
+    /// The report on it.
+    pub fn report(&self) -> Report<'_> {
+        let RecordedRun { structure, settings, whole, recording, measured, ending } = self;
+        Report { structure, settings: *settings, whole: *whole, recording, measured, ending, thinned: None }
+    }
+}

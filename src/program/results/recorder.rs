@@ -1,0 +1,331 @@
+//! What takes the points of a run. Those of one that is too long for the memory are handed on while it goes on: its table is
+//! written, its metrics are measured, and of its points only those are kept that are drawn.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use super::kept::Kept;
+use super::metrics::{Measured, Meter, measure};
+use super::report::Thinned;
+use super::table::{Table, TableMarks};
+use crate::error::Error;
+use crate::output::Files;
+use crate::simulation::Recording;
+use crate::structure::{Settings, Structure};
+
+/// The most values of a run that is kept in memory, times included: 64 MB. Every loop of this package has fewer.
+const KEPT: usize = 1 << 23;
+/// The points of a longer one are handed on whenever there are so many values: 16 MB.
+const BLOCK: usize = 1 << 21;
+
+/// How and where the table of a long run is written.
+#[derive(Debug, Clone, Copy)]
+pub struct TablePlace<'a> {
+    /// The folder that the user named.
+    pub out: &'a Path,
+    /// The one of the run, below it.
+    pub below: &'a str,
+    /// How far rows lie apart, s; none where all points are rows.
+    pub every: Option<f64>,
+    /// Whether it is written as Apache Parquet, too.
+    pub parquet: bool,
+}
+
+/// What takes the points of a run.
+#[derive(Debug)]
+pub struct Recorder<'a> {
+    structure: &'a Structure,
+    /// Where the table of a long run is written; none of a run that is kept.
+    place: Option<TablePlace<'a>>,
+    begun: Option<Begun>,
+    failure: Option<Error>,
+    took: Duration,
+}
+
+/// What is left of a run beside its recording.
+#[derive(Debug)]
+pub struct Ended {
+    /// Its metrics.
+    pub measured: Vec<Measured>,
+    /// Which of its points were left out of the recording; none where it has all of them.
+    pub thinned: Option<Thinned>,
+    /// Its table, where points were left out.
+    pub table: Option<Tabled>,
+}
+
+/// A table that is written.
+#[derive(Debug)]
+pub struct Tabled {
+    /// Its files, not yet in their places.
+    pub files: Files,
+    /// What they hold.
+    pub marks: TableMarks,
+}
+
+#[derive(Debug)]
+struct Begun {
+    files: Files,
+    table: Table,
+    meter: Meter,
+    kept: Kept,
+    points: usize,
+}
+
+impl<'a> Recorder<'a> {
+    /// For a run of a loop with so many signals. Without a place for its table, all its points are kept.
+    pub fn new(structure: &'a Structure, settings: Settings, signals: usize, place: Option<TablePlace<'a>>) -> Self {
+        let place = place.filter(|_| is_long(settings, signals));
+        Recorder { structure, place, begun: None, failure: None, took: Duration::ZERO }
+    }
+
+    /// The number of values from which on it takes them.
+    pub fn block(&self) -> usize {
+        self.place.map_or(usize::MAX, |_| BLOCK)
+    }
+
+    /// Takes the points of a recording, and leaves none. Where that can't be done it answers false, and the run may end.
+    pub fn take(&mut self, block: &mut Recording) -> bool {
+        let begun = Instant::now();
+        if let Some(place) = self.place {
+            self.failure = self.add(block, place, false).err();
+        }
+        self.took += begun.elapsed();
+        self.failure.is_none()
+    }
+
+    /// How long what was taken has taken.
+    pub fn took(&self) -> Duration {
+        self.took
+    }
+
+    /// Takes the last points of a recording, and leaves those that are drawn. One of which nothing was taken keeps its points,
+    /// and nothing is written.
+    ///
+    /// # Errors
+    /// When the table can't be written, or a metric, a model or a diagram names a signal that isn't there.
+    pub fn end(mut self, recording: &mut Recording) -> Result<Ended, Error> {
+        if let Some(failure) = self.failure.take() {
+            return Err(failure);
+        }
+        if let Some(place) = self.place.filter(|_| self.begun.is_some()) {
+            self.add(recording, place, true)?;
+        }
+        let Some(Begun { mut files, table, meter, kept, points }) = self.begun else {
+            let measured = measure(self.structure, recording).map_err(self.wrong())?;
+            return Ok(Ended { measured, thinned: None, table: None });
+        };
+        let marks = table.finish(&mut files)?;
+        let Recording { times, columns, .. } = kept.into_points();
+        (recording.times, recording.columns) = (times, columns);
+        let thinned = Thinned { of: points, every: self.place.and_then(|place| place.every) };
+        Ok(Ended { measured: meter.measured(), thinned: Some(thinned), table: Some(Tabled { files, marks }) })
+    }
+
+    fn add(&mut self, block: &mut Recording, place: TablePlace, ends: bool) -> Result<(), Error> {
+        let mut begun = match self.begun.take() {
+            Some(begun) => begun,
+            None => self.begin(block, place)?,
+        };
+        begun.meter.add(block);
+        begun.table.add(block, ends)?;
+        begun.kept.add(block);
+        begun.points += block.times.len();
+        block.times.clear();
+        block.columns.iter_mut().for_each(Vec::clear);
+        self.begun = Some(begun);
+        Ok(())
+    }
+
+    fn begin(&self, block: &mut Recording, place: TablePlace) -> Result<Begun, Error> {
+        let TablePlace { out, below, every, parquet } = place;
+        let meter = Meter::new(self.structure, block).map_err(self.wrong())?;
+        let wrong = |reason| Error::Loop { file: out.join(below), reason };
+        let kept = Kept::new(self.structure, block).map_err(wrong)?;
+        let files = Files::within(out, below)?;
+        let table = Table::begin(&files, block, every, parquet)?;
+        Ok(Begun { files, table, meter, kept, points: 0 })
+    }
+
+    /// Names the loop in what is wrong with it.
+    fn wrong(&self) -> impl FnOnce(String) -> Error + use<> {
+        let file = self.structure.file.clone();
+        move |reason| Error::Loop { file, reason }
+    }
+}
+
+/// Whether a run with so many signals, if it comes to its end, is too long to be kept in memory.
+fn is_long(settings: Settings, signals: usize) -> bool {
+    (settings.steps() + 1).saturating_mul(signals + 1) > KEPT
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::super::table::{TABLE, TableMark};
+    use super::*;
+    use crate::sealed::checksum_of_file;
+    use crate::structure::{IdealModel, Metric, Order, PerformanceFunction, Plot, Statistic};
+
+    fn structure() -> Structure {
+        let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3, order: Order::Jacobi };
+        let mut structure = Structure::bare("loop.ssd".into(), "loop".into(), String::new(), settings);
+        let model = |name: &str, input: &str, initial: &[f64]| IdealModel {
+            name: name.into(),
+            input: input.into(),
+            numerator: vec![3.0],
+            denominator: vec![1.0, 2.5, 4.0],
+            initial: initial.to_vec(),
+        };
+        // Two parts of one model, and a model of their sum.
+        structure.models = vec![model("y_m", "r.r", &[0.5, 1.0]), model("y_m", "p.y", &[]), model("z_m", "y_m", &[])];
+        let funnel = Some(PerformanceFunction { start: 2.0, end: 0.1, rate: 0.7 });
+        let metric = |statistic, of: &str, minus: Option<&str>, funnel, from| Metric {
+            label: of.into(),
+            statistic,
+            of: of.into(),
+            minus: minus.map(str::to_owned),
+            funnel,
+            from,
+            limit: None,
+        };
+        structure.metrics = vec![
+            metric(Statistic::Max, "p.y", Some("y_m"), funnel, 0.0),
+            metric(Statistic::Rms, "p.y", Some("z_m"), funnel, 1.4),
+            metric(Statistic::Rms, "r.r", None, None, 1.05),
+            metric(Statistic::Max, "z_m", None, None, 99.0),
+        ];
+        structure.plots = vec![Plot { signals: vec!["p.y".into(), "y_m".into()], ..Plot::default() }];
+        structure
+    }
+
+    /// A recording of so many points, the last step shorter than the others.
+    fn recording(count: u32) -> Recording {
+        let time = |k| 1.0 + (f64::from(k) - if k + 1 == count { 0.3 } else { 0.0 }) * 1e-3;
+        let times: Vec<f64> = (0..count).map(time).collect();
+        let of = |f: fn(f64) -> f64| times.iter().map(|t| f(*t)).collect::<Vec<f64>>();
+        let columns = vec![of(|t| (3.0 * t).sin() / t), of(|t| (70.0 * t).cos())];
+        let (names, measures) = (vec!["p.y".into(), "r.r".into()], vec!["m".into(), String::new()]);
+        Recording { names, measures, times, columns, ..Recording::default() }
+    }
+
+    fn recorder<'a>(structure: &'a Structure, place: TablePlace<'a>) -> Recorder<'a> {
+        let settings = Settings { start_time: 0.0, stop_time: 1e7, step: 1.0, order: Order::Jacobi };
+        Recorder::new(structure, settings, 2, Some(place))
+    }
+
+    /// What comes of a recording whose points are taken whenever it has so many values.
+    fn in_blocks(of: &Recording, out: &Path, every: Option<f64>, values: usize) -> (Recording, Ended) {
+        let structure = structure();
+        let mut recorder = recorder(&structure, TablePlace { out, below: "loop", every, parquet: true });
+        let mut block = Recording { times: Vec::new(), columns: vec![Vec::new(); 2], ..of.clone() };
+        for (row, time) in of.times.iter().enumerate() {
+            assert!(block.values() < values || recorder.take(&mut block));
+            block.push(*time, &[of.columns[0][row], of.columns[1][row]]);
+        }
+        let ended = recorder.end(&mut block).unwrap();
+        (block, ended)
+    }
+
+    fn bits(measured: &[Measured]) -> Vec<Option<u64>> {
+        measured.iter().map(|metric| metric.value.map(f64::to_bits)).collect()
+    }
+
+    #[test]
+    fn a_run_taken_in_blocks_has_the_table_and_the_metrics_of_one_that_is_kept() {
+        // Also of runs that end early.
+        for count in [2, 3, 1000, 1701] {
+            let mut whole = recording(count);
+            let measured = measure(&structure(), &mut whole).unwrap();
+            assert_eq!((measured[0].value.is_some(), measured[3].value), (true, None));
+            for every in [None, Some(1e-3), Some(0.0037), Some(0.1), Some(100.0)] {
+                let folder = tempfile::tempdir().unwrap();
+                let mut files = Files::within(folder.path(), "whole").unwrap();
+                let mut table = Table::begin(&files, &whole, every, false).unwrap();
+                table.add(&whole, true).unwrap();
+                table.finish(&mut files).unwrap();
+                files.place().unwrap();
+                for values in [1, 10, 333, 3000] {
+                    let (kept, ended) = in_blocks(&recording(count), folder.path(), every, values);
+                    assert_eq!(bits(&ended.measured), bits(&measured));
+                    let Some(Tabled { files, marks }) = ended.table else {
+                        assert!(count as usize * 3 <= values + 2, "{count} points have been kept");
+                        continue;
+                    };
+                    assert_eq!(ended.thinned, Some(Thinned { of: count as usize, every }));
+                    files.place().unwrap();
+                    for (name, TableMark { checksum, .. }) in marks {
+                        let file = folder.path().join("loop").join(name);
+                        assert_eq!(checksum_of_file(&file).unwrap(), checksum);
+                    }
+                    let csv = |name: &str| fs::read_to_string(folder.path().join(name).join(TABLE)).unwrap();
+                    assert_eq!(csv("loop"), csv("whole"), "{count} points, every {every:?}, blocks of {values}");
+                    assert_eq!((&kept.names, &kept.measures), (&whole.names, &whole.measures));
+                    assert_eq!((kept.times[0], kept.times.last()), (1.0, whole.times.last()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_run_is_long_by_its_points_and_its_signals() {
+        let settings =
+            |points: f64| Settings { start_time: -5.0, stop_time: points - 6.0, step: 1.0, order: Order::Jacobi };
+        assert!(!is_long(settings(KEPT as f64 / 4.0), 3) && is_long(settings(KEPT as f64 / 4.0 + 1.0), 3));
+        assert!(is_long(settings(1e7), 1) && !is_long(settings(1e5), 50));
+        let (structure, place) =
+            (structure(), TablePlace { out: Path::new(""), below: "", every: None, parquet: false });
+        let block = |points, place| Recorder::new(&structure, settings(points), 1, place).block();
+        assert_eq!((block(1e7, Some(place)), block(1e5, Some(place))), (BLOCK, usize::MAX));
+        assert_eq!(block(1e7, None), usize::MAX, "without a place");
+    }
+
+    #[test]
+    fn a_run_that_fits_stays_as_it_is_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = recording(1000);
+        let (kept, ended) = in_blocks(&of, folder.path(), None, 3000);
+        assert!(ended.table.is_none() && ended.thinned.is_none());
+        assert!(kept.times == of.times && kept.columns[..2] == of.columns && kept.names.len() == 4);
+        assert!(fs::read_dir(folder.path()).unwrap().next().is_none());
+        assert!(in_blocks(&of, folder.path(), None, 2997).1.table.is_some());
+        // What isn't put into its place leaves nothing but the folder for it.
+        assert!(fs::read_dir(folder.path().join("loop")).unwrap().next().is_none());
+    }
+
+    #[test]
+    fn what_can_not_be_written_or_measured_ends_the_run_at_the_first_block() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir_all(folder.path().join("loop").join(TABLE)).unwrap();
+        let mut structure = structure();
+        let failed = |structure: &Structure| {
+            let place = TablePlace { out: folder.path(), below: "loop", every: None, parquet: false };
+            let mut recorder = recorder(structure, place);
+            let mut block = recording(10);
+            assert!(!recorder.take(&mut block));
+            recorder.end(&mut block).unwrap_err().to_string()
+        };
+        let told = failed(&structure);
+        assert!(told.contains(TABLE) && told.contains("is a folder"), "{told}");
+        structure.metrics[0].of = "p.z".into();
+        let told = failed(&structure);
+        assert!(told.contains("loop.ssd") && told.contains("no signal `p.z`"), "{told}");
+    }
+
+    #[test]
+    fn a_page_tells_that_points_are_left_out_where_some_are() {
+        let (structure, recording) = (structure(), recording(10));
+        let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3, order: Order::Jacobi };
+        let page = |thinned| {
+            let ending = &super::super::Ending::Complete;
+            let (structure, recording) = (&structure, &recording);
+            super::super::Report { structure, settings, whole: false, recording, measured: &[], ending, thinned }
+                .html(&[])
+        };
+        assert!(!page(None).contains("points are drawn"));
+        let told = page(Some(Thinned { of: 5000, every: None }));
+        assert!(told.contains("10 of 5000 points are drawn") && told.contains("result.csv has all"), "{told}");
+        let told = page(Some(Thinned { of: 5000, every: Some(0.5) }));
+        assert!(told.contains("result.csv has a row each 0.5 s"), "{told}");
+    }
+}

@@ -1,0 +1,165 @@
+//! The page of a run: plots that a reader can zoom, metrics and settings, in one file that loads nothing.
+
+use std::fmt::Write;
+
+use super::metrics::Measured;
+use super::table::TABLE;
+use crate::exporter::escaped;
+use crate::figures::{Diagram, beginning, diagrams, ending, push_diagrams};
+use crate::simulation::Recording;
+use crate::structure::{Settings, Structure};
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ending {
+    /// At its stop time.
+    Complete,
+    /// Before it, because the user asked for it.
+    Interrupted,
+    /// Before it, because a unit failed: what it told.
+    Failed(String),
+}
+
+impl Ending {
+    /// In a word.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Ending::Complete => "complete",
+            Ending::Interrupted => "interrupted",
+            Ending::Failed(_) => "failed",
+        }
+    }
+}
+
+/// A run, as its page shows it.
+#[derive(Debug)]
+pub struct Report<'a> {
+    /// The loop.
+    pub structure: &'a Structure,
+    /// How it was run.
+    pub settings: Settings,
+    /// Whether it was run as one unit: then there is no order of units.
+    pub whole: bool,
+    /// What was recorded, ideal models included.
+    pub recording: &'a Recording,
+    /// Its metrics.
+    pub measured: &'a [Measured],
+    /// How it ended.
+    pub ending: &'a Ending,
+    /// Which points were left out of the recording; none where it has all of them.
+    pub thinned: Option<Thinned>,
+}
+
+/// A run of whose points some are kept for its diagrams, while all are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thinned {
+    /// Number of all its points.
+    pub of: usize,
+    /// How far the rows of its table lie apart, s; none where all points are rows.
+    pub every: Option<f64>,
+}
+
+impl Report<'_> {
+    /// Time of the last recorded point in s: a multiple of the communication step, without its rounding error.
+    pub fn end(&self) -> f64 {
+        let end = self.recording.times.last().unwrap_or(&self.settings.start_time);
+        (end * 1e9).round() / 1e9
+    }
+
+    /// What is to be said of a run that did not come to its end; none of a complete one.
+    pub fn shortfall(&self) -> Option<String> {
+        let (end, stop) = (self.end(), self.settings.stop_time);
+        match self.ending {
+            Ending::Complete => None,
+            Ending::Interrupted => Some(format!("was interrupted at t = {end} s of {stop} s")),
+            Ending::Failed(reason) => Some(format!("failed at t = {end} s of {stop} s: {reason}")),
+        }
+    }
+
+    /// The page, with its [diagrams](Report::diagrams).
+    pub fn html(&self, diagrams: &[Diagram]) -> String {
+        let Structure { name, description, .. } = self.structure;
+        let mut page = beginning(name, description);
+        if let Some(shortfall) = self.shortfall() {
+            let _ = writeln!(page, "<p class=\"bad\">This run {}.</p>", escaped(&shortfall));
+        }
+        push_diagrams(&mut page, diagrams);
+        self.push_thinned(&mut page);
+        self.push_metrics(&mut page);
+        self.push_warnings(&mut page);
+        self.push_settings(&mut page);
+        ending(&mut page);
+        page
+    }
+
+    /// The diagrams of the run: those that its loop plots, and errors in their funnels.
+    ///
+    /// # Errors
+    /// When one names a signal that isn't there.
+    pub fn diagrams(&self) -> Result<Vec<Diagram<'_>>, String> {
+        diagrams(self.structure, self.recording)
+    }
+
+    fn push_thinned(&self, page: &mut String) {
+        let (Some(Thinned { of, every }), kept) = (self.thinned, self.recording.times.len()) else { return };
+        let rows = every.map_or_else(|| "has all points".to_owned(), |every| format!("has a row each {every} s"));
+        let _ = writeln!(
+            page,
+            "<p id=\"thinned\">{kept} of {of} points are drawn: those of each group of neighbours in which a curve \
+             is smallest or largest. {TABLE} {rows}; metrics are of all.</p>"
+        );
+    }
+
+    fn push_metrics(&self, page: &mut String) {
+        if self.measured.is_empty() {
+            return;
+        }
+        let of = if *self.ending == Ending::Complete { "" } else { " until then" };
+        let _ = writeln!(
+            page,
+            "<h2>Metrics{of}</h2>\n<div class=\"scroll\"><table id=\"metrics\">\n\
+             <tr><th>metric<th class=\"number\">measured<th class=\"number\">limit<th>within its limit"
+        );
+        for metric in self.measured {
+            let value = metric.value.map_or("–".to_owned(), |value| format!("{value:.5}"));
+            let limit = metric.limit.map_or(String::new(), |limit| limit.to_string());
+            let holds = match metric.holds() {
+                Some(true) => "<td>yes",
+                Some(false) => "<td class=\"bad\">no",
+                None => "<td>–",
+            };
+            let label = escaped(&metric.label);
+            let _ = writeln!(page, "<tr><td>{label}<td class=\"number\">{value}<td class=\"number\">{limit}{holds}");
+        }
+        page.push_str("</table></div>\n");
+    }
+
+    fn push_warnings(&self, page: &mut String) {
+        if self.recording.warnings.is_empty() {
+            return;
+        }
+        page.push_str("<h2>Warnings</h2>\n<ul>\n");
+        self.recording.warnings.iter().for_each(|warning| {
+            let _ = writeln!(page, "<li>{}", escaped(warning));
+        });
+        page.push_str("</ul>\n");
+    }
+
+    fn push_settings(&self, page: &mut String) {
+        let Settings { start_time, stop_time, step, order } = self.settings;
+        let order = if self.whole { "none: the units are integrated as one".to_owned() } else { order.to_string() };
+        let _ = writeln!(
+            page,
+            "<h2>Settings</h2>\n<div class=\"scroll\"><table id=\"settings\">\n<tr><th>start<td>{start_time} s\n\
+             <tr><th>until<td>{stop_time} s\n<tr><th>communication step<td>{step} s\n<tr><th>order<td>{order}"
+        );
+        for component in &self.structure.components {
+            let values: Vec<_> = component.values.iter().map(|v| format!("{} = {}", v.name, v.text)).collect();
+            let values = if values.is_empty() { String::new() } else { format!(" with {}", values.join(", ")) };
+            let text = escaped(&format!("{}{values}", component.fmu));
+            let _ = writeln!(page, "<tr><th>unit {}<td>{text}", escaped(&component.name));
+        }
+        let version = env!("CARGO_PKG_VERSION");
+        let _ = writeln!(page, "<tr><th>made by<td>adaptive-fmu {version}\n</table></div>");
+    }
+}

@@ -1,0 +1,342 @@
+//! Whether a loop and its FMUs fit each other: names, types, units, and circles without a delay.
+
+use std::collections::BTreeSet;
+
+use super::feedthrough::{Feedthrough, Link};
+use super::ssp::{Component, Connection, Connector, StartValue, Structure};
+use crate::error::Error;
+use crate::fmu::{SHOWS_VARIABLES, Value, is_designed, typed, why_fixed, within_limits};
+use crate::model_description::{Affine, UnitDefinition};
+use crate::model_description::{ModelDescription, Variable};
+use crate::near;
+
+/// The most connections whose units are told of in a note.
+const MOST_DOUBTS: usize = 5;
+
+/// A loop in the terms of its FMUs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wiring {
+    /// Start values of each component: place of the variable, and value.
+    pub values: Vec<Vec<(usize, Value)>>,
+    /// Connections.
+    pub links: Vec<Link>,
+    /// What a user may have forgotten.
+    pub notes: Vec<String>,
+    /// Whether some connections close a circle in which no unit is known to delay.
+    pub circular: bool,
+}
+
+/// What is done about connections that close a circle without a delay.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Circles {
+    /// As the loop has it: where every unit of a circle declares that it passes values through, only if the loop accepts
+    /// algebraic loops; where a unit doesn't tell, always. Each takes the outputs of the last exchange.
+    Exchanged,
+    /// Refused, also those that only may have no delay: units that are integrated together exchange nothing.
+    Refused,
+}
+
+/// One end of a connection.
+struct End<'a> {
+    place: (usize, usize),
+    variable: &'a Variable,
+    /// The unit of the connector, and of the variable.
+    units: (Option<&'a UnitDefinition>, Option<&'a UnitDefinition>),
+}
+
+impl<'a> End<'a> {
+    /// The unit in which its values are handed on, where it has one.
+    fn outside(&self) -> Option<&'a UnitDefinition> {
+        self.units.0.or(self.units.1)
+    }
+}
+
+struct Check<'a> {
+    structure: &'a Structure,
+    descriptions: &'a [&'a ModelDescription],
+}
+
+/// Checks a loop against the descriptions of its components' FMUs, one each, in their order.
+///
+/// # Errors
+/// What doesn't fit, by name and line.
+pub fn check(structure: &Structure, descriptions: &[&ModelDescription], circles: Circles) -> Result<Wiring, Error> {
+    let check = Check { structure, descriptions };
+    check.connectors()?;
+    let (links, doubts) = check.links()?;
+    let units = 0..structure.components.len();
+    let values = units.map(|unit| check.values(unit, &links)).collect::<Result<_, _>>()?;
+    let mut notes = structure.notes.clone();
+    notes.extend(check.notes(&links));
+    notes.extend(doubts);
+    let circle = check.circle(&links, circles)?;
+    let circular = circle.is_some();
+    notes.extend(circle);
+    Ok(Wiring { values, links, notes, circular })
+}
+
+impl<'a> Check<'a> {
+    fn components(&self) -> impl Iterator<Item = (&'a Component, &'a ModelDescription)> {
+        self.structure.components.iter().zip(self.descriptions.iter().copied())
+    }
+
+    fn connectors(&self) -> Result<(), Error> {
+        for (component, description) in self.components() {
+            for connector in &component.connectors {
+                let refuse = |reason: &str| self.structure.refuse(connector.line, reason);
+                let name = format!("{}.{}", component.name, connector.name);
+                let variable = description.variable(&connector.name);
+                let variable = variable.ok_or_else(|| {
+                    let choice = near::choice(&connector.name, &names(description, |_| true), SHOWS_VARIABLES);
+                    refuse(&format!("connector `{name}`: {} has no such variable; {choice}", component.fmu))
+                })?;
+                if connector.kind != variable.causality {
+                    let (kind, causality) = (&connector.kind, &variable.causality);
+                    return Err(refuse(&format!("connector `{name}` is of kind {kind}; in the FMU it is {causality}")));
+                }
+                // Some tools know no enumerations, and take them for integers as FMI's functions do.
+                let kind = connector.data_type.as_ref().filter(|kind| {
+                    **kind != variable.kind && (kind.as_str(), variable.kind.as_str()) != ("Integer", "Enumeration")
+                });
+                if let Some(kind) = kind {
+                    return Err(refuse(&format!("connector `{name}` is {kind}; in the FMU it is {}", variable.kind)));
+                }
+                if let (Some(told), Some(own)) = (&connector.unit, &variable.measure)
+                    && told.to(own).is_none()
+                {
+                    let reason =
+                        format!("connector `{name}` is in {}, which no {} of the FMU can be", told.name, own.name);
+                    return Err(refuse(&reason));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The connections, and what is to be told of their units.
+    fn links(&self) -> Result<(Vec<Link>, Option<String>), Error> {
+        let (mut links, mut doubts): (Vec<Link>, _) = (Vec::new(), Vec::new());
+        for connection in &self.structure.connections {
+            let refuse = |reason: &str| self.structure.refuse(connection.line, reason);
+            let from = self.end(&connection.from, "output").map_err(|reason| refuse(&reason))?;
+            let to = self.end(&connection.to, "input").map_err(|reason| refuse(&reason))?;
+            if let Some(other) = links.iter().position(|link| link.to == to.place) {
+                let earlier = self.structure.connections[other].line;
+                let reason = format!("input `{}` is connected already, in line {earlier}", name(&connection.to));
+                return Err(refuse(&reason));
+            }
+            let conversion = conversion(connection, &from, &to).map_err(|reason| refuse(&reason))?;
+            links.push(Link { from: from.place, to: to.place, conversion });
+            doubts.extend(doubt(connection, &from, &to));
+        }
+        let more = doubts.len().saturating_sub(MOST_DOUBTS);
+        doubts.truncate(MOST_DOUBTS);
+        doubts.extend((more > 0).then(|| format!("and {more} more")));
+        let told = (!doubts.is_empty()).then(|| format!("units of connections: {}", doubts.join("; ")));
+        Ok((links, told))
+    }
+
+    fn end(&self, end: &'a (String, String), causality: &str) -> Result<End<'a>, String> {
+        let (unit, variable) = end;
+        let found = self.structure.components.iter().position(|component| component.name == *unit);
+        let known = || self.structure.components.iter().map(|component| component.name.as_str()).collect::<Vec<_>>();
+        let unit =
+            found.ok_or_else(|| format!("there is no component `{unit}`; {}", near::choice(unit, &known(), "")))?;
+        let (component, description) = (&self.structure.components[unit], self.descriptions[unit]);
+        let connector = component.connectors.iter().find(|connector| connector.name == *variable);
+        let connector: &Connector = connector.ok_or_else(|| {
+            let known: Vec<_> = component.connectors.iter().map(|connector| connector.name.as_str()).collect();
+            let choice = near::choice(variable, &known, "");
+            format!("`{variable}` is not among the connectors of `{}`; {choice}", component.name)
+        })?;
+        let place = description.place(variable).ok_or_else(|| format!("there is no `{}`", name(end)))?;
+        let variable = &description.variables[place];
+        if variable.causality != causality {
+            let (way, is) = (if causality == "output" { "starts" } else { "ends" }, &variable.causality);
+            return Err(format!("a connection {way} at an {causality}; `{}` is of causality {is}", name(end)));
+        }
+        let units = (connector.unit.as_ref(), variable.measure.as_deref());
+        Ok(End { place: (unit, place), variable, units })
+    }
+
+    fn values(&self, unit: usize, links: &[Link]) -> Result<Vec<(usize, Value)>, Error> {
+        let is_connected = |place| links.iter().any(|link| link.to == (unit, place));
+        start_values(&self.structure.components[unit], self.descriptions[unit], is_connected)
+    }
+
+    /// What is to be told of a circle without a delay, where there is one that is accepted.
+    fn circle(&self, links: &[Link], circles: Circles) -> Result<Option<String>, Error> {
+        let feedthrough = Feedthrough::new(links, self.descriptions);
+        if circles == Circles::Refused {
+            let found = feedthrough.possible_circle();
+            return found.map_or(Ok(None), |circle| Err(self.algebraic_loop(&circle, "")));
+        }
+        if let Some(circle) = feedthrough.declared_circle() {
+            if !self.structure.accepts_algebraic_loops {
+                let advice =
+                    "; --accept-algebraic-loops runs it with the outputs of the last exchange, an exchange late";
+                return Err(self.algebraic_loop(&circle, advice));
+            }
+            let circle = self.signals(&circle);
+            return Ok(Some(format!("algebraic loop, accepted: {circle}; values go round an exchange late")));
+        }
+        Ok(feedthrough.possible_circle().map(|circle| {
+            let untold: BTreeSet<usize> = feedthrough.untold().into_iter().map(|link| links[link].to.0).collect();
+            let names: Vec<_> =
+                untold.iter().map(|&unit| format!("`{}`", self.structure.components[unit].name)).collect();
+            let (names, verb) = (names.join(", "), if names.len() == 1 { "does" } else { "do" });
+            let circle = self.signals(&circle);
+            format!(
+                "{names} {verb} not tell which outputs depend on which inputs at once: {circle} may be an algebraic \
+                     loop; each unit takes the outputs of the last exchange"
+            )
+        }))
+    }
+
+    fn algebraic_loop(&self, circle: &[usize], advice: &str) -> Error {
+        let line = circle.iter().map(|&link| self.structure.connections[link].line).min().unwrap_or_default();
+        let signals = self.signals(circle);
+        self.structure.refuse(line, &format!("algebraic loop, no unit delays it: {signals}{advice}"))
+    }
+
+    /// The signals of a circle, from one to the next.
+    fn signals(&self, circle: &[usize]) -> String {
+        let connections = circle.iter().map(|&link| &self.structure.connections[link]);
+        let mut signals: Vec<_> =
+            connections.flat_map(|connection| [name(&connection.from), name(&connection.to)]).collect();
+        signals.extend(signals.first().cloned());
+        signals.join(" → ")
+    }
+
+    fn notes(&self, links: &[Link]) -> Vec<String> {
+        let mut notes = Vec::new();
+        for (unit, (component, description)) in self.components().enumerate() {
+            for connector in component.connectors.iter().filter(|connector| connector.kind == "input") {
+                let place = description.place(&connector.name);
+                let set = component.values.iter().any(|value| value.name == connector.name);
+                if !set && !links.iter().any(|link| place == Some(link.to.1) && link.to.0 == unit) {
+                    let (line, name) = (connector.line, format!("{}.{}", component.name, connector.name));
+                    notes.push(format!("line {line}: input `{name}` is not connected and keeps its start value"));
+                }
+            }
+        }
+        notes
+    }
+}
+
+/// The start values of a component in the types and units of its FMU's variables, with their places. Values that the FMU was
+/// designed with are left out.
+///
+/// # Errors
+/// For a value of a variable that isn't there, can't be set, is connected, or is of another type or dimension.
+pub fn start_values(
+    component: &Component,
+    description: &ModelDescription,
+    is_connected: impl Fn(usize) -> bool,
+) -> Result<Vec<(usize, Value)>, Error> {
+    let value_of = |start: &StartValue| {
+        let name = format!("{}.{}", component.name, start.name);
+        let refuse = |reason: String| start.origin.refuse(&reason);
+        let place = description.place(&start.name);
+        let place = place.ok_or_else(|| {
+            let known = names(description, |v| v.start.is_some() && v.variability != "constant");
+            let choice = near::choice(&start.name, &known, SHOWS_VARIABLES);
+            refuse(format!("there is no `{name}`: {} has no such variable; {choice}", component.fmu))
+        })?;
+        let variable = &description.variables[place];
+        if is_connected(place) {
+            return Err(refuse(format!("`{name}` is connected: its values come from there")));
+        }
+        let value = value(start, variable, variable.measure.as_deref());
+        if is_designed(variable) && value.as_ref().is_ok_and(|value| starts_with(variable, value)) {
+            return Ok(None);
+        }
+        if variable.start.is_none() || variable.variability == "constant" {
+            return Err(refuse(format!("`{name}` can't be set: {}", why_fixed(variable))));
+        }
+        Ok(Some((place, value.map_err(|reason| refuse(format!("`{name}` = {}: {reason}", start.text)))?)))
+    };
+    component.values.iter().filter_map(|start| value_of(start).transpose()).collect()
+}
+
+/// True if a variable has a value without being set.
+fn starts_with(variable: &Variable, value: &Value) -> bool {
+    let start = variable.start.as_deref().unwrap_or_default();
+    match value {
+        Value::Real(number) => start.parse() == Ok(*number),
+        Value::Integer(number) => start.parse() == Ok(*number),
+        Value::Boolean(value) => matches!(start, "true" | "1") == *value,
+        Value::String(text) => start == text,
+    }
+}
+
+/// The names of some of a unit's variables.
+fn names(description: &ModelDescription, are_told: impl Fn(&Variable) -> bool) -> Vec<&str> {
+    let variables = description.variables.iter().filter(|variable| are_told(variable));
+    variables.map(|variable| variable.name.as_str()).collect()
+}
+
+fn name((unit, variable): &(String, String)) -> String {
+    format!("{unit}.{variable}")
+}
+
+/// What happens to a value between two variables: into the unit of the one connector, into that of the other, through
+/// the transformation, into the unit of the other variable.
+fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, String> {
+    let (one, another) = (name(&connection.from), name(&connection.to));
+    let (source, target) = (from.variable, to.variable);
+    match (source.kind.as_str(), target.kind.as_str()) {
+        ("Real" | "Integer", "Real") => {}
+        ("Integer", "Integer") | ("Boolean", "Boolean") if connection.transformation == Affine::IDENTITY => {}
+        ("Enumeration", "Enumeration") if source.items == target.items => {}
+        (kind, other) if kind != other => return Err(format!("`{one}` is {kind} and `{another}` {other}")),
+        ("Enumeration", _) => return Err(format!("`{one}` and `{another}` have other items")),
+        (kind, _) => return Err(format!("`{one}` is {kind}: only values that go to a Real can be transformed")),
+    }
+    if !connection.convert_units {
+        return Ok(connection.transformation);
+    }
+    // Within one end, the dimensions have been compared before.
+    let inner = |from: Option<&UnitDefinition>, to: Option<&UnitDefinition>| {
+        from.zip(to).and_then(|(from, to)| from.to(to)).unwrap_or(Affine::IDENTITY)
+    };
+    let (first, last) = (inner(from.units.1, from.units.0), inner(to.units.0, to.units.1));
+    let between = match (from.outside(), to.outside()) {
+        (Some(unit), Some(other)) => unit.to(other).ok_or_else(|| {
+            format!(
+                "`{one}` is in {} and `{another}` in {}, of another dimension; suppressUnitConversion=\"true\" hands the \
+                 number on as it is",
+                unit.name, other.name
+            )
+        })?,
+        _ => Affine::IDENTITY,
+    };
+    Ok(first.then(between).then(connection.transformation).then(last))
+}
+
+/// Why a person should look at the units of a connection, if there is a reason.
+fn doubt(connection: &Connection, from: &End, to: &End) -> Option<String> {
+    let (unit, other) = from.outside().zip(to.outside()).filter(|_| connection.convert_units)?;
+    let reason = unit.doubt(other)?;
+    let (one, another) = (name(&connection.from), name(&connection.to));
+    let meant = [unit, other].into_iter().find_map(UnitDefinition::meant);
+    let meant = meant.map_or(String::new(), |question| format!(" ({question})"));
+    Some(format!("`{one}` is in {} and `{another}` in {}, {reason}{meant}", unit.name, other.name))
+}
+
+/// A start value in the type and the unit of its variable.
+fn value(start: &StartValue, variable: &Variable, own: Option<&UnitDefinition>) -> Result<Value, String> {
+    let given = start.data_type.as_deref().unwrap_or(&variable.kind);
+    let kind = variable.kind.as_str();
+    if given != kind && !matches!((given, kind), ("Integer", "Real" | "Enumeration")) {
+        return Err(format!("is given as {given}; the variable is {kind}"));
+    }
+    let value = typed(&start.text, variable)?;
+    let (Value::Real(number), Some((unit, own))) = (&value, start.unit.as_ref().zip(own)) else {
+        return within_limits(value, variable);
+    };
+    let conversion = unit
+        .to(own)
+        .ok_or_else(|| format!("is given in {}; the variable is in {}, of another dimension", unit.name, own.name))?;
+    within_limits(Value::Real(conversion.of(*number)), variable)
+}

@@ -1,0 +1,61 @@
+//! How a loop is run.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// When units see each other's new outputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// One unit after the other: each takes the latest outputs, then steps.
+    GaussSeidel,
+    /// All take the outputs of the last communication point, then all step.
+    Jacobi,
+}
+
+impl fmt::Display for Order {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Order::GaussSeidel => "gauss-seidel",
+            Order::Jacobi => "jacobi",
+        })
+    }
+}
+
+impl FromStr for Order {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "gauss-seidel" => Ok(Order::GaussSeidel),
+            "jacobi" => Ok(Order::Jacobi),
+            _ => Err(format!("order = {text}: must be gauss-seidel or jacobi")),
+        }
+    }
+}
+
+/// How a loop is run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Start time, s.
+    pub start_time: f64,
+    /// Stop time, s.
+    pub stop_time: f64,
+    /// Communication step, s.
+    pub step: f64,
+    /// Order of the units.
+    pub order: Order,
+}
+
+impl Settings {
+    /// Number of communication steps: whole ones, and a shorter one at the end where they don't fill the time.
+    pub fn steps(self) -> usize {
+        ((self.stop_time - self.start_time) / self.step - 1e-6).ceil().max(0.0) as usize
+    }
+
+    /// The communication steps, from one time to the next.
+    pub(crate) fn points(self) -> impl Iterator<Item = (f64, f64)> {
+        let Settings { start_time, stop_time, step, .. } = self;
+        let steps = self.steps();
+        let time_of = move |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
+        (0..steps).map(move |k| (time_of(k), time_of(k + 1)))
+    }
+}

@@ -1,0 +1,201 @@
+//! Where the files of a loop are: in this program, in a folder, or in an archive.
+
+use std::io::ErrorKind;
+use std::path::{Component, Path, PathBuf};
+
+use super::source::{UnitFile, unit_file};
+use super::{STRUCTURE, Structure};
+use crate::error::Error;
+use crate::exporter::{self, Embedded, Source};
+use crate::scratch::Scratch;
+use crate::sealed::checksum;
+use crate::text_file;
+
+/// The files of a loop.
+#[derive(Debug)]
+pub struct LoopFiles {
+    /// The folder or archive as the user named it, for messages.
+    shown: PathBuf,
+    place: Place,
+    /// Name of the SystemStructure.ssd.
+    structure: String,
+}
+
+#[derive(Debug)]
+enum Place {
+    Program(Embedded),
+    Folder(PathBuf),
+    Unpacked(Scratch),
+}
+
+/// Whether a path lies in the folder that it starts from: no URL, no way up, nothing that a tool might decode.
+pub fn is_inside(path: &str) -> bool {
+    let odd = |c: char| c.is_control() || "\\:%?#".contains(c);
+    !path.is_empty()
+        && !path.contains(odd)
+        && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+impl LoopFiles {
+    /// Finds a loop of this package by its name, or by a path: a folder with a SystemStructure.ssd, an .ssd file, or an
+    /// .ssp archive.
+    ///
+    /// # Errors
+    /// When there is none, or its archive is broken or hostile.
+    pub fn find(name: &str) -> Result<Self, Error> {
+        if let Some((_, files)) = exporter::loops().iter().find(|(known, _)| *known == name) {
+            let (shown, place) = (Path::new("examples").join(name), Place::Program(files));
+            return Ok(LoopFiles { shown, place, structure: STRUCTURE.to_owned() });
+        }
+        let path = PathBuf::from(name);
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        let (shown, place, structure) = if path.is_dir() {
+            (path.clone(), Place::Folder(path), STRUCTURE.to_owned())
+        } else if extension == Some("ssd") {
+            let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+            let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            (folder.clone(), Place::Folder(folder), file)
+        } else if extension == Some("ssp") {
+            let folder = Scratch::new()?;
+            exporter::unpack(&path, folder.path())?;
+            (path, Place::Unpacked(folder), STRUCTURE.to_owned())
+        } else {
+            let known = exporter::loops().iter().map(|(name, _)| *name);
+            return Err(Error::unknown("loop", name, known, "`adaptive-fmu list`"));
+        };
+        Ok(LoopFiles { shown, place, structure })
+    }
+
+    /// Those of a loop in a folder.
+    pub fn within(folder: &Path) -> Self {
+        let (shown, place) = (folder.to_owned(), Place::Folder(folder.to_owned()));
+        LoopFiles { shown, place, structure: STRUCTURE.to_owned() }
+    }
+
+    /// The loop.
+    ///
+    /// # Errors
+    /// What is wrong, with its file and line.
+    pub fn structure(&self) -> Result<Structure, Error> {
+        Structure::read(self)
+    }
+
+    /// A file's path, for messages.
+    pub(in crate::structure) fn path(&self, name: &str) -> PathBuf {
+        self.shown.join(name)
+    }
+
+    /// The path of a file of the loop, for messages: within its archive, where that was unpacked.
+    pub(super) fn shown(&self, path: &Path) -> PathBuf {
+        let inside = self.folder().and_then(|folder| path.strip_prefix(folder).ok());
+        inside.map_or_else(|| path.to_owned(), |inside| self.shown.join(inside))
+    }
+
+    pub(in crate::structure) fn structure_file(&self) -> PathBuf {
+        self.path(&self.structure)
+    }
+
+    pub(in crate::structure) fn structure_text(&self) -> Result<String, Error> {
+        self.read(&self.structure)
+    }
+
+    /// The checksum of all that a structure read from these files is made of: the structure, the parameter sets that it
+    /// names, and the descriptions of units that come with it.
+    ///
+    /// # Errors
+    /// When a file can't be read any more.
+    pub fn checksum(&self, structure: &Structure) -> Result<String, Error> {
+        let mut sums = vec![checksum(self.structure_text()?)];
+        for name in &structure.parameter_files {
+            sums.push(format!("{name} {}", checksum(self.read(name)?)));
+        }
+        sums.extend(structure.descriptions.iter().map(|(name, source)| format!("{name} {}", checksum(&source.text))));
+        Ok(checksum(sums.join("\n")))
+    }
+
+    /// A parameter set: a file, or one of those that lie beside the structure. Its text, and where that is, for messages.
+    ///
+    /// # Errors
+    /// When it can't be read.
+    pub fn case(&self, case: &Path) -> Result<(String, PathBuf), Error> {
+        let beside =
+            case.to_str().filter(|name| !case.is_file() && self.parameter_files().contains(&(*name).to_owned()));
+        match beside {
+            Some(name) => Ok((self.read(name)?, self.path(name))),
+            None => match text_file::read(case) {
+                Err(error) if error.kind() == ErrorKind::NotFound => {
+                    Err(Error::unknown("parameter set", &case.to_string_lossy(), self.parameter_files(), ""))
+                }
+                read => Ok((read.map_err(Error::file(case))?, case.to_owned())),
+            },
+        }
+    }
+
+    /// The text of a file.
+    ///
+    /// # Errors
+    /// When it isn't there, isn't text, or is too long.
+    pub(in crate::structure) fn read(&self, name: &str) -> Result<String, Error> {
+        let failed = |error| Error::file(self.path(name))(error);
+        let Some(folder) = self.folder() else {
+            let Place::Program(files) = self.place else { return Ok(String::new()) };
+            let found = files.iter().find(|(known, _)| *known == name).map(|(_, text)| (*text).to_owned());
+            return found.ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()));
+        };
+        text_file::read(&folder.join(name)).map_err(failed)
+    }
+
+    fn folder(&self) -> Option<&Path> {
+        match &self.place {
+            Place::Program(_) => None,
+            Place::Folder(folder) => Some(folder),
+            Place::Unpacked(folder) => Some(folder.path()),
+        }
+    }
+
+    /// The name of the unit that a component's source names, and where it comes from.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub(super) fn unit(&self, source: &str) -> Result<(String, UnitFile), String> {
+        unit_file(source, self.folder(), matches!(self.place, Place::Unpacked(_)))
+    }
+
+    /// The description of an FMU, where one lies beside the structure or in its resources.
+    pub(super) fn description(&self, fmu: &str) -> Result<Option<Source>, Error> {
+        let names = [format!("{fmu}.toml"), format!("resources/{fmu}.toml")];
+        let lies_there = |name: &&String| self.folder().is_some_and(|folder| folder.join(name).is_file());
+        let Some(name) = names.iter().find(lies_there) else { return Ok(None) };
+        Ok(Some(Source::read(self.path(name), self.read(name)?)))
+    }
+
+    /// Names of the parameter files that lie beside the structure, in order.
+    pub fn parameter_files(&self) -> Vec<String> {
+        let is_set = |name: &String| name.ends_with(".ssv") && is_inside(name);
+        let mut names: Vec<String> = match (&self.place, self.folder()) {
+            (Place::Program(files), _) => files.iter().map(|(name, _)| (*name).to_owned()).filter(is_set).collect(),
+            (_, folder) => {
+                let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+                let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+                entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(is_set).collect()
+            }
+        };
+        names.sort();
+        names
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_inside;
+
+    #[test]
+    fn a_path_that_leads_elsewhere_is_not_inside() {
+        for path in
+            ["", "/etc/passwd", "../up.ssv", "a/../../up.ssv", "file:///a.ssv", "c:\\a.ssv", "%2e%2e/a", "a\\..\\b"]
+        {
+            assert!(!is_inside(path), "{path}");
+        }
+        assert!(is_inside("cases/high gain.ssv") && is_inside("a.ssv"));
+    }
+}

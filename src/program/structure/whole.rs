@@ -1,0 +1,331 @@
+//! The description of a whole loop as one unit, made from its structure and the descriptions of its units.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use toml::{Table, Value};
+
+use super::check;
+use super::check::{Circles, start_values};
+use super::ssp::{Component, StartValue, Structure, UnitFile};
+use crate::error::{Error, Invalid};
+use crate::exporter::{Library, Source, describe, name_of_whole};
+use crate::fmu::{self, is_designed};
+use crate::model;
+use crate::model_description::{ABOUT, Affine, ModelDescription, Variable};
+use crate::system::Kind;
+
+/// Parameters about communication steps, of which a whole has none inside.
+pub(crate) const ABOUT_STEPS: [&str; 6] =
+    ["input_handling", "relative_tolerance", "on_step_failure", "integration_method", "fixed_steps", "work_limit"];
+
+/// The name of a loop as one FMU: `Loop_3_2_1_cosine`.
+pub fn composite_name(structure: &Structure) -> String {
+    name_of_whole(&structure.name)
+}
+
+/// A loop as one FMU that takes the loop's values only when it is instantiated: it is the same for any values.
+#[derive(Debug)]
+pub struct Whole {
+    /// Its description, with the start values of the units' descriptions.
+    pub source: Source,
+    /// The loop's start values, by the names of the whole's variables.
+    pub values: Vec<(String, fmu::Value)>,
+    /// What a user may have forgotten or will miss.
+    pub notes: Vec<String>,
+}
+
+impl Whole {
+    /// Of a loop, which is checked as one of separate units is.
+    ///
+    /// # Errors
+    /// As [`composite`].
+    pub fn new(structure: &Structure, library: &Library) -> Result<Self, Error> {
+        let mut units = Units::of(structure, library)?;
+        let mut values = Vec::new();
+        for PreparedUnit { component, described, start, .. } in &mut units.of {
+            let name = |place: usize| format!("{}.{}", component.name, described.variables[place].name);
+            values.extend(start.drain(..).map(|(place, value)| (name(place), value)));
+        }
+        Ok(Whole { source: units.whole(structure)?, values, notes: units.notes })
+    }
+}
+
+/// The description of a loop as one FMU, and what a user may have forgotten or will miss. The loop is checked as one of
+/// separate units is.
+///
+/// # Errors
+/// When one of its units isn't of this package, or a connection or value doesn't fit.
+pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Vec<String>), Error> {
+    let units = Units::of(structure, library)?;
+    Ok((units.whole(structure)?, units.notes))
+}
+
+/// The units of a loop that is to be one.
+struct Units<'a> {
+    of: Vec<PreparedUnit<'a>>,
+    notes: Vec<String>,
+}
+
+struct PreparedUnit<'a> {
+    component: &'a Component,
+    source: Source,
+    described: ModelDescription,
+    /// The loop's start values: places of variables.
+    start: Vec<(usize, fmu::Value)>,
+}
+
+impl<'a> Units<'a> {
+    fn of(structure: &'a Structure, library: &Library) -> Result<Self, Error> {
+        let is_elsewhere = |unit: &&Component| matches!(unit.file, UnitFile::Archive { elsewhere: true, .. });
+        if let Some(unit) = structure.components.iter().find(is_elsewhere) {
+            let reason = format!(
+                "`{}` is an FMU of its own: only units that are made of descriptions can be integrated as one",
+                unit.name
+            );
+            return Err(Error::Loop { file: structure.file.clone(), reason });
+        }
+        let components = structure.components.iter();
+        let sources = components.map(|unit| structure.description_of(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
+        let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;
+        let wiring = check(structure, &described.iter().collect::<Vec<_>>(), Circles::Refused)?;
+        let mut links = structure.connections.iter().zip(&wiring.links);
+        if let Some((connection, _)) = links.find(|(_, link)| link.conversion != Affine::IDENTITY) {
+            return Err(structure.refuse(connection.line, "a connection inside one unit hands on values as they are"));
+        }
+        let parts = structure.components.iter().zip(sources).zip(described).zip(wiring.values);
+        let of =
+            parts.map(|(((component, source), described), start)| PreparedUnit { component, source, described, start });
+        let mut units = Units { of: of.collect(), notes: wiring.notes };
+        units.leave_out_steps();
+        Ok(units)
+    }
+
+    /// What is about a unit's own steps has no meaning for the whole.
+    fn leave_out_steps(&mut self) {
+        for PreparedUnit { component, described, start, .. } in &mut self.of {
+            start.retain(|(place, _)| {
+                let variable = &described.variables[*place].name;
+                let stays = !ABOUT_STEPS.contains(&variable.as_str());
+                if !stays {
+                    let name = format!("{}.{variable}", component.name);
+                    self.notes.push(format!(
+                        "`{name}` is left out: it is about a unit's own steps, and the whole takes its steps together"
+                    ));
+                }
+                stays
+            });
+        }
+    }
+
+    /// Whose the whole is, as far as all units agree.
+    fn about(&self) -> Table {
+        let said = |key: &str| {
+            let mut texts = self.of.iter().map(|unit| unit.described.about.iter().find(|(known, _)| *known == key));
+            let first = texts.next()??;
+            texts.all(|text| text == Some(first)).then(|| (key.to_owned(), Value::String(first.1.clone())))
+        };
+        ABOUT.into_iter().filter_map(said).collect()
+    }
+
+    /// The description of the whole.
+    fn whole(&self, structure: &Structure) -> Result<Source, Error> {
+        let parts = self.of.iter().map(|unit| Ok(Value::Table(unit.part(structure)?)));
+        let mut whole = source(structure, parts.collect::<Result<_, Error>>()?, (own_start(structure)?, self.about()));
+        whole.text.insert_str(0, &as_comments(self.of.iter().map(|unit| &unit.source)));
+        Ok(whole)
+    }
+}
+
+/// The descriptions of the units, each once, as comments: only what they say is in the whole, not how.
+fn as_comments<'a>(sources: impl Iterator<Item = &'a Source>) -> String {
+    let mut files = BTreeSet::new();
+    let sources = sources.filter(|source| files.insert(&source.file));
+    let commented = |source: &Source| {
+        let name = source.file.file_name().unwrap_or_default().to_string_lossy();
+        let lines: String = source.text.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n").collect();
+        format!("# From {name}:\n#\n{lines}\n")
+    };
+    sources.map(commented).collect()
+}
+
+/// What the whole itself starts with, where a user says so.
+fn own_start(structure: &Structure) -> Result<Table, Error> {
+    let entry = |value: &StartValue| {
+        let StartValue { name, text, origin, .. } = value;
+        if !ABOUT_STEPS.contains(&name.as_str()) {
+            let known = ABOUT_STEPS.join(", ");
+            return Err(origin.refuse(&format!("`{name}` must be UNIT.variable, or one of the whole: {known}")));
+        }
+        Ok((name.clone(), text.parse().map_or_else(|_| Value::String(text.clone()), Value::Float)))
+    };
+    structure.whole.iter().map(entry).collect()
+}
+
+/// The description of an FMU that starts with the values of a parameter set.
+///
+/// # Errors
+/// When the set can't be read, or a value doesn't fit.
+pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Result<Source, Error> {
+    let described = fmu_description(&source, library)?;
+    starting(&source, &described, &Component::alone(&described.name, parameters)?, library)
+}
+
+/// The description of a loop's unit that starts as the loop has it start.
+///
+/// # Errors
+/// When there is no description of it, or a value doesn't fit.
+pub fn started(structure: &Structure, unit: &Component, library: &Library) -> Result<Source, Error> {
+    let source = structure.description_of(&unit.fmu)?;
+    let described = fmu_description(&source, library)?;
+    starting(&source, &described, unit, library)
+}
+
+/// The description of a loop's FMU that has C sources, whose design is fixed when it is exported: of the loop's values it
+/// starts with those that the design reads.
+///
+/// # Errors
+/// As [`started`], and where components that share the FMU have different values of its design.
+pub fn designed(structure: &Structure, fmu: &str, library: &Library) -> Result<Source, Error> {
+    let source = structure.description_of(fmu)?;
+    let units: Vec<_> = structure.components.iter().filter(|unit| unit.fmu == fmu).collect();
+    if units.iter().all(|unit| unit.values.is_empty()) {
+        return Ok(source);
+    }
+    let xml = library.source(&source)?.unit.model_description;
+    let compiled =
+        ModelDescription::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })?;
+    let is_read =
+        |start: &&StartValue| compiled.place(&start.name).is_some_and(|place| is_designed(&compiled.variables[place]));
+    let of_design = |unit: &&Component| Component {
+        values: unit.values.iter().filter(is_read).cloned().collect(),
+        ..(*unit).clone()
+    };
+    let described = fmu_description(&source, library)?;
+    let units = units.iter().map(of_design).collect::<Vec<_>>();
+    let first = start_values(&units[0], &described, |_| false)?;
+    for unit in &units[1..] {
+        let other = start_values(unit, &described, |_| false)?;
+        let differs = first.iter().find(|value| !other.contains(value));
+        if let Some((place, _)) = differs.or_else(|| other.iter().find(|value| !first.contains(value))) {
+            let (one, another, name) = (&units[0].name, &unit.name, &described.variables[*place].name);
+            let reason = format!(
+                "`{one}` and `{another}` are components of one FMU, {fmu}, but differ in `{name}`, which its design reads. With \
+                 C sources a design is fixed at export: give both the same value, or export without --source and --compile"
+            );
+            return Err(Error::Loop { file: structure.file.clone(), reason });
+        }
+    }
+    starting(&source, &described, &units[0], library)
+}
+
+/// A description with the values of a unit.
+fn starting(
+    source: &Source,
+    described: &ModelDescription,
+    unit: &Component,
+    library: &Library,
+) -> Result<Source, Error> {
+    let values = start_values(unit, described, |_| false)?;
+    let started = source.with_start(values.iter().map(|(place, value)| {
+        let variable = &described.variables[*place];
+        (variable.name.as_str(), in_description::<toml_edit::Value>(variable, value))
+    }))?;
+    // A value that the description refuses is one of the parameter set.
+    describe(&started, library).map_err(|error| {
+        let Error::Description { reason, .. } = &error else { return error };
+        let of = |value: &&StartValue| reason.split_whitespace().any(|word| word == value.name);
+        let refused = unit.values.iter().find(of).map(|value| value.origin.refuse(reason));
+        refused.unwrap_or(error)
+    })?;
+    Ok(started)
+}
+
+/// Refuses start values that units which are made of descriptions don't take.
+///
+/// # Errors
+/// As [`start_values`], and for a description that is refused.
+pub fn check_values(structure: &Structure, library: &Library) -> Result<(), Error> {
+    structure.components.iter().filter(|component| component.is_exported()).try_for_each(|component| {
+        let described = fmu_description(&structure.description_of(&component.fmu)?, library)?;
+        start_values(component, &described, |_| false).map(drop)
+    })
+}
+
+/// The description of a unit's FMU, as its master would read it.
+fn fmu_description(source: &Source, library: &Library) -> Result<ModelDescription, Error> {
+    let xml = describe(source, library)?.0.model_description;
+    ModelDescription::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })
+}
+
+/// The text of the whole's description.
+fn source(structure: &Structure, parts: Vec<Value>, (start, about): (Table, Table)) -> Source {
+    let link = |(unit, connector): &(String, String)| Value::String(format!("{unit}.{connector}"));
+    let links = structure.connections.iter().map(|c| Value::Array(vec![link(&c.from), link(&c.to)]));
+    let mut inside = Table::new();
+    inside.insert("connections".to_owned(), Value::Array(links.collect()));
+    inside.insert("parts".to_owned(), Value::Array(parts));
+    let experiment = [("stop_time", structure.stop_time), ("step", structure.step)];
+    let experiment = experiment.map(|(key, value)| (key.to_owned(), Value::Float(value)));
+    let name = composite_name(structure);
+    let mut description = about;
+    description.insert("name".to_owned(), Value::String(name.clone()));
+    description.insert("model".to_owned(), Value::String(Kind::COMPOSITE.name.to_owned()));
+    description.insert("description".to_owned(), Value::String(format!("{}, as one unit", structure.description)));
+    description.insert("experiment".to_owned(), Value::Table(experiment.into_iter().collect()));
+    description.insert("structure".to_owned(), Value::Table(inside));
+    description.insert("start".to_owned(), Value::Table(start));
+    Source { file: Path::new(&format!("{name}.toml")).to_owned(), text: description.to_string(), as_written: false }
+}
+
+impl PreparedUnit<'_> {
+    /// As a part: its description, with the loop's start values. An input that is connected has none.
+    fn part(&self, structure: &Structure) -> Result<Table, Error> {
+        let PreparedUnit { component, source, described, start: values } = self;
+        let refuse = |reason: Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
+        let into = structure.connections.iter().filter(|connection| connection.to.0 == component.name);
+        let connected: BTreeSet<&str> = into.map(|connection| connection.to.1.as_str()).collect();
+        let description = model::Description::read(&source.text).map_err(refuse)?;
+        let mut start = description.start;
+        start.retain(|name, _| !ABOUT_STEPS.contains(&name));
+        start = start.into_iter().flat_map(|(name, value)| unconnected(name, value, &connected)).collect();
+        start.extend(values.iter().map(|(place, value)| {
+            let variable = &described.variables[*place];
+            (variable.name.clone(), in_description(variable, value))
+        }));
+        let mut part = Table::new();
+        part.insert("name".to_owned(), Value::String(component.name.clone()));
+        part.insert("model".to_owned(), Value::String(description.model));
+        part.insert("structure".to_owned(), Value::Table(description.structure));
+        let names = Value::try_from(&description.names).map_err(|error| refuse(Invalid::because(error)))?;
+        part.insert("names".to_owned(), names);
+        part.insert("start".to_owned(), Value::Table(start));
+        Ok(part)
+    }
+}
+
+/// A start value without those elements of it that are inputs with a connection.
+fn unconnected(name: String, value: Value, connected: &BTreeSet<&str>) -> Vec<(String, Value)> {
+    let element = |k: usize| format!("{name}[{}]", k + 1);
+    match value {
+        _ if connected.contains(name.as_str()) => Vec::new(),
+        Value::Array(values) if (0..values.len()).any(|k| connected.contains(element(k).as_str())) => {
+            let elements = values.into_iter().enumerate().map(|(k, value)| (element(k), value));
+            elements.filter(|(name, _)| !connected.contains(name.as_str())).collect()
+        }
+        value => vec![(name, value)],
+    }
+}
+
+/// A value as a description has it: an enumeration's by the name of the item.
+fn in_description<V: From<f64> + From<i64> + From<bool> + From<String>>(variable: &Variable, value: &fmu::Value) -> V {
+    match value {
+        fmu::Value::Real(number) => (*number).into(),
+        fmu::Value::Integer(number) => {
+            let item = variable.items.iter().find(|(_, item)| item == number);
+            item.map_or_else(|| i64::from(*number).into(), |(name, _)| name.clone().into())
+        }
+        fmu::Value::Boolean(value) => (*value).into(),
+        fmu::Value::String(text) => text.clone().into(),
+    }
+}
