@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from ._result import Result
+from typing import Any
 
 
 class Error(Exception):
@@ -19,8 +16,8 @@ class Error(Exception):
     there is no loop named `3.2.1-cosin`; did you
     """
 
-    #: What was computed until a unit failed; None where nothing was.
-    partial: Result | None = None
+    #: What was computed until a unit failed, as a `Result`; None where nothing was.
+    partial: Any = None
 
 
 class ArgumentError(Error, ValueError):
@@ -59,4 +56,4 @@ class Interrupted(KeyboardInterrupt):
     """
 
     #: What was computed until then: a `Result`, of `Loop.sweep` a `Sweep`; None where nothing was.
-    partial: Result | None = None
+    partial: Any = None

@@ -175,7 +175,7 @@ class Loop:
         except KeyboardInterrupt:
             _give_up(waiting)
             interrupted = Interrupted(f"interrupted after {len(swept.data)} of {len(points)} runs, which `partial` has")
-            interrupted.partial = swept  # type: ignore[assignment]
+            interrupted.partial = swept
             raise interrupted from None
         except BaseException:
             _give_up(waiting)

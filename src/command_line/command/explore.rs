@@ -16,7 +16,8 @@ use adaptive_fmu::structure::composite as composite_of;
 use adaptive_fmu::structure::{LoopFiles, Structure};
 use serde_json::json;
 
-use super::loop_options::{LoopOptions, positive};
+use super::loop_options::LoopOptions;
+use super::number::positive;
 use super::open;
 use super::parameters::Parameters;
 use super::progress::{Bars, is_interrupted};

@@ -5,7 +5,7 @@ use std::time::Duration;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::fmu::Hosting;
 
-use super::loop_options::positive;
+use super::number::positive;
 
 /// How long a call may take unless asked otherwise, s.
 const PATIENCE: f64 = 60.0;

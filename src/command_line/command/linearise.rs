@@ -14,8 +14,8 @@ use serde_json::{Value, json};
 
 use super::export::warn_of;
 use super::hosting::HostingOptions;
-use super::loop_options::positive;
 use super::names::Names;
+use super::number::positive;
 use super::ready;
 
 #[derive(clap::Args)]

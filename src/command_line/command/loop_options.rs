@@ -13,6 +13,7 @@ use adaptive_fmu::structure::{Component, LoopFiles, Order, Settings, Structure, 
 
 use super::export::{export_units, warn_of};
 use super::hosting::HostingOptions;
+use super::number::positive;
 use super::parameters::Parameters;
 
 /// A part of a communication step below this is rounding.
@@ -51,11 +52,6 @@ pub struct LoopOptions {
     /// With the linear controllers that adaptive ones tend to in their places.
     #[arg(skip)]
     pub linear: bool,
-}
-
-pub fn positive(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
-    number.ok_or_else(|| "must be a finite number above 0".to_owned())
 }
 
 /// Refuses a run that has no points, or too many; it is of a file.

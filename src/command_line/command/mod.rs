@@ -18,6 +18,7 @@ mod loop_options;
 pub mod manual;
 mod names;
 pub mod new;
+mod number;
 mod open;
 pub mod parameters;
 mod progress;

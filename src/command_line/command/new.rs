@@ -15,8 +15,8 @@ use clap::builder::PossibleValuesParser;
 
 use super::hosting::HostingOptions;
 use super::linearise::{assignment, finite};
-use super::loop_options::positive;
 use super::names::Which;
+use super::number::positive;
 
 #[derive(clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]

@@ -13,7 +13,7 @@ use adaptive_fmu::results::{
 use adaptive_fmu::{begun, parallel};
 use serde_json::json;
 
-use super::loop_options::positive;
+use super::number::positive;
 
 pub const PLOT: &str = "plot.svg";
 pub const PAGE: &str = "index.html";

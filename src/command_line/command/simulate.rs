@@ -16,8 +16,9 @@ use serde_json::json;
 
 use super::hosting::HostingOptions;
 use super::linearise::{assignment, open_unit};
-use super::loop_options::{check_points, positive};
+use super::loop_options::check_points;
 use super::names::Names;
+use super::number::positive;
 use super::open::OpenOption;
 use super::progress::{Bars, Progress};
 use super::results::{NAMES, PAGE, TableOptions, write_results};

@@ -13,7 +13,8 @@ use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Question, Range, Re
 use adaptive_fmu::{output, parallel};
 
 use super::earlier::EarlierOptions;
-use super::loop_options::{LoopOptions, positive};
+use super::loop_options::LoopOptions;
+use super::number::positive;
 use super::progress::{self, Bars, Counter};
 use super::tuned::{CONVERGENCE, TUNED, Tuned, print, write_results};
 

@@ -1,6 +1,19 @@
 //! Which function may be called when: the state machines of model exchange and of co-simulation (FMI 2.0.4, sections
 //! 3.2.3 and 4.2.4) as one table.
 
+/// Why a call is refused, for the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refused(pub String);
+
+impl<T: Into<String>> From<T> for Refused {
+    fn from(text: T) -> Self {
+        Refused(text.into())
+    }
+}
+
+/// The answer to a call.
+pub type Answer<T = ()> = Result<T, Refused>;
+
 /// Which of the standard's two interfaces an instance was made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interface {

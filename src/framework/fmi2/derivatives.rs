@@ -1,8 +1,9 @@
 //! Derivatives of inputs and outputs.
 
 use super::access::{Access, Type};
+use super::calls::{Answer, Refused};
 use super::calls::{Function, Phase};
-use super::instance::{Answer, Instance, Refused, hand_out};
+use super::instance::{Instance, hand_out};
 use super::types::Status;
 use crate::error::Number;
 use crate::system::Section;

@@ -10,7 +10,7 @@ use crate::report::DesignReport;
 use crate::system::{Element, Variable};
 
 use super::build::{Build, Library};
-use super::model_description;
+use super::{logger, model_description};
 
 /// The reply to a description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -85,7 +85,7 @@ fn unit(model: Model) -> Result<DescribedUnit, Invalid> {
     let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
     let report = model.report();
     let declared = model.variables().visible().map(declared_name).collect();
-    let warnings = model_description::log_categories(&model).map(|(name, text)| (name.to_owned(), text.to_owned()));
+    let warnings = logger::categories(&model).map(|(name, text)| (name.to_owned(), text.to_owned()));
     let warnings = warnings.collect();
     // A unit that can't start from its own start values is not worth packing.
     Execution::new(model).initialise().map_err(Invalid::because)?;

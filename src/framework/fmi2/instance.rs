@@ -7,37 +7,17 @@ use crate::execution::Execution;
 use crate::system::Data;
 
 use super::access::{Access, NoValue, Type, element};
-use super::calls::{Function, Interface, Phase};
-use super::logger::Logger;
+use super::calls::{Answer, Function, Interface, Phase, Refused};
+use super::logger::{self, DISCARDED, EVENTS, Logger};
 use super::model_description;
 use super::resources::DESCRIPTION;
 use super::shared::Shared;
 use super::snapshot::{self, Slots};
 use super::types::Status;
 
-/// Log category of what could not be done, but may be tried otherwise.
-pub const DISCARDED: &str = "logStatusDiscard";
-/// Log category of what works, but may not be meant.
-pub const WARNING: &str = "logStatusWarning";
-/// Debug messages about accepted parameters and events.
-pub const EVENTS: &str = "logEvents";
-
-/// Why a call is refused, for the log.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Refused(pub String);
-
-impl<T: Into<String>> From<T> for Refused {
-    fn from(text: T) -> Self {
-        Refused(text.into())
-    }
-}
-
 fn refused_start(function: Function, error: &StepError) -> Refused {
     Refused(format!("{}: {error}", function.name()))
 }
-
-/// The answer to a call.
-pub type Answer<T = ()> = Result<T, Refused>;
 
 /// One instance of a unit.
 #[derive(Debug)]
@@ -144,7 +124,7 @@ impl Instance {
 
     /// The log categories with their descriptions.
     pub fn categories(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
-        model_description::log_categories(self.execution.model())
+        logger::categories(self.execution.model())
     }
 
     /// fmi2SetupExperiment

@@ -1,14 +1,14 @@
-//! The C side of every function: pointers become slices here, and nowhere else.
+//! The C side of every function, under the names of the standard.
 //!
 //! Each function is what the exported one of the same name does; see [`export_fmi2`](crate::export_fmi2).
 
 use std::ffi::{CStr, CString, c_char, c_int};
-use std::slice;
 
 use super::access::Type;
+use super::boundary::{array, array_mut, call, null, ok, string};
 use super::build::Library;
-use super::calls::{Function, Interface};
-use super::instance::{Answer, Instance, Refused};
+use super::calls::{Answer, Function, Interface, Refused};
+use super::instance::Instance;
 pub use super::kernel_interface::take_kernel;
 use super::logger::{ERROR, Logger};
 pub use super::model_exchange_interface::{
@@ -23,96 +23,6 @@ use super::types::{
     Boolean, CO_SIMULATION, CallbackFunctions, Component, FmuState, MODEL_EXCHANGE, Status, StringPointer, TRUE,
     ValueReference,
 };
-
-/// Calls into an instance: the table of allowed calls, panics, messages and status, in one place.
-pub(super) fn call(
-    component: Component,
-    function: Function,
-    body: impl FnOnce(&mut Instance) -> Answer<Status>,
-) -> Status {
-    if component.is_null() {
-        return Status::Error;
-    }
-    let (status, outbox) = {
-        // SAFETY: the standard obliges the master to pass what fmi2Instantiate returned and fmi2FreeInstance has not
-        // freed, and not to call one instance from two threads at once. It may call from its logger: messages are
-        // sent when this reference has ended.
-        let instance = unsafe { &mut *component.cast::<Instance>() };
-        let status = answer(instance, function, body);
-        (status, instance.logger.outbox())
-    };
-    if let Some(outbox) = outbox {
-        outbox.send();
-    }
-    status
-}
-
-fn answer(instance: &mut Instance, function: Function, body: impl FnOnce(&mut Instance) -> Answer<Status>) -> Status {
-    if let Err(Refused(reason)) = instance.check(function) {
-        instance.logger.log(Status::Error, ERROR, &reason);
-        return Status::Error;
-    }
-    match panics::contain(|| body(instance)) {
-        Ok(Ok(status)) => {
-            instance.flush_log();
-            status
-        }
-        Ok(Err(Refused(reason))) => {
-            instance.flush_log();
-            instance.logger.log(Status::Error, ERROR, &reason);
-            Status::Error
-        }
-        Err(fault) => {
-            instance.poison();
-            let reason = format!("{}: internal fault, please report it: {fault}. Free the instance", function.name());
-            instance.logger.log(Status::Error, ERROR, &reason);
-            Status::Error
-        }
-    }
-}
-
-pub(super) fn ok(answer: Answer) -> Answer<Status> {
-    answer.map(|()| Status::Ok)
-}
-
-/// A C array; `None` for NULL with elements.
-///
-/// # Safety
-/// A pointer that isn't NULL must be that of so many elements.
-pub(super) unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [T]> {
-    match (pointer.is_null(), len) {
-        (_, 0) => Some(&[]),
-        (true, _) => None,
-        // SAFETY: as this function asks of its caller.
-        (false, _) => Some(unsafe { slice::from_raw_parts(pointer, len) }),
-    }
-}
-
-/// A C array to write; `None` for NULL with elements.
-///
-/// # Safety
-/// As [`array`], and nothing else may refer to it.
-pub(super) unsafe fn array_mut<'a, T>(pointer: *mut T, len: usize) -> Option<&'a mut [T]> {
-    match (pointer.is_null(), len) {
-        (_, 0) => Some(&mut []),
-        (true, _) => None,
-        // SAFETY: as this function asks of its caller.
-        (false, _) => Some(unsafe { slice::from_raw_parts_mut(pointer, len) }),
-    }
-}
-
-/// A C string; `None` for NULL.
-///
-/// # Safety
-/// A pointer that isn't NULL must be that of a string with its end.
-unsafe fn string<'a>(pointer: StringPointer) -> Option<&'a CStr> {
-    // SAFETY: as this function asks of its caller.
-    (!pointer.is_null()).then(|| unsafe { CStr::from_ptr(pointer) })
-}
-
-pub(super) fn null(function: Function) -> Refused {
-    Refused(format!("{}: a pointer is NULL", function.name()))
-}
 
 /// fmi2Instantiate
 ///

@@ -6,9 +6,34 @@ use std::sync::Arc;
 use super::floating_point;
 use super::types::{LoggerFunction, Status};
 use crate::error::one_line;
+use crate::model::Model;
 
 /// Category of errors.
 pub const ERROR: &str = "logStatusError";
+/// Log category of what could not be done, but may be tried otherwise.
+pub const DISCARDED: &str = "logStatusDiscard";
+/// Log category of what works, but may not be meant.
+pub const WARNING: &str = "logStatusWarning";
+/// Debug messages about accepted parameters and events.
+pub const EVENTS: &str = "logEvents";
+
+/// The log categories of a model, with their descriptions.
+pub fn categories(model: &Model) -> impl Iterator<Item = (&'static str, &'static str)> {
+    let standard = [
+        (ERROR, "a call was refused or failed: what, why, and what to do"),
+        (DISCARDED, "a step could not be finished or a value not be computed; a smaller step may help"),
+        (WARNING, "what works, but may not be meant"),
+        (EVENTS, "tunable parameters that were taken over, and by which method the unit is integrated"),
+    ];
+    // Parts of a system may share a category.
+    let mut categories = standard.to_vec();
+    for &(name, text) in model.variables().warnings() {
+        if categories.iter().all(|(known, _)| *known != name) {
+            categories.push((name, text));
+        }
+    }
+    categories.into_iter()
+}
 
 /// Where an instance's messages go. Errors and warnings are always logged; a master that asked for no logging
 /// would else see a bare status.

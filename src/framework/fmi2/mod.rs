@@ -4,6 +4,8 @@
 //! [`interface`] is the C side of it, and [`model_description`] writes the XML. None of them knows a model.
 
 pub mod access;
+#[allow(unsafe_code)]
+mod boundary;
 pub mod build;
 pub mod calls;
 mod derivatives;

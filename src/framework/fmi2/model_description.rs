@@ -11,7 +11,7 @@ use crate::structure::Place;
 use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, Variability, Variables};
 
 use super::access::References;
-use super::instance::{DISCARDED, EVENTS, WARNING};
+use super::logger;
 
 /// How the description of a constant ends that a unit was designed with.
 pub const DESIGNED: &str = " (designed at export)";
@@ -55,24 +55,6 @@ pub fn xml(model: &Model) -> String {
     text
 }
 
-/// The log categories of a model, with their descriptions.
-pub fn log_categories(model: &Model) -> impl Iterator<Item = (&'static str, &'static str)> {
-    let standard = [
-        (super::logger::ERROR, "a call was refused or failed: what, why, and what to do"),
-        (DISCARDED, "a step could not be finished or a value not be computed; a smaller step may help"),
-        (WARNING, "what works, but may not be meant"),
-        (EVENTS, "tunable parameters that were taken over, and by which method the unit is integrated"),
-    ];
-    // Parts of a system may share a category.
-    let mut categories = standard.to_vec();
-    for &(name, text) in model.variables().warnings() {
-        if categories.iter().all(|(known, _)| *known != name) {
-            categories.push((name, text));
-        }
-    }
-    categories.into_iter()
-}
-
 fn element(
     xml: &mut Xml,
     name: &str,
@@ -113,7 +95,7 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
         write_units(xml, model.variables())?;
         write_types(xml, model.variables())?;
         element(xml, "LogCategories", vec![], |xml| {
-            for (name, text) in log_categories(model) {
+            for (name, text) in logger::categories(model) {
                 empty(xml, "Category", vec![("name", name.to_owned()), ("description", text.to_owned())])?;
             }
             Ok(())

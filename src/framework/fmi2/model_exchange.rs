@@ -1,7 +1,8 @@
 //! What the functions of model exchange do with an instance (FMI 2.0.4, section 3.2).
 
+use super::calls::{Answer, Refused};
 use super::calls::{Function, Phase};
-use super::instance::{Answer, Instance, Refused, hand_out};
+use super::instance::{Instance, hand_out};
 use super::stepping::COMMUNICATION_POINT_SLACK;
 use super::types::{Boolean, EventInfo, FALSE, Status};
 use crate::error::{Number, StepError};

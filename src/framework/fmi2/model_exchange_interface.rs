@@ -1,8 +1,9 @@
 //! The C side of the functions of model exchange.
 
+use super::boundary::{array, array_mut, call, null, ok};
+use super::calls::Answer;
 use super::calls::Function;
-use super::instance::{Answer, Instance};
-use super::interface::{array, array_mut, call, null, ok};
+use super::instance::Instance;
 use super::types::{Boolean, Component, EventInfo, FALSE, Status};
 
 /// fmi2EnterEventMode

@@ -9,7 +9,7 @@ use crate::system::Registry;
 
 use super::access::References;
 use super::build::Library;
-use super::instance::{Answer, Refused};
+use super::calls::{Answer, Refused};
 use super::model_description;
 
 /// A unit without its values.

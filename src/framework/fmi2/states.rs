@@ -1,6 +1,7 @@
 //! Saving, restoring and serialising an instance.
 
-use super::instance::{Answer, Instance, Refused};
+use super::calls::{Answer, Refused};
+use super::instance::Instance;
 use super::snapshot::{self, Snapshot};
 
 impl Instance {

@@ -2,8 +2,8 @@
 
 use std::ffi::c_int;
 
+use super::boundary::{call, null};
 use super::calls::Function;
-use super::interface::{call, null};
 use super::types::{Boolean, Component, Status, status_kind};
 
 /// fmi2GetStatus: nothing is ever pending.

@@ -3,8 +3,10 @@
 use crate::error::{Number, StepError};
 use crate::execution::OnStepFailure;
 
+use super::calls::{Answer, Refused};
 use super::calls::{Function, Phase};
-use super::instance::{Answer, EVENTS, Instance, Refused, WARNING, hand_out};
+use super::instance::{Instance, hand_out};
+use super::logger::{EVENTS, WARNING};
 use super::types::Status;
 
 /// How far, in parts of the step, a master's communication point may lie from where the instance stands: a clock of single

@@ -7,7 +7,7 @@ use adaptive_fmu::output::{Files, make_folder};
 use adaptive_fmu::structure::{Draft, Found, STRUCTURE, Wishes};
 
 use super::there_already;
-use crate::command::loop_options::positive;
+use crate::command::number::positive;
 
 /// The most units whose names are told.
 const MOST_TOLD: usize = 20;

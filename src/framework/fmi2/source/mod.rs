@@ -16,7 +16,7 @@ mod names;
 mod tables;
 
 use crate::error::Invalid;
-use crate::fmi2::model_description::log_categories;
+use crate::fmi2::logger;
 use crate::model::{Block, Model};
 use crate::recording::{Leaf, Method, Node, Note, Operation, Recording};
 use crate::system::{MessageLog, Section, Variability, Variable, Variables};
@@ -108,7 +108,7 @@ impl<'a> Unit<'a> {
             real_names: names(variables, true),
             integer_names: names(variables, false),
             sources: sources(variables, start.reals.len()),
-            categories: log_categories(model).map(|(name, _)| name).collect(),
+            categories: logger::categories(model).map(|(name, _)| name).collect(),
             known_reals: vec![false; start.reals.len()],
             known_integers: vec![false; start.integers.len()],
             start,
