@@ -3,11 +3,13 @@
 import csv
 import importlib.util
 import json
+import math
 import os
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -208,14 +210,78 @@ def test_pages_count_the_fmus_and_loops_that_list_shows() -> None:
     assert f"- {fmus} [FMUs]" in counted["index.md"] and f"- {loops} [loops]" in counted["index.md"]
     assert f"{fmus} FMUs and {loops} loops" in counted["reliability.md"] and f"{fmus} of {fmus}" in counted["reliability.md"]
     assert f"all {fmus} FMUs" in counted["source_units.md"] and f"of {fmus} FMUs" in counted["speed.md"]
-    # Nowhere is another number of FMUs told.
-    texts = [README, *(file.read_text() for file in DOCS.rglob("*.md"))]
-    assert {int(number) for text in texts for number in re.findall(r"\b(\d+) \[?FMUs\b", text)} == {fmus}
+    # Nowhere is another number of FMUs or loops told, but in a study of a user's own (1,000 loops).
+    texts = [README, *((ROOT / f"{name}.md").read_text() for name in ["ARCHITECTURE", "CONTRIBUTING"])]
+    texts += [file.read_text() for file in DOCS.rglob("*.md")]
+    for number, what in [(fmus, "FMUs"), (loops, "loops")]:
+        assert {int(told) for text in texts for told in re.findall(rf"(?<![\d.,])(\d+) \[?{what}\b", text)} == {number}, what
 
 
-def test_the_fmus_and_loops_of_the_pages_are_those_that_exist() -> None:
-    fmus, loops = ((DOCS / page).read_text() for page in ["fmus.md", "thesis_loops.md"])
-    for name in [file.stem for file in (ROOT / "modelDescription").glob("*.toml")]:
-        assert f"| `{name}` |" in fmus
-    for folder in (ROOT / "examples").glob("*/SystemStructure.ssd"):
-        assert f"| `{folder.parent.name}` |" in loops
+def constant(file: str, name: str) -> float:
+    """A number in the sources; where a platform chooses, the first."""
+    found = re.search(rf"\b{name}(?:: \w+ =|:) (.+?)(?:;|,\n)", (ROOT / "src" / file).read_text())
+    assert found, f"{file} has no {name}"
+    chosen = re.search(r"\{ (\d+) \}", found[1])
+    low, _, bits = (chosen[1] if chosen else found[1]).replace("_", "").partition(" << ")
+    return float(low) * 2 ** int(bits or 0)
+
+
+def league(name: str) -> int:
+    return int(constant("program/league/study.rs", rf"{name}(?=: \d)"))
+
+
+# What a page says with a number that the sources hold: the numbers in their order.
+HELD = {
+    "compare_and_sweep.md": [
+        ("more than {} runs the curves of {} are drawn", lambda: 2 * [constant("program/analysis/sweep/mod.rs", "MOST_DRAWN")]),
+    ],
+    "run.md": [
+        ("for up to {} communication steps", lambda: [constant("program/analysis/operating_point.rs", "STEPS")]),
+        ("hardly moves within {} steps", lambda: [2 * constant("program/analysis/operating_point.rs", "STEPS")]),
+        ("more than {} million values", lambda: [constant("program/results/recorder.rs", "KEPT") // 1e6]),
+        ("for each {} million values", lambda: [constant("program/results/recorder.rs", "BLOCK") // 1e6]),
+        ("lines of at most {} MiB", lambda: [constant("program/simulation/inputs.rs", "LONGEST_LINE") / 2**20]),
+    ],
+    "memory.md": [("is freed, {} units at most", lambda: [constant("framework/fmi2/shared.rs", "MOST_KEPT")])],
+    "foreign_units.md": [
+        ("messages, a {} are shown", lambda: [constant("program/simulation/closed_loop.rs", "MOST_MESSAGES")]),
+    ],
+    "step_flags.md": [
+        (
+            "for at least {} steps, and for at most {}.",
+            lambda: [constant("controllers/moves.rs", f"{which}_WAIT") for which in ["SHORTEST", "LONGEST"]],
+        ),
+    ],
+    "league.md": [
+        (
+            "({} particles, {} generations, {} runs",
+            lambda: [league("particles"), league("generations"), math.prod(map(league, ["particles", "generations", "noises"]))],
+        ),
+        ("of {} random plants of each kind", lambda: [league("plants")]),
+        ("on {} plants of the thesis", lambda: [(ROOT / "examples/league/league.toml").read_text().count("[[plant]]")]),
+    ],
+    "../README.md": [("compared on {} random plants", lambda: [league("plants")])],
+    "own_plant.md": [
+        (
+            "It has {} systems",
+            lambda: [(ROOT / "examples/my_plant/src/lib.rs").read_text().split("export_fmi2![")[1].split("]")[0].count(",") + 1],
+        ),
+    ],
+}
+WORDS = {"three": 3, "eight": 8, "hundred": 100}
+
+
+@pytest.mark.parametrize(("page", "sentence", "numbers"), [(page, *row) for page, rows in HELD.items() for row in rows])
+def test_numbers_that_pages_take_from_the_sources_are_theirs(page: str, sentence: str, numbers: Callable[[], list[float]]) -> None:
+    text = " ".join((DOCS / page).read_text().split())
+    found = re.search(re.escape(sentence).replace(r"\{\}", r"(\w+)"), text)
+    assert found, f"{page} doesn't say: {sentence}"
+    assert [WORDS.get(told) or float(told) for told in found.groups()] == numbers()
+
+
+def test_no_source_has_more_lines_than_the_project_allows() -> None:
+    (most,) = map(int, re.findall(r"no file over (\d+) lines", (ROOT / "CONTRIBUTING.md").read_text()))
+    sources = [file for folder in ["src", "plants", "tests", "benches", "examples"] for file in (ROOT / folder).rglob("*.rs")]
+    sources = [file for file in sources if "target" not in file.relative_to(ROOT).parts]
+    assert len(sources) > 300
+    assert not [file for file in sources if file.read_text().count("\n") > most]
