@@ -41,7 +41,7 @@ os.environ.setdefault("ADAPTIVE_FMU_CACHE", str(ROOT / "target" / "cache"))
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
-IN_THE_CHECKOUT = {"test_readme", "test_my_plant", "test_peers", "test_notebook", "test_pip", "test_publishing"}
+IN_THE_CHECKOUT = {"test_readme", "test_my_controller", "test_my_plant", "test_peers", "test_notebook", "test_pip", "test_publishing"}
 
 # Folders of a run of tests that stay until its end.
 SHARED = {"exported", "fmus", "unpacked"}

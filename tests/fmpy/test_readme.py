@@ -28,8 +28,8 @@ RUN_ELSEWHERE = {
 EXTRAS = {"control", "ecospy", "gymnasium", "matplotlib"}
 # Programs that lie beside the interpreter that runs the tests.
 BESIDE_PYTHON = {"python", "fmpy"}
-# What pages read of the source folder.
-SHOWN = ["examples"]
+# What pages read of the source folder, and of what was built there.
+SHOWN = ["examples", "target"]
 
 README = (ROOT / "README.md").read_text()
 DOCS = ROOT / "docs"
@@ -272,7 +272,9 @@ WORDS = {"three": 3, "eight": 8, "hundred": 100}
 
 
 @pytest.mark.parametrize(("page", "sentence", "numbers"), [(page, *row) for page, rows in HELD.items() for row in rows])
-def test_numbers_that_pages_take_from_the_sources_are_theirs(page: str, sentence: str, numbers: Callable[[], list[float]]) -> None:
+def test_numbers_that_pages_take_from_the_sources_are_theirs(
+    page: str, sentence: str, numbers: Callable[[], list[float]]
+) -> None:
     text = " ".join((DOCS / page).read_text().split())
     found = re.search(re.escape(sentence).replace(r"\{\}", r"(\w+)"), text)
     assert found, f"{page} doesn't say: {sentence}"

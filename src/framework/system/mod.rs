@@ -41,8 +41,8 @@
 //! # assert_eq!(model.variables().find("x[2]").unwrap().name(), "x[2]");
 //! ```
 //!
-//! `examples/my_plant` is a whole crate with this model, a larger one, which has a structure, units, an input, events
-//! and a counter, and a ball that bounces and comes to rest.
+//! `examples/my_controller` is the least crate with a controller. `examples/my_plant` is a whole crate with this model, a
+//! larger one, which has a structure, units, an input, events and a counter, and a ball that bounces and comes to rest.
 //!
 //! ## Which method is called when
 //!
