@@ -1,54 +1,25 @@
-//! Numbers as texts where there are many of them: those of the standard library, several times as fast.
+//! Numbers as texts where there are many of them: those of the standard library, by the digits of `zmij`, in half the time.
 
 use std::fmt::Write;
 
 /// Fewer digits than these are those of one number at most, and it is the nearest.
 const SEVERAL: usize = 16;
-/// A number that isn't a multiple of 1 part in so many has more decimal places than can end it halfway between two others.
+/// A number that isn't a multiple of 1 part in so many has more decimal places than can end it halfway between two others; from
+/// `LARGE` on, it may lie so.
 const PARTS: f64 = (1_u64 << 30) as f64;
-/// Within this range, that is.
-const RANGE: std::ops::Range<f64> = 1e-300..1e15;
+const LARGE: f64 = 1e15;
 
 /// Appends a number as `{}` writes it: with as few digits as tell it from all others, and without an exponent.
 pub fn push(text: &mut String, number: f64) {
     let mut buffer = zmij::Buffer::new();
-    let short = if number.is_finite() { buffer.format_finite(number) } else { "" };
-    if short.is_empty() || may_be_halfway(number, short) {
+    let short = buffer.format(number);
+    // Of two texts that are equally near to a number, the standard library takes another one.
+    let may_be_halfway = || number.abs() >= LARGE || (number * PARTS).fract() == 0.0;
+    // Numbers with an exponent, below 1e-5, are 2 of 1,000 in results.
+    if !number.is_finite() || short.contains('e') || short.len() >= SEVERAL && may_be_halfway() {
         let _ = write!(text, "{number}");
-        return;
-    }
-    match short.split_once('e').and_then(|(digits, exponent)| Some((digits, exponent.parse().ok()?))) {
-        Some((digits, exponent)) => push_moved(text, digits, exponent),
-        None => text.push_str(short.strip_suffix(".0").unwrap_or(short)),
-    }
-}
-
-/// Whether two texts may be equally near to a number: of those, the standard library takes another one than this text.
-fn may_be_halfway(number: f64, short: &str) -> bool {
-    short.len() >= SEVERAL && (!RANGE.contains(&number.abs()) || (number * PARTS).fract() == 0.0)
-}
-
-/// Appends digits with the point behind the first of them, if there is one, moved by so many places.
-fn push_moved(text: &mut String, digits: &str, places: i32) {
-    let unsigned = digits.strip_prefix('-').inspect(|_| text.push('-')).unwrap_or(digits);
-    let (whole, part) = unsigned.split_once('.').unwrap_or((unsigned, ""));
-    let part = if part == "0" { "" } else { part };
-    let zeros = |text: &mut String, count: usize| text.extend(std::iter::repeat_n('0', count));
-    let count = places.unsigned_abs() as usize;
-    if places < 0 {
-        text.push_str("0.");
-        zeros(text, count - 1);
-        text.push_str(whole);
-        text.push_str(part);
-    } else if part.len() <= count {
-        text.push_str(whole);
-        text.push_str(part);
-        zeros(text, count - part.len());
     } else {
-        text.push_str(whole);
-        text.push_str(&part[..count]);
-        text.push('.');
-        text.push_str(&part[count..]);
+        text.push_str(short.strip_suffix(".0").unwrap_or(short));
     }
 }
 
