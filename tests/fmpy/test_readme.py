@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from conftest import PROGRAM, ROOT
+from test_run_results import FILES
 
 # Commands that are run elsewhere: this very suite and the crate's documentation by the scripts that run all tests,
 # the installation and the comparison with peers, with `--quick`, by tests of their own. Where, and what stands there.
@@ -236,6 +237,7 @@ HELD = {
         ("more than {} runs the curves of {} are drawn", lambda: 2 * [constant("program/analysis/sweep/mod.rs", "MOST_DRAWN")]),
     ],
     "run.md": [
+        ("leaves {} files in", lambda: [len(FILES)]),
         ("for up to {} communication steps", lambda: [constant("program/analysis/operating_point.rs", "STEPS")]),
         ("hardly moves within {} steps", lambda: [2 * constant("program/analysis/operating_point.rs", "STEPS")]),
         ("more than {} million values", lambda: [constant("program/results/recorder.rs", "KEPT") // 1e6]),
@@ -268,7 +270,7 @@ HELD = {
         ),
     ],
 }
-WORDS = {"three": 3, "eight": 8, "hundred": 100}
+WORDS = {"three": 3, "four": 4, "eight": 8, "hundred": 100}
 
 
 @pytest.mark.parametrize(("page", "sentence", "numbers"), [(page, *row) for page, rows in HELD.items() for row in rows])

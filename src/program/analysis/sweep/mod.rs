@@ -1,8 +1,6 @@
 //! Sweeps: one loop with all combinations of some values.
 
 mod axis;
-mod chart;
-mod colours;
 mod page;
 
 use serde::{Deserialize, Serialize};

@@ -2,10 +2,9 @@
 
 use std::fmt::Write;
 
-use super::chart::{Chart, Line};
-use super::{Axis, Point, Sweep, colours};
+use super::{Axis, Point, Sweep};
 use crate::exporter::escaped;
-use crate::figures::{beginning, ending};
+use crate::figures::{Chart, Line, beginning, colours, ending};
 use crate::report::number;
 use crate::results::four_digits;
 use crate::structure::Plot;
@@ -26,9 +25,6 @@ const STYLE: &str = "<style>
 ";
 /// Rows of the table beyond these are in the CSV only.
 const MOST_ROWS: usize = 1000;
-const LINE_COLOUR: &str = "rgb(0, 114, 178)";
-const LIMIT_COLOUR: &str = "rgb(213, 94, 0)";
-const BESIDE_COLOUR: &str = "rgb(60, 60, 60)";
 
 /// The page of a sweep.
 #[derive(Debug)]
@@ -88,11 +84,11 @@ impl SweepPage<'_> {
         let (first, last) = (points[0].0, points[points.len() - 1].0);
         let mut lines = Vec::new();
         if let Some(limit) = self.limit(metric) {
-            let (name, colour) = (format!("limit {limit}"), LIMIT_COLOUR.to_owned());
+            let (name, colour) = (format!("limit {limit}"), colours::LIMIT.to_owned());
             let points = vec![(first, Some(limit)), (last, Some(limit))];
             lines.push(Line { name, colour, points, marked: false, dashed: true });
         }
-        let colour = LINE_COLOUR.to_owned();
+        let colour = colours::LINE.to_owned();
         lines.push(Line { name: label.to_owned(), colour, points, marked: true, dashed: false });
         let (x, y) = (self.sweep.with_unit(&axis.name), label.split(", ").next().unwrap_or(label));
         let mut svg = Chart { title: label, x: &x, y, logarithmic: axis.is_logarithmic(), lines }.svg();
@@ -193,7 +189,7 @@ impl SweepPage<'_> {
             };
             let beside = same.iter().map(|&place| Line {
                 name: signals[place].to_owned(),
-                colour: BESIDE_COLOUR.to_owned(),
+                colour: colours::BESIDE.to_owned(),
                 points: drawn[0].1.curves[place].clone(),
                 marked: false,
                 dashed: true,

@@ -1,4 +1,4 @@
-//! Diagrams of a sweep as pictures that need no script: metrics over a parameter, and families of curves.
+//! Charts of many runs as pictures that need no script: metrics over a parameter, and families of curves.
 
 use std::fmt::Write;
 

@@ -1,6 +1,10 @@
-//! Colours of numbers: from dark blue through grey to amber. Their lightness grows all the way, so that people with any
+//! Colours of charts, and of numbers: from dark blue through grey to amber. Their lightness grows all the way, so that people with any
 //! colour vision, and a printer without colours, tell them apart.
 
+/// The colours of a curve that is alone, of a limit, and of what is shown for comparison.
+pub const LINE: &str = "rgb(0, 114, 178)";
+pub const LIMIT: &str = "rgb(213, 94, 0)";
+pub const BESIDE: &str = "rgb(60, 60, 60)";
 /// The colours at the beginning, in the middle and at the end.
 const RAMP: [[f64; 3]; 3] = [[8.0, 48.0, 107.0], [122.0, 132.0, 140.0], [240.0, 173.0, 20.0]];
 /// Below this lightness, text on a colour is white.
