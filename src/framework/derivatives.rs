@@ -4,7 +4,6 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
-use crate::integrator::Sparsity;
 use crate::recording::{Given, Instructions, Leaf, Node, Operation, Recording, Registers, Tape};
 use crate::system::{Section, Variables};
 
@@ -77,14 +76,14 @@ fn seeds(tape: &mut Tape, nodes: &[Node], change: impl Fn(Leaf) -> Option<Leaf>)
     found.into_iter().map(|(leaf, change)| (leaf, tape.leaf(change))).collect()
 }
 
-/// Of the state equation, from a recording that evaluates it.
-pub fn jacobian(variables: &Variables, sparsity: &Sparsity, evaluate: Recording) -> Jacobian {
+/// Of the state equation, from a recording that evaluates it: of each state the rates of some rows.
+pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording) -> Jacobian {
     let Recording { mut tape, reals, .. } = evaluate;
     let (states, inputs) = (variables.reals(Section::State), variables.reals(Section::Input));
     let rates: Vec<Node> = variables.reals(Section::Derivative).map(|place| reals[place]).collect();
     let (zero, one) = (tape.number(0.0), tape.number(1.0));
-    let mut entries = Vec::with_capacity(sparsity.entries());
-    for (column, rows) in sparsity.columns().iter().enumerate() {
+    let mut entries = Vec::with_capacity(columns.iter().map(Vec::len).sum());
+    for (column, rows) in columns.iter().enumerate() {
         let of_column: Vec<Node> = rows.iter().map(|&row| rates[row as usize]).collect();
         let state = Leaf::Real((states.start + column) as u32);
         let tangents = tape.tangents(&of_column, |leaf| (leaf == state).then_some(one));

@@ -55,7 +55,7 @@ pub(super) fn written_out(unit: &Unit) -> Option<String> {
     if variables.states() == 0 {
         return None;
     }
-    let jacobian = derivatives::jacobian(variables, unit.model.sparsity(), unit.record(Method::Evaluate));
+    let jacobian = derivatives::jacobian(variables, unit.model.sparsity().columns(), unit.record(Method::Evaluate));
     let numbered = |name: &'static str, nodes: &[Node]| {
         let target = |(k, &node): (usize, &Node)| Target::result(format!("{name}[{k}] ="), node);
         nodes.iter().enumerate().map(target).collect::<Vec<_>>()
