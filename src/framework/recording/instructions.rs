@@ -19,6 +19,10 @@ enum Instruction {
     Add(Register, Register),
     Sub(Register, Register),
     Mul(Register, Register),
+    /// A product, and a third number behind it: rounded twice, as two instructions would.
+    MulAdd(Register, Register, Register),
+    MulSub(Register, Register, Register),
+    SubMul(Register, Register, Register),
     Div(Register, Register),
     Neg(Register),
     Power(Register, Register),
@@ -126,6 +130,9 @@ impl Instructions {
                 Instruction::Add(a, b) => of(a) + of(b),
                 Instruction::Sub(a, b) => of(a) - of(b),
                 Instruction::Mul(a, b) => of(a) * of(b),
+                Instruction::MulAdd(a, b, c) => of(a) * of(b) + of(c),
+                Instruction::MulSub(a, b, c) => of(a) * of(b) - of(c),
+                Instruction::SubMul(a, b, c) => of(c) - of(a) * of(b),
                 Instruction::Div(a, b) => of(a) / of(b),
                 Instruction::Neg(a) => -of(a),
                 Instruction::Power(a, b) => Binary::Pow.of(of(a), of(b)),
@@ -226,11 +233,13 @@ impl Writer {
         let needed = needed(operations, &nodes);
         let mut scope = Scope {
             operations,
+            within: products(operations, &needed, &nodes),
             guards: guards(operations, &needed, wanted),
             given,
             known: &self.known,
             places: vec![None; operations.len()],
             is_open: vec![false; operations.len()],
+            joined: HashMap::new(),
             instructions: Vec::new(),
             to: self.registers as Register,
             loops: Vec::new(),
@@ -266,15 +275,27 @@ impl Writer {
     }
 }
 
+/// How a guard is put together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Joint {
+    Not(Register),
+    And(Register, Register),
+    Or(Register, Register),
+}
+
 /// Instructions that are being written.
 struct Scope<'a> {
     operations: &'a [Operation],
     guards: Vec<Guard>,
     given: &'a dyn Fn(usize, &Operation) -> Register,
     known: &'a HashMap<u64, Register>,
+    /// Products that are computed within the sum that they are part of.
+    within: Vec<bool>,
     places: Vec<Option<Register>>,
     /// Which operations are being computed.
     is_open: Vec<bool>,
+    /// What guards are put together of: guards have much in common.
+    joined: HashMap<Joint, Register>,
     instructions: Vec<Instruction>,
     /// The register of the next result.
     to: Register,
@@ -301,6 +322,7 @@ impl Scope<'_> {
                 Operation::Constant(bits) => self.known[bits],
                 Operation::Leaf(_) | Operation::Carried(_) => (self.given)(place, operation),
                 Operation::Part(iteration, number) => self.of(iteration) + number,
+                _ if self.within[place] => Register::MAX,
                 _ => {
                     if operation.is_partial()
                         && let Some(guard) = self.guard(place)
@@ -336,14 +358,31 @@ impl Scope<'_> {
                 // What follows from the operation itself doesn't say where that is needed.
                 if self.computed(node.index()) {
                     let condition = self.of(&node);
-                    let literal = if holds { condition } else { self.push(Instruction::Not(condition), 1) };
-                    all = Some(all.map_or(literal, |all| self.push(Instruction::And(all, literal), 1)));
+                    let literal = if holds { condition } else { self.joined(Joint::Not(condition)) };
+                    all = Some(all.map_or(literal, |all| self.joined(Joint::And(all, literal))));
                 }
             }
             let all = all?;
-            any = Some(any.map_or(all, |any| self.push(Instruction::Or(any, all), 1)));
+            any = Some(any.map_or(all, |any| self.joined(Joint::Or(any, all))));
         }
         any
+    }
+
+    /// Where a part of a guard is computed, once.
+    fn joined(&mut self, joint: Joint) -> Register {
+        if let Some(register) = self.joined.get(&joint) {
+            return *register;
+        }
+        let register = self.push(
+            match joint {
+                Joint::Not(a) => Instruction::Not(a),
+                Joint::And(a, b) => Instruction::And(a, b),
+                Joint::Or(a, b) => Instruction::Or(a, b),
+            },
+            1,
+        );
+        self.joined.insert(joint, register);
+        register
     }
 
     fn instruction(&mut self, place: usize) -> Instruction {
@@ -351,6 +390,18 @@ impl Scope<'_> {
         match &self.operations[place] {
             Operation::Unary(Unary::Neg, a) => Instruction::Neg(of(a)),
             Operation::Unary(function, a) => Instruction::Unary(*function, of(a)),
+            Operation::Binary(operation @ (Binary::Add | Binary::Sub), a, b)
+                if self.within[a.index()] || self.within[b.index()] =>
+            {
+                let (product, other) = if self.within[a.index()] { (a, of(b)) } else { (b, of(a)) };
+                let Operation::Binary(_, x, y) = &self.operations[product.index()] else { unreachable!("a product") };
+                let make = match operation {
+                    Binary::Add => Instruction::MulAdd,
+                    _ if product == a => Instruction::MulSub,
+                    _ => Instruction::SubMul,
+                };
+                make(of(x), of(y), other)
+            }
             Operation::Binary(operation, a, b) => {
                 let make = match operation {
                     Binary::Add => Instruction::Add,
@@ -381,6 +432,24 @@ impl Scope<'_> {
             }
         }
     }
+}
+
+/// Products that one sum or difference alone uses, at most one each.
+fn products(operations: &[Operation], needed: &[bool], wanted: &[Node]) -> Vec<bool> {
+    let mut uses = vec![0; operations.len()];
+    wanted.iter().for_each(|node| uses[node.index()] += 1);
+    let operands = operations.iter().zip(needed).filter(|(_, needed)| **needed).flat_map(|(one, _)| one.operands());
+    operands.for_each(|operand| uses[operand.index()] += 1);
+    let mut within = vec![false; operations.len()];
+    for (operation, _) in operations.iter().zip(needed).filter(|(_, needed)| **needed) {
+        if let Operation::Binary(Binary::Add | Binary::Sub, a, b) = operation {
+            let alone = |node: &&Node| {
+                uses[node.index()] == 1 && matches!(operations[node.index()], Operation::Binary(Binary::Mul, ..))
+            };
+            [a, b].into_iter().find(alone).into_iter().for_each(|node| within[node.index()] = true);
+        }
+    }
+    within
 }
 
 /// Values and derivatives of functions of a number, at one.
