@@ -16,6 +16,7 @@ mod node;
 mod structure;
 mod tangent;
 mod tape;
+mod writer;
 
 pub use crate::scalar::Opaque;
 pub use evaluate::Given;
