@@ -15,6 +15,7 @@ pub mod distribution;
 mod dynamic;
 pub mod explore;
 pub mod exporter;
+pub mod jit;
 pub mod league;
 pub mod model_description;
 pub mod output;

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::error::{Number, StepError};
+use crate::error::{Invalid, Number, StepError};
 use crate::execution::Execution;
 use crate::system::Data;
 
 use super::access::{Access, NoValue, Type, element};
 use super::calls::{Function, Interface, Phase};
+use super::kernel::Functions;
 use super::logger::Logger;
 use super::model_description;
 use super::resources::DESCRIPTION;
@@ -96,6 +97,14 @@ impl Instance {
     /// After a panic nothing can be relied on.
     pub fn poison(&mut self) {
         self.phase = Phase::Poisoned;
+    }
+
+    /// What a kernel of its equations is compiled from.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn kernel_functions(&self) -> Result<Functions, Invalid> {
+        Functions::of(&self.unit.model, &|_| None)
     }
 
     /// Takes compiled equations; whether they are those of its model.

@@ -64,6 +64,7 @@ impl LoadedUnit {
             file,
             parameters: self.values.iter().filter(differs).map(parameter).collect(),
             integration: integration.collect(),
+            evaluated: self.fmu.evaluated(),
         }
     }
 }
@@ -155,6 +156,13 @@ impl LoadedLoop {
     /// Where its units come from, and how they run: a line a unit.
     pub fn told(&self) -> Vec<String> {
         self.units.iter().map(|unit| format!("{}: {}", unit.name, unit.fmu.told())).collect()
+    }
+
+    /// How the equations of its units are evaluated, as far as it is known by now.
+    pub fn tell_evaluated(&self, marks: &mut BTreeMap<String, UnitMark>) {
+        for unit in &self.units {
+            marks.entry(unit.name.clone()).and_modify(|mark| mark.evaluated = unit.fmu.evaluated());
+        }
     }
 
     /// The names of the Real parameters of its units, which a search may tune.

@@ -104,12 +104,19 @@ pub struct UnitMark {
     pub parameters: BTreeMap<String, Value>,
     /// How it is integrated, of a unit of this package.
     pub integration: BTreeMap<String, Value>,
+    /// How its equations are evaluated, of a unit of this package: the numbers are the same.
+    #[serde(default)]
+    pub evaluated: Option<String>,
 }
 
 impl Provenance {
-    /// What differs from an earlier run, in words.
+    /// What differs from an earlier run, in words. How equations are evaluated is no matter of results.
     pub fn differences(&self, earlier: &Self) -> Vec<String> {
-        let told = |it: &Self| serde_json::to_value(it).unwrap_or_default();
+        let told = |it: &Self| {
+            let mut it = it.clone();
+            it.units.values_mut().for_each(|unit| unit.evaluated = None);
+            serde_json::to_value(it).unwrap_or_default()
+        };
         differences(&told(earlier), &told(self))
     }
 }

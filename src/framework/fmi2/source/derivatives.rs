@@ -50,7 +50,7 @@ fn jacobian(unit: &Unit) -> String {
 }
 
 /// The Jacobian of a unit with states, operation by operation, where these aren't too many.
-pub(super) fn written_out(unit: &Unit) -> Option<String> {
+fn written_out(unit: &Unit) -> Option<String> {
     let variables = unit.model.variables();
     if variables.states() == 0 {
         return None;

@@ -5,13 +5,11 @@
 //! variable. The same description gives the same bytes.
 
 mod derivatives;
-mod elimination;
 mod equations;
 mod expression;
 mod function;
 mod guard;
 mod header;
-pub mod kernel;
 mod message;
 mod names;
 mod tables;
