@@ -152,6 +152,8 @@ fn run(Arguments { command, global }: Arguments) -> ExitCode {
 }
 
 fn execute(command: Command) -> Result<ExitCode, Error> {
+    // Of few runs with parameters that stay.
+    simulation::fold_parameters(matches!(command, Command::Run(_) | Command::Compare(_) | Command::Report(_)));
     match command {
         Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::New(arguments) => command::new::execute(&arguments).map(|()| ExitCode::SUCCESS),

@@ -1,8 +1,8 @@
 //! Equations that a host compiled from their recording: what evaluates an instance in place of the generic ones, with the same
 //! bits.
 //!
-//! A kernel belongs to a model: it knows the places of its block, and takes parameters as they stand there. Who hands it
-//! over sees to it that its code stays in memory as long as the instance.
+//! A kernel belongs to a model: it knows the places of its block, and takes parameters as they stand there, or is for those of
+//! one instance alone. Who hands it over sees to it that its code stays in memory as long as the instance.
 #![allow(unsafe_code)]
 
 use serde::{Deserialize, Serialize};

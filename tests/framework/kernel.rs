@@ -1,6 +1,6 @@
 //! Compiled equations take the place of the generic ones while a unit runs: they must give the same bits, at any parameters.
 
-use adaptive_fmu::execution::Execution;
+use adaptive_fmu::execution::{Execution, Settled};
 use adaptive_fmu::fmi2::describe::{self, read_kernel};
 use adaptive_fmu::fmi2::kernel::Functions;
 use adaptive_fmu::jit;
@@ -18,6 +18,30 @@ use crate::recording::{Draw, same, whole_loops};
 fn compiled(model: &Model) -> jit::Compiled {
     let told = describe::kernel(Functions::of(model, &|_| None));
     jit::Compiled::of(&read_kernel(&told).unwrap().unwrap()).unwrap()
+}
+
+/// A kernel that is compiled for the parameters of a block.
+fn folded(model: &Model, settled: &Settled) -> jit::Compiled {
+    let told = describe::kernel(Functions::of(model, &|leaf| settled.known(leaf)));
+    jit::Compiled::of(&read_kernel(&told).unwrap().unwrap()).unwrap()
+}
+
+/// The same as [`compare`], of kernels that are compiled for the parameters of each block.
+fn compare_folded(model: &Model, random: &mut Random) {
+    let (name, variables) = (&model.description().name, model.variables());
+    for _ in 0..2 {
+        let Draw { time, block, .. } = Draw::new(model, random);
+        let settled = Settled::of(model, &block);
+        let compiled = folded(model, &settled);
+        let (mut expected, mut found) = (block.clone(), block.clone());
+        model.equations().evaluate(time, &mut expected.reals, &expected.integers, variables.offsets());
+        compiled.kernel().evaluate(time, &mut found.reals, &found.integers);
+        for (place, (found, expected)) in found.reals.iter().zip(&expected.reals).enumerate() {
+            assert!(same(*found, *expected), "{name}, folded, real {place}: {found:e}, not {expected:e}");
+        }
+        compare_jacobian(model, compiled.kernel(), (time, &block.reals, &block.integers), random);
+        assert!(settled.holds(&block));
+    }
 }
 
 fn compare(model: &Model, points: usize, random: &mut Random) {
@@ -88,15 +112,20 @@ fn compare_steps(mut description: Description) {
     let model = Model::from_description(description, REGISTRY).unwrap();
     let kernel = compiled(&model);
     let model = std::sync::Arc::new(model);
-    let [mut generic, mut unit] = [(); 2].map(|()| Execution::new(std::sync::Arc::clone(&model)));
+    let [mut generic, mut unit, mut own] = [(); 3].map(|()| Execution::new(std::sync::Arc::clone(&model)));
     assert!(unit.take_kernel(*kernel.kernel()));
-    [&mut generic, &mut unit].into_iter().for_each(|unit| unit.initialise().unwrap());
+    [&mut generic, &mut unit, &mut own].into_iter().for_each(|unit| unit.initialise().unwrap());
+    let of_own = folded(&model, own.settle());
+    assert!(own.take_folded_kernel(*of_own.kernel()));
     let step = model.description().experiment.step;
     for k in 0..50 {
-        let [one, other] = [&mut generic, &mut unit].map(|unit| unit.step(f64::from(k) * step, step));
-        assert_eq!(one.is_ok(), other.is_ok(), "{name}, step {k}: {one:?}, {other:?}");
-        let equal = generic.block().reals.iter().zip(&unit.block().reals).all(|(a, b)| same(*a, *b));
-        assert!(equal && generic.block().integers == unit.block().integers, "{name}, step {k}");
+        let [one, other, third] = [&mut generic, &mut unit, &mut own].map(|unit| unit.step(f64::from(k) * step, step));
+        assert_eq!(one.is_ok(), other.is_ok() && third.is_ok(), "{name}, step {k}: {one:?}, {other:?}, {third:?}");
+        for unit in [&unit, &own] {
+            let equal = generic.block().reals.iter().zip(&unit.block().reals).all(|(a, b)| same(*a, *b));
+            assert!(equal && generic.block().integers == unit.block().integers, "{name}, step {k}");
+            assert!(unit.has_kernel(), "{name}, step {k}");
+        }
         if one.is_err() {
             return;
         }
@@ -120,6 +149,7 @@ fn the_kernels_of_all_units_give_the_bits_of_the_equations() {
     for name in sampled_names() {
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
         compare(&model, 100, &mut random);
+        compare_folded(&model, &mut random);
     }
 }
 
@@ -183,4 +213,52 @@ fn the_making_of_a_kernel_is_bounded() {
     let reason = Functions::of(&dense(150), &|_| None).unwrap_err().to_string();
     assert!(reason.contains("operations are more than"), "{reason}");
     assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
+
+/// Whatever way a parameter comes to another value, numbers that stand in code are used no longer.
+#[test]
+fn a_folded_kernel_is_left_as_soon_as_a_parameter_is_another() {
+    let text = description("L1NonlinearSiso");
+    let model = std::sync::Arc::new(Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap());
+    let tunable = model.variables().iter().find(|it| it.name == "adaptation_gain").unwrap();
+    let place = model.variables().index(tunable.elements().next().unwrap());
+    let started = || {
+        let mut unit = Execution::new(std::sync::Arc::clone(&model));
+        unit.initialise().unwrap();
+        unit
+    };
+    let step = model.description().experiment.step;
+    let advanced = |unit: &mut Execution, from: i32| {
+        (from..from + 20).for_each(|k| _ = unit.step(f64::from(k) * step, step).unwrap());
+        unit.block().reals.iter().map(|value| value.to_bits()).collect::<Vec<u64>>()
+    };
+    let set = |unit: &mut Execution| unit.set_real(place, 2e3);
+    let other = {
+        let mut unit = started();
+        set(&mut unit);
+        unit.initialise().unwrap();
+        unit.block().clone()
+    };
+    let ways: [(&str, &dyn Fn(&mut Execution)); 3] = [
+        ("set as a master does", &set),
+        ("a saved state of other parameters", &|unit| unit.block_mut().copy_from(&other)),
+        ("reset, and set before the start", &|unit| {
+            unit.reset();
+            set(unit);
+            unit.initialise().unwrap();
+        }),
+    ];
+    for (way, changed) in ways {
+        let [mut generic, mut unit] = [started(), started()];
+        let kernel = folded(&model, unit.settle());
+        assert!(unit.take_folded_kernel(*kernel.kernel()));
+        assert_eq!(advanced(&mut unit, 0), advanced(&mut generic, 0), "{way}");
+        assert!(unit.has_kernel(), "{way}");
+        [&mut generic, &mut unit].into_iter().for_each(changed);
+        let from = (unit.time() / step).round() as i32;
+        assert_eq!(advanced(&mut unit, from), advanced(&mut generic, from), "{way}");
+        assert!(!unit.has_kernel(), "{way}");
+        // What was compiled for others isn't taken, either.
+        assert!(!unit.take_folded_kernel(*kernel.kernel()), "{way}");
+    }
 }

@@ -99,17 +99,26 @@ impl Instance {
         self.phase = Phase::Poisoned;
     }
 
-    /// What a kernel of its equations is compiled from.
+    /// What a kernel of its equations is compiled from: for any parameters, or folded, for those that are there.
     ///
     /// # Errors
     /// When there is none.
-    pub fn kernel_functions(&self) -> Result<Functions, Invalid> {
-        Functions::of(&self.unit.model, &|_| None)
+    pub fn kernel_functions(&mut self, folded: bool) -> Result<Functions, Invalid> {
+        if !folded {
+            return Functions::of(&self.unit.model, &|_| None);
+        }
+        let settled = self.execution.settle();
+        Functions::of(&self.unit.model, &|leaf| settled.known(leaf))
     }
 
     /// Takes compiled equations; whether they are those of its model.
-    pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel) -> bool {
-        self.execution.take_kernel(kernel)
+    pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel, folded: bool) -> bool {
+        if folded { self.execution.take_folded_kernel(kernel) } else { self.execution.take_kernel(kernel) }
+    }
+
+    /// Whether it evaluates compiled equations.
+    pub fn has_kernel(&self) -> bool {
+        self.execution.has_kernel()
     }
 
     /// Refuses a call that the table doesn't allow now.

@@ -9,7 +9,7 @@ use super::access::Type;
 use super::build::Library;
 use super::calls::{Function, Interface};
 use super::instance::{Answer, Instance, Refused};
-pub use super::kernel_interface::{kernel_functions, take_kernel};
+pub use super::kernel_interface::{has_kernel, kernel_functions, take_kernel};
 use super::logger::{ERROR, Logger};
 pub use super::model_exchange_interface::{
     completed_integrator_step, enter_continuous_time_mode, enter_event_mode, get_continuous_states, get_derivatives,

@@ -25,6 +25,7 @@ use std::time::Duration;
 pub use guest::serve as serve_unit;
 use in_process::{Binary, InProcess, Plan};
 pub use instance::{Event, Instance};
+pub use kernel::fold_parameters;
 use kernel::{Awaited, checksum};
 pub use messages::Messages;
 #[cfg(unix)]

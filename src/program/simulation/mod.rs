@@ -46,7 +46,7 @@ pub use diagram::{bound, figure, labelled, of_plot, space, svg, thinned, time_la
 pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
 #[cfg(unix)]
 pub use fmu::serve_unit;
-pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value, keep_details};
+pub use fmu::{Event, Fmu, Hosting, Instance, Messages, UNIT_PROCESS, Value, fold_parameters, keep_details};
 pub use inputs::Inputs;
 pub use linearise::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 pub use loaded::{LoadedLoop, Place};
