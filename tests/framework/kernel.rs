@@ -47,11 +47,13 @@ fn compare_folded(model: &Model, random: &mut Random) {
 fn compare(model: &Model, points: usize, random: &mut Random) {
     let (name, variables) = (&model.description().name, model.variables());
     let compiled = compiled(model);
+    let first = jit::Compiled::evaluation(&Functions::of(model, &|_| None).unwrap()).unwrap();
     let kernel = compiled.kernel();
     assert!(kernel.fits(variables, model.sparsity().entries()), "{name}");
+    assert!(first.kernel().fits(variables, model.sparsity().entries()) && first.kernel().factors().is_none());
     for _ in 0..points {
         let Draw { time, block, .. } = Draw::new(model, random);
-        for with_rates in [false, true] {
+        for (with_rates, kernel) in [(false, kernel), (true, kernel), (false, first.kernel()), (true, first.kernel())] {
             let (mut expected, mut found) = (block.clone(), block.clone());
             if with_rates {
                 model.equations().evaluate(time, &mut expected.reals, &expected.integers, variables.offsets());
@@ -239,7 +241,8 @@ fn a_folded_kernel_is_left_as_soon_as_a_parameter_is_another() {
         unit.initialise().unwrap();
         unit.block().clone()
     };
-    let ways: [(&str, &dyn Fn(&mut Execution)); 3] = [
+    type Change<'a> = &'a dyn Fn(&mut Execution);
+    let ways: [(&str, Change); 3] = [
         ("set as a master does", &set),
         ("a saved state of other parameters", &|unit| unit.block_mut().copy_from(&other)),
         ("reset, and set before the start", &|unit| {

@@ -18,6 +18,14 @@ impl Compiled {
         Err(REASON.to_owned())
     }
 
+    /// None.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn evaluation(_: &Functions) -> Result<Self, String> {
+        Err(REASON.to_owned())
+    }
+
     /// Of none.
     pub fn kernel(&self) -> &Kernel {
         match *self {}

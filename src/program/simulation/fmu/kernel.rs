@@ -12,6 +12,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
+use std::time::Duration;
 
 use super::in_process::{Binary, Symbol};
 use crate::cache::{self, Checksum};
@@ -26,6 +27,9 @@ type Tell = unsafe extern "C" fn(Component, c_int, Option<Reply>, *mut c_void) -
 type Reply = unsafe extern "C" fn(*mut c_void, *const c_char);
 type Take = unsafe extern "C" fn(Component, *const Kernel, c_int) -> c_int;
 type Has = unsafe extern "C" fn(Component) -> c_int;
+
+/// Only a run that goes on for so long after its equations were compiled is worth the second kernel.
+const PATIENCE: Duration = Duration::from_millis(200);
 
 /// So many instances have kernels of their own at a time; each takes some 10 ms and 50 kB.
 const MOST_FOLDED: usize = 16;
@@ -64,7 +68,8 @@ struct Functions {
 
 #[derive(Debug, Default)]
 pub(super) struct Sought {
-    found: OnceLock<Result<Made, String>>,
+    /// First one that is made quickly, and then a better one with the Jacobian too, which many runs are too short for.
+    found: [OnceLock<Result<Made, String>>; 2],
     /// Whether it is being made: a unit that never steps needs none.
     begun: AtomicBool,
 }
@@ -91,7 +96,7 @@ impl Awaited {
 
     /// How equations are evaluated.
     pub fn told(&self) -> String {
-        let failed = self.sought.found.get().and_then(|found| found.as_ref().err().cloned());
+        let failed = self.sought.found[0].get().and_then(|found| found.as_ref().err().cloned());
         let as_they_are = failed.or_else(jit::refused).map(|reason| format!("as they are: {reason}"));
         as_they_are.unwrap_or_else(|| "compiled while it runs".to_owned())
     }
@@ -128,12 +133,12 @@ pub(super) struct Folding {
 pub(super) enum Equations {
     /// Nothing more.
     Settled,
-    /// It waits for its unit's kernel.
-    Waiting(Awaited),
+    /// It waits for its unit's kernel, the first or the second.
+    Waiting(Awaited, usize),
     /// It waits for one of its own; if that is of no use, there is the unit's.
     Folding(Folding),
-    /// It has one of its own. Now and then it is asked whether it still has; so many steps ago.
-    Folded(Folding, u8),
+    /// It has one of its own, and waits for the second or not. Now and then it is asked whether it still has; so many steps ago.
+    Folded(Folding, bool, u8),
 }
 
 impl Equations {
@@ -142,32 +147,37 @@ impl Equations {
         let folds = FOLDS.load(Ordering::Relaxed).then(Counted::one).flatten();
         match (unit, folds) {
             (None, _) => Equations::Settled,
-            (Some(unit), None) => Equations::Waiting(unit),
+            (Some(unit), None) => Equations::Waiting(unit, 0),
             (Some(of_unit), Some(_counted)) => Equations::Folding(Folding { own: Arc::default(), of_unit, _counted }),
         }
     }
 
     /// Hands a kernel to the instance, where one is there, and begins to make it where it isn't.
     pub fn look(&mut self, component: Component, binary: &Arc<Binary>) {
-        let hand =
-            |sought: &Arc<Sought>, of: &Awaited, folded| sought.hand_to(component, (binary, of.functions), folded);
+        let of_unit = |unit: &Awaited, which| unit.sought.hand_to(which, component, (binary, unit.functions), false);
+        let of_own = |it: &Folding, which| it.own.hand_to(which, component, (binary, it.of_unit.functions), true);
         *self = match std::mem::replace(self, Equations::Settled) {
             Equations::Settled => Equations::Settled,
-            Equations::Waiting(unit) => match hand(&unit.sought, &unit, false) {
-                None => Equations::Waiting(unit),
+            Equations::Waiting(unit, which) => match of_unit(&unit, which) {
+                None => Equations::Waiting(unit, which),
+                Some(true) if which == 0 => Equations::Waiting(unit, 1),
                 Some(_) => Equations::Settled,
             },
-            Equations::Folding(folding) => match hand(&folding.own, &folding.of_unit, true) {
+            Equations::Folding(folding) => match of_own(&folding, 0) {
                 None => Equations::Folding(folding),
-                Some(true) => Equations::Folded(folding, 0),
-                Some(false) => Equations::Waiting(folding.of_unit),
+                Some(true) => Equations::Folded(folding, true, 0),
+                Some(false) => Equations::Waiting(folding.of_unit, 0),
             },
             // SAFETY: a library of this crate gives the symbol this type; the instance is alive and in no other call.
-            Equations::Folded(folding, u8::MAX) if unsafe { (folding.of_unit.functions.has)(component) } == 0 => {
-                // It has left what is dropped here.
-                Equations::Waiting(folding.of_unit)
+            Equations::Folded(folding, _, u8::MAX) if unsafe { (folding.of_unit.functions.has)(component) } == 0 => {
+                // It has left what is dropped here, and nothing else is of use.
+                Equations::Waiting(folding.of_unit, 0)
             }
-            Equations::Folded(folding, asked) => Equations::Folded(folding, asked.wrapping_add(1)),
+            Equations::Folded(folding, waits, asked) => {
+                // Where it refuses the second, it may still have the first.
+                let waits = waits && of_own(&folding, 1).is_none();
+                Equations::Folded(folding, waits, asked.wrapping_add(1))
+            }
         };
     }
 }
@@ -189,15 +199,16 @@ impl Functions {
 }
 
 impl Sought {
-    /// Hands it to an instance of the library; whether that took it, and nothing where it isn't there yet.
+    /// Hands one of the two to an instance of the library; whether that took it, and nothing where it isn't there yet.
     fn hand_to(
         self: &Arc<Self>,
+        which: usize,
         component: Component,
         (binary, functions): (&Arc<Binary>, Functions),
         folded: bool,
     ) -> Option<bool> {
-        let Some(found) = self.found.get() else {
-            if !self.begun.swap(true, Ordering::Relaxed) {
+        let Some(found) = self.found[which].get() else {
+            if which == 0 && !self.begun.swap(true, Ordering::Relaxed) {
                 self.begin(told(component, functions.tell, folded), binary);
             }
             return None;
@@ -208,12 +219,20 @@ impl Sought {
         Some(found.as_ref().is_ok_and(take))
     }
 
-    /// Begins to make it of what was told.
+    /// Begins to make both of what was told.
     fn begin(self: &Arc<Self>, told: Result<String, String>, binary: &Arc<Binary>) {
         let (sought, binary) = (Arc::clone(self), Arc::clone(binary));
         thread::spawn(move || {
-            let compiled = told.and_then(|told| Compiled::of(&read_kernel(&told).flatten()?));
-            sought.found.set(compiled.map(|compiled| Made { compiled, _library: binary }))
+            let made = |compiled| Made { compiled, _library: Arc::clone(&binary) };
+            let functions = told.and_then(|told| read_kernel(&told).flatten());
+            let found = functions.as_ref().map_err(Clone::clone).and_then(Compiled::evaluation);
+            let _ = sought.found[0].set(found.map(made));
+            let Some(functions) = functions.ok().filter(|functions| functions.jacobian.is_some()) else { return };
+            thread::sleep(PATIENCE);
+            // Unless nobody waits any more.
+            if Arc::strong_count(&sought) > 1 {
+                let _ = sought.found[1].set(Compiled::of(&functions).map(made));
+            }
         });
     }
 }
