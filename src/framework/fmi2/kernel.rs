@@ -15,8 +15,8 @@ use crate::system::Section;
 const LARGEST: usize = 20_000;
 /// A Jacobian of more operations is computed direction by direction.
 const LARGEST_JACOBIAN: usize = 6000;
-/// So many operations are followed at most while a Jacobian is recorded.
-const MOST_FOLLOWED: usize = 4_000_000;
+/// So many operations are followed at most while a Jacobian is recorded, which takes some 10 ms.
+const MOST_FOLLOWED: usize = 250_000;
 
 /// What a kernel is compiled from.
 #[derive(Debug, Clone, Serialize, Deserialize)]
