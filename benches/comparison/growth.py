@@ -98,8 +98,6 @@ def by_components(workshop: Workshop, sizes: list[int]) -> Series:
     for count in sizes:
         steps = workshop.long(max(100, 60_000 // count))
         words = ["run", chain(workshop, count), "--step", 1e-3, "--until", 1e-3 * steps, "--out", workshop.folder / "out"]
-        told(*words)
-        workshop.await_compiled()
         values.append(min(told(*words)["seconds"] for _ in range(workshop.repeats)) / (steps * count) * 1e6)
     return Series("a component and step of a loop, by components", "µs", "linear plants of 4 states", sizes, values)
 

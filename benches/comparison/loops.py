@@ -38,9 +38,9 @@ class Native:
     """A loop in the program, with options; what it recorded. With an empty cache nothing is compiled."""
 
     def __init__(
-        self, workshop: Workshop, loop: str, *options: str | float, longest: float = math.inf, cache: str | None = None
+        self, workshop: Workshop, loop: str, *options: str | float, longest: float = math.inf, generic: bool = False
     ) -> None:
-        self.workshop, self.cache = workshop, cache
+        self.workshop, self.generic = workshop, generic
         whole, out = "--composite" in options, Path(tempfile.mkdtemp(dir=workshop.folder))
         units = [] if whole else ["--fmus", workshop.fmus]
         self.words = ["run", loop, *options, "--until", min(workshop.stop, longest), *units, "--out", out]
@@ -48,13 +48,11 @@ class Native:
 
     def seconds(self) -> float:
         """How long the simulation takes."""
-        return told(*self.words, cache=self.cache)["seconds"]
+        return told(*self.words, generic=self.generic)["seconds"]
 
     def settle(self) -> None:
-        """Runs, not timed, until what the program compiles beside its first run is there."""
+        """A run that isn't timed: files are read once."""
         if not self.workshop.quick:
-            self.seconds()
-            self.workshop.await_compiled()
             self.seconds()
 
     def states(self) -> np.ndarray:
@@ -118,7 +116,7 @@ def compiled_equations(workshop: Workshop) -> list[Row]:
 
 
 def by_compiled_equations(workshop: Workshop, loop: str) -> Row:
-    own, generic = Native(workshop, loop), Native(workshop, loop, cache="")
+    own, generic = Native(workshop, loop), Native(workshop, loop, generic=True)
     tight = Native(workshop, loop, *tightly("plant."), *tightly("controller."))
     own.settle()
     times, expected = alternately(workshop.repeats, own.seconds, generic.seconds), tight.states()

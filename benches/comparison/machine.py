@@ -1,5 +1,6 @@
 """The programs that are compared, and a folder for what they leave behind."""
 
+import ctypes
 import json
 import os
 import subprocess
@@ -12,8 +13,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "target" / "release" / "adaptive-fmu"
 MY_PLANT = Path(os.environ["MY_PLANT"])
-CACHE = "ADAPTIVE_FMU_CACHE"  # where the program keeps what it compiles; empty: it compiles nothing
-PATIENCE = 120.0  # s, for a C compiler
+# Of Linux: from now on, memory that was written doesn't become code. The program evaluates equations as they are then.
+PR_SET_MDWE, PR_MDWE_REFUSE_EXEC_GAIN = 65, 1
 # The master on FMPy, and loops as it takes them.
 sys.path.append(str(ROOT / "tests" / "fmpy"))
 
@@ -27,8 +28,8 @@ class Workshop:
 
     def __post_init__(self) -> None:
         self.fmus = self.folder / "fmus"
-        # Nothing that was compiled before counts, and nothing stays.
-        os.environ[CACHE] = str(self.folder / "cache")
+        # Nothing that was cached before counts, and nothing stays.
+        os.environ["ADAPTIVE_FMU_CACHE"] = str(self.folder / "cache")
         program("export", "--all", "--out", self.fmus)
 
     @property
@@ -45,12 +46,6 @@ class Workshop:
         """So many steps, or fewer in a quick run."""
         return max(1, count // 100) if self.quick else count
 
-    def await_compiled(self) -> None:
-        """Waits for what the program compiles in the background: a source is gone when its library is there."""
-        until = time.monotonic() + PATIENCE
-        while list((self.folder / "cache").glob("*.c")) and time.monotonic() < until:
-            time.sleep(0.1)
-
     def compile(self, source: str, *options: str, shared: bool = False, others: Sequence[str] = ()) -> Path:
         """A program, or a library, from a file in C beside this folder, and others."""
         words = "".join(word for word in options if word.startswith("-D"))
@@ -66,18 +61,23 @@ class Workshop:
         return self.fmus / f"{file.stem}.fmu"
 
 
-def program(*words: str | Path | float, codes: tuple[int, ...] = (0,), cache: str | None = None) -> str:
-    """What the program prints, with another cache perhaps."""
-    environment = os.environ if cache is None else {**os.environ, CACHE: cache}
+def refuse_memory_for_code() -> None:
+    """Has this process, and what it becomes, compile nothing while it runs."""
+    assert ctypes.CDLL(None).prctl(PR_SET_MDWE, PR_MDWE_REFUSE_EXEC_GAIN, 0, 0, 0) == 0
+
+
+def program(*words: str | Path | float, codes: tuple[int, ...] = (0,), generic: bool = False) -> str:
+    """What the program prints, by generic equations perhaps."""
     command = [PROGRAM, *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
+    before = refuse_memory_for_code if generic else None
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, preexec_fn=before, check=False)
     assert done.returncode in codes, done
     return done.stdout
 
 
-def told(*words: str | Path | float, cache: str | None = None) -> dict:
+def told(*words: str | Path | float, generic: bool = False) -> dict:
     """The same as JSON. 3: a metric beyond its limit, with other settings than the loop's own."""
-    return json.loads(program(*words, "--json", codes=(0, 3), cache=cache))
+    return json.loads(program(*words, "--json", codes=(0, 3), generic=generic))
 
 
 def timed(command: list, codes: tuple[int, ...] = (0,)) -> float:

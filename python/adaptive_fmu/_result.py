@@ -46,7 +46,7 @@ class Result:
         self.units: dict[str, str] = dict(zip(about["names"], about["units"]))
         #: What the loop may lack, and warnings of its units.
         self.warnings: list[str] = about["warnings"]
-        #: What the program had to say beside that: that it found no C compiler, and therefore takes longer, say.
+        #: What the program had to say beside that: that the cache can't be used, say.
         self.notes: list[str] = answer.notes
         #: start_time, stop_time and step (s), order ("gauss-seidel" or "jacobi"; None for one unit), composite, values.
         self.settings: dict[str, Any] = about["settings"]

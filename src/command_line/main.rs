@@ -10,7 +10,6 @@ mod command;
 use std::any::TypeId;
 use std::ffi::OsString;
 use std::process::ExitCode;
-use std::sync::Once;
 
 use adaptive_fmu::error::{Error, one_line};
 use adaptive_fmu::{begun, cache, exporter, fmu};
@@ -21,8 +20,8 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 /// Exit codes: 0 done; 1 it could not be done, with the reason on stderr; 2 the arguments are wrong; 3 a loop ran,
 /// but a metric is beyond its limit, or a design or an FMU was checked and isn't sound; 130 a run was interrupted.
 ///
-/// Environment: NO_COLOR and CLICOLOR_FORCE for colours; ADAPTIVE_FMU_CACHE for the folder of compiled equations; CC for the
-/// compiler.
+/// Environment: NO_COLOR and CLICOLOR_FORCE for colours; ADAPTIVE_FMU_CACHE for the folder of the cache; CC for the C
+/// compiler of `export --compile`.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -136,7 +135,6 @@ fn answer(words: &[String]) -> ExitCode {
 }
 
 fn run(Arguments { command, global }: Arguments) -> ExitCode {
-    static TOLD: Once = Once::new();
     begun::note();
     global.apply();
     let code = match execute(command) {
@@ -149,14 +147,13 @@ fn run(Arguments { command, global }: Arguments) -> ExitCode {
             ExitCode::FAILURE
         }
     };
-    if let Some(note) = fmu::compiler_trouble() {
-        TOLD.call_once(|| remark!("{note}"));
-    }
     cache::trouble().iter().for_each(|line| tell!("warning: {line}"));
     code
 }
 
 fn execute(command: Command) -> Result<ExitCode, Error> {
+    // Of few runs with parameters that stay.
+    fmu::fold_parameters(matches!(command, Command::Run(_) | Command::Compare(_) | Command::Report(_)));
     match command {
         Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::New(arguments) => command::new::execute(&arguments).map(|()| ExitCode::SUCCESS),

@@ -7,8 +7,8 @@
 #![deny(unsafe_code)]
 
 mod controls;
-pub mod derivatives;
 mod designed;
+pub mod differentiation;
 pub mod eigenvalues;
 pub mod error;
 pub mod execution;

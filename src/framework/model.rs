@@ -9,8 +9,8 @@ use std::sync::{Arc, OnceLock};
 use serde::{Deserialize, Serialize};
 
 use crate::controls::Controls;
-use crate::derivatives::{self, Direction};
 use crate::designed::designed;
+use crate::differentiation::{self, Direction};
 use crate::error::{Invalid, Number};
 use crate::integrator::{Sparsity, Work, Workspace, Workspaces};
 use crate::near;
@@ -357,13 +357,13 @@ impl Model {
 
     /// What computes changes of signals and rates, recorded when it is first asked for.
     pub fn direction(&self) -> &Direction {
-        let recorded = || derivatives::directional(&self.variables, self.recorded(Method::Evaluate));
+        let recorded = || differentiation::directional(&self.variables, self.recorded(Method::Evaluate));
         self.direction.get_or_init(|| Direction::of(&recorded()))
     }
 
     /// What computes changes of the start, likewise.
     pub fn start_direction(&self) -> &Direction {
-        let recorded = || derivatives::start_directional(&self.variables, self.recorded(Method::Start));
+        let recorded = || differentiation::start_directional(&self.variables, self.recorded(Method::Start));
         self.start_direction.get_or_init(|| Direction::of(&recorded()))
     }
 

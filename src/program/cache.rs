@@ -113,11 +113,6 @@ impl Entry {
         &self.file
     }
 
-    /// The entry beside it with another extension.
-    pub fn with_extension(&self, extension: &str) -> Self {
-        Entry { file: self.file.with_extension(extension) }
-    }
-
     /// What was [written](Entry::write) there, whole.
     pub fn read(&self) -> Option<Vec<u8>> {
         let mut bytes = self.bytes()?;
@@ -182,14 +177,6 @@ impl Entry {
         };
         // A cache that can't be written hinders nothing.
         let _ = write();
-    }
-
-    /// Where this process makes it, beside where it goes: two at a time don't disturb each other, and what they make is the
-    /// same. Room is made for it.
-    pub fn unfinished(&self) -> PathBuf {
-        self.file.parent().into_iter().for_each(tidy);
-        begun::restore_mask();
-        self.file.with_extension(format!("{}.tmp", std::process::id()))
     }
 }
 

@@ -19,6 +19,7 @@ pub mod exporter;
 pub mod figures;
 #[allow(unsafe_code)]
 pub mod fmu;
+pub mod jit;
 pub mod league;
 pub mod model_description;
 pub mod output;

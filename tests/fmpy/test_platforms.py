@@ -49,7 +49,7 @@ def glibc(library: Path) -> tuple[int, ...]:
 
 def test_the_library_exports_the_functions_of_the_standard_and_those_that_describe_it(library: Path) -> None:
     symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
-    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "kernel_text", "take_kernel")}
+    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "kernel_functions", "take_kernel", "has_kernel")}
     assert symbols == {f"fmi2{name}" for name in STANDARD} | own
 
 
@@ -266,9 +266,8 @@ def without_rust(folder: Path, *arguments: str) -> str:
     environment = {"PATH": "/nowhere", "HOME": str(folder)}
     command = [str(folder / "adaptive-fmu"), *arguments]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    # Without a compiler either, which a line may say where something runs.
-    told = [line for line in done.stderr.splitlines() if not line.startswith("no C compiler")]
-    assert (done.returncode, told) == (0, []), done
+    # Without a compiler either.
+    assert (done.returncode, done.stderr) == (0, ""), done
     return done.stdout
 
 

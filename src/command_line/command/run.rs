@@ -8,9 +8,9 @@ use adaptive_fmu::error::Error;
 use adaptive_fmu::figures::{Diagram, terminal};
 use adaptive_fmu::output;
 use adaptive_fmu::results::{
-    Ended, Ending, Measured, Provenance, Recorder, Report, TablePlace, Tabled, Thinned, Verdict,
+    Ended, Ending, METRICS, Measured, Provenance, Recorder, Report, TABLE, TablePlace, Tabled, Thinned, UnitMark,
+    Verdict,
 };
-use adaptive_fmu::results::{METRICS, TABLE};
 use adaptive_fmu::simulation::Recording;
 use adaptive_fmu::structure::{LoopFiles, Settings, Structure};
 use serde_json::{Value, json};
@@ -232,8 +232,9 @@ pub fn simulated(
     let Settings { start_time, stop_time, step, order } = settings;
     let order = if whole { "as one unit".to_owned() } else { order.to_string() };
     detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);
-    loaded.told().iter().for_each(|unit| detail!("{}: {unit}", structure.name));
-    let provenance = options.provenance(name, &files, &structure, settings, &loaded)?;
+    let told = loaded.told();
+    told.iter().for_each(|unit| detail!("{}: {unit}", structure.name));
+    let mut provenance = options.provenance(name, &files, &structure, settings, &loaded)?;
     let closed = loaded.instantiate(&[])?;
     let place = |(out, tables): (_, &TableOptions)| {
         let TableOptions { every, parquet } = *tables;
@@ -244,6 +245,9 @@ pub fn simulated(
     let (mut recording, ending, failure) = Progress::new(bars, name, settings)
         .watch(|go_on| closed.run_in_blocks(settings, recorder.block(), |block| recorder.take(block), go_on));
     let took = begun.elapsed().saturating_sub(recorder.took());
+    UnitMark::tell_evaluated(&mut provenance.units, &loaded);
+    let news = loaded.told().into_iter().filter(|unit| !told.contains(unit));
+    news.for_each(|unit| detail!("{}: {unit}", structure.name));
     recording.details.iter().for_each(|text| detail!("{}: {text}", structure.name));
     let Ended { measured, thinned, table: tabled } = recorder.end(&mut recording)?;
     structure.name = own_name;

@@ -1,7 +1,7 @@
 //! Exact derivatives of an instance's equations, from their recordings.
 
 use super::Execution;
-use crate::derivatives::Direction;
+use crate::differentiation::Direction;
 use crate::model::{Block, Model};
 use crate::recording::{Given, Registers};
 use crate::system::{Section, Values};

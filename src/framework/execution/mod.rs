@@ -3,12 +3,14 @@
 mod derivatives;
 mod inputs;
 mod model_exchange;
+mod settled;
 
 use std::sync::Arc;
 
 pub use crate::controls::{InputHandling, OnStepFailure};
 use derivatives::Derivation;
 pub use model_exchange::Update;
+pub use settled::Settled;
 
 use crate::controls::TIGHTEST_TOLERANCE;
 use crate::error::{Invalid, StepError};
@@ -32,6 +34,10 @@ pub struct Execution {
     derivation: Derivation,
     event_indicators: Vec<f64>,
     kernel: Option<Kernel>,
+    /// The parameters that a kernel was asked for.
+    settled: Option<Settled>,
+    /// Whether the kernel is for these alone.
+    folded: bool,
     /// Messages that wait to be logged.
     pub log: MessageLog,
 }
@@ -49,6 +55,8 @@ impl Execution {
             block: model.start().clone(),
             model,
             kernel: None,
+            settled: None,
+            folded: false,
             log: MessageLog::new(),
         };
         execution.mark_stepped();
@@ -73,8 +81,34 @@ impl Execution {
         if fits {
             self.own_workspace().driver.take_kernel(&kernel);
             self.kernel = Some(kernel);
+            self.folded = false;
         }
         fits
+    }
+
+    /// The parameters as they stand, for equations that are compiled for them alone.
+    pub fn settle(&mut self) -> &Settled {
+        self.settled.insert(Settled::of(&self.model, &self.block))
+    }
+
+    /// Takes equations that were compiled for the [settled](Execution::settle) parameters; whether they are those of its model
+    /// and parameters. As soon as any is another, the generic equations are back.
+    pub fn take_folded_kernel(&mut self, kernel: Kernel) -> bool {
+        let taken = self.settled.as_ref().is_some_and(|it| it.holds(&self.block)) && self.take_kernel(kernel);
+        self.folded |= taken;
+        taken
+    }
+
+    /// Whether compiled equations are evaluated.
+    pub fn has_kernel(&self) -> bool {
+        self.kernel.is_some()
+    }
+
+    /// Parts with equations that were compiled for other parameters.
+    fn check_kernel(&mut self) {
+        if self.folded && !self.settled.as_ref().is_some_and(|settled| settled.holds(&self.block)) {
+            (self.kernel, self.folded) = (None, false);
+        }
     }
 
     /// Has it work apart from other instances, where something is kept from one call to the next.
@@ -409,6 +443,7 @@ impl Execution {
 
     /// The system where it stands, inputs held.
     fn problem(&mut self) -> Problem<'_> {
+        self.check_kernel();
         Problem {
             system: self.model.system(),
             variables: self.model.variables(),

@@ -10,6 +10,7 @@ use crate::report::DesignReport;
 use crate::system::{Element, Variable};
 
 use super::build::{Build, Library};
+use super::kernel::Functions;
 use super::{logger, model_description};
 
 /// The reply to a description.
@@ -60,7 +61,7 @@ enum Reply {
     #[serde(rename = "source")]
     Source(Box<SourceUnit>),
     #[serde(rename = "kernel")]
-    Kernel(String),
+    Kernel(Box<Functions>),
     #[serde(rename = "failure")]
     Failure(String),
 }
@@ -114,13 +115,9 @@ pub fn source(description: Option<&str>, library: Library) -> String {
     made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Source(Box::new(made))))
 }
 
-/// The reply, as JSON, to a description's text: its equations as C, to be compiled to a [`Kernel`](crate::kernel::Kernel).
-pub fn kernel(description: Option<&str>, library: Library) -> String {
-    let made = || -> Result<String, Invalid> {
-        let text = description.ok_or_else(|| Invalid::because("a kernel needs the description of its unit"))?;
-        super::source::kernel::text(&Model::from_description(Description::read(text)?, library.registry)?)
-    };
-    made().map_or_else(|invalid| failure(&invalid.to_string()), |text| write(&Reply::Kernel(text)))
+/// The reply, as JSON, of an instance: what its kernel is compiled from.
+pub fn kernel(made: Result<Functions, Invalid>) -> String {
+    made.map_or_else(|invalid| failure(&invalid.to_string()), |functions| write(&Reply::Kernel(Box::new(functions))))
 }
 
 /// A reply that tells of a failure.
@@ -158,13 +155,14 @@ pub fn read_source(reply: &str) -> Result<Result<SourceUnit, String>, String> {
     }
 }
 
-/// Reads a reply: the text of a kernel, or why there is none.
+/// Reads a reply: what a kernel is compiled from, or why there is none.
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_kernel(reply: &str) -> Result<Result<String, String>, String> {
+pub fn read_kernel(reply: &str) -> Result<Result<Functions, String>, String> {
     match serde_json::from_str(reply) {
-        Ok(Reply::Kernel(text)) => Ok(Ok(text)),
+        Ok(Reply::Kernel(functions)) if functions.is_known() => Ok(Ok(*functions)),
+        Ok(Reply::Kernel(_)) => Err("a kernel of another version".to_owned()),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),
         Ok(_) => Err("another reply than a kernel".to_owned()),
         Err(error) => Err(error.to_string()),

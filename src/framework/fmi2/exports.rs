@@ -143,10 +143,12 @@ macro_rules! define_fmi2_functions {
                 { fmi2::describe(library(), $crate::fmi2::describe::reply, description, reply, context) }
                 fn adaptive_fmu_source(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
                 { fmi2::describe(library(), $crate::fmi2::describe::source, description, reply, context) }
-                fn adaptive_fmu_kernel_text(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(library(), $crate::fmi2::describe::kernel, description, reply, context) }
-                fn adaptive_fmu_take_kernel(c: Component, kernel: *const $crate::kernel::Kernel) -> Boolean
-                { fmi2::take_kernel(c, kernel) }
+                fn adaptive_fmu_kernel_functions(c: Component, folded: Boolean, reply: Option<fmi2::Reply>,
+                    context: *mut c_void) -> Boolean
+                { fmi2::kernel_functions(c, folded, reply, context) }
+                fn adaptive_fmu_take_kernel(c: Component, kernel: *const $crate::kernel::Kernel, folded: Boolean) -> Boolean
+                { fmi2::take_kernel(c, kernel, folded) }
+                fn adaptive_fmu_has_kernel(c: Component) -> Boolean { fmi2::has_kernel(c) }
             }
         }
     };

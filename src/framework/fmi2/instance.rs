@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::error::{Number, StepError};
+use crate::error::{Invalid, Number, StepError};
 use crate::execution::Execution;
 use crate::system::Data;
 
 use super::access::{Access, NoValue, Type, element};
 use super::calls::{Answer, Function, Interface, Phase, Refused};
+use super::kernel::Functions;
 use super::logger::{self, DISCARDED, EVENTS, Logger};
 use super::model_description;
 use super::resources::DESCRIPTION;
@@ -78,9 +79,26 @@ impl Instance {
         self.phase = Phase::Poisoned;
     }
 
+    /// What a kernel of its equations is compiled from: for any parameters, or folded, for those that are there.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn kernel_functions(&mut self, folded: bool) -> Result<Functions, Invalid> {
+        if !folded {
+            return Functions::of(&self.unit.model, &|_| None);
+        }
+        let settled = self.execution.settle();
+        Functions::of(&self.unit.model, &|leaf| settled.known(leaf))
+    }
+
     /// Takes compiled equations; whether they are those of its model.
-    pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel) -> bool {
-        self.execution.take_kernel(kernel)
+    pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel, folded: bool) -> bool {
+        if folded { self.execution.take_folded_kernel(kernel) } else { self.execution.take_kernel(kernel) }
+    }
+
+    /// Whether it evaluates compiled equations.
+    pub fn has_kernel(&self) -> bool {
+        self.execution.has_kernel()
     }
 
     /// Refuses a call that the table doesn't allow now.

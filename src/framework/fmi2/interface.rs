@@ -9,7 +9,7 @@ use super::boundary::{array, array_mut, call, null, ok, string};
 use super::build::Library;
 use super::calls::{Answer, Function, Interface, Refused};
 use super::instance::Instance;
-pub use super::kernel_interface::take_kernel;
+pub use super::kernel_interface::{has_kernel, kernel_functions, take_kernel};
 use super::logger::{ERROR, Logger};
 pub use super::model_exchange_interface::{
     completed_integrator_step, enter_continuous_time_mode, enter_event_mode, get_continuous_states, get_derivatives,
@@ -19,6 +19,7 @@ use super::panics;
 use super::resources;
 use super::shared::Shared;
 pub use super::status::{get_boolean_status, get_integer_status, get_real_status, get_status, get_string_status};
+pub use super::types::Reply;
 use super::types::{
     Boolean, CO_SIMULATION, CallbackFunctions, Component, FmuState, MODEL_EXCHANGE, Status, StringPointer, TRUE,
     ValueReference,
@@ -376,9 +377,6 @@ pub fn do_step(c: Component, point: f64, step: f64) -> Status {
 pub fn cancel_step(c: Component) -> Status {
     call(c, Function::CancelStep, |_| Ok(Status::Ok))
 }
-
-/// What receives the reply of [`describe`].
-pub type Reply = unsafe extern "C-unwind" fn(context: *mut std::ffi::c_void, text: StringPointer);
 
 /// Answers a question about what a description asks for; see [`super::describe`].
 ///

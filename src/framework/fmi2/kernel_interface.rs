@@ -1,21 +1,53 @@
-//! The C side of a function beside the standard's: a host hands an instance its compiled equations.
+//! The C side of functions beside the standard's: an instance tells a host what its equations are compiled from, and is handed
+//! what came of it.
+
+use std::ffi::{CString, c_void};
 
 use super::instance::Instance;
-use super::panics;
-use super::types::{Boolean, Component, FALSE, TRUE};
+use super::types::{Boolean, Component, FALSE, Reply, TRUE};
+use super::{describe, floating_point, panics};
 use crate::kernel::Kernel;
 
-/// Has an instance evaluate its equations by a kernel from now on; whether that is one of its model.
+/// Replies what a kernel of an instance's equations is compiled from, for any parameters or folded, for those that it has;
+/// whether it did.
 ///
 /// # Safety
-/// The instance is alive and in no other call. The kernel is NULL or what a compiled
-/// [`text`](crate::fmi2::source::kernel::text) of this very library returned, which stays loaded as long as the instance lives.
-pub unsafe fn take_kernel(c: Component, kernel: *const Kernel) -> Boolean {
+/// The instance is alive and in no other call; `reply` may be called with `context`.
+pub unsafe fn kernel_functions(c: Component, folded: Boolean, reply: Option<Reply>, context: *mut c_void) -> Boolean {
+    // SAFETY: as this function asks of its caller.
+    let instance = unsafe { c.cast::<Instance>().as_mut() };
+    let Some((instance, reply)) = instance.zip(reply) else { return FALSE };
+    let Ok(text) = panics::contain(|| describe::kernel(instance.kernel_functions(folded != FALSE))) else {
+        return FALSE;
+    };
+    let Ok(text) = CString::new(text) else { return FALSE };
+    // SAFETY: the caller's own function, with its own context; the text lives until it returns.
+    floating_point::as_the_host(|| unsafe { reply(context, text.as_ptr()) });
+    TRUE
+}
+
+/// Has an instance evaluate its equations by a kernel from now on; whether that is one of its model, and folded, of the
+/// parameters that it has. One that is folded is left as soon as any of these is another.
+///
+/// # Safety
+/// The instance is alive and in no other call. The kernel is NULL or what was compiled from what an instance of this model
+/// replied last, by this very library, and stays in memory as long as the instance lives.
+pub unsafe fn take_kernel(c: Component, kernel: *const Kernel, folded: Boolean) -> Boolean {
     // SAFETY: as this function asks of its caller.
     let (instance, kernel) = unsafe { (c.cast::<Instance>().as_mut(), kernel.as_ref()) };
     let taken = |(instance, kernel): (&mut Instance, &Kernel)| {
         // Before a panic nothing is taken; the generic equations stay.
-        panics::contain(|| instance.take_kernel(*kernel)).unwrap_or(false)
+        panics::contain(|| instance.take_kernel(*kernel, folded != FALSE)).unwrap_or(false)
     };
     if instance.zip(kernel).is_some_and(taken) { TRUE } else { FALSE }
+}
+
+/// Whether an instance evaluates its equations by a kernel.
+///
+/// # Safety
+/// The instance is alive and in no other call.
+pub unsafe fn has_kernel(c: Component) -> Boolean {
+    // SAFETY: as this function asks of its caller.
+    let instance = unsafe { c.cast::<Instance>().as_ref() };
+    if instance.is_some_and(Instance::has_kernel) { TRUE } else { FALSE }
 }

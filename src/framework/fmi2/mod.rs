@@ -14,6 +14,7 @@ pub mod floating_point;
 pub mod instance;
 #[allow(unsafe_code)]
 pub mod interface;
+pub mod kernel;
 #[allow(unsafe_code)]
 mod kernel_interface;
 pub mod logger;

@@ -90,3 +90,6 @@ pub struct EventInfo {
     /// `nextEventTime`
     pub next_event_time: f64,
 }
+
+/// What receives the reply of a function beside the standard's.
+pub type Reply = unsafe extern "C-unwind" fn(context: *mut std::ffi::c_void, text: StringPointer);

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use super::elimination::Pattern;
-use crate::derivatives;
+use crate::differentiation;
 use crate::recording::{Instructions, Leaf, Method, Node, Recording};
 use crate::system::{DynSystem, Section, Variables};
 
@@ -69,7 +69,7 @@ impl Sparsity {
     pub fn jacobian(&self, system: &dyn DynSystem, variables: &Variables) -> &Instructions {
         self.jacobian.get_or_init(|| {
             let evaluate = Recording::of(system, Method::Evaluate, &variables.layout());
-            let jacobian = derivatives::jacobian(variables, &self.columns, evaluate);
+            let jacobian = differentiation::jacobian(variables, &self.columns, evaluate);
             Instructions::of(&jacobian.tape, &jacobian.nodes().collect::<Vec<Node>>())
         })
     }

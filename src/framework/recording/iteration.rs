@@ -7,10 +7,12 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use super::tape::{Leaf, Node, Operation, Tape};
 
 /// What an iteration does in a step. Its operations read its state, and what else they read, as [`Operation::Carried`].
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Body {
     /// The operations, in an order in which each comes after its operands.
     pub operations: Vec<Operation>,

@@ -26,5 +26,5 @@ pub use iteration::Body;
 pub use method::{Method, Recording};
 pub(crate) use node::on_tape;
 pub use node::{Condition, Recorded};
-pub(crate) use tangent::needed;
+pub use tangent::needed;
 pub use tape::{Binary, Comparison, Leaf, Node, Note, Operation, Tape, Unary};

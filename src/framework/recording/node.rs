@@ -171,6 +171,13 @@ impl BitOr for Condition {
 
 impl Flag for Condition {}
 
+impl Condition {
+    /// What computes it.
+    pub fn node(self) -> Node {
+        self.0
+    }
+}
+
 macro_rules! functions {
     ($($name:ident $function:ident),*) => {$(
         fn $name(self) -> Self {

@@ -231,7 +231,7 @@ impl Tape {
 }
 
 /// Which operations some nodes are made of, themselves included.
-pub(crate) fn needed(operations: &[Operation], wanted: &[Node]) -> Vec<bool> {
+pub fn needed(operations: &[Operation], wanted: &[Node]) -> Vec<bool> {
     let mut needed = vec![false; operations.len()];
     wanted.iter().for_each(|node| needed[node.index()] = true);
     // Operands come before what they are operands of.

@@ -5,12 +5,14 @@ use std::collections::hash_map::Entry;
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use super::iteration::Body;
 use crate::error::Invalid;
 use crate::scalar::Opaque;
 
 /// An operation's place on its tape.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Node(pub(super) u32);
 
 impl Node {
@@ -26,7 +28,7 @@ impl Node {
 }
 
 /// What a recording begins with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Leaf {
     /// Time.
     Time,
@@ -47,7 +49,7 @@ pub enum Leaf {
 }
 
 /// A function of one number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[allow(missing_docs)] // each has the name of its function
 pub enum Unary {
     Neg,
@@ -70,7 +72,7 @@ pub enum Unary {
 }
 
 /// An operation on two numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[allow(missing_docs)] // each has the name of its operation
 pub enum Binary {
     Add,
@@ -81,7 +83,7 @@ pub enum Binary {
 }
 
 /// A comparison of two numbers; where one is no number, none holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[allow(missing_docs)] // each has the name of its comparison
 pub enum Comparison {
     Below,
@@ -90,7 +92,7 @@ pub enum Comparison {
 }
 
 /// An operation. Conditions and integers are numbers too: 1 and 0, and whole numbers.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Operation {
     /// A number, by its bits.
     Constant(u64),

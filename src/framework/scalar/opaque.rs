@@ -1,7 +1,7 @@
 //! Functions that equations call and that no arithmetic expresses: each stands here once for every scalar.
 
 /// A function of numbers that is called as it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Opaque {
     /// The number of a sample of Gaussian noise, from seed, channel and sample.
     Noise,

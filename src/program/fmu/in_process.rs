@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::kernel::Awaited;
+use super::kernel::{Awaited, Equations};
 use super::messages::{Log, Messages, logger};
 use super::unit::{Answer, Call, RunningUnit};
 use crate::begun;
@@ -17,7 +17,7 @@ use crate::fmi2::calls::Function;
 use crate::fmi2::types::{CallbackFunctions, Component, EventInfo};
 
 /// A function of the library, before it has the type that the standard gives its name.
-type Symbol = unsafe extern "C" fn();
+pub(super) type Symbol = unsafe extern "C" fn();
 
 type Instantiate = unsafe extern "C" fn(
     *const c_char,
@@ -166,8 +166,8 @@ pub(super) struct InProcess {
     log: Box<Log>,
     _callbacks: Box<CallbackFunctions>,
     is_freed: bool,
-    /// Its compiled equations, until they are handed over.
-    kernel: RefCell<Option<Awaited>>,
+    /// Its compiled equations. Dropped when the instance is freed.
+    equations: RefCell<Equations>,
 }
 
 impl InProcess {
@@ -196,16 +196,13 @@ impl InProcess {
                 messages => format!("fmi2Instantiate failed: {}", messages.joined()),
             });
         }
-        let (binary, kernel) = (Arc::clone(binary), RefCell::new(kernel));
-        Ok(InProcess { component, binary, log, _callbacks: callbacks, is_freed: false, kernel })
+        let (binary, equations) = (Arc::clone(binary), RefCell::new(Equations::of(kernel)));
+        Ok(InProcess { component, binary, log, _callbacks: callbacks, is_freed: false, equations })
     }
 
     /// Hands over its compiled equations when they are there.
     fn look_for_kernel(&self) {
-        let mut kernel = self.kernel.borrow_mut();
-        if kernel.as_ref().is_some_and(|awaited| awaited.hand_to(self.component, &self.binary)) {
-            *kernel = None;
-        }
+        self.equations.borrow_mut().look(self.component, &self.binary);
     }
 }
 

@@ -27,7 +27,7 @@ use std::time::Duration;
 pub use guest::serve as serve_unit;
 use in_process::{Binary, InProcess, Plan};
 pub use instance::{Event, Instance};
-pub use kernel::compiler_trouble;
+pub use kernel::fold_parameters;
 use kernel::{Awaited, checksum};
 pub use messages::Messages;
 #[cfg(unix)]
@@ -195,12 +195,23 @@ impl Fmu {
     pub fn told(&self) -> String {
         let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
         let how = match self.co_simulation.as_ref().or_else(exchange) {
-            Some(Place::Here { kernel, .. }) => kernel.as_ref().map_or("in this process", Awaited::told),
+            Some(Place::Here { .. }) => "in this process",
             #[cfg(unix)]
             Some(Place::OwnProcess { .. }) => "each instance in a process of its own",
             None => "nowhere",
         };
-        format!("{}, {how}", self.file.display())
+        let evaluated = self.evaluated().map(|how| format!(", its equations {how}")).unwrap_or_default();
+        format!("{}, {how}{evaluated}", self.file.display())
+    }
+
+    /// How the equations of a unit of this package are evaluated.
+    pub fn evaluated(&self) -> Option<String> {
+        let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
+        match self.co_simulation.as_ref().or_else(exchange)? {
+            Place::Here { kernel, .. } => kernel.as_ref().map(Awaited::told),
+            #[cfg(unix)]
+            Place::OwnProcess { .. } => None,
+        }
     }
 
     /// The text of its modelDescription.xml.

@@ -108,9 +108,19 @@ pub struct UnitMark {
     pub parameters: BTreeMap<String, Value>,
     /// How it is integrated, of a unit of this package.
     pub integration: BTreeMap<String, Value>,
+    /// How its equations are evaluated, of a unit of this package: the numbers are the same.
+    #[serde(default)]
+    pub evaluated: Option<String>,
 }
 
 impl UnitMark {
+    /// Tells how the equations of units are evaluated, as far as it is known by now.
+    pub fn tell_evaluated(marks: &mut BTreeMap<String, Self>, loaded: &LoadedLoop) {
+        for unit in loaded.units() {
+            marks.entry(unit.name.clone()).and_modify(|mark| mark.evaluated = unit.fmu.evaluated());
+        }
+    }
+
     /// What is told of each unit in results, by its name; of which the archives were used as they are.
     ///
     /// # Errors
@@ -146,6 +156,7 @@ impl UnitMark {
             file,
             parameters: unit.values.iter().filter(differs).map(parameter).collect(),
             integration: integration.collect(),
+            evaluated: unit.fmu.evaluated(),
         }
     }
 }
@@ -164,9 +175,13 @@ fn told(value: &fmu::Value, variable: &Variable) -> Value {
 }
 
 impl Provenance {
-    /// What differs from an earlier run, in words.
+    /// What differs from an earlier run, in words. How equations are evaluated is no matter of results.
     pub fn differences(&self, earlier: &Self) -> Vec<String> {
-        let told = |it: &Self| serde_json::to_value(it).unwrap_or_default();
+        let told = |it: &Self| {
+            let mut it = it.clone();
+            it.units.values_mut().for_each(|unit| unit.evaluated = None);
+            serde_json::to_value(it).unwrap_or_default()
+        };
         differences(&told(earlier), &told(self))
     }
 }

@@ -3,7 +3,7 @@
 use super::Unit;
 use super::equations::{Head, Target, function};
 use super::expression::Kind;
-use crate::derivatives::{self, Directional};
+use crate::differentiation::{self, Directional};
 use crate::recording::{Method, Node};
 
 /// A Jacobian of more operations is computed direction by direction.
@@ -16,12 +16,12 @@ pub(super) fn write(unit: &Unit) -> String {
         what: "Changes of signals and rates in a direction: d holds changes of inputs and states, dt is that of time.",
         declaration: "static void unit_directional(real t, real dt, const real *v, const int *n, real *d)",
     };
-    let mut text = directional(unit, &head, derivatives::directional(variables, unit.record(Method::Evaluate)));
+    let mut text = directional(unit, &head, differentiation::directional(variables, unit.record(Method::Evaluate)));
     let head = Head {
         what: "Changes of all that follows from the start in a direction: d holds changes of inputs.",
         declaration: "static void unit_start_directional(real t, const real *v, const int *n, real *d)",
     };
-    text += &directional(unit, &head, derivatives::start_directional(variables, unit.record(Method::Start)));
+    text += &directional(unit, &head, differentiation::start_directional(variables, unit.record(Method::Start)));
     text + &jacobian(unit)
 }
 
@@ -50,12 +50,12 @@ fn jacobian(unit: &Unit) -> String {
 }
 
 /// The Jacobian of a unit with states, operation by operation, where these aren't too many.
-pub(super) fn written_out(unit: &Unit) -> Option<String> {
+fn written_out(unit: &Unit) -> Option<String> {
     let variables = unit.model.variables();
     if variables.states() == 0 {
         return None;
     }
-    let jacobian = derivatives::jacobian(variables, unit.model.sparsity().columns(), unit.record(Method::Evaluate));
+    let jacobian = differentiation::jacobian(variables, unit.model.sparsity().columns(), unit.record(Method::Evaluate));
     let numbered = |name: &'static str, nodes: &[Node]| {
         let target = |(k, &node): (usize, &Node)| Target::result(format!("{name}[{k}] ="), node);
         nodes.iter().enumerate().map(target).collect::<Vec<_>>()

@@ -5,12 +5,10 @@
 //! variable. The same description gives the same bytes.
 
 mod derivatives;
-mod elimination;
 mod equations;
 mod expression;
 mod function;
 mod header;
-pub mod kernel;
 mod message;
 mod names;
 mod tables;
