@@ -39,7 +39,7 @@ impl Compiled {
         Self::made(functions, true)
     }
 
-    /// Of those that evaluate the equations alone, quickly: in a fifth of the time, for a tenth more of it in each evaluation.
+    /// Of those that evaluate the equations alone, which are to be there soon.
     ///
     /// # Errors
     /// As [`Compiled::of`].
