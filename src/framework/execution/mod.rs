@@ -35,7 +35,7 @@ pub struct Execution {
     event_indicators: Vec<f64>,
     kernel: Option<Kernel>,
     /// The parameters that a kernel was asked for.
-    settled: Option<Settled>,
+    settled: Option<Box<Settled>>,
     /// Whether the kernel is for these alone.
     folded: bool,
     /// Messages that wait to be logged.
@@ -88,7 +88,7 @@ impl Execution {
 
     /// The parameters as they stand, for equations that are compiled for them alone.
     pub fn settle(&mut self) -> &Settled {
-        self.settled.insert(Settled::of(&self.model, &self.block))
+        self.settled.insert(Box::new(Settled::of(&self.model, &self.block)))
     }
 
     /// Takes equations that were compiled for the [settled](Execution::settle) parameters; whether they are those of its model

@@ -65,7 +65,7 @@ pub struct Instructions {
     registers: usize,
 }
 
-/// Registers of instructions, which these put in order when they are first carried out.
+/// Registers of instructions, of any.
 pub type Registers = Vec<f64>;
 
 impl Instructions {
@@ -106,11 +106,9 @@ impl Instructions {
         leaf: impl Fn(Leaf) -> f64,
         registers: &'a mut Registers,
     ) -> impl ExactSizeIterator<Item = f64> + 'a {
-        if registers.len() != self.registers {
-            registers.clear();
-            registers.resize(self.registers, 0.0);
-            registers[..self.constants.len()].copy_from_slice(&self.constants);
-        }
+        registers.resize(self.registers, 0.0);
+        // Others may have used them.
+        registers[..self.constants.len()].copy_from_slice(&self.constants);
         let given = &mut registers[self.constants.len()..];
         given.iter_mut().zip(&self.leaves).for_each(|(register, &which)| *register = leaf(which));
         self.run(&self.instructions, self.constants.len() + self.leaves.len(), registers);
@@ -189,4 +187,44 @@ pub fn slopes<const N: usize>(functions: impl FnOnce(Recorded) -> [Recorded; N],
     let wanted: Vec<Node> = nodes.into_iter().chain(slopes.into_iter().map(|slope| slope.unwrap_or(zero))).collect();
     let numbers: Vec<f64> = Instructions::of(&tape, &wanted).carry_out(|_| x, &mut Registers::new()).collect();
     std::array::from_fn(|k| (numbers[k], numbers[N + k]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scalar::Scalar;
+
+    #[test]
+    fn instructions_that_share_registers_have_constants_of_their_own() {
+        let instructions = |factor: f64| {
+            let (found, tape) = on_tape(0, || Recorded::of(Operation::Leaf(Leaf::Time)) * factor);
+            Instructions::of(&tape, &[found.node()])
+        };
+        let (double, triple) = (instructions(2.0), instructions(3.0));
+        assert_eq!(double.registers(), triple.registers());
+        let mut registers = Registers::new();
+        for (of, factor) in [(&double, 2.0), (&triple, 3.0), (&double, 2.0)] {
+            assert_eq!(of.carry_out(|_| 5.0, &mut registers).collect::<Vec<_>>(), [5.0 * factor]);
+        }
+    }
+
+    /// What stands behind a condition is skipped and computed again, whatever the registers held before.
+    #[test]
+    fn what_a_condition_leaves_out_is_computed_when_it_holds_again() {
+        let function = |x: Recorded| {
+            let zero = Recorded::from(0.0);
+            let below = x.below(zero);
+            Recorded::branch(below, || (-x).sqrt() * 2.0 + x, || (x + 1.0).ln() / x + x.sqrt() * x - x / (x + 3.0))
+        };
+        let (found, tape) = on_tape(0, || function(Recorded::of(Operation::Leaf(Leaf::Time))));
+        let of = Instructions::of(&tape, &[found.node()]);
+        assert!(of.instructions.iter().any(|one| matches!(one, Instruction::Where(..))));
+        let mut registers = Registers::new();
+        for x in [4.0, -9.0, 0.25, -1.0, f64::NAN, 7.0_f64] {
+            let expected =
+                if x < 0.0 { (-x).sqrt() * 2.0 + x } else { (x + 1.0).ln() / x + x.sqrt() * x - x / (x + 3.0) };
+            let found = of.carry_out(|_| x, &mut registers).next().unwrap();
+            assert!(found.to_bits() == expected.to_bits() || found.is_nan() && expected.is_nan(), "{x}: {found}");
+        }
+    }
 }
