@@ -7,6 +7,9 @@ use std::ops::Range;
 use crate::recording::{Given, Instructions, Leaf, Node, Operation, Recording, Registers, Tape};
 use crate::system::{Section, Variables};
 
+/// A Jacobian of more operations is computed direction by direction, in FMUs of any form.
+const LARGEST: usize = 6000;
+
 /// Changes of values of the block in a direction, which the leaves [`Leaf::TimeChange`] and [`Leaf::Change`] are.
 #[derive(Debug)]
 pub struct Directional {
@@ -27,17 +30,21 @@ pub struct Jacobian {
     pub by_time: Vec<Node>,
 }
 
-/// Of signals and rates, from a recording that evaluates them, by time, inputs and states.
+/// The changes of signals and rates by time, inputs and states, from a recording that evaluates them.
 pub fn directional(variables: &Variables, evaluate: Recording) -> Directional {
+    directional_of(variables, evaluate, &[Section::Signal, Section::Derivative])
+}
+
+fn directional_of(variables: &Variables, evaluate: Recording, sections: &[Section]) -> Directional {
     let knowns = [Section::Input, Section::State].map(|section| variables.reals(section));
-    in_direction(variables, evaluate, &[Section::Signal, Section::Derivative], |leaf| match leaf {
+    in_direction(variables, evaluate, sections, |leaf| match leaf {
         Leaf::Time => Some(Leaf::TimeChange),
         Leaf::Real(place) if is_in(&knowns, place) => Some(Leaf::Change(place)),
         _ => None,
     })
 }
 
-/// Of all that follows from the start, from its recording, by inputs.
+/// The changes of all that follows from the start by inputs, from its recording.
 pub fn start_directional(variables: &Variables, start: Recording) -> Directional {
     let inputs = variables.reals(Section::Input);
     let sections = [Section::State, Section::Discrete, Section::Connected, Section::Signal, Section::Derivative];
@@ -76,9 +83,12 @@ fn seeds(tape: &mut Tape, nodes: &[Node], change: impl Fn(Leaf) -> Option<Leaf>)
     found.into_iter().map(|(leaf, change)| (leaf, tape.leaf(change))).collect()
 }
 
-/// Of the state equation, from a recording that evaluates it: of each state the rates of some rows.
-pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording) -> Jacobian {
+/// The Jacobian of the state equation, from a recording that evaluates it, where it has an entry in these rows of each column;
+/// none where it has too many operations.
+pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording) -> Option<Jacobian> {
     let Recording { mut tape, reals, .. } = evaluate;
+    // Most of what is added is needed; beyond that, nobody has to know how much more it would be.
+    let most = tape.operations().len() + 2 * LARGEST;
     let (states, inputs) = (variables.reals(Section::State), variables.reals(Section::Input));
     let rates: Vec<Node> = variables.reals(Section::Derivative).map(|place| reals[place]).collect();
     let (zero, one) = (tape.number(0.0), tape.number(1.0));
@@ -88,6 +98,9 @@ pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording
         let state = Leaf::Real((states.start + column) as u32);
         let tangents = tape.tangents(&of_column, |leaf| (leaf == state).then_some(one));
         entries.extend(tangents.into_iter().map(|tangent| tangent.unwrap_or(zero)));
+        if tape.operations().len() > most {
+            return None;
+        }
     }
     let slopes = seeds(&mut tape, &rates, |leaf| match leaf {
         Leaf::Real(place) if inputs.contains(&(place as usize)) => Some(Leaf::Slope(place - inputs.start as u32)),
@@ -95,7 +108,8 @@ pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording
     });
     let by_time = tape.tangents(&rates, |leaf| if leaf == Leaf::Time { Some(one) } else { slopes.get(&leaf).copied() });
     let by_time = by_time.into_iter().map(|tangent| tangent.unwrap_or(zero)).collect();
-    Jacobian { tape, entries, by_time }
+    let jacobian = Jacobian { tape, entries, by_time };
+    (jacobian.size() <= LARGEST).then_some(jacobian)
 }
 
 impl Jacobian {
@@ -104,20 +118,108 @@ impl Jacobian {
         self.entries.iter().chain(&self.by_time).copied()
     }
 
-    /// How many operations it takes.
-    pub fn size(&self) -> usize {
+    /// The number of operations that it takes.
+    fn size(&self) -> usize {
         let wanted: Vec<Node> = self.nodes().collect();
         self.tape.needed(&wanted).into_iter().filter(|needed| *needed).count()
     }
 }
 
-/// What computes the changes of a block in a direction, again and again.
+/// The instructions that compute a Jacobian.
+#[derive(Debug)]
+pub enum Differentiator {
+    /// Each entry, and the rates' changes by time behind them.
+    Entries(Instructions),
+    /// The rates' changes in a direction. A direction takes a group of columns of which no two have an entry in the same row.
+    Directions {
+        /// The change of each rate.
+        rates: Instructions,
+        /// The group of each column.
+        group_of: Vec<usize>,
+        /// The number of groups.
+        groups: usize,
+        /// Where states and inputs begin in the block.
+        first: [usize; 2],
+    },
+}
+
+impl Differentiator {
+    /// Those for a pattern: the rows of each column, and the columns of each group.
+    pub fn of(
+        variables: &Variables,
+        (columns, groups): (&[Vec<u32>], &[Vec<u32>]),
+        evaluate: impl Fn() -> Recording,
+    ) -> Self {
+        if let Some(jacobian) = jacobian(variables, columns, evaluate()) {
+            return Differentiator::Entries(Instructions::of(&jacobian.tape, &jacobian.nodes().collect::<Vec<Node>>()));
+        }
+        let Directional { mut tape, changes } = directional_of(variables, evaluate(), &[Section::Derivative]);
+        let zero = tape.number(0.0);
+        let nodes: Vec<Node> = changes.into_iter().map(|(_, change)| change.unwrap_or(zero)).collect();
+        let mut group_of = vec![0; columns.len()];
+        for (group, columns) in groups.iter().enumerate() {
+            columns.iter().for_each(|&column| group_of[column as usize] = group);
+        }
+        let first = [Section::State, Section::Input].map(|section| variables.reals(section).start);
+        Differentiator::Directions { rates: Instructions::of(&tape, &nodes), group_of, groups: groups.len(), first }
+    }
+
+    /// The number of registers that they need.
+    pub fn registers(&self) -> usize {
+        match self {
+            Differentiator::Entries(rates) | Differentiator::Directions { rates, .. } => rates.registers(),
+        }
+    }
+
+    /// Writes the entries column by column, and the rates' changes by time, where values of leaves are found by a function;
+    /// inputs move along [`Leaf::Slope`].
+    pub fn carry_out(
+        &self,
+        columns: &[Vec<u32>],
+        leaf: impl Fn(Leaf) -> f64,
+        registers: &mut Registers,
+        (entries, by_time): (&mut [f64], &mut [f64]),
+    ) {
+        let (rates, group_of, groups, [first_state, first_input]) = match self {
+            Differentiator::Entries(instructions) => {
+                let found = instructions.carry_out(leaf, registers);
+                entries.iter_mut().chain(by_time).zip(found).for_each(|(number, found)| *number = found);
+                return;
+            }
+            Differentiator::Directions { rates, group_of, groups, first } => (rates, group_of, *groups, *first),
+        };
+        for group in 0..=groups {
+            let is_time = group == groups;
+            let change = |which: Leaf| match which {
+                Leaf::TimeChange => f64::from(u8::from(is_time)),
+                Leaf::Change(place) => match (place as usize).checked_sub(first_state) {
+                    Some(state) if state < group_of.len() => f64::from(u8::from(group_of[state] == group)),
+                    _ if is_time => leaf(Leaf::Slope(place - first_input as u32)),
+                    _ => 0.0,
+                },
+                _ => leaf(which),
+            };
+            let found = rates.carry_out(change, registers);
+            if is_time {
+                by_time.iter_mut().zip(found).for_each(|(number, found)| *number = found);
+                return;
+            }
+            drop(found);
+            let places = columns.iter().zip(group_of).flat_map(|(rows, of)| rows.iter().map(move |&row| (row, *of)));
+            for ((row, _), entry) in places.zip(&mut *entries).filter(|((_, of), _)| *of == group) {
+                *entry = rates.result(row as usize, registers);
+            }
+        }
+    }
+}
+
+/// The instructions that compute the changes of a block in a direction.
 #[derive(Debug)]
 pub struct Direction {
     instructions: Instructions,
-    /// Where the changes go that it computes.
+    /// The places whose changes are computed.
     changing: Vec<usize>,
-    /// What doesn't change.
+    /// The places that don't change.
     fixed: Vec<usize>,
 }
 

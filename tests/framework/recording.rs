@@ -96,8 +96,12 @@ impl Draw {
             Leaf::Slope(input) => slopes.map_or(0.0, |slopes| slopes[input as usize]),
             other => panic!("the equations of rates don't read {other:?}"),
         };
-        let jacobian = model.sparsity().jacobian(model.system(), model.variables());
-        jacobian.carry_out(leaf, &mut Registers::new()).collect()
+        let (sparsity, states) = (model.sparsity(), model.variables().states());
+        let mut found = vec![0.0; sparsity.entries() + states];
+        let results = found.split_at_mut(sparsity.entries());
+        let differentiator = sparsity.differentiator(model.system(), model.variables());
+        differentiator.carry_out(sparsity.columns(), leaf, &mut Registers::new(), results);
+        found
     }
 
     /// The same but for some of what is given: zero, small and large numbers, numbers that are equal to each other.

@@ -13,9 +13,7 @@ use crate::system::Section;
 
 /// Equations of more operations are evaluated as they are: making a kernel of them takes too long.
 const LARGEST: usize = 20_000;
-/// A Jacobian of more operations is computed direction by direction.
-const LARGEST_JACOBIAN: usize = 6000;
-/// So many operations are followed at most while a Jacobian is recorded, which takes some 10 ms.
+/// Operations that are followed at most while a Jacobian is recorded: beyond that, few runs are long enough for it.
 const MOST_FOLLOWED: usize = 250_000;
 
 /// What a kernel is compiled from.
@@ -128,19 +126,17 @@ impl Functions {
             jacobian: None,
             solver: None,
         };
-        if variables.states() == 0 || variables.states() * evaluation > MOST_FOLLOWED {
-            functions.equations = recording.tape.operations().to_vec();
-            return Ok(functions);
-        }
-        let jacobian = differentiation::jacobian(variables, sparsity.columns(), recording);
-        functions.equations = jacobian.tape.operations().to_vec();
-        if jacobian.size() <= LARGEST_JACOBIAN {
-            let numbered = |nodes: Vec<Node>| (0..).zip(nodes).collect();
-            functions.jacobian = Some([jacobian.entries, jacobian.by_time].map(numbered));
-            functions.solver = elimination::record(sparsity);
-            functions.sizes.factors = functions.solver.as_ref().map_or(0, |solver| solver.factors.len() as u32);
-        } else {
-            functions.equations.truncate(evaluation);
+        let equations = recording.tape.operations().to_vec();
+        let follows = (1..=MOST_FOLLOWED).contains(&(variables.states() * evaluation));
+        match follows.then(|| differentiation::jacobian(variables, sparsity.columns(), recording)).flatten() {
+            Some(jacobian) => {
+                let numbered = |nodes: Vec<Node>| (0..).zip(nodes).collect();
+                functions.equations = jacobian.tape.operations().to_vec();
+                functions.jacobian = Some([jacobian.entries, jacobian.by_time].map(numbered));
+                functions.solver = elimination::record(sparsity);
+                functions.sizes.factors = functions.solver.as_ref().map_or(0, |solver| solver.factors.len() as u32);
+            }
+            None => functions.equations = equations,
         }
         Ok(functions)
     }

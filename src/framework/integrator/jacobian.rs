@@ -39,7 +39,7 @@ impl Jacobian {
 
     /// Records what computes it, unless that was done, and takes the memory that it needs: a step takes none.
     pub fn prepare(&mut self, problem: &Problem) {
-        let registers = self.sparsity.jacobian(problem.system, problem.variables).registers();
+        let registers = self.sparsity.differentiator(problem.system, problem.variables).registers();
         self.registers.reserve(registers.saturating_sub(self.registers.len()));
     }
 
@@ -92,9 +92,9 @@ impl Jacobian {
             Leaf::Slope(input) if !problem.held => problem.ramp.slopes[input as usize],
             _ => 0.0,
         };
-        let instructions = self.sparsity.jacobian(problem.system, problem.variables);
-        let found = instructions.carry_out(leaf, &mut self.registers);
-        self.entries.iter_mut().chain(&mut self.by_time).zip(found).for_each(|(number, found)| *number = found);
+        let differentiator = self.sparsity.differentiator(problem.system, problem.variables);
+        let results = (&mut self.entries[..], &mut self.by_time[..]);
+        differentiator.carry_out(self.sparsity.columns(), leaf, &mut self.registers, results);
     }
 
     /// How large ∂f/∂x is, with states in units of their nominal values: its largest sum of a row, 1/s.

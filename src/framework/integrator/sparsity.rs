@@ -3,8 +3,8 @@
 use std::sync::OnceLock;
 
 use super::elimination::Pattern;
-use crate::differentiation;
-use crate::recording::{Instructions, Leaf, Method, Node, Recording};
+use crate::differentiation::Differentiator;
+use crate::recording::{Leaf, Method, Recording};
 use crate::system::{DynSystem, Section, Variables};
 
 /// The pattern of ∂f/∂x, and columns that one direction takes together.
@@ -16,8 +16,8 @@ pub struct Sparsity {
     groups: Vec<Vec<u32>>,
     /// The pattern of its elimination, where that is worth it.
     pattern: Option<Pattern>,
-    /// What computes its entries, and the rates' change by time.
-    jacobian: OnceLock<Instructions>,
+    /// The instructions that compute its entries.
+    differentiator: OnceLock<Differentiator>,
 }
 
 /// Where an entry of the Jacobian stands.
@@ -62,16 +62,14 @@ impl Sparsity {
             columns[column].iter().for_each(|&row| taken[group][row as usize] = true);
         }
         let pattern = Pattern::new(&columns);
-        Sparsity { columns, groups, pattern, jacobian: OnceLock::new() }
+        Sparsity { columns, groups, pattern, differentiator: OnceLock::new() }
     }
 
-    /// What computes the entries column by column, and the rates' change by time: recorded when it is first asked for.
-    pub fn jacobian(&self, system: &dyn DynSystem, variables: &Variables) -> &Instructions {
-        self.jacobian.get_or_init(|| {
-            let evaluate = Recording::of(system, Method::Evaluate, &variables.layout());
-            let jacobian = differentiation::jacobian(variables, &self.columns, evaluate);
-            Instructions::of(&jacobian.tape, &jacobian.nodes().collect::<Vec<Node>>())
-        })
+    /// The instructions that compute the entries, and the rates' changes by time: recorded when they are first asked for.
+    pub fn differentiator(&self, system: &dyn DynSystem, variables: &Variables) -> &Differentiator {
+        let evaluate = || Recording::of(system, Method::Evaluate, &variables.layout());
+        let pattern = (&self.columns[..], &self.groups[..]);
+        self.differentiator.get_or_init(|| Differentiator::of(variables, pattern, evaluate))
     }
 
     /// Where each entry stands, column by column.

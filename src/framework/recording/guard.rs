@@ -1,6 +1,8 @@
 //! Where operations are needed: under which conditions what is wanted asks for them. Where hosts trap floating-point exceptions,
 //! a quotient must not be computed that equations don't ask for.
 
+use std::rc::Rc;
+
 use super::tape::{Node, Operation};
 
 /// A condition, and whether it holds.
@@ -88,21 +90,24 @@ fn is_part(term: &[Literal], of: &[Literal], without: Option<Node>) -> bool {
     term.iter().all(|literal| Some(literal.0) == without || of.contains(literal))
 }
 
-/// Where each operation is needed for what is wanted, itself perhaps under a condition.
-pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option<Node>)]) -> Vec<Guard> {
-    let mut guards = vec![Guard::default(); operations.len()];
+/// Where each operation is needed for what is wanted, itself perhaps under a condition. Many are needed where others are.
+pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option<Node>)]) -> Vec<Rc<Guard>> {
+    // One that has no terms yet is replaced, not changed.
+    let none = Rc::new(Guard::default());
+    let mut guards: Vec<Rc<Guard>> = operations.iter().map(|_| Rc::clone(&none)).collect();
+    let always = Rc::new(Guard::always());
     for (node, condition) in wanted {
-        let under = condition.map_or(Guard::always(), |node| Guard::always().and(&literals(operations, (node, true))));
-        merge(&mut guards[node.index()], &under);
+        let under = condition.map(|node| Rc::new(always.and(&literals(operations, (node, true)))));
+        merge(&mut guards[node.index()], under.as_ref().unwrap_or(&always));
     }
     for place in (0..operations.len()).rev().filter(|&place| needed[place]) {
-        let own = std::mem::take(&mut guards[place]);
+        let own = Rc::clone(&guards[place]);
         let mut ask = |node: Node, under: Option<Literal>| {
             let of = &mut guards[node.index()];
             match under {
                 _ if of.is_always() => {}
                 None => merge(of, &own),
-                Some(under) => merge(of, &own.and(&literals(operations, under))),
+                Some(under) => merge(of, &Rc::new(own.and(&literals(operations, under)))),
             }
         };
         match &operations[place] {
@@ -122,13 +127,18 @@ pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option
             }
             operation => operation.operands().for_each(|operand| ask(operand, None)),
         }
-        guards[place] = own;
     }
     guards
 }
 
-fn merge(guard: &mut Guard, other: &Guard) {
-    other.terms.iter().for_each(|term| guard.or(term.clone()));
+/// Takes the terms of another guard in.
+fn merge(guard: &mut Rc<Guard>, other: &Rc<Guard>) {
+    if guard.terms.is_empty() {
+        *guard = Rc::clone(other);
+    } else if !Rc::ptr_eq(guard, other) {
+        let guard = Rc::make_mut(guard);
+        other.terms.iter().for_each(|term| guard.or(term.clone()));
+    }
 }
 
 /// What a literal is made of, where it holds.
@@ -192,10 +202,10 @@ mod tests {
         let where_all = |literals: &[(Node, bool)]| Guard::always().and(literals);
         let of_inner = where_all(&[(at(0), false), (at(1), true)]);
         assert!([0, 4, 5, 7].iter().all(|&place: &usize| found[place].is_always()));
-        assert_eq!((&found[6], &found[2]), (&of_inner, &of_inner), "the inner selection, and x");
-        assert_eq!(found[3], where_all(&[(at(5), false)]), "y: of the inner selection it is never asked for");
-        assert_eq!(found[1], where_all(&[(at(0), false)]), "b: where a doesn't decide");
+        assert_eq!((&*found[6], &*found[2]), (&of_inner, &of_inner), "the inner selection, and x");
+        assert_eq!(*found[3], where_all(&[(at(5), false)]), "y: of the inner selection it is never asked for");
+        assert_eq!(*found[1], where_all(&[(at(0), false)]), "b: where a doesn't decide");
         let told = guards(&operations, &[true; 8], &[(at(2), Some(at(0)))]);
-        assert_eq!(told[2], where_all(&[(at(0), true)]), "what is told where a condition holds");
+        assert_eq!(*told[2], where_all(&[(at(0), true)]), "what is told where a condition holds");
     }
 }

@@ -116,6 +116,11 @@ impl Instructions {
         self.results.iter().map(move |&register| registers[register as usize])
     }
 
+    /// The value of one of them, as it was found last.
+    pub fn result(&self, number: usize, registers: &Registers) -> f64 {
+        registers[self.results[number] as usize]
+    }
+
     /// Carries instructions out, whose results go to registers from the first on.
     fn run(&self, instructions: &[Instruction], first: usize, r: &mut [f64]) {
         let mut to = first;

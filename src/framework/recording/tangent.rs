@@ -19,11 +19,16 @@ impl Tape {
 
     /// The same, where what is given may also be what an iteration carries: a place on the tape, and what stands there.
     fn tangents_of(&mut self, wanted: &[Node], seed: &Seed) -> Vec<Option<Node>> {
-        let needed = self.needed(wanted);
-        let mut tangents: Vec<Option<Node>> = vec![None; needed.len()];
-        // What is added stands behind, and has no change itself.
-        for place in (0..needed.len()).filter(|&place| needed[place]) {
-            tangents[place] = self.tangent(Node(place as u32), &tangents, seed);
+        // What was added before stands behind, and so does what is added here: it has no change itself.
+        let len = wanted.iter().map(|node| node.index() + 1).max().unwrap_or_default();
+        let needed = needed(&self.operations[..len], wanted);
+        let mut tangents: Vec<Option<Node>> = vec![None; len];
+        for place in (0..len).filter(|&place| needed[place]) {
+            let operation = &self.operations[place];
+            let is_given = matches!(operation, Operation::Leaf(_) | Operation::Carried(_));
+            if is_given || operation.operands().any(|operand| tangents[operand.index()].is_some()) {
+                tangents[place] = self.tangent(Node(place as u32), &tangents, seed);
+            }
         }
         wanted.iter().map(|node| tangents[node.index()]).collect()
     }

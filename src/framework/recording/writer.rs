@@ -1,6 +1,7 @@
 //! Instructions of operations: what is needed under a condition alone stands behind that condition.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
 use super::guard::{Guard, guards};
 use super::instructions::{Instruction, Loop, Register};
@@ -122,7 +123,7 @@ enum Joint {
 /// Instructions that are being written.
 struct Scope<'a> {
     operations: &'a [Operation],
-    guards: Vec<Guard>,
+    guards: Vec<Rc<Guard>>,
     given: &'a dyn Fn(usize, &Operation) -> Register,
     known: &'a HashMap<u64, Register>,
     /// Products that are computed within the sum that they are part of.
@@ -218,7 +219,7 @@ impl Scope<'_> {
 
     /// Where an operation is needed; nothing where that is always.
     fn guard(&mut self, place: usize) -> Option<Register> {
-        let guard = self.guards[place].clone();
+        let guard = Rc::clone(&self.guards[place]);
         let mut any = None;
         for term in guard.terms() {
             let mut all = None;

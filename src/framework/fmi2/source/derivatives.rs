@@ -6,9 +6,6 @@ use super::expression::Kind;
 use crate::differentiation::{self, Directional};
 use crate::recording::{Method, Node};
 
-/// A Jacobian of more operations is computed direction by direction.
-const LARGEST: usize = 6000;
-
 /// All of them.
 pub(super) fn write(unit: &Unit) -> String {
     let variables = unit.model.variables();
@@ -55,14 +52,15 @@ fn written_out(unit: &Unit) -> Option<String> {
     if variables.states() == 0 {
         return None;
     }
-    let jacobian = differentiation::jacobian(variables, unit.model.sparsity().columns(), unit.record(Method::Evaluate));
+    let jacobian =
+        differentiation::jacobian(variables, unit.model.sparsity().columns(), unit.record(Method::Evaluate))?;
     let numbered = |name: &'static str, nodes: &[Node]| {
         let target = |(k, &node): (usize, &Node)| Target::result(format!("{name}[{k}] ="), node);
         nodes.iter().enumerate().map(target).collect::<Vec<_>>()
     };
     let mut targets = numbered("jacobian", &jacobian.entries);
     targets.extend(numbered("by_time", &jacobian.by_time));
-    (jacobian.size() <= LARGEST).then(|| function(unit, &JACOBIAN, &jacobian.tape, &targets, &[]))
+    Some(function(unit, &JACOBIAN, &jacobian.tape, &targets, &[]))
 }
 
 /// The Jacobian direction by direction: several columns in each, of which no two move the same rate.

@@ -1,11 +1,11 @@
 //! Straight-line C of a recording: what is used once stands where it is used, what is used more often has a name.
 
 use std::fmt::Write;
+use std::rc::Rc;
 
 use super::expression::{Expression, Kind};
 use super::names::Names;
-use crate::recording::{Body, Leaf, Node, Operation, Tape, needed};
-use crate::recording::{Guard, guards};
+use crate::recording::{Body, Guard, Leaf, Node, Operation, Tape, guards, needed};
 use crate::scalar::Opaque;
 
 /// Expressions of more operations get a name, so that a person can follow them.
@@ -26,7 +26,7 @@ struct Scope<'a> {
     operations: &'a [Operation],
     /// How often each is used, and where.
     uses: Vec<u32>,
-    guards: Vec<Guard>,
+    guards: Vec<Rc<Guard>>,
     found: Vec<Option<Expression>>,
     /// Which are being computed.
     is_open: Vec<bool>,
@@ -176,7 +176,7 @@ impl<'a> Function<'a> {
 
     /// Where an operation is needed; nothing where that is always.
     fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
-        let guard = scope.guards[place].clone();
+        let guard = Rc::clone(&scope.guards[place]);
         let mut any: Option<Expression> = None;
         for term in guard.terms() {
             let mut all: Option<Expression> = None;
