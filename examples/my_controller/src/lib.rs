@@ -25,7 +25,7 @@ pub struct SpeedController {
 impl System for SpeedController {
     /// Sizes and options of the model, read from its description; this one has none.
     type Structure = NoStructure;
-    /// What a description calls it: `model = "speed-controller"`.
+    /// The name in descriptions: `model = "speed-controller"`.
     const NAME: &'static str = "speed-controller";
     /// The page in the FMU.
     const DOCUMENTATION: &'static str = r"The speed $y$ of a motor $\dot y = -a y + b u$, $b > 0$, whose $a$ and $b$ are unknown, follows the

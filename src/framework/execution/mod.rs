@@ -99,7 +99,7 @@ impl Execution {
         taken
     }
 
-    /// Whether compiled equations are evaluated.
+    /// True if compiled equations are evaluated.
     pub fn has_kernel(&self) -> bool {
         self.kernel.is_some()
     }

@@ -58,9 +58,9 @@ pub struct Solver {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Callees {
     unary: Vec<(Unary, u64)>,
-    /// Of the function that takes a number to the power of another.
+    /// The address of the function that takes a number to the power of another.
     pub power: u64,
-    /// Of [`Opaque::Noise`], of three numbers.
+    /// The address of [`Opaque::Noise`], of three numbers.
     pub noise: u64,
 }
 
@@ -91,7 +91,7 @@ impl Callees {
         Callees { unary, power: address(power as *const ()), noise: address(noise as *const ()) }
     }
 
-    /// Of a function of one number that isn't an instruction of every processor.
+    /// The address of a function of one number that isn't an instruction of every processor.
     pub fn of(&self, function: Unary) -> Option<u64> {
         self.unary.iter().find(|(known, _)| *known == function).map(|(_, address)| *address)
     }
@@ -113,7 +113,7 @@ impl Functions {
         let wanted: Vec<Node> = signals.iter().chain(&rates).map(|(_, node)| *node).collect();
         let size = size(&recording.tape, &wanted);
         if size > LARGEST {
-            return Err(Invalid::because(format!("{size} operations are more than {LARGEST}")));
+            return Err(Invalid::because(format!("{size} operations are more than the {LARGEST} that are compiled")));
         }
         let (sparsity, evaluation) = (model.sparsity(), recording.tape.operations().len());
         let mut functions = Functions {

@@ -121,7 +121,7 @@ impl UnitMark {
         }
     }
 
-    /// What is told of each unit in results, by its name; of which the archives were used as they are.
+    /// The marks of all units by their names; a function says of which the archives were used as they are.
     ///
     /// # Errors
     /// When an archive can't be read any more.
@@ -140,7 +140,7 @@ impl UnitMark {
         Ok(marked)
     }
 
-    /// What is told of a unit, with its archive, where that is used as it is.
+    /// The mark of a unit, with its archive, where that is used as it is.
     fn of(unit: &LoadedUnit, file: Option<Mark>) -> Self {
         let ModelDescription { name, guid, variables, .. } = &unit.fmu.description;
         let differs = |(place, value): &&(usize, fmu::Value)| own_start(&variables[*place]).as_ref() != Some(value);
