@@ -7,13 +7,13 @@ use adaptive_fmu_sources::{self as sources, entries};
 
 fn main() {
     embed();
-    // All that the library is made of. The framework lies within src, but in a package from a registry, where it is one of its
-    // own. Of the documentation there is what FMUs and archives hold.
-    let code = entries(Path::new("src"))
-        .into_iter()
-        .filter(|path| !path.ends_with("program") && !path.ends_with("command_line"));
-    let texts = ["plants", "Cargo.toml", "docs/controllers", "docs/plants", "docs/license.txt", "docs/start.txt"];
-    sources::tell(&code.chain(texts.map(PathBuf::from)).collect::<Vec<_>>());
+    // All that the library is made of; in a package from a registry, the framework is one of its own. Of the documentation there
+    // is what FMUs and archives hold.
+    let code = ["framework", "library"].map(|name| Path::new("crates").join(name).join("src"));
+    let texts =
+        ["src", "plants", "Cargo.toml", "docs/controllers", "docs/plants", "docs/license.txt", "docs/start.txt"];
+    let places = code.into_iter().filter(|folder| folder.is_dir()).chain(texts.map(PathBuf::from));
+    sources::tell(&places.collect::<Vec<_>>());
 }
 
 /// The descriptions of FMUs and the closed loops, within the program: it needs no files beside it.

@@ -3,8 +3,6 @@
 
 mod report;
 mod template;
-#[cfg(test)]
-mod tests;
 mod units;
 
 use serde::Deserialize;

@@ -123,24 +123,51 @@ def test_an_event_lies_where_scipy_finds_it(mine) -> None:
             assert sum(unit[f"heating[{k}]"] for k in (1, 2, 3)) == 3 - count
 
 
-@pytest.mark.parametrize("step", [0.001, 0.1, 4.0])
-def test_a_ball_of_ones_own_bounces_as_the_closed_form_says_and_comes_to_rest(mine, step: float) -> None:
+METHODS = [("explicit", 1e-3), ("stiff", 1e-6), ("automatic", 1e-9)]
+
+
+@pytest.mark.parametrize("step", [0.001, 0.0137, 0.1, 1.0, 4.0])
+@pytest.mark.parametrize(("method", "tolerance"), METHODS, ids=[method for method, _ in METHODS])
+def test_a_ball_of_ones_own_bounces_as_the_closed_form_says_and_comes_to_rest(mine, method: str, tolerance: float, step: float) -> None:
     """Its flights last v, .7 v, .49 v … (2/g): the bounce that leaves at most 1 mm/s is the last."""
     g, restitution = 9.81, 0.7
-    speed, time = np.sqrt(2 * g), np.sqrt(2 / g)
-    bounces = [time]
-    while (speed := restitution * speed) > 1e-3:
-        time += 2 * speed / g
-        bounces.append(time)
+    speeds, bounces = [np.sqrt(2 * g)], [np.sqrt(2 / g)]
+    while (speed := restitution * speeds[-1]) > 1e-3:
+        speeds.append(speed)
+        bounces.append(bounces[-1] + 2 * speed / g)
     end = np.sqrt(2 / g) * (1 + restitution) / (1 - restitution)
-    assert 0 < end - bounces[-1] < 1e-3
+    assert len(bounces) == 24 and 0 < end - bounces[-1] < 1e-3
+
+    def height(time: float, passed: int) -> float:
+        if passed == len(bounces):
+            return 0.0
+        flown = time - bounces[passed - 1] if passed else time
+        return speeds[passed] * flown - g / 2 * flown**2 if passed else 1.0 - g / 2 * flown**2
+
+    speeds = [0.0, *(restitution * speed for speed in speeds)]
     with Unit(mine["Ball"]) as unit:
+        unit["relative_tolerance"], unit["integration_method"] = tolerance, method
         unit.start()
         for k in range(round(4.0 / step)):
             unit.step(k * step, step)
-            passed = sum(bounce <= (k + 1) * step for bounce in bounces)
+            time = (k + 1) * step
+            passed = sum(bounce <= time for bounce in bounces)
             assert (unit["bounces"], bool(unit["rests"])) == (passed, passed == len(bounces))
-        assert (unit["height"], unit["speed"]) == (0.0, 0.0)
+            assert abs(unit["height"] - height(time, passed)) < 1e-9
+        if 4.0 - round(4.0 / step) * step < step:
+            assert (unit["height"], unit["speed"]) == (0.0, 0.0)
+
+
+def test_a_ball_of_ones_own_comes_to_rest_in_model_exchange_and_by_steps_of_fixed_length_too(mine) -> None:
+    path = str(mine["Ball"].path)
+    ran = fmpy.simulate_fmu(path, stop_time=4.0, fmi_type="ModelExchange", solver="CVode", output=["height", "speed", "bounces"])
+    assert tuple(ran[-1])[1:] == (0.0, 0.0, 24)
+    with Unit(mine["Ball"]) as unit:
+        unit["integration_method"], unit["fixed_steps"] = "fixed", 10
+        unit.start()
+        for k in range(300):
+            unit.step(k * 0.01, 0.01)
+        assert unit["height"] == 0.0 and unit["bounces"] > 3
 
 
 def test_a_saved_state_goes_on_bit_for_bit(mine) -> None:
@@ -194,7 +221,7 @@ def test_models_of_another_library_are_not_found_in_this_one(library, tmp_path) 
 def crate(folder: Path, models: str, dependency: str = "") -> subprocess.CompletedProcess[str]:
     """Checks a copy of the crate with other models in the macro's line, and another dependency beside the framework."""
     shutil.copytree(CRATE, folder, ignore=shutil.ignore_patterns("target"))
-    framework = f'adaptive-fmu = {{ package = "adaptive-fmu-framework", path = "{ROOT / "src" / "framework"}" }}'
+    framework = f'adaptive-fmu = {{ package = "adaptive-fmu-framework", path = "{ROOT / "crates" / "framework"}" }}'
     manifest = (folder / "Cargo.toml").read_text()
     line = next(line for line in manifest.splitlines() if line.startswith("adaptive-fmu"))
     (folder / "Cargo.toml").write_text(manifest.replace(line, f"{framework}\n{dependency}"))

@@ -220,7 +220,7 @@ def test_pages_count_the_fmus_and_loops_that_list_shows() -> None:
 
 def constant(file: str, name: str) -> float:
     """A number in the sources; where a platform chooses, the first."""
-    found = re.search(rf"\b{name}(?:: \w+ =|:) (.+?)(?:;|,\n)", (ROOT / "src" / file).read_text())
+    found = re.search(rf"\b{name}(?:: \w+ =|:) (.+?)(?:;|,\n)", (ROOT / file).read_text())
     assert found, f"{file} has no {name}"
     chosen = re.search(r"\{ (\d+) \}", found[1])
     low, _, bits = (chosen[1] if chosen else found[1]).replace("_", "").partition(" << ")
@@ -228,30 +228,30 @@ def constant(file: str, name: str) -> float:
 
 
 def league(name: str) -> int:
-    return int(constant("program/league/study.rs", rf"{name}(?=: \d)"))
+    return int(constant("crates/program/src/league/study.rs", rf"{name}(?=: \d)"))
 
 
 # What a page says with a number that the sources hold: the numbers in their order.
 HELD = {
     "compare_and_sweep.md": [
-        ("more than {} runs the curves of {} are drawn", lambda: 2 * [constant("program/analysis/sweep/mod.rs", "MOST_DRAWN")]),
+        ("more than {} runs the curves of {} are drawn", lambda: 2 * [constant("crates/program/src/analysis/sweep/mod.rs", "MOST_DRAWN")]),
     ],
     "run.md": [
         ("leaves {} files in", lambda: [len(FILES)]),
-        ("for up to {} communication steps", lambda: [constant("program/analysis/operating_point.rs", "STEPS")]),
-        ("hardly moves within {} steps", lambda: [2 * constant("program/analysis/operating_point.rs", "STEPS")]),
-        ("more than {} million values", lambda: [constant("program/results/recorder.rs", "KEPT") // 1e6]),
-        ("for each {} million values", lambda: [constant("program/results/recorder.rs", "BLOCK") // 1e6]),
-        ("lines of at most {} MiB", lambda: [constant("program/simulation/inputs.rs", "LONGEST_LINE") / 2**20]),
+        ("for up to {} communication steps", lambda: [constant("crates/program/src/analysis/operating_point.rs", "STEPS")]),
+        ("hardly moves within {} steps", lambda: [2 * constant("crates/program/src/analysis/operating_point.rs", "STEPS")]),
+        ("more than {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "KEPT") // 1e6]),
+        ("for each {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "BLOCK") // 1e6]),
+        ("lines of at most {} MiB", lambda: [constant("crates/program/src/simulation/inputs.rs", "LONGEST_LINE") / 2**20]),
     ],
-    "memory.md": [("is freed, {} units at most", lambda: [constant("framework/fmi2/shared.rs", "MOST_KEPT")])],
+    "memory.md": [("is freed, {} units at most", lambda: [constant("crates/framework/src/fmi2/shared.rs", "MOST_KEPT")])],
     "foreign_units.md": [
-        ("messages, a {} are shown", lambda: [constant("program/simulation/closed_loop.rs", "MOST_MESSAGES")]),
+        ("messages, a {} are shown", lambda: [constant("crates/program/src/simulation/closed_loop.rs", "MOST_MESSAGES")]),
     ],
     "step_flags.md": [
         (
             "for at least {} steps, and for at most {}.",
-            lambda: [constant("controllers/moves.rs", f"{which}_WAIT") for which in ["SHORTEST", "LONGEST"]],
+            lambda: [constant("src/controllers/moves.rs", f"{which}_WAIT") for which in ["SHORTEST", "LONGEST"]],
         ),
     ],
     "league.md": [
@@ -285,7 +285,7 @@ def test_numbers_that_pages_take_from_the_sources_are_theirs(
 
 def test_no_source_has_more_lines_than_the_project_allows() -> None:
     (most,) = map(int, re.findall(r"no file over (\d+) lines", (ROOT / "CONTRIBUTING.md").read_text()))
-    sources = [file for folder in ["src", "plants", "tests", "benches", "examples"] for file in (ROOT / folder).rglob("*.rs")]
+    sources = [file for folder in ["crates", "src", "plants", "tests", "benches", "examples"] for file in (ROOT / folder).rglob("*.rs")]
     sources = [file for file in sources if "target" not in file.relative_to(ROOT).parts]
     assert len(sources) > 300
     assert not [file for file in sources if file.read_text().count("\n") > most]

@@ -15,7 +15,7 @@ use common::pages::assert_generated;
 use common::{at_top, description, description_folder, description_names};
 use serde_json::Value;
 
-const FOLDERS: [&str; 2] = ["src", "plants"];
+const FOLDERS: [&str; 5] = ["crates/framework/src", "crates/program/src", "crates/command_line/src", "src", "plants"];
 /// Names of kinds that are words of their own, too.
 const WORDS: [&str; 3] = ["reference", "composite", "funnel"];
 

@@ -26,6 +26,7 @@ mod names;
 mod neuro_ppf;
 mod observer;
 mod own_units;
+mod pid;
 mod quadrotor;
 mod ranges;
 mod reference;

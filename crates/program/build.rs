@@ -1,0 +1,7 @@
+//! What a run tells of the program that made it.
+
+use adaptive_fmu_sources as sources;
+
+fn main() {
+    sources::tell(&["src", "Cargo.toml", "build.rs"]);
+}
