@@ -7,6 +7,12 @@ use adaptive_fmu_sources::{self as sources, entries};
 
 fn main() {
     embed();
+    let pages = ["controllers", "plants"].map(|folder| Path::new("docs").join(folder));
+    let pages: String = pages.iter().flat_map(|folder| entries(folder)).map(|file| page(&file)).collect();
+    let icons = entries(Path::new("modelDescription/icons"));
+    let icons: String =
+        icons.iter().filter(|file| file.extension().is_some_and(|e| e == "svg")).map(|file| icon(file)).collect();
+    write("pages.rs", &format!("{pages}const ICONS: &[Icon] = &[\n{icons}];\n"));
     // All that the library is made of; in a package from a registry, the framework is one of its own. Of the documentation there
     // is what FMUs and archives hold.
     let code = ["framework", "library"].map(|name| Path::new("crates").join(name).join("src"));
@@ -38,7 +44,61 @@ fn embed() {
         texts(&league, &["toml"], name),
         loops.collect::<String>()
     );
-    let file = Path::new(&env::var("OUT_DIR").unwrap_or_default()).join("embedded.rs");
+    write("embedded.rs", &code);
+}
+
+/// What the page of a kind says, as a constant of its name: its front matter, and its text with that of the page that follows it.
+fn page(file: &Path) -> String {
+    let (head, mut text) = front_matter(file);
+    let told =
+        |key: &str| head.iter().find(|(name, _)| name == key).map(|(_, value)| value.as_str()).unwrap_or_default();
+    if !told("followed by").is_empty() {
+        text += &front_matter(&Path::new("docs").join(told("followed by")).with_extension("md")).1;
+    }
+    let gains: String = told("gains")
+        .replace("\n  ", " ")
+        .lines()
+        .filter_map(|line| line.split_once(": "))
+        .fold(String::new(), |list, (name, text)| list + &format!("({name:?}, {text:?}), "));
+    let [title, purpose, alone, limits, choice] = ["title", "purpose", "alone", "limits", "take it for"].map(told);
+    let choice: Vec<_> = choice.lines().collect();
+    let place = file.strip_prefix("docs").unwrap_or(file).with_extension("");
+    format!(
+        "/// [{title}](Page).\npub const {}: Page = Page {{\nplace: {place:?},\ntitle: {title:?},\nguide: Guide {{ \
+         purpose: {purpose:?}, alone: {alone:?}, gains: &[{gains}], limits: {limits:?} }},\nchoice: &{choice:?},\ntext: {text:?},\n}};\n",
+        stem(file).to_uppercase()
+    )
+}
+
+/// The entries of a page's front matter, of YAML's scalars and blocks alone, and the text below it.
+fn front_matter(file: &Path) -> (Vec<(String, String)>, String) {
+    let page = fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let parts = page.strip_prefix("---\n").and_then(|page| page.split_once("\n---\n"));
+    let (head, text) = parts.unwrap_or_else(|| panic!("{}: it should begin with front matter", file.display()));
+    let mut entries: Vec<(String, String)> = Vec::new();
+    let mut between = "";
+    for line in head.lines() {
+        if let (Some(line), Some((_, value))) = (line.strip_prefix("  "), entries.last_mut()) {
+            *value += if value.is_empty() { "" } else { between };
+            *value += line;
+        } else if let Some((key, value)) = line.split_once(':') {
+            between = if value == " |-" { "\n" } else { " " };
+            entries.push((key.to_owned(), value.trim_matches([' ', '|', '>', '-']).to_owned()));
+        }
+    }
+    (entries, text.to_owned())
+}
+
+/// An icon as an entry of a Rust array.
+fn icon(svg: &Path) -> String {
+    let svg = Path::new(&env::var("CARGO_MANIFEST_DIR").unwrap_or_default()).join(svg);
+    let png = svg.with_extension("png");
+    format!("Icon {{ name: {:?}, svg: include_str!({svg:?}), png: include_bytes!({png:?}) }},\n", stem(&svg))
+}
+
+/// A file of code, where `include!` finds it.
+fn write(name: &str, code: &str) {
+    let file = Path::new(&env::var("OUT_DIR").unwrap_or_default()).join(name);
     fs::write(file, code).expect("cargo's own folder can be written");
 }
 

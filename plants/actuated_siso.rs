@@ -1,6 +1,7 @@
 //! Uncertain second-order system behind an actuator: chapter 4 and example 7.5.1.
 
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
+use crate::catalogue::Catalogued;
+use crate::pages::{self, Page};
 use crate::system::{
     Choice, ChoiceOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf,
     Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
@@ -71,7 +72,7 @@ struct Coefficients<S> {
 impl System for ActuatedSiso {
     type Structure = NoStructure;
     const NAME: &'static str = "actuated-siso";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/actuated_siso.md");
+    const DOCUMENTATION: &'static str = pages::ACTUATED_SISO.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         Ok(ActuatedSiso {
@@ -168,23 +169,5 @@ impl Terms {
 }
 
 impl Catalogued for ActuatedSiso {
-    const TITLE: &'static str = "Uncertain system behind an actuator";
-    const PAGE: &'static str = "plants/actuated_siso";
-    const ICON: Icon = icon!("actuated-siso");
-    const GUIDE: Guide = Guide {
-        purpose: "A plant of second order with an unknown nonlinearity, which its control reaches \
-                  through an actuator.",
-        alone: "With nothing connected it rests where it starts, at 0, which is an equilibrium; from any other `x0` it \
-                diverges. Give it a control `u`.",
-        gains: &[
-            ("actuator_rate", "Speed of the actuator."),
-            ("uncertainty", "Which of three nonlinearities it has."),
-            ("coefficient", "Size of its terms."),
-            ("C", "What is measured."),
-            ("x0", "Where it starts."),
-        ],
-        limits: "- Without control it diverges within seconds once it has left rest, and the unit \
-                  ends with an error.\n\
-                 - It is a thesis' example, no model of a real plant: the signals have no units.",
-    };
+    const PAGE: Page = pages::ACTUATED_SISO;
 }

@@ -2,8 +2,9 @@
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, icon};
+use crate::catalogue::{Catalogued, Demonstration, Role, Scale, Stimulus};
 use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, Input, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit,
     Values, VectorOf, scalar, vector,
@@ -37,7 +38,7 @@ pub struct Actuator {
 impl System for Actuator {
     type Structure = Channels;
     const NAME: &'static str = "actuator";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/actuator.md");
+    const DOCUMENTATION: &'static str = pages::ACTUATOR.text;
 
     fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
         let units = structure.units()?;
@@ -167,25 +168,7 @@ impl Actuator {
 }
 
 impl Catalogued for Actuator {
-    const TITLE: &'static str = "Actuator";
-    const PAGE: &'static str = "plants/actuator";
-    const ICON: Icon = icon!("actuator");
-    const GUIDE: Guide = Guide {
-        purpose: "Hands a controller's commands on as far as a drive is able to: dead zone, delay, \
-                  limits, rate limit, lag, loss of effect. Put it between a controller and its plant.",
-        alone: "With nothing connected it hands on a command of 0. Give it one: `u` goes in, `y` is what the plant gets.",
-        gains: &[
-            ("u_max", "Largest output, together with `u_min`."),
-            ("rate_limit", "Fastest change of the output."),
-            ("time_constant", "Lag."),
-            ("delay", "Transport delay, a multiple of `sample_time`."),
-            ("dead_zone", "Commands up to this magnitude do nothing."),
-            ("gain", "Part that takes effect, below 1 after a loss; `bias` is added to it, as a disturbance."),
-        ],
-        limits: "- A delay is at most `delay_samples` sample times, a number of its description (100 \
-                  where none is given).\n\
-                 - No backlash, no hysteresis, and the load doesn't act back on it.",
-    };
+    const PAGE: Page = pages::ACTUATOR;
     const ROLE: Role = Role::Actuator;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::inputs(1), Sizes::inputs(7)] });
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
@@ -211,7 +194,7 @@ impl Catalogued for Actuator {
 fn template(request: &Request) -> Result<String, Invalid> {
     request.only(&["inputs"])?;
     let (m, signals) = channels(request, request.sizes.inputs, |plant| (plant.sizes().1, &plant.u));
-    let mut text = request.begin(Actuator::TITLE, Actuator::PAGE, 10.0, 1e-3);
+    let mut text = request.begin(&Actuator::PAGE, 10.0, 1e-3);
     write_channels(&mut text, m, &signals);
     write_names(&mut text, &[("u", named(&signals, "_command")), ("y", named(&signals, ""))]);
     text.table("start");

@@ -1,6 +1,7 @@
 //! Coupled system of three states and three inputs: examples 6.5.1 and 6.5.2.
 
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
+use crate::catalogue::Catalogued;
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, Signal, Signals,
     State, System, Values, VectorOf, boolean, matrix, vector,
@@ -26,7 +27,7 @@ pub struct CoupledMimo {
 impl System for CoupledMimo {
     type Structure = NoStructure;
     const NAME: &'static str = "coupled-mimo";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/coupled_mimo.md");
+    const DOCUMENTATION: &'static str = pages::COUPLED_MIMO.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let terms = ["x3^2, in x1'", "sin x1, in x1'", "x1 x3, in x2'", "x1 cos x3, in x2'", "x1 x2, in x3'"]
@@ -114,21 +115,5 @@ fn theta<S: Scalar>(t: S) -> [[S; 3]; 3] {
 }
 
 impl Catalogued for CoupledMimo {
-    const TITLE: &'static str = "Coupled uncertain system of three states and inputs";
-    const PAGE: &'static str = "plants/coupled_mimo";
-    const ICON: Icon = icon!("coupled-mimo");
-    const GUIDE: Guide = Guide {
-        purpose: "A plant of three states and three inputs, fully coupled, with an unstable mode and \
-                  uncertainty in each channel.",
-        alone: "With nothing connected it leaves its start by itself and diverges: connect a controller.",
-        gains: &[
-            ("theta_factor", "How much of the time-varying uncertainty there is."),
-            ("coefficient", "Sizes of the nonlinear terms."),
-            ("d_mean", "Mean of the disturbance."),
-            ("nonaffine", "Lets the control act nonlinearly, too."),
-            ("A", "Its state matrix."),
-        ],
-        limits: "- Without control it grows by e²⁰ in a second, and the unit ends with an error.\n\
-                 - It is a thesis' example, no model of a real plant: the signals have no units.",
-    };
+    const PAGE: Page = pages::COUPLED_MIMO;
 }

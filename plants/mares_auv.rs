@@ -4,7 +4,8 @@
 use nalgebra::DMatrixView;
 
 use super::attitude::{Attitude, require_regular};
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
+use crate::catalogue::Catalogued;
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Naming, NoStructure, Parameter, Point, Prepared, Rates, Scalar, ScalarOf,
     Signal, Signals, Spec, State, System, Values, VectorOf, matrix, scalar, vector,
@@ -53,7 +54,7 @@ struct Hull {
 impl System for MaresAuv {
     type Structure = NoStructure;
     const NAME: &'static str = "mares-auv";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/mares_auv.md");
+    const DOCUMENTATION: &'static str = pages::MARES_AUV.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let pose = ["position north", "position east", "depth", "phi, roll", "theta, pitch", "psi, yaw"];
@@ -293,25 +294,5 @@ fn times<S: Scalar>(matrix: DMatrixView<S>, vector: [S; 6]) -> [S; 6] {
 }
 
 impl Catalogued for MaresAuv {
-    const TITLE: &'static str = "Underwater vehicle, actuated in every direction";
-    const PAGE: &'static str = "plants/mares_auv";
-    const ICON: Icon = icon!("mares-auv");
-    const GUIDE: Guide = Guide {
-        purpose: "An underwater vehicle that can be pushed and turned in every direction: added mass, \
-                  damping and a weak righting couple.",
-        alone: "With nothing connected it rests where it starts, upright and weightless, since weight and buoyancy are \
-                equal. Give it forces and moments `u`.",
-        gains: &[
-            ("m", "Mass."),
-            ("length", "Length of the hull: added mass and damping follow from it."),
-            ("diameter", "Its thickness."),
-            ("z_g", "How far the mass centre lies below that of buoyancy: what rights it."),
-            ("cross_flow_drag", "Drag coefficient across."),
-            ("current", "Velocity of the water."),
-        ],
-        limits: "- Numbers are derived from the size of such a vehicle, none of it is measured.\n\
-                 - No thrusters: forces and moments act at once and without limits.\n\
-                 - No waves; the water's `current` is the same everywhere. Its weight equals its buoyancy. At 90° of pitch the \
-                  unit ends with an error.",
-    };
+    const PAGE: Page = pages::MARES_AUV;
 }

@@ -1,6 +1,7 @@
 //! Uncertain nonlinear SISO system of example 3.2.1.
 
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
+use crate::catalogue::Catalogued;
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signals, State, System,
     Values, VectorOf, scalar, vector,
@@ -22,7 +23,7 @@ pub struct NonlinearSiso {
 impl System for NonlinearSiso {
     type Structure = NoStructure;
     const NAME: &'static str = "nonlinear-siso";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/nonlinear_siso.md");
+    const DOCUMENTATION: &'static str = pages::NONLINEAR_SISO.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         Ok(NonlinearSiso {
@@ -64,21 +65,5 @@ impl System for NonlinearSiso {
 }
 
 impl Catalogued for NonlinearSiso {
-    const TITLE: &'static str = "Uncertain nonlinear system with one input";
-    const PAGE: &'static str = "plants/nonlinear_siso";
-    const ICON: Icon = icon!("nonlinear-siso");
-    const GUIDE: Guide = Guide {
-        purpose: "A plant of second order with unknown nonlinearity, input gain and disturbance, to \
-                  try controllers of one input on.",
-        alone: "With nothing connected it leaves its start by itself and diverges: connect a controller.",
-        gains: &[
-            ("omega", "Mean input gain, which the controller doesn't know."),
-            ("omega_variation", "How much it swings."),
-            ("x0", "Where it starts."),
-            ("a1", "Stiffness of the dynamics that are wanted of it."),
-            ("a2", "Their damping."),
-        ],
-        limits: "- Without control it diverges at 2.44 s, and the unit ends with an error.\n\
-                 - It is a thesis' example, no model of a real plant: the signals have no units.",
-    };
+    const PAGE: Page = pages::NONLINEAR_SISO;
 }

@@ -1,8 +1,9 @@
 //! Quadrotor: examples 3.3.2 and 7.5.3.
 
 use super::attitude::{Attitude, require_regular};
-use crate::catalogue::{Catalogued, Guide, Icon, Trial, icon};
+use crate::catalogue::{Catalogued, Trial};
 use crate::mathematics::limits::within;
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
     Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
@@ -58,7 +59,7 @@ struct Uncertainty {
 impl System for Quadrotor {
     type Structure = NoStructure;
     const NAME: &'static str = "quadrotor";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/quadrotor.md");
+    const DOCUMENTATION: &'static str = pages::QUADROTOR.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let starts = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, -0.1, 0.2, 0.0, 0.0, 0.0];
@@ -290,35 +291,7 @@ impl Uncertainty {
 }
 
 impl Catalogued for Quadrotor {
-    const TITLE: &'static str = "Quadrotor";
-    const PAGE: &'static str = "plants/quadrotor";
-    const ICON: Icon = icon!("quadrotor");
-    const GUIDE: Guide = Guide {
-        purpose: "A quadrotor as a rigid body: thrust along its axis and three torques move its \
-                  position and attitude.",
-        alone: "With nothing connected it has the thrust that `u[1]` starts with: at its weight it hovers, and drifts as \
-                far as it starts tilted; at 0 it falls.",
-        gains: &[
-            ("m", "Mass."),
-            ("inertia", "Moments of inertia."),
-            ("thrust_max", "Largest thrust."),
-            (
-                "uncertain",
-                "Adds what the controllers' second case is about: other gains, nonlinear \
-                            terms, disturbances.",
-            ),
-            (
-                "exact_kinematics",
-                "Tells the angles' rates from the body's: for flight away from \
-                                   hover.",
-            ),
-        ],
-        limits: "- No rotors' dynamics, no drag, no ground; of wind only the force `disturbance_force`, of faults only \
-                  `rotor_effect`, which you set. A rotor isn't kept from pulling down.\n\
-                 - Near hover the rates of the angles are taken for those of the body, unless \
-                  `exact_kinematics` is set.\n\
-                 - At 90° of pitch roll and yaw are one: the unit ends with an error there.",
-    };
+    const PAGE: Page = pages::QUADROTOR;
     const TRIAL: Trial = Trial {
         // It hovers by the thrust of its weight.
         steady: "'u[1]' = 4.905",

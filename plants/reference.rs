@@ -3,7 +3,8 @@
 use serde::Deserialize;
 
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, Trial, icon};
+use crate::catalogue::{Catalogued, Demonstration, Role, Scale, Stimulus, Trial};
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
     Values, VectorOf, any, matrix, quantities, selection, smaller, vector,
@@ -90,7 +91,7 @@ type Jet<S> = [S; 3];
 impl System for Reference {
     type Structure = ReferenceStructure;
     const NAME: &'static str = "reference";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/reference.md");
+    const DOCUMENTATION: &'static str = pages::REFERENCE.text;
 
     fn declare(structure: ReferenceStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let ReferenceStructure { channels: m, units, quantities: given, signals } = structure;
@@ -287,23 +288,7 @@ impl Reference {
 }
 
 impl Catalogued for Reference {
-    const TITLE: &'static str = "Reference signal";
-    const PAGE: &'static str = "plants/reference";
-    const ICON: Icon = icon!("reference");
-    const GUIDE: Guide = Guide {
-        purpose: "Gives reference signals with exact first and second derivatives: offset, ramp, \
-                  cosine, sine, square wave and steps, with a smooth start.",
-        alone: "With nothing connected it runs as it does in a loop. A channel is 0 until one of its shapes is set.",
-        gains: &[
-            ("offset", "Constant part of each channel."),
-            ("cosine_amplitude", "Amplitude of its cosine; sine and square wave have theirs."),
-            ("step_height", "Height of up to four steps, at `step_time`."),
-            ("slope", "Ramp."),
-            ("smooth_start_rate", "How fast the signal comes in; 0: at once."),
-        ],
-        limits: "- At a step or an edge the derivatives are 0, not infinite.\n\
-                 - A controller that holds its inputs sees the signal at communication points alone.",
-    };
+    const PAGE: Page = pages::REFERENCE;
     const ROLE: Role = Role::Reference;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::NONE] });
     const TRIAL: Trial = Trial {
@@ -327,7 +312,7 @@ fn template(request: &Request) -> Result<String, Invalid> {
     request.only(&["outputs"])?;
     let (m, mut signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().2, &plant.y));
     signals.texts = request.plant.as_ref().map_or(Vec::new(), Plant::output_quantities);
-    let mut text = request.begin(Reference::TITLE, Reference::PAGE, 10.0, 1e-3);
+    let mut text = request.begin(&Reference::PAGE, 10.0, 1e-3);
     write_channels(&mut text, m, &signals);
     write_names(&mut text, &[("r", named(&signals, "_reference"))]);
     text.table("start");

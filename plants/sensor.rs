@@ -2,7 +2,8 @@
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels};
-use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, icon};
+use crate::catalogue::{Catalogued, Demonstration, Role, Scale, Stimulus};
+use crate::pages::{self, Page};
 use crate::recording::Opaque;
 use crate::system::{
     Declaration, Discrete, Input, IntegerOf, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
@@ -34,7 +35,7 @@ pub struct Sensor {
 impl System for Sensor {
     type Structure = Channels;
     const NAME: &'static str = "sensor";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/sensor.md");
+    const DOCUMENTATION: &'static str = pages::SENSOR.text;
 
     fn declare(structure: Channels, d: &mut Declaration) -> Result<Self, Invalid> {
         let units = structure.units()?;
@@ -149,26 +150,7 @@ fn quantised<S: Scalar>(value: S, resolution: S) -> S {
 }
 
 impl Catalogued for Sensor {
-    const TITLE: &'static str = "Sensor";
-    const PAGE: &'static str = "plants/sensor";
-    const ICON: Icon = icon!("sensor");
-    const GUIDE: Guide = Guide {
-        purpose: "Hands a plant's signals on as an instrument would measure them: lag, delay, bias, \
-                  noise and quantisation. Put it between a plant and its controller.",
-        alone: "With nothing connected it hands on a signal of 0, with its bias and its noise. Give it one: `u` goes in, \
-                `y` is what is measured of it.",
-        gains: &[
-            ("time_constant", "Lag."),
-            ("delay", "Transport delay, a multiple of `sample_time`."),
-            ("noise_deviation", "Standard deviation of the noise."),
-            ("resolution", "Step between the values that can be told apart."),
-            ("bias", "Constant error."),
-        ],
-        limits: "- A delay is at most `delay_samples` sample times, a number of its description (100 \
-                  where none is given).\n\
-                 - Two sensors of one loop need different seeds, or their noise is the same.\n\
-                 - No failure, drift or saturation.",
-    };
+    const PAGE: Page = pages::SENSOR;
     const ROLE: Role = Role::Sensor;
     const TEMPLATE: Option<Template> = Some(Template { write: template, tried: &[Sizes::NONE] });
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
@@ -192,7 +174,7 @@ impl Catalogued for Sensor {
 fn template(request: &Request) -> Result<String, Invalid> {
     request.only(&["outputs"])?;
     let (m, signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().0, &plant.x));
-    let mut text = request.begin(Sensor::TITLE, Sensor::PAGE, 10.0, 1e-3);
+    let mut text = request.begin(&Sensor::PAGE, 10.0, 1e-3);
     write_channels(&mut text, m, &signals);
     write_names(&mut text, &[("y", named(&signals, "_measured")), ("u", named(&signals, ""))]);
     text.table("start");

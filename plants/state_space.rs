@@ -4,9 +4,10 @@
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Scale, Stimulus, icon};
+use crate::catalogue::{Catalogued, Demonstration, Scale, Stimulus};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::mathematics::matrices::rows;
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, Signal, Signals, State, System, Unit,
     Values, VectorOf, matrix, of_outputs, quantities, vector,
@@ -87,7 +88,7 @@ pub struct StateSpace {
 impl System for StateSpace {
     type Structure = StateSpaceStructure;
     const NAME: &'static str = "state-space";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/state_space.md");
+    const DOCUMENTATION: &'static str = pages::STATE_SPACE.text;
 
     fn declare(structure: StateSpaceStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let [A, B, C] = structure.matrices()?;
@@ -219,24 +220,7 @@ fn fit(name: &str, matrix: &DMatrix<f64>, size: (usize, usize)) -> Result<(), In
 }
 
 impl Catalogued for StateSpace {
-    const TITLE: &'static str = "Linear plant";
-    const PAGE: &'static str = "plants/state_space";
-    const ICON: Icon = icon!("state-space");
-    const GUIDE: Guide = Guide {
-        purpose: "A linear plant by its matrices about an operating point, with limits of the input \
-                  and a disturbance. Take it for a plant of which you have a linear model.",
-        alone: "With nothing connected it rests at its operating point, unless `x0` is off it. Give it a control `u`.",
-        gains: &[
-            ("A", "State matrix: the plant's dynamics."),
-            ("B", "Input matrix."),
-            ("x0", "Where it starts."),
-            ("u_max", "Largest input that acts, together with `u_min`."),
-            ("x_op", "The operating point that the matrices hold about."),
-        ],
-        limits: "- It is as true as its linear model: away from the operating point a real plant \
-                  answers otherwise.\n\
-                 - Nothing limits its states.",
-    };
+    const PAGE: Page = pages::STATE_SPACE;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
         tried: &[
@@ -268,7 +252,7 @@ impl Catalogued for StateSpace {
 fn template(request: &Request) -> Result<String, Invalid> {
     let plant = request.plant(false)?;
     let (n, m, p) = plant.sizes();
-    let mut text = request.begin(StateSpace::TITLE, StateSpace::PAGE, 10.0, 1e-3);
+    let mut text = request.begin(&StateSpace::PAGE, 10.0, 1e-3);
     text.table("structure");
     text.comment("x' = A x + B (u + d), y = C x + D u: rows of numbers. A model with other numbers is set at [start].");
     text.set("A", template::rows(&plant.A), "");

@@ -1,6 +1,7 @@
 //! Twin rotor (TRMS) with strong coupling: example 3.4.2.
 
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
+use crate::catalogue::Catalogued;
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State,
     System, Values, VectorOf, scalar, vector,
@@ -51,7 +52,7 @@ struct Reaction {
 impl System for TwinRotor {
     type Structure = NoStructure;
     const NAME: &'static str = "twin-rotor";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/twin_rotor.md");
+    const DOCUMENTATION: &'static str = pages::TWIN_ROTOR.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let units = ["rad", "rad/s", "rad", "rad/s", "V", "V"];
@@ -193,22 +194,5 @@ impl Reaction {
 }
 
 impl Catalogued for TwinRotor {
-    const TITLE: &'static str = "Twin rotor";
-    const PAGE: &'static str = "plants/twin_rotor";
-    const ICON: Icon = icon!("twin-rotor");
-    const GUIDE: Guide = Guide {
-        purpose: "The twin rotor laboratory system: a beam that two rotors turn in pitch and yaw, \
-                  each disturbing the other's axis.",
-        alone: "With nothing connected it rests where it starts, balanced with both rotors still. Give it voltages `u`.",
-        gains: &[
-            ("M_g", "Moment of its weight: stiffness in pitch."),
-            ("k_c", "How strongly the main rotor turns the beam in yaw."),
-            ("K_gy", "Gyroscopic coupling."),
-            ("B2_phi", "Dry friction in yaw."),
-            ("x0", "Where it starts."),
-        ],
-        limits: "- Dry friction is smoothed: where the beam would stick it creeps.\n\
-                 - The motors' voltages have no limits here: put an actuator in front for these.\n\
-                 - The values are published ones of one laboratory set-up.",
-    };
+    const PAGE: Page = pages::TWIN_ROTOR;
 }

@@ -1,6 +1,7 @@
 //! Two-link robot arm in a vertical plane: examples 3.3.1 and 7.5.2, and chapter 5.
 
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
+use crate::catalogue::Catalogued;
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
     State, System, Values, VectorOf, boolean, scalar, vector,
@@ -35,7 +36,7 @@ pub struct TwoLinkRobot {
 impl System for TwoLinkRobot {
     type Structure = NoStructure;
     const NAME: &'static str = "two-link-robot";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/two_link_robot.md");
+    const DOCUMENTATION: &'static str = pages::TWO_LINK_ROBOT.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let state_units = ["rad", "rad", "rad/s", "rad/s"];
@@ -170,23 +171,5 @@ fn determinant<S: Scalar>([m11, m12, m22]: [S; 3]) -> S {
 }
 
 impl Catalogued for TwoLinkRobot {
-    const TITLE: &'static str = "Robot arm of two links";
-    const PAGE: &'static str = "plants/two_link_robot";
-    const ICON: Icon = icon!("two-link-robot");
-    const GUIDE: Guide = Guide {
-        purpose: "A robot arm of two links in a vertical plane with a torque at each joint: a plant \
-                  whose inertia and gravity change with its pose.",
-        alone: "With nothing connected its links fall from where they start, and swing.",
-        gains: &[
-            ("m1", "Mass of the first link."),
-            ("m2", "Mass of the second: a payload makes it larger."),
-            ("I_z1", "Moment of inertia of the first link."),
-            ("k1", "Friction in the first joint."),
-            ("x0", "Angles and rates at the start."),
-        ],
-        limits: "- Rigid links and joints; no drives, stops or dry friction: put an actuator in \
-                  front for its limits.\n\
-                 - With `inertia_variation` the inertia matrix loses its inverse at 53.6 s, and the \
-                  unit ends with an error there.",
-    };
+    const PAGE: Page = pages::TWO_LINK_ROBOT;
 }

@@ -1,6 +1,7 @@
 //! System with two inputs and uncertainty that they don't reach directly: example 3.4.1.
 
-use crate::catalogue::{Catalogued, Guide, Icon, icon};
+use crate::catalogue::Catalogued;
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
     Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
@@ -50,7 +51,7 @@ struct Filter {
 impl System for UnmatchedMimo {
     type Structure = NoStructure;
     const NAME: &'static str = "unmatched-mimo";
-    const DOCUMENTATION: &'static str = include_str!("../docs/plants/unmatched_mimo.md");
+    const DOCUMENTATION: &'static str = pages::UNMATCHED_MIMO.text;
 
     fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let mut matrix_of = |name: &str, columns, text: &str, unit, starts: &[f64]| {
@@ -228,21 +229,5 @@ impl Filter {
 }
 
 impl Catalogued for UnmatchedMimo {
-    const TITLE: &'static str = "System with unmatched uncertainty";
-    const PAGE: &'static str = "plants/unmatched_mimo";
-    const ICON: Icon = icon!("unmatched-mimo");
-    const GUIDE: Guide = Guide {
-        purpose: "A plant of three states and two inputs with uncertainty that no input reaches \
-                  directly, and unmodeled dynamics.",
-        alone: "With nothing connected it leaves its start by itself, and stays near it.",
-        gains: &[
-            ("omega", "Input gain, which the controller doesn't know."),
-            ("A_Delta", "What its state matrix has beside the nominal one."),
-            ("k", "Sizes of its nonlinear terms."),
-            ("use_secant", "A nonlinearity with poles in place of one without."),
-            ("x0", "Where it starts."),
-        ],
-        limits: "- It is a thesis' example, no model of a real plant: the signals have no units.\n\
-                 - With `use_secant` it ends with an error where cos x₂ comes to 0.",
-    };
+    const PAGE: Page = pages::UNMATCHED_MIMO;
 }

@@ -3,6 +3,7 @@
 //! Whatever goes through kinds reads it here: the schema of descriptions, `new`, roles in a loop, pictures of units, the
 //! tables in the documentation, and start values of tests that go through all units.
 
+use crate::pages::{self, Guide, Icon, Page};
 use crate::system::{Kind, System};
 use crate::template::Template;
 
@@ -49,25 +50,6 @@ pub struct Trial {
 impl Trial {
     /// The kind's own start values do.
     pub const NONE: Trial = Trial { alone: "", smooth: "", steady: "", moving: "" };
-}
-
-/// What the FMUs of a kind tell a reader who has nothing else. Texts are Markdown, and may have parts that hold for some
-/// structures only, as a page may.
-#[derive(Debug, Clone, Copy)]
-pub struct Guide {
-    /// What such a unit is for, in a sentence or two.
-    pub purpose: &'static str,
-    /// What such a unit shows while nothing is connected to it, and what to connect.
-    pub alone: &'static str,
-    /// The parameters that matter most, and what each does. A unit leaves out those that it doesn't have.
-    pub gains: &'static [(&'static str, &'static str)],
-    /// What it can't do, as a list.
-    pub limits: &'static str,
-}
-
-impl Guide {
-    /// Of kinds that tell nothing of themselves.
-    pub const NONE: Guide = Guide { purpose: "", alone: "", gains: &[], limits: "" };
 }
 
 /// The first element of a parameter, by the model's own name of it.
@@ -117,43 +99,16 @@ pub struct Scale {
     pub duration: f64,
 }
 
-/// The picture of a kind's units.
-#[derive(Debug, Clone, Copy)]
-pub struct Icon {
-    /// Name of its files in `modelDescription/icons`, without an ending.
-    pub name: &'static str,
-    /// As SVG.
-    pub svg: &'static str,
-    /// The same as PNG, 128 × 128.
-    pub png: &'static [u8],
-}
-
-/// The icon of a name.
-macro_rules! icon {
-    ($name:literal) => {
-        crate::catalogue::Icon {
-            name: $name,
-            svg: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/modelDescription/icons/", $name, ".svg")),
-            png: include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/modelDescription/icons/", $name, ".png")),
-        }
-    };
-}
-pub(crate) use icon;
-
 /// A system that stands in this package's catalogue.
 pub trait Catalogued: System<Structure: schemars::JsonSchema> {
+    /// What its page says; [`System::DOCUMENTATION`] is its text.
+    const PAGE: Page;
     /// What it is, in a few words: "L1 adaptive controller".
-    const TITLE: &'static str;
-    /// Its page below `docs`, without an ending; [`System::DOCUMENTATION`] begins with it.
-    const PAGE: &'static str;
+    const TITLE: &'static str = Self::PAGE.title;
     /// What its units do in a loop.
     const ROLE: Role = Role::Plant;
     /// How `new` begins one; nothing where it needs no description but the one that is there.
     const TEMPLATE: Option<Template> = None;
-    /// The picture of its units: no two kinds have the same.
-    const ICON: Icon;
-    /// What its FMUs tell a reader.
-    const GUIDE: Guide;
     /// Start values for tests.
     const TRIAL: Trial = Trial::NONE;
     /// What the page of a unit shows that stands in no loop; none where a unit alone shows nothing of its work.
@@ -163,9 +118,6 @@ pub trait Catalogued: System<Structure: schemars::JsonSchema> {
     const LIMIT_OF: Option<&'static str> = None;
 }
 
-/// The picture of units of kinds that aren't in this catalogue.
-pub const ICON: Icon = icon!("unit");
-
 /// A kind in the catalogue.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
@@ -173,16 +125,16 @@ pub struct Entry {
     pub kind: Kind,
     /// See [`Catalogued::TITLE`].
     pub title: &'static str,
-    /// See [`Catalogued::PAGE`].
+    /// Its page below `docs`, without an ending.
     pub page: &'static str,
     /// See [`Catalogued::ROLE`].
     pub role: Role,
     /// See [`Catalogued::TEMPLATE`].
     pub template: Option<Template>,
-    /// See [`Catalogued::ICON`].
-    pub icon: Icon,
-    /// See [`Catalogued::GUIDE`].
+    /// See [`Page::guide`].
     pub guide: Guide,
+    /// See [`Page::choice`].
+    pub choice: &'static [&'static str],
     /// See [`Catalogued::TRIAL`].
     pub trial: Trial,
     /// See [`Catalogued::DEMONSTRATION`].
@@ -199,11 +151,11 @@ impl Entry {
         Entry {
             kind: Kind::of::<M>(),
             title: M::TITLE,
-            page: M::PAGE,
+            page: M::PAGE.place,
             role: M::ROLE,
             template: M::TEMPLATE,
-            icon: M::ICON,
-            guide: M::GUIDE,
+            guide: M::PAGE.guide,
+            choice: M::PAGE.choice,
             trial: M::TRIAL,
             demonstration: M::DEMONSTRATION,
             limit_of: M::LIMIT_OF,
@@ -218,7 +170,6 @@ impl Entry {
         page: "composite",
         role: Role::Composite,
         template: None,
-        icon: icon!("composite"),
         guide: Guide {
             purpose: "A whole loop, or a part of one, as one unit: its parts are integrated together, \
                       nothing is held or delayed between them. Take it for any communication step, or as a \
@@ -230,11 +181,17 @@ impl Entry {
                      - A part can't be replaced: export the loop without it, and connect another one.\n\
                      - What limits each part limits the whole, too.",
         },
+        choice: &[],
         trial: Trial::NONE,
         demonstration: None,
         limit_of: None,
         schema: schemars::SchemaGenerator::into_root_schema_for::<crate::system::CompositeStructure>,
     };
+
+    /// The picture of its units, which has the name of the kind.
+    pub fn icon(&self) -> Icon {
+        pages::icon(self.kind.name)
+    }
 
     /// The kinds alone: what a library needs of the catalogue.
     pub const fn kinds<const N: usize>(entries: &[Entry]) -> [Kind; N] {

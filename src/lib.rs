@@ -9,6 +9,7 @@ pub mod catalogue;
 pub mod controllers;
 pub mod library;
 pub mod mathematics;
+pub mod pages;
 // They stand at the top, where a reader looks for them.
 #[path = "../plants/mod.rs"]
 pub mod plants;

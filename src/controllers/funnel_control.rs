@@ -14,9 +14,10 @@ use super::at_limit::{Guarantee, Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::supervised::Supervised;
 use super::units::{OutputUnits, Quantities, check_channels, of_matrix, with_derivatives};
-use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::performance::Performance;
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
@@ -137,7 +138,7 @@ pub struct FunnelControl {
 impl System for FunnelControl {
     type Structure = FunnelStructure;
     const NAME: &'static str = "funnel";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/funnel.md");
+    const DOCUMENTATION: &'static str = pages::FUNNEL.text;
 
     fn declare(structure: FunnelStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let FunnelStructure { channels: m, relative_degree, form, units, quantities } = structure;
@@ -417,29 +418,7 @@ fn barrier<S: Scalar>(e: S) -> S {
 }
 
 impl Catalogued for FunnelControl {
-    const TITLE: &'static str = "Funnel controller";
-    const PAGE: &'static str = "controllers/funnel";
-    const ICON: Icon = icon!("funnel");
-    const GUIDE: Guide = Guide {
-        purpose: "Keeps the error of each output within a funnel that narrows with time: the nearer the error is to its \
-                  bound, the larger the gain. It needs no model, only the relative degree and the sign of the input gain.",
-        alone: "With nothing connected it stands still: there is no error. One that no plant answers stays, and so does its \
-                control.",
-        gains: &[
-            ("psi_0", "Bound of the error at the start: the error must begin inside."),
-            ("psi_inf", "Bound of the error in the end. Narrower asks for more control, and for a shorter step."),
-            ("decay_rate", "How fast the bound narrows."),
-            ("tau", "Time constant of the error's filter: shorter brings the error back sooner, by larger controls."),
-            ("G", "Direction: what a channel asks for, in controls. Its sizes matter little, its signs do."),
-            ("g", "Gain. Larger keeps the error nearer to the middle of its funnel."),
-        ],
-        limits: "- The error and its derivatives, up to the relative degree, are measured: noise on them is amplified most \
-                  where the error is near its bound.\n\
-                 - A control at its limit ends the guarantee: `logFunnel` tells.\n\
-                 - Held signals may carry an error out of its funnel within a step, which is then refused: take shorter \
-                  steps, or a wider funnel.\n\
-                 - What doesn't show in the output must be stable by itself.",
-    };
+    const PAGE: Page = pages::FUNNEL;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -6,8 +6,9 @@ mod template;
 use super::fuzzy_gain::{Channels, FuzzyGain, Held};
 use super::l1::{Law, Ports, enters_rates};
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits;
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride, System,
     Unit, Values, VectorOf, vector,
@@ -64,8 +65,7 @@ impl FuzzyL1 {
 impl System for FuzzyL1 {
     type Structure = FuzzyL1Structure;
     const NAME: &'static str = "fuzzy-l1";
-    const DOCUMENTATION: &'static str =
-        concat!(include_str!("../../docs/controllers/fuzzy_l1.md"), include_str!("../../docs/controllers/l1.md"));
+    const DOCUMENTATION: &'static str = pages::FUZZY_L1.text;
 
     fn declare(structure: FuzzyL1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let FuzzyL1Structure { sharing, of_l1: structure } = structure;
@@ -162,33 +162,7 @@ impl OwnStep for FuzzyL1 {
 }
 
 impl Catalogued for FuzzyL1 {
-    const TITLE: &'static str = "L1 adaptive controller with a fuzzy feedback gain";
-    const PAGE: &'static str = "controllers/fuzzy_l1";
-    const ICON: Icon = icon!("fuzzy-l1");
-    const GUIDE: Guide = Guide {
-        purpose: "An L1 adaptive controller whose gain is small where the error is large, for less control \
-                  at the start. Take it where the L1 controller's first peak is too large.",
-        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
-                that no plant answers takes its estimates to their bounds, and it warns: connect the plant first.",
-        gains: &[
-            ("k_e", "Error above which the gain is fuzzy; below it the gain is `feedback_gain`."),
-            ("k_p", "Weight of the error's magnitude in the inference: 1/k_p is a very large error."),
-            ("k_d", "Weight of the magnitude of its rate."),
-            ("feedback_gain", "The gain for small errors: bandwidth of what adaptation may do."),
-            ("adaptation_gain", "How fast the estimates follow what is unknown."),
-            ("pole_real", "Speed of the desired dynamics."),
-        ],
-        limits: "- The whole state `x` is measured, and hardly delayed: the margin against a delay \
-                  stands in the design report.\n\
-                 - What is unknown must lie within its bounds; outside them nothing is proven, and \
-                  the estimates stand at them.\n\
-                 - The sign of the input gain must be known.\n\
-                 - A communication step that is too long for the control takes the loop away from \
-                  its design: `step_too_long` tells.\n\
-                 - Nothing is proven of the fuzzy gain; a gain of two levels (`fuzzy_output` = \
-                  constant) does about as much in the examples.\n\
-                 - It needs the reference's rate `dr`, exact: a differentiated one is noisy.",
-    };
+    const PAGE: Page = pages::FUZZY_L1;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -18,10 +18,11 @@ use super::l1::tracking::{self, BY_GAIN};
 use super::l1::{Cancellation, Commands, Dynamics, L1, PlantMatrices, SETTLED, Symbols, Zeros, add_product, dot};
 use super::supervised::Supervised;
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::filter::Filter;
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::{feedforward, lyapunov};
+use crate::pages::{self, Page};
 use crate::system::{
     Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates,
     Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
@@ -125,7 +126,7 @@ impl Tracking for L1Limit {
 impl System for L1Limit {
     type Structure = L1LimitStructure;
     const NAME: &'static str = "l1-limit";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/l1_limit.md");
+    const DOCUMENTATION: &'static str = pages::L1_LIMIT.text;
 
     fn declare(structure: L1LimitStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let structure = structure.of_l1;
@@ -421,36 +422,8 @@ impl L1Limit {
 }
 
 impl Catalogued for L1Limit {
-    const TITLE: &'static str = "Linear controller that an L1 controller tends to";
-    const PAGE: &'static str = "controllers/l1_limit";
+    const PAGE: Page = pages::L1_LIMIT;
     const LIMIT_OF: Option<&'static str> = Some(L1::NAME);
-    const ICON: Icon = icon!("l1-limit");
-    const GUIDE: Guide = Guide {
-        purpose: "The linear controller that an L1 controller of the same description tends to as its adaptation gets \
-                  fast: the same loop without estimates. Take it as the yardstick of what adaptation adds, or in place of \
-                  it where that is nothing.",
-        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
-                that no plant answers has its filter run on: connect the plant first.",
-        gains: &[
-            (
-                "feedback_gain",
-                "Bandwidth with which uncertainty is cancelled. Larger: the loop is closer to the desired dynamics; \
-                 smaller: more margin against delays.",
-            ),
-            ("pole_real", "Speed of the desired dynamics. Farther left asks for a larger control and a shorter step."),
-            ("A_m", "The desired dynamics themselves, which the loop answers with."),
-            (
-                "tracking_time",
-                "Time with which the integral follows what the limits leave, so that it doesn't wind up.",
-            ),
-            ("u_min", "What the actuator can give at least."),
-            ("u_max", "What the actuator can give at most."),
-        ],
-        limits: "- The whole state `x` is measured, and hardly delayed.\n\
-                 - It has no bounds of what is unknown: what an L1 controller's bounds would stop, it goes on with.\n\
-                 - The sign of the input gain must be known.\n\
-                 - It equals an L1 controller only as far as that adapts fast.",
-    };
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

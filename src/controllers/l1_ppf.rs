@@ -18,8 +18,9 @@ use super::at_limit::{Guarantee, REOPENED_OR_AT_LIMIT};
 use super::funnel::{self, Funnel, Inside};
 use super::l1::{Beside, Law, Ports};
 use super::sampling::Evaluation;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::limits;
+use crate::pages::{self, Page};
 use crate::system::{
     ChoiceOf, Declaration, DesignReport, Input, Invalid, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals,
     System, Values, VectorOf, larger, scalar, vector,
@@ -59,8 +60,7 @@ pub struct L1Ppf {
 impl System for L1Ppf {
     type Structure = L1PpfStructure;
     const NAME: &'static str = "l1-ppf";
-    const DOCUMENTATION: &'static str =
-        concat!(include_str!("../../docs/controllers/l1_ppf.md"), include_str!("../../docs/controllers/l1.md"));
+    const DOCUMENTATION: &'static str = pages::L1_PPF.text;
 
     fn declare(structure: L1PpfStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let plant = structure.plant()?;
@@ -287,32 +287,7 @@ impl L1Ppf {
 }
 
 impl Catalogued for L1Ppf {
-    const TITLE: &'static str = "L1 adaptive controller with prescribed performance";
-    const PAGE: &'static str = "controllers/l1_ppf";
-    const ICON: Icon = icon!("l1-ppf");
-    const GUIDE: Guide = Guide {
-        purpose: "An L1 adaptive controller that keeps the error inside a funnel by a barrier, which pushes harder near its \
-                  bound. Take it where an error must never exceed a bound.",
-        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
-                that no plant answers leaves the funnel as that narrows, and the step is refused: connect the plant first.",
-        gains: &[
-            ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
-            (
-                "rho_inf",
-                "Width in the end, reached at `decay_rate`. The barrier's stiffness, and so the step, grows as 1/rho².",
-            ),
-            ("barrier_gain", "How hard the barrier pushes. 0: the L1 law alone, which nothing keeps inside."),
-            ("error_weight", "Weight of the error beside its rate."),
-            ("law", "`sampled`: for steps that the barrier is too stiff for."),
-            ("u_ad_start", "`bumpless`: the control starts at u_manual, where the first peak would be large."),
-        ],
-        limits: "- The whole state `x` is measured; noise on it is amplified near the funnel's bounds.\n\
-                 - An error that leaves its funnel ends the step with an error, unless `on_funnel_exit` = reopen.\n\
-                 - A control at its limit ends the guarantee: `logFunnel` tells.\n\
-                 - For relative degree 2 nothing is proven.\n\
-                 - Held signals may carry an error out within a step: `step_too_long` tells where the barrier is too stiff \
-                 for the step, and `law` = sampled bears longer ones.",
-    };
+    const PAGE: Page = pages::L1_PPF;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -6,8 +6,9 @@ use super::at_limit::Limited;
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits::{self, UNLIMITED, within};
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, DesignReport, ErrorEstimate, Input, Invalid, Many, OwnStep, Parameter, Point, Rates, Scalar, Signal,
     Signals, Spec, Stride, System, Values, VectorOf, boolean, vector,
@@ -46,8 +47,7 @@ impl<const OBSERVED: bool> Tracking for L1Quadrotor<OBSERVED> {
 impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
     type Structure = L1Structure;
     const NAME: &'static str = if OBSERVED { "l1-quadrotor-observed" } else { "l1-quadrotor" };
-    const DOCUMENTATION: &'static str =
-        concat!(include_str!("../../docs/controllers/l1_quadrotor.md"), include_str!("../../docs/controllers/l1.md"));
+    const DOCUMENTATION: &'static str = pages::L1_QUADROTOR.text;
 
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let size = structure.size()?;
@@ -178,35 +178,6 @@ impl<const OBSERVED: bool> Catalogued for L1Quadrotor<OBSERVED> {
     } else {
         "L1 adaptive controller of a quadrotor"
     };
-    const PAGE: &'static str = "controllers/l1_quadrotor";
-    const ICON: Icon = if OBSERVED { icon!("l1-quadrotor-observed") } else { icon!("l1-quadrotor") };
-    const GUIDE: Guide = Guide {
-        purpose: "Flies a quadrotor along a trajectory of position and yaw: a loop for the position asks for \
-                  angles, and an adaptive L1 law holds them although parameters are unknown.",
-        alone: "With nothing connected it carries the vehicle: the thrust `u[1]` is the weight, the torques are 0. An \
-                error that no plant answers takes its estimates to their bounds, and it warns: connect the plant first.",
-        gains: &[
-            ("position_gain", "Stiffness of the loop for the position."),
-            ("velocity_gain", "Its damping; 2 √position_gain is critical."),
-            ("tilt_max", "Largest roll and pitch that it asks for."),
-            (
-                "adaptation_gain",
-                "How fast the estimates in the attitude's law follow what is \
-                                  unknown.",
-            ),
-            ("feedback_gain", "Bandwidth of what adaptation may do in the attitude."),
-            (
-                "pole_real",
-                "Speed of the attitude's desired dynamics: well above that of the \
-                            position's.",
-            ),
-        ],
-        limits: "- The rotors' own dynamics are not in its design: thrust and torques must follow \
-                  faster than the attitude's poles.\n\
-                 - It flies near hover: wanted roll and pitch are limited, and at 90° of tilt it has \
-                  no answer.\n\
-                 - Mass and gravity are taken as known in the loop for the position, which doesn't \
-                  adapt.",
-    };
+    const PAGE: Page = pages::L1_QUADROTOR;
     const ROLE: Role = Role::Controller;
 }

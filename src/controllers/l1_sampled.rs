@@ -18,9 +18,10 @@ use super::clock::{Clock, SHORTEST};
 use super::in_command::InCommand;
 use super::l1::{Dynamics, PlantMatrices, SETTLED, Symbols, dot};
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::lyapunov;
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, IntegerOf, Invalid, Many, MatrixOf,
     Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, Spec, System, Unit, Values, VectorOf,
@@ -161,7 +162,7 @@ impl Tracking for L1Sampled {
 impl System for L1Sampled {
     type Structure = L1SampledStructure;
     const NAME: &'static str = "l1-sampled";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/l1_sampled.md");
+    const DOCUMENTATION: &'static str = pages::L1_SAMPLED.text;
 
     fn declare(structure: L1SampledStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let plant = structure.plant()?;
@@ -354,35 +355,7 @@ impl L1Sampled {
 }
 
 impl Catalogued for L1Sampled {
-    const TITLE: &'static str = "Sampled L1 controller";
-    const PAGE: &'static str = "controllers/l1_sampled";
-    const ICON: Icon = icon!("l1-sampled");
-    const GUIDE: Guide = Guide {
-        purpose: "An L1 controller for a given sample time, as on a target or in a slow master: what is unknown is found \
-                  anew at each sample, without an adaptation gain, for a control that is held and acts after a known dead time.",
-        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
-                that no plant answers has its filter run on: connect the plant first.",
-        gains: &[
-            ("sample_time", "How often it acts. Longer asks for a better `nominal_input_gain`."),
-            (
-                "delay_steps",
-                "Dead time that it is designed for: 0 where the plant is stepped before it, 1 where both are stepped at \
-                 once. `check` tells how much more the loop bears.",
-            ),
-            (
-                "nominal_input_gain",
-                "What the control does. Wrong by a factor beyond what `check` tells, the loop is lost at long samples.",
-            ),
-            ("feedback_gain", "Bandwidth with which uncertainty is cancelled; smaller leaves more margin."),
-            ("pole_real", "Speed of the desired dynamics. Farther left asks for a larger control."),
-            ("A_m", "The desired dynamics themselves, which the loop answers with."),
-        ],
-        limits: "- The whole state `x` is measured, at the samples.\n\
-                 - The nominal input gain must be near the true one: the longer the sample time, the nearer.\n\
-                 - The dead time must be known to less than a sample.\n\
-                 - What the controls don't reach is not cancelled, unless `unmatched = true` stands in the structure.\n\
-                 - Estimates have no bounds: noise shows in them by one over the sample time.",
-    };
+    const PAGE: Page = pages::L1_SAMPLED;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -17,8 +17,9 @@ use super::l1::dot;
 use super::supervised::Supervised;
 use super::units::{OutputUnits, Quantities, check_channels, of_matrix, with_derivatives};
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits::{self, within};
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals,
     State, System, Values, VectorOf, matrix, vector,
@@ -109,7 +110,7 @@ impl Tracking for Ladrc {
 impl System for Ladrc {
     type Structure = LadrcStructure;
     const NAME: &'static str = "ladrc";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/ladrc.md");
+    const DOCUMENTATION: &'static str = pages::LADRC.text;
 
     fn declare(structure: LadrcStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let LadrcStructure { channels: m, order: n, feedforward, units, quantities } = structure;
@@ -297,37 +298,7 @@ fn binomial(n: usize, k: usize) -> f64 {
 }
 
 impl Catalogued for Ladrc {
-    const TITLE: &'static str = "Linear active disturbance rejection controller";
-    const PAGE: &'static str = "controllers/ladrc";
-    const ICON: Icon = icon!("ladrc");
-    const GUIDE: Guide = Guide {
-        purpose: "Takes each output for a chain of integrators with a disturbance that nobody knows, estimates that with \
-                  an observer, and takes it off the control. It needs no model but the input gain: two bandwidths tune it.",
-        alone: "With nothing connected it stands still: output and reference are both 0, so there is no error. One that no \
-                plant answers its observer takes for a disturbance that grows: connect the plant first.",
-        gains: &[
-            ("omega_c", "Bandwidth of the loop: its poles. Larger is faster, and moves the control more."),
-            (
-                "omega_o",
-                "Bandwidth of the observer. Larger rejects disturbances faster, takes in more noise, bears less delay, and \
-                 needs a shorter step.",
-            ),
-            (
-                "B_0",
-                "How the control shows in the output's last derivative. Too small a number asks for too much control; half \
-                 of the true one is mostly borne, an opposite sign never.",
-            ),
-            (
-                "u_min",
-                "What the actuator can give at least: the observer sees the limited control, so nothing winds up.",
-            ),
-            ("u_max", "What the actuator can give at most."),
-        ],
-        limits: "- The control shows in the derivative that `order` says, and its sign is known.\n\
-                 - What doesn't show in the output must be stable by itself.\n\
-                 - Without the reference's derivatives as inputs, it lags behind a reference that moves.\n\
-                 - Bandwidths bound nothing: what error is left follows from how fast the disturbance changes.",
-    };
+    const PAGE: Page = pages::LADRC;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

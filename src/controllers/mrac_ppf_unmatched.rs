@@ -17,10 +17,11 @@ use super::in_command::InCommand;
 use super::l1::{SETTLED, dot};
 use super::supervised::Supervised;
 use super::units::of_matrix;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::projection::projection;
 use crate::mathematics::{feedforward, lyapunov};
+use crate::pages::{self, Page};
 use crate::system::{
     Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, IntegerOf, Invalid, MatrixOf, Parameter, Point,
     Prepared, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, choice,
@@ -91,7 +92,7 @@ pub struct MracPpfUnmatched {
 impl System for MracPpfUnmatched {
     type Structure = UnmatchedStructure;
     const NAME: &'static str = "mrac-ppf-unmatched";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/mrac_ppf_unmatched.md");
+    const DOCUMENTATION: &'static str = pages::MRAC_PPF_UNMATCHED.text;
 
     fn declare(structure: UnmatchedStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let plant = structure.plant()?;
@@ -379,35 +380,7 @@ impl MracPpfUnmatched {
 }
 
 impl Catalogued for MracPpfUnmatched {
-    const TITLE: &'static str = "Robust MRAC with prescribed performance for unmatched uncertainty";
-    const PAGE: &'static str = "controllers/mrac_ppf_unmatched";
-    const ICON: Icon = icon!("mrac-ppf-unmatched");
-    const GUIDE: Guide = Guide {
-        purpose: "Keeps each state's error against a reference model inside a funnel, also of states that no control reaches \
-                  directly. Take it where these are disturbed by what is unknown.",
-        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. One that no plant \
-                answers grows until it leaves its funnel, which ends the step: connect the plant first.",
-        gains: &[
-            ("rho_inf", "Width of each funnel in the end: the accuracy that is asked for."),
-            ("rho_0", "Width at the start. By itself every error starts at 0."),
-            ("decay_rate", "How fast the funnels narrow."),
-            (
-                "K_epsilon",
-                "Push away from a funnel's edge. Over `rho_inf` squared it is a rate, which sets the longest step.",
-            ),
-            (
-                "gamma",
-                "Adaptation gain. In an unmatched row it must be small against the barrier of the state that drives it.",
-            ),
-            ("A_m", "The reference model, which the plant is to behave as."),
-        ],
-        limits: "- The whole state `x` is measured.\n\
-                 - One integrator lies between a control and an unmatched row, not more, and each such row is driven by a state of \
-                   its own.\n\
-                 - A step of `r` reaches the control at once.\n\
-                 - An error that leaves its funnel ends the step with an error, unless `on_funnel_exit` = reopen.\n\
-                 - A control at its limit ends the guarantee: `logFunnel` tells.",
-    };
+    const PAGE: Page = pages::MRAC_PPF_UNMATCHED;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::l1::{controllability, dot, input_and_output, nominal_dynamics, of_motion, squared};
 use super::template::{design, stop_time, write_plant, write_poles};
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::{lyapunov, pole_placement};
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, boolean, matrix, of_outputs, quantities, scalar,
@@ -109,7 +110,7 @@ pub struct Observer {
 impl System for Observer {
     type Structure = ObserverStructure;
     const NAME: &'static str = "observer";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/observer.md");
+    const DOCUMENTATION: &'static str = pages::OBSERVER.text;
 
     fn declare(structure: ObserverStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let (B, C) = input_and_output(&structure.B, &structure.C)?;
@@ -310,31 +311,7 @@ fn power<S: Scalar>(base: S, exponent: S) -> S {
 }
 
 impl Catalogued for Observer {
-    const TITLE: &'static str = "Robust adaptive observer";
-    const PAGE: &'static str = "controllers/observer";
-    const ICON: Icon = icon!("observer");
-    const GUIDE: Guide = Guide {
-        purpose: "Estimates the whole state of an uncertain plant from its output `y`, for a controller to \
-                  take in the state's place. Take it where some of the state isn't measured.",
-        alone: "With nothing connected its estimate goes from where it starts to an output `y` of 0.",
-        gains: &[
-            (
-                "observer_pole_real",
-                "Speed of the estimate: a few times that of the controller's \
-                                     poles.",
-            ),
-            ("observer_gain", "The gain itself: how hard the output's error pulls the estimate."),
-            ("Gamma_l", "Adaptation gain of the robust part, `beta`."),
-            ("sigma_l", "Leakage of `beta`: what brings it back."),
-            ("x_obs0", "Where the estimate starts: choose it such that the output fits."),
-            ("unmodeled_gain", "How much the output's magnitude raises the robust part."),
-        ],
-        limits: "- The start of the estimate must be near the output: from a large error its \
-                  equations escape in finite time, and the step ends with an error.\n\
-                 - The nominal pair (A, C) must be observable.\n\
-                 - A controller that takes the estimate keeps its proof only with the state itself; \
-                  the loop needs short steps.",
-    };
+    const PAGE: Page = pages::OBSERVER;
     const ROLE: Role = Role::Observer;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
@@ -361,7 +338,7 @@ fn template(request: &Request) -> Result<String, Invalid> {
     })?;
     let fastest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
     let step = round_down((0.1 / fastest).min(1e-3));
-    let mut text = request.begin(Observer::TITLE, Observer::PAGE, stop_time(bandwidth), step);
+    let mut text = request.begin(&Observer::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     write_plant(&mut text, &plant, "what is measured");
     text.set("observer_dynamics", "\"poles\"", "\"gain\": observer_gain is given in place of poles");

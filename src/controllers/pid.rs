@@ -14,8 +14,9 @@ use super::l1::dot;
 use super::supervised::Supervised;
 use super::units::{Quantities, check_channels};
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Scale, Stimulus, Trial, icon};
+use crate::catalogue::{Catalogued, Demonstration, Role, Scale, Stimulus, Trial};
 use crate::mathematics::limits::{self, within};
+use crate::pages::{self, Page};
 use crate::system::{
     Declaration, DesignReport, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Rates, Scalar, Signal,
     Signals, State, System, Values, VectorOf, matrix, vector,
@@ -93,7 +94,7 @@ impl Tracking for Pid {
 impl System for Pid {
     type Structure = PidStructure;
     const NAME: &'static str = "pid";
-    const DOCUMENTATION: &'static str = include_str!("../../docs/controllers/pid.md");
+    const DOCUMENTATION: &'static str = pages::PID.text;
 
     fn declare(structure: PidStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let m = structure.channels;
@@ -267,30 +268,7 @@ impl Pid {
 }
 
 impl Catalogued for Pid {
-    const TITLE: &'static str = "PID controller in two degrees of freedom";
-    const PAGE: &'static str = "controllers/pid";
-    const ICON: Icon = icon!("pid");
-    const GUIDE: Guide = Guide {
-        purpose: "A PID controller of each channel, with weights of the reference, a filtered derivative and \
-                  an integral that doesn't wind up. It needs no model: try it first.",
-        alone: "With nothing connected it answers the error that `r` and `y` start with: by a step, and by the \
-                integral's ramp. Where both start at 0, it stands still.",
-        gains: &[
-            ("K_p", "Proportional gain."),
-            ("K_i", "Integral gain: removes a lasting error. Larger is faster and less damped."),
-            ("K_d", "Derivative gain: damping."),
-            (
-                "N",
-                "Bandwidth of the derivative's filter: higher takes in more noise, and needs a \
-                    shorter step.",
-            ),
-            ("b", "Weight of the reference in the proportional part: below 1 overshoots less."),
-            ("u_max", "What the actuator can give, together with `u_min`."),
-        ],
-        limits: "- One output an input; what couples the channels is left to `S`.\n\
-                 - It doesn't adapt: gains that fit one operating point may not fit another.\n\
-                 - At long steps little of the derivative is left: of a ramp's, 95 % at N H = 0.1.",
-    };
+    const PAGE: Page = pages::PID;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -4,8 +4,9 @@
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
-use crate::catalogue::{Catalogued, Demonstration, Guide, Icon, Role, Trial};
+use crate::catalogue::{Catalogued, Demonstration, Role, Trial};
 use crate::mathematics::performance::{self, Performance};
+use crate::pages::Page;
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, OwnStep, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, System, Values, VectorOf, Warning, boolean, integer, scalar, smaller, vector,
@@ -265,11 +266,9 @@ impl<C: Tracking> System for Watched<C> {
 
 impl<C: Tracking + Catalogued> Catalogued for Watched<C> {
     const TITLE: &'static str = C::TITLE;
-    const PAGE: &'static str = C::PAGE;
+    const PAGE: Page = C::PAGE;
     const ROLE: Role = C::ROLE;
     const TEMPLATE: Option<Template> = C::TEMPLATE;
-    const ICON: Icon = C::ICON;
-    const GUIDE: Guide = C::GUIDE;
     const TRIAL: Trial = C::TRIAL;
     const DEMONSTRATION: Option<Demonstration> = C::DEMONSTRATION;
     const LIMIT_OF: Option<&'static str> = C::LIMIT_OF;

@@ -8,6 +8,7 @@ pub use plant::{Plant, Signals};
 pub use text::{Text, all, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits};
 
 use crate::error::Invalid;
+use crate::pages::Page;
 
 /// Largest number of states, inputs or outputs.
 pub const MOST: i64 = 50;
@@ -112,13 +113,13 @@ impl Request<'_> {
         })
     }
 
-    /// A text with what every description begins with: what it is, how long it runs and its step, s.
-    pub fn begin(&self, what: &str, page: &str, stop_time: f64, step: f64) -> Text {
+    /// A text with what every description begins with: what the page of its kind says it is, how long it runs and its step, s.
+    pub fn begin(&self, page: &Page, stop_time: f64, step: f64) -> Text {
         let mut text = Text::default();
-        text.comment(&format!("What each key means: docs/description.md; the equations: docs/{page}.md."));
+        text.comment(&format!("What each key means: docs/description.md; the equations: docs/{}.md.", page.place));
         text.set("name", quoted(self.name), "name of the FMU");
         text.set("model", quoted(self.kind), "");
-        text.set("description", quoted(what), "what it is, in a line");
+        text.set("description", quoted(page.title), "what it is, in a line");
         text.suggest("author", quoted("your name"), "as version, license and copyright: said in the FMU");
         text.table("experiment");
         text.set("stop_time", number(stop_time), "s, what a master simulates by default");

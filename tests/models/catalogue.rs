@@ -5,15 +5,14 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::PathBuf;
 
-use adaptive_fmu::catalogue::{Entry, Guide, ICON, Trial};
+use adaptive_fmu::catalogue::{Entry, Trial};
+use adaptive_fmu::generated;
 use adaptive_fmu::library::{CATALOGUE, REGISTRY, find};
 use adaptive_fmu::model::Model;
-use adaptive_fmu::schema::{self, Key};
-use adaptive_fmu::system::{Causality, Element};
+use adaptive_fmu::pages::{self, Guide};
+use adaptive_fmu::system::Causality;
 use common::described::model;
-use common::pages::assert_generated;
 use common::{at_top, description, description_folder, description_names};
-use serde_json::Value;
 
 const FOLDERS: [&str; 5] = ["crates/framework/src", "crates/program/src", "crates/command_line/src", "src", "plants"];
 /// Names of kinds that are words of their own, too.
@@ -84,7 +83,8 @@ fn every_kind_has_a_title_a_page_and_a_guide() {
         assert!(!entry.title.is_empty() && titles.insert(entry.title), "{name}: `{}`", entry.title);
         let page = fs::read_to_string(root().join("docs").join(format!("{}.md", entry.page)));
         let page = page.unwrap_or_else(|error| panic!("{name}: {}: {error}", entry.page));
-        assert!(entry.kind.documentation.starts_with(&page), "{name}: its documentation begins with {}", entry.page);
+        let page = page.split_once("\n---\n").map_or(page.as_str(), |(_, text)| text);
+        assert!(entry.kind.documentation.starts_with(page), "{name}: its documentation begins with {}", entry.page);
         let Guide { purpose, alone, limits, .. } = entry.guide;
         assert!(!purpose.is_empty() && limits.starts_with("- "), "{name}: what it is for, and what it can't do");
         assert!(alone.starts_with("With nothing connected "), "{name}: what it shows until it is connected");
@@ -97,7 +97,7 @@ fn every_kind_has_a_title_a_page_and_a_guide() {
 
 #[test]
 fn no_two_kinds_share_an_icon() {
-    let icons: Vec<_> = CATALOGUE.iter().map(|entry| entry.icon).chain([ICON]).collect();
+    let icons: Vec<_> = CATALOGUE.iter().map(Entry::icon).chain([pages::icon("")]).collect();
     let names: BTreeSet<_> = icons.iter().map(|icon| icon.name).collect();
     let pictures: BTreeSet<_> = icons.iter().map(|icon| icon.png).collect();
     let drawings: BTreeSet<_> = icons.iter().map(|icon| icon.svg).collect();
@@ -145,100 +145,13 @@ fn units() -> impl Iterator<Item = (&'static Entry, Model)> {
     models.map(|model| (find(&model.description().model).unwrap(), model))
 }
 
-/// A text in a cell of a table.
-fn cell(text: &str) -> String {
-    text.replace('|', "\\|")
-}
-
 #[test]
-fn the_page_of_fmus_has_their_table() {
-    let mut rows: Vec<_> = units().map(|(entry, model)| (entry.role, row_of_unit(entry, &model))).collect();
-    // By what they do in a loop, then by their names.
-    rows.sort_by_key(|(role, _)| *role);
-    let rows: String = rows.into_iter().map(|(_, row)| row).collect();
-    assert_generated(
-        "docs/fmus.md",
-        "fmus",
-        &format!("| FMU | what it is | inputs | outputs |\n| --- | --- | --- | --- |\n{rows}"),
-    );
-}
-
-fn row_of_unit(entry: &Entry, model: &Model) -> String {
-    let description = model.description();
-    let [inputs, outputs] = [Causality::Input, Causality::Output].map(|causality| ports(model, causality));
-    let (name, what, page) = (&description.name, cell(&description.description), entry.page);
-    format!("| `{name}` | [{what}]({page}.md) | {inputs} | {outputs} |\n")
-}
-
-/// The variables of a causality: `x[1]` … `x[4]`.
-fn ports(model: &Model, causality: Causality) -> String {
-    let elements: Vec<Element> = model.variables().visible().collect();
-    let arrays = elements.chunk_by(|a, b| std::ptr::eq(a.variable, b.variable));
-    let shown = arrays.filter(|array| array[0].variable.causality == causality).map(|array| {
-        let names: Vec<_> = array.iter().map(|element| format!("`{}`", element.name())).collect();
-        match &names[..] {
-            [first, _, .., last] if first.ends_with("[1]`") => format!("{first} … {last}"),
-            names => names.join(", "),
-        }
-    });
-    shown.collect::<Vec<_>>().join(", ")
-}
-
-#[test]
-fn the_page_of_keys_has_the_table_of_kinds() {
-    let rows = CATALOGUE.iter().map(|Entry { kind, title, page, template, .. }| {
-        let begun = if template.is_some() { "yes" } else { "" };
-        format!("| `{}` | [{}]({page}.md) | {begun} |\n", kind.name, cell(title))
-    });
-    let head = "| `model` | what it is | `new` begins one |\n| --- | --- | --- |\n";
-    assert_generated("docs/description.md", "kinds", &(head.to_owned() + &rows.collect::<String>()));
-}
-
-#[test]
-fn the_page_of_keys_has_the_table_of_structures() {
-    let mut rows: Vec<(String, String, Vec<&str>)> = Vec::new();
-    for key in schema::keys() {
-        let Some(model) = key.model else { continue };
-        let text = what_it_is(&key);
-        match rows.iter_mut().find(|(name, known, _)| *name == key.name && *known == text) {
-            Some((_, _, models)) => models.push(model),
-            None => rows.push((key.name, text, vec![model])),
-        }
+fn files_that_follow_from_others_are_current() {
+    let read = |page: &str| Ok(fs::read_to_string(root().join(page)).unwrap());
+    let files = generated::files(read).unwrap();
+    assert!(files.len() > description_names().len() + 4);
+    for (file, text) in files {
+        let current = fs::read_to_string(root().join(&file)).unwrap_or_default() == text;
+        assert!(current, "{file} isn't what its sources give: run `adaptive-fmu generate`, and review the difference");
     }
-    rows.sort_by(|(one, ..), (other, ..)| one.cmp(other));
-    let row = |(name, text, models): &(String, String, Vec<&str>)| {
-        let models: Vec<_> = models.iter().map(|model| format!("`{model}`")).collect();
-        format!("| `{name}` | {} | {} |\n", models.join(", "), cell(text))
-    };
-    let head = "| key | models | what it is |\n| --- | --- | --- |\n".to_owned();
-    assert_generated("docs/description.md", "structures", &(head + &rows.iter().map(row).collect::<String>()));
-}
-
-/// What a key is: as its doc comment says it, with what is allowed and what it is unless given.
-fn what_it_is(key: &Key) -> String {
-    let mut text = key.text.trim_end_matches('.').to_owned();
-    // A word begins small, a symbol stays.
-    let mut letters = text.chars();
-    if let [Some(first), second] = [letters.next(), letters.next()]
-        && second.is_none_or(|c| c.is_lowercase() || c == ' ')
-    {
-        text.replace_range(..first.len_utf8(), &first.to_lowercase().to_string());
-    }
-    let items = key.schema["oneOf"].as_array().into_iter().flatten().filter_map(|item| item["const"].as_str());
-    let items: Vec<_> = items.map(|item| format!("`\"{item}\"`")).collect();
-    if let [first @ .., last] = &items[..] {
-        text += &format!(": {} or {last}", first.join(", "));
-    }
-    if let Some(keys) = key.schema["items"]["properties"].as_object() {
-        text += &format!(", each `{{ {} }}`", keys.keys().cloned().collect::<Vec<_>>().join(", "));
-    }
-    let default = &key.schema["default"];
-    let says = key.required || ["none is given", "none are given"].iter().any(|words| text.contains(words));
-    let empty = default.as_array().is_some_and(Vec::is_empty);
-    match default {
-        Value::Null => {}
-        _ if says || empty => {}
-        default => text += &format!("; `{default}` unless given"),
-    }
-    text
 }

@@ -5,7 +5,6 @@ mod actuator;
 mod catalogue;
 mod descriptions;
 mod design_report;
-mod designed;
 mod funnel_control;
 mod fuzzy_channels;
 mod fuzzy_l1;

@@ -71,6 +71,9 @@ enum Command {
     Completions(command::completions::Arguments),
     /// Writes manual pages, one a command
     Manual(command::manual::Arguments),
+    /// Writes the files of this project's own folder that follow from others: descriptions of FMUs, the schema, tables
+    #[command(hide = true)]
+    Generate,
     /// Answers requests of another program, which hands them over as JSON
     #[command(hide = true)]
     Serve,
@@ -178,6 +181,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Manual(arguments) => {
             command::manual::execute(&arguments, &Arguments::command()).map(|()| ExitCode::SUCCESS)
         }
+        Command::Generate => command::generate::execute().map(|()| ExitCode::SUCCESS),
         Command::Serve => Ok(command::serve::execute(answer)),
         Command::UnitProcess => serve_unit(),
     }

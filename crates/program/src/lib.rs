@@ -19,6 +19,7 @@ pub mod exporter;
 pub mod figures;
 #[allow(unsafe_code)]
 pub mod fmu;
+pub mod generated;
 pub mod jit;
 pub mod league;
 pub mod model_description;
@@ -42,7 +43,7 @@ pub use adaptive_fmu_framework as framework;
 pub use adaptive_fmu_framework::{
     eigenvalues, error, execution, fmi2, integrator, kernel, model, near, recording, report, scalar, system, text_file,
 };
-pub use adaptive_fmu_models::{catalogue, controllers, library, mathematics, plants, template, texts};
+pub use adaptive_fmu_models::{catalogue, controllers, library, mathematics, pages, plants, template, texts};
 
 /// Checksum of what the program is made of, beside its models.
 pub const SOURCE: &str = env!("ADAPTIVE_FMU_SOURCE");

@@ -28,7 +28,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
         return Err(Invalid::because("the plant, the bandwidth and the reference differ by too many powers of ten"));
     }
     let step = round_down((0.01 / bandwidth).min(1e-3));
-    let mut text = request.begin(FunnelControl::TITLE, FunnelControl::PAGE, stop_time(bandwidth), step);
+    let mut text = request.begin(&FunnelControl::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
     text.set("relative_degree", degree, "after how many derivatives of an output the control shows");

@@ -15,7 +15,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let of_one = m == 1 && entered == [false];
     let own = [WEIGHTS[0], "\"own\"", "\"shared\": one k_p, k_d and k_e for all channels"];
     let keys = if of_one { &[][..] } else { &[own] };
-    let (mut text, bandwidth) = l1::template::begin(request, FuzzyL1::TITLE, FuzzyL1::PAGE, keys)?;
+    let (mut text, bandwidth) = l1::template::begin(request, &FuzzyL1::PAGE, keys)?;
     let reference = request.reference;
     // As many as there are channels; of one, the number itself.
     let each = |value: f64| if m == 1 { number(value) } else { all(value, m) };

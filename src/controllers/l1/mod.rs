@@ -17,8 +17,9 @@ mod unmatched;
 use nalgebra::DMatrixView;
 
 use super::watched::Tracking;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, icon};
+use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits;
+use crate::pages::{self, Page};
 use crate::system::{
     Choice, Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride,
     System, Values, VectorOf, larger, vector,
@@ -77,7 +78,7 @@ impl Tracking for L1 {
 impl System for L1 {
     type Structure = L1Structure;
     const NAME: &'static str = "l1";
-    const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/l1.md");
+    const DOCUMENTATION: &'static str = pages::L1.text;
 
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
         let plant = structure.plant()?;
@@ -182,55 +183,7 @@ fn largest(x: &[f64]) -> usize {
 }
 
 impl Catalogued for L1 {
-    const TITLE: &'static str = "L1 adaptive controller";
-    const PAGE: &'static str = "controllers/l1";
-    const ICON: Icon = icon!("l1");
-    const GUIDE: Guide = Guide {
-        purpose: "Follows `r` as a chosen linear model would, though parts of the plant are unknown: it \
-                  estimates them. Take it where the whole state is measured, and bounds of the unknown are \
-                  known.",
-        alone: "With nothing connected it stands still: state and reference are both 0, so there is no error. An error \
-                that no plant answers takes its estimates to their bounds, and it warns: connect the plant first.",
-        gains: &[
-            (
-                "adaptation_gain",
-                "How fast the estimates follow what is unknown. Larger: a smaller \
-                                  error, but `check` must still find the step short enough: the \
-                                  adaptation turns at about its root.",
-            ),
-            (
-                "feedback_gain",
-                "Bandwidth of what adaptation may do. Larger: the loop is closer to \
-                                the desired dynamics; smaller: more margin against delays and \
-                                unmodeled dynamics.",
-            ),
-            (
-                "pole_real",
-                "Speed of the desired dynamics, and so of the loop. Farther left asks for \
-                            a larger control and a shorter step.",
-            ),
-            ("A_m", "The desired dynamics themselves, which the loop answers with."),
-            (
-                "sigma_bound",
-                "How large a disturbance the estimate may become. Too small: it stands \
-                              at its bound, and logProjection tells.",
-            ),
-            (
-                "u_max",
-                "What the actuator can give, together with `u_min`: the law knows of it and \
-                        doesn't wind up.",
-            ),
-        ],
-        limits: "- The whole state `x` is measured, and hardly delayed: the margin against a delay \
-                  stands in the design report.\n\
-                 - What is unknown must lie within its bounds; outside them nothing is proven, and \
-                  the estimates stand at them.\n\
-                 - The sign of the input gain must be known.\n\
-                 - A communication step that is too long for the control takes the loop away from \
-                  its design: `step_too_long` tells.\n\
-                 - Held signals, noise and delay act on the real loop, which no desired dynamics \
-                  show: try it with a sensor and an actuator between.",
-    };
+    const PAGE: Page = pages::L1;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: begun,
@@ -247,6 +200,6 @@ impl Catalogued for L1 {
 }
 
 fn begun(request: &Request) -> Result<String, Invalid> {
-    let (text, _) = template::begin(request, L1::TITLE, L1::PAGE, &[])?;
+    let (text, _) = template::begin(request, &L1::PAGE, &[])?;
     Ok(text.finish())
 }

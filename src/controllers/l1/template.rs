@@ -2,21 +2,22 @@
 
 use crate::controllers::template::{design, stop_time, write_plant, write_poles};
 use crate::error::Invalid;
+use crate::pages::Page;
 use crate::template::{
     Request, Text, all, diagonal, list, named, number, write_limits, write_names, write_quantities, write_units,
 };
 
-/// The text of a law with this title and page, to which more can be added, and its bandwidth, rad/s; with these further
+/// The text of a law with this page, to which more can be added, and its bandwidth, rad/s; with these further
 /// keys of its structure, their values and what these are.
 ///
 /// # Errors
 /// Why there is no design for the plant.
-pub fn begin(request: &Request, title: &str, page: &str, keys: &[[&str; 3]]) -> Result<(Text, f64), Invalid> {
+pub fn begin(request: &Request, page: &Page, keys: &[[&str; 3]]) -> Result<(Text, f64), Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
     let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
     let design = design::design(&plant, bandwidth, request.reference)?;
-    let mut text = request.begin(title, page, stop_time(bandwidth), design.step);
+    let mut text = request.begin(page, stop_time(bandwidth), design.step);
     text.table("structure");
     write_plant(&mut text, &plant, "what is to follow the reference");
     text.set("baseline", "\"outside\"", "-K_m x puts the poles of A where pole_real, pole_imag say");

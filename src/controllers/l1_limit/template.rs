@@ -12,7 +12,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let (n, m, _) = plant.sizes();
     let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
     let design = design::design(&plant, bandwidth, request.reference)?;
-    let mut text = request.begin(L1Limit::TITLE, L1Limit::PAGE, stop_time(bandwidth), design.step);
+    let mut text = request.begin(&L1Limit::PAGE, stop_time(bandwidth), design.step);
     text.table("structure");
     write_plant(&mut text, &plant, "what is to follow the reference");
     text.set("baseline", "\"outside\"", "-K_m x puts the poles of A where pole_real, pole_imag say");

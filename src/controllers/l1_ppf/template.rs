@@ -20,7 +20,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
             format!("must be {m} or {}: a control for each state, or for each coordinate with its rate", 2 * m);
         return Err(Invalid::new("states", n, allowed));
     }
-    let (mut text, bandwidth) = l1::template::begin(request, L1Ppf::TITLE, L1Ppf::PAGE, &[])?;
+    let (mut text, bandwidth) = l1::template::begin(request, &L1Ppf::PAGE, &[])?;
     write_funnel(&mut text, request.reference, bandwidth, m);
     let rho_inf = 0.1 * request.reference;
     let gain = three_digits(STIFFNESS * bandwidth * rho_inf * rho_inf);

@@ -19,7 +19,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let design = design::design(&plant, bandwidth, request.reference)?;
     let fastest = design.poles.iter().map(|pole| pole.norm()).fold(design.feedback_gain, f64::max);
     let sample_time = round_down(1.0 / (SAMPLES * fastest));
-    let mut text = request.begin(L1Sampled::TITLE, L1Sampled::PAGE, stop_time(bandwidth), sample_time);
+    let mut text = request.begin(&L1Sampled::PAGE, stop_time(bandwidth), sample_time);
     text.table("structure");
     write_plant(&mut text, &plant, "what is to follow the reference");
     text.set("baseline", "\"outside\"", "the poles of A are put where pole_real, pole_imag say");

@@ -36,7 +36,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
         return Err(Invalid::because(reason));
     };
     let step = round_down((0.1 / (FASTER * omega_c)).min(1e-3));
-    let mut text = request.begin(Ladrc::TITLE, Ladrc::PAGE, stop_time(omega_c), step);
+    let mut text = request.begin(&Ladrc::PAGE, stop_time(omega_c), step);
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
     text.set("order", n, "after how many derivatives of an output the control shows");

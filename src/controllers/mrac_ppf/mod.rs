@@ -13,9 +13,10 @@ use super::at_limit::unlimited;
 use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
 use super::sampling::{Evaluation, prediction_steps};
-use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::limits::{self, within};
 use crate::mathematics::lyapunov;
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, ChoiceOf, Declaration, DesignReport, DifferenceOf, Discrete, Input, IntegerOf, Invalid, MatrixOf,
     Memory, Parameter, Point, Rates, Scalar, ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning,
@@ -109,7 +110,7 @@ const ERROR_NOMINAL: f64 = 1e-9;
 impl System for MracPpf {
     type Structure = MracStructure;
     const NAME: &'static str = "mrac-ppf";
-    const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/mrac_ppf.md");
+    const DOCUMENTATION: &'static str = pages::MRAC_PPF.text;
 
     fn declare(structure: MracStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let (A, B_inverse) = structure.matrices()?;
@@ -395,31 +396,7 @@ impl MracStructure {
 }
 
 impl Catalogued for MracPpf {
-    const TITLE: &'static str = "Robust MRAC with prescribed performance";
-    const PAGE: &'static str = "controllers/mrac_ppf";
-    const ICON: Icon = icon!("mrac-ppf");
-    const GUIDE: Guide = Guide {
-        purpose: "Keeps each state's error against a reference model inside a funnel that narrows with time. \
-                  Take it where each state has an input and an error must never exceed a bound.",
-        alone: "With nothing connected it answers the error that `x` and `r` start with, the more, the narrower the \
-                funnel gets. An error that no plant answers must lie within the funnel all the time; at an error of 0 it \
-                does little.",
-        gains: &[
-            ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
-            ("rho_inf", "Width in the end: the accuracy that is asked for."),
-            ("decay_rate", "How fast the funnel narrows."),
-            ("A_m", "The reference model, which the plant is to behave as."),
-            ("gamma_1", "Adaptation gain of the parameters."),
-            ("alpha_bar", "Push away from the funnel's edge."),
-        ],
-        limits: "- As many inputs as states, and the whole state measured.\n\
-                 - An error that leaves its funnel ends the step with an error, unless \
-                  `on_funnel_exit` = reopen.\n\
-                 - The proof covers neither a control that acts nonlinearly nor one at its limits; \
-                  `u_min`, `u_max` are not in the law.\n\
-                 - Its step is part of the law: a longer one than it was tuned for may leave the \
-                  funnel.",
-    };
+    const PAGE: Page = pages::MRAC_PPF;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> =
         Some(Template { write: template::write, tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)] });

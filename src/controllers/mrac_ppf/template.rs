@@ -27,7 +27,7 @@ fn write_for(request: &Request, plant: &Plant) -> Result<String, Invalid> {
     let (n, m, _) = plant.sizes();
     let bandwidth = design::bandwidth(plant, request.bandwidth)?;
     let step = round_down((0.01 / bandwidth).min(1e-3));
-    let mut text = request.begin(MracPpf::TITLE, MracPpf::PAGE, stop_time(bandwidth), step);
+    let mut text = request.begin(&MracPpf::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     text.comment(
         "Nominal plant x' = A x + B u: rows of numbers; B has the rank of its rows, so that each state is controlled.",

@@ -35,7 +35,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let numbers = Numbers::of([&plant.A, &A_m], &driven, [bandwidth, reference]);
     let fastest = numbers.rates.iter().copied().fold(bandwidth, f64::max);
     let step = round_down((0.3 / fastest).min(1e-3));
-    let mut text = request.begin(MracPpfUnmatched::TITLE, MracPpfUnmatched::PAGE, stop_time(bandwidth), step);
+    let mut text = request.begin(&MracPpfUnmatched::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     write_plant(&mut text, &plant, "what is to follow the reference");
     if !driven.is_empty() {

@@ -12,8 +12,9 @@ use serde::Deserialize;
 use super::at_limit::unlimited;
 use super::funnel::{self, Funnel};
 use super::moves::Moves;
-use crate::catalogue::{Catalogued, Guide, Icon, Role, Trial, icon};
+use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::limits::{self, within};
+use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, Warning, boolean, matrix, quantities, scalar,
@@ -108,7 +109,7 @@ pub struct NeuroPpf {
 impl System for NeuroPpf {
     type Structure = NeuroPpfStructure;
     const NAME: &'static str = "neuro-ppf";
-    const DOCUMENTATION: &'static str = include_str!("../../../docs/controllers/neuro_ppf.md");
+    const DOCUMENTATION: &'static str = pages::NEURO_PPF.text;
 
     fn declare(structure: NeuroPpfStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let (m, degree) = structure.size()?;
@@ -272,33 +273,7 @@ impl NeuroPpfStructure {
 }
 
 impl Catalogued for NeuroPpf {
-    const TITLE: &'static str = "Neuro-adaptive controller with prescribed performance";
-    const PAGE: &'static str = "controllers/neuro_ppf";
-    const ICON: Icon = icon!("neuro-ppf");
-    const GUIDE: Guide = Guide {
-        purpose: "Keeps each tracking error inside a funnel that narrows with time, without a model: two \
-                  networks of neurons learn the plant. Take it where nobody knows the dynamics.",
-        alone: "With nothing connected it answers the error that `x` and `r` start with, the more, the narrower the \
-                funnel gets. An error that no plant answers must lie within the funnel all the time; at an error of 0 it \
-                does nothing, and a funnel without overshoot has no room.",
-        gains: &[
-            ("rho_0", "Width of the funnel at the start: the first error must lie inside."),
-            (
-                "rho_inf",
-                "Width in the end: the accuracy that is asked for. Smaller needs shorter \
-                          steps.",
-            ),
-            ("decay_rate", "How fast the funnel narrows."),
-            ("k", "Gain of the error in the law."),
-            ("network_gain", "How fast the networks learn."),
-            ("eta_Gb", "Robust gain, which does most of the work until they have."),
-        ],
-        limits: "- At most three channels.\n\
-                 - Held signals lose a narrow funnel: the gain grows as 1/ρ². The step ends with an \
-                  error then, unless `on_funnel_exit` = reopen.\n\
-                 - The limits of the control are not in the law: at them it may leave its funnel.\n\
-                 - It learns nothing that stays: the networks start anew with each simulation.",
-    };
+    const PAGE: Page = pages::NEURO_PPF;
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,

@@ -23,7 +23,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
         let allowed = format!("must be {m} or {}: the tracked variables, or they and their rates", 2 * m);
         return Err(Invalid::new("states", n, allowed));
     }
-    let mut text = request.begin(NeuroPpf::TITLE, NeuroPpf::PAGE, 10.0, 1e-4);
+    let mut text = request.begin(&NeuroPpf::PAGE, 10.0, 1e-4);
     text.table("structure");
     text.set("relative_degree", degree, "after how many derivatives of a tracked variable the control shows: 1 or 2");
     text.set("channels", m, "tracked variables, each with a control of its own");

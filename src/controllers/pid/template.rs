@@ -52,7 +52,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     };
     let Gains { K_p, K_i, K_d, N } = Gains::of(&chains, bandwidth);
     let step = round_down((0.1 / N).min(1e-3));
-    let mut text = request.begin(Pid::TITLE, Pid::PAGE, stop_time(bandwidth), step);
+    let mut text = request.begin(&Pid::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
     write_units(&mut text, &[("y", &plant.y, m), ("u", &plant.u, m)]);

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 
 /// Whether files that follow from others are to be written anew.
 pub fn updating() -> bool {
-    std::env::var_os("UPDATE_DESCRIPTIONS").is_some()
+    std::env::var_os("UPDATE_TABLES").is_some()
 }
 
 /// The lines of a table in a page.
@@ -23,7 +23,7 @@ pub fn assert_generated(page: &str, name: &str, table: &str) {
     }
     assert!(
         generated(page, name) == table,
-        "the table `{name}` of {page} is not current. Run the tests once with UPDATE_DESCRIPTIONS=1; it should be:\n{table}"
+        "the table `{name}` of {page} is not current. Run the tests once with UPDATE_TABLES=1; it should be:\n{table}"
     );
 }
 

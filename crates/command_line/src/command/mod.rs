@@ -8,6 +8,7 @@ pub mod dist;
 mod earlier;
 pub mod explore;
 pub mod export;
+pub mod generate;
 pub mod global;
 mod hosting;
 pub mod info;

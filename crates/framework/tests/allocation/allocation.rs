@@ -296,7 +296,7 @@ fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
         let head = "| unit | allocations of a step that takes parameters over |\n| --- | --- |\n";
         return pages::write("docs/memory.md", "allocations", &format!("{head}{rows}"));
     }
-    assert!(wrong.is_empty(), "{wrong:#?}: with UPDATE_DESCRIPTIONS=1 the table is written anew");
+    assert!(wrong.is_empty(), "{wrong:#?}: with UPDATE_TABLES=1 the table is written anew");
 }
 
 #[test]

@@ -2,13 +2,14 @@
 
 use super::page::{self, Handed};
 use super::{Source, terminals};
-use crate::catalogue::{self, Entry, Icon};
+use crate::catalogue::Entry;
 use crate::error::{Error, Invalid};
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
 use crate::library as own;
 use crate::model::Description;
 use crate::model_description::ModelDescription;
+use crate::pages::{self, Icon};
 
 /// What a reader, and a tool that shows blocks, see of an FMU.
 pub struct Appearance {
@@ -37,7 +38,7 @@ pub fn appearance(
     let handed = Handed::new(unit, build, &xml, &description, entry);
     Ok(Appearance {
         page: page::html(&handed),
-        icon: entry.map_or(catalogue::ICON, |entry| entry.icon),
+        icon: entry.map_or_else(|| pages::icon(""), Entry::icon),
         terminals: with_terminals.then(|| terminals::xml(&handed.pins)),
     })
 }

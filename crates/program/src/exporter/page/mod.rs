@@ -15,12 +15,13 @@ use std::collections::HashMap;
 use std::fmt::Write;
 
 use super::pins::{Pin, pins};
-use crate::catalogue::{Entry, ICON, Role};
+use crate::catalogue::{Entry, Role};
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
 use crate::library;
 use crate::model::Description;
 use crate::model_description::ModelDescription;
+use crate::pages;
 use markdown::rendered;
 use wiring::Wiring;
 
@@ -100,7 +101,7 @@ pub fn html(handed: &Handed) -> String {
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{name}</title>\n\
          <style>\n{STYLE}</style>\n</head>\n<body>\n{}<h1>{name}</h1>\n<p>{}.</p>\n{}",
-        entry.map_or(ICON, |entry| entry.icon).svg.replacen("<svg ", "<svg class=\"icon\" ", 1),
+        entry.map_or_else(|| pages::icon(""), Entry::icon).svg.replacen("<svg ", "<svg class=\"icon\" ", 1),
         escaped(&xml.description),
         about(xml)
     );
