@@ -4,10 +4,11 @@ import ctypes
 import json
 import os
 import subprocess
+import zipfile
 from pathlib import Path
 
 import pytest
-from conftest import PROGRAM, ROOT, adaptive_fmu
+from conftest import LOOP_NAMES, PROGRAM, ROOT, adaptive_fmu
 
 LOOPS = ["3.2.1-cosine", "3.3.1-case2", "6.5.1-mrac"]
 PR_SET_MDWE, PR_MDWE_REFUSE_EXEC_GAIN = 65, 1
@@ -117,3 +118,22 @@ def test_an_fmu_of_a_kept_description_is_the_same_and_a_broken_one_is_made_anew(
     for broken in (whole, b"", whole[: len(whole) // 2], b'{"failure":"no"}'):
         described.write_bytes(broken)
         assert exported(cache) == expected and described.read_bytes() == whole
+
+
+def test_fmus_of_another_build_are_loaded_by_each_loop_anew_and_run_alike(tmp_path: Path) -> None:
+    """Each loop of a command loads such a library to another place, and frees it again; kernels outlive that."""
+    exported = adaptive_fmu("export", "--all", "--out", tmp_path / "own")
+    assert exported.returncode == 0, exported.stderr
+    (tmp_path / "other").mkdir()
+    for file in (tmp_path / "own").glob("*.fmu"):
+        with zipfile.ZipFile(file) as own, zipfile.ZipFile(tmp_path / "other" / file.name, "w") as other:
+            for name in own.namelist():
+                # What stands behind a library changes nothing but its checksum.
+                other.writestr(name, own.read(name) + (b"\0" if name.startswith("binaries/") else b""))
+    tables = []
+    for name in ("own", "other"):
+        out = tmp_path / f"{name} results"
+        answer = adaptive_fmu("run", "--all", "--until", 0.2, "--json", "--fmus", tmp_path / name, "--out", out)
+        assert answer.returncode in (0, 3), answer.stderr
+        tables.append({file.parent.name: file.read_text() for file in out.glob("*/result.csv")})
+    assert len(tables[0]) == len(LOOP_NAMES) and tables[0] == tables[1]

@@ -58,7 +58,7 @@ pub(super) struct Awaited {
     functions: Functions,
 }
 
-/// The functions of a library.
+/// The functions of a library, as it was loaded once.
 #[derive(Debug, Clone, Copy)]
 struct Functions {
     tell: Tell,
@@ -82,7 +82,7 @@ struct Made {
 }
 
 /// Kernels for any parameters that this process knows, by library and description. They stay until it ends.
-static KNOWN: Mutex<Option<HashMap<(Checksum, String), Awaited>>> = Mutex::new(None);
+static KNOWN: Mutex<Option<HashMap<(Checksum, String), Arc<Sought>>>> = Mutex::new(None);
 
 impl Awaited {
     /// The kernel of the unit with a description, in a library with this checksum.
@@ -90,8 +90,9 @@ impl Awaited {
         let text = fs::read_to_string(description).ok()?;
         let functions = Functions::of(binary)?;
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-        let entry = known.get_or_insert_default().entry((*library, text));
-        Some(entry.or_insert_with(|| Awaited { sought: Arc::default(), functions }).clone())
+        // The library may be loaded many times, each time to another place: the kernel serves all, functions are of this one.
+        let sought = Arc::clone(known.get_or_insert_default().entry((*library, text)).or_default());
+        Some(Awaited { sought, functions })
     }
 
     /// How equations are evaluated.
