@@ -81,8 +81,11 @@ struct Made {
     _library: Arc<Binary>,
 }
 
-/// Kernels for any parameters that this process knows, by library and description. They stay until it ends.
-static KNOWN: Mutex<Option<HashMap<(Checksum, String), Arc<Sought>>>> = Mutex::new(None);
+/// Kernels by library and description.
+type Known = HashMap<(Checksum, String), Arc<Sought>>;
+
+/// Those for any parameters that this process has. They stay until it ends.
+static KNOWN: Mutex<Option<Known>> = Mutex::new(None);
 
 impl Awaited {
     /// The kernel of the unit with a description, in a library with this checksum.
