@@ -147,7 +147,7 @@ impl System for Actuator {
 }
 
 impl Actuator {
-    /// Whether a channel has a lag, of its own or to limit its rate.
+    /// True if a channel has a lag, of its own or to limit its rate.
     fn lags<S: Scalar>(&self, i: usize, v: &Point<S>) -> S::Flag {
         v[self.working_time_constant][i].above(S::from(0.0))
     }

@@ -148,7 +148,7 @@ impl DelayLine {
         }
     }
 
-    /// Whether any channel is delayed, now and from the start on: delays are fixed.
+    /// True if any channel is delayed, now and from the start on: delays are fixed.
     pub fn is_used<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         any::<S>(v[self.samples].iter().map(|samples| samples.above(S::from(0.0))))
     }

@@ -27,7 +27,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// Whether it hands on signals of any sort, channel by channel: names of its own say nothing of them.
+    /// True if it hands on signals of any sort, channel by channel: names of its own say nothing of them.
     pub fn hands_on(self) -> bool {
         matches!(self, Role::Sensor | Role::Actuator)
     }
@@ -66,7 +66,7 @@ pub struct Demonstration {
     pub held: &'static [&'static str],
     /// The model's own name of the output that is shown.
     pub output: &'static str,
-    /// Whether all its elements are shown, as far as they can be told apart, or the first one alone.
+    /// True if all its elements are shown, as far as they can be told apart, or the first one alone.
     pub shows_all: bool,
     /// How large the stimulus is, and how long all lasts, by the first elements of parameters and the stop time of the
     /// default experiment; none where the unit does nothing as it is set.

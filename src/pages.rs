@@ -10,7 +10,7 @@ pub struct Page {
     pub title: &'static str,
     /// What its FMUs tell a reader.
     pub guide: Guide,
-    /// Its row where a reader chooses a controller: what one has, what to take, what to expect; of other kinds none.
+    /// Where a reader chooses a controller: what one needs to have for it, and what to expect; nothing of other kinds.
     pub choice: &'static [&'static str],
     /// Its text, and behind it that of the page in `followed by`.
     pub text: &'static str,

@@ -17,7 +17,7 @@ fn main() {
     }
 }
 
-/// Whether a library of this target is linked with glibc, as it is loaded, on a processor that fmi2/old_glibc.rs knows.
+/// True if a library of this target is linked with glibc, as it is loaded, on a processor that fmi2/old_glibc.rs knows.
 fn links_glibc() -> bool {
     let of_target = |name: &str| env::var(format!("CARGO_CFG_TARGET_{name}")).unwrap_or_default();
     let within = of_target("FEATURE").split(',').any(|feature| feature == "crt-static");

@@ -1,4 +1,4 @@
-"""Adaptive controllers and their plants as FMI 2.0 units, from Python.
+"""Adaptive controllers and their plants as FMI 2.0 FMUs, for use from Python.
 
 >>> import adaptive_fmu
 >>> loop = adaptive_fmu.Loop("3.2.1-cosine")
@@ -6,8 +6,8 @@
 >>> result.data.shape
 (5001, 11)
 
-The work is done by the program `adaptive-fmu`, which is installed with this package: it is started once, answers requests, and
-ends with Python. No shell is involved.
+The program `adaptive-fmu`, which is installed with this package, does the work. It is started once, answers requests, and ends
+with Python. No shell is involved.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 try:
-    #: Version of the package, which is the program's.
+    #: Version of the package, which is also the version of the program.
     __version__ = metadata.version("adaptive-fmu")
-except metadata.PackageNotFoundError:  # The sources as they are.
+except metadata.PackageNotFoundError:  # The sources are used without an installation.
     __version__ = "0"

@@ -1,4 +1,4 @@
-"""What goes wrong, as exceptions: one class for each exit code of the program, with the program's own message."""
+"""Exceptions: one class for each exit code of the program, with the message of the program."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 class Error(Exception):
-    """It could not be done (exit code 1). The message is the program's: what is wrong, and what to do.
+    """A request failed (exit code 1). The message of the program states what is wrong and what to do.
 
     >>> import adaptive_fmu
     >>> try:
@@ -16,12 +16,12 @@ class Error(Exception):
     there is no loop named `3.2.1-cosin`; did you
     """
 
-    #: What was computed until a unit failed, as a `Result`; None where nothing was.
+    #: `Result` with the points computed until an FMU failed; None if there are none.
     partial: Any = None
 
 
 class ArgumentError(Error, ValueError):
-    """The arguments are wrong (exit code 2).
+    """An argument is wrong (exit code 2).
 
     >>> import adaptive_fmu
     >>> try:
@@ -33,7 +33,9 @@ class ArgumentError(Error, ValueError):
 
 
 class LimitExceeded(Error):
-    """A metric is beyond its limit, or a design isn't sound (exit code 3); raised by `Result.check` and `Checked.check` alone.
+    """A run is not complete, a metric is beyond its limit, or a design is not sound (exit code 3).
+
+    Only `Result.check` and `Checked.check` raise it.
 
     >>> import adaptive_fmu
     >>> result = adaptive_fmu.Loop("3.2.1-cosine").run(until=6, plant={"x0": [0, 0.5]})
@@ -46,14 +48,14 @@ class LimitExceeded(Error):
 
 
 class Interrupted(KeyboardInterrupt):
-    """A run was interrupted (exit code 130): `partial` holds what was computed until then.
+    """The user interrupted a run (exit code 130). `partial` contains the results until then.
 
-    A script that doesn't catch it ends, as by any KeyboardInterrupt.
+    A script that does not catch it ends, as with any KeyboardInterrupt.
 
     >>> import adaptive_fmu
     >>> issubclass(adaptive_fmu.Interrupted, KeyboardInterrupt)
     True
     """
 
-    #: What was computed until then: a `Result`, of `Loop.sweep` a `Sweep`; None where nothing was.
+    #: Results until the interrupt: a `Result`, or a `Sweep` from `Loop.sweep`; None if there are none.
     partial: Any = None

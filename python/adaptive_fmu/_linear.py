@@ -1,4 +1,4 @@
-"""Linear systems about operating points."""
+"""Linear systems at operating points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Linearisation:
-    """x' = A x + B u, y = C x + D u about an operating point.
+    """Linear system x' = A x + B u, y = C x + D u at an operating point.
 
     >>> import adaptive_fmu
     >>> linear = adaptive_fmu.linearise("NonlinearSiso", at=0.5)
@@ -32,25 +32,27 @@ class Linearisation:
         self.name: str = told["fmu"]
         #: Time of the operating point, s.
         self.time: float = told["time"]
-        #: n × n, per second where states have one unit.
+        #: System matrix, n × n. Its entries are in 1/s if all states have the same unit of measurement.
         self.A: np.ndarray = matrices["A"]
-        #: n × m.
+        #: Input matrix, n × m.
         self.B: np.ndarray = matrices["B"]
-        #: p × n.
+        #: Output matrix, p × n.
         self.C: np.ndarray = matrices["C"]
-        #: p × m.
+        #: Feedthrough matrix, p × m.
         self.D: np.ndarray = matrices["D"]
-        #: Names of the n states, m inputs and p outputs.
+        #: Names of the n states.
         self.states: list[str] = [quantity["name"] for quantity in states]
+        #: Names of the m inputs.
         self.inputs: list[str] = [quantity["name"] for quantity in inputs]
+        #: Names of the p outputs.
         self.outputs: list[str] = [quantity["name"] for quantity in outputs]
-        #: How the matrices were found.
+        #: Method by which the matrices were computed, and its settings; the key `by` has its name.
         self.method: Any = told["method"]
         self._told = told
 
     @property
     def eigenvalues(self) -> np.ndarray:
-        """Of A, rad/s.
+        """Eigenvalues of A, rad/s.
 
         >>> import adaptive_fmu
         >>> bool(adaptive_fmu.linearise("TwinRotor").eigenvalues.real.max() < 1)
@@ -60,7 +62,7 @@ class Linearisation:
 
     @property
     def operating_point(self) -> pd.DataFrame:
-        """Values of states, inputs and outputs there, with their units.
+        """Values of the states, inputs and outputs at the operating point, with their units of measurement.
 
         >>> import adaptive_fmu
         >>> float(adaptive_fmu.linearise("NonlinearSiso", values={"u[1]": 0.5}).operating_point.loc["u[1]", "value"])
@@ -74,7 +76,7 @@ class Linearisation:
         return pd.DataFrame(rows, columns=["name", "what", "value", "unit"]).set_index("name")
 
     def ss(self) -> control.StateSpace:
-        """The same as a system of python-control, which must be installed.
+        """Return the linear system as a `StateSpace` of python-control, which must be installed.
 
         >>> import adaptive_fmu
         >>> adaptive_fmu.linearise("NonlinearSiso").ss().nstates
@@ -83,8 +85,8 @@ class Linearisation:
         try:
             import control
         except ImportError as error:
-            raise Error("needs python-control: pip install control") from error
-        # Its signals can't hold every character of a variable's name.
+            raise Error("Linearisation.ss() needs python-control. Install it: pip install control") from error
+        # python-control does not allow a dot in the name of a signal.
         plain = [[name.replace(".", "_") for name in names] for names in (self.states, self.inputs, self.outputs)]
         return control.ss(self.A, self.B, self.C, self.D, states=plain[0], inputs=plain[1], outputs=plain[2], name=self.name)
 

@@ -23,12 +23,14 @@ from ._result import Result, result_of
 from ._units import PathLike, linearise, loops
 from ._values import Value, number, of_units, words
 
-#: Values of one unit, by the names of its variables.
+#: Values for one component, by the names of its variables.
 OfUnit = Mapping[str, Value]
 
 
 class Loop:
-    """A closed loop: one of this package by its name, or an SSP (a folder with a SystemStructure.ssd, an .ssd file, an .ssp).
+    """A closed loop: a loop of this package, or an SSP.
+
+    name: name of the loop, or path of the SSP: a folder with SystemStructure.ssd, an .ssd file, or an .ssp archive.
 
     >>> import adaptive_fmu
     >>> loop = adaptive_fmu.Loop("3.3.1-case2")
@@ -38,9 +40,9 @@ class Loop:
     """
 
     def __init__(self, name: PathLike) -> None:
-        #: Its name or path.
+        #: Name or path of the loop.
         self.name: str = os.fspath(name)
-        #: What the last run came to, also one that was interrupted or failed; None before the first.
+        #: Result of the last run, even if it was interrupted or failed; None before the first run.
         self.last: Result | None = None
 
     def __repr__(self) -> str:
@@ -48,7 +50,7 @@ class Loop:
 
     @property
     def description(self) -> str:
-        """What it shows; "" of a loop that isn't of this package.
+        """Description of what the loop shows; "" if it is not a loop of this package.
 
         >>> import adaptive_fmu
         >>> adaptive_fmu.Loop("3.2.1-square").description
@@ -71,20 +73,24 @@ class Loop:
         progress: bool | None = None,
         **units: OfUnit,
     ) -> Result:
-        """Runs the loop through its units.
+        """Run the loop and return its `Result`.
 
-        until, step: stop time and communication step, s; the loop's own where they aren't given.
-        order: "gauss-seidel" or "jacobi".
-        composite: as one unit, integrated together.
-        case: parameter sets (.ssv), the last wins.
-        values: start values by name, "unit.variable"; a unit's own as `unit={"variable": value}`. An array sets each element.
-        fmus: folder of FMUs to be used as they are.
-        out: folder for a page with plots, CSV and metrics; nothing is written without one.
-        progress: whether a bar is shown; unless that is said, in notebooks and terminals.
+        until: stop time, s. Default: the loop's own.
+        step: communication step, s. Default: the loop's own.
+        order: order of stepping, "gauss-seidel" or "jacobi". Default: the loop's own.
+        composite: True to simulate the loop as one continuous system, with `step` as the output interval. It excludes `order` and
+            `fmus`. Default: False, each component is simulated separately.
+        case: parameter set (.ssv) to apply, or several. If several sets give a variable a value, the last one counts.
+        values: start values by name, "component.variable". They override those of `case`. An array sets each element.
+        **units: start values of one component by the names of its variables, e.g. `plant={"omega": 2.5}`. They override `values`.
+        fmus: folder with FMUs to use as they are. Default: those that come with the loop; others are generated from descriptions.
+        out: folder for a page with plots, CSV and metrics. Default: None, nothing is written.
+        progress: True to show a progress bar, False to show none. Default: a bar in notebooks and terminals.
 
-        Raises `ArgumentError` for arguments that can't be, `Error` for names and values that don't fit and for a unit that
-        fails (`partial` has what was computed until then), and `Interrupted` (a KeyboardInterrupt, with `partial`) where the
-        user stops it. A metric beyond its limit raises nothing: see `Result.holds` and `Result.check`.
+        Raises `ArgumentError` if an argument is not allowed. Raises `Error` if a name or value does not fit the loop, or if an
+        FMU fails; `partial` then contains the results until the failure. Raises `Interrupted` (a KeyboardInterrupt, with
+        `partial`) if the user interrupts the run. A metric beyond its limit raises nothing: see `Result.holds` and
+        `Result.check`.
 
         >>> import adaptive_fmu
         >>> result = adaptive_fmu.Loop("3.2.1-cosine").run(until=2, plant={"omega": 2.5, "x0": [0.1, 0]})
@@ -98,7 +104,7 @@ class Loop:
 
     @property
     def _named(self) -> list[str]:
-        """The loop, behind all options: its name may begin as one does."""
+        """Words for the loop, after all options: its name may begin with a dash, as an option does."""
         return ["--", self.name]
 
     @staticmethod
@@ -143,13 +149,15 @@ class Loop:
         progress: bool | None = None,
         **units: OfUnit,
     ) -> Sweep:
-        """Runs the loop for all combinations of some values, on all cores.
+        """Run the loop with all combinations of some values, in parallel, and return them as a `Sweep`.
 
-        over: values by the names of variables, "unit.variable".
-        workers: runs at a time; as many as there are cores unless given.
-        keep: whether the runs themselves are kept, not only their metrics.
-        The rest is as in `run`. A run that a unit ended is a row that says so; only a refused request raises.
-        Interrupted, it raises `Interrupted`, and `partial` has the rows until then.
+        over: values to combine, by the names of variables, "component.variable".
+        workers: number of parallel runs. Default: number of cores.
+        keep: True to store each run in `Sweep.results`. Default: False, only the metrics are stored.
+
+        The other arguments are those of `run`. If an FMU fails, the row of that run shows the reason; only a refused request
+        raises an exception. If the user interrupts the sweep, it raises `Interrupted`, whose `partial` contains the rows until
+        then.
 
         >>> import adaptive_fmu, numpy as np
         >>> loop = adaptive_fmu.Loop("3.2.1-cosine")
@@ -174,7 +182,9 @@ class Loop:
                     count()
         except KeyboardInterrupt:
             _give_up(waiting)
-            interrupted = Interrupted(f"interrupted after {len(swept.data)} of {len(points)} runs, which `partial` has")
+            interrupted = Interrupted(
+                f"Interrupted after {len(swept.data)} of {len(points)} runs. The attribute `partial` contains them"
+            )
             interrupted.partial = swept
             raise interrupted from None
         except BaseException:
@@ -204,20 +214,27 @@ class Loop:
         progress: bool | None = None,
         **units: OfUnit,
     ) -> Tuned:
-        """Searches values of parameters by a particle swarm, on all cores.
+        """Tune parameters of the loop by a particle swarm, on all cores, and return the best values as a `Tuned`.
 
-        parameters: bounds (low, high) by the names of variables, or None for those of the FMU; those that the loop names
-            where there are none.
-        metric: label of the metric that is minimised; or
-        square: terms "WEIGHT SIGNAL - SIGNAL", the sum of whose squares is; what the loop says where neither is given.
-        particles, generations, seed: of the swarm; the same seed gives the same search.
-        separate: through separate units, instead of one unit where that can be.
-        out: folder for what was found as parameter sets (.ssv), and how the search went. The same search called again goes on
-            with what is there; another search is refused with what differs.
-        force: start anew, and replace what an earlier search left in the folder.
-        tag: keep the results in a folder whose name ends with @tag, next to those of other searches.
+        parameters: bounds (low, high) by the names of variables, or None for the bounds of the FMU. Default: the parameters that
+            the loop names.
+        metric: label of the metric to minimise. It excludes `square`.
+        square: terms "WEIGHT SIGNAL - SIGNAL", of whose squares the sum over sampled points is minimised. Default, if neither
+            `metric` nor `square` is given: the loop's own objective.
+        particles: number of particles in the swarm. Default: 20.
+        generations: number of generations, each with one run per particle. Default: 20.
+        seed: seed of the random numbers; the same seed gives the same search. Default: 1.
+        separate: True to simulate the components separately, as `run` does. Default: False, the loop is one continuous system if
+            possible, and the best values are run once more with separate components.
+        until: stop time, s. Default: the loop's own for tuning, or else its own for runs.
+        out: folder for the best values as parameter sets (.ssv), and for the course of the search. A call with the same arguments
+            continues the search that is stored there; a call with other arguments is refused, and the message lists the
+            differences. Default: None, nothing is stored.
+        force: True to start again and replace the results of an earlier search in the folder. Default: False.
+        tag: store the results in a folder whose name ends with @tag, next to those of other searches. Default: no tag.
 
-        Raises as `run`; interrupted, it returns the best so far, which says so.
+        The other arguments, and the exceptions, are those of `run`. If the user interrupts the search, it returns the best values
+        so far, and `Tuned.ended` is "interrupted".
 
         >>> import adaptive_fmu
         >>> loop = adaptive_fmu.Loop("3.2.1-cosine")
@@ -253,7 +270,9 @@ class Loop:
         step: float | None = None,
         **units: OfUnit,
     ) -> Linearisation:
-        """The linear system that the whole loop is like about an operating point; see `adaptive_fmu.linearise`.
+        """Linearise the loop at an operating point; see `adaptive_fmu.linearise` for the arguments.
+
+        **units: values of one component by the names of its variables, e.g. `plant={"omega": 2.5}`. They override `values`.
 
         >>> import adaptive_fmu
         >>> bool((adaptive_fmu.Loop("3.2.1-cosine").linearise(at=0.5).eigenvalues.real < 0).any())
@@ -264,14 +283,14 @@ class Loop:
 
 
 def _give_up(waiting: Sequence[tuple[Any, Future[Any]]]) -> None:
-    """Runs that haven't begun don't; those that have stop at the next communication point."""
+    """Cancel the runs that have not begun, and stop the others at their next communication point."""
     for _, future in waiting:
         future.cancel()
     _pool.stop()
 
 
 class Sweep:
-    """Runs for all combinations of some values.
+    """Runs of a loop with all combinations of some values.
 
     >>> import adaptive_fmu
     >>> swept = adaptive_fmu.Loop("3.2.1-cosine").sweep({"plant.omega": [1.0, 2.0]}, until=6)
@@ -282,16 +301,19 @@ class Sweep:
     def __init__(self, name: str, names: Sequence[str], keep: bool) -> None:
         #: Name of the loop.
         self.name = name
-        #: The runs, in the order of the rows; empty unless they were to be kept.
+        #: Results of the runs, in the order of the rows; empty unless `sweep` was called with keep=True.
         self.results: list[Result] = []
         self._names, self._keep = list(names), keep
         self._rows: list[dict[str, Any]] = []
 
     def add(self, point: Sequence[Any], answer: Any) -> None:
-        """Takes the answer of one run."""
+        """Add the row of one run: its values and the answer of the program."""
         row: dict[str, Any] = dict(zip(self._names, point))
         if answer.table is None:
-            raise answer.failure() or Error("the program gave no result")
+            raise answer.failure() or Error(
+                "The program returned no result, because its version differs from that of this package. `adaptive_fmu.program()` "
+                "returns its file. Install this package again with pip, which also installs the program"
+            )
         if answer.code == INTERRUPTED:
             raise KeyboardInterrupt
         failure = answer.failure()
@@ -305,7 +327,10 @@ class Sweep:
 
     @property
     def data(self) -> pd.DataFrame:
-        """A row a combination: its values, how the run ended, the metrics by their labels, and why a run failed.
+        """Table with one row per combination.
+
+        Its columns are the values, `ended` ("complete" or "failed"), the metrics by their labels, and `message` (the reason of a
+        failure, or "").
 
         >>> import adaptive_fmu
         >>> data = adaptive_fmu.Loop("3.2.1-cosine").sweep({"plant.omega": [1.0, 2.0]}, until=6).data
@@ -328,7 +353,7 @@ class Sweep:
 
 
 class Tuned:
-    """What a search found.
+    """Best values that a search found.
 
     >>> import adaptive_fmu
     >>> loop = adaptive_fmu.Loop("3.2.1-cosine")
@@ -339,21 +364,24 @@ class Tuned:
     def __init__(self, told: dict[str, Any], folder: Path | None, notes: Sequence[str]) -> None:
         #: Name of the loop.
         self.name: str = told["loop"]
-        #: The best values, by the names of the parameters.
+        #: Best values, by the names of the parameters.
         self.values: dict[str, float] = told["parameters"]
-        #: What they come to, and what the loop did before; None where that run failed.
+        #: Objective with the best values.
         self.objective: float = told["objective"]["best"]
+        #: Objective before the search; None if that run failed.
         self.before: float | None = told["objective"]["start"]
-        #: The same through separate units, as `Loop.run` runs them; None where the search went through these, or they fail.
+        #: Objective with the best values and separate components, as `Loop.run` simulates them. None if the search itself used
+        #: separate components, or if that run failed.
         self.verified: float | None = told["objective"].get("verified")
         #: "complete" or "interrupted".
         self.ended: str = told["ended"]
-        #: Runs in all, and those that failed.
+        #: Number of runs.
         self.runs: int = told["runs"]
+        #: Number of runs that failed.
         self.failed: int = told["failed"]
-        #: Folder of the parameter sets; None where none was asked for.
+        #: The folder given as `out`; None if none was given.
         self.folder = folder
-        #: What the program had to say.
+        #: Notes and warnings that the program printed.
         self.notes: list[str] = list(notes)
 
     def __repr__(self) -> str:

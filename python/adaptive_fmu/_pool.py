@@ -1,4 +1,4 @@
-"""Running programs that wait for requests: as many as are asked at a time."""
+"""Pool of running programs that wait for requests: one program per simultaneous request."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _lock = Lock()
 
 
 def ask(words: Sequence[str], progress: Progress | None = None) -> Answer:
-    """Asks a program that waits, or a new one; the exception that its answer means is the caller's to raise."""
+    """Send a request to a waiting program, or to a new one. The caller raises the exception of the answer, if any."""
     with _conversation() as conversation:
         return conversation.ask(words, progress)
 
 
 def done(words: Sequence[str]) -> Answer:
-    """Asks, and raises what the answer means."""
+    """Send a request, and raise the exception of the answer, if any."""
     answer = ask(words)
     if failure := answer.failure():
         raise failure
@@ -30,7 +30,7 @@ def done(words: Sequence[str]) -> Answer:
 
 
 def stop() -> None:
-    """Asks all programs that work to stop what they do."""
+    """Ask all busy programs to stop their request."""
     with _lock:
         for conversation in _busy:
             conversation.stop()
@@ -47,7 +47,7 @@ def _conversation() -> Iterator[Conversation]:
     try:
         yield conversation
     except BaseException:
-        # Nobody knows what it would say next.
+        # The rest of the answer may still be in the stream.
         conversation.end(kill=True)
         raise
     else:
@@ -59,7 +59,7 @@ def _conversation() -> Iterator[Conversation]:
 
 
 def _forget() -> None:
-    """In a process that was forked: the programs are its parent's."""
+    """Clear the pool in a forked process: the programs belong to its parent."""
     global _lock
     _lock = Lock()
     _idle.clear()

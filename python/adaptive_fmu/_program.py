@@ -1,4 +1,4 @@
-"""The program that this package talks to: where it is, and one conversation with it."""
+"""The program that does the work: where it is, and a connection to it."""
 
 from __future__ import annotations
 
@@ -21,18 +21,21 @@ import numpy as np
 from ._errors import ArgumentError, Error, Interrupted
 
 NAME = "adaptive-fmu.exe" if os.name == "nt" else "adaptive-fmu"
-#: Names another program in place of the one that was installed with this package.
+#: Environment variable with the path of another program, used instead of the one installed with this package.
 VARIABLE = "ADAPTIVE_FMU_PROGRAM"
 INTERRUPTED = 130
-#: Stands before each message of the program.
+#: First byte of each message of the program.
 RECORD_SEPARATOR = b"\x1e"
 
-#: Hears how far a run is: a part of 1, and a line to show.
+#: Function that is called with the progress of a run: a fraction from 0 to 1, and a line to show.
 Progress = Callable[[float, str], None]
 
 
 def program() -> Path:
-    """The program's file: that of `ADAPTIVE_FMU_PROGRAM`, else the one installed with this package, else the first on PATH.
+    """Return the file of the program.
+
+    It is the file in the environment variable `ADAPTIVE_FMU_PROGRAM`, else the one installed with this package, else the first
+    on PATH.
 
     >>> import adaptive_fmu
     >>> adaptive_fmu.program().stem
@@ -40,7 +43,7 @@ def program() -> Path:
     """
     if named := os.environ.get(VARIABLE):
         return Path(named)
-    # Where pip puts programs: of this environment, of a user's own packages, or beside them (`pip install --target`).
+    # Folders where pip installs programs: of this environment, of the user, or next to the packages (`pip install --target`).
     user = sysconfig.get_path("scripts", f"{os.name}_user") if f"{os.name}_user" in sysconfig.get_scheme_names() else ""
     folders = [sysconfig.get_path("scripts"), user, str(Path(__file__).parents[1] / "bin")]
     for folder in filter(None, folders):
@@ -48,52 +51,58 @@ def program() -> Path:
             return file
     if found := shutil.which(NAME):
         return Path(found)
-    raise Error(f"the program {NAME} isn't found: install this package by pip, or name the program's file in {VARIABLE}")
+    raise Error(
+        f"The program {NAME} was not found in the folders where pip installs programs, nor on PATH. Install this package with "
+        f"pip, or set the environment variable {VARIABLE} to the file of the program"
+    )
 
 
 def require_unicode(*words: str) -> None:
-    """Refuses what can't be handed over: the names of files may be any bytes, the conversation is Unicode."""
+    """Raise `ArgumentError` for a text that can't be sent: names of files may be any bytes, but requests are Unicode."""
     for word in words:
         try:
             word.encode()
         except UnicodeEncodeError:
             shown = word.encode(errors="backslashreplace").decode()
-            raise ArgumentError(f"`{shown}` is not UTF-8: rename the file or folder, or name it by a link that is") from None
+            raise ArgumentError(
+                f"`{shown}` is not UTF-8, as names of files and folders must be. Rename the file or folder, or give the path of "
+                "a link to it whose name is UTF-8"
+            ) from None
 
 
 @dataclass
 class Answer:
-    """What the program answered to a request."""
+    """Answer of the program to a request."""
 
     code: int = 0
     text: str = ""
     notes: list[str] = field(default_factory=list)
-    #: Recorded signals, a column each, with what the program tells of them.
+    #: Recorded time and signals, one row each; `about` has their names and the settings of the run.
     table: np.ndarray | None = None
     about: dict[str, Any] = field(default_factory=dict)
 
     def json(self) -> Any:
-        """What it printed, which is JSON."""
+        """Return the printed JSON text as Python values."""
         return json.loads(self.text)
 
     def failure(self) -> BaseException | None:
-        """The exception that its exit code means; None where it was done. Beyond a limit counts as done."""
+        """Return the exception for the exit code, or None on success. A metric beyond its limit counts as success."""
         if self.code in (0, 3):
             return None
         if self.code == INTERRUPTED:
-            return Interrupted("the run was interrupted; `partial` holds what was computed until then")
+            return Interrupted("The run was interrupted. The attribute `partial` contains the results until then")
         told = [note.removeprefix("error: ") for note in self.notes if note.startswith("error: ")]
-        message = told[-1] if told else "\n".join(self.notes).strip() or f"the program ended with code {self.code}"
-        # How the command line is written is not what a caller of Python asks.
+        message = told[-1] if told else "\n".join(self.notes).strip() or f"The request failed with exit code {self.code}"
+        # The rest describes the usage of the command line, which does not concern a caller from Python.
         message = message.split("\n\n")[0].strip()
         return ArgumentError(message) if self.code == 2 else Error(message)
 
 
 class Conversation:
-    """One running program, which answers one request at a time. It ends when its input does."""
+    """Connection to one running program, which answers one request at a time. The program ends when its input is closed."""
 
     def __init__(self) -> None:
-        # An interrupt from the terminal is Python's to answer, which asks the program to stop.
+        # An interrupt from the terminal goes to Python only, which asks the program to stop.
         apart: dict[str, Any] = (
             {"creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
             if sys.platform == "win32"
@@ -101,19 +110,22 @@ class Conversation:
         )
         self._request = 0
         file = program()
-        # Compilers that are installed as Python packages (ziglang) are those of this Python.
+        # Compilers installed as Python packages (ziglang) are taken from this Python environment.
         apart["env"] = {**os.environ, "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])}
         try:
             self.process = subprocess.Popen([file, "serve"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, **apart)
         except OSError as error:
-            raise Error(f"{file} can't be started: {error}") from error
+            raise Error(
+                f"The program {file} can't be started: {error}. Install this package with pip, or set the environment variable "
+                f"{VARIABLE} to the file of the program"
+            ) from error
 
     @property
     def is_alive(self) -> bool:
         return self.process.poll() is None
 
     def ask(self, words: Sequence[str], progress: Progress | None = None) -> Answer:
-        """One command, as words of the command line."""
+        """Send one command, as words of the command line, and return its answer."""
         self._request += 1
         folder = os.getcwd()
         require_unicode(*words, folder)
@@ -123,22 +135,22 @@ class Conversation:
             while not self._receive(answer, progress):
                 pass
         if heard:
-            # It may have been done before it heard.
+            # The request may have completed before the program received the stop.
             answer.code = INTERRUPTED
         return answer
 
     def stop(self) -> None:
-        """Asks the program to stop what it does, at the next communication point. May be called from any thread."""
+        """Ask the program to stop its request at the next communication point. May be called from any thread."""
         stream = cast("IO[bytes]", self.process.stdin)
         try:
-            # Past the stream's buffer, which another thread may be writing: a line this short goes whole.
+            # Bypass the buffer of the stream, to which another thread may be writing. A line this short is written in one piece.
             os.write(stream.fileno(), json.dumps({"stop": self._request}).encode() + b"\n")
         except OSError:
-            pass  # It has ended, which the one who waits for its answer hears.
+            pass  # The program has ended; the thread that waits for its answer raises the error.
 
     @contextmanager
     def _listening_to_interrupts(self) -> Iterator[list[int]]:
-        """The first interrupt asks the program to stop, which keeps what was computed; the second one ends it."""
+        """Handle interrupts: the first asks the program to stop and return its results so far, the second kills it."""
         heard: list[int] = []
         before = signal.getsignal(signal.SIGINT)
         if threading.current_thread() is not threading.main_thread() or not callable(before):
@@ -163,7 +175,7 @@ class Conversation:
             signal.signal(signal.SIGINT, before)
 
     def end(self, kill: bool = False) -> None:
-        """Ends the program."""
+        """End the program and close its streams. True for `kill` ends it immediately."""
         if kill:
             self.process.kill()
         for stream in (self.process.stdin, self.process.stdout):
@@ -182,12 +194,12 @@ class Conversation:
             raise self._gone() from None
 
     def _receive(self, answer: Answer, progress: Progress | None) -> bool:
-        """Takes one message; whether it was the last."""
+        """Read one message into the answer. Return True if it was the last."""
         stream = cast("IO[bytes]", self.process.stdout)
         line = stream.readline()
         if not line.endswith(b"\n"):
             raise self._gone()
-        # What a unit wrote to its standard output stands before a message, or in a line of its own.
+        # Text that an FMU wrote to standard output comes before a message, or on a line of its own.
         written, _, message = line.rpartition(RECORD_SEPARATOR)
         if written:
             answer.notes.append(written.decode(errors="replace"))
@@ -215,4 +227,4 @@ class Conversation:
     def _gone(self) -> Error:
         code = self.process.wait()
         how = f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
-        return Error(f"the program {how} while it was asked; what it wrote last stands above, and the next call starts it anew")
+        return Error(f"The program {how} during the request. Its last output is shown above. The next call starts it again")

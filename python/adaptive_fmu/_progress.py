@@ -1,4 +1,4 @@
-"""How far a run is, shown by tqdm where that is installed."""
+"""Progress bars by tqdm, if it is installed."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 
 from ._program import Progress
 
-#: A run that takes less isn't worth a bar, s.
+#: Time before a bar appears, s; shorter runs show none.
 DELAY = 1.0
 
 
 @contextmanager
 def shown(name: str, wanted: bool | None) -> Iterator[Progress | None]:
-    """A bar for one run: where it is wanted; unless that is said, in notebooks and terminals."""
+    """Show a bar for one run if `wanted` is True, or if it is None in notebooks and terminals."""
     bar = _bar(name, wanted)
     if bar is None:
         yield None
@@ -33,7 +33,7 @@ def shown(name: str, wanted: bool | None) -> Iterator[Progress | None]:
 
 @contextmanager
 def counted(name: str, runs: int, wanted: bool | None) -> Iterator[Any]:
-    """A bar for many runs, called after each."""
+    """Show a bar for many runs; the function that it yields must be called after each run."""
     bar = _bar(name, wanted, total=runs, unit="run", bar_format=None)
     try:
         yield (lambda: None) if bar is None else bar.update

@@ -1,4 +1,4 @@
-"""What came of a run."""
+"""Results of a run."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ._program import Answer
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: As many points of a curve as a picture can show.
+#: Number of points of a curve above which a plot shows only some of them.
 MOST_POINTS = 5000
-#: As many names as a legend can show.
+#: Largest number of names in a legend; with more, a plot has none.
 MOST_NAMES = 16
 
 
 class Result:
-    """A run: what was recorded, measured and told.
+    """Result of a run: recorded signals, metrics, warnings and settings.
 
     >>> import adaptive_fmu
     >>> result = adaptive_fmu.Loop("3.2.1-cosine").run(until=6)
@@ -36,24 +36,25 @@ class Result:
     def __init__(self, answer: Answer) -> None:
         about, table = answer.about, answer.table
         assert table is not None
-        #: Name of the loop or unit.
+        #: Name of the loop or FMU.
         self.name: str = about["name"]
-        #: What it shows.
+        #: Description of what the loop shows.
         self.description: str = about["description"]
         #: "complete", "interrupted" or "failed".
         self.ended: str = about["ended"]
-        #: Unit of measurement of each signal, by its name; "" where none is told.
+        #: Unit of measurement of each signal, by its name; "" if none is declared.
         self.units: dict[str, str] = dict(zip(about["names"], about["units"]))
-        #: What the loop may lack, and warnings of its units.
+        #: Warnings about what may be missing in the loop, and warnings of its FMUs.
         self.warnings: list[str] = about["warnings"]
-        #: What the program had to say beside that: that the cache can't be used, say.
+        #: Other notes of the program, e.g. that the cache can't be used.
         self.notes: list[str] = answer.notes
-        #: start_time, stop_time and step (s), order ("gauss-seidel" or "jacobi"; None for one unit), composite, values.
+        #: start_time, stop_time and step (s), order ("gauss-seidel" or "jacobi"; None for a single FMU), composite (True for a
+        #: single FMU), values (start values by name).
         self.settings: dict[str, Any] = about["settings"]
-        #: The diagrams as the program decided them: title, signals, words at the axes (x, y), decades of a logarithmic axis, a
-        #: peak, parts (times that are drawn side by side), and curves with colour, dashes, and what they show.
+        #: Plots of the loop: title, signals, axis labels (x, y), decades (range of a logarithmic axis, or None), peak (or None),
+        #: parts (time ranges that are drawn next to each other), and curves with colour, dashes, and the signals they show.
         self.plots: list[dict[str, Any]] = about["plots"]
-        #: Folder of the files that were written; None where none were asked for.
+        #: Folder of the files that were written; None if `out` was not given.
         self.folder: Path | None = Path(about["results"]) if about.get("results") else None
         self._table = table
         self._names: list[str] = about["names"]
@@ -61,7 +62,7 @@ class Result:
 
     @cached_property
     def data(self) -> pd.DataFrame:
-        """The signals, a column each, over time in s.
+        """Recorded signals, one column each; the index is the time in s.
 
         >>> import adaptive_fmu
         >>> data = adaptive_fmu.Loop("3.2.1-cosine").run(until=0.1).data
@@ -75,7 +76,9 @@ class Result:
 
     @cached_property
     def metrics(self) -> pd.DataFrame:
-        """The loop's metrics by their labels: value, limit, and whether it holds (missing where there is no limit or value).
+        """Metrics of the loop by their labels: value, limit, and `holds`.
+
+        `holds` is True if the value is within its limit, and missing if there is no limit or no value.
 
         >>> import adaptive_fmu
         >>> metrics = adaptive_fmu.Loop("3.2.1-cosine").run(until=6).metrics
@@ -96,18 +99,18 @@ class Result:
 
     @property
     def holds(self) -> bool:
-        """Whether the run came to its end, and no metric is beyond its limit."""
+        """True if the run is complete and no metric is beyond its limit."""
         return self.ended == "complete" and bool(self.metrics["holds"].fillna(True).all())
 
     def check(self) -> Result:
-        """Raises `LimitExceeded` where the run doesn't hold; else the result itself, to go on with.
+        """Return the result itself, or raise `LimitExceeded` if the run is not complete or a metric is beyond its limit.
 
         >>> import adaptive_fmu
         >>> adaptive_fmu.Loop("3.2.1-cosine").run(until=6).check().ended
         'complete'
         """
         if self.ended != "complete":
-            raise LimitExceeded(f"{self.name}: the run was {self.ended} at t = {self.end:g} s")
+            raise LimitExceeded(f"{self.name}: the run is not complete ({self.ended} at t = {self.end:g} s)")
         beyond = self.metrics[~self.metrics["holds"].fillna(True)]
         if len(beyond):
             told = [f"{label} = {row['value']:.4g} is beyond its limit {row['limit']:g}" for label, row in beyond.iterrows()]
@@ -116,11 +119,13 @@ class Result:
 
     @property
     def end(self) -> float:
-        """Time of the last point, s."""
+        """Time of the last point, s; NaN if there are no points."""
         return float(self._table[0, -1]) if self._table.shape[1] else float("nan")
 
     def plot(self) -> Figure:
-        """The loop's own plots, one below the other, by matplotlib: axes with units, legends beside them.
+        """Return the plots of the loop, one below the other, as a matplotlib figure.
+
+        The axis labels contain the units of measurement; the legends are to the right of the axes.
 
         >>> import adaptive_fmu
         >>> figure = adaptive_fmu.Loop("3.2.1-cosine").run(until=1).plot()
@@ -128,16 +133,16 @@ class Result:
         (True, 'time (s)')
         """
         try:
-            # No state of pyplot: a figure shows itself in a notebook, and is gone with its name.
+            # Not pyplot: no global state refers to the figure, so it is freed with its last reference. A notebook displays it.
             from matplotlib.figure import Figure
         except ImportError as error:
-            raise Error("plots need matplotlib: pip install matplotlib") from error
+            raise Error("Result.plot() needs matplotlib. Install it: pip install matplotlib") from error
         plots = self.plots
         figure = Figure(figsize=(9, 2.6 * max(1, len(plots)) + 0.6), layout="constrained")
         grid = figure.add_gridspec(max(1, len(plots)), 1)
         for row, plot in enumerate(plots):
             parts = plot["parts"]
-            # A peak, in whose range the rest would be flat, has axes of its own.
+            # A peak is drawn on separate axes, because the other values would look flat in its range.
             widths = [1.0] if len(parts) == 1 else [1.0, 2.6] if plot["peak"]["from"] <= parts[0][0] else [2.6, 1.0]
             cells = grid[row].subgridspec(1, len(parts), width_ratios=widths)
             axes = [figure.add_subplot(cells[place]) for place in range(len(parts))]
@@ -154,11 +159,11 @@ class Result:
         return figure
 
     def _draw(self, axis: Any, plot: dict[str, Any], part: list[float]) -> None:
-        """Draws what happens from one time to another, as the program decided it."""
+        """Draw the curves of a plot in one time range, in the style that the program selected."""
         times = self._table[0]
         first, last = np.searchsorted(times, part[0]), np.searchsorted(times, part[1], side="right")
         for curve in plot["curves"]:
-            # A reference lies beneath what follows it, broad and pale: it is seen where both are the same.
+            # A reference is drawn below the signal that tracks it, wide and pale, so that it is visible where both are equal.
             beneath = curve["beneath"]
             width, alpha, order = (2.6, 0.55, 1.5) if beneath else (1.2, 1.0, 2.0)
             style = {"label": curve["name"], "color": curve["colour"], "linewidth": width, "alpha": alpha, "zorder": order}
@@ -166,7 +171,7 @@ class Result:
             places = seen(values)
             (line,) = axis.plot(times[first:last][places], values[places], **style)
             if curve["dashes"]:
-                # They are told in pixels, and matplotlib takes them in widths of the line.
+                # The program gives lengths in pixels; matplotlib expects multiples of the line width.
                 line.set_linestyle((0, tuple(length / width for length in curve["dashes"])))
         if plot["decades"]:
             axis.set_yscale("log")
@@ -174,7 +179,7 @@ class Result:
         axis.grid(alpha=0.3)
 
     def _shown(self, curve: dict[str, Any]) -> Any:
-        """The values of a curve: a signal, the difference of two, or a funnel."""
+        """Return the values of a curve: a signal, the difference of two signals, or a funnel."""
         if "funnel" in curve:
             start, end, rate = curve["funnel"]
             return (start - end) * np.exp(-rate * (self._table[0] - self._table[0, 0])) + end
@@ -195,10 +200,10 @@ class Result:
         return f"<{self.name}: {rows} points of {columns} signals until t = {self.end:g} s{how}>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: metrics, warnings and plots."""
+        """Return the HTML for a notebook: metrics, warnings and plots."""
         parts = [f"<p><b>{html.escape(self.name)}</b> {html.escape(self.description)}</p>"]
         if self.ended != "complete":
-            parts.append(f"<p><b>The run was {self.ended} at t = {self.end:g} s.</b></p>")
+            parts.append(f"<p><b>The run is not complete ({self.ended} at t = {self.end:g} s).</b></p>")
         if len(self.metrics):
             parts.append(self.metrics.to_html(na_rep="", float_format=lambda value: f"{value:.4g}"))
         if self.warnings:
@@ -218,8 +223,11 @@ class Result:
 
 
 def seen(values: Any) -> Any:
-    """Places of as many values as a picture can show: of each group of neighbours the smallest and the largest, so that no
-    peak is lost, and all of a short curve."""
+    """Return the indices of the values to draw.
+
+    For a long curve they are those of the smallest and the largest value of each group of neighbours, so that no peak is lost.
+    For a short curve they are all.
+    """
     size = 2 * len(values) // MOST_POINTS
     if size <= 2:
         return np.arange(len(values))
@@ -231,12 +239,15 @@ def seen(values: Any) -> Any:
 
 
 def result_of(answer: Answer) -> Result:
-    """The result that an answer holds, or the exception that it means, with what was computed until then."""
+    """Return the result in an answer, or raise the exception of the answer, with the results until then in `partial`."""
     result = Result(answer) if answer.table is not None else None
     failure = answer.failure()
     if failure is None:
         if result is None:
-            raise Error("the program gave no result: it is of another version than this package")
+            raise Error(
+                "The program returned no result, because its version differs from that of this package. `adaptive_fmu.program()` "
+                "returns its file. Install this package again with pip, which also installs the program"
+            )
         return result
     if hasattr(failure, "partial"):
         failure.partial = result

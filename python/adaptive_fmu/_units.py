@@ -1,4 +1,4 @@
-"""Single units: what there is, descriptions of one's own, FMUs of them, and FMUs of any tool run alone."""
+"""Single FMUs: list them, write and check descriptions, export FMUs, and simulate or linearise FMUs of any tool."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ._progress import shown
 from ._result import Result, result_of
 from ._values import Value, number, words
 
-#: A file or folder.
+#: Path of a file or folder.
 PathLike = Union[str, "os.PathLike[str]"]
 
 
 def fmus() -> pd.DataFrame:
-    """The FMUs of this package by their names, with what they are.
+    """Return the FMUs of this package by their names, with their descriptions.
 
     >>> import adaptive_fmu
     >>> adaptive_fmu.fmus().loc["L1NonlinearSiso", "description"]
@@ -34,7 +34,7 @@ def fmus() -> pd.DataFrame:
 
 
 def loops() -> pd.DataFrame:
-    """The closed loops of this package by their names, with what they show.
+    """Return the closed loops of this package by their names, with their descriptions.
 
     >>> import adaptive_fmu
     >>> "3.2.1-cosine" in adaptive_fmu.loops().index
@@ -44,7 +44,7 @@ def loops() -> pd.DataFrame:
 
 
 def kinds() -> pd.DataFrame:
-    """The kinds of systems that descriptions ask for, by their names; `new` tells whether `new` writes one.
+    """Return the kinds of FMUs by their names, with their descriptions; the column `new` is True if `new` writes that kind.
 
     >>> import adaptive_fmu
     >>> bool(adaptive_fmu.kinds().loc["l1", "new"])
@@ -59,7 +59,7 @@ def _listed(what: str, *further: str) -> pd.DataFrame:
 
 
 class Checked:
-    """The report on the design of a unit.
+    """Report on the design of an FMU.
 
     >>> import adaptive_fmu
     >>> adaptive_fmu.check("L1CoupledMimo")
@@ -67,21 +67,21 @@ class Checked:
     """
 
     def __init__(self, told: dict[str, Any]) -> None:
-        #: Name of the unit.
+        #: Name of the FMU.
         self.name: str = told["name"]
-        #: Whether all its conditions hold.
+        #: True if the design satisfies all its conditions; warnings are allowed.
         self.sound: bool = told["sound"]
-        #: In a word, where the worst finding is meant.
+        #: Verdict of the worst finding: "ok", "warning" or "not_sound".
         self.verdict: str = told["verdict"]
-        #: The report as the program prints it.
+        #: Report as the program prints it.
         self.text: str = told["text"]
-        #: section, name, value, unit, verdict and note of each finding.
+        #: Findings, one row each: section, name, value, unit (of measurement), verdict and note.
         self.findings: pd.DataFrame = pd.DataFrame(
             told["findings"], columns=["section", "name", "value", "unit", "verdict", "note"]
         )
 
     def check(self) -> Checked:
-        """Raises `LimitExceeded` where the design isn't sound; else the report itself, to go on with.
+        """Return the report itself, or raise `LimitExceeded` if the design is not sound.
 
         >>> import adaptive_fmu
         >>> adaptive_fmu.check("L1CoupledMimo").check().sound
@@ -96,9 +96,11 @@ class Checked:
 
 
 def check(description: PathLike) -> Checked:
-    """Reports on the design of a description (NAME.toml) or an FMU of this package: poles, margins, its conditions.
+    """Check the design of an FMU: poles, margins, and the conditions of its method.
 
-    Raises `Error` for a description that is refused.
+    description: description file (NAME.toml), or FMU of this package.
+
+    Raises `Error` if the description is refused.
 
     >>> import adaptive_fmu
     >>> adaptive_fmu.check("L1CoupledMimo").sound
@@ -119,17 +121,22 @@ def export(
     without: Sequence[str] = (),
     terminals: bool = False,
 ) -> list[Path]:
-    """Writes FMUs into a folder; their paths.
+    """Export FMUs into a folder and return their paths.
 
     names: FMUs of this package, or description files (NAME.toml).
-    composite, ssp: loops, as one FMU each, or as one archive with all FMUs.
-    values: parameter set (.ssv) that the one FMU named is to start with.
-    source, compile: with C sources; with libraries compiled from these, by the C compiler of this machine.
-    platforms: for which they are compiled, by zig (`pip install adaptive-fmu[compile]`): "linux64", "win64", "darwin64" …
-    without: units that are left out of whole loops, whose signals are inputs then.
-    terminals: with terminalsAndIcons.xml, by which some tools connect FMUs; tools with FMI Library 3 refuse such FMUs.
+    out: folder for the FMUs and archives. Default: "fmus".
+    composite: loop to export as a single FMU, or several, with one FMU each.
+    ssp: loop to write with its FMUs as one archive (.ssp), or several.
+    values: parameter set (.ssv) with start values for the FMU; exactly one FMU must be named.
+    source: True to add C sources. Default: False.
+    compile: True to add C sources, and libraries compiled from them by the C compiler of this machine. Default: False.
+    platforms: platforms to compile for, with zig (`pip install adaptive-fmu[compile]`): "linux64", "win64", "darwin64" …
+        They imply `compile`. Default: this platform only, with its own compiler.
+    without: components to leave out of the loops of `composite`. The inputs that they drive become inputs of the single FMU.
+    terminals: True to add terminalsAndIcons.xml, which some tools use to connect FMUs; tools with FMI Library 3 refuse such FMUs.
+        Default: False.
 
-    Raises `Error` for what isn't there or is refused.
+    Raises `Error` if an FMU, a description file or a loop does not exist or is refused.
 
     >>> import adaptive_fmu
     >>> [file.name for file in adaptive_fmu.export("L1NonlinearSiso", out=folder)]
@@ -137,7 +144,9 @@ def export(
     """
     composite, ssp = ([loops] if isinstance(loops, (str, os.PathLike)) else list(loops) for loops in (composite, ssp))
     if not (names or composite or ssp):
-        raise ArgumentError("export what? Name FMUs, description files, or loops (composite=, ssp=)")
+        raise ArgumentError(
+            "export() was called without anything to export. Name FMUs or description files, or give loops as composite= or ssp="
+        )
     request = ["export", f"--out={os.fspath(out)}", "--json"]
     for option, loops in (("--composite", composite), ("--ssp", ssp), ("--without", without)):
         request += [f"{option}={os.fspath(loop)}" for loop in loops]
@@ -162,17 +171,21 @@ def new(
     reference: float = 1.0,
     force: bool = False,
 ) -> Path:
-    """Writes the description of a unit of one's own, ready to be exported as it stands; its path.
+    """Write the description of a new FMU, which can be exported without changes, and return its path.
 
-    kind: one of `kinds()` with `new`, such as "l1", "pid" or "state-space".
-    file: NAME.toml; NAME is the unit's, a C identifier.
-    plant: the nominal plant: a linear system of python-control or scipy.signal, matrices (A, B, C, D), a `Linearisation`, a
-        JSON file with A, B, C, D, or any FMU, which is linearised. Without one, `states`, `inputs` and `outputs` give sizes.
-    bandwidth: how fast the controlled system is to be at least, rad/s.
-    reference: usual magnitude of the reference.
-    force: whether a file that is there is overwritten.
+    kind: kind of FMU, one of `kinds()` whose column `new` is True, such as "l1", "pid" or "state-space".
+    file: file to write, NAME.toml. NAME is the name of the FMU, a C identifier.
+    plant: nominal plant: a linear system of python-control or scipy.signal, matrices (A, B, C, D), a `Linearisation`, a JSON file
+        with A, B, C, D, or any FMU, which is linearised. Default: chains of integrators with the sizes below.
+    states: number of states of the plant, if `plant` is not given. Default: depends on `kind`, mostly 2.
+    inputs: number of inputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1.
+    outputs: number of outputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1.
+    bandwidth: minimum bandwidth of the controlled system, rad/s. Default: that of the plant's slowest pole not at 0; 2 rad/s if
+        all poles are at 0, and for the kind "neuro-ppf".
+    reference: usual magnitude of the reference, in the output's unit of measurement. Default: 1.
+    force: True to overwrite an existing file. Default: False.
 
-    Raises `Error` where no controller can be proposed, or the file is there.
+    Raises `Error` if no controller can be designed for the plant, or if the file exists and `force` is False.
 
     >>> import adaptive_fmu
     >>> A, B, C, D = [[0, 1], [0, -10]], [[0], [50]], [[1, 0]], [[0]]
@@ -198,20 +211,28 @@ def new(
 
 
 def _matrices(plant: Any) -> dict[str, Any]:
-    """The plant as the program reads it."""
-    if hasattr(plant, "to_ss"):  # of scipy.signal
+    """Return the matrices of a plant by their names, as the program reads them."""
+    if hasattr(plant, "to_ss"):  # A system of scipy.signal.
         plant = plant.to_ss()
     elif hasattr(plant, "num") and hasattr(plant, "den") and not hasattr(plant, "A"):
         try:
             import control
         except ImportError:
-            raise ArgumentError(f"{type(plant).__name__}: give it as matrices (A, B, C, D)") from None
+            raise ArgumentError(
+                f"plant has the type {type(plant).__name__}, whose conversion needs python-control. Install it (pip install "
+                "control), or give matrices (A, B, C, D)"
+            ) from None
         plant = control.ss(plant)
     if getattr(plant, "dt", None) not in (None, 0, 0.0):
-        raise ArgumentError(f"the plant is sampled every {plant.dt} s; a design starts from a continuous one")
+        raise ArgumentError(
+            f"plant is sampled every {plant.dt} s. It must be a system in continuous time: give the plant before its discretisation"
+        )
     parts = plant if isinstance(plant, (tuple, list)) else [getattr(plant, name, None) for name in "ABCD"]
     if len(parts) != 4 or any(part is None for part in parts):
-        raise ArgumentError("plant: must be a linear system, matrices (A, B, C, D), or a file")
+        raise ArgumentError(
+            f"plant has the type {type(plant).__name__}. It must be a linear system of python-control or scipy.signal, matrices "
+            "(A, B, C, D), a Linearisation, or the path of a JSON file or an FMU"
+        )
     return {name: np.atleast_2d(np.asarray(part, dtype=float)).tolist() for name, part in zip("ABCD", parts)}
 
 
@@ -227,16 +248,20 @@ def simulate(
     out: PathLike | None = None,
     progress: bool | None = None,
 ) -> Result:
-    """Runs one unit alone: an FMU file of any tool, an FMU of this package, a description, or a loop as one unit.
+    """Simulate a standalone FMU and return its `Result`.
 
-    input: inputs over time: the index is the time in s, a column an input. Continuous inputs are linear in between.
-    until, step: stop time and communication step, s; the unit's own where they aren't given.
-    interface: "cs" (co-simulation) or "me" (model exchange).
-    values: start values of parameters, or values of inputs, by name.
-    record: variables to be recorded beside the outputs.
-    out: folder for a page with plots, CSV and metrics; nothing is written without one.
+    fmu: FMU archive (NAME.fmu) of any tool, FMU of this package, description file (NAME.toml), or loop as a single FMU.
+    input: inputs over time: the index is the time in s, each column is an input. Continuous inputs are interpolated linearly; all
+        other inputs use a zero-order hold. Default: None, the inputs are constant.
+    until: stop time, s. Default: the FMU's own, or 1.
+    step: communication step, s. Default: the FMU's own, or 0.001.
+    interface: "cs" (co-simulation) or "me" (model exchange). Default: co-simulation if the FMU supports it, else model exchange.
+    values: start values of parameters, or constant values of inputs, by name.
+    record: variables to record in addition to the outputs.
+    out: folder for a page with plots, CSV and metrics. Default: None, nothing is written.
+    progress: True to show a progress bar, False to show none. Default: a bar in notebooks and terminals.
 
-    Raises `Error` where it can't be run; one of a unit that failed on the way has `partial`.
+    Raises `Error` if the FMU can't be simulated. If it failed during the run, `partial` contains the results until then.
 
     >>> import adaptive_fmu, pandas as pd
     >>> ramp = pd.DataFrame({"u[1]": [0.0, 1.0]}, index=[0.0, 1.0])
@@ -266,14 +291,16 @@ def linearise(
     values: Mapping[str, Value] | None = None,
     step: float | None = None,
 ) -> Linearisation:
-    """The linear system that an FMU, a description or a loop as one unit is like about an operating point.
+    """Linearise an FMU or a loop at an operating point and return its `Linearisation`.
 
-    at: time in s; the states are those of a simulation until then, with held inputs. The start time unless given.
-    steady_state: at states whose derivatives are zero at that time instead.
-    values: start values of parameters, or values of inputs, by name.
-    step: communication step of simulations and experiments, s. The one that the FMU proposes unless given.
+    name: FMU archive (NAME.fmu), FMU of this package, description file (NAME.toml), or loop of FMUs of this package.
+    at: time of the operating point, s. The states are those of a simulation up to this time with constant inputs, unless
+        `steady_state` is True. Default: start time.
+    steady_state: True to linearise at states whose derivatives are zero at the time of the operating point. Default: False.
+    values: start values of parameters, or constant values of inputs, by name.
+    step: communication step of simulations and experiments, s. Default: the one the FMU proposes, or 0.001.
 
-    Raises `Error` where there is no such point, or a unit fails.
+    Raises `Error` if there is no such operating point, or if an FMU fails.
 
     >>> import adaptive_fmu
     >>> adaptive_fmu.linearise("3.2.1-cosine", at=0.5).A.shape[0] > 2

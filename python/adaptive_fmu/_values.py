@@ -1,4 +1,4 @@
-"""Values of variables, as the program's command line has them."""
+"""Values of variables in the format of the program's command line."""
 
 from __future__ import annotations
 
@@ -11,44 +11,47 @@ from numpy.typing import ArrayLike
 
 from ._errors import ArgumentError
 
-#: A number, a truth, the name of an enumeration's item, or an array of numbers for a variable that is one.
+#: A number, a bool, the name of an item of an enumeration, or an array of numbers for an array variable.
 Value = Union[bool, float, str, ArrayLike]
 
 
 def words(option: str, values: Mapping[str, Value]) -> list[str]:
-    """Values as options: `--set=name=value` each."""
+    """Return the values as options, e.g. `--set=name=value`, one per value."""
     return [f"{option}={place}={text}" for name, value in values.items() for place, text in elements(name, value)]
 
 
 def elements(name: str, value: Value) -> Iterator[tuple[str, str]]:
-    """A value by the names of its elements: `x0` of two numbers is `x0[1]` and `x0[2]`, a matrix has `A[1,1]` …"""
+    """Yield the name and text of each element: `x0[1]` and `x0[2]` for `x0` with two numbers, `A[1,1]` … for a matrix."""
     if isinstance(value, str):
         yield name, value
         return
     array = np.asarray(value)
     if array.dtype.kind not in "biuf":
-        raise ArgumentError(f"{name} = {value!r}: must be a number, a bool, a text, or an array of numbers")
+        raise ArgumentError(f"{name} = {value!r} is not allowed. It must be a number, a bool, a str, or an array of numbers")
     for indices in np.ndindex(array.shape):
         inner = ",".join(str(index + 1) for index in indices)
         yield f"{name}[{inner}]" if indices else name, number(array[indices].item())
 
 
 def number(value: Any) -> str:
-    """A number so that the program reads the same one."""
+    """Return the text of a number, with all digits, so that the program reads exactly the same number."""
     if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
     if isinstance(value, (int, np.integer)):
         return str(int(value))
     if isinstance(value, Real):
         return repr(float(value))
-    raise ArgumentError(f"{value!r}: must be a number")
+    raise ArgumentError(f"{value!r} is not allowed. It must be a number, e.g. 0.5")
 
 
 def of_units(values: Mapping[str, Value] | None, units: Mapping[str, Mapping[str, Value]]) -> dict[str, Value]:
-    """Values by their names in a loop, `unit.variable`."""
+    """Return all values by their names in a loop, `component.variable`; values of `units` override those of `values`."""
     together: dict[str, Value] = dict(values or {})
     for unit, of_unit in units.items():
         if not isinstance(of_unit, Mapping):
-            raise ArgumentError(f"{unit} = {of_unit!r}: must be values by the names of the unit's variables, {{'…': …}}")
+            raise ArgumentError(
+                f"{unit} = {of_unit!r} is not allowed. This method has no argument named {unit}, so {unit} is taken as a "
+                f"component of the loop. It must be a dict with the values of its variables, e.g. {unit}={{'x0': 0.5}}"
+            )
         together.update({f"{unit}.{name}": value for name, value in of_unit.items()})
     return together

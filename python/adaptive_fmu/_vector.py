@@ -1,4 +1,4 @@
-"""Environments side by side, in as many processes as there are cores, some in each: what goes to and fro is an array a process."""
+"""Parallel environments in several processes, which exchange one array per process and step with the main process."""
 
 from __future__ import annotations
 
@@ -14,12 +14,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import CloudpickleWrapper, batch_space
 
 Environment = gymnasium.Env[np.ndarray, np.ndarray]
-#: Observations, rewards, terminated, truncated, and messages by the places of environments.
+#: Observations, rewards, terminated, truncated, and information dicts by the indices of environments.
 Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[int, dict[str, Any]]]
 
 
 class Vector(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """So many environments of one kind. One that has ended is reset by the next step, whose action it doesn't take."""
+    """Vector of parallel environments of one kind.
+
+    The step after the end of an episode resets that environment and ignores its action.
+
+    make: function that makes one environment.
+    count: number of environments.
+    processes: number of processes, at most `count`. Default: number of cores.
+    """
 
     def __init__(self, make: Callable[[], Environment], count: int, processes: int | None = None) -> None:
         processes = max(1, min(count, processes or os.cpu_count() or 1))
@@ -44,13 +51,17 @@ class Vector(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """All of them; a seed counts up from one to the next."""
+        """Reset all environments and return their observations, one row each. An int as `seed` increases by 1 per environment."""
         seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else list(seed or [None] * self.num_envs)
         parts = [list(part) for part in np.split(np.array(seeds, dtype=object), self._cuts)]
         return np.concatenate(self._all([("reset", (part, options)) for part in parts])), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One step of each: observations, rewards, and whether they are terminated and truncated, a row each."""
+        """Step each environment once.
+
+        Return observations, rewards, `terminated` and `truncated` with one row per environment, and a dict with `message`: for
+        each environment why its loop failed, or None.
+        """
         parts: list[Stepped] = self._all([("step", part) for part in np.split(np.asarray(actions), self._cuts)])
         observations, rewards, terminated, truncated = (np.concatenate([part[k] for part in parts]) for k in range(4))
         messages = np.full(self.num_envs, None, dtype=object)
@@ -60,12 +71,12 @@ class Vector(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, rewards, terminated, truncated, {"message": messages}
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Ends the processes."""
+        """End the processes."""
         for pipe in self._pipes:
             try:
                 pipe.send(("close", None))
             except OSError:
-                pass  # It has ended.
+                pass  # The process has ended.
         for process in self._processes:
             process.join()
 
@@ -80,7 +91,7 @@ class Vector(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _serve(pipe: Connection, make: Any, count: int) -> None:
-    """Some environments, in a process of their own."""
+    """Run some of the environments in a separate process: answer requests until the process is closed."""
     environments: list[Environment] = []
     ended = np.zeros(count, bool)
     try:
@@ -98,7 +109,7 @@ def _serve(pipe: Connection, make: Any, count: int) -> None:
                     pipe.send(np.stack([env.reset(seed=seed, options=options)[0] for env, seed in zip(environments, seeds)]))
                 else:
                     pipe.send(_step(environments, value, ended))
-            except Exception as error:  # It is raised where it was asked.
+            except Exception as error:  # The main process raises it.
                 pipe.send(error)
     except (EOFError, KeyboardInterrupt):
         pass

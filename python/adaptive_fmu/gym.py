@@ -1,6 +1,6 @@
-"""A closed loop as a Gymnasium environment: learned controllers beside adaptive ones.
+"""Closed loops as Gymnasium environments, to train learned controllers and compare them with adaptive ones.
 
-Needs gymnasium and fmpy: `pip install adaptive-fmu[gym]`.
+Requires gymnasium and fmpy: `pip install adaptive-fmu[gym]`.
 """
 
 from __future__ import annotations
@@ -29,32 +29,37 @@ from ._units import PathLike, export
 from ._values import Value, elements
 from ._vector import Vector
 
-#: Signals by one's own names.
+#: Values of signals by the names that the user chose.
 Signals = Mapping[str, float]
-#: Variables of the loop, `unit.variable`, or such by one's own names.
+#: Variables of the loop, `component.variable`, or a mapping to them from names that the user chose.
 Names = Union[Sequence[str], Mapping[str, str]]
-#: A part of a step that is rounding.
+#: Fraction of a step that counts as rounding.
 ROUNDING = 1e-6
-#: So many messages of a unit are kept.
+#: Number of latest messages of an FMU that are stored.
 MOST_SAID = 20
 
 
 class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """A loop as one unit, integrated together; what an agent does takes the place of the units that are left out.
+    """Gymnasium environment of a loop as a single FMU, in which an agent replaces the components that are left out.
 
-    loop: a loop of this package by its name, or an SSP.
-    without: units that are left out, whose signals are inputs then: usually the controller.
-    action, observation: variables of the loop ("plant.u[1]"), or a mapping to them from names of one's own. Actions are inputs.
-    reward: called with all these signals by their names (one's own, where there are such), after each step.
-    signals: further variables that `reward` and `terminated` see, likewise.
-    step, until: length of a step and of an episode, s.
-    low, high: of the actions; numbers, or one each.
-    terminated: called with the signals; whether the episode ends there. It also ends where the loop fails, with `penalty`.
+    loop: name of a loop of this package, or path of an SSP.
+    action: variables that the agent sets ("plant.u[1]"), or a mapping to them from names of your own. They must be inputs.
+    observation: variables that the agent observes ("plant.y[1]"), or a mapping to them from names of your own.
+    reward: function that returns the reward of a step. It is called after each step with the values of all actions, observations
+        and `signals`, by their names (your own names, if given).
+    without: components to leave out, usually the controller. The inputs that they drive become inputs of the single FMU.
+    signals: further variables for `reward` and `terminated`, given like `observation`. Default: none.
+    step: length of a step, s. Default: 0.01.
+    until: length of an episode, s. Default: 20.
+    low, high: bounds of the actions; a number for all, or one number each. Default: no bounds.
+    terminated: function that is called like `reward` and returns True if the episode ends. Default: None, it never ends this way.
+    penalty: reward of a step in which the loop fails, which also ends the episode. Default: 0.
     values: start values by name.
-    fmu: an FMU for co-simulation to be run instead of the loop's.
+    fmu: FMU for co-simulation to use instead of the loop. Default: None, the loop is exported as a single FMU.
 
-    A reset goes back to a saved state, and costs about as much as a step; `reset(options={"values": {...}})` starts anew with
-    other values. Observations are float64; spaces are unbounded where FMUs tell no bounds.
+    A reset restores a saved state and takes about as long as a step. `reset(options={"values": {...}})` initialises the loop
+    again with other start values. The actions are constant during a step. Observations are float64. The observation space is
+    unbounded, and the action space is bounded only by `low` and `high`.
 
     >>> from adaptive_fmu.gym import LoopEnv
     >>> env = LoopEnv("3.2.1-cosine", without=["controller"], action=["plant.u[1]"],
@@ -98,7 +103,9 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._actions, self._observed, self._further = (_named(names) for names in (action, observation, signals))
         for name in self._actions.values():
             if self._variable(name).causality != "input":
-                raise ArgumentError(f"action {name}: is no input; `without` leaves out the unit that it is connected to")
+                raise ArgumentError(
+                    f"action {name} is not an input. Leave out the component that drives it, e.g. without=['controller']"
+                )
         seen = {**self._further, **self._observed, **self._actions}
         self._names, self._references = list(seen), [self._variable(name).valueReference for name in seen.values()]
         self._places = [self._names.index(name) for name in self._observed]
@@ -106,7 +113,9 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._reward, self._terminated, self._penalty = reward, terminated, float(penalty)
         self._step, self._steps = float(step), round(until / step)
         if not (step > 0 and until / step > 1 - ROUNDING):
-            raise ArgumentError(f"step = {step}, until = {until}: must be above 0, and an episode at least a step")
+            raise ArgumentError(
+                f"step = {step}, until = {until} is not allowed: step must be above 0, and until at least one step"
+            )
         self._values = dict(values or {})
         shape = (len(self._inputs),)
         lowest, highest = (np.broadcast_to(np.asarray(bound, np.float64), shape) for bound in (low, high))
@@ -120,7 +129,12 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @classmethod
     def vector(cls, count: int, *arguments: Any, processes: int | None = None, **options: Any) -> Vector:
-        """So many of these environments side by side, over so many processes: as many as there are cores, unless given.
+        """Return several of these environments as one `Vector`, which steps them in parallel.
+
+        count: number of environments.
+        processes: number of processes, at most `count`. Default: number of cores.
+
+        The other arguments are those of `LoopEnv`.
 
         >>> from adaptive_fmu.gym import LoopEnv
         >>> envs = LoopEnv.vector(4, "3.2.1-cosine", without=["controller"], action=["plant.u[1]"], observation=["plant.x[1]"],
@@ -135,11 +149,14 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             loop = options.pop("loop") if "loop" in options else arguments[0]
             if options.get("fmu") is None:
                 options["fmu"] = _exported(loop, options.get("without", ()), folder)
-            # By then each process has what it needs of the folder.
+            # Each process has unpacked the FMU before the folder is removed.
             return Vector(partial(cls, loop, *arguments[1:], **options), count, processes)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
-        """Back to the start; with `options={"values": {...}}` from other start values, to which later resets go back."""
+        """Restore the start of the episode and return the observation and an empty dict.
+
+        options: `{"values": {...}}` sets other start values, by name; later resets restore them too.
+        """
         super().reset(seed=seed)
         anew = (options or {}).get("values")
         if self._state is None or anew is not None:
@@ -151,9 +168,13 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._signals()[self._places], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Holds the actions for a step; observation, reward, whether the loop ended or failed, whether the time is over."""
+        """Simulate one step with constant actions.
+
+        Return the observation, the reward, True if the episode ended by `terminated` or by a failure, True if the time is over,
+        and a dict, which contains `message` after a failure.
+        """
         if self._state is None:
-            raise gymnasium.error.ResetNeeded("call reset before step")
+            raise gymnasium.error.ResetNeeded("step() was called before reset(). Call reset() first")
         self._unit.setReal(self._inputs, np.asarray(action, float).ravel().tolist())
         time = self._count * self._step
         self._count += 1
@@ -168,12 +189,12 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return values[self._places], float(self._reward(seen)), over, self._count >= self._steps, {}
 
     def close(self) -> None:
-        """Frees the unit, and removes its files."""
+        """Free the FMU and remove its files."""
         if self._is_open:
             self._is_open = False
             self._forget()
             if self._is_ready:
-                with suppress(FMICallException):  # It may have failed.
+                with suppress(FMICallException):  # The FMU may have failed before.
                     self._unit.terminate()
             self._unit.freeInstance()
             self._unpacked = None
@@ -208,12 +229,12 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def _variable(self, name: str) -> Any:
         if name not in self._variables:
             known = ", ".join(sorted(name for name, it in self._variables.items() if it.causality in ("input", "output"))[:40])
-            raise ArgumentError(f"the loop has no variable `{name}`; its inputs and outputs are {known} …")
+            raise ArgumentError(f"The loop has no variable `{name}`. Its inputs and outputs (at most 40 are listed): {known}")
         return self._variables[name]
 
 
 class _Unpacked:
-    """An FMU that is unpacked once for all that run it in this process: its library is loaded once."""
+    """FMU unpacked once for all environments of this process that use it, so that its library is loaded once."""
 
     _known: WeakValueDictionary[bytes, _Unpacked] = WeakValueDictionary()
 
@@ -222,7 +243,9 @@ class _Unpacked:
         finalize(self, _remove, self.folder, os.getpid())
         self.description = read_model_description(extract(file, self.folder))
         if self.description.coSimulation is None:
-            raise ArgumentError(f"{file}: it isn't for co-simulation")
+            raise ArgumentError(
+                f"fmu = {str(file)!r} does not support co-simulation, which LoopEnv needs. Choose an FMU for co-simulation"
+            )
 
     @classmethod
     def of(cls, file: Path) -> _Unpacked:
@@ -234,7 +257,7 @@ class _Unpacked:
 
 
 def _remove(folder: str, process: int) -> None:
-    # What was unpacked before a process was forked is its parent's.
+    # An FMU that was unpacked before a fork belongs to the parent process.
     if os.getpid() == process:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -249,7 +272,10 @@ def _unpacked(loop: PathLike, without: Sequence[str]) -> _Unpacked:
 
 
 def _callbacks(said: list[str]) -> fmi2CallbackFunctions:
-    """As FMPy's own, but messages are kept for whoever asks: an agent makes a loop fail thousands of times."""
+    """Return callbacks like those of FMPy, but store the latest messages instead of printing them.
+
+    During training, loops fail thousands of times.
+    """
 
     def log(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes, *_: Any) -> None:
         said.append(message.decode(errors="replace"))
@@ -263,5 +289,5 @@ def _callbacks(said: list[str]) -> fmi2CallbackFunctions:
 
 
 def _named(names: Names) -> dict[str, str]:
-    """Variables by the names that the user gives them."""
+    """Return the variables by the names that the user chose."""
     return dict(names) if isinstance(names, Mapping) else {name: name for name in names}

@@ -35,7 +35,7 @@ def on_files(files, config):
     for loop in LOOPS:
         command = [program, "explore", loop, "--page", library(root), "--out", folder]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if "of other sources" in done.stderr:
+        if "other sources" in done.stderr:
             log.info("no loops to try in the browser: %s is of other sources than the program: build it anew", library(root))
             return files
         if done.returncode:

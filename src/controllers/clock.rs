@@ -48,7 +48,7 @@ impl Clock {
         S::branch(self.is_known(v), early, || S::from(f64::INFINITY))
     }
 
-    /// Whether the sample time is known.
+    /// True if the sample time is known.
     pub fn is_known<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         v[self.period].above(S::from(0.0))
     }
@@ -65,7 +65,7 @@ impl Clock {
         v[self.shift] = S::select(is_near, away, v[self.shift]);
     }
 
-    /// Whether a communication step is longer than the sample time, so that several samples see the same inputs.
+    /// True if a communication step is longer than the sample time, so that several samples see the same inputs.
     pub fn is_overrun<S: Scalar>(&self, step: S, v: &Values<S>) -> S::Flag {
         self.is_known(v) & step.above(v[self.period] * (1.0 + ROUNDING))
     }

@@ -63,9 +63,9 @@ pub(super) struct Funnel {
     /// What ρ was when the funnel opened, and when that was, s.
     opened_to: VectorOf<Discrete>,
     opened_at: VectorOf<Discrete>,
-    /// Whether e was positive then.
+    /// True if e was positive then.
     is_positive: Vec<BooleanOf<Discrete>>,
-    /// Whether every error was inside at the start.
+    /// True if every error was inside at the start.
     began_inside: BooleanOf<Discrete>,
     reopened: IntegerOf<Discrete>,
     e: VectorOf<Signal>,
@@ -192,7 +192,7 @@ impl Funnel {
         v.put(self.began_inside, true.into());
     }
 
-    /// Whether a funnel opens to an error that leaves it.
+    /// True if a funnel opens to an error that leaves it.
     pub fn reopens<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         v.get(self.on_exit).is(OnExit::Reopen)
     }

@@ -129,7 +129,7 @@ pub struct FunnelControl {
     u: VectorOf<Signal>,
     /// When the bounds opened.
     opened_at: ScalarOf<Discrete>,
-    /// Whether every error was inside then.
+    /// True if every error was inside then.
     began_inside: BooleanOf<Discrete>,
     supervised: Supervised,
     guarantee: Guarantee,

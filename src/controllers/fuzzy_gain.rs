@@ -54,7 +54,7 @@ pub(super) struct FuzzyGain {
     sets: Vec<Sets>,
     /// One a channel.
     pub k_f: Vec<ScalarOf<Signal>>,
-    /// Whether |e| > k_e, for each channel: between events.
+    /// True if |e| > k_e, for each channel: between events.
     is_fuzzy: Vec<BooleanOf<Discrete>>,
     /// The place of the first event indicator.
     indicators: usize,

@@ -39,7 +39,7 @@ impl InCommand {
         enabled
     }
 
-    /// Whether the law is in command.
+    /// True if the law is in command.
     pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         v.get(self.active)
     }

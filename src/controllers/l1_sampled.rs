@@ -109,7 +109,7 @@ pub struct L1Sampled {
     held: VectorOf<Discrete>,
     u: VectorOf<Signal>,
     u_ad: VectorOf<Signal>,
-    /// Whether the next sample begins from the control that stands.
+    /// True if the next sample begins from the control that stands.
     takes_over: BooleanOf<Discrete>,
     is_stepped: BooleanOf<crate::system::Memory>,
     at_limit: AtLimit,

@@ -23,7 +23,7 @@ const NAMED: f64 = 0.65;
 #[derive(Debug)]
 pub(super) struct Moves {
     limit: ScalarOf<Parameter>,
-    /// Whether anything is held at all.
+    /// True if anything is held at all.
     pub is_stepped: BooleanOf<Memory>,
     /// The steps since the control isn't 0 any more.
     count: ScalarOf<Discrete>,
@@ -39,7 +39,7 @@ pub(super) struct Moves {
 /// How far a control has moved in a step, of the channel that is worst.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Move<S: Scalar> {
-    /// Whether that is too far.
+    /// True if that is too far.
     pub flag: S::Flag,
     /// How far, in parts of its largest magnitude; 0 where no channel is to be judged.
     pub part: S,

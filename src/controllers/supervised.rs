@@ -12,7 +12,7 @@ use crate::system::{
 pub(super) struct Supervised {
     u: VectorOf<Signal>,
     moves: Moves,
-    /// Whether a master of co-simulation steps the unit.
+    /// True if a master of co-simulation steps the unit.
     is_stepped: BooleanOf<Memory>,
     at_limit: AtLimit,
     step_too_long: BooleanOf<Discrete>,

@@ -70,7 +70,7 @@ struct WatchedFunnel {
     rho_inf: VectorOf<Parameter>,
     decay_rate: VectorOf<Parameter>,
     opened_at: ScalarOf<Discrete>,
-    /// Whether the error of a channel is outside, between events.
+    /// True if the error of a channel is outside, between events.
     is_outside: Vec<BooleanOf<Discrete>>,
     /// The place of the first event indicator.
     indicators: usize,

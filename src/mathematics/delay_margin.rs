@@ -83,7 +83,7 @@ impl NominalLoop {
         Some(crossings)
     }
 
-    /// Whether the middle of three levels on one side of 0 is nearer to it than both others, and near.
+    /// True if the middle of three levels on one side of 0 is nearer to it than both others, and near.
     fn turns_near_one(&self, [before, here, after]: [f64; 3]) -> bool {
         let same_side = before * here > 0.0 && here * after > 0.0;
         same_side && here.abs() <= before.abs().min(after.abs()) && here.abs() < NEAR

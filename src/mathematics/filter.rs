@@ -96,7 +96,7 @@ impl Filter {
         std::iter::successors(Some(self.B_f.clone()), |input| Some(&self.A_f * input)).take(degree + 1).collect()
     }
 
-    /// Whether D(s) = 1/s, its state being the output.
+    /// True if D(s) = 1/s, its state being the output.
     pub fn is_integrator(&self) -> bool {
         self.order() == 1 && (self.A_f[(0, 0)], self.B_f[0], self.C_f[0]) == (0.0, 1.0, 1.0)
     }

@@ -117,7 +117,7 @@ pub struct Worst {
     pub omega: DMatrix<f64>,
     /// How many input gains there were to try.
     pub points: usize,
-    /// Whether every corner of the bounds was among them. If not, only some were, and a larger norm is more likely to
+    /// True if every corner of the bounds was among them. If not, only some were, and a larger norm is more likely to
     /// have been missed.
     pub every_corner: bool,
 }
@@ -144,7 +144,7 @@ impl L1Design {
         self.A_m.nrows() * inputs * self.order().pow(3)
     }
 
-    /// Whether its norms and frequency responses would take minutes.
+    /// True if its norms and frequency responses would take minutes.
     pub fn is_large(&self) -> bool {
         self.work() > MOST_WORK
     }
@@ -182,7 +182,7 @@ impl L1Design {
         eigenvalues(&self.loop_matrix(omega))
     }
 
-    /// Whether the loop ωK D(s) is stable, and with it what ω leaves of a baseline.
+    /// True if the loop ωK D(s) is stable, and with it what ω leaves of a baseline.
     pub fn is_stable(&self, omega: &DMatrix<f64>) -> bool {
         let decays =
             |matrix: &DMatrix<f64>| eigenvalues(matrix).is_some_and(|poles| poles.iter().all(|lambda| lambda.re < 0.0));

@@ -296,7 +296,7 @@ impl Plant {
         Some(MatchedEquivalent { polynomial, C_z: &inverse.K_x * &inverse.W, A_z: inverse.A_z, B_z })
     }
 
-    /// Whether H_m(s) T(s) = H_um(s) where neither is large for a reason of its own: at the mirror images of stable poles,
+    /// True if H_m(s) T(s) = H_um(s) where neither is large for a reason of its own: at the mirror images of stable poles,
     /// and beyond all poles where one isn't stable.
     fn is_matched_by(&self, equivalent: &MatchedEquivalent) -> bool {
         let (n, m) = self.B.shape();

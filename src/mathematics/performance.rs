@@ -74,7 +74,7 @@ pub struct Bounds<T> {
 }
 
 impl<T: Scalar> Bounds<T> {
-    /// Whether z is between them.
+    /// True if z is between them.
     pub fn hold(&self, z: T) -> T::Flag {
         z.above(-self.lower) & z.below(self.upper)
     }

@@ -23,7 +23,7 @@ pub fn projection<S: Scalar>(v: S, y: S, lo: S, hi: S, epsilon: S) -> S {
     S::branch(h.at_most(S::from(0.0)), || S::from(0.0), || S::branch(is_inside, || y, held_back))
 }
 
-/// Whether v is in the layer at a bound where [`projection`] holds back what points outwards; never where the bounds
+/// True if v is in the layer at a bound where [`projection`] holds back what points outwards; never where the bounds
 /// coincide.
 pub fn is_in_layer<S: Scalar>(v: S, lo: S, hi: S, epsilon: S) -> S::Flag {
     let (h, away) = ((hi - lo) * 0.5, v - (lo + hi) * 0.5);

@@ -19,6 +19,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ import sample  # noqa: E402
 from master import Fmu, Unit  # noqa: E402
 from sample import FMU_NAMES, LOOP_NAMES, ROOT  # noqa: E402, F401
 GIVEN = os.environ.get("ADAPTIVE_FMU_TESTED")
+COMPILED = "ADAPTIVE_FMU_FMUS" in os.environ
 PROGRAM = Path(GIVEN).resolve() if GIVEN else ROOT / "target" / "release" / "adaptive-fmu"
 # The Python package as it is in the sources, with this program, also in processes that the tests start.
 os.environ["ADAPTIVE_FMU_PROGRAM"] = str(PROGRAM)
@@ -42,6 +44,12 @@ if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
 IN_THE_CHECKOUT = {"test_readme", "test_my_controller", "test_my_plant", "test_peers", "test_notebook", "test_pip", "test_publishing"}
+
+# Files about laws and loops, one by one: a commit takes every third of their tests, another one the others.
+IN_THIRDS = {
+    *("test_check", "test_closed_loop", "test_float", "test_l1_design", "test_l1_loops", "test_league", "test_mimo_loops"),
+    *("test_mrac_loops", "test_other_laws", "test_plants", "test_ppf_loops"),
+}
 
 # Folders of a run of tests that stay until its end.
 SHARED = {"exported", "fmus", "unpacked"}
@@ -58,12 +66,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """A test that is named runs, slow or not."""
-    if sample.ALL or any("::" in name or name.endswith(".py") for name in config.args):
+    """A test that is named runs, slow or not; of FMUs that are compiled from C sources, every third test of the whole suite."""
+    if sample.ALL or not COMPILED and any("::" in name or name.endswith(".py") for name in config.args):
         return
-    slow = [item for item in items if item.get_closest_marker("slow")]
-    config.hook.pytest_deselected(items=slow)
-    items[:] = [item for item in items if item not in set(slow)]
+    left = [item for item in items if item.get_closest_marker("slow")]
+    for file, tests in groupby(items, key=lambda item: item.path.stem):
+        left += [item for k, item in enumerate(tests) if (COMPILED or file in IN_THIRDS) and k % 3 != sample.NUMBER % 3]
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item not in set(left)]
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -66,7 +66,7 @@ def test_a_damaged_file_is_made_anew_with_one_warning(
         )
     fmu, [warning] = exported(cache, tmp_path)
     assert fmu == expected
-    assert warning == f"warning: damaged files of the cache are made anew: {file}"
+    assert warning == f"warning: damaged files in the cache were generated again: {file}"
     assert file.read_bytes() == whole and not file.is_symlink() and file.stat().st_mode & 0o077 == 0
     assert exported(cache, tmp_path) == (expected, [])
 
@@ -85,7 +85,7 @@ def refused(cache: Path, expected: bytes, out: Path) -> str:
     before = sorted(cache.iterdir()) if cache.is_dir() else []
     fmu, [warning] = exported(cache, out)
     assert fmu == expected and (sorted(cache.iterdir()) if cache.is_dir() else []) == before
-    assert warning.startswith("warning: the cache isn't used: ") and "ADAPTIVE_FMU_CACHE" in warning
+    assert warning.startswith("warning: the cache is not used: ") and "ADAPTIVE_FMU_CACHE" in warning
     return warning
 
 
@@ -141,7 +141,7 @@ def test_nothing_of_another_user_is_read(what: str, filled: Path, expected: byte
         [file] = cache.glob("*.zip")
         os.chown(file, SOMEBODY, SOMEBODY)
         fmu, [warning] = exported(cache, tmp_path)
-        assert fmu == expected and "made anew" in warning and file.name in warning and file.stat().st_uid == 0
+        assert fmu == expected and "generated again" in warning and file.name in warning and file.stat().st_uid == 0
         return
     foreign = cache if what == "the folder" else cache.parent
     os.chown(foreign, SOMEBODY, SOMEBODY)

@@ -12,7 +12,7 @@ from conftest import LOOP_NAMES, PROGRAM, ROOT, adaptive_fmu
 
 LOOPS = ["3.2.1-cosine", "3.3.1-case2", "6.5.1-mrac"]
 PR_SET_MDWE, PR_MDWE_REFUSE_EXEC_GAIN = 65, 1
-COMPILED = "compiled while it runs"
+COMPILED = "compiled during the run"
 
 
 def refuse_memory_for_code() -> None:
@@ -63,7 +63,7 @@ def test_a_run_has_the_same_digits_where_no_memory_for_code_is_given(loop: str, 
     assert generic == table and of_generic["metrics"] == metrics["metrics"]
     assert evaluated(metrics) == {COMPILED} and "compiled" in told
     [reason] = evaluated(of_generic)
-    assert reason.startswith("as they are: the system refuses memory for code"), reason
+    assert reason.startswith("not compiled: the system refuses memory for code"), reason
     assert "the system refuses memory for code" in told_of_generic and "the system refuses" not in told
     # Nothing is wrong: who doesn't ask isn't told.
     assert "refuses" not in ran(loop, tmp_path, *form, refused=True)[2]

@@ -110,7 +110,7 @@ def test_a_loop_run_as_one_unit_has_the_signals_of_separate_units(results: Path)
     assert np.abs(whole["plant.y[1]"] - separate["plant.y[1]"]).max() < 0.02
     page = html.document_fromstring((results / f"{LOOPS[0]}-composite" / "index.html").read_text())
     settings = page.get_element_by_id("settings").text_content()
-    assert "integrated as one" in settings and "gauss-seidel" not in settings
+    assert "none (loop as a single FMU)" in settings and "gauss-seidel" not in settings
     assert all(unit in settings for unit in ["NonlinearSiso", "L1NonlinearSiso", "cosine_frequency[1] = 0.2"])
     assert len(page.find_class("diagram")) == 2
 
@@ -143,7 +143,7 @@ def test_what_does_not_go_with_one_unit_is_refused_or_told(fmu_folder: Path, tmp
     left_out = ["--composite", "--set", "controller.relative_tolerance=1e-9", "--until", "0.1", "--json"]
     answer = adaptive_fmu("run", LOOPS[0], *left_out, "--out", tmp_path)
     (warning,) = json.loads(answer.stdout)["warnings"]
-    assert "`controller.relative_tolerance` is left out" in warning
+    assert "`controller.relative_tolerance` is ignored" in warning
 
 
 def test_a_loop_that_does_not_exist_is_no_composite(tmp_path) -> None:

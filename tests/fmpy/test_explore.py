@@ -417,7 +417,7 @@ def test_a_loop_with_units_of_another_tool_is_explored_through_them(page: Callab
     served = Explored(tmp_path, tmp_path)
     try:
         shown = page(served=served)
-        assert "separate units" in shown.locator("#form").text_content()
+        assert "separate FMUs" in shown.locator("#form").text_content()
         number = ran(shown)
         slider(shown, AMPLITUDE).locator("input[type=range]").press("PageUp")
         ran(shown, number)

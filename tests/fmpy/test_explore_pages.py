@@ -165,7 +165,7 @@ def test_a_file_that_is_no_such_library_is_refused(tmp_path: Path) -> None:
     assert done.returncode == 1 and "a.wasm" in done.stderr and "wasm32-unknown-unknown" in done.stderr
     (tmp_path / "b.wasm").write_text("text")
     done = adaptive_fmu("explore", LOOPS[0], "--page", tmp_path / "b.wasm", "--out", tmp_path / "pages")
-    assert done.returncode == 1 and "is no WebAssembly" in done.stderr
+    assert done.returncode == 1 and "is not a WebAssembly module" in done.stderr
     done = adaptive_fmu("explore", "3.2.1-cosin", "--page", tmp_path / "a.wasm", "--out", tmp_path / "pages")
     assert done.returncode == 1 and "3.2.1-cosine" in done.stderr
     assert not (tmp_path / "pages").exists()

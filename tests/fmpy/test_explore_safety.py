@@ -89,7 +89,7 @@ def test_the_token_does_not_stand_in_the_list_of_processes(tmp_path: Path) -> No
     opener.chmod(0o755)
     around = {"PATH": f"{opener.parent}:{os.environ['PATH']}", "SEEN": str(seen), "TMPDIR": str(tmp_path)}
     done = adaptive_fmu("explore", LOOP, "--open", "--for", "1", folder=tmp_path, **around)
-    assert done.returncode == 0 and "can't be opened" not in done.stderr, done
+    assert done.returncode == 0 and "could not open" not in done.stderr, done
     url = done.stdout.strip()
     (token,) = parse_qs(urlsplit(url).query)["token"]
     # The file leads there; it and its folder are for their user alone, and gone when the page is.
@@ -109,7 +109,7 @@ def test_what_is_there_is_replaced_where_that_is_asked_for(tmp_path: Path) -> No
             file = place if place.is_file() else place / "ReferenceNonlinearSiso.fmu"
             before = file.read_bytes()
             status, told = served.wanted(path, name="mine", values={AMPLITUDE: 1.5})
-            assert status == 200 and told["isThere"] and told["error"].endswith(f"{name} is there already") and file.read_bytes() == before
+            assert status == 200 and told["isThere"] and told["error"].endswith(f"{name} already exists") and file.read_bytes() == before
             assert served.wanted(path, name="mine", values={AMPLITUDE: 1.5}, replace=True)[0] == 200
             assert file.read_bytes() != before
     finally:
@@ -126,7 +126,7 @@ def test_the_page_asks_before_it_replaces_a_set(page: Callable[..., Any], explor
     slider(shown, AMPLITUDE).locator("input[type=number]").press("Enter")
     ran(shown, number)
     shown.locator("#save").click()
-    shown.get_by_text("is there already").wait_for()
+    shown.get_by_text("already exists").wait_for()
     assert file.read_text() == before
     # What was shown when it was asked for is what is saved.
     shown.locator("#name").fill("other")

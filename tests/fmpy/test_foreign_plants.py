@@ -142,7 +142,7 @@ def test_the_page_leads_from_the_unit_to_the_run() -> None:
 def test_a_controller_is_begun_for_the_unit_and_the_loop_is_wired(build: Callable, begun: Callable) -> None:
     folder = begun(build)
     told = command(COMMANDS[2], folder, "--force")
-    assert told.returncode == 0 and "connected: 4; that are left open, with a comment in the file: 0" in told.stdout, told
+    assert told.returncode == 0 and "connected inputs: 4; open inputs, each with a comment in the file: 0" in told.stdout, told
     wired = (folder / "SystemStructure.ssd").read_text()
     assert wired.count("<ssd:Connection ") == 4 and "TO DECIDE" not in wired
     # The motor's limits are the controller's, where its description tells them.

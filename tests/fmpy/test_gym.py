@@ -113,7 +113,7 @@ def test_side_by_side_they_are_as_one_by_one() -> None:
 def test_what_does_not_fit_is_told_and_no_files_are_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    with pytest.raises(ArgumentError, match="is no input; `without` leaves out"):
+    with pytest.raises(ArgumentError, match="is not an input. Leave out the component"):
         environment(without=[])
     with pytest.raises(ArgumentError, match="has no variable `plant.nix`"):
         environment(observation=["plant.nix"])

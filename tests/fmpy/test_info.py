@@ -78,7 +78,7 @@ def test_info_of_an_fmu_of_another_tool_says_what_isnt_in_it(tmp_path: Path) -> 
     assert (told["interfaces"], told["generationTool"]) == (["model exchange"], "")
     shown = adaptive_fmu("info", foreign)
     assert shown.returncode == 0
-    for words in ["doesn't name", "doesn't tell how it was built", "not in it", "platforms: none", "model exchange"]:
+    for words in ["an unnamed tool", "no information about its build", "not in it", "platforms: none", "model exchange"]:
         assert words in shown.stdout
     # A text of others breaks no line.
     assert "a\\nb" in shown.stdout

@@ -136,7 +136,7 @@ def test_fewer_rows_are_those_of_a_run_that_is_kept(long_run, words, tmp_path: P
     multiples = np.floor(np.round(table["time"] / 0.7004, 9))
     rows = np.append(np.flatnonzero(np.diff(multiples, prepend=-1)), LONG)
     assert all(np.array_equal(few[name], values[np.unique(rows)]) for name, values in table.items())
-    assert "result.csv has a row each 0.7004 s" in (results / "index.html").read_text()
+    assert "result.csv has one row every 0.7004 s" in (results / "index.html").read_text()
     assert told(results)["metrics"] == told(long_run[0])["metrics"]
 
 

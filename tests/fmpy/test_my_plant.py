@@ -258,7 +258,7 @@ def test_a_library_of_another_version_or_none_at_all_is_named(tmp_path: Path) ->
     library = tmp_path / "libstale.so"
     subprocess.run(["cc", "-shared", "-fPIC", source, "-o", library], check=True)
     told = fails("export", "NonlinearSiso", "--library", library, "--out", tmp_path / "out")
-    assert "libstale.so" in told and "another version" in told and "build it anew" in told
+    assert "libstale.so" in told and "another version" in told and "Build it again" in told
     assert "libgone.so" in fails("export", "NonlinearSiso", "--library", tmp_path / "libgone.so", "--out", tmp_path)
     assert "regular" in fails("export", "NonlinearSiso", "--library", tmp_path, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()

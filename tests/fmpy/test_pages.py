@@ -119,7 +119,7 @@ def test_a_unit_in_no_loop_shows_what_it_does_alone(name: str, fmu: Callable[[st
     assert list(curves) == ALONE[name] and all(len(points) > 100 for points in curves.values())
     # More than a flat line: what is shown uses the height of the picture.
     assert all(np.ptp(points[:, 1]) > 100 for points in curves.values())
-    assert "computed while it was exported" in section(page, "response") and "new loop" in section(page, "response")
+    assert "computed at export" in section(page, "response") and "new loop" in section(page, "response")
 
 
 # No loop of the package holds them: their pages tell how to make one.

@@ -102,7 +102,7 @@ def test_info_tells_what_the_library_in_an_fmu_asks_for(fmu, library: Path) -> N
     version = ".".join(map(str, glibc(library)))
     place = f"binaries/linux64/{PLANT}.so"
     assert asked(fmu(PLANT).path) == {place: {"processor": "x86-64", "glibc": version}}
-    line = f"{place}: for x86-64, asks for glibc {version} or a newer one"
+    line = f"{place}: for x86-64, requires glibc {version} or newer"
     assert line in adaptive_fmu("info", fmu(PLANT).path).stdout.splitlines()
 
 
@@ -212,13 +212,13 @@ def test_a_library_that_does_not_fit_is_refused_and_nothing_is_written(foreign, 
     text.write_text("no library")
     windows = foreign("a.dll", "x86_64-pc-windows-gnu")
     assert "notes.txt" in refusal(text, out=out)
-    assert "no library of this package" in refusal(f"win64={text}", out=out)
+    assert "not a library of this package" in refusal(f"win64={text}", out=out)
     assert "is for linux64, not for win64" in refusal(f"win64={library}", out=out)
     arm = foreign("a.dylib", "aarch64-apple-darwin")
     assert "is for aarch64-darwin, not for darwin64" in refusal(f"darwin64={arm}", out=out)
     assert "other sources" in refusal(foreign("b.dll", "x86_64-pc-windows-gnu", "0" * 16), out=out)
-    assert "win64 already" in refusal(windows, foreign("c.dll", "x86_64-pc-windows-msvc"), out=out)
-    assert "no place" in refusal(foreign("d.wasm", "wasm32-unknown-unknown"), out=out)
+    assert "already given for win64" in refusal(windows, foreign("c.dll", "x86_64-pc-windows-msvc"), out=out)
+    assert "which FMUs do not support" in refusal(foreign("d.wasm", "wasm32-unknown-unknown"), out=out)
 
 
 def test_what_was_built_beside_the_program_of_the_same_sources_goes_into_every_fmu(foreign, library, tmp_path) -> None:

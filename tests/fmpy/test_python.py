@@ -118,9 +118,9 @@ def test_errors_are_exceptions_with_what_to_do(tmp_path: Path) -> None:
         loop.run(plant={"nix": 1})
     with pytest.raises(adaptive_fmu.ArgumentError, match="must be a finite number above 0"):
         loop.run(until=-1)
-    with pytest.raises(adaptive_fmu.ArgumentError, match="must be values by the names"):
+    with pytest.raises(adaptive_fmu.ArgumentError, match="It must be a dict with the values of its variables"):
         loop.run(plant=3)  # type: ignore[arg-type]
-    with pytest.raises(adaptive_fmu.ArgumentError, match="must be a number, a bool, a text"):
+    with pytest.raises(adaptive_fmu.ArgumentError, match="must be a number, a bool, a str"):
         loop.run(plant={"omega": None})  # type: ignore[dict-item]
     with pytest.raises(adaptive_fmu.Error, match="omega"):
         loop.run(plant={"omega": "two"})
@@ -284,7 +284,7 @@ def test_a_transfer_function_is_a_plant_and_a_sampled_one_is_refused(tmp_path: P
         adaptive_fmu.new("l1", tmp_path / "Other.toml", plant=control.ss(A, B, C, D, 0.1))
     with pytest.raises(adaptive_fmu.ArgumentError, match="must be a linear system"):
         adaptive_fmu.new("l1", tmp_path / "Other.toml", plant=3)
-    with pytest.raises(adaptive_fmu.Error, match="is there already"):
+    with pytest.raises(adaptive_fmu.Error, match="Use force=True to overwrite it"):
         adaptive_fmu.new("l1", tmp_path / "Own.toml", plant=transfer)
 
 

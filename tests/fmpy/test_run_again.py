@@ -53,7 +53,7 @@ def test_results_tell_how_they_came_about(results: Path) -> None:
 def test_a_run_again_gives_the_same_numbers(results: Path) -> None:
     told, notes = again(results)
     assert told["again"] == {"of": str(results), "differences": [], "same_numbers": True}
-    assert "byte for byte" in notes and "differs" not in notes
+    assert "is identical to that of" in notes and "differs" not in notes
     other = Path(told["results"])
     assert other.name == f"{LOOP}@again" and other.parent == results.parent
     assert (other / "result.csv").read_bytes() == (results / "result.csv").read_bytes()
@@ -68,7 +68,7 @@ def test_a_loop_that_is_not_there_is_told_as_its_results_name_it(tmp_path: Path)
     elsewhere.mkdir()
     assert adaptive_fmu("run", "loops/dc_motor", "--until", 0.1, "--out", "results", folder=tmp_path).returncode in (0, 3)
     told = fails("run", "--again", tmp_path / "results" / "dc_motor", folder=elsewhere)
-    assert "its run was of `loops/dc_motor`, as named from the folder where it was run" in told
+    assert "the run used the loop `loops/dc_motor`, relative to the folder in which it was started" in told
     assert list(elsewhere.iterdir()) == []
 
 
@@ -144,10 +144,10 @@ def without_numbers(text: str) -> str:
 
 
 DAMAGES = {
-    "a number that is cut": (cut, "not as its run wrote it"),
-    "nan": (without_numbers, "not as its run wrote it"),
-    "a number more": (lambda text: text.replace("0.1", "0.2", 1), "not as its run wrote it"),
-    "lost rows": (lambda text: text[: text.rindex("\n", 0, -1) + 1], "it has 50 rows of 51"),
+    "a number that is cut": (cut, "was changed after its run"),
+    "nan": (without_numbers, "was changed after its run"),
+    "a number more": (lambda text: text.replace("0.1", "0.2", 1), "was changed after its run"),
+    "lost rows": (lambda text: text[: text.rindex("\n", 0, -1) + 1], "it has 50 of 51 rows"),
     "the file": (lambda _: None, "result.csv"),
 }
 
@@ -174,7 +174,7 @@ def test_results_without_checksums_are_compared_and_a_line_says_so(results: Path
     (folder / "metrics.json").write_text(json.dumps(metrics))
     for words in [("compare", results, folder), ("run", "--again", folder)]:
         answer = adaptive_fmu(*words, "--out", tmp_path / "out")
-        assert answer.returncode in (0, 3) and answer.stderr.count("hold no checksums, as version 0.1 wrote them") == 1, answer
+        assert answer.returncode in (0, 3) and answer.stderr.count("results of version 0.1 have no checksums") == 1, answer
 
 
 def test_runs_under_tags_stand_side_by_side(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def test_a_failing_unit_keeps_what_was_computed(fmu, tmp_path: Path) -> None:
         options = ["--set", "x0[1]=1", "--interface", interface, "--out", tmp_path / interface]
         answer = adaptive_fmu("simulate", fmu(PLANT).path, *options)
         kept, error = answer.stderr.splitlines()
-        assert answer.returncode == 1 and kept.startswith("what was computed until then is in"), answer
+        assert answer.returncode == 1 and kept.startswith("results until then are in"), answer
         assert error.startswith("error: ") and "diverges" in error
         assert 1.2 < read_csv(tmp_path / interface / PLANT / "result.csv")["time"][-1] < 1.26
 
@@ -156,4 +156,4 @@ def test_a_unit_for_model_exchange_alone_is_simulated(fmu, tmp_path: Path) -> No
     alone = simulate(file, tmp_path, "--until", "0.2")
     both = simulate(fmu("TwinRotor").path, tmp_path, "--until", "0.2", "--interface", "me")
     assert all(np.array_equal(alone[name], both[name]) for name in both)
-    assert "not for co-simulation" in refused(file, "--interface", "cs", "--out", tmp_path)
+    assert "does not support co-simulation" in refused(file, "--interface", "cs", "--out", tmp_path)

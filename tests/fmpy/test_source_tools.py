@@ -59,7 +59,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("file", ["all.c", "law.c"])
 def test_no_unit_has_a_warning(compiler: str, file: str, sources: Path) -> None:
     command = [tool(compiler), *WARNINGS, "-fsyntax-only"]
@@ -156,11 +156,13 @@ def test_zig_compiles_a_unit_for_six_platforms(of_six_platforms: Path) -> None:
     assert (of_six_platforms.parent / "NonlinearSiso.fmu").stat().st_size <= MOST_BYTES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("platform", [platform for platform, suffix in PLATFORMS.items() if suffix == ".so"])
 def test_libraries_for_linux_ask_for_an_old_glibc(platform: str, of_six_platforms: Path) -> None:
     assert glibc(library_of(of_six_platforms, platform)) <= OLDEST_GLIBC
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_libraries_of_all_platforms_offer_the_functions_of_the_standard(platform: str, of_six_platforms: Path) -> None:
     library = library_of(of_six_platforms, platform)
@@ -174,6 +176,7 @@ def test_libraries_of_all_platforms_offer_the_functions_of_the_standard(platform
     assert set(re.findall(r"\b_?fmi2(\w+)", told)) == set(STANDARD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_libraries_name_no_folder_of_the_machine(platform: str, of_six_platforms: Path) -> None:
     library = library_of(of_six_platforms, platform).read_bytes()
@@ -181,6 +184,7 @@ def test_libraries_name_no_folder_of_the_machine(platform: str, of_six_platforms
     assert [folder for folder in folders if f"{folder}/".encode() in library] == []
 
 
+@pytest.mark.slow
 def test_what_zig_compiles_gives_the_bits_of_the_generic_form(of_six_platforms: Path, fmu) -> None:
     settings = {"stop_time": 1.0, "output_interval": 0.01, "start_values": {"integration_method": 2}}
     files = (of_six_platforms, fmu("NonlinearSiso").path)

@@ -72,7 +72,7 @@ def test_a_metric_that_no_run_has_is_told_so_and_a_limit_is_named(tmp_path: Path
     folder = swept(tmp_path, "--over", f"{GAIN}=1e3,1e4", "--until", "1")
     page = html.document_fromstring((folder / "index.html").read_text())
     told = page.text_content()
-    assert told.count("No run has a value of it") == 2 and "Dashed: its limit, 2.85." in told
+    assert told.count("No run has a value of this metric") == 2 and "Dashed: its limit, 2.85." in told
     assert [svg.get("aria-label") for svg in page.iter("svg")][0] == "max |u|"
 
 
@@ -120,7 +120,7 @@ def test_only_the_same_sweep_goes_on_from_what_no_hand_has_changed(gains: Path, 
     again = ["sweep", LOOP, *SHORT, "--out"]
     left = {file.name: file.read_bytes() for file in gains.iterdir()}
     other = fails(*again, gains.parent, "--over", f"{GAIN}=1e3..1e5/log4")
-    assert "is of another sweep: over was" in other and "--force" in other and "--tag" in other
+    assert "belongs to another sweep: over was" in other and "--force" in other and "--tag" in other
     step = fails(*again, gains.parent, "--over", f"{GAIN}=1e3..1e5/log3", "--order", "jacobi")
     assert 'run.settings.order was "gauss-seidel", is "jacobi"' in step
     assert {file.name: file.read_bytes() for file in gains.iterdir()} == left
@@ -147,7 +147,7 @@ def test_names_and_values_are_checked_before_anything_runs(tmp_path: Path) -> No
     assert "there is no parameter `adaption`" in refused("adaption=1,2")
     assert "adaptation_gain" in refused("adaptation=1,2")
     several = refused("relative_tolerance=1e-4,1e-5")
-    assert "several units" in several and "plant.relative_tolerance" in several
+    assert "several components" in several and "plant.relative_tolerance" in several
     assert "must be a finite number" in refused(f"{GAIN}=1,fast")
     assert "must be at least 0" in refused(f"{GAIN}=-1,1")
     assert "connected" in refused("plant.u[1]=1,2")
@@ -180,8 +180,8 @@ def test_anything_is_compared_on_one_page(tmp_path: Path) -> None:
 
 def test_what_can_not_be_compared_is_refused_before_anything_runs(tmp_path: Path) -> None:
     out = ["--until", "0.5", "--out", tmp_path]
-    assert "several units" in fails("compare", LOOP, f"{LOOP}:relative_tolerance=1e-4", *out)
+    assert "several components" in fails("compare", LOOP, f"{LOOP}:relative_tolerance=1e-4", *out)
     assert "there is no parameter" in fails("compare", LOOP, f"{LOOP}:nothing=1", *out)
     assert "must be at least 0" in fails("compare", LOOP, f"{LOOP}:adaptation_gain=-1", *out)
-    assert "name each once" in fails("compare", LOOP, LOOP, *out)
+    assert "Name each run once" in fails("compare", LOOP, LOOP, *out)
     assert list(tmp_path.iterdir()) == []

@@ -68,7 +68,7 @@ def test_verbose_tells_where_units_come_from_and_how_they_run(tmp_path: Path) ->
     assert "steps of" not in usual.stderr and json.loads(done.stdout)["ended"] == "complete"
     assert "from 0 s to 0.05 s in steps of 0.001 s, gauss-seidel" in done.stderr
     for unit, fmu in [("plant", "NonlinearSiso"), ("controller", "L1NonlinearSiso")]:
-        assert re.search(rf"{unit}: fmus/{fmu}.fmu, in this process, its equations (compiled|as they are)", done.stderr)
+        assert re.search(rf"{unit}: fmus/{fmu}.fmu, in this process, equations (compiled|not compiled)", done.stderr)
     assert adaptive_fmu("list", "-q", "-v").returncode == 2
 
 
@@ -217,15 +217,15 @@ def test_a_page_that_cant_be_opened_is_a_warning(opener: tuple[dict[str, str], P
     environment, _ = opener
     (tmp_path / "bin" / "xdg-open").write_text("#!/bin/sh\nexit 3\n")
     done = adaptive_fmu(*RUN, "--open", folder=tmp_path, **environment)
-    assert done.returncode == 0 and "warning: results/3.2.1-cosine/index.html can't be opened: xdg-open" in done.stderr
+    assert done.returncode == 0 and "warning: could not open results/3.2.1-cosine/index.html in a browser: xdg-open" in done.stderr
     gone = adaptive_fmu(*RUN, "--open", folder=tmp_path, PATH=str(tmp_path))
-    assert gone.returncode == 0 and "can't be opened: xdg-open" in gone.stderr
+    assert gone.returncode == 0 and "in a browser: xdg-open" in gone.stderr
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["linearise", "NonlinearSiso", "--at", "-1"], "--at = -1: must be from the start time"),
+        (["linearise", "NonlinearSiso", "--at", "-1"], "--at = -1: must be at or after the start time"),
         (["linearise", "NonlinearSiso", "--at", "inf"], "must be a finite number"),
         (["run", "3.2.1-cosine", "--until", "-5"], "'-5' for '--until"),
         (["run", "3.2.1-cosine", "--step", "-1e-3"], "'-1e-3' for '--step"),

@@ -121,7 +121,7 @@ def test_another_search_in_the_same_folder_is_refused_unless_it_is_forced_or_has
     ]:
         refusal = fails("tune", *words, *options, "--out", tmp_path)
         assert "search.json: is of another search: " in refusal and differing in refusal, refusal
-        assert "--force starts anew" in refusal and "--tag NAME keeps both" in refusal
+        assert "--force replaces it" in refusal and "--tag NAME stores the new results next to it" in refusal
         assert {file.name: file.read_bytes() for file in folder.iterdir()} == left
     named = tune(tmp_path, *words, "--seed", 7, "--tag", "seed=7")
     assert Path(named["results"]) == tmp_path / f"{LOOP}-tuned@seed=7"
@@ -170,7 +170,7 @@ def test_a_run_that_fails_counts_as_worst_and_ends_nothing(tmp_path: Path) -> No
 def test_where_every_run_fails_the_reason_is_told(tmp_path: Path) -> None:
     options = ["--parameter", "controller.VS_l=0.45..0.5", "--set", "controller.S_l=0.3", "--generations", 1]
     refusal = fails("tune", LOOP, *SMALL, *options, "--out", tmp_path)
-    assert "none of 6 runs came to its end" in refusal and "must be below controller.S_l = 0.3" in refusal
+    assert "none of 6 runs was completed" in refusal and "must be below controller.S_l = 0.3" in refusal
 
 
 def test_any_parameter_of_any_loop_is_tuned_for_any_of_its_metrics(fmu_folder: Path, tmp_path: Path) -> None:

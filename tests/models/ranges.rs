@@ -49,7 +49,7 @@ fn every_state_has_a_nominal_value() {
     }
 }
 
-/// Whether a simulation starts where one parameter has another value; also where it contradicts another parameter, which is
+/// True if a simulation starts where one parameter has another value; also where it contradicts another parameter, which is
 /// no range of its own.
 fn starts(execution: &mut Execution, start: &Block, place: usize, value: f64) -> bool {
     execution.block_mut().reals.copy_from_slice(&start.reals);

@@ -17,7 +17,7 @@ fn every_model_has_its_structure_in_the_schema() {
     );
 }
 
-/// Whether `[start]` of the model may hold this key, by the schema.
+/// True if `[start]` of the model may hold this key, by the schema.
 fn is_known(schema: &Value, model: &str, key: &str) -> bool {
     let of_model = |kind: &&Value| kind["if"]["properties"]["model"]["const"] == model;
     let start =

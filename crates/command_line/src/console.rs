@@ -37,7 +37,7 @@ const LABELS: [(&str, Style); 2] =
 const ERROR: &str = "error:";
 const WARNING: &str = "warning:";
 
-/// Whether another program is served.
+/// True if another program is served.
 static SERVES: AtomicBool = AtomicBool::new(false);
 const RECORD_SEPARATOR: u8 = 0x1e;
 
@@ -72,12 +72,12 @@ pub fn set_detail(detail: Detail) {
     DETAIL.store(detail as u8, Ordering::Relaxed);
 }
 
-/// Whether as much as this is told.
+/// True if as much as this is told.
 pub fn tells(detail: Detail) -> bool {
     detail as u8 <= DETAIL.load(Ordering::Relaxed)
 }
 
-/// Whether a person sees standard output as it is printed, and wants more than results there: else no sketch is drawn.
+/// True if a person sees standard output as it is printed, and wants more than results there: else no sketch is drawn.
 pub fn is_seen() -> bool {
     tells(Detail::Usual) && !serves() && io::stdout().is_terminal()
 }
@@ -87,7 +87,7 @@ pub fn serve() {
     SERVES.store(true, Ordering::Relaxed);
 }
 
-/// Whether another program is served: it takes what is recorded from a message, and files only where it names a folder.
+/// True if another program is served: it takes what is recorded from a message, and files only where it names a folder.
 pub fn serves() -> bool {
     SERVES.load(Ordering::Relaxed)
 }

@@ -15,13 +15,13 @@ use adaptive_fmu::error::{Error, one_line};
 use adaptive_fmu::{begun, cache, exporter, fmu};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-/// Adaptive controllers and their plants as FMI 2.0 units.
+/// Export adaptive controllers and their plants as FMUs (FMI 2.0), and simulate closed loops of FMUs.
 ///
-/// Exit codes: 0 done; 1 it could not be done, with the reason on stderr; 2 the arguments are wrong; 3 a loop ran,
-/// but a metric is beyond its limit, or a design or an FMU was checked and isn't sound; 130 a run was interrupted.
+/// Exit codes: 0 (success), 1 (failure, with the reason on stderr), 2 (invalid arguments), 3 (a loop ran but a metric
+/// exceeds its limit, or a checked design or FMU is not sound), 130 (a run was interrupted).
 ///
-/// Environment: NO_COLOR and CLICOLOR_FORCE for colours; ADAPTIVE_FMU_CACHE for the folder of the cache; CC for the C
-/// compiler of `export --compile`.
+/// Environment variables: NO_COLOR and CLICOLOR_FORCE control colours, ADAPTIVE_FMU_CACHE is the folder of the cache,
+/// CC is the C compiler of `export --compile`.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -33,51 +33,51 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Lists the FMUs and the closed loops
+    /// List the FMUs, the closed loops and the kinds of systems
     List(command::list::Arguments),
-    /// Writes the description of a unit of your own, to be filled in, or the structure of a loop
+    /// Write a description of your own FMU to be filled in, or the structure of a loop
     New(command::new::Arguments),
-    /// Prints the JSON schema of descriptions
+    /// Print the JSON schema of descriptions
     Schema,
-    /// Reports on the design of an FMU's description: poles, margins, and whether its conditions hold
+    /// Check the design in an FMU's description: poles, margins, and whether its conditions are met
     Check(command::check::Arguments),
-    /// Writes FMUs
+    /// Export FMUs from descriptions and loops
     Export(command::export::Arguments),
-    /// Writes an archive for users without Rust: program, libraries, descriptions, documentation, licences
+    /// Write an archive per platform for users without Rust: program, libraries, descriptions, documentation, licences
     Dist(command::dist::Arguments),
-    /// Shows what an FMU is made of, its platforms and its variables
+    /// Show the origin, contents, platforms and variables of an FMU
     Info(command::info::Arguments),
-    /// Checks an FMU against the standard: its archive, description and libraries, and a short run
+    /// Check an FMU against the FMI standard: archive, description, libraries and a short run
     Validate(command::validate::Arguments),
-    /// Runs a closed loop through its FMUs: metrics, a page with plots, CSV
+    /// Run a closed loop of FMUs and write metrics, a page with plots, and CSV
     Run(command::run::Arguments),
-    /// Runs one unit alone, with inputs over time: a page with plots, CSV
+    /// Simulate a single FMU with inputs over time and write a page with plots, and CSV
     Simulate(command::simulate::Arguments),
-    /// Runs closed loops, as they are or with other values, and shows them and earlier results on one page
+    /// Run closed loops, optionally with other values, and show them and earlier results on one page
     Compare(command::compare::Arguments),
-    /// Runs a closed loop with all combinations of some values: metrics over parameters, families of curves, maps
+    /// Run a closed loop with all combinations of some values and plot metrics, families of curves and maps
     Sweep(command::sweep::Arguments),
-    /// Reproduces the thesis: runs every example, judges what it claims, and writes one page of it
+    /// Reproduce the thesis: run every example, check its claims and write one page
     Report(command::report::Arguments),
-    /// Compares controllers on equal terms: gains by the same search, the same conditions, margins and random plants
+    /// Compare controllers on equal terms: same gain search, conditions, margins and random plants
     League(command::league::Arguments),
-    /// Shows a closed loop in the browser: sliders for its parameters, and at once what they do
+    /// Show a closed loop in the browser, with sliders for its parameters and plots that update immediately
     Explore(command::explore::Arguments),
-    /// Tunes parameters of a closed loop by a particle swarm
+    /// Tune parameters of a closed loop by a particle swarm
     Tune(command::tune::Arguments),
-    /// Linearises an FMU or a whole loop about an operating point: A, B, C, D and eigenvalues
+    /// Linearise an FMU or a loop about an operating point: A, B, C, D and eigenvalues
     Linearise(command::linearise::Arguments),
-    /// Prints what completes commands, options and names in a shell
+    /// Print a shell script that completes commands, options and names
     Completions(command::completions::Arguments),
-    /// Writes manual pages, one a command
+    /// Write manual pages, one per command
     Manual(command::manual::Arguments),
-    /// Writes the files of this project's own folder that follow from others: descriptions of FMUs, the schema, tables
+    /// Update the generated files in the source folder: descriptions of FMUs, the schema, tables
     #[command(hide = true)]
     Generate,
-    /// Answers requests of another program, which hands them over as JSON
+    /// Answer requests of another program, each of them one line of JSON
     #[command(hide = true)]
     Serve,
-    /// Runs a unit of another tool for another process of this program
+    /// Run an FMU of another tool for another process of this program
     #[command(name = fmu::UNIT_PROCESS, hide = true)]
     UnitProcess,
 }
@@ -195,7 +195,7 @@ fn serve_unit() -> Result<ExitCode, Error> {
 
 #[cfg(not(unix))]
 fn serve_unit() -> Result<ExitCode, Error> {
-    tell!("units of other tools run in the process of the loop on this platform");
+    tell!("on this platform FMUs of other tools run in the process of the loop");
     Ok(ExitCode::FAILURE)
 }
 

@@ -7,8 +7,11 @@ use std::ops::Range;
 use crate::recording::{Given, Instructions, Leaf, Node, Operation, Recording, Registers, Tape};
 use crate::system::{Section, Variables};
 
-/// A Jacobian of more operations is computed direction by direction, in FMUs of any form.
-const LARGEST: usize = 6000;
+/// A Jacobian of more operations is computed direction by direction: an entry at a time it would be many megabytes. Direction by
+/// direction a robot's neuro-adaptive law takes ten times as long.
+pub const LARGEST: usize = 60_000;
+/// In C sources, where each operation is a line.
+pub const LARGEST_IN_C: usize = 6000;
 
 /// Changes of values of the block in a direction, which the leaves [`Leaf::TimeChange`] and [`Leaf::Change`] are.
 #[derive(Debug)]
@@ -84,11 +87,11 @@ fn seeds(tape: &mut Tape, nodes: &[Node], change: impl Fn(Leaf) -> Option<Leaf>)
 }
 
 /// The Jacobian of the state equation, from a recording that evaluates it, where it has an entry in these rows of each column;
-/// none where it has too many operations.
-pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording) -> Option<Jacobian> {
+/// none where it has more operations than this.
+pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording, largest: usize) -> Option<Jacobian> {
     let Recording { mut tape, reals, .. } = evaluate;
     // Most of what is added is needed; beyond that, nobody has to know how much more it would be.
-    let most = tape.operations().len() + 2 * LARGEST;
+    let most = tape.operations().len() + 2 * largest;
     let (states, inputs) = (variables.reals(Section::State), variables.reals(Section::Input));
     let rates: Vec<Node> = variables.reals(Section::Derivative).map(|place| reals[place]).collect();
     let (zero, one) = (tape.number(0.0), tape.number(1.0));
@@ -109,7 +112,7 @@ pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording
     let by_time = tape.tangents(&rates, |leaf| if leaf == Leaf::Time { Some(one) } else { slopes.get(&leaf).copied() });
     let by_time = by_time.into_iter().map(|tangent| tangent.unwrap_or(zero)).collect();
     let jacobian = Jacobian { tape, entries, by_time };
-    (jacobian.size() <= LARGEST).then_some(jacobian)
+    (jacobian.size() <= largest).then_some(jacobian)
 }
 
 impl Jacobian {
@@ -144,13 +147,14 @@ pub enum Differentiator {
 }
 
 impl Differentiator {
-    /// Those for a pattern: the rows of each column, and the columns of each group.
+    /// Those for a pattern: the rows of each column, and the columns of each group; entry by entry up to this many operations.
     pub fn of(
         variables: &Variables,
         (columns, groups): (&[Vec<u32>], &[Vec<u32>]),
         evaluate: impl Fn() -> Recording,
+        largest: usize,
     ) -> Self {
-        if let Some(jacobian) = jacobian(variables, columns, evaluate()) {
+        if let Some(jacobian) = jacobian(variables, columns, evaluate(), largest) {
             return Differentiator::Entries(Instructions::of(&jacobian.tape, &jacobian.nodes().collect::<Vec<Node>>()));
         }
         let Directional { mut tape, changes } = directional_of(variables, evaluate(), &[Section::Derivative]);

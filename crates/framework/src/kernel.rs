@@ -89,7 +89,7 @@ impl Kernel {
         Kernel { version: VERSION, sizes, code }
     }
 
-    /// Whether it is one of a system with these variables and so many entries in its Jacobian's pattern.
+    /// True if it is one of a system with these variables and so many entries in its Jacobian's pattern.
     pub fn fits(&self, variables: &Variables, entries: usize) -> bool {
         let needed = Sizes { factors: self.sizes.factors, ..Sizes::of(variables, entries) };
         self.version == VERSION && self.sizes == needed

@@ -89,7 +89,7 @@ fn infinite(number: f64) -> &'static str {
 }
 
 impl Value {
-    /// Whether every number in it is finite.
+    /// True if every number in it is finite.
     fn is_finite(&self) -> bool {
         match self {
             Value::Number(number) => number.is_finite(),
@@ -215,7 +215,7 @@ impl DesignReport {
         self.findings.iter().map(|finding| finding.verdict).max().unwrap_or(Verdict::Ok)
     }
 
-    /// Whether everything that the design rests on holds.
+    /// True if everything that the design rests on holds.
     pub fn is_sound(&self) -> bool {
         self.verdict() != Verdict::NotSound
     }

@@ -57,13 +57,13 @@ pub fn trouble() -> Vec<String> {
     let mut lines = Vec::new();
     if let Some(reason) = found.untrusted.clone().filter(|_| !std::mem::replace(&mut found.is_told, true)) {
         lines.push(format!(
-            "the cache isn't used: {reason}. Files in it are loaded and run, so it must be yours alone: name a folder in \
-             {FOLDER}, or set that to nothing to go without"
+            "the cache is not used: {reason}. Its files are loaded and executed, so only you may be able to write to \
+             it. Set {FOLDER} to another folder, or to nothing to run without a cache"
         ));
     }
     let damaged: Vec<_> = std::mem::take(&mut found.damaged).iter().map(|file| file.display().to_string()).collect();
     if !damaged.is_empty() {
-        lines.push(format!("damaged files of the cache are made anew: {}", damaged.join(", ")));
+        lines.push(format!("damaged files in the cache were generated again: {}", damaged.join(", ")));
     }
     lines
 }
@@ -129,7 +129,7 @@ impl Entry {
         self.place(&[&digest(content), content]);
     }
 
-    /// Whether there is a file of exactly these bytes, or can be: one that others read as it is.
+    /// True if there is a file of exactly these bytes, or can be: one that others read as it is.
     pub fn holds(&self, bytes: &[u8]) -> bool {
         let is_there = |found: Option<Vec<u8>>| found.is_some_and(|found| found == bytes);
         let found = self.bytes();
@@ -255,7 +255,7 @@ mod tests {
         assert!(!nowhere.holds(&library) && !is_damaged(&nowhere));
     }
 
-    /// Whether a user is told so, once.
+    /// True if a user is told so, once.
     fn is_damaged(entry: &Entry) -> bool {
         TROUBLE.lock().unwrap_or_else(PoisonError::into_inner).damaged.remove(&entry.file)
     }

@@ -28,7 +28,8 @@ pub fn files(read: impl Fn(&str) -> Result<String, Error>) -> Result<Vec<(String
         models.iter().map(|model| (place(&model.description().name, ".xml"), model_description::xml(model)));
     let mut files: Vec<_> = descriptions.chain([(place(schema::FILE, ""), schema::text())]).collect();
     for (page, tables) in [
-        ("README.md", vec![("controllers", choices())]),
+        ("README.md", vec![("controllers", choices(false))]),
+        ("docs/choosing.md", vec![("choices", choices(true))]),
         ("docs/fmus.md", vec![("fmus", fmus(&units))]),
         ("docs/description.md", vec![("kinds", kinds()), ("structures", structures())]),
         ("docs/designed.md", vec![("designed", designed(&models))]),
@@ -56,11 +57,22 @@ pub fn put(page: &mut String, name: &str, table: &str) -> Option<()> {
     Some(())
 }
 
-/// What to take for what one has.
-fn choices() -> String {
-    let rows = CATALOGUE.iter().filter(|entry| !entry.choice.is_empty()).map(|entry| entry.choice.join(" | "));
-    let head = "| you have | take | what to expect, as measured |\n| --- | --- | --- |\n".to_owned();
-    rows.fold(head, |table, row| table + &format!("| {row} |\n"))
+/// Controllers by what they need: a narrow table, or one with what to expect of each.
+fn choices(wide: bool) -> String {
+    let head = if wide {
+        "| you have | take | what to expect |\n| --- | --- | --- |\n"
+    } else {
+        "| you have | take |\n| --- | --- |\n"
+    };
+    let mut table = head.to_owned();
+    for Entry { choice, kind, page, .. } in CATALOGUE {
+        let [have, expect] = choice else { continue };
+        let _ = match wide {
+            true => writeln!(table, "| {have} | [`{}`]({page}.md) | {expect} |", kind.name),
+            false => writeln!(table, "| {have} | `{}` |", kind.name),
+        };
+    }
+    table
 }
 
 /// The FMUs, by what they do in a loop, then by their names.

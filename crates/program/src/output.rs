@@ -65,7 +65,7 @@ impl Write for Part {
 struct Written {
     part: NamedTempFile,
     file: PathBuf,
-    /// Whether a file of that name may be replaced.
+    /// True if a file of that name may be replaced.
     replaces: bool,
 }
 
@@ -185,14 +185,14 @@ pub fn make_folder(out: &Path, below: &str) -> Result<PathBuf, Error> {
     folder(out, Path::new(below), true)
 }
 
-/// Whether files of these names could be put into a folder below the one that the user named; nothing is made. What is
+/// True if files of these names could be put into a folder below the one that the user named; nothing is made. What is
 /// computed for long is better refused before than after.
 ///
 /// # Errors
 /// What stands in the place of one of them, or of the folder.
 pub fn check(out: &Path, below: &str, names: &[&str]) -> Result<(), Error> {
     if fs::metadata(begun::path(out)).is_ok_and(|found| !found.is_dir()) {
-        return Err(refusal(out, "is no folder: name another one by --out"));
+        return Err(refusal(out, "is not a folder. Name another one with --out"));
     }
     let folder = folder(out, Path::new(below), false)?;
     let place = begun::path(&folder);
@@ -204,7 +204,7 @@ pub fn check(out: &Path, below: &str, names: &[&str]) -> Result<(), Error> {
 /// A folder below another: no part of the way is a link.
 fn folder(out: &Path, below: &Path, make: bool) -> Result<PathBuf, Error> {
     if !below.components().all(|component| matches!(component, Component::Normal(_))) {
-        return Err(refusal(&out.join(below), "would lie outside the folder that was named"));
+        return Err(refusal(&out.join(below), "would be outside the given folder"));
     }
     let mut path = out.to_owned();
     for component in below.components() {
@@ -212,7 +212,7 @@ fn folder(out: &Path, below: &Path, make: bool) -> Result<PathBuf, Error> {
         let place = begun::path(&path);
         match fs::symlink_metadata(&place) {
             Ok(found) if found.is_symlink() => return Err(a_link(&path)),
-            Ok(found) if !found.is_dir() => return Err(refusal(&path, "is no folder: move it away")),
+            Ok(found) if !found.is_dir() => return Err(refusal(&path, "is not a folder. Move it away")),
             Ok(_) => {}
             Err(error) if error.kind() == ErrorKind::NotFound && make => match fs::create_dir(&place) {
                 Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(Error::file(&path)(error)),
@@ -231,15 +231,15 @@ fn require_plain(file: &Path) -> Result<(), Error> {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         Err(error) => Err(Error::file(file)(error)),
         Ok(found) if found.is_symlink() => Err(a_link(file)),
-        Ok(found) if found.is_dir() => Err(refusal(file, "is a folder: move it away")),
-        Ok(found) if !found.is_file() => Err(refusal(file, "is not a regular file: name another one")),
+        Ok(found) if found.is_dir() => Err(refusal(file, "is a folder. Move it away")),
+        Ok(found) if !found.is_file() => Err(refusal(file, "is not a regular file. Name another one")),
         Ok(found) if found.permissions().readonly() => Err(refusal(file, "is write-protected")),
         Ok(_) => Ok(()),
     }
 }
 
 fn a_link(path: &Path) -> Error {
-    refusal(path, "is a link, and nothing is written through links: move it away")
+    refusal(path, "is a link, and nothing is written through links. Move it away")
 }
 
 fn refusal(path: &Path, reason: &str) -> Error {
@@ -247,7 +247,7 @@ fn refusal(path: &Path, reason: &str) -> Error {
 }
 
 fn file_name(file: &Path) -> Result<&OsStr, Error> {
-    file.file_name().ok_or_else(|| refusal(file, "is no name of a file"))
+    file.file_name().ok_or_else(|| refusal(file, "must be the name of a file"))
 }
 
 /// An empty file beside the place of another, with its permissions.
@@ -284,7 +284,7 @@ fn created(folder: &Path, prefix: &OsStr) -> io::Result<NamedTempFile> {
     builder.tempfile_in(folder)
 }
 
-/// Whether a file has such a name as files have here that aren't whole: `.NAME.RANDOM.part`.
+/// True if a file has such a name as files have here that aren't whole: `.NAME.RANDOM.part`.
 fn is_part(name: &[u8]) -> bool {
     let (Some(b'.'), Some(rest)) = (name.first(), name.strip_suffix(PART.as_bytes())) else { return false };
     let random = rest.rsplit(|byte| *byte == b'.').next().unwrap_or_default();

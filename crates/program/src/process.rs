@@ -48,7 +48,7 @@ pub(crate) fn leave_requests_to_another() {
     }
 }
 
-/// Whether the process was asked to end since it listens.
+/// True if the process was asked to end since it listens.
 pub fn is_asked_to_end() -> bool {
     ASKED.load(Ordering::SeqCst) > 0
 }

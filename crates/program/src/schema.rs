@@ -127,7 +127,7 @@ pub struct Key {
     pub text: String,
     /// Its schema.
     pub schema: Value,
-    /// Whether it must be given where the table that holds it is.
+    /// True if it must be given where the table that holds it is.
     pub required: bool,
 }
 

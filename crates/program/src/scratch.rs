@@ -72,7 +72,7 @@ impl Scratch {
     }
 }
 
-/// Whether a folder has such a name as these have.
+/// True if a folder has such a name as these have.
 #[cfg(unix)]
 fn is_named(name: &[u8]) -> bool {
     let random = name.strip_prefix(PREFIX.as_bytes());

@@ -90,7 +90,7 @@ impl<W: Write> Write for Summed<W> {
 pub struct Sealed {
     /// What it holds.
     pub content: Value,
-    /// Whether the checksum is that of the content; none where the file holds no checksum.
+    /// True if the checksum is that of the content; none where the file holds no checksum.
     pub fits: Option<bool>,
 }
 
@@ -112,7 +112,7 @@ pub fn read(file: &Path, what: &str) -> Result<Sealed, Error> {
     let opened = text_file::open(&begun::path(file)).and_then(|opened| opened.take(LARGEST).read_to_string(&mut text));
     opened.map_err(Error::file(file))?;
     let mut content: Value = serde_json::from_str(&text)
-        .map_err(|error| Error::Loop { file: file.to_owned(), reason: format!("is no {what}: {error}") })?;
+        .map_err(|error| Error::Loop { file: file.to_owned(), reason: format!("is not a {what}: {error}") })?;
     let stated = content.as_object_mut().and_then(|content| content.remove(CHECKSUM));
     let fits = stated.map(|stated| stated.as_str() == Some(&checksum(content.to_string())));
     Ok(Sealed { content, fits })

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::system::{Declaration, Parameter, ScalarOf, Shape, Spec, scalar, vector};
 
-/// Whether channels share a number, or each has its own.
+/// True if channels share a number, or each has its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Held {
@@ -31,7 +31,7 @@ pub struct Channels<'a> {
     pub units: &'a [&'static str],
     /// What that is, in words; none where it isn't known.
     pub quantities: &'a [String],
-    /// Whether the rate of it is known.
+    /// True if the rate of it is known.
     pub has_rate: &'a [bool],
 }
 

@@ -165,7 +165,7 @@ impl Law {
         }
     }
 
-    /// Whether an estimate may come to the layer in which projection acts, where a goes through these values.
+    /// True if an estimate may come to the layer in which projection acts, where a goes through these values.
     fn may_be_projected(
         &self,
         v: &Values<f64>,
@@ -232,7 +232,7 @@ impl Law {
         estimates.filter(|e| e.channel == channel && !e.is_frozen()).map(|e| e.factor * e.factor).sum()
     }
 
-    /// Whether the closed form is worth its while: not while an estimate is at a bound, nor where a general method needs
+    /// True if the closed form is worth its while: not while an estimate is at a bound, nor where a general method needs
     /// few steps. That takes the more of them the tighter the tolerance is.
     pub(in crate::controllers) fn closed_form_pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         let Some(closed_form) = self.design.closed_form else { return false };

@@ -17,7 +17,7 @@ pub(super) struct Estimate<S> {
 }
 
 impl<S: Scalar> Estimate<S> {
-    /// Whether its bounds leave it nowhere to go.
+    /// True if its bounds leave it nowhere to go.
     pub fn is_frozen(&self) -> S::Flag {
         self.bounds.0.equals(self.bounds.1)
     }

@@ -61,7 +61,7 @@ pub(in crate::controllers) struct Law {
     pub(super) unmatched: Option<Unmatched>,
     pub(super) beside: Option<Beside>,
     pub(super) u_ad: VectorOf<Signal>,
-    /// Whether u_ad is the state f itself, and has its name.
+    /// True if u_ad is the state f itself, and has its name.
     u_ad_is_state: bool,
     pub(super) eta_hat: VectorOf<Signal>,
     /// η̂ − K_g r, which u_ad is to take away.
@@ -247,7 +247,7 @@ impl Law {
         rates.zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (rate, &c)| sum + rate * c)
     }
 
-    /// Whether K may change while the law runs.
+    /// True if K may change while the law runs.
     ///
     /// # Errors
     /// [`Invalid`] where it may not, and why.
@@ -261,7 +261,7 @@ impl Law {
         Err(Invalid::new("unmatched", true, allowed))
     }
 
-    /// Whether the static feedback stands outside of what the predictor sees.
+    /// True if the static feedback stands outside of what the predictor sees.
     pub fn has_baseline_outside(&self) -> bool {
         self.baseline == Baseline::Outside
     }
@@ -276,12 +276,12 @@ impl Law {
         v.matrix(self.design.K_g)
     }
 
-    /// Whether a master of co-simulation steps the unit.
+    /// True if a master of co-simulation steps the unit.
     pub fn is_stepped(&self) -> BooleanOf<Memory> {
         self.moves.is_stepped
     }
 
-    /// Whether the controller is in command.
+    /// True if the controller is in command.
     pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         self.in_command.is_active(v)
     }

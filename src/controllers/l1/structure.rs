@@ -93,7 +93,7 @@ pub struct L1Structure {
     /// The filter D(s); 1/s where none is given.
     #[serde(default)]
     filter: FilterDescription,
-    /// Whether unmatched uncertainty is estimated too, along B_um.
+    /// True if unmatched uncertainty is estimated too, along B_um.
     unmatched: Option<bool>,
     /// Where unmatched uncertainty enters, n rows of k numbers, orthogonal to B; all that B leaves, where it isn't given.
     B_um: Option<Vec<Vec<f64>>>,
@@ -229,7 +229,7 @@ impl L1Structure {
         schema
     }
 
-    /// Whether all entries of ω are estimated.
+    /// True if all entries of ω are estimated.
     pub(super) fn is_full(&self) -> bool {
         self.input_gain == InputGain::Full
     }
@@ -329,7 +329,7 @@ pub(in crate::controllers) fn input_and_output(
     Ok((B, C))
 }
 
-/// Whether the control enters the rate of an output at once, each output: where C B isn't 0.
+/// True if the control enters the rate of an output at once, each output: where C B isn't 0.
 #[allow(non_snake_case)]
 pub(in crate::controllers) fn enters_rates(B: &DMatrix<f64>, C: &DMatrix<f64>) -> Vec<bool> {
     let least = 1e-9 * C.amax() * B.amax();

@@ -47,7 +47,7 @@ impl Law {
         (v[self.ports.u][channel] - wanted) / inertia
     }
 
-    /// Whether the control of a channel is not what it wants.
+    /// True if the control of a channel is not what it wants.
     pub(super) fn is_limited(&self, channel: usize, v: &Values<f64>) -> bool {
         self.added_by_limits(channel, v) != 0.0
     }

@@ -51,7 +51,7 @@ pub(in crate::controllers) struct Cancellation {
 pub(in crate::controllers) struct Form {
     /// The number of transmission zeros of H_m.
     pub zeros: usize,
-    /// Whether its product with D(s) isn't strictly proper, and what the highest power of s has at once behind D(s).
+    /// True if its product with D(s) isn't strictly proper, and what the highest power of s has at once behind D(s).
     pub is_direct: bool,
     filter_direct: f64,
 }

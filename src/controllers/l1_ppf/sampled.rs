@@ -47,7 +47,7 @@ impl Samples {
 }
 
 impl L1Ppf {
-    /// Whether the barrier is sampled.
+    /// True if the barrier is sampled.
     pub(super) fn is_sampled<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         let chosen = v.get(self.law.is_stepped()) & !v.get(self.evaluation).is(Evaluation::Continuous);
         if self.samples.is_some() { chosen } else { false.into() }
@@ -72,7 +72,7 @@ impl L1Ppf {
         }
     }
 
-    /// Whether an error isn't judged now: at the start, before the first sample, and where its funnel opens to it at the
+    /// True if an error isn't judged now: at the start, before the first sample, and where its funnel opens to it at the
     /// next one.
     pub(super) fn waits_for_sample<S: Scalar>(&self, t: S, v: &Values<S>) -> S::Flag {
         let Some(samples) = &self.samples else { return false.into() };

@@ -154,7 +154,7 @@ impl Nominal {
         Some(poles)
     }
 
-    /// Whether the loop is stable.
+    /// True if the loop is stable.
     pub fn is_stable(&self, gain: f64, late: f64) -> bool {
         self.poles(gain, late).is_some_and(|poles| poles.first().is_none_or(|pole| pole.norm() < 1.0))
     }

@@ -53,7 +53,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     Ok(text.finish())
 }
 
-/// Whether the loop with the nominal plant is.
+/// True if the loop with the nominal plant is.
 fn is_stable(plant: &Plant, n: usize, [B_0, inverse]: [&DMatrix<f64>; 2], omega_c: f64) -> bool {
     let (states, m, _) = plant.sizes();
     let (size, omega_o) = (n + 1, FASTER * omega_c);

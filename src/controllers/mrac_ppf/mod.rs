@@ -95,7 +95,7 @@ pub struct MracPpf {
     u: VectorOf<Signal>,
     /// e = x − x_m
     e: DifferenceOf,
-    /// Whether the unit is stepped by a master of co-simulation.
+    /// True if the unit is stepped by a master of co-simulation.
     is_stepped: BooleanOf<Memory>,
     /// When the sampled law is evaluated, and what it holds between samples.
     samples: Samples,

@@ -37,7 +37,7 @@ pub struct NeuroPpfStructure {
     relative_degree: usize,
     /// How many tracked variables, each with a control of its own.
     channels: usize,
-    /// Whether the input gain is estimated, too.
+    /// True if the input gain is estimated, too.
     #[serde(default = "yes")]
     input_gain_network: bool,
     /// The neurons.

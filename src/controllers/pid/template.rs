@@ -155,7 +155,7 @@ impl Gains {
     }
 }
 
-/// Whether the nominal loop is, with the filter.
+/// True if the nominal loop is, with the filter.
 fn is_stable(plant: &Plant, S: &DMatrix<f64>, gains: &Gains) -> bool {
     let Plant { A, B, C, .. } = plant;
     let (n, m, _) = plant.sizes();

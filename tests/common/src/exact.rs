@@ -193,7 +193,7 @@ impl Exact {
     }
 }
 
-/// Whether an indicator changed its side, or came to stand between.
+/// True if an indicator changed its side, or came to stand between.
 fn crossed(before: &[f64], after: &[f64]) -> bool {
     before.iter().zip(after).any(|(before, after)| before * after < 0.0 || (*before != 0.0 && *after == 0.0))
 }

@@ -74,7 +74,7 @@ pub fn callbacks(log: &RefCell<Logged>) -> CallbackFunctions {
     }
 }
 
-/// Whether a text is a format of printf that asks for no argument.
+/// True if a text is a format of printf that asks for no argument.
 pub fn is_plain_format(text: &str) -> bool {
     !text.replace("%%", "").contains('%')
 }

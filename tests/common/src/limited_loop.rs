@@ -14,7 +14,7 @@ const STEP: f64 = 1e-5;
 #[derive(Debug, Clone, Copy)]
 pub struct Law {
     pub gain: f64,
-    /// Whether the baseline stands inside of what the estimates see.
+    /// True if the baseline stands inside of what the estimates see.
     pub inside: bool,
     /// D(s) = g (z s + 1)/(s (τ s + 1)) with g, z and τ, or 1/s.
     pub filter: Option<[f64; 3]>,

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-/// Whether files that follow from others are to be written anew.
+/// True if files that follow from others are to be written anew.
 pub fn updating() -> bool {
     std::env::var_os("UPDATE_TABLES").is_some()
 }

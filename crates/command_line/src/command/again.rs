@@ -26,7 +26,10 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };
     let name = earlier.provenance.source.name.to_string_lossy().into_owned();
     LoopFiles::find(&name).map_err(|error| {
-        refuse(format!("its run was of `{name}`, as named from the folder where it was run; from here: {error}"))
+        refuse(format!(
+            "the run used the loop `{name}`, relative to the folder in which it was started. From the current \
+             folder: {error}"
+        ))
     })?;
     let tables = if arguments.tables.every.is_some() || arguments.tables.parquet {
         arguments.tables.clone()
@@ -47,23 +50,21 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     };
     let place = run::place(&repeated, &name)?;
     if place.canonicalize().is_ok_and(|place| folder.canonicalize().is_ok_and(|folder| folder == place)) {
-        return Err(refuse(
-            "would be replaced by what is to be compared with it: keep that under another --tag".into(),
-        ));
+        return Err(refuse("the repeated run would replace these results. Choose another --tag".into()));
     }
     let done = run::run(&repeated, &name, &Bars::new(repeated.json))?;
     let mut differences = done.provenance.differences(&earlier.provenance);
     let ended = done.report().ending.word();
     if ended != earlier.ended {
-        differences.push(format!("the run's end was {}, is {ended}", earlier.ended));
+        differences.push(format!("the run was {}, is {ended}", earlier.ended));
     }
     let table = |folder: &Path| std::fs::read(begun::path(&folder.join(TABLE))).ok();
     let same = done.folder.as_deref().and_then(table).is_some_and(|csv| Some(csv) == table(folder));
     differences.iter().for_each(|difference| tell!("differs from {}: {difference}", folder.display()));
     if same {
-        tell!("{TABLE} is that of {}, byte for byte", folder.display());
+        tell!("{TABLE} is identical to that of {}", folder.display());
     } else {
-        tell!("{TABLE} is not that of {}", folder.display());
+        tell!("{TABLE} differs from that of {}", folder.display());
     }
     let told = json!({ "of": console::path(folder), "differences": differences, "same_numbers": same });
     run::finish(done, repeated.json, repeated.open, Some(("again", told)))

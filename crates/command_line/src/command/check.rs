@@ -14,12 +14,12 @@ const VALUE: usize = 30;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// A description (NAME.toml), or an FMU of this package
+    /// Description file (NAME.toml), or FMU of this package
     name: String,
-    /// Shared library that holds the model, instead of the one built with this program
+    /// Shared library that contains the model [default: the one built with this program]
     #[arg(long)]
     library: Option<PathBuf>,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -44,9 +44,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 /// The report in lines.
 fn told(name: &str, report: &DesignReport) -> String {
     if report.findings.is_empty() {
-        return format!("{name}: nothing to check beyond the description's own limits, which it keeps");
+        return format!("{name}: all values are within their limits; there is nothing else to check");
     }
-    let reason = report.reason().map_or(String::new(), |reason| format!(", as {reason}"));
+    let reason = report.reason().map_or(String::new(), |reason| format!(": {reason}"));
     let mut lines = vec![format!("{name}: {}{reason}", report.verdict().text())];
     let mut section = None;
     for finding in &report.findings {

@@ -24,18 +24,20 @@ const PAGE: &str = "index.html";
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Loops of this package or SSPs, LOOP@FILE.ssv with a parameter set, LOOP:name=value,name=value with values (the unit may
-    /// be left out of a name that only one has), or folders of earlier results
+    /// Two or more of: LOOP, LOOP@FILE.ssv, LOOP:name=value,name=value, folder of earlier results.
+    ///
+    /// LOOP is a loop of this package or an SSP. @FILE.ssv applies a parameter set. :name=value sets a value of a
+    /// component, where name is UNIT.variable. UNIT may be omitted if only one component has such a variable.
     #[arg(value_name = "RUN", required = true, num_args = 2..)]
     runs: Vec<Specification>,
-    /// Folder for results: each loop's own, and the common page in comparison/
+    /// Folder for the results of each loop and for the common page in comparison/
     #[arg(long, default_value = "results")]
     out: PathBuf,
     #[command(flatten)]
     options: LoopOptions,
     #[command(flatten)]
     open: OpenOption,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -108,7 +110,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         say!("{}", json!({ "loops": told, "page": console::path(&page) }));
     } else {
         console::text(&comparison.table());
-        aside!("the page with the diagrams of all is {}", page.display());
+        aside!("page with all plots: {}", page.display());
     }
     open.show(&page);
     for report in &comparison.runs {
@@ -134,7 +136,7 @@ fn require_places_of_their_own(runs: &[Specification], planned: &[LoopOptions], 
         };
         let place = place.canonicalize().unwrap_or(place);
         if !places.insert(place.clone()) {
-            let reason = format!("two of them have their results in {}: name each once", place.display());
+            let reason = format!("two runs would have their results in {}. Name each run once", place.display());
             return Err(Error::Loop { file: shown.into(), reason });
         }
     }

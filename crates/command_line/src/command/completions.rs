@@ -37,7 +37,7 @@ const NAMED: [(&str, &str, Names); 12] = [
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The shell
+    /// Shell that the script is for
     shell: Shell,
 }
 

@@ -23,10 +23,10 @@ pub struct Arguments {
     /// Folder for the archives
     #[arg(long, default_value = "dist")]
     out: PathBuf,
-    /// Wheels for pip instead, which hold the Python package, too
+    /// Write wheels for pip instead, which also contain the Python package
     #[arg(long)]
     wheels: bool,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }

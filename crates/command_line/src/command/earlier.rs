@@ -10,14 +10,17 @@ use crate::console;
 
 #[derive(clap::Args)]
 pub struct EarlierOptions {
-    /// Start anew and replace what an earlier call left in the folder. By default a call with the same options goes on with
-    /// it, and one with other options is refused
+    /// Start anew and replace the results of an earlier call in the same folder.
+    ///
+    /// By default a call with the same options continues the earlier one, and a call with other options is refused.
     #[arg(long)]
     pub force: bool,
-    /// Keep the results in a folder whose name ends with @NAME, next to those of other calls
+    /// Store the results in a folder whose name ends with @NAME, next to those of other calls
     #[arg(long, value_name = "NAME", value_parser = tag)]
     tag: Option<String>,
-    /// Accepted from earlier versions: a call with the same options goes on in any case
+    /// Do nothing (accepted for compatibility with earlier versions).
+    ///
+    /// A call with the same options continues the earlier one in any case.
     #[arg(long, conflicts_with = "force")]
     resume: bool,
 }
@@ -46,8 +49,8 @@ impl EarlierOptions {
 /// Advice on an earlier result, in the vocabulary of the interface that was used.
 fn advice() -> &'static str {
     if console::serves() {
-        "force=True starts anew and replaces it, tag=\"NAME\" keeps both"
+        "force=True replaces it, tag=\"NAME\" stores the new results next to it"
     } else {
-        "--force starts anew and replaces it, --tag NAME keeps both"
+        "--force replaces it, --tag NAME stores the new results next to it"
     }
 }

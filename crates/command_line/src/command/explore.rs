@@ -48,35 +48,38 @@ const SERVED: [&str; 17] = [
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
+    /// Loop of this package, or SSP: a folder with SystemStructure.ssd, an .ssd file, or an .ssp archive
     #[arg(value_name = "LOOP")]
     name: String,
-    /// Through the loop's separate units, at their communication step, as `run` runs it; without it, as one unit where that
-    /// can be, which is many times faster
+    /// Simulate the components separately, at their communication step, as `run` does.
+    ///
+    /// By default the loop is one continuous system if possible, which is many times faster. --fmus, --order and
+    /// --accept-algebraic-loops also select separate components.
     #[arg(long, conflicts_with = "composite")]
     separate: bool,
-    /// Port of this machine at which the page is; without it, one that is free
+    /// Port of the page on this machine; 0 selects a free port
     #[arg(long, default_value_t = 0)]
     port: u16,
-    /// Opens the page in the browser, also where this isn't a terminal
+    /// Always open the page in the browser [default: only from a terminal with a display]
     #[arg(long, conflicts_with = "no_open")]
     open: bool,
-    /// Opens no browser: the address is printed
+    /// Print the address without opening a browser
     #[arg(long)]
     no_open: bool,
-    /// Folder for sets and FMUs, which go to LOOP-explored in it
+    /// Folder for parameter sets and FMUs, which go to its subfolder LOOP-explored
     #[arg(long, default_value = "results")]
     out: PathBuf,
-    /// Writes the page of a loop of this package as files into the folder of --out, which need no server: LIBRARY is this
-    /// package's library, built for wasm32-unknown-unknown. Pages of one folder share it
+    /// Write the page of a loop of this package as files that need no server, into the folder of --out.
+    ///
+    /// LIBRARY is the library of this package, built for wasm32-unknown-unknown. Pages in the same folder share it.
     #[arg(long, value_name = "LIBRARY.wasm", conflicts_with_all = SERVED)]
     page: Option<PathBuf>,
-    /// Ends after so many seconds; without it, Ctrl-C ends it
+    /// Time after which the command ends, s [default: it runs until Ctrl-C]
     #[arg(long = "for", value_name = "SECONDS", value_parser = positive)]
     duration: Option<f64>,
     #[command(flatten)]
     options: LoopOptions,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -98,7 +101,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         say!("{}", json!({ "url": url }));
     } else {
         say!("{url}");
-        tell!("the page of {} is at this address, for this machine alone; Ctrl-C ends it", arguments.name);
+        tell!("the page of {} is at this address, on this machine only. Press Ctrl-C to end", arguments.name);
     }
     thread::spawn(move || server.serve());
     let opens = !arguments.no_open && (arguments.open || stdout().is_terminal() && has_display());
@@ -176,13 +179,14 @@ fn form(arguments: &Arguments, files: &LoopFiles) -> Result<(LoopOptions, Struct
     match composite_of(&whole, &Library::beside_program()?) {
         Ok(_) => Ok((as_one, whole, Vec::new())),
         Err(reason) => {
-            let note = format!("this loop is run through its separate units, since it can't be one: {reason}");
+            let note =
+                format!("this loop is run as separate FMUs because it can't be simulated as a single FMU: {reason}");
             Ok((options, structure, vec![note]))
         }
     }
 }
 
-/// Whether a browser could be seen.
+/// True if a browser could be seen.
 fn has_display() -> bool {
     let is_set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     cfg!(any(windows, target_os = "macos")) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY")

@@ -16,50 +16,65 @@ use serde_json::json;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// FMUs of this package, or description files (NAME.toml); all FMUs of this package where nothing is named
+    /// FMUs of this package, or description files (NAME.toml) [default: all FMUs of this package]
+    ///
+    /// With --composite or --ssp, but without --run, the default is none.
     names: Vec<String>,
-    /// All FMUs of this package
+    /// Export all FMUs of this package
     #[arg(long, conflicts_with = "names")]
     all: bool,
-    /// A whole loop as one FMU, integrated together (repeatable); only what is asked for where no FMU is named
+    /// Export a loop as a single FMU, integrated as one continuous system (repeatable).
+    ///
+    /// If no FMU is named, only the loops of --composite and --ssp are exported, unless --run is given.
     #[arg(long, value_name = "LOOP")]
     composite: Vec<String>,
-    /// Unit that is left out of the loops of --composite, whose signals are inputs then (repeatable)
+    /// Component to leave out of the loops of --composite (repeatable).
+    ///
+    /// The inputs that it drives become inputs of the single FMU.
     #[arg(long, value_name = "UNIT", requires = "composite")]
     without: Vec<String>,
-    /// A loop with its FMUs as one archive for other masters, LOOP.ssp (repeatable); likewise
+    /// Write a loop and its FMUs as one archive for other simulation tools, LOOP.ssp (repeatable).
+    ///
+    /// If no FMU is named, only the loops of --composite and --ssp are exported, unless --run is given.
     #[arg(long, value_name = "LOOP")]
     ssp: Vec<String>,
     /// Folder for the FMUs and archives
     #[arg(long, default_value = "fmus")]
     out: PathBuf,
-    /// Shared library to pack instead of those built with this program (repeatable, one a platform; one of them must be
-    /// for this platform, if it holds models of your own; with --source-only and --compile it isn't packed)
+    /// Shared library to pack, one per platform (repeatable) [default: those built with this program]
+    ///
+    /// If the libraries contain models of your own, one of them must be for this platform. With --source-only and
+    /// --compile they are not packed.
     #[arg(long, value_name = "[PLATFORM=]FILE")]
     library: Vec<String>,
-    /// Parameter set (.ssv) with values that the one FMU named is to start with
+    /// Parameter set (.ssv) with start values for the FMU; exactly one FMU must be named
     #[arg(long, value_name = "FILE.ssv", requires = "names", conflicts_with_all = ["all", "composite", "ssp"])]
     values: Option<PathBuf>,
-    /// With C sources, for tools that compile FMUs themselves and for targets (docs/source_units.md)
+    /// Add C sources, for tools and embedded targets that compile FMUs themselves (docs/source_units.md)
     #[arg(long)]
     source: bool,
-    /// With C sources alone, without libraries
+    /// Add C sources and omit the libraries
     #[arg(long)]
     source_only: bool,
-    /// With C sources, and libraries that are compiled from them by the C compiler that is found
+    /// Add C sources, and libraries compiled from them by the C compiler of this machine.
+    ///
+    /// The compiler is the command in CC [default: cc]. If it is not found, zig is used.
     #[arg(long, conflicts_with = "source_only")]
     compile: bool,
-    /// Platforms to compile for, by zig (`pip install ziglang`), Linux against glibc 2.17; for this machine alone, by its own
-    /// compiler, where none is named
+    /// Platforms to compile for, with zig [default: this platform only, with its own compiler]
+    ///
+    /// `pip install ziglang` installs zig. Libraries for Linux are compiled against glibc 2.17.
     #[arg(long, value_name = "PLATFORM,…", value_delimiter = ',', requires = "compile")]
     platforms: Vec<String>,
-    /// Add terminalsAndIcons.xml, by which some tools connect FMUs; tools with FMI Library 3 refuse FMUs that hold it
+    /// Add terminalsAndIcons.xml, which some tools use to connect FMUs.
+    ///
+    /// Tools with FMI Library 3 refuse FMUs that contain it.
     #[arg(long)]
     terminals: bool,
-    /// Then closes this loop through the FMUs
+    /// Run this loop with the exported FMUs afterwards
     #[arg(long, value_name = "LOOP")]
     run: Option<String>,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -156,7 +171,7 @@ fn export_named(names: &[String], library: &Library, out: &Path, content: &Conte
 /// Writes one FMU that starts with the values of a parameter set.
 fn export_with_values(names: &[String], values: &Path, library: &Library, out: &Path, content: &Content) -> Tried {
     let [name] = names else {
-        let reason = format!("its values can't be those of {} FMUs: name one", names.len());
+        let reason = format!("this parameter set would apply to {} FMUs. Name one FMU", names.len());
         return Err(Error::Loop { file: values.to_owned(), reason });
     };
     warn_of(library)?;
@@ -168,7 +183,7 @@ pub fn warn_of(library: &Library) -> Result<(), Error> {
     static TOLD: Once = Once::new();
     let slow = !library.describe(None)?.build.optimised;
     let slow =
-        slow.then(|| "the library was built without optimisation and is slow; build it with --release".to_owned());
+        slow.then(|| "the library was built without optimisation and is slow. Build it with --release".to_owned());
     let new = library.binaries().iter().filter_map(asks_for_much);
     let told = slow.into_iter().chain(new).chain(library.left_out().iter().cloned());
     TOLD.call_once(|| told.for_each(|warning| tell!("warning: {warning}")));
@@ -180,7 +195,7 @@ fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
     let asked = glibc.filter(|glibc| *glibc > Glibc::PROMISED)?;
     let (file, promised, target) = (file.display(), Glibc::PROMISED, &build.target);
     Some(format!(
-        "{file} asks for glibc {asked} or a newer one, so older systems can't load the FMUs; `cargo zigbuild --release \
+        "{file} requires glibc {asked} or newer, so older systems can't load the FMUs. `cargo zigbuild --release \
          --target {target}.{promised}` builds a library for them (docs/platforms.md)"
     ))
 }

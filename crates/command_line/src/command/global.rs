@@ -7,18 +7,18 @@ use adaptive_fmu::parallel;
 
 use crate::console::{self, Detail};
 
-const HEADING: &str = "Options of every command";
+const HEADING: &str = "Global options";
 
 #[derive(clap::Args)]
 pub struct GlobalOptions {
-    /// Prints results and errors alone: no warnings, notes, progress or sketches
+    /// Print only results and errors (no warnings, notes, progress or terminal plots)
     #[arg(long, short, global = true, conflicts_with = "verbose", help_heading = HEADING)]
     quiet: bool,
-    /// Tells on stderr what is decided on the way: where units come from, how they run, and by which method they are
-    /// integrated, with the eigenvalue that decided it
+    /// Log to stderr how each FMU was found, run and integrated, with the eigenvalue that selected its integration
+    /// method
     #[arg(long, short, global = true, help_heading = HEADING)]
     verbose: bool,
-    /// So many runs or exports at a time; without it, as many as there are cores
+    /// Number of parallel runs or exports [default: number of cores]
     #[arg(long, global = true, value_name = "N", help_heading = HEADING)]
     jobs: Option<NonZeroUsize>,
 }

@@ -15,10 +15,12 @@ const LONGEST: f64 = 3.2e7;
 
 #[derive(clap::Args, Clone)]
 pub struct HostingOptions {
-    /// Runs units of other tools in this process: faster, but when one crashes, so does this program
+    /// Run FMUs of other tools in this process [default: one process per instance]
+    ///
+    /// This is faster, but a crash of such an FMU also ends this program. On Windows they always run in this process.
     #[arg(long)]
     pub in_process: bool,
-    /// Longest time in s that one call of another tool's unit may take
+    /// Time limit for one call to an FMU of another tool, s
     #[arg(long, default_value_t = PATIENCE, value_parser = positive)]
     pub patience: f64,
 }

@@ -22,32 +22,33 @@ const INSTRUCTIONS: &str = "instructions.json";
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Only these pairs: PLANT, PLANT/CONTROLLER or /CONTROLLER; repeatable
+    /// Pairs to run: PLANT, PLANT/CONTROLLER or /CONTROLLER (repeatable) [default: all]
     #[arg(long, value_name = "PAIR")]
     only: Vec<String>,
-    /// Another study than this package's own: a file like examples/league/league.toml; units are descriptions beside it, or
-    /// this package's
+    /// Study to run, a file like examples/league/league.toml [default: this package's own]
+    ///
+    /// Its FMUs are descriptions or archives next to the file, or FMUs of this package.
     #[arg(long, value_name = "FILE.toml")]
     study: Option<PathBuf>,
-    /// A small part of the runs, which shows that all of it works: its numbers are no result
+    /// Do only a small part of the runs, to test that everything works (the numbers are not results)
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
     earlier: EarlierOptions,
-    /// Runs nothing: only makes the page anew, of the results that are there
+    /// Rebuild the page from existing results, without running anything
     #[arg(long, conflicts_with_all = ["only", "resume", "force"])]
     page: bool,
-    /// Runs nothing: names the pairs, each wired and checked, with the gains that the search may scale
+    /// List the pairs, each wired and checked, with the gains that the search may scale, without running anything
     #[arg(long, conflicts_with_all = ["page", "resume", "force"])]
     list: bool,
-    /// Folder for the page, and for the results of each pair
+    /// Folder for the page and for the results of each pair
     #[arg(long, default_value = "results/league")]
     out: PathBuf,
     #[command(flatten)]
     hosting: HostingOptions,
     #[command(flatten)]
     open: OpenOption,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -170,7 +171,7 @@ impl League {
         Ok(())
     }
 
-    /// Whether all of it was done, not interrupted.
+    /// True if all of it was done, not interrupted.
     fn compute(&self, arguments: &Arguments) -> Result<bool, Error> {
         // All names, and all earlier results, are checked before anything runs.
         let pairs = self.pairs(arguments)?;

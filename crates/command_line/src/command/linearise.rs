@@ -20,27 +20,32 @@ use super::ready;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// An archive (NAME.fmu), an FMU of this package, a description (NAME.toml), or a loop of FMUs of this package: its
-    /// name, a folder, an .ssd file, or an .ssp archive
+    /// FMU archive (NAME.fmu), FMU of this package, description file (NAME.toml), or loop of FMUs of this package.
+    ///
+    /// A loop is given by its name, a folder, an .ssd file, or an .ssp archive.
     name: String,
-    /// Time in s, in place of the start time; states are those of a simulation until then
+    /// Time of the operating point, s [default: start time]
+    ///
+    /// The states are those of a simulation up to this time, unless --steady-state is given.
     #[arg(long, value_name = "TIME", value_parser = finite)]
     at: Option<f64>,
-    /// At states whose derivatives are zero at that time
+    /// Linearise at states whose derivatives are zero at the time of the operating point
     #[arg(long)]
     steady_state: bool,
-    /// Start value of a parameter, or value of an input, which is held
+    /// Start value of a parameter, or constant value of an input (repeatable)
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
-    /// Names of its states, where its description names none: Real outputs or local variables; all outputs unless given
+    /// Names of the states, if the description of the FMU declares none [default: all Real outputs]
+    ///
+    /// They must be Real outputs or local variables.
     #[arg(long, value_name = "NAME,…")]
     states: Option<Names>,
-    /// Communication step in s of simulations and experiments, in place of the one that the FMU proposes
+    /// Communication step of simulations and experiments, s [default: the one the FMU proposes, or 0.001]
     #[arg(long, value_parser = positive)]
     step: Option<f64>,
     #[command(flatten)]
     hosting: HostingOptions,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -119,7 +124,7 @@ fn print(linear: &Linearisation) {
     let what = if unique.is_some() { "steady state" } else { "state" };
     say!("{name}, {what} at t = {time} s, {}", told(*method));
     if *unique == Some(false) {
-        say!("A is singular: the steady state is one of many, near the start values");
+        say!("A is singular: this steady state, the one near the start values, is one of many");
     }
     say!();
     for (kind, quantities) in [("state", states), ("input", inputs), ("output", outputs)] {
@@ -148,7 +153,7 @@ pub fn told(method: Method) -> String {
     match method {
         Method::Derivatives => "by its exact derivatives".to_owned(),
         Method::Differences { part } => {
-            format!("by central differences, each value moved by {part:e} of its magnitude")
+            format!("by central differences, each value perturbed by {part:e} of its magnitude")
         }
         Method::Responses { part, starts, step, misfit, difference } => {
             let changed = match starts {
@@ -157,9 +162,9 @@ pub fn told(method: Method) -> String {
                 _ => format!("inputs and the start values of {starts} states"),
             };
             format!(
-                "by its responses to {changed}, changed by {part} of their magnitude or half their range, sampled every \
-                 {step} s; the linear system's own differ from them by {misfit:.1e} of the largest, two extrapolations to \
-                 no change at all by {difference:.1e} of the largest entry"
+                "from responses to {changed}, perturbed by {part} of their magnitude or half their range, sampled \
+                 every {step} s; responses of the linear system differ by {misfit:.1e} of the largest response, two \
+                 extrapolations to zero perturbation by {difference:.1e} of the largest entry"
             )
         }
     }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }

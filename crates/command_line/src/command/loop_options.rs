@@ -23,26 +23,34 @@ const MOST_POINTS: f64 = 1e7;
 
 #[derive(clap::Args, Default, Clone)]
 pub struct LoopOptions {
-    /// As one unit, integrated together; the step sets communication points only, results go to LOOP-composite
+    /// Simulate the loop as one continuous system, with --step as the output interval.
+    ///
+    /// No signal is sampled between components. Results of `run` and `compare` go to LOOP-composite, those of `sweep`
+    /// to LOOP-composite-sweep.
     #[arg(long, conflicts_with_all = ["order", "fmus", "accept_algebraic_loops"])]
     pub composite: bool,
-    /// Folder with FMUs to use as they are; without it, those that the loop names, in its resources/ or elsewhere. What is
-    /// not there is made of its description, beside the loop or of this package, and exported anew into fmus/
+    /// Folder with FMUs to use as they are [default: those that the loop names, or new exports in fmus/]
+    ///
+    /// By default, FMUs come from where the loop names them, in its resources/ or elsewhere. An FMU that is not there
+    /// is generated from its description, either next to the loop or of this package, and exported anew into fmus/.
     #[arg(long)]
     pub fmus: Option<PathBuf>,
-    /// Communication step in s, in place of the loop's own
+    /// Communication step, s [default: the loop's own]
     #[arg(long, value_parser = positive)]
     pub step: Option<f64>,
-    /// Stop time in s, in place of the loop's own
+    /// Stop time, s [default: the loop's own]
     #[arg(long, value_parser = positive)]
     pub until: Option<f64>,
-    /// gauss-seidel or jacobi, in place of the loop's own
+    /// Order of stepping, gauss-seidel or jacobi [default: the loop's own]
+    ///
+    /// With gauss-seidel, components are stepped one after the other and use the latest outputs. With jacobi, all of
+    /// them use the outputs of the last communication point.
     #[arg(long)]
     pub order: Option<Order>,
-    /// Runs circles of connections that no unit delays: each unit takes the outputs of the last exchange
+    /// Allow algebraic loops; each component uses the outputs of the previous exchange
     #[arg(long)]
     pub accept_algebraic_loops: bool,
-    /// Add terminalsAndIcons.xml to the FMUs that are exported, as `export --terminals`
+    /// Add terminalsAndIcons.xml to the FMUs that are exported, as `export --terminals` does
     #[arg(long)]
     pub terminals: bool,
     #[command(flatten)]
@@ -63,15 +71,18 @@ pub fn check_points(Settings { start_time, stop_time, step, .. }: Settings, file
         )));
     }
     if stop_time <= start_time {
-        return Err(refuse(format!("stop time {stop_time}: must be after the start, {start_time}")));
+        return Err(refuse(format!("stop time {stop_time}: must be after the start time, {start_time}")));
     }
     let points = (stop_time - start_time) / step;
     if (points - LEAST_STEP).ceil() < 1.0 {
-        let reason = format!("the time from {start_time} s to {stop_time} s is no communication step of {step} s");
+        let reason =
+            format!("the run from {start_time} s to {stop_time} s is shorter than one communication step of {step} s");
         return Err(refuse(reason));
     }
     if points > MOST_POINTS {
-        return Err(refuse(format!("{points:e} communication points would be recorded; at most {MOST_POINTS} are")));
+        return Err(refuse(format!(
+            "the run would have {points:e} communication points; at most {MOST_POINTS} are allowed"
+        )));
     }
     Ok(())
 }

@@ -17,6 +17,7 @@ use super::hosting::HostingOptions;
 use super::linearise::{assignment, finite};
 use super::names::Which;
 use super::number::positive;
+use crate::console;
 
 #[derive(clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -29,55 +30,66 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Other {
-    /// Writes the structure of a loop for given units, connected by the names of their signals
+    /// Write the structure of a loop of given FMUs, connected by the names of their signals
     Loop(closed_loop::Arguments),
 }
 
 /// The kind and the name are there where no other form is asked for.
 #[derive(clap::Args)]
 struct UnitArguments {
-    /// Kind of the unit: a controller, an observer, a plant, or what stands between
+    /// Kind of FMU: controller, observer, plant (state-space), reference, sensor or actuator
     #[arg(required = true, value_parser = PossibleValuesParser::new(library::begun().map(|entry| entry.kind.name)))]
     kind: Option<String>,
-    /// Its name: a C identifier
+    /// Name of the FMU, a C identifier
     #[arg(long, required = true)]
     name: Option<String>,
-    /// Number of states of the plant; with an FMU for the plant that names none, their names
+    /// Number of states of the plant [default: depends on KIND, mostly 2]
+    ///
+    /// For an FMU as --plant that declares no states, give the names of its states [default: all its Real outputs].
     #[arg(long, value_name = "COUNT or NAME,…")]
     states: Option<Which>,
-    /// Number of inputs of the plant, which are a controller's controls; with a plant, names of those that are used
+    /// Number of inputs of the plant, which are the controls of a controller [default: depends on KIND, mostly 1]
+    ///
+    /// With --plant, give the names of the inputs to use [default: all].
     #[arg(long, value_name = "COUNT or NAME,…")]
     inputs: Option<Which>,
-    /// Number of outputs of the plant, or of channels; with a plant, names of those that are used
+    /// Number of outputs of the plant, or of channels [default: depends on KIND, mostly 1]
+    ///
+    /// With --plant, give the names of the outputs to use [default: all].
     #[arg(long, value_name = "COUNT or NAME,…")]
     outputs: Option<Which>,
-    /// Nominal plant: A, B, C, D, and optionally names, units and limits, in JSON; or any FMU, which is linearised
+    /// Nominal plant: matrices in JSON, or an FMU of any tool, which is linearised [default: chains of integrators]
+    ///
+    /// The JSON file contains A, B, C, and optionally D, names, units of measurement and limits of the signals.
+    /// `linearise --json` prints this format.
     #[arg(long, value_name = "FILE.json or FILE.fmu")]
     plant: Option<PathBuf>,
-    /// With an FMU for the plant: time in s at which it is linearised, in place of the start time
+    /// Time at which the FMU of --plant is linearised, s [default: its start time]
     #[arg(long, value_name = "TIME", requires = "plant", value_parser = finite)]
     at: Option<f64>,
-    /// With an FMU for the plant: start value of a parameter, or value of an input, which is held until then
+    /// Start value of a parameter, or constant value of an input, of the FMU of --plant (repeatable)
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment, requires = "plant")]
     set: Vec<(String, String)>,
-    /// With an FMU for the plant: communication step in s by which it is linearised, in place of the one that it proposes
+    /// Communication step to linearise the FMU of --plant, s [default: the one it proposes, or 0.001]
     #[arg(long, requires = "plant", value_parser = positive)]
     step: Option<f64>,
     #[command(flatten)]
     hosting: HostingOptions,
-    /// Least speed of the controlled system, rad/s; that of the plant's own slowest pole unless given
+    /// Minimum bandwidth of the controlled system, rad/s [default: that of the plant's slowest pole not at 0]
+    ///
+    /// If all poles of the plant are at 0, and for neuro-ppf, the default is 2 rad/s.
     #[arg(long, value_parser = positive)]
     bandwidth: Option<f64>,
-    /// Usual magnitude of the reference, in the unit of the output
+    /// Usual magnitude of the reference, in the output's unit of measurement
     #[arg(long, default_value = "1", value_parser = positive)]
     reference: f64,
-    /// File to write; NAME.toml unless given
+    /// File to write [default: NAME.toml]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Overwrites a file of that name
+    /// Overwrite an existing file of that name
     #[arg(long)]
     force: bool,
-    /// No schema for editors beside it
+    /// Do not write the JSON schema for editors next to the file
     #[arg(long)]
     no_schema: bool,
 }
@@ -109,7 +121,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), E
     }
     let folder = file.parent().unwrap_or(Path::new(""));
     let mut files = Files::at(folder);
-    let Some(own) = file.file_name() else { return Err(refuse("is no name of a file".to_owned())) };
+    let Some(own) = file.file_name() else { return Err(refuse("must be the name of a file".to_owned())) };
     if *force {
         files.add(own, &text)?
     } else {
@@ -130,7 +142,8 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), E
 fn there_already(error: Error) -> Error {
     match error {
         Error::File { file, source } if source.kind() == ErrorKind::AlreadyExists => {
-            Error::Description { file, reason: "is there already; --force overwrites it".to_owned() }
+            let force = if console::serves() { "force=True" } else { "--force" };
+            Error::Description { file, reason: format!("the file exists. Use {force} to overwrite it") }
         }
         other => other,
     }

@@ -22,7 +22,7 @@ const LOOK: Duration = Duration::from_millis(20);
 
 #[derive(clap::Args, Default, Clone, Copy)]
 pub struct OpenOption {
-    /// Then opens the page in the browser
+    /// Open the page in the browser when it is written
     #[arg(long)]
     open: bool,
 }
@@ -39,7 +39,7 @@ impl OpenOption {
 /// Opens a page or an address in the user's browser; a warning says why where that can't be.
 pub fn show(page: &OsStr) {
     if let Err(reason) = opened(page) {
-        tell!("warning: {} can't be opened: {}: {reason}", page.display(), OPENER[0]);
+        tell!("warning: could not open {} in a browser: {}: {reason}", page.display(), OPENER[0]);
     }
 }
 

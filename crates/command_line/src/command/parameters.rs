@@ -7,10 +7,16 @@ use adaptive_fmu::structure::{LoopFiles, Structure};
 
 #[derive(clap::Args, Default, Clone)]
 pub struct Parameters {
-    /// Parameter set to apply (names UNIT.variable): a file, or one that lies beside the loop; repeatable, the last wins
+    /// Parameter set to apply, a file or one next to the loop (repeatable).
+    ///
+    /// Names in the set are UNIT.variable, where UNIT is a component of the loop. If several sets give a variable a
+    /// value, the last one counts. Values of --set override it.
     #[arg(long, value_name = "FILE.ssv")]
     pub case: Vec<PathBuf>,
-    /// Start value; UNIT is a component of the loop, or an FMU that only one has; repeatable
+    /// Start value of a variable (repeatable).
+    ///
+    /// UNIT is a component of the loop, or an FMU that only one component uses. With --composite, a name without UNIT
+    /// is a parameter of the single FMU, such as relative_tolerance.
     #[arg(long, value_name = "UNIT.variable=VALUE")]
     pub set: Vec<String>,
 }

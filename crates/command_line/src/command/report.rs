@@ -24,10 +24,10 @@ const PAGE: &str = "index.html";
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Only examples whose numbers begin so, as 3.3 or 6.5.1; repeatable
+    /// Examples to run, whose numbers begin with this, such as 3.3 or 6.5.1 (repeatable) [default: all]
     #[arg(long, value_name = "EXAMPLE")]
     only: Vec<String>,
-    /// Another study than that of the thesis: a file like examples/thesis.toml
+    /// Study to run, a file like examples/thesis.toml [default: the thesis]
     #[arg(long, value_name = "FILE.toml")]
     study: Option<PathBuf>,
     /// Folder for the page, its figures (SVG) and their curves (CSV)
@@ -35,7 +35,7 @@ pub struct Arguments {
     out: PathBuf,
     #[command(flatten)]
     open: OpenOption,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -192,7 +192,7 @@ fn tell(study: &Study, done: &[Done], arguments: &Arguments) {
             say!("  {:3}  {}: {}", if claim.holds { "yes" } else { "NO" }, claim.claim, claim.measured);
         }
     }
-    aside!("the page is {}; its figures and their curves lie beside it", page.display());
+    aside!("page: {}; its figures and their data are in the same folder", page.display());
 }
 
 fn told(outcome: &Outcome) -> Value {

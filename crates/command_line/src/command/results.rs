@@ -24,10 +24,13 @@ const LONGEST_TAG: usize = 80;
 
 #[derive(clap::Args, Clone, Default)]
 pub struct TableOptions {
-    /// Writes a row of result.csv each DT s only: the point there, else the next one, and the last; metrics are of all points
+    /// Write one row of result.csv every DT seconds [default: one per communication point]
+    ///
+    /// If DT is not a multiple of the communication step, the row is that of the next communication point. The last
+    /// point is always written. Metrics use all points.
     #[arg(long, value_name = "DT", value_parser = positive)]
     pub every: Option<f64>,
-    /// Writes result.parquet, too
+    /// Also write result.parquet
     #[arg(long)]
     pub parquet: bool,
 }
@@ -54,7 +57,7 @@ pub fn tag(text: &str) -> Result<String, String> {
 pub fn earlier(folder: &Path) -> Result<Recorded, Error> {
     let earlier = Recorded::read(folder)?;
     if !earlier.check()? {
-        remark!("{} hold no checksums, as version 0.1 wrote them: damage is not noticed", folder.display());
+        remark!("{}: results of version 0.1 have no checksums, so damage can't be detected", folder.display());
     }
     Ok(earlier)
 }

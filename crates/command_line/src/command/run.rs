@@ -28,20 +28,22 @@ pub const RESULTS: &str = "results";
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
+    /// Loop of this package, or SSP: a folder with SystemStructure.ssd, an .ssd file, or an .ssp archive
     #[arg(value_name = "LOOP", required_unless_present_any = ["all", "again"])]
     pub name: Option<String>,
-    /// Runs an earlier run again, by the settings that its results tell, and says what differs; results go to LOOP@again
+    /// Repeat an earlier run with the settings stored in its results, and report the differences.
+    ///
+    /// Results go to LOOP@again next to the earlier ones, unless --tag or --out is given.
     #[arg(long, value_name = "RESULTS", conflicts_with_all = ["name", "all", "case", "set", "composite", "fmus", "step",
         "until", "order", "accept_algebraic_loops", "in_process", "patience"])]
     pub again: Option<PathBuf>,
-    /// All loops of this package, and a table of them
+    /// Run all loops of this package and print a table of them
     #[arg(long, conflicts_with_all = ["name", "case", "set", "open"])]
     pub all: bool,
     /// Folder for results [default: results]
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// Keeps the results in LOOP@NAME, beside those of other runs
+    /// Store the results in LOOP@NAME, next to those of other runs
     #[arg(long, value_name = "NAME", value_parser = tag)]
     pub tag: Option<String>,
     #[command(flatten)]
@@ -50,7 +52,7 @@ pub struct Arguments {
     pub options: LoopOptions,
     #[command(flatten)]
     pub open: OpenOption,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
 }
@@ -91,7 +93,7 @@ pub fn finish(done: Run, json: bool, open: OpenOption, further: Option<(&str, Va
     }
     if let Some(error) = done.failure {
         if let Some(folder) = &done.folder {
-            tell!("what was computed until then is in {}", folder.display());
+            tell!("results until then are in {}", folder.display());
         }
         return Err(error);
     }
@@ -230,7 +232,7 @@ pub fn simulated(
     let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
     let Settings { start_time, stop_time, step, order } = settings;
-    let order = if whole { "as one unit".to_owned() } else { order.to_string() };
+    let order = if whole { "as a single FMU".to_owned() } else { order.to_string() };
     detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);
     let told = loaded.told();
     told.iter().for_each(|unit| detail!("{}: {unit}", structure.name));
@@ -271,7 +273,7 @@ pub fn simulated(
 fn print(done: &Run, json: bool, further: Option<(&str, Value)>) -> Result<(), String> {
     let Run { structure, recording, measured, folder, .. } = done;
     if let Some(shortfall) = done.report().shortfall() {
-        let kept = folder.as_ref().map(|folder| format!("; what was computed until then is in {}", folder.display()));
+        let kept = folder.as_ref().map(|folder| format!("; results until then are in {}", folder.display()));
         tell!("the run {shortfall}{}", kept.unwrap_or_default());
     }
     if json {

@@ -27,7 +27,7 @@ pub fn execute(options: &Arguments) -> ExitCode {
         say!("{}", json!({ "loops": told }));
     } else {
         say!("{}", table(&rows));
-        aside!("the results of each loop are in a folder of its name in {}", options.out().display());
+        aside!("results of each loop: {}/LOOP", options.out().display());
     }
     exit_code(rows.iter().map(|row| row.verdict).max().unwrap_or(Verdict::Holds))
 }
@@ -45,7 +45,7 @@ fn on_all_cores(options: &Arguments) -> Vec<Tried> {
 /// Runs a loop; what goes wrong is told, and the others go on.
 fn attempt(options: &Arguments, name: &str, bars: &Bars) -> Tried {
     if progress::is_interrupted() {
-        return without_run(Row::without_run(name, Verdict::Interrupted, "not begun"), "not begun");
+        return without_run(Row::without_run(name, Verdict::Interrupted, "not started"), "not started");
     }
     let failed = |error: Error| {
         bars.tell(&format!("error: {name}: {error}"));

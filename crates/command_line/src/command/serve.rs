@@ -98,7 +98,7 @@ fn listen(sender: &Sender<Asked>) {
             Ok(Line::Stop { stop }) => progress::stop(stop),
             Err(error) => {
                 let line = String::from_utf8_lossy(&line);
-                if sender.send(Err(format!("a request that isn't understood ({error}): {line}"))).is_err() {
+                if sender.send(Err(format!("the request can't be read ({error}): {line}"))).is_err() {
                     return;
                 }
             }

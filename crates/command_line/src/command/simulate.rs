@@ -32,33 +32,35 @@ const STOP_TIME: f64 = 1.0;
 
 #[derive(Clone, Copy, ValueEnum)]
 enum By {
-    /// Co-simulation: the unit integrates
+    /// Co-simulation (the FMU integrates)
     Cs,
-    /// Model exchange: this program integrates
+    /// Model exchange (this program integrates)
     Me,
 }
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// An archive (NAME.fmu), an FMU of this package, a description (NAME.toml), or a loop as one unit
+    /// FMU archive (NAME.fmu), FMU of this package, description file (NAME.toml), or loop as a single FMU
     name: String,
-    /// By which interface; co-simulation where the FMU is for it
+    /// Interface to use [default: co-simulation if the FMU supports it, else model exchange]
     #[arg(long)]
     interface: Option<By>,
-    /// Inputs over time, a file of comma-separated values: a line of names, the first of which is `time`, then numbers;
-    /// continuous inputs are linear in between, others held
+    /// CSV file with inputs over time.
+    ///
+    /// Its first line contains names, of which the first is `time`. The other lines contain numbers, separated by
+    /// commas. Continuous inputs are interpolated linearly; all other inputs use a zero-order hold.
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
-    /// Start value of a parameter, or value of an input
+    /// Start value of a parameter, or constant value of an input (repeatable)
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
-    /// Variables that are recorded beside the outputs
+    /// Variables to record in addition to the outputs
     #[arg(long, value_name = "NAME,…")]
     record: Option<Names>,
-    /// Stop time in s, in place of the unit's own
+    /// Stop time, s [default: the FMU's own, or 1]
     #[arg(long, value_parser = positive)]
     until: Option<f64>,
-    /// Communication step in s, in place of the unit's own
+    /// Communication step, s [default: the FMU's own, or 0.001]
     #[arg(long, value_parser = positive)]
     step: Option<f64>,
     /// Relative tolerance of the integration in model exchange
@@ -71,7 +73,7 @@ pub struct Arguments {
     hosting: HostingOptions,
     #[command(flatten)]
     open: OpenOption,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -130,7 +132,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     if let Some(error) = failure {
         if let Some(results) = results {
-            tell!("what was computed until then is in {}", results.display());
+            tell!("results until then are in {}", results.display());
         }
         return Err(error);
     }
@@ -148,8 +150,8 @@ fn structure(fmu: &Fmu, recording: &Recording, settings: Settings, values: &[(St
     for (name, measure) in recording.names.iter().zip(&recording.measures) {
         let place = *of_measures.entry(measure).or_insert_with(|| {
             let title = match measure.as_str() {
-                "" => "signals without a unit".to_owned(),
-                "1" => "plain numbers".to_owned(),
+                "" => "signals without a unit of measurement".to_owned(),
+                "1" => "dimensionless signals".to_owned(),
                 _ => format!("signals in {measure}"),
             };
             plots.push(Plot { title, ..Plot::default() });

@@ -31,21 +31,23 @@ const MOST_ROWS: usize = 40;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
+    /// Loop of this package, or SSP: a folder with SystemStructure.ssd, an .ssd file, or an .ssp archive
     #[arg(value_name = "LOOP")]
     name: String,
-    /// Parameter with its values: NAME=LOW..HIGH/logN (N values at equal ratios), NAME=LOW..HIGH/linN (at equal distances) or
-    /// NAME=A,B,C; NAME is UNIT.variable, or the variable alone where only one unit has it; repeatable: all combinations
+    /// Parameter and its values (repeatable; all combinations are run).
+    ///
+    /// Values are LOW..HIGH/logN (N values at equal ratios), LOW..HIGH/linN (N values at equal distances) or A,B,C.
+    /// NAME is UNIT.variable, where UNIT is a component. UNIT may be omitted if only one component has such a variable.
     #[arg(long, value_name = "NAME=VALUES", required = true)]
     over: Vec<Axis>,
     #[command(flatten)]
     earlier: EarlierOptions,
-    /// Folder for results, which go to LOOP-sweep in it
+    /// Folder for results, which go to its subfolder LOOP-sweep
     #[arg(long, default_value = "results")]
     out: PathBuf,
     #[command(flatten)]
     options: LoopOptions,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -67,7 +69,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let known = arguments.earlier.left(&file, |file| task.resume(file))?;
     if let Some(known) = known.as_ref().filter(|_| !arguments.json) {
         let runs = known.iter().flatten().count();
-        remark!("goes on with {runs} runs of an earlier call; --force starts anew");
+        remark!("continuing with {runs} runs of an earlier call; use --force to start again");
     }
     let known = known.unwrap_or_else(|| vec![None; task.sweep.runs()]);
     output::make_folder(&arguments.out, &task.below)?;
@@ -78,7 +80,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         && made.iter().all(|point| point.failure.is_some())
         && !interrupted
     {
-        let reason = format!("all {} runs failed; the last: {reason}", made.len());
+        let reason = format!("all {} runs failed. The last one: {reason}", made.len());
         task.write(&points, &arguments.out)?;
         return Err(Error::Loop { file: task.sweep.structure().file.clone(), reason });
     }
@@ -113,14 +115,14 @@ impl Task {
     /// The runs of an earlier sweep.
     fn resume(&self, file: &Path) -> Result<Vec<Option<Point>>, Error> {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
-        let Sealed { content, fits } = sealed::read(file, "sweep to go on with")?;
+        let Sealed { content, fits } = sealed::read(file, "sweep to continue")?;
         if fits != Some(true) {
-            return Err(refuse("its content doesn't fit its checksum: it was changed".to_owned()));
+            return Err(refuse("its content does not match its checksum, so it was changed".to_owned()));
         }
         if let Some(differing) = differing(&content["question"], &self.question) {
-            return Err(refuse(format!("is of another sweep: {differing}")));
+            return Err(refuse(format!("belongs to another sweep: {differing}")));
         }
-        Vec::deserialize(&content["points"]).map_err(|error| refuse(format!("can't be gone on from: {error}")))
+        Vec::deserialize(&content["points"]).map_err(|error| refuse(format!("can't be continued: {error}")))
     }
 
     fn run(&self, known: Vec<Option<Point>>, file: &Path, bars: &Bars) -> Result<Vec<Option<Point>>, Error> {
@@ -137,7 +139,7 @@ impl Task {
                 kept.1 = Instant::now() + REST.max(20 * begun.elapsed());
                 kept.2 = written;
             }
-            counter.count(if point.failure.is_some() { "one failed" } else { "the last is complete" });
+            counter.count(if point.failure.is_some() { "one run failed" } else { "last run complete" });
         };
         let points = self.sweep.run(&known, note, progress::is_interrupted);
         counter.clear();
@@ -178,7 +180,7 @@ impl Task {
         let (made_runs, runs) = (made(points).count(), self.sweep.runs());
         let shortfall = (made_runs < runs).then(|| format!("interrupted after {made_runs} of {runs} runs"));
         if let Some(shortfall) = &shortfall {
-            tell!("{shortfall}; the same command goes on with them");
+            tell!("{shortfall}. Repeat the command to continue");
         }
         if json {
             say!("{}", self.told(points, folder));

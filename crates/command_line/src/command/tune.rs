@@ -26,66 +26,73 @@ const SEARCH_TOLERANCE: f64 = 1e-3;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// A loop of this package, or an SSP: a folder with a SystemStructure.ssd, an .ssd file, or an .ssp archive
+    /// Loop of this package, or SSP: a folder with SystemStructure.ssd, an .ssd file, or an .ssp archive
     #[arg(value_name = "LOOP")]
     name: String,
-    /// Parameter to tune, in place of those that the loop names; without bounds, within those of the FMU; repeatable
+    /// Parameter to tune (repeatable) [default: those that the loop names]
+    ///
+    /// UNIT is a component of the loop. Without LOW..HIGH, the bounds are those of the FMU.
     #[arg(long, value_name = "UNIT.variable[=LOW..HIGH]", value_parser = parameter)]
     parameter: Vec<TunedParameter>,
-    /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points, in place of the loop's own objective; repeatable
+    /// Minimise the sum of WEIGHT (SIGNAL - SIGNAL)² over sampled points (repeatable) [default: the loop's own
+    /// objective]
     #[arg(long, value_name = "WEIGHT SIGNAL [- SIGNAL]", allow_hyphen_values = true)]
     square: Vec<SquareTerm>,
-    /// Minimise a metric of the loop
+    /// Minimise the metric of the loop that has this label
     #[arg(long, value_name = "LABEL", conflicts_with_all = ["square", "sample"])]
     metric: Option<String>,
-    /// Time between the points that are summed up, in s
+    /// Time between the points that --square sums up, s [default: the loop's own, or 0.01]
+    ///
+    /// It must be a multiple of the communication step.
     #[arg(long, value_parser = positive)]
     sample: Option<f64>,
     #[command(flatten)]
     swarm: SwarmOptions,
     #[command(flatten)]
     earlier: EarlierOptions,
-    /// Runs at a time; as --jobs unless given
+    /// Number of parallel runs [default: that of --jobs]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// Through the loop's separate units, at their communication step, as `run` runs it; without it, as one unit where that
-    /// can be, whose best values are run once more through the units
+    /// Simulate the components separately, at their communication step, as `run` does.
+    ///
+    /// By default the loop is one continuous system if possible, and the best values are run once more with separate
+    /// components. --fmus, --order and --accept-algebraic-loops also select separate components.
     #[arg(long, conflicts_with = "composite")]
     separate: bool,
-    /// Folder for results, which go to LOOP-tuned in it
+    /// Folder for results, which go to its subfolder LOOP-tuned
     #[arg(long, default_value = "results")]
     out: PathBuf,
     #[command(flatten)]
     options: LoopOptions,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
 
 #[derive(clap::Args)]
 struct SwarmOptions {
-    /// Particles of the swarm
+    /// Number of particles in the swarm
     #[arg(long, default_value_t = 150, value_parser = clap::value_parser!(u32).range(1..))]
     particles: u32,
-    /// Generations; each runs the loop once a particle
+    /// Number of generations, each with one run per particle
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
     generations: u32,
-    /// Seed of the random numbers; the same seed gives the same search, on any number of threads
+    /// Seed of the random numbers; the same seed gives the same search on any number of threads
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Pull of a particle's own best position
+    /// Cognitive coefficient, the pull of a particle's own best position
     #[arg(long, default_value_t = 2.0, value_parser = not_negative)]
     cognitive: f64,
-    /// Pull of the best position of all
+    /// Social coefficient, the pull of the best position of the swarm
     #[arg(long, default_value_t = 2.0, value_parser = not_negative)]
     social: f64,
-    /// Inertia in the first generation
+    /// Inertia weight in the first generation
     #[arg(long, default_value_t = 1.0, value_parser = not_negative)]
     inertia: f64,
-    /// Factor of the inertia from generation to generation
+    /// Factor on the inertia weight from one generation to the next
     #[arg(long, default_value_t = 0.99, value_parser = not_negative)]
     decay: f64,
-    /// Largest change of a parameter in a generation, in parts of its range
+    /// Largest change of a parameter per generation, as a fraction of its range
     #[arg(long, default_value_t = 0.1, value_parser = positive)]
     velocity_limit: f64,
 }
@@ -118,7 +125,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let file = folder.join(RECORD);
     let earlier = arguments.earlier.left(&file, |file| Record::resume(file, &task.question))?;
     if let Some(swarm) = earlier.as_ref().filter(|_| !arguments.json) {
-        remark!("goes on after generation {} of an earlier call; --force starts anew", swarm.history().len());
+        remark!("continuing after generation {} of an earlier call; use --force to start again", swarm.history().len());
     }
     let mut swarm = earlier.unwrap_or_else(|| task.swarm());
     output::make_folder(&arguments.out, &below)?;
@@ -129,12 +136,12 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Some(best) = ended.best.clone() else {
         let reason = ended.reason.as_deref().unwrap_or("interrupted");
         let reason =
-            format!("none of {} runs came to its end, so there is no best one; the last: {reason}", ended.runs);
+            format!("none of {} runs was completed, so there is no best one. The last one: {reason}", ended.runs);
         return Err(Error::Loop { file: task.structure.file.clone(), reason });
     };
     let again = task.again(&form, &best)?;
     let interrupted = ended.interrupted;
-    let by = if form.verified.is_some() { "through its separate units" } else { "with its own tolerance and method" };
+    let by = if form.verified.is_some() { "as separate FMUs" } else { "with its own tolerance and method" };
     let again = again.map(|outcome| (by, outcome));
     let tuned = Tuned { task, best, before, again, swarm, ended, took, folder };
     write_results(&tuned)?;
@@ -162,9 +169,11 @@ impl Form {
         let as_one = LoopOptions { composite: true, ..options.clone() };
         let mut whole = as_one.structure(files)?;
         match composite_of(&whole, &Library::beside_program()?) {
-            Ok((_, notes)) => notes.iter().for_each(|note| remark!("{note} (--separate keeps to the units)")),
+            Ok((_, notes)) => {
+                notes.iter().for_each(|note| remark!("{note} (use --separate to search with separate FMUs)"))
+            }
             Err(reason) => {
-                remark!("searched through its separate units, since the loop can't be one: {reason}");
+                remark!("searching with separate FMUs because the loop can't be simulated as a single FMU: {reason}");
                 return Ok(Form { options, structure, verified: None });
             }
         }

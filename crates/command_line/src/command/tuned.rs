@@ -106,17 +106,20 @@ pub fn print(tuned: &Tuned, json: bool) {
         say!("{:34} {:>14} {is:>14.6}   {} … {}", range.name, told(was), range.low, range.high);
     }
     match again {
-        Some((how, Outcome::Value(value))) => say!("{how} the loop comes to {value:.6}"),
-        Some((how, Outcome::Failed(reason))) => tell!("warning: {how} the loop fails: {reason}"),
+        Some((how, Outcome::Value(value))) => say!("objective of the loop {how}: {value:.6}"),
+        Some((how, Outcome::Failed(reason))) => tell!("warning: the loop {how} fails: {reason}"),
         _ => {}
     }
     if let Some(reason) = &ended.reason {
-        say!("{} runs failed and count as worst; the last: {reason}", tuned.failed());
+        say!("{} runs failed and count as worst. The last one: {reason}", tuned.failed());
     }
     if ended.interrupted {
-        tell!("interrupted in generation {}; the same command goes on", tuned.swarm.history().len() + 1);
+        tell!("interrupted in generation {}. Repeat the command to continue", tuned.swarm.history().len() + 1);
     }
     say!("{} runs took {:.1} s", ended.runs, took.as_secs_f64());
     let folder = folder.display();
-    say!("{TUNED} (for --case), a set for each unit (for export --values), {CONVERGENCE} and {RECORD} are in {folder}");
+    say!(
+        "{TUNED} (for --case), a parameter set for each component (for export --values), {CONVERGENCE} and {RECORD} \
+         are in {folder}"
+    );
 }

@@ -14,14 +14,14 @@ const UNSOUND: u8 = 3;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The archive
+    /// FMU archive
     fmu: PathBuf,
-    /// Checks only what can be seen without running it
+    /// Check only what can be seen without running the FMU
     #[arg(long)]
     no_run: bool,
     #[command(flatten)]
     hosting: HostingOptions,
-    /// As JSON
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -56,7 +56,7 @@ fn ran(trial: &Trial) -> String {
     match trial {
         Trial::Ran(steps) => format!("run for {steps} steps"),
         Trial::NotAskedFor => "not run".to_owned(),
-        Trial::Unsound => "not run, for it isn't sound".to_owned(),
+        Trial::Unsound => "not run, because it is not sound".to_owned(),
         Trial::Impossible(reason) => format!("not run: {reason}"),
     }
 }

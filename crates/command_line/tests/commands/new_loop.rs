@@ -80,7 +80,7 @@ fn the_motors_loop_gives_what_the_shipped_structure_gives() {
     let units = ["motor=DcMotor.toml", "DcMotorController.toml", "DcMotorReference.toml"];
     let words = [&["new", "loop", "--units"], &units[..], &["--name", "dc_motor"]].concat();
     let (told, left) = done(folder.path(), &words);
-    assert!(told.contains("are connected: 4; that are left open, with a comment in the file: 0"), "{told}");
+    assert!(told.contains("connected inputs: 4; open inputs, each with a comment in the file: 0"), "{told}");
     assert!(told.contains("controller.enabled, controller.u_manual[1]") && left.is_empty(), "{told} {left}");
     let text = structure(folder.path());
     assert_eq!(order(&text), ["reference", "motor", "controller"]);
@@ -113,7 +113,7 @@ fn a_sensor_and_an_actuator_are_put_between_by_their_names() {
     }
     let units = ["Drive.toml", "DcMotorController.toml", "Tachometer.toml", "DcMotor.toml", "DcMotorReference.toml"];
     let (told, _) = done(folder.path(), &[&["new", "loop", "--out", "a/new one", "--units"], &units[..]].concat());
-    assert!(told.contains("are connected: 7;") && told.contains("in the file: 0"), "{told}");
+    assert!(told.contains("connected inputs: 7;") && told.contains("in the file: 0"), "{told}");
     let text = structure(&folder.path().join("a/new one"));
     assert_eq!(
         connections(&text),
@@ -138,14 +138,14 @@ fn where_several_outputs_have_a_name_the_candidates_are_there_to_be_uncommented(
     let folder = motor();
     let units = ["one=DcMotor.toml", "two=DcMotor.toml", "DcMotorController.toml", "DcMotorReference.toml"];
     let (told, left) = done(folder.path(), &[&["new", "loop", "--units"], &units[..]].concat());
-    assert!(told.contains("are connected: 3; that are left open, with a comment in the file: 2"), "{told}");
-    assert!(left.contains("to decide: `controller.speed`: several outputs have its name"), "{left}");
+    assert!(told.contains("connected inputs: 3; open inputs, each with a comment in the file: 2"), "{told}");
+    assert!(left.contains("to decide: `controller.speed`: several outputs have this name"), "{left}");
     let text = structure(folder.path());
-    assert!(text.contains("TO DECIDE: controller.speed: several outputs have its name."), "{text}");
+    assert!(text.contains("TO DECIDE: controller.speed: several outputs have this name."), "{text}");
     assert!(text.contains("it keeps its start value, 0.0 rad/s."), "{text}");
     let told = ran(folder.path(), &[".", "--until", "0.001"]);
     let warnings = told["warnings"].to_string();
-    assert!(warnings.contains("`controller.speed` is not connected and keeps its start value"), "{warnings}");
+    assert!(warnings.contains("`controller.speed` is not connected and stays at its start value"), "{warnings}");
     // As a person does who decides.
     let candidate = |signal: &str| {
         let start = format!("<ssd:Connection startElement=\"two\" startConnector=\"{signal}\" ");
@@ -172,9 +172,12 @@ fn what_has_no_name_of_another_or_does_not_fit_is_left_to_a_person() {
     foreign::fmu(path, "Other", "lag.c", &foreign::description("Other", &inner));
     let units = ["Other.fmu", "DcMotorController.toml", "DcMotorReference.toml"];
     let (told, left) = done(path, &[&["new", "loop", "--units"], &units[..]].concat());
-    assert!(told.contains("are connected: 2;") && told.contains("in the file: 2"), "{told}");
-    assert!(left.contains("`controller.speed`: the output of its name is in m, and it in rad/s"), "{left}");
-    assert!(left.contains("`controller.current`: no output has its name"), "{left}");
+    assert!(told.contains("connected inputs: 2;") && told.contains("in the file: 2"), "{told}");
+    assert!(
+        left.contains("`controller.speed`: the output with this name has unit m, but the input has unit rad/s"),
+        "{left}"
+    );
+    assert!(left.contains("`controller.current`: no output has this name"), "{left}");
     let text = structure(path);
     let candidate = "<!-- <ssd:Connection startElement=\"plant\" startConnector=\"i_a\" endElement=\"controller\" endConnector=\"current\"/> -->";
     assert!(text.contains(candidate), "{text}");
@@ -198,7 +201,9 @@ fn units_that_pass_values_round_at_once_are_written_and_told_of() {
     }
     let (told, left) = done(folder.path(), &["new", "loop", "--units", "One.fmu", "Two.fmu", "--name", "round"]);
     assert!(
-        told.contains("are connected: 2;") && left.contains("`run` will refuse it") && left.contains("algebraic"),
+        told.contains("connected inputs: 2;")
+            && left.contains("`run` will refuse this structure")
+            && left.contains("algebraic"),
         "{left}"
     );
     assert!(refused(folder.path(), &["run", "."]).contains("--accept-algebraic-loops"));
@@ -221,7 +226,7 @@ fn names_may_hold_anything_that_xml_can() {
     let sink = far.path().join("Si:nk#?.fmu");
     let words = ["new", "loop", "--out", "<l--p>", "--units", file, sink.to_str().unwrap()];
     let (told, left) = done(path, &words);
-    assert!(told.contains("are connected: 1;") && left.contains("to decide: "), "{told} {left}");
+    assert!(told.contains("connected inputs: 1;") && left.contains("to decide: "), "{told} {left}");
     let text = structure(&path.join("<l--p>"));
     let found = connections(&text);
     assert!(found.len() == 1 && found[0].ends_with(&format!(".{hostile}")), "{found:?}");
@@ -238,7 +243,7 @@ fn fmus_of_this_package_are_named_and_names_alike_are_taken_where_one_fits() {
     let folder = tempfile::tempdir().unwrap();
     let units = ["L1NonlinearSiso", "NonlinearSiso", "ReferenceNonlinearSiso"];
     let (told, _) = done(folder.path(), &[&["new", "loop", "--until", "2", "--units"], &units[..]].concat());
-    assert!(told.contains("are connected: 4;") && told.contains("in the file: 0"), "{told}");
+    assert!(told.contains("connected inputs: 4;") && told.contains("in the file: 0"), "{told}");
     let text = structure(folder.path());
     assert_eq!(order(&text), ["reference", "plant", "controller"]);
     assert!(text.contains("of=\"plant.y[1]\" minus=\"reference.r[1]\"") && text.contains("stopTime=\"2.0\""), "{text}");
@@ -248,9 +253,12 @@ fn fmus_of_this_package_are_named_and_names_alike_are_taken_where_one_fits() {
     foreign::fmu(folder.path(), "Plant", "lag.c", &plant);
     let units = ["L1NonlinearSiso", "Plant.fmu", "ReferenceNonlinearSiso"];
     let (told, left) = done(folder.path(), &[&["new", "loop", "--force", "--units"], &units[..]].concat());
-    assert!(told.contains("are connected: 3;") && left.contains("`plant.u`: no output has its name"), "{told} {left}");
+    assert!(
+        told.contains("connected inputs: 3;") && left.contains("`plant.u`: no output has this name"),
+        "{told} {left}"
+    );
     let text = structure(folder.path());
-    assert!(text.contains("plant.Motor.X1 goes to controller.x[1]: names that differ in their form only"), "{text}");
+    assert!(text.contains("plant.Motor.X1 goes to controller.x[1]: the names differ only in their form"), "{text}");
 }
 
 #[test]
@@ -263,7 +271,7 @@ fn what_cannot_be_done_is_refused_and_nothing_written() {
     let loop_of = |units: &[&str]| refused(path, &[&["new", "loop", "--out", "made", "--units"], units].concat());
     assert!(loop_of(&["Gone.fmu"]).contains("Gone.fmu"));
     assert!(loop_of(&["Gone"]).contains("there is no FMU named `Gone`"));
-    assert!(loop_of(&["Exchange.fmu"]).contains("not for co-simulation"));
+    assert!(loop_of(&["Exchange.fmu"]).contains("does not support co-simulation"));
     assert!(loop_of(&["model.json"]).contains("model.json"));
     assert!(loop_of(&["a=DcMotor.toml", "a=DcMotorReference.toml"]).contains("--units = a"));
     assert!(loop_of(&["a b=DcMotor.toml"]).contains("spaces"));
@@ -273,7 +281,7 @@ fn what_cannot_be_done_is_refused_and_nothing_written() {
     done(path, &["new", "loop", "--units", "DcMotor.toml"]);
     let before = structure(path);
     let again = refused(path, &["new", "loop", "--units", "DcMotor.toml", "DcMotorReference.toml"]);
-    assert!(again.contains("--force overwrites it") && structure(path) == before, "{again}");
+    assert!(again.contains("Use --force to overwrite it") && structure(path) == before, "{again}");
     done(path, &["new", "loop", "--force", "--units", "DcMotor.toml", "DcMotorReference.toml"]);
     assert!(structure(path) != before);
     for words in [&["new", "loop"][..], &["new", "loop", "--units"], &["new"], &["new", "--units", "DcMotor.toml"]] {

@@ -89,7 +89,7 @@ fn what_is_no_file_is_not_replaced_and_nothing_is_written_outside() {
         assert!(message.contains(told), "{name}: {message}");
     }
     assert!(refused(output::check(path, "", &["new", "pipe"])).contains("pipe: is not a regular file"));
-    assert!(refused(output::check(&path.join("kept"), "a", &[])).contains("kept: is no folder"));
+    assert!(refused(output::check(&path.join("kept"), "a", &[])).contains("kept: is not a folder"));
     for outside in ["../x", "/x", "a/../../x"] {
         assert!(refused(Files::within(path, outside).map(drop)).contains("outside"), "{outside}");
     }
@@ -206,7 +206,7 @@ fn a_run_that_makes_no_step_leaves_earlier_results_as_they_are() {
         let refused = program(folder.path(), &[&RUN[..], &["--set", bad, "--set", "controller.u_max[1]=-5"]].concat());
         let told = String::from_utf8(refused.stderr).unwrap();
         assert!(refused.status.code() == Some(1) && refused.stdout.is_empty(), "{bad}: {told}");
-        assert!(told.contains("error: ") && !told.contains("what was computed"), "{bad}: {told}");
+        assert!(told.contains("error: ") && !told.contains("results until then"), "{bad}: {told}");
         assert!(contents(&folder.path().join(RESULTS)) == before, "{bad}: {told}");
     }
     // Nor is a comparison with such a one written.
@@ -220,7 +220,7 @@ fn a_run_that_makes_no_step_leaves_earlier_results_as_they_are() {
     assert!(contents(&folder.path().join("results/comparison")) == page);
     // One that fails midway keeps what was computed.
     let fails = program(folder.path(), &["run", "4-case3", "--composite", "--until", "0.2", "--json"]);
-    assert!(String::from_utf8(fails.stderr).unwrap().contains("what was computed until then is in"));
+    assert!(String::from_utf8(fails.stderr).unwrap().contains("results until then are in"));
     let left = fs::read_to_string(folder.path().join("results/4-case3-composite/result.csv")).unwrap();
     assert!(left.lines().count() > 10);
 }
@@ -246,7 +246,9 @@ fn a_description_is_replaced_only_where_that_is_asked_for() {
     assert!(program(folder.path(), &new).status.success());
     let before = contents(folder.path());
     let again = program(folder.path(), &new);
-    assert!(again.status.code() == Some(1) && String::from_utf8(again.stderr).unwrap().contains("--force overwrites"));
+    assert!(
+        again.status.code() == Some(1) && String::from_utf8(again.stderr).unwrap().contains("Use --force to overwrite")
+    );
     assert_eq!(contents(folder.path()), before);
     symlink("Mine.toml", folder.path().join("Other.toml")).unwrap();
     let other = program(folder.path(), &[&new[..], &["--out", "Other.toml", "--force"]].concat());

@@ -146,7 +146,7 @@ fn the_program_goes_on_from_a_whole_file_and_refuses_a_changed_one() {
     fs::write(&file, left.replacen("\"failed\":0", "\"failed\":1", 1)).unwrap();
     let changed = tune(folder.path(), &["--generations", "4"]);
     let told = String::from_utf8(changed.stderr).unwrap();
-    assert!(changed.status.code() == Some(1) && told.contains("--force starts anew"), "{told}");
+    assert!(changed.status.code() == Some(1) && told.contains("--force replaces it"), "{told}");
     fs::write(&file, &left).unwrap();
     assert!(tune(folder.path(), &["--generations", "4"]).status.success());
     assert_ne!(fs::read_to_string(&file).unwrap(), left);

@@ -25,9 +25,9 @@ pub struct Execution {
     model: Arc<Model>,
     /// All values.
     block: Block,
-    /// Whether this integrates: not where a master does, in model exchange.
+    /// True if this integrates: not where a master does, in model exchange.
     integrates: bool,
-    /// Whether nothing was changed since everything was computed.
+    /// True if nothing was changed since everything was computed.
     fresh: bool,
     /// Where it works.
     place: Place,
@@ -36,7 +36,7 @@ pub struct Execution {
     kernel: Option<Kernel>,
     /// The parameters that a kernel was asked for.
     settled: Option<Box<Settled>>,
-    /// Whether the kernel is for these alone.
+    /// True if the kernel is for these alone.
     folded: bool,
     /// Messages that wait to be logged.
     pub log: MessageLog,
@@ -324,7 +324,7 @@ impl Execution {
         Some(memory + kept.start..memory + kept.end)
     }
 
-    /// Whether any parameter is another than in the last valid set.
+    /// True if any parameter is another than in the last valid set.
     fn differs_from_valid(&self) -> bool {
         let Block { reals, integers } = &self.block;
         let set = self.model.variables().integers(Section::Parameter);
@@ -457,7 +457,7 @@ impl Execution {
         }
     }
 
-    /// Whether the equations hold where the instance stands evaluated, with what is wrong and the time.
+    /// True if the equations hold where the instance stands evaluated, with what is wrong and the time.
     fn check(&mut self) -> Result<(), Invalid> {
         let t = self.time();
         self.model.equations().check(t, &mut self.block.point(&self.model, &mut self.log));

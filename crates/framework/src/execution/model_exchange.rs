@@ -8,11 +8,11 @@ use crate::system::{Handle, Section, Values};
 /// What an update of the discrete variables has brought.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Update {
-    /// Whether an event was handled or parameters were taken over, so that outputs may have jumped.
+    /// True if an event was handled or parameters were taken over, so that outputs may have jumped.
     pub changed: bool,
-    /// Whether parameters were taken over.
+    /// True if parameters were taken over.
     pub parameters_taken_over: bool,
-    /// Whether states have jumped since the event began.
+    /// True if states have jumped since the event began.
     pub states_changed: bool,
     /// The next event that is known in advance, s.
     pub next_time_event: Option<f64>,
@@ -109,7 +109,7 @@ impl Execution {
         &self.event_indicators
     }
 
-    /// Whether parameters were set that aren't in force yet.
+    /// True if parameters were set that aren't in force yet.
     pub fn parameters_wait(&self) -> bool {
         self.values().get(self.model.controls().parameters_set)
     }
@@ -264,7 +264,7 @@ impl Execution {
         self.equations_differ(workspace)
     }
 
-    /// Whether the equations give anything else than what was kept.
+    /// True if the equations give anything else than what was kept.
     fn equations_differ(&self, kept: &Workspace) -> bool {
         let variables = self.model.variables();
         let before = Values::new(&kept.reals, &kept.integers, variables.offsets());

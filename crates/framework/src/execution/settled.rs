@@ -49,7 +49,7 @@ impl Settled {
         }
     }
 
-    /// Whether a block holds the same, to the bit.
+    /// True if a block holds the same, to the bit.
     pub fn holds(&self, block: &Block) -> bool {
         // Without a branch a value, for this is asked at every step.
         let real = |(now, then): (&f64, &f64)| now.to_bits() ^ then.to_bits();

@@ -29,7 +29,7 @@ pub enum Access {
     Input,
     /// Computed; `output` where it has that causality.
     Calculated {
-        /// Whether it is an output.
+        /// True if it is an output.
         output: bool,
     },
 }
@@ -89,7 +89,7 @@ impl References {
         (before + index) as u32
     }
 
-    /// Whether an integer may have a value: only the numbers of its items, where it is a choice.
+    /// True if an integer may have a value: only the numbers of its items, where it is a choice.
     pub fn holds(&self, place: usize, value: i32) -> bool {
         self.items[place].is_none_or(|items| (1..=items).contains(&value))
     }

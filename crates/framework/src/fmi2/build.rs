@@ -76,7 +76,7 @@ pub struct Build {
     pub compiler: String,
     /// Checksum of the sources.
     pub source: String,
-    /// Whether it was optimised.
+    /// True if it was optimised.
     pub optimised: bool,
 }
 

@@ -78,7 +78,7 @@ impl Phase {
         Phase::Poisoned,
     ];
 
-    /// Whether an instance of this interface may be saved in it.
+    /// True if an instance of this interface may be saved in it.
     pub fn is_of(self, interface: Interface) -> bool {
         match self {
             Phase::Event | Phase::ContinuousTime => interface == Interface::ModelExchange,
@@ -196,7 +196,7 @@ impl Function {
         ALLOWED[self as usize][interface as usize]
     }
 
-    /// Whether an instance may call it in a phase.
+    /// True if an instance may call it in a phase.
     pub fn allowed_in(self, interface: Interface, phase: Phase) -> bool {
         self.phases(interface) & phase.bit() != 0
     }

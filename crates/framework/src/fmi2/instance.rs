@@ -34,7 +34,7 @@ pub struct Instance {
     pub(super) phase: Phase,
     pub(super) stop_time: Option<f64>,
     pub(super) slots: Slots,
-    /// Whether it was logged that the master's communication points aren't the sums of its steps.
+    /// True if it was logged that the master's communication points aren't the sums of its steps.
     pub(super) points_differ: bool,
 }
 
@@ -96,7 +96,7 @@ impl Instance {
         if folded { self.execution.take_folded_kernel(kernel) } else { self.execution.take_kernel(kernel) }
     }
 
-    /// Whether it evaluates compiled equations.
+    /// True if it evaluates compiled equations.
     pub fn has_kernel(&self) -> bool {
         self.execution.has_kernel()
     }

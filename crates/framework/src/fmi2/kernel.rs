@@ -44,7 +44,7 @@ pub type Write = (u32, Node);
 pub struct Solver {
     /// From the diagonal, which [`Leaf::Time`] is, and entries of the Jacobian, by their numbers as [`Leaf::Real`].
     pub decompose: Vec<Operation>,
-    /// Whether the decomposition is accurate.
+    /// True if the decomposition is accurate.
     pub accurate: Node,
     /// Where the factors go.
     pub factors: Vec<Write>,
@@ -128,7 +128,7 @@ impl Functions {
         };
         let equations = recording.tape.operations().to_vec();
         let follows = (1..=MOST_FOLLOWED).contains(&(variables.states() * evaluation));
-        match follows.then(|| differentiation::jacobian(variables, sparsity.columns(), recording)).flatten() {
+        match follows.then(|| differentiation::jacobian(variables, sparsity.columns(), recording, LARGEST)).flatten() {
             Some(jacobian) => {
                 let numbered = |nodes: Vec<Node>| (0..).zip(nodes).collect();
                 functions.equations = jacobian.tape.operations().to_vec();
@@ -141,7 +141,7 @@ impl Functions {
         Ok(functions)
     }
 
-    /// Whether they are of the version that this host knows.
+    /// True if they are of the version that this host knows.
     pub fn is_known(&self) -> bool {
         self.version == VERSION
     }

@@ -42,7 +42,7 @@ pub unsafe fn take_kernel(c: Component, kernel: *const Kernel, folded: Boolean) 
     if instance.zip(kernel).is_some_and(taken) { TRUE } else { FALSE }
 }
 
-/// Whether an instance evaluates its equations by a kernel.
+/// True if an instance evaluates its equations by a kernel.
 ///
 /// # Safety
 /// The instance is alive and in no other call.

@@ -73,7 +73,7 @@ impl Logger {
         self.enabled = categories;
     }
 
-    /// Whether debug messages of a category are wanted.
+    /// True if debug messages of a category are wanted.
     pub fn is_enabled(&self, category: &str) -> bool {
         self.enabled.iter().any(|enabled| enabled == category)
     }

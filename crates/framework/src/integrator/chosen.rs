@@ -21,7 +21,7 @@ pub enum Integrates {
 impl Integrates {
     const COUNT: usize = 4;
 
-    /// Whether it is a method for any system.
+    /// True if it is a method for any system.
     fn is_general(self) -> bool {
         self != Integrates::OwnStep
     }
@@ -32,14 +32,14 @@ impl Integrates {
 pub struct Chosen {
     /// What integrates.
     pub by: Integrates,
-    /// Whether a user asked for it.
+    /// True if a user asked for it.
     pub is_asked_for: bool,
     /// The mode that holds the explicit method to the shortest substeps that stability asks for, and these, s; none where no
     /// mode does, or none was looked at.
     pub holds: Option<(Mode, f64)>,
     /// From which time on, s.
     pub from: f64,
-    /// Whether no further change is told.
+    /// True if no further change is told.
     pub is_last: bool,
 }
 

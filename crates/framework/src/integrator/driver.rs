@@ -115,7 +115,7 @@ impl Driver {
         })
     }
 
-    /// Whether the equations hold where a substep begins that can't be finished, and a little ahead along its tangent:
+    /// True if the equations hold where a substep begins that can't be finished, and a little ahead along its tangent:
     /// towards a pole, steps shrink as the way to it does, so that none of them reaches it.
     fn check_ahead(&self, problem: &mut Problem, shortest: f64) -> Result<(), Invalid> {
         let Start { time, states, rates } = &self.start;
@@ -308,7 +308,7 @@ impl Driver {
         Ok(())
     }
 
-    /// Whether the system's own step is impossible after an attempt, or no longer pays for the length h that is left. The
+    /// True if the system's own step is impossible after an attempt, or no longer pays for the length h that is left. The
     /// problem then stands at the substep's start.
     fn own_step_ends(&self, problem: &mut Problem, t: f64, (h, relative_tolerance): (f64, f64), error: f64) -> bool {
         if !self.methods.by_itself() {

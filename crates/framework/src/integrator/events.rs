@@ -71,7 +71,7 @@ impl EventCount {
 
 /// Where events are looked for.
 impl Driver {
-    /// Whether nothing moves between time events: there are no states, and no indicators.
+    /// True if nothing moves between time events: there are no states, and no indicators.
     pub(super) fn is_at_rest(&self) -> bool {
         self.nominals.is_empty() && self.indicators.is_empty()
     }

@@ -231,7 +231,7 @@ impl Indicators {
         (0..self.after.len()).filter(|&i| self.has_left(i, self.after[i])).map(zero).fold(1.0, f64::min)
     }
 
-    /// Whether an indicator that is on its side at both ends of an accepted substep h may have left it between: where
+    /// True if an indicator that is on its side at both ends of an accepted substep h may have left it between: where
     /// nothing is known of its bow, or where that is large for how far it is from zero.
     pub fn may_leave(&self, h: f64) -> bool {
         let unknown = self.substep == 0.0;
@@ -305,7 +305,7 @@ pub(super) fn rounding(t: f64) -> f64 {
     EVENT_PRECISION * t.abs()
 }
 
-/// Whether an indicator left the side on which it was; one that was exactly zero had none. One that is on its way back
+/// True if an indicator left the side on which it was; one that was exactly zero had none. One that is on its way back
 /// from an overshoot has not left.
 fn crossed(side: f64, overshoot: f64, value: f64) -> bool {
     let elsewhere = side != 0.0 && (value == 0.0 || side.signum() != value.signum());

@@ -66,7 +66,7 @@ impl Choice for IntegrationMethod {
 }
 
 impl IntegrationMethod {
-    /// Whether there is a choice: not without states, or with too many for the stiff method.
+    /// True if there is a choice: not without states, or with too many for the stiff method.
     pub fn offered(states: usize) -> bool {
         (1..=MOST_STATES).contains(&states)
     }
@@ -81,7 +81,7 @@ pub struct Pace {
     pub substep_8: f64,
     /// The same of the system's own step.
     pub own_substep: f64,
-    /// Whether the stiff method is in force.
+    /// True if the stiff method is in force.
     pub stiff: bool,
     /// Substeps that spoke for the other method, less those that didn't.
     pub evidence: i32,
@@ -128,11 +128,11 @@ pub struct Methods {
     /// What was chosen, for messages alone.
     choices: Choices,
     nominals: Vec<f64>,
-    /// Whether the system's own step is in force, and whether it was given up for the rest of a communication step.
+    /// True if the system's own step is in force, and whether it was given up for the rest of a communication step.
     /// Both are decided anew in each.
     by_itself: bool,
     given_up: bool,
-    /// Whether an explicit substep goes by the method of order 8. Decided anew in each.
+    /// True if an explicit substep goes by the method of order 8. Decided anew in each.
     by_order_8: bool,
     work: Work,
     /// What looks at eigenvalues are weighed against.
@@ -189,7 +189,7 @@ impl Methods {
         &mut self.explicit
     }
 
-    /// Whether the system's own step is in force.
+    /// True if the system's own step is in force.
     pub fn by_itself(&self) -> bool {
         self.by_itself
     }
@@ -343,7 +343,7 @@ impl Methods {
         Ok(work)
     }
 
-    /// Whether the explicit method of order 8 is expected to go so far with less work than that of order 5.
+    /// True if the explicit method of order 8 is expected to go so far with less work than that of order 5.
     fn order_8_pays(&self, way: f64, pace: &Pace) -> bool {
         let substeps = |limits: ExplicitLimits, suggested: f64| {
             let most = if suggested > 0.0 { limits.both().max(suggested.recip()) } else { limits.both() };
@@ -377,7 +377,7 @@ impl Methods {
         self.work.jacobian + self.work.eigenvalues
     }
 
-    /// Whether the system's own step pays with the length that it is expected to have. Where that is too short it isn't
+    /// True if the system's own step pays with the length that it is expected to have. Where that is too short it isn't
     /// tried in this communication step, and expected to be longer in the next, so that it is tried now and then.
     fn own_step_pays(&mut self, problem: &Problem, way: f64, tolerance: f64, pace: &mut Pace) -> bool {
         let pays = |h: f64| problem.system.own_step().is_some_and(|own| own.pays(h, tolerance, &problem.values()));

@@ -143,7 +143,7 @@ pub struct Problem<'a> {
     pub integers: &'a mut [i32],
     /// How inputs change.
     pub ramp: Ramp<'a>,
-    /// Whether inputs are held: then they stay as they are.
+    /// True if inputs are held: then they stay as they are.
     pub held: bool,
     /// True if inputs change within the communication step, or since the one before.
     pub moved: bool,
@@ -227,7 +227,7 @@ impl<'a> Problem<'a> {
         Point::new(self.reals, self.integers, self.variables.offsets(), self.log)
     }
 
-    /// Whether the equations hold at t, where the problem stands evaluated.
+    /// True if the equations hold at t, where the problem stands evaluated.
     fn check(&mut self, t: f64) -> Result<(), Invalid> {
         self.equations().check(t, &mut self.point());
         self.log.accepted().map_err(|invalid| self.variables.told_of(invalid).at(t))

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use super::elimination::Pattern;
-use crate::differentiation::Differentiator;
+use crate::differentiation::{Differentiator, LARGEST};
 use crate::recording::{Leaf, Method, Recording};
 use crate::system::{DynSystem, Section, Variables};
 
@@ -69,7 +69,7 @@ impl Sparsity {
     pub fn differentiator(&self, system: &dyn DynSystem, variables: &Variables) -> &Differentiator {
         let evaluate = || Recording::of(system, Method::Evaluate, &variables.layout());
         let pattern = (&self.columns[..], &self.groups[..]);
-        self.differentiator.get_or_init(|| Differentiator::of(variables, pattern, evaluate))
+        self.differentiator.get_or_init(|| Differentiator::of(variables, pattern, evaluate, LARGEST))
     }
 
     /// Where each entry stands, column by column.

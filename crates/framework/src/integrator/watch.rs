@@ -43,7 +43,7 @@ impl Watch {
         (1..=MOST_STATES).contains(&states).then(watch)
     }
 
-    /// Whether the explicit method has to look.
+    /// True if the explicit method has to look.
     pub fn is_due(&self, pace: &Pace) -> bool {
         pace.until_look <= 0.0
     }

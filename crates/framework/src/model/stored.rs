@@ -42,7 +42,7 @@ impl Model {
         Err(format!("{name} = {value}: must be within {least} … {most}"))
     }
 
-    /// Whether the limits of an integer are checked when it is taken over, not when it is set.
+    /// True if the limits of an integer are checked when it is taken over, not when it is set.
     fn has_limits(&self, place: usize) -> bool {
         self.visible_integer(place).is_some_and(|it| matches!(it.variable.data, Data::Integer { .. }))
     }

@@ -23,7 +23,7 @@ impl Guard {
         Guard { terms: vec![Vec::new()] }
     }
 
-    /// Whether it holds always.
+    /// True if it holds always.
     pub fn is_always(&self) -> bool {
         self.terms.iter().any(Vec::is_empty)
     }
@@ -85,7 +85,7 @@ impl Guard {
     }
 }
 
-/// Whether all literals of one term are in another, where one node doesn't count.
+/// True if all literals of one term are in another, where one node doesn't count.
 fn is_part(term: &[Literal], of: &[Literal], without: Option<Node>) -> bool {
     term.iter().all(|literal| Some(literal.0) == without || of.contains(literal))
 }

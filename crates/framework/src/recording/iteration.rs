@@ -16,7 +16,7 @@ use super::tape::{Leaf, Node, Operation, Tape};
 pub struct Body {
     /// The operations, in an order in which each comes after its operands.
     pub operations: Vec<Operation>,
-    /// Whether the step is carried out; else the iteration ends.
+    /// True if the step is carried out; else the iteration ends.
     pub goes_on: Node,
     /// The state after the step.
     pub next: Vec<Node>,

@@ -13,7 +13,7 @@ pub enum Method {
     Start,
     /// What happens when tunable parameters have changed.
     ParametersChanged,
-    /// Whether the equations hold.
+    /// True if the equations hold.
     Check,
     /// The time of the next event.
     NextTimeEvent,

@@ -37,7 +37,7 @@ pub struct Recorded(pub(super) Node);
 #[derive(Debug, Clone, Copy)]
 pub struct Condition(pub(super) Node);
 
-/// Whether they are the same number, as nalgebra asks of constants. Of other numbers nobody knows before they are given:
+/// True if they are the same number, as nalgebra asks of constants. Of other numbers nobody knows before they are given:
 /// the tape notes that equations looked at them.
 impl PartialEq for Recorded {
     fn eq(&self, other: &Self) -> bool {

@@ -45,7 +45,7 @@ impl Tape {
         }
     }
 
-    /// Whether an operation is zero or one whatever the numbers are that it is given.
+    /// True if an operation is zero or one whatever the numbers are that it is given.
     fn is_fixed(&self, operation: &Operation) -> bool {
         let zero = |node: &Node| self.constant(*node) == Some(0.0);
         match operation {

@@ -38,7 +38,7 @@ pub enum Leaf {
     Real(u32),
     /// An integer, by its place in the block.
     Integer(u32),
-    /// Whether an event indicator has changed sides.
+    /// True if an event indicator has changed sides.
     Crossed(u32),
     /// The change of time, in a direction in which derivatives are taken.
     TimeChange,
@@ -108,11 +108,11 @@ pub enum Operation {
     Powf(Node, u64),
     /// A comparison.
     Compare(Comparison, Node, Node),
-    /// Whether a condition doesn't hold.
+    /// True if a condition doesn't hold.
     Not(Node),
-    /// Whether both conditions hold.
+    /// True if both conditions hold.
     And(Node, Node),
-    /// Whether one condition holds.
+    /// True if one condition holds.
     Or(Node, Node),
     /// The second where the first holds, else the third.
     Select(Node, Node, Node),
@@ -156,7 +156,7 @@ impl Operation {
         few.into_iter().flatten().chain(many.into_iter().flatten().copied())
     }
 
-    /// Whether it isn't defined for every number, or its result may be none.
+    /// True if it isn't defined for every number, or its result may be none.
     pub(super) fn is_partial(&self) -> bool {
         match self {
             Operation::Unary(function, _) => matches!(
@@ -261,7 +261,7 @@ impl Binary {
 }
 
 impl Comparison {
-    /// Whether it holds.
+    /// True if it holds.
     pub fn holds(self, a: f64, b: f64) -> bool {
         match self {
             Comparison::Below => a < b,
@@ -346,7 +346,7 @@ pub struct Tape {
     pub(super) notes: Vec<Note>,
     /// How many numbers the iterations carry that are being recorded.
     pub(super) carried: u32,
-    /// Whether equations looked at a number that isn't known before it is given.
+    /// True if equations looked at a number that isn't known before it is given.
     pub(super) looked: bool,
     /// Conditions of the changes that are being recorded.
     pub(super) conditions: Vec<Node>,
@@ -363,7 +363,7 @@ impl Tape {
         &self.operations[node.index()]
     }
 
-    /// Whether equations looked at a number, by `==`: what they do at other numbers wasn't recorded.
+    /// True if equations looked at a number, by `==`: what they do at other numbers wasn't recorded.
     pub fn has_looked(&self) -> bool {
         self.looked
     }

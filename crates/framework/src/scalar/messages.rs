@@ -24,7 +24,7 @@ pub struct MessageLog {
     refused: Invalid,
     /// The part of a composite that tells and refuses.
     part: Option<Arc<str>>,
-    /// Whether nobody hears what is told and refused.
+    /// True if nobody hears what is told and refused.
     unheard: bool,
 }
 
@@ -52,7 +52,7 @@ impl MessageLog {
         }
     }
 
-    /// Whether nobody hears what is told and refused.
+    /// True if nobody hears what is told and refused.
     pub(crate) fn is_unheard(&self) -> bool {
         self.unheard
     }

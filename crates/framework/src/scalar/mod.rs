@@ -106,21 +106,21 @@ pub trait Scalar:
     /// The nearest whole number, halves away from zero.
     fn round(self) -> Self;
 
-    /// Whether it is below another; so with the others. Where one of both is no number, no comparison holds.
+    /// True if it is below another; so with the others. Where one of both is no number, no comparison holds.
     fn below(self, other: Self) -> Self::Flag;
-    /// Whether it is above another.
+    /// True if it is above another.
     fn above(self, other: Self) -> Self::Flag {
         other.below(self)
     }
-    /// Whether it is at most as large as another.
+    /// True if it is at most as large as another.
     fn at_most(self, other: Self) -> Self::Flag;
-    /// Whether it is at least as large as another.
+    /// True if it is at least as large as another.
     fn at_least(self, other: Self) -> Self::Flag {
         other.at_most(self)
     }
-    /// Whether it equals another.
+    /// True if it equals another.
     fn equals(self, other: Self) -> Self::Flag;
-    /// Whether it is no number and no infinity.
+    /// True if it is no number and no infinity.
     fn is_finite(self) -> Self::Flag {
         self.abs().below(Self::from(f64::INFINITY))
     }
@@ -135,7 +135,7 @@ pub trait Scalar:
     fn to_integer(self) -> Self::Integer;
     /// A known integer.
     fn integer(value: i32) -> Self::Integer;
-    /// Whether two integers are equal.
+    /// True if two integers are equal.
     fn same(one: Self::Integer, other: Self::Integer) -> Self::Flag;
     /// One of two integers.
     fn select_integer(flag: Self::Flag, yes: Self::Integer, no: Self::Integer) -> Self::Integer;
@@ -246,7 +246,7 @@ pub fn larger<S: Scalar>(a: S, b: S) -> S {
     S::select(b.above(a), b, a)
 }
 
-/// Whether any condition holds.
+/// True if any condition holds.
 pub fn any<S: Scalar>(flags: impl IntoIterator<Item = S::Flag>) -> S::Flag {
     flags.into_iter().fold(false.into(), |any, flag| any | flag)
 }

@@ -119,7 +119,7 @@ pub struct Declaration {
     names: HashSet<(String, bool)>,
     /// Numbers that are shown outside.
     shown: usize,
-    /// Whether there were more than one instance may hold.
+    /// True if there were more than one instance may hold.
     full: bool,
     /// What the systems are, each once.
     documentation: Vec<&'static str>,
@@ -233,7 +233,7 @@ impl Declaration {
         Warning { flag: self.integer_memory(1), category }
     }
 
-    /// Whether the unit is stepped by a master of co-simulation, which holds its inputs meanwhile: false in model exchange,
+    /// True if the unit is stepped by a master of co-simulation, which holds its inputs meanwhile: false in model exchange,
     /// and for a part of a composite.
     pub fn is_stepped(&mut self) -> BooleanOf<class::Memory> {
         let start = self.integer_memory(1);
@@ -398,7 +398,7 @@ impl Declaration {
         start - self.base(section, real)
     }
 
-    /// Whether a variable may be added; sizes come from descriptions, so what is too large is refused before anything
+    /// True if a variable may be added; sizes come from descriptions, so what is too large is refused before anything
     /// is made of it.
     fn has_room(&mut self, variable: &Variable) -> bool {
         let all = self.variables.real_sizes.iter().chain(&self.variables.integer_sizes).sum::<usize>();

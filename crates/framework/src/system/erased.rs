@@ -146,7 +146,7 @@ impl Kind {
     pub const COMPOSITE: Kind =
         Kind { name: "composite", documentation: include_str!("composite.md"), declare: super::composite::declare };
 
-    /// Whether no two kinds have the same name.
+    /// True if no two kinds have the same name.
     #[doc(hidden)]
     pub const fn have_different_names(kinds: &[Kind]) -> bool {
         let mut k = 0;
@@ -194,7 +194,7 @@ impl Kind {
     }
 }
 
-/// Whether two texts are equal, when compiling.
+/// True if two texts are equal, when compiling.
 const fn same(one: &[u8], other: &[u8]) -> bool {
     let mut equal = 0;
     while equal < one.len() && equal < other.len() && one[equal] == other[equal] {

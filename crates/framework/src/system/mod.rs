@@ -224,7 +224,7 @@ pub trait System: Sized + Send + Sync + 'static {
         let _ = (t, v, dx);
     }
 
-    /// Whether the equations hold at this point, where signals stand: asked at the start, when every master has set its
+    /// True if the equations hold at this point, where signals stand: asked at the start, when every master has set its
     /// inputs, at the end of each communication step, and where a step can't be finished. It tells a user, by
     /// [`Point::refuse`], what is wrong where the equations alone would only give no number: the variable, its value, what
     /// is allowed and what helps. The time is added to the reasons. It changes nothing.
@@ -279,7 +279,7 @@ pub trait OwnStep {
         0
     }
 
-    /// Whether it is worth its while over a step h from where the values stand, with this relative tolerance in force.
+    /// True if it is worth its while over a step h from where the values stand, with this relative tolerance in force.
     /// General integration goes on where it isn't.
     fn pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         let _ = (h, relative_tolerance, v);

@@ -214,7 +214,7 @@ fn taken(list: &[Variable]) -> Vec<String> {
 
 /// Anything that messages may name: a variable, or one element of it.
 pub trait Named {
-    /// Whether it is real, whether it is a whole variable, its section, and its first place there.
+    /// True if it is real, whether it is a whole variable, its section, and its first place there.
     fn named(&self) -> (bool, bool, Section, usize);
 }
 

@@ -65,7 +65,7 @@ fn element<'a>(variable: &'a mut Variable, name: &str) -> Option<(&'a mut Variab
     Some((variable, found))
 }
 
-/// Whether a name is this one, or that of an element of it.
+/// True if a name is this one, or that of an element of it.
 fn is_of(known: &str, name: &str) -> bool {
     name.strip_prefix(known).is_some_and(|indices| indices.is_empty() || indices.starts_with('['))
 }

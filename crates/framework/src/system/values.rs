@@ -217,7 +217,7 @@ pub struct Chosen<S: Scalar, E> {
 }
 
 impl<S: Scalar, E: Choice> Chosen<S, E> {
-    /// Whether it is this item.
+    /// True if it is this item.
     pub fn is(self, item: E) -> S::Flag {
         S::same(self.number, S::integer(number_of(item)))
     }

@@ -80,7 +80,7 @@ pub enum Data {
         unit: Vec<&'static str>,
         /// Smallest value allowed.
         min: Option<f64>,
-        /// Whether `min` itself is excluded.
+        /// True if `min` itself is excluded.
         above_min: bool,
         /// Largest value allowed.
         max: Option<f64>,
@@ -111,7 +111,7 @@ pub enum Data {
 }
 
 impl Data {
-    /// Whether a number, an integer, or an item by its number is within the limits.
+    /// True if a number, an integer, or an item by its number is within the limits.
     pub fn allows(&self, value: f64) -> bool {
         match self {
             Data::Real { min, above_min, max, .. } => {
@@ -153,9 +153,9 @@ pub enum Naming {
 /// How a person wants to see the values of a variable.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Shown {
-    /// Whether [`NO_LIMIT`] stands for none.
+    /// True if [`NO_LIMIT`] stands for none.
     pub no_limit: bool,
-    /// Whether they are shown in their own unit, whatever unit for display that has: phases and angular frequencies.
+    /// True if they are shown in their own unit, whatever unit for display that has: phases and angular frequencies.
     pub in_own_unit: bool,
 }
 
@@ -211,13 +211,13 @@ impl Variable {
         self.len() == 0
     }
 
-    /// Whether integration controls its error beside those of states: a continuous output, or what counts as one.
+    /// True if integration controls its error beside those of states: a continuous output, or what counts as one.
     fn is_controlled(&self) -> bool {
         let is_continuous = self.section == Section::Signal && self.variability == Variability::Continuous;
         is_continuous && self.is_real() && (self.behind.is_some() || self.causality == Causality::Output)
     }
 
-    /// Whether its values are real numbers.
+    /// True if its values are real numbers.
     pub fn is_real(&self) -> bool {
         matches!(self.data, Data::Real { .. })
     }
@@ -403,7 +403,7 @@ impl Variables {
         Ok(())
     }
 
-    /// Whether a variable is one that every model has: how it is simulated, not what it is.
+    /// True if a variable is one that every model has: how it is simulated, not what it is.
     pub fn is_control(&self, variable: &Variable) -> bool {
         self.list[self.own..].iter().any(|own| std::ptr::eq(own, variable))
     }

@@ -275,7 +275,7 @@ fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
             r#"startElement="plant" startConnector="x[2]""#,
             "another dimension",
         ),
-        (to_plant, &scaled, "hands on values as they are"),
+        (to_plant, &scaled, "can't convert values"),
     ];
     for (old, new, word) in cases {
         let told = composite(&changed(old, new), &library).unwrap_err().to_string();
@@ -300,7 +300,7 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
     execution.initialise().unwrap();
     let run = Run(execution);
     assert_eq!((run.get("plant.x[1]"), run.get("reference.r[1]")), (0.25, 1.0));
-    assert!(notes.len() == 1 && notes[0].contains("`controller.relative_tolerance` is left out"), "{notes:?}");
+    assert!(notes.len() == 1 && notes[0].contains("`controller.relative_tolerance` is ignored"), "{notes:?}");
     structure.set("reference.signal=3").unwrap();
     let told = composite(&structure, &library).unwrap_err().to_string();
     assert!(told.contains("`reference.signal` = 3") && told.contains("cosine (1), square (2)"), "{told}");

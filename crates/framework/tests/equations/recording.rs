@@ -3,12 +3,14 @@
 
 use std::collections::BTreeMap;
 
+use adaptive_fmu::framework::differentiation::Differentiator;
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
 use adaptive_fmu::recording::{Given, Leaf, Method, Node, Operation, Recording, Registers};
 use adaptive_fmu::system::*;
 use common::loops::{loop_names, whole};
 use common::random::Random;
+use common::sample::sampled_names;
 use common::{description, description_names};
 
 /// The loops of this package, each as one unit.
@@ -88,6 +90,17 @@ impl Draw {
 
     /// The entries of the Jacobian and the rates' change by time, where inputs move along these slopes.
     pub fn jacobian(&self, model: &Model, slopes: Option<&[f64]>) -> Vec<f64> {
+        self.jacobian_by(model.sparsity().differentiator(model.system(), model.variables()), model, slopes)
+    }
+
+    /// The same, computed direction by direction.
+    fn jacobian_by_directions(&self, model: &Model, slopes: Option<&[f64]>) -> Vec<f64> {
+        let evaluate = || Recording::of(model.system(), Method::Evaluate, &model.variables().layout());
+        let pattern = (model.sparsity().columns(), model.sparsity().groups());
+        self.jacobian_by(&Differentiator::of(model.variables(), pattern, evaluate, 0), model, slopes)
+    }
+
+    fn jacobian_by(&self, by: &Differentiator, model: &Model, slopes: Option<&[f64]>) -> Vec<f64> {
         let given = self.given();
         let leaf = |leaf: Leaf| match leaf {
             Leaf::Time => given.time,
@@ -99,8 +112,7 @@ impl Draw {
         let (sparsity, states) = (model.sparsity(), model.variables().states());
         let mut found = vec![0.0; sparsity.entries() + states];
         let results = found.split_at_mut(sparsity.entries());
-        let differentiator = sparsity.differentiator(model.system(), model.variables());
-        differentiator.carry_out(sparsity.columns(), leaf, &mut Registers::new(), results);
+        by.carry_out(sparsity.columns(), leaf, &mut Registers::new(), results);
         found
     }
 
@@ -311,5 +323,23 @@ fn no_equations_of_this_package_look_at_a_number() {
     let units = units.map(|text| Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap());
     for model in units.chain(whole_loops()) {
         assert!(model.check_recorded().is_ok(), "{:?}", model.check_recorded());
+    }
+}
+
+/// Jacobians that are too large for it are computed so. A change of zero that meets an infinite slope has no number.
+#[test]
+fn a_jacobian_by_directions_has_the_bits_of_one_by_entries() {
+    let mut random = Random::new(27);
+    for name in sampled_names() {
+        let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
+        let slopes: Vec<f64> = model.variables().reals(Section::Input).map(|_| random.next()).collect();
+        for _ in 0..20 {
+            let draw = Draw::new(&model, &mut random);
+            let expected = draw.jacobian(&model, Some(&slopes));
+            let found = draw.jacobian_by_directions(&model, Some(&slopes));
+            for (place, (found, expected)) in found.into_iter().zip(expected).enumerate() {
+                assert!(found == expected || found.is_nan(), "{name}, Jacobian {place}: {found:e}, not {expected:e}");
+            }
+        }
     }
 }

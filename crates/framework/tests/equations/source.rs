@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use adaptive_fmu::fmi2::source;
+use adaptive_fmu::framework::differentiation::{LARGEST_IN_C, jacobian};
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Block, Description, Model};
-use adaptive_fmu::recording::{Method, Registers};
+use adaptive_fmu::recording::{Method, Recording, Registers};
 use adaptive_fmu::system::*;
 use common::random::Random;
 use common::sample::{sampled, sampled_names};
@@ -119,8 +120,12 @@ fn compare_derivatives(model: &Model, library: &Library, draw: &Draw, random: &m
     }
     let expected = draw.jacobian(model, None);
     let (_, found) = carried(library, JACOBIAN, draw, vec![0.0; expected.len()]);
+    let evaluate = Recording::of(model.system(), Method::Evaluate, &variables.layout());
+    let is_by_entries = jacobian(variables, model.sparsity().columns(), evaluate, LARGEST_IN_C).is_some();
     for (place, (found, expected)) in found.into_iter().zip(expected).enumerate() {
-        assert!(equal(found, expected), "{name}, Jacobian {place}: {found:e}, not {expected:e}");
+        // By directions a change of zero that meets an infinite slope has no number.
+        let is_same = equal(found, expected) || found.is_nan() && !is_by_entries;
+        assert!(is_same, "{name}, Jacobian {place}: {found:e}, not {expected:e}");
     }
 }
 

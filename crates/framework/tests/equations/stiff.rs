@@ -11,7 +11,7 @@ use common::{OK, Unit};
 
 const METHODS: [&str; 2] = ["stiff", "automatic"];
 
-/// Whether the stiff method is in force after a step.
+/// True if the stiff method is in force after a step.
 fn is_stiff(execution: &Execution) -> bool {
     let variables = execution.model().variables();
     execution.block().integers[variables.index(variables.find("#stiff").unwrap())] != 0

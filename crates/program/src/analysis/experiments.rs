@@ -133,7 +133,7 @@ impl<'a> Bench<'a> {
         Ok((0..states.len()).map(parameter_of).collect())
     }
 
-    /// Whether the unit, begun with the states of the operating point, goes on as the one that came there.
+    /// True if the unit, begun with the states of the operating point, goes on as the one that came there.
     fn begins_as(&self, came: &DMatrix<f64>) -> Result<bool, Error> {
         if self.starts.iter().any(Option::is_none) {
             return Ok(false);

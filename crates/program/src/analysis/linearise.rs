@@ -39,7 +39,7 @@ pub struct Linearisation {
     pub time: f64,
     /// How it was found.
     pub method: Method,
-    /// Whether the steady state is the only one near; none where none was asked for.
+    /// True if the steady state is the only one near; none where none was asked for.
     pub unique: Option<bool>,
     /// States.
     pub states: Vec<Quantity>,
@@ -68,7 +68,7 @@ pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation
     let structure = ModelStructure::read(fmu.text()).map_err(refuse)?;
     let time = point.time.unwrap_or(structure.start_time);
     if !time.is_finite() || time < structure.start_time {
-        let allowed = format!("must be from the start time, {} s, on", structure.start_time);
+        let allowed = format!("must be at or after the start time, {} s", structure.start_time);
         return Err(Error::Argument(Invalid::new("--at", time, allowed)));
     }
     let Found { instance, plan, method, unique, matrices } = found(fmu, &structure, point, time)?;
@@ -109,11 +109,11 @@ fn found<'a>(
     };
     let refuse = |reason: &str| Error::Archive { file: fmu.file().to_owned(), reason: reason.to_owned() };
     if !point.states.is_empty() && !plan.states.is_empty() {
-        return Err(refuse("names its states itself: --states is for units that don't"));
+        return Err(refuse("declares its states, so --states can't be used. Remove --states"));
     }
     if point.steady_state {
         if exchange.is_none() {
-            return Err(refuse("is not for model exchange, which the search for a steady state needs"));
+            return Err(refuse("does not support model exchange, which --steady-state needs"));
         }
         let instance = prepared(fmu.instantiate_for_exchange(&description.name)?, point, time, time)?;
         let unique = Some(steady_state::find(&instance, &plan, time)?);
@@ -155,8 +155,9 @@ fn exchanged(
     instance.finish_event()?;
     if time > start {
         if !fmu.description.co_simulation {
-            let reason =
-                "is for model exchange alone: it is linearised at its start, or at a --steady-state".to_owned();
+            let reason = "supports only model exchange, so it can be linearised only at its start time or with \
+                --steady-state"
+                .to_owned();
             return Err(Error::Archive { file: fmu.file().to_owned(), reason });
         }
         let begun = prepared(fmu.instantiate(name)?, point, start, time)?;

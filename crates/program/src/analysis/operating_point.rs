@@ -15,7 +15,7 @@ pub(super) const LONGEST: usize = 2 * STEPS + 1;
 pub struct OperatingPoint {
     /// Time, s; the start time where none is given.
     pub time: Option<f64>,
-    /// Whether states are sought whose derivatives are zero then. Else they are those of a simulation until then.
+    /// True if states are sought whose derivatives are zero then. Else they are those of a simulation until then.
     pub steady_state: bool,
     /// Start values of parameters and inputs; inputs keep them.
     pub start: Vec<(String, String)>,

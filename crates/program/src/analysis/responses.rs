@@ -85,7 +85,7 @@ impl Tried {
         (steps, self.part / most)
     }
 
-    /// Whether inputs do over many steps what the linear system foretells.
+    /// True if inputs do over many steps what the linear system foretells.
     fn foretells(
         &self,
         subject: &impl Subject,
@@ -111,7 +111,7 @@ pub(super) fn find(
 ) -> Result<(Method, [DMatrix<f64>; 4]), Error> {
     let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
     if plan.states.is_empty() || plan.inputs.is_empty() {
-        return Err(refuse("has no states or no inputs: there is nothing to linearise".to_owned()));
+        return Err(refuse("has no states or no inputs, so there is nothing to linearise".to_owned()));
     }
     let bench = Bench::new(fmu, plan, point, span)?;
     let (Tried { fit, part, difference }, starts) = found(&bench).map_err(|trouble| match trouble {
@@ -260,21 +260,21 @@ fn told(trouble: &Trouble, plan: &Plan, step: f64) -> String {
     match trouble {
         Trouble::Unit(error) => error.to_string(),
         Trouble::Unfit(Unfit::StillState(state)) => {
-            format!("its inputs don't move `{}`: it can't be linearised from responses", plan.states[*state].name)
+            format!("its inputs do not affect `{}`, so it can't be linearised from responses", plan.states[*state].name)
         }
         Trouble::Unfit(Unfit::Dependent(rank)) => format!(
-            "shows in its answers to small changes of its inputs only {rank} of {} independent signals (states and \
-             inputs): states that depend on each other, or that no input moves, are to be left out by --states",
+            "shows only {rank} of {} independent signals (states and inputs) in its responses to small changes of \
+             its inputs. Use --states to leave out states that depend on each other or that no input affects",
             plan.states.len() + plan.inputs.len()
         ),
         Trouble::Unfit(Unfit::NoLogarithm) => format!(
-            "changes too much within its communication step, {step} s, for its rates to be told: choose a shorter one by \
-             --step"
+            "changes too much within its communication step, {step} s, to determine its derivatives. Choose a \
+             shorter step with --step"
         ),
         Trouble::Misfit(misfit, fit) => format!(
-            "answers small changes of its inputs otherwise than a linear system whose states are {} (by {:.1} % of the \
-             largest answer). {}: name all of its states by --states, choose another operating point by --at or --set, or \
-             a shorter step by --step",
+            "responds to small changes of its inputs differently from a linear system with the states {} (difference \
+             {:.1} % of the largest response). {}: name all of its states with --states, choose another operating \
+             point with --at or --set, or choose a shorter step with --step",
             states(),
             100.0 * misfit,
             quality(fit, step)
@@ -286,8 +286,8 @@ fn told(trouble: &Trouble, plan: &Plan, step: f64) -> String {
 /// What a fit is worth.
 fn quality(fit: &Fit, step: f64) -> String {
     format!(
-        "In a communication step of {step} s its answer grows by a factor of {:.4}, and the condition number of the fit is \
-         {:.1e}",
+        "In a communication step of {step} s its response grows by a factor of {:.4}, and the condition number of \
+         the fit is {:.1e}",
         fit.growth, fit.condition
     )
 }
@@ -295,17 +295,17 @@ fn quality(fit: &Fit, step: f64) -> String {
 fn uncertain(tried: &Tried, states: &str, step: f64) -> String {
     let Tried { fit, difference, .. } = tried;
     let advice = if fit.growth > FAST {
-        "choose a shorter step by --step"
+        "choose a shorter step with --step"
     } else if fit.condition > ILL {
-        "choose a longer step by --step, or an FMU that lets the start values of its states be set (initial=\"exact\") or \
-         that is for model exchange"
+        "choose a longer step with --step, or an FMU whose states have start values that can be set \
+         (initial=\"exact\") or that supports model exchange"
     } else {
-        "choose another operating point, where it rests, by --at or --set, or an FMU that is for model exchange"
+        "choose an operating point at rest with --at or --set, or an FMU that supports model exchange"
     };
     format!(
-        "gives no certain linear system: two extrapolations of its matrices differ by {:.2} % of the largest entry (1 % is \
-         allowed), their eigenvalues by {:.3} % of the largest (0.05 % is allowed). {}: {advice}. If {states} are not all of \
-         its states, name all by --states",
+        "can't be linearised accurately: two extrapolations of its matrices differ by {:.2} % of the largest entry \
+         (allowed: 1 %), and their eigenvalues by {:.3} % of the largest (allowed: 0.05 %). {}: {advice}. If \
+         {states} are not all of its states, name all of them with --states",
         100.0 * difference.matrices,
         100.0 * difference.eigenvalues,
         quality(fit, step)

@@ -118,10 +118,10 @@ fn none_near(plan: &Plan, balance: &Balance, step: usize, rank: usize) -> String
     let (variable, value) = (plan.derivatives[largest], balance.derivatives[largest]);
     let unit = variable.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
     let count = plan.states.len();
-    let singular =
-        if rank < count { format!("; A is singular there, its rank is {rank} of {count}") } else { String::new() };
+    let singular = if rank < count { format!("; A is singular there (rank {rank} of {count})") } else { String::new() };
     format!(
-        "none was found near the start values: after {step} Newton steps {} = {value:.6e}{unit} remains{singular}",
+        "no steady state was found near the start values. After {step} Newton steps, {} = {value:.6e}{unit} \
+         remains{singular}",
         variable.name
     )
 }

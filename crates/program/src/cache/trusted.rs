@@ -1,4 +1,4 @@
-//! Whether a folder is the user's alone: what lies in the cache is loaded, and runs with the user's rights.
+//! Checks whether a folder is the user's alone: what lies in the cache is loaded, and runs with the user's rights.
 
 use std::fs::{self, DirBuilder, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, ErrorKind};
@@ -43,7 +43,7 @@ pub fn folder(path: &Path) -> Result<bool, String> {
     if is_closed { Ok(true) } else { Err(open_to_others(&path)) }
 }
 
-/// Whether all that is in a folder has a name that the cache gives.
+/// True if all that is in a folder has a name that the cache gives.
 fn holds_nothing_else(folder: &Path) -> io::Result<bool> {
     let is_of_cache = |name: &[u8]| {
         name.starts_with(b".tmp") || name.get(..NAME).is_some_and(|name| name.iter().all(u8::is_ascii_hexdigit))

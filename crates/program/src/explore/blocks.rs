@@ -106,7 +106,7 @@ fn arrows(structure: &Structure, units: &[&Component]) -> Vec<Arrow> {
 }
 
 impl Arrow {
-    /// Whether it leads over the row; none where it goes straight from a block to the next.
+    /// True if it leads over the row; none where it goes straight from a block to the next.
     fn is_over(&self) -> Option<bool> {
         if self.to == self.from + 1 { None } else { Some(self.to > self.from) }
     }
@@ -164,6 +164,6 @@ fn shortened(text: &str, most: usize) -> String {
 fn spoken(units: &[&Component], arrows: &[Arrow]) -> String {
     let said = arrows
         .iter()
-        .map(|Arrow { from, to, label }| format!("{} gives {label} to {}", units[*from].name, units[*to].name));
+        .map(|Arrow { from, to, label }| format!("{} passes {label} to {}", units[*from].name, units[*to].name));
     said.collect::<Vec<_>>().join("; ")
 }

@@ -67,7 +67,7 @@ fn answer(asked: Asked) -> Result<Value, String> {
     if let Asked::Loop(name) = &asked {
         *session = Some(begun(name).map_err(|error| error.to_string())?);
     }
-    let session = session.as_ref().ok_or("no loop was asked for")?;
+    let session = session.as_ref().ok_or("no loop was requested")?;
     match asked {
         Asked::Loop(_) => Ok(session.told()),
         Asked::Set(wanted) => Ok(json!({ "set": session.set(&wanted)? })),

@@ -37,7 +37,7 @@ pub fn cases(
         }
         match load(&changed) {
             Ok(loaded) => bases.push(Base { name: Some(case), loaded, structure: changed }),
-            Err(error) => notes.push(format!("the case {case} is left out: {error}")),
+            Err(error) => notes.push(format!("parameter set {case} can't be used: {error}")),
         }
     }
     Ok((bases, notes))

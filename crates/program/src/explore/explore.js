@@ -123,7 +123,7 @@ const take = (line, isPlain, took) => {
     $('progress').hidden = false;
     $('progress').value = line.done;
     const what = flying.fine ? 'measuring' : 'running';
-    $('status').textContent = line.waits ? 'waits for the run of another page' : `${what}: ${Math.round(100 * line.done)} %`;
+    $('status').textContent = line.waits ? 'waiting for the run of another page' : `${what}: ${Math.round(100 * line.done)} %`;
   } else if (line.error) {
     wrong(line.error);
   } else if (line.refused) {
@@ -220,12 +220,12 @@ const downloaded = ({set}) => {
   const link = made('a', {href: URL.createObjectURL(new Blob([set], {type: 'application/xml'})), download: `${$('name').value}.ssv`});
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-  return ['The set was downloaded.'];
+  return ['The parameter set was downloaded.'];
 };
 
 const exported = ({folder, fmus, left_out: left}) => {
   const files = made('ul', {}, ...fmus.map(file => made('li', {}, file)));
-  const kept = left.length ? [`Not exported, since their FMUs come from elsewhere: ${left.join(', ')}. A set holds their values.`] : [];
+  const kept = left.length ? [`Not exported, because their FMUs are not from this package: ${left.join(', ')}. A parameter set stores their values.`] : [];
   return [`${fmus.length} FMUs that start with these values are in ${folder}:`, files, ...kept];
 };
 
@@ -276,8 +276,8 @@ const begin = async () => {
   loop = await backend.loop();
   const {start, stop, step, fine_step: fine} = loop.settings;
   $('description').textContent = loop.description;
-  const then = step > fine ? `; metrics, when you pause, from one every ${fine} s` : '';
-  $('form').textContent = `${loop.whole ? 'Integrated as one unit' : 'Run through its separate units'} from ${start} to ${stop} s, a point every ${step} s${then}.`;
+  const then = step > fine ? `; when you pause, metrics use one point every ${fine} s` : '';
+  $('form').textContent = `${loop.whole ? 'Simulated as a single FMU' : 'Run as separate FMUs'} from ${start} to ${stop} s, one point every ${step} s${then}.`;
   $('blocks').innerHTML = loop.blocks;
   for (const {name} of loop.cases) $('case').append(made('option', {value: name ?? ''}, name ?? 'as it is'));
   const groups = new Map();

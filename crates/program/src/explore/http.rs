@@ -43,14 +43,14 @@ impl Request {
         let (mut request, head) = loop {
             let mut part = [0; 4096];
             match read_by(stream, deadline, &mut part)? {
-                0 => return Err((400, "the request ends before its head does".to_owned())),
+                0 => return Err((400, "the request ends within its head".to_owned())),
                 count => bytes.extend_from_slice(&part[..count]),
             }
             if let Some(found) = parsed(&bytes)?.filter(|(_, head)| *head <= LONGEST_HEAD) {
                 break found;
             }
             if bytes.len() > LONGEST_HEAD {
-                return Err((431, format!("the head of a request may have {LONGEST_HEAD} bytes")));
+                return Err((431, format!("the head of a request must have at most {LONGEST_HEAD} bytes")));
             }
         };
         request.body = bytes.split_off(head);
@@ -66,7 +66,7 @@ impl Request {
             let mut part = [0; 4096];
             let most = part.len().min(length - self.body.len());
             match read_by(stream, deadline, &mut part[..most])? {
-                0 => return Err((400, "the request ends before its body does".to_owned())),
+                0 => return Err((400, "the request ends within its body".to_owned())),
                 count => self.body.extend_from_slice(&part[..count]),
             }
         }
@@ -94,7 +94,7 @@ impl Request {
 
     fn length(&self) -> Result<usize, Refusal> {
         if self.has("transfer-encoding") {
-            return Err((411, "a body must come with its Content-Length, not in parts".to_owned()));
+            return Err((411, "a body must have a Content-Length; chunks are not supported".to_owned()));
         }
         if !self.has("content-length") {
             return Ok(0);
@@ -103,7 +103,7 @@ impl Request {
         let length = digits.and_then(|text| text.parse().ok());
         let length: usize = length.ok_or_else(|| (400, "Content-Length must be one whole number".to_owned()))?;
         if length > LONGEST_BODY {
-            return Err((413, format!("a body of {length} bytes: at most {LONGEST_BODY} are read")));
+            return Err((413, format!("a body of {length} bytes: at most {LONGEST_BODY} are allowed")));
         }
         Ok(length)
     }
@@ -111,7 +111,7 @@ impl Request {
 
 fn failed(error: io::Error) -> Refusal {
     match error.kind() {
-        ErrorKind::WouldBlock | ErrorKind::TimedOut => (408, "the request didn't come in time".to_owned()),
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => (408, "the request did not arrive in time".to_owned()),
         _ => (400, format!("the request can't be read: {error}")),
     }
 }
@@ -129,11 +129,11 @@ fn read_by(stream: &mut TcpStream, deadline: Instant, part: &mut [u8]) -> Result
 fn parsed(bytes: &[u8]) -> Result<Option<(Request, usize)>, Refusal> {
     let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
     let mut head = httparse::Request::new(&mut headers);
-    let status = head.parse(bytes).map_err(|error| (400, format!("this is no request of HTTP: {error}")))?;
+    let status = head.parse(bytes).map_err(|error| (400, format!("this is not an HTTP request: {error}")))?;
     let httparse::Status::Complete(length) = status else { return Ok(None) };
     let is_twice = |name: &&str| head.headers.iter().filter(|it| it.name.eq_ignore_ascii_case(name)).count() > 1;
     if let Some(name) = ONCE.iter().find(|name| is_twice(name)) {
-        return Err((400, format!("the header {name} may be given once")));
+        return Err((400, format!("the header {name} must be given at most once")));
     }
     let (path, query) = head.path.unwrap_or("/").split_once('?').unwrap_or((head.path.unwrap_or("/"), ""));
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();

@@ -31,7 +31,7 @@ fn wrong(error: Error) -> String {
 /// is to be replaced.
 fn there(place: &Path, wanted: &Wanted) -> Option<Value> {
     let is_there = !wanted.replace && fs::symlink_metadata(begun::path(place)).is_ok();
-    is_there.then(|| json!({ "error": format!("{} is there already", place.display()), "isThere": true }))
+    is_there.then(|| json!({ "error": format!("{} already exists", place.display()), "isThere": true }))
 }
 
 impl Session {

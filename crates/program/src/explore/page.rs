@@ -78,20 +78,21 @@ pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<Pat
 
 /// Refuses what isn't this very library as WebAssembly.
 fn check(bytes: &[u8]) -> Result<(), String> {
-    const ADVICE: &str = "build it by `cargo rustc --release --package adaptive-fmu-program --lib --crate-type cdylib --target wasm32-unknown-unknown`";
+    const ADVICE: &str = "build it with `cargo rustc --release --package adaptive-fmu-program --lib --crate-type \
+        cdylib --target wasm32-unknown-unknown`";
     if !bytes.starts_with(b"\0asm") {
-        return Err(format!("is no WebAssembly; {ADVICE}"));
+        return Err(format!("is not a WebAssembly module; {ADVICE}"));
     }
     match Build::within(bytes) {
-        None => Err(format!("isn't the library of this package; {ADVICE}")),
+        None => Err(format!("is not the library of this package; {ADVICE}")),
         Some(build) if build.source != library::SOURCE || !holds(bytes, SOURCE.as_bytes()) => {
-            Err(format!("is of other sources than this program; {ADVICE}"))
+            Err(format!("was built from other sources than this program; {ADVICE}"))
         }
         Some(_) => Ok(()),
     }
 }
 
-/// Whether bytes hold others.
+/// True if bytes hold others.
 fn holds(bytes: &[u8], text: &[u8]) -> bool {
     bytes.windows(text.len()).any(|place| place == text)
 }

@@ -48,7 +48,7 @@ pub struct Parameter {
     /// What it is moved by.
     #[serde(flatten)]
     pub control: Control,
-    /// Whether it is shown at first.
+    /// True if it is shown at first.
     pub first: bool,
     #[serde(skip)]
     pub(super) place: Place,
@@ -62,9 +62,9 @@ pub enum Control {
     Slider {
         /// Ends of the slider; none where a number says that there is no limit.
         range: Option<(f64, f64)>,
-        /// Whether the slider is logarithmic.
+        /// True if the slider is logarithmic.
         logarithmic: bool,
-        /// Whether it starts at zero.
+        /// True if it starts at zero.
         #[serde(skip)]
         is_zero: bool,
     },
@@ -104,7 +104,7 @@ impl Control {
         })
     }
 
-    /// Whether it may be among those that are shown at first: a slider of a value that is none, or that stands for no
+    /// True if it may be among those that are shown at first: a slider of a value that is none, or that stands for no
     /// limit, isn't.
     fn can_matter(&self) -> bool {
         !matches!(self, Control::Slider { range: None, .. } | Control::Slider { is_zero: true, .. })

@@ -109,7 +109,7 @@ impl Server {
         self.waits_no_more(number);
         match Place::take(&self.answered) {
             Some(_place) => self.answer(request, &mut stream),
-            None => refused(&mut stream, (503, format!("{MOST_ANSWERED} requests are being answered: ask again"))),
+            None => refused(&mut stream, (503, format!("too many requests at once ({MOST_ANSWERED}). Try again"))),
         }
     }
 
@@ -131,7 +131,7 @@ impl Server {
             (method, path) => match page::file(path.trim_start_matches('/'), Backend::SERVER) {
                 Some((kind, text)) if method == "GET" => Ok((kind, text)),
                 None if !PATHS.contains(&path) => Err((404, "there is no such page".to_owned())),
-                _ => Err((405, format!("{path} can't be asked for by {method}"))),
+                _ => Err((405, format!("{path} does not support {method}"))),
             },
         };
         match answered {
@@ -142,21 +142,21 @@ impl Server {
         }
     }
 
-    /// Whether a request comes from this server's own page: by this machine's name, so that no other name was made to lead
+    /// True if a request comes from this server's own page: by this machine's name, so that no other name was made to lead
     /// here, with the token, and from no page of anybody else.
     fn check(&self, request: &Request) -> Result<(), Refusal> {
         let port = self.address.port();
         let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
         let host = request.header("host").unwrap_or_default();
         if !own.iter().any(|name| name == host) {
-            return Err((403, "this server answers as 127.0.0.1 and localhost alone".to_owned()));
+            return Err((403, "this server is available only as 127.0.0.1 and localhost".to_owned()));
         }
         if request.header("origin").is_some_and(|origin| !own.iter().any(|name| origin == format!("http://{name}"))) {
-            return Err((403, "this server answers its own page alone".to_owned()));
+            return Err((403, "this server accepts requests only from its own page".to_owned()));
         }
         let given = request.header("x-token").or_else(|| request.asked("token")).unwrap_or_default();
         if !same(given, &self.token) {
-            let reason = "the token of this page is missing or another's: open the address that `explore` printed";
+            let reason = "the token of this page is missing or wrong. Open the address that `explore` printed";
             return Err((403, reason.to_owned()));
         }
         Ok(())
@@ -192,7 +192,7 @@ impl Drop for Place<'_> {
     }
 }
 
-/// Whether two texts are the same, in a time that doesn't tell how far they are.
+/// True if two texts are the same, in a time that doesn't tell how far they are.
 fn same(given: &str, token: &str) -> bool {
     given.len() == token.len() && given.bytes().zip(token.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
 }
@@ -201,9 +201,9 @@ fn same(given: &str, token: &str) -> bool {
 fn wanted(request: &Request) -> Result<Wanted, Refusal> {
     let kind = request.header("content-type").and_then(|kind| kind.split(';').next()).unwrap_or_default();
     if kind.trim() != JSON {
-        return Err((415, format!("a request must be of type {JSON}")));
+        return Err((415, format!("a request must have the type {JSON}")));
     }
-    serde_json::from_slice(&request.body).map_err(|error| (400, format!("a request that isn't understood: {error}")))
+    serde_json::from_slice(&request.body).map_err(|error| (400, format!("the request can't be read: {error}")))
 }
 
 fn kept(request: &Request, keep: impl Fn(&Wanted) -> Result<Value, String>) -> Result<Value, Refusal> {

@@ -66,7 +66,7 @@ pub(super) struct Wanted {
     pub page: String,
     #[serde(default)]
     pub number: u64,
-    /// Whether metrics are to be measured as `run` measures them, not about.
+    /// True if metrics are to be measured as `run` measures them, not about.
     #[serde(default)]
     pub fine: bool,
     /// The case; the loop as it is without one.
@@ -76,7 +76,7 @@ pub(super) struct Wanted {
     /// What files are to be named.
     #[serde(default)]
     pub name: String,
-    /// Whether they replace those that are there.
+    /// True if they replace those that are there.
     #[cfg(not(target_family = "wasm"))]
     #[serde(default)]
     pub replace: bool,
@@ -174,13 +174,13 @@ impl Session {
         })?;
         let value = |(name, given): (&String, &Value)| {
             let parameter = self.parameters.iter().find(|parameter| parameter.name == *name);
-            let parameter = parameter.ok_or_else(|| format!("there is no parameter `{name}` that can be moved"))?;
+            let parameter = parameter.ok_or_else(|| format!("there is no adjustable parameter `{name}`"))?;
             parameter.value(given).map(|value| (parameter, value))
         };
         Ok((base, wanted.values.iter().map(value).collect::<Result<_, String>>()?))
     }
 
-    /// Whether a page has asked for nothing since.
+    /// True if a page has asked for nothing since.
     fn is_newest(&self, wanted: &Wanted) -> bool {
         let is_newest = locked(&self.newest).get(&wanted.page).is_none_or(|&number| number <= wanted.number);
         is_newest && !self.is_ending.load(Ordering::SeqCst)
@@ -305,7 +305,7 @@ impl Session {
     }
 }
 
-/// Whether a message names a variable, and not one whose name is longer.
+/// True if a message names a variable, and not one whose name is longer.
 fn names(message: &str, name: &str) -> bool {
     let is_part = |c: char| c.is_alphanumeric() || "_[".contains(c);
     message.match_indices(name).any(|(place, _)| {

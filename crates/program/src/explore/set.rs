@@ -44,7 +44,7 @@ impl Session {
             kept.push((name, kind, text));
         }
         let kept: Vec<_> = kept.iter().map(|(name, kind, text)| (name.as_str(), *kind, text.clone())).collect();
-        let remark = format!("Values of {} that were chosen in its page.", base.structure.name);
+        let remark = format!("Values of {} chosen on its page.", base.structure.name);
         typed_set(name, &remark, &kept).map_err(|error| error.to_string())
     }
 }

@@ -157,11 +157,11 @@ pub(super) fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
         |error: ZipError| Error::Archive { file: file.to_owned(), reason: format!("not a readable archive: {error}") };
     let mut archive = ZipArchive::new(opened).map_err(refuse)?;
     if archive.has_duplicate_names() {
-        let reason = "holds several entries of one name".to_owned();
+        let reason = "has several entries with the same name".to_owned();
         return Err(Error::Archive { file: file.to_owned(), reason });
     }
     if archive.len() > MOST_ENTRIES {
-        let reason = format!("holds {} files; at most {MOST_ENTRIES} are accepted", archive.len());
+        let reason = format!("has {} files; at most {MOST_ENTRIES} are allowed", archive.len());
         return Err(Error::Archive { file: file.to_owned(), reason });
     }
     let mut total = 0_u64;
@@ -169,7 +169,7 @@ pub(super) fn open(file: &Path) -> Result<ZipArchive<File>, Error> {
         total = total.saturating_add(archive.by_index_raw(index).map_err(refuse)?.size());
     }
     if total > LARGEST {
-        let reason = format!("would unpack to {total} bytes; at most {LARGEST} are accepted");
+        let reason = format!("would unpack to {total} bytes; at most {LARGEST} are allowed");
         return Err(Error::Archive { file: file.to_owned(), reason });
     }
     Ok(archive)
@@ -199,7 +199,8 @@ pub fn entries(file: &Path) -> Result<Vec<Entry>, Error> {
 pub fn read_entry(file: &Path, name: &str) -> Result<String, Error> {
     let mut archive = open(file)?;
     let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
-    let entry = archive.by_name(name).map_err(|_| refuse(format!("holds no {name}: it is not an FMU of this kind")))?;
+    let entry =
+        archive.by_name(name).map_err(|_| refuse(format!("has no {name}, so it is not an FMU of this kind")))?;
     if entry.size() > LARGEST_TEXT {
         return Err(refuse(format!("{name}: is longer than {LARGEST_TEXT} bytes")));
     }
@@ -239,7 +240,7 @@ pub fn unpack_but(file: &Path, folder: &Path, left: Option<(u64, u32)>) -> Resul
     for index in 0..archive.len() {
         let mut entry = archive.by_index(index).map_err(|error| refuse(error.to_string()))?;
         let Some(name) = entry.enclosed_name() else {
-            return Err(refuse(format!("entry {index} would lie outside the folder")));
+            return Err(refuse(format!("entry {index} would be outside the folder")));
         };
         let target = folder.join(&name);
         let failed = |error: std::io::Error| refuse(format!("{}: {error}", name.display()));
@@ -255,14 +256,14 @@ pub fn unpack_but(file: &Path, folder: &Path, left: Option<(u64, u32)>) -> Resul
         }
         // Two names may be one path: `a` and `./a`.
         let mut written = File::create_new(&target).map_err(|error| match error.kind() {
-            ErrorKind::AlreadyExists => refuse(format!("holds several entries that are `{}`", name.display())),
+            ErrorKind::AlreadyExists => refuse(format!("has several entries for `{}`", name.display())),
             _ => failed(error),
         })?;
         let size = entry.size();
         // One byte more than there is, so that the end is met, where the checksum is compared.
         let copied = std::io::copy(&mut (&mut entry).take(size.saturating_add(1)), &mut written).map_err(failed)?;
         if copied != size {
-            return Err(refuse(format!("the entry `{}` is not of the size that it says", name.display())));
+            return Err(refuse(format!("the entry `{}` does not have its declared size", name.display())));
         }
     }
     Ok(())

@@ -114,7 +114,7 @@ impl Asked {
 impl fmt::Display for Asked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "for {}", self.processor)?;
-        self.glibc.map_or(Ok(()), |glibc| write!(f, ", asks for glibc {glibc} or a newer one"))
+        self.glibc.map_or(Ok(()), |glibc| write!(f, ", requires glibc {glibc} or newer"))
     }
 }
 
@@ -194,7 +194,7 @@ mod tests {
         assert_eq!(of(&[("GLIBC_2.17", 0), ("GLIBC_ABI_DT_RELR", 0)]).as_deref(), Some("2.36"));
         assert_eq!(of(&[("GCC_3.0", 0), ("GLIBC_PRIVATE", 0)]), None);
         let asked = Asked::by(&library(&[("GLIBC_2.17", 0)], 1)).unwrap();
-        assert_eq!(asked.to_string(), "for ARM, 64 bits, asks for glibc 2.17 or a newer one");
+        assert_eq!(asked.to_string(), "for ARM, 64 bits, requires glibc 2.17 or newer");
         assert!(Glibc::of_name(b"GLIBC_2.9") < Some(Glibc::PROMISED));
     }
 

@@ -46,7 +46,7 @@ impl Binary {
                 refuse(format!("is for {}, not for {}", binary.platform.folder, wanted.folder))
             }
             (Some(binary), _) => Ok(binary),
-            (None, Some(_)) => refuse("is no library of this package, or one of another version".to_owned()),
+            (None, Some(_)) => refuse("is not a library of this package, or of another version".to_owned()),
             (None, None) => Ok(Binary::own(file, &bytes)),
         }
     }
@@ -55,7 +55,7 @@ impl Binary {
     fn of_bytes(file: &Path, bytes: &[u8]) -> Result<Option<Self>, Error> {
         let Some(build) = Build::within(bytes) else { return Ok(None) };
         let platform = Platform::of_target(&build.target).ok_or_else(|| {
-            Error::Library(format!("{}: is for {}, for which an FMU has no place", file.display(), build.target))
+            Error::Library(format!("{}: is for {}, which FMUs do not support", file.display(), build.target))
         })?;
         Ok(Some(Binary { platform, file: file.to_owned(), build, glibc: Glibc::asked_by(bytes) }))
     }
@@ -144,7 +144,10 @@ impl Binaries {
         self.require_same(&binary)?;
         if let Some(there) = self.of.iter().find(|there| there.platform == binary.platform) {
             let (there, platform) = (there.file.display(), binary.platform.folder);
-            return Err(Error::Library(format!("{}: {there} is for {platform} already", binary.file.display())));
+            return Err(Error::Library(format!(
+                "{}: another library, {there}, is already given for {platform}",
+                binary.file.display()
+            )));
         }
         self.of.push(binary);
         self.packed.take();
@@ -172,7 +175,9 @@ impl Binaries {
             return Ok(());
         }
         let (own, other) = (self.of[0].file.display(), binary.file.display());
-        Err(Error::Library(format!("{other}: was built from other sources than {own}: build both from the same")))
+        Err(Error::Library(format!(
+            "{other} was built from other sources than {own}. Build both from the same sources"
+        )))
     }
 
     /// Puts all of them into the archive of an FMU.
@@ -191,7 +196,7 @@ impl Binaries {
         Ok(())
     }
 
-    /// Whether no library lies where masters look for one of this platform that don't know the platform's own folder.
+    /// True if no library lies where masters look for one of this platform that don't know the platform's own folder.
     fn leave_free(&self, platform: &Platform) -> bool {
         self.of.iter().all(|binary| Some(binary.platform.folder) != platform.other_folder)
     }

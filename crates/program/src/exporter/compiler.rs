@@ -26,8 +26,8 @@ impl Compiler {
             let own = format!("a C compiler (`{}`) or zig", c_compiler::named());
             let needed = if portable { "zig" } else { &own };
             Error::Library(format!(
-                "libraries for {} are compiled by {needed}, which isn't found: `pip install ziglang` installs zig; or export \
-                 with --source, without --compile",
+                "libraries for {} are compiled by {needed}, which was not found. Install zig with `pip install \
+                 ziglang`, or export with --source instead of --compile",
                 platform.folder
             ))
         })
@@ -86,7 +86,7 @@ pub fn compile(folder: &Path, platform: Platform, portable: bool) -> Result<Vec<
     let output = command.output().map_err(Error::file(&program))?;
     if !output.status.success() {
         let told = String::from_utf8_lossy(&output.stderr);
-        return Err(Error::Library(format!("{program} can't compile the unit for {}: {told}", platform.folder)));
+        return Err(Error::Library(format!("{program} can't compile the FMU for {}: {told}", platform.folder)));
     }
     std::fs::read(&library).map_err(Error::file(&library))
 }

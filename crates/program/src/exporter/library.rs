@@ -85,7 +85,7 @@ impl Library {
             let name = Platform::own().library_name();
             let folder = program_folder().unwrap_or_default();
             Error::Library(format!(
-                "{name} is neither within this program nor beside it, in {}: this is a build for tests; build with \
+                "{name} is neither in this program nor in its folder, {}, because this is a debug build. Build with \
                  --release, or give --library FILE",
                 folder.display()
             ))
@@ -175,8 +175,8 @@ impl Library {
     }
 
     fn unknown(&self, reason: &str) -> Error {
-        let advice = "it was built with another version of adaptive-fmu; build it anew";
-        Error::Library(format!("{}: its reply can't be read ({reason}): {advice}", self.path.display()))
+        let advice = "it was built with another version of adaptive-fmu. Build it again";
+        Error::Library(format!("{}: its reply can't be read ({reason}). {advice}", self.path.display()))
     }
 
     /// The library's reply to a question about a description.
@@ -214,10 +214,10 @@ impl Library {
         let text = description.map(|source| CString::new(source.text.as_str())).transpose();
         let text = text.map_err(|_| {
             let file = description.map(|source| source.file.clone()).unwrap_or_default();
-            Error::Description { file, reason: "holds a NUL character".to_owned() }
+            Error::Description { file, reason: "contains a NUL character".to_owned() }
         })?;
         let missing =
-            |_| Error::Library(format!("{} exports no models: it needs the line export_fmi2!", self.path.display()));
+            |_| Error::Library(format!("{} exports no models. It needs the line export_fmi2!", self.path.display()));
         let mut reply: Option<String> = None;
         // SAFETY: a library that exports these symbols was made by `export_fmi2`, so they have this type; the text and the
         // reply's place live longer than the call.
@@ -230,7 +230,7 @@ impl Library {
     }
 }
 
-/// Whether a reply describes an FMU, and refuses nothing.
+/// True if a reply describes an FMU, and refuses nothing.
 fn is_described(reply: &str) -> bool {
     describe::read(reply).is_ok_and(|described| described.is_ok())
 }

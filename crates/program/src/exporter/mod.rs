@@ -44,7 +44,7 @@ pub struct Source {
     pub file: PathBuf,
     /// Its text.
     pub text: String,
-    /// Whether the text is as it was read: its lines are those of the file then.
+    /// True if the text is as it was read: its lines are those of the file then.
     pub as_written: bool,
 }
 
@@ -113,7 +113,7 @@ pub fn find_description(name: &str) -> Result<Source, Error> {
 /// For a description that the library refuses.
 pub fn describe(source: &Source, library: &Library) -> Result<(DescribedUnit, Build), Error> {
     let described = library.describe(Some(source))?;
-    let unit = described.unit.ok_or_else(|| Error::Library("the library described no unit".to_owned()))?;
+    let unit = described.unit.ok_or_else(|| Error::Library("the library described no FMU".to_owned()))?;
     Ok((unit, described.build))
 }
 

@@ -51,7 +51,7 @@ pub struct Pin<'a> {
     pub declared: &'a str,
     /// What it is for.
     pub group: Group,
-    /// Whether it is an input.
+    /// True if it is an input.
     pub is_input: bool,
 }
 
@@ -131,7 +131,7 @@ fn element(name: &str) -> Option<(&str, usize)> {
     Some((name, index.parse().ok()?))
 }
 
-/// Whether a name is that of the element some places behind a first one.
+/// True if a name is that of the element some places behind a first one.
 fn follows(first: &str, name: &str, places: usize) -> bool {
     let (Some((vector, begin)), Some((same, index))) = (element(first), element(name)) else { return false };
     vector == same && begin + places == index

@@ -21,7 +21,7 @@ pub enum Form {
     Generic,
     /// C sources; and that library too.
     Source {
-        /// Whether the library is there.
+        /// True if the library is there.
         with_library: bool,
     },
     /// C sources, and a library for this machine that its compiler makes of them.

@@ -18,7 +18,7 @@ pub struct Line {
     pub name: String,
     pub colour: String,
     pub points: Vec<(f64, Option<f64>)>,
-    /// Whether its points are marked.
+    /// True if its points are marked.
     pub marked: bool,
     pub dashed: bool,
 }
@@ -28,7 +28,7 @@ pub struct Chart<'a> {
     pub title: &'a str,
     pub x: &'a str,
     pub y: &'a str,
-    /// Whether the horizontal axis is logarithmic.
+    /// True if the horizontal axis is logarithmic.
     pub logarithmic: bool,
     pub lines: Vec<Line>,
 }

@@ -78,9 +78,9 @@ pub(super) struct Plan {
     pub guid: String,
     /// `file:` URI of the resources.
     pub resources: String,
-    /// Whether it is asked to log: some units tell of their errors only then.
+    /// True if it is asked to log: some units tell of their errors only then.
     pub logs: bool,
-    /// Whether what it logs of calls that went well is kept.
+    /// True if what it logs of calls that went well is kept.
     pub details: bool,
 }
 

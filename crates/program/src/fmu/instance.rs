@@ -20,7 +20,7 @@ pub struct Instance {
     unit: Box<dyn RunningUnit>,
     name: String,
     time: f64,
-    /// Whether what failed last may be tried otherwise: it was discarded, or gave a number that is none.
+    /// True if what failed last may be tried otherwise: it was discarded, or gave a number that is none.
     may_try_again: Cell<bool>,
     fmu: Arc<Fmu>,
 }
@@ -30,9 +30,9 @@ pub struct Instance {
 pub struct Event {
     /// When the unit wants the next one, s.
     pub next: Option<f64>,
-    /// Whether continuous states were set anew.
+    /// True if continuous states were set anew.
     pub states_changed: bool,
-    /// Whether the states' nominal values changed.
+    /// True if the states' nominal values changed.
     pub nominals_changed: bool,
 }
 
@@ -66,7 +66,7 @@ impl Instance {
         self.unit.messages()
     }
 
-    /// Whether what failed last may be tried otherwise, as with a shorter step.
+    /// True if what failed last may be tried otherwise, as with a shorter step.
     pub(crate) fn may_try_again(&self) -> bool {
         self.may_try_again.get()
     }
@@ -94,11 +94,11 @@ impl Instance {
             function,
             match answer {
                 _ if !messages.is_empty() => messages.joined(),
-                DISCARD => "it discarded the call (fmi2Discard), without a message".to_owned(),
-                3 => "it answered with an error (fmi2Error), without a message".to_owned(),
-                4 => "it answered that it can't go on (fmi2Fatal), without a message".to_owned(),
-                5 => "it answered that it isn't done yet (fmi2Pending), which is no answer to this call".to_owned(),
-                answer => format!("it answered with {answer}, which is no status of the standard"),
+                DISCARD => "it returned fmi2Discard, without a message".to_owned(),
+                3 => "it returned fmi2Error, without a message".to_owned(),
+                4 => "it returned fmi2Fatal, so it can't continue, without a message".to_owned(),
+                5 => "it returned fmi2Pending, which is not allowed for this function".to_owned(),
+                answer => format!("it returned {answer}, which is not a status of the FMI standard"),
             },
         ))
     }
@@ -112,8 +112,7 @@ impl Instance {
         let Some(place) = numbers.iter().position(|number| !number.is_finite()) else { return Ok(()) };
         self.may_try_again.set(true);
         let (name, number) = (name(place), Number(numbers[place]));
-        Err(self
-            .refusal(function, format!("{name} = {number}: no finite number, though the call was answered with OK")))
+        Err(self.refusal(function, format!("{name} = {number} is not a finite number, but the call returned fmi2OK")))
     }
 
     /// The variable of a value reference, for messages.
@@ -273,7 +272,7 @@ impl Instance {
             states_changed |= info.values_changed != 0;
             nominals_changed |= info.nominals_changed != 0;
             if info.terminate_simulation != 0 {
-                let reason = "the unit asks to end the simulation".to_owned();
+                let reason = "the FMU requested to end the simulation".to_owned();
                 return Err(self.refusal(Function::NewDiscreteStates, reason));
             }
             if info.new_discrete_states_needed == 0 {
@@ -282,7 +281,7 @@ impl Instance {
                 return Ok(Event { next, states_changed, nominals_changed });
             }
         }
-        let reason = format!("its discrete states still change after {EVENT_ITERATIONS} iterations");
+        let reason = format!("the discrete states still change after {EVENT_ITERATIONS} iterations");
         Err(self.refusal(Function::NewDiscreteStates, reason))
     }
 
@@ -311,7 +310,7 @@ impl Instance {
         let mut asked = [0; 2];
         self.call(Call::CompletedIntegratorStep(&mut asked))?;
         if asked[1] != 0 {
-            let reason = "the unit asks to end the simulation".to_owned();
+            let reason = "the FMU requested to end the simulation".to_owned();
             return Err(self.refusal(Function::CompletedIntegratorStep, reason));
         }
         Ok(asked[0] != 0)

@@ -34,7 +34,7 @@ const PATIENCE: Duration = Duration::from_millis(200);
 /// So many instances have kernels of their own at a time; each takes some 10 ms and 50 kB.
 const MOST_FOLDED: usize = 16;
 
-/// Whether instances get kernels of their own.
+/// True if instances get kernels of their own.
 static FOLDS: AtomicBool = AtomicBool::new(false);
 /// How many have.
 static FOLDED: AtomicUsize = AtomicUsize::new(0);
@@ -70,7 +70,7 @@ struct Functions {
 pub(super) struct Sought {
     /// First one that is made quickly, and then a better one with the Jacobian too, which many runs are too short for.
     found: [OnceLock<Result<Made, String>>; 2],
-    /// Whether it is being made: a unit that never steps needs none.
+    /// True if it is being made: a unit that never steps needs none.
     begun: AtomicBool,
 }
 
@@ -101,8 +101,8 @@ impl Awaited {
     /// How equations are evaluated.
     pub fn told(&self) -> String {
         let failed = self.sought.found[0].get().and_then(|found| found.as_ref().err().cloned());
-        let as_they_are = failed.or_else(jit::refused).map(|reason| format!("as they are: {reason}"));
-        as_they_are.unwrap_or_else(|| "compiled while it runs".to_owned())
+        let as_they_are = failed.or_else(jit::refused).map(|reason| format!("not compiled: {reason}"));
+        as_they_are.unwrap_or_else(|| "compiled during the run".to_owned())
     }
 }
 
@@ -246,7 +246,7 @@ fn told(component: Component, tell: Tell, folded: bool) -> Result<String, String
     let mut reply: Option<String> = None;
     // SAFETY: the instance is alive and in no other call, and the reply's place lives longer than this one.
     unsafe { tell(component, folded.into(), Some(keep), std::ptr::from_mut(&mut reply).cast()) };
-    reply.ok_or_else(|| "its library doesn't tell them".to_owned())
+    reply.ok_or_else(|| "the library of the FMU doesn't provide its equations".to_owned())
 }
 
 unsafe extern "C" fn keep(context: *mut c_void, text: *const c_char) {

@@ -64,7 +64,7 @@ impl Messages {
         }
     }
 
-    /// Whether nothing was said.
+    /// True if nothing was said.
     pub fn is_empty(&self) -> bool {
         self.kept.is_empty()
     }
@@ -101,9 +101,9 @@ fn cleaned(text: &str) -> String {
 #[derive(Debug, Default)]
 pub(super) struct Log {
     messages: Mutex<Messages>,
-    /// Whether there may be any: masters ask after every step, and there hardly ever are.
+    /// True if there may be any: masters ask after every step, and there hardly ever are.
     spoke: AtomicBool,
-    /// Whether what is told of calls that went well is kept, too.
+    /// True if what is told of calls that went well is kept, too.
     keeps_details: bool,
 }
 
@@ -157,7 +157,7 @@ unsafe fn keep(environment: *mut c_void, status: c_int, message: &str) {
     if status == OK { log.push_detail(message) } else { log.push(message) }
 }
 
-/// Whether a message of a status is kept.
+/// True if a message of a status is kept.
 ///
 /// # Safety
 /// As of [`keep`].

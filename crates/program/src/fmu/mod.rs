@@ -51,10 +51,10 @@ pub const UNIT_PROCESS: &str = "unit-process";
 
 /// Communication step of an FMU that proposes none, s.
 const STEP: f64 = 1e-3;
-const NOT_FOR_CO_SIMULATION: &str = "modelDescription.xml: it is not for co-simulation";
-const NOT_FOR_EXCHANGE: &str = "modelDescription.xml: it is not for model exchange";
+const NOT_FOR_CO_SIMULATION: &str = "modelDescription.xml: the FMU does not support co-simulation";
+const NOT_FOR_EXCHANGE: &str = "modelDescription.xml: the FMU does not support model exchange";
 
-/// Whether what units of this package tell of calls that went well is kept: by which method they are integrated.
+/// True if what units of this package tell of calls that went well is kept: by which method they are integrated.
 static DETAILS: AtomicBool = AtomicBool::new(false);
 
 /// From now on, what units of this package tell of calls that went well is kept ([`Messages::details`]).
@@ -90,7 +90,7 @@ pub enum Hosting {
 }
 
 impl Hosting {
-    /// Whether a process can be had for each unit on this platform.
+    /// True if a process can be had for each unit on this platform.
     pub const HAS_PROCESSES: bool = cfg!(unix);
 }
 
@@ -153,7 +153,7 @@ impl Fmu {
             if let Some(common) = common.filter(|common| held.is_some_and(|held| common.is_entry(held))) {
                 return Ok(Place::here(&common.binary, Some(&common.checksum), &resources));
             }
-            let missing = || format!("holds no {}: it can't run on this platform", own.binary(identifier));
+            let missing = || format!("contains no {}, so it can't run on this platform", own.binary(identifier));
             let library = own.find_binary(folder.path(), identifier).ok_or_else(missing)?;
             Place::of(library, &resources, hosting)
         };
@@ -197,10 +197,10 @@ impl Fmu {
         let how = match self.co_simulation.as_ref().or_else(exchange) {
             Some(Place::Here { .. }) => "in this process",
             #[cfg(unix)]
-            Some(Place::OwnProcess { .. }) => "each instance in a process of its own",
+            Some(Place::OwnProcess { .. }) => "each instance in its own process",
             None => "nowhere",
         };
-        let evaluated = self.evaluated().map(|how| format!(", its equations {how}")).unwrap_or_default();
+        let evaluated = self.evaluated().map(|how| format!(", equations {how}")).unwrap_or_default();
         format!("{}, {how}{evaluated}", self.file.display())
     }
 
@@ -219,7 +219,7 @@ impl Fmu {
         &self.text
     }
 
-    /// Whether each instance has a process of its own.
+    /// True if each instance has a process of its own.
     pub fn has_own_processes(&self) -> bool {
         let exchange = self.exchange.iter().filter_map(|place| place.as_ref().ok());
         self.co_simulation.iter().chain(exchange).all(|place| !matches!(place, Place::Here { .. }))

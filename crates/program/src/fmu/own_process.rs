@@ -42,7 +42,8 @@ pub(super) struct OwnProcess {
 impl OwnProcess {
     /// Makes an instance in a process of a program, which answers within some time; the reason where that fails.
     pub fn new(program: &Path, patience: Duration, library: &Path, plan: &Plan) -> Result<Self, String> {
-        let unit = Self::begun(program, patience).map_err(|error| format!("no process can be had for it: {error}"))?;
+        let unit =
+            Self::begun(program, patience).map_err(|error| format!("no process could be started for it: {error}"))?;
         let beginning = Beginning { library: library.to_owned(), plan: plan.clone() };
         let sent = send(&unit.stream, &beginning, &mut unit.buffer.borrow_mut());
         let reply: Result<Reply, String> = sent.map_err(|error| unit.lost(&error)).and_then(|()| unit.reply());
@@ -95,9 +96,12 @@ impl OwnProcess {
     fn lost(&self, error: &io::Error) -> String {
         let reason = if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
             let patience = self.patience.as_secs_f64();
-            format!("gave no answer within {patience} s, its process was ended; --patience says how long is waited")
+            format!(
+                "did not respond within {patience} s, so its process was ended. Use --patience for a longer time \
+                 limit"
+            )
         } else {
-            self.status().map_or_else(|| format!("its process can't be talked to: {error}"), ending)
+            self.status().map_or_else(|| format!("its process can't be reached: {error}"), ending)
         };
         self.end();
         *self.gone.borrow_mut() = Some(reason.clone());
@@ -154,19 +158,19 @@ fn keep_lines(reader: PipeReader, log: &Log) {
 
 fn ending(status: ExitStatus) -> String {
     match (status.signal(), status.code()) {
-        (Some(signal), _) => format!("crashed: its process was ended by signal {signal}{}", signal_name(signal)),
-        (None, Some(code)) => format!("ended its own process with exit code {code}, as by exit({code})"),
+        (Some(signal), _) => format!("crashed with signal {signal}{}", signal_name(signal)),
+        (None, Some(code)) => format!("ended its process with exit code {code}"),
         (None, None) => format!("its process ended: {status}"),
     }
 }
 
 fn signal_name(signal: i32) -> &'static str {
     match signal {
-        libc::SIGSEGV => " (SIGSEGV, a wrong address)",
-        libc::SIGABRT => " (SIGABRT, abort was called)",
-        libc::SIGFPE => " (SIGFPE, an arithmetic fault)",
-        libc::SIGILL => " (SIGILL, a wrong instruction)",
-        libc::SIGBUS => " (SIGBUS, a wrong address)",
+        libc::SIGSEGV => " (SIGSEGV, invalid address)",
+        libc::SIGABRT => " (SIGABRT, call of abort)",
+        libc::SIGFPE => " (SIGFPE, arithmetic fault)",
+        libc::SIGILL => " (SIGILL, invalid instruction)",
+        libc::SIGBUS => " (SIGBUS, invalid address)",
         libc::SIGKILL => " (SIGKILL)",
         libc::SIGTERM => " (SIGTERM)",
         _ => "",

@@ -12,7 +12,7 @@ const QUESTION: &str = "import os, sysconfig
 value = sysconfig.get_config_var
 print(os.path.join(value('LIBDIR') or '', value('INSTSONAME') or value('LDLIBRARY') or ''))";
 
-/// Whether a library couldn't be loaded because Python's functions weren't there.
+/// True if a library couldn't be loaded because Python's functions weren't there.
 pub(super) fn is_missing(reason: &str) -> bool {
     reason.contains("undefined symbol: Py") || reason.contains("undefined symbol: _Py")
 }
@@ -36,14 +36,14 @@ fn find() -> Result<PathBuf, String> {
         name.to_string_lossy().contains(".so") || path.extension().is_some_and(|end| end == "dylib")
     });
     if !is_shared || !path.is_file() {
-        return Err(needs(&format!("python3 has none at {}", path.display())));
+        return Err(needs(&format!("python3 has no shared library at {}", path.display())));
     }
     Ok(path)
 }
 
 fn needs(reason: &str) -> String {
     format!(
-        "is a unit in Python, and needs the shared library of the python3 that is on the PATH: {reason}. On Debian, \
-         `apt install libpython3-dev` installs it; a Python that was built by hand has it with --enable-shared"
+        "is an FMU written in Python. It needs the shared library of the python3 on the PATH: {reason}. On Debian, \
+         install it with `apt install libpython3-dev`; build your own Python with --enable-shared"
     )
 }

@@ -88,8 +88,8 @@ pub(crate) fn is_designed(variable: &Variable) -> bool {
 pub(crate) fn why_fixed(variable: &Variable) -> String {
     if is_designed(variable) {
         return format!(
-            "the FMU was designed with the value that it has, {}; `adaptive-fmu export --values FILE.ssv` designs one with \
-             others, `export --ssp LOOP` and `export --run LOOP` with those of a loop",
+            "the FMU was designed with the value {}. `adaptive-fmu export --values FILE.ssv` designs an FMU with \
+             other values, `export --ssp LOOP` and `export --run LOOP` with those of a loop",
             variable.start.as_deref().unwrap_or_default()
         );
     }

@@ -43,7 +43,7 @@ pub(super) enum Call<'a> {
     SetContinuousStates(&'a [f64]),
     SetTime(f64),
     NewDiscreteStates(&'a mut EventInfo),
-    /// Whether Event Mode, and whether the end of the simulation, is asked for.
+    /// True if Event Mode, and whether the end of the simulation, is asked for.
     CompletedIntegratorStep(&'a mut [i32; 2]),
 }
 

@@ -156,7 +156,7 @@ impl Reply {
 
 fn copy<T: Copy>(given: &[T], wanted: &mut [T]) -> Result<(), String> {
     if given.len() != wanted.len() {
-        return Err(format!("its process answered with {} values instead of {}", given.len(), wanted.len()));
+        return Err(format!("its process returned {} values instead of {}", given.len(), wanted.len()));
     }
     wanted.copy_from_slice(given);
     Ok(())

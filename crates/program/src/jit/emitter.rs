@@ -344,7 +344,7 @@ impl Pending {
         pending
     }
 
-    /// Whether what is given is overwritten later.
+    /// True if what is given is overwritten later.
     fn is_overwritten(&self, operation: &Operation) -> bool {
         matches!(operation, Operation::Leaf(leaf) if self.overwritten.binary_search(leaf).is_ok())
     }

@@ -15,7 +15,7 @@ pub struct Measured {
     pub take: String,
     /// Why, with the numbers in their places.
     pub because: String,
-    /// Whether all that it rests on holds; none where not all of it is known.
+    /// True if all that it rests on holds; none where not all of it is known.
     pub holds: Option<bool>,
     /// What to take where something else is true, too.
     pub within: Vec<Measured>,

@@ -38,7 +38,7 @@ pub struct Failure {
 pub struct Judged {
     /// What it came to.
     pub outcome: Outcome,
-    /// Whether a first run failed and the finer one didn't, which counts then.
+    /// True if a first run failed and the finer one didn't, which counts then.
     pub mended: bool,
 }
 
@@ -165,7 +165,7 @@ impl<'a> Watch<'a> {
 }
 
 impl Outcome {
-    /// Whether it tracked.
+    /// True if it tracked.
     pub fn holds(&self) -> bool {
         self.failure.is_none()
     }

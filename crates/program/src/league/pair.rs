@@ -33,7 +33,7 @@ pub struct Pair<'a> {
     whole: LoadedLoop,
     /// The same with delay lines, which would make every evaluation dearer. Its variables have the same places.
     delayed: LoadedLoop,
-    /// Whether these are one unit; else units that are stepped one after the other.
+    /// True if these are one unit; else units that are stepped one after the other.
     is_one: bool,
     signals: Signals,
     separate: LoadedLoop,
@@ -100,7 +100,7 @@ impl<'a> Pair<'a> {
         Ok(pair)
     }
 
-    /// Whether it runs as one unit; else as separate ones, since a part of it is made of parts itself.
+    /// True if it runs as one unit; else as separate ones, since a part of it is made of parts itself.
     pub fn is_one_unit(&self) -> bool {
         self.is_one
     }
@@ -259,7 +259,7 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// Whether a variable is that of a name, or an element of it.
+/// True if a variable is that of a name, or an element of it.
 fn is_of(variable: &str, name: &str) -> bool {
     variable.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('['))
 }

@@ -17,12 +17,12 @@ pub struct Quantity {
     pub name: &'static str,
     /// In a few words.
     pub title: &'static str,
-    /// Whether more of it is better.
+    /// True if more of it is better.
     pub more_is_better: bool,
     of: fn(&Plant, &Record) -> Option<f64>,
     /// An interval that holds the true value, where it is an estimate.
     interval: Option<Estimated>,
-    /// Whether it is a part of all, which is told in percent.
+    /// True if it is a part of all, which is told in percent.
     is_part: bool,
 }
 

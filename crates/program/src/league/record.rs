@@ -35,7 +35,7 @@ pub struct Record {
     pub asked: Option<Value>,
     /// Checksum of the descriptions of its units.
     pub units: String,
-    /// Whether its loop ran as one unit; else as separate ones.
+    /// True if its loop ran as one unit; else as separate ones.
     pub as_one: bool,
     /// The gains that were found.
     pub gains: Option<Gains>,

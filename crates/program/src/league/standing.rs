@@ -7,7 +7,7 @@ use super::record::Record;
 pub struct Rank {
     /// One more than the number of those that are certainly better.
     pub place: usize,
-    /// Whether others have the same place.
+    /// True if others have the same place.
     pub shared: bool,
 }
 

@@ -22,9 +22,9 @@ pub struct ModelDescription {
     pub name: String,
     /// What it is.
     pub description: String,
-    /// Whether it is for co-simulation.
+    /// True if it is for co-simulation.
     pub co_simulation: bool,
-    /// Whether it is for model exchange.
+    /// True if it is for model exchange.
     pub model_exchange: bool,
     /// Identifier of the binaries: those for co-simulation, where it is for that.
     pub model_identifier: String,
@@ -97,7 +97,7 @@ impl Variable {
         (bound(&self.min).unwrap_or(f64::NEG_INFINITY), bound(&self.max).unwrap_or(f64::INFINITY))
     }
 
-    /// Whether a value of it stands for no limit, as its description says.
+    /// True if a value of it stands for no limit, as its description says.
     pub fn is_no_limit(&self, value: &str) -> bool {
         let number = value.trim().parse().map(f64::abs);
         self.kind == "Real" && number == Ok(NO_LIMIT) && self.description.ends_with(TELLS_NO_LIMIT)
@@ -178,7 +178,7 @@ impl ModelDescription {
     /// # Errors
     /// That it is not.
     pub fn for_co_simulation(self) -> Result<Self, String> {
-        if self.co_simulation { Ok(self) } else { Err(in_file("it is not for co-simulation")) }
+        if self.co_simulation { Ok(self) } else { Err(in_file("the FMU does not support co-simulation")) }
     }
 
     /// The place of a variable.
@@ -186,7 +186,7 @@ impl ModelDescription {
         self.variables.iter().position(|variable| variable.name == name)
     }
 
-    /// Whether an output depends on an input without delay, by their places; none where the FMU doesn't tell.
+    /// True if an output depends on an input without delay, by their places; none where the FMU doesn't tell.
     pub fn is_fed_through(&self, input: usize, output: usize) -> Option<bool> {
         let known = self.dependencies.iter().find(|(place, _)| *place == output);
         known.and_then(|(_, on)| on.as_ref()).map(|on| on.contains(&input))

@@ -25,7 +25,7 @@ pub struct ModelStructure {
 pub struct Exchange {
     /// Identifier of its binaries.
     pub model_identifier: String,
-    /// Whether it gives directional derivatives.
+    /// True if it gives directional derivatives.
     pub directional: bool,
 }
 

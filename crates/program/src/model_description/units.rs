@@ -97,10 +97,11 @@ impl UnitDefinition {
     /// Why a person should look at what [`to`](Self::to) does between two units, if there is a reason.
     pub(crate) fn doubt(&self, other: &UnitDefinition) -> Option<&'static str> {
         if self.dimension.is_none() || other.dimension.is_none() {
-            return (self.name != other.name).then_some("a unit that isn't known is taken as it is");
+            return (self.name != other.name)
+                .then_some("at least one of which is unknown, so the number is passed on unchanged");
         }
         let is_changed = self.to(other).is_some_and(|conversion| conversion != Affine::IDENTITY);
-        (is_changed && (self.is_number() || other.is_number())).then_some("the plain number is converted")
+        (is_changed && (self.is_number() || other.is_number())).then_some("the dimensionless number is converted")
     }
 
     /// The question whether another unit was meant, where it isn't known and one that is known is near.
@@ -109,12 +110,12 @@ impl UnitDefinition {
         is_unknown.then(|| near::question(&self.name, &Unit::known().collect::<Vec<_>>()))?
     }
 
-    /// Whether it is an angle, or a power of one.
+    /// True if it is an angle, or a power of one.
     fn is_angle(&self) -> bool {
         self.dimension.is_some_and(|[others @ .., _]| others == [0; BASE_UNITS.len() - 1])
     }
 
-    /// Whether it is 1.
+    /// True if it is 1.
     fn is_number(&self) -> bool {
         self.dimension == Some([0; BASE_UNITS.len()]) && self.factor == 1.0 && self.offset == 0.0
     }

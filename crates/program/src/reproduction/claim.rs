@@ -36,7 +36,7 @@ pub struct Judged {
     pub claim: String,
     /// What was measured.
     pub measured: String,
-    /// Whether it holds.
+    /// True if it holds.
     pub holds: bool,
     /// What is to be said of it.
     pub remark: String,

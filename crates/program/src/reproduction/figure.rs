@@ -31,7 +31,7 @@ pub struct Figure {
     pub paths: Vec<[Curve; 3]>,
     /// Names of the axes of paths.
     pub axes: Option<[String; 3]>,
-    /// Whether the third axis of paths points down.
+    /// True if the third axis of paths points down.
     pub down: bool,
     /// Lines through points.
     pub lines: Vec<Line>,

@@ -83,7 +83,7 @@ pub struct Run {
     /// The loop.
     #[serde(rename = "loop")]
     pub name: String,
-    /// Whether it is run as one unit.
+    /// True if it is run as one unit.
     #[serde(default)]
     pub composite: bool,
     /// A parameter set that lies beside the loop.

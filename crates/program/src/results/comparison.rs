@@ -55,7 +55,7 @@ impl Comparison<'_> {
     /// When a metric names a signal that isn't there.
     pub fn html(&self) -> Result<String, String> {
         let names: Vec<_> = self.runs.iter().map(|run| run.structure.name.as_str()).collect();
-        let mut page = beginning(&names.join(", "), "Compared: what all of these loops measure.");
+        let mut page = beginning(&names.join(", "), "Metrics that all of these loops have.");
         for run in &self.runs {
             let (name, description) = (escaped(&run.structure.name), escaped(&run.structure.description));
             let _ = writeln!(page, "<p><b>{name}</b>: {description}</p>");

@@ -32,7 +32,10 @@ impl Ideals {
             let input = place(&names, &model.input)?;
             let column = names.iter().position(|name| *name == model.name).unwrap_or(names.len());
             if column < signals {
-                return Err(format!("the ideal model `{}` has the name of a signal", model.name));
+                return Err(format!(
+                    "the ideal model `{}` has the same name as a signal. Rename the ideal model",
+                    model.name
+                ));
             }
             if column == names.len() {
                 names.push(model.name.clone());

@@ -16,7 +16,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Whether it is within its limit; none where there is no limit, or no value yet.
+    /// True if it is within its limit; none where there is no limit, or no value yet.
     pub fn holds(&self) -> Option<bool> {
         self.limit.zip(self.value).map(|(limit, value)| value <= limit)
     }

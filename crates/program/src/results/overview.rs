@@ -23,7 +23,12 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// In a word or two.
+    /// In a word or two, as it is printed.
+    pub fn text(self) -> &'static str {
+        if self == Verdict::Holds { "passes" } else { self.word() }
+    }
+
+    /// The same in JSON, where scripts read it.
     pub fn word(self) -> &'static str {
         match self {
             Verdict::Holds => "holds",
@@ -69,7 +74,7 @@ impl Row {
     pub fn new(name: &str, report: &Report, took: Duration) -> Self {
         let (end, verdict) = (report.end(), report.verdict());
         let pieces = match report.ending {
-            Ending::Failed(_) if verdict == Verdict::Holds => vec![format!("failed at t = {end} s, as it should")],
+            Ending::Failed(_) if verdict == Verdict::Holds => vec![format!("failed at t = {end} s, as expected")],
             // Metrics of a loop that is lost, or of a part of a run, say nothing.
             Ending::Failed(_) => vec![format!("failed at t = {end} s")],
             Ending::Interrupted => vec![format!("at t = {end} s")],
@@ -117,7 +122,7 @@ pub fn table(rows: &[Row]) -> String {
     let mut table = format!("{:widest$}  {:12} {:>8}  measured ≤ limit\n", "loop", "", "took");
     for Row { name, verdict, took, pieces } in rows {
         let took = took.map_or("–".to_owned(), |took| format!("{:.1} s", took.as_secs_f64()));
-        let mut line = format!("{name:widest$}  {:12} {took:>8}", verdict.word());
+        let mut line = format!("{name:widest$}  {:12} {took:>8}", verdict.text());
         let margin = line.chars().count();
         for piece in pieces {
             if line.chars().count() + 2 + piece.chars().count() > WIDTH && line.chars().count() > margin {
@@ -133,7 +138,7 @@ pub fn table(rows: &[Row]) -> String {
 
 fn summary(rows: &[Row]) -> String {
     let of = |verdict| rows.iter().filter(move |row| row.verdict == verdict).map(|row| row.name.as_str());
-    let mut summary = format!("{} of {} loops hold", of(Verdict::Holds).count(), rows.len());
+    let mut summary = format!("{} of {} loops pass", of(Verdict::Holds).count(), rows.len());
     for verdict in [Verdict::Beyond, Verdict::Failed, Verdict::Interrupted] {
         let names: Vec<&str> = of(verdict).collect();
         if !names.is_empty() {
@@ -170,6 +175,6 @@ mod tests {
         let table = table(&[row]);
         assert!(table.lines().all(|line| line.chars().count() <= WIDTH), "{table}");
         assert_eq!(table.matches("max |u_1| 1607 ≤ 1650").count(), 8);
-        assert!(table.ends_with("1 of 1 loops hold"));
+        assert!(table.ends_with("1 of 1 loops pass"));
     }
 }

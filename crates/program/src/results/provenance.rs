@@ -79,9 +79,9 @@ pub struct Asked {
     pub step: f64,
     /// Order of the units; none where they are one.
     pub order: Option<String>,
-    /// Whether the loop is run as one unit.
+    /// True if the loop is run as one unit.
     pub composite: bool,
-    /// Whether circles without a delay are run.
+    /// True if circles without a delay are run.
     pub accept_algebraic_loops: bool,
     /// Parameter sets, in the order in which they apply.
     pub cases: Vec<Mark>,
@@ -89,7 +89,7 @@ pub struct Asked {
     pub set: Vec<String>,
     /// Folder of FMUs that are used as they are.
     pub fmus: Option<PathBuf>,
-    /// Whether units of other tools run in the program's process.
+    /// True if units of other tools run in the program's process.
     pub in_process: bool,
     /// Longest time that a call of another tool's unit may take, s.
     pub patience: f64,

@@ -68,7 +68,7 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// Whether a path is a folder of results.
+    /// True if a path is a folder of results.
     pub fn is_at(folder: &Path) -> bool {
         begun::path(&folder.join(METRICS)).is_file()
     }
@@ -83,12 +83,12 @@ impl Recorded {
         let told = sealed::read(&file, "file of metrics")?.content;
         let format = told["versions"]["format"].as_u64();
         if format.is_none() {
-            return Err(refuse(
-                "doesn't tell how its run came to its numbers: run the loop again by its name".to_owned(),
-            ));
+            return Err(refuse("has no settings of its run. Run the loop again by its name".to_owned()));
         }
         if format > Some(FORMAT.into()) {
-            return Err(refuse(format!("is of a later version: this one reads results up to format {FORMAT}")));
+            return Err(refuse(format!(
+                "was written by a later version of this program. This version reads results up to format {FORMAT}"
+            )));
         }
         let provenance = Provenance::deserialize(&told).map_err(|error| refuse(format!("can't be read: {error}")))?;
         let text = |name: &str| told[name].as_str().unwrap_or_default().to_owned();
@@ -115,8 +115,8 @@ impl Recorded {
             let rows = if name == TABLE { rows(&file)? } else { mark.rows };
             if rows != mark.rows || checksum_of_file(&file)? != mark.checksum {
                 let counted =
-                    if rows == mark.rows { String::new() } else { format!(": it has {rows} rows of {}", mark.rows) };
-                let reason = format!("is not as its run wrote it{counted}; run the loop again by its name");
+                    if rows == mark.rows { String::new() } else { format!(": it has {rows} of {} rows", mark.rows) };
+                let reason = format!("was changed after its run{counted}. Run the loop again by its name");
                 return Err(Error::Loop { file, reason });
             }
         }
@@ -168,7 +168,7 @@ impl Recorded {
         let (names, measures): (Vec<_>, Vec<_>) = signals.into_iter().unzip();
         let head = csv_fields(lines.next().unwrap_or_default());
         if head.first().is_none_or(|time| time != "time") || head[1..] != names[..] {
-            return Err(refuse(1, "must name `time` and the signals that metrics.json names"));
+            return Err(refuse(1, "must contain `time` and the signals in metrics.json"));
         }
         let columns = vec![Vec::new(); names.len()];
         let mut recording = Recording { names, measures, columns, ..Recording::default() };
@@ -177,10 +177,14 @@ impl Recorded {
             let numbers = numbers.map_err(|_| refuse(k + 2, "must be numbers"))?;
             match numbers.split_first() {
                 Some((time, row)) if row.len() == recording.names.len() => recording.push(*time, row),
-                _ => return Err(refuse(k + 2, "must have as many values as there are names")),
+                _ => return Err(refuse(k + 2, "must have as many values as the first line has names")),
             }
         }
-        if recording.times.is_empty() { Err(refuse(2, "must be the values at the first time")) } else { Ok(recording) }
+        if recording.times.is_empty() {
+            Err(refuse(2, "the file must have at least one line of values"))
+        } else {
+            Ok(recording)
+        }
     }
 }
 

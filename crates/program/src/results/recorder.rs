@@ -27,7 +27,7 @@ pub struct TablePlace<'a> {
     pub below: &'a str,
     /// How far rows lie apart, s; none where all points are rows.
     pub every: Option<f64>,
-    /// Whether it is written as Apache Parquet, too.
+    /// True if it is written as Apache Parquet, too.
     pub parquet: bool,
 }
 
@@ -153,7 +153,7 @@ impl<'a> Recorder<'a> {
     }
 }
 
-/// Whether a run with so many signals, if it comes to its end, is too long to be kept in memory.
+/// True if a run with so many signals, if it comes to its end, is too long to be kept in memory.
 fn is_long(settings: Settings, signals: usize) -> bool {
     (settings.steps() + 1).saturating_mul(signals + 1) > KEPT
 }
@@ -249,7 +249,7 @@ mod tests {
                     let (kept, ended) = in_blocks(&recording(count), folder.path(), every, values);
                     assert_eq!(bits(&ended.measured), bits(&measured));
                     let Some(Tabled { files, marks }) = ended.table else {
-                        assert!(count as usize * 3 <= values + 2, "{count} points have been kept");
+                        assert!(count as usize * 3 <= values + 2, "{count} points have been stored");
                         continue;
                     };
                     assert_eq!(ended.thinned, Some(Thinned { of: count as usize, every }));
@@ -326,6 +326,6 @@ mod tests {
         let told = page(Some(Thinned { of: 5000, every: None }));
         assert!(told.contains("10 of 5000 points are drawn") && told.contains("result.csv has all"), "{told}");
         let told = page(Some(Thinned { of: 5000, every: Some(0.5) }));
-        assert!(told.contains("result.csv has a row each 0.5 s"), "{told}");
+        assert!(told.contains("result.csv has one row every 0.5 s"), "{told}");
     }
 }

@@ -87,7 +87,7 @@ pub struct ClosedLoop {
     measures: Vec<String>,
     row: Vec<f64>,
     notes: Vec<String>,
-    /// Whether values may go round without a delay.
+    /// True if values may go round without a delay.
     circular: bool,
 }
 
@@ -303,8 +303,8 @@ impl ClosedLoop {
         let (place, change) = settling.moves_most();
         let (signal, change, rounds) = (&self.names[place], number(change), self.units.len());
         let told = format!(
-            "initialisation: values that go round don't settle, `{signal}` still changed by {change} in round {}; the \
-             run begins with those of round {rounds}",
+            "initialisation: the values of the algebraic loop don't converge. `{signal}` still changed by {change} \
+             in iteration {}; the run starts with the values of iteration {rounds}",
             rounds + settling.rounds()
         );
         self.row = first;
@@ -313,7 +313,7 @@ impl ClosedLoop {
     }
 }
 
-/// Whether rows are the same to the last bit, those of what is no number, too.
+/// True if rows are the same to the last bit, those of what is no number, too.
 fn same_bits(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }

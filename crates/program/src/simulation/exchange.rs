@@ -115,7 +115,8 @@ impl<'a> Exchange<'a> {
             // A number that is none keeps no step from being shorter.
             if step.is_nan() || step < shortest {
                 let message = format!(
-                    "no step of the integration reaches the relative tolerance {:e}: the equations may be singular there",
+                    "no integration step reaches the relative tolerance {:e}. The equations may be singular at this \
+                     time",
                     self.tolerance
                 );
                 return Err(self.failed("fmi2GetDerivatives", message));
@@ -152,7 +153,7 @@ impl<'a> Exchange<'a> {
         Error::Unit { unit: self.instance.name().to_owned(), function, time: self.time, message }
     }
 
-    /// Whether an indicator has another sign where the unit stands than where it was looked at last.
+    /// True if an indicator has another sign where the unit stands than where it was looked at last.
     fn crosses(&self) -> Result<bool, Error> {
         if self.indicators.is_empty() {
             return Ok(false);
@@ -174,7 +175,7 @@ impl<'a> Exchange<'a> {
         self.close = if is_close { self.close + 1 } else { 0 };
         self.last_event = self.time;
         if self.close > MOST_CLOSE {
-            let message = format!("its events follow each other without end: {MOST_CLOSE} at one time");
+            let message = format!("too many events, {MOST_CLOSE} at one time");
             return Err(self.failed("fmi2NewDiscreteStates", message));
         }
         self.instance.begin_event()?;

@@ -110,7 +110,7 @@ impl Inputs {
             found.map(Column::of).ok_or_else(|| {
                 let known: Vec<_> = inputs.clone().map(|variable| variable.name.as_str()).collect();
                 let choice = near::choice(name.trim(), &known, SHOWS_VARIABLES);
-                refuse(1, format!("the unit has no input `{}`; {choice}", name.trim()))
+                refuse(1, format!("the FMU has no input `{}`; {choice}", name.trim()))
             })
         };
         let mut columns: Vec<Column> = names[1..].iter().map(column).collect::<Result<_, _>>()?;
@@ -118,7 +118,10 @@ impl Inputs {
         while let Some((line, text)) = lines.next()? {
             let fields = text_file::csv_fields(text);
             if fields.len() != names.len() {
-                return Err(refuse(line, format!("has {} values for {} columns", fields.len(), names.len())));
+                return Err(refuse(
+                    line,
+                    format!("has {} values, but there are {} columns", fields.len(), names.len()),
+                ));
             }
             let number = |field: &String, name: &String| {
                 let number = field.trim().parse().ok().filter(|number: &f64| number.is_finite());
@@ -126,7 +129,7 @@ impl Inputs {
             };
             let time = number(&fields[0], &names[0])?;
             if times.last().is_some_and(|last| time < *last) {
-                return Err(refuse(line, format!("time = {time}: must not be before that of the line above")));
+                return Err(refuse(line, format!("time = {time}: must not be before the time of the line above")));
             }
             times.push(time);
             for ((column, field), name) in columns.iter_mut().zip(&fields[1..]).zip(&names[1..]) {
@@ -136,7 +139,7 @@ impl Inputs {
             }
         }
         if times.is_empty() {
-            return Err(refuse(2, "must be the values at the first time".to_owned()));
+            return Err(refuse(2, "the file must have at least one line of values".to_owned()));
         }
         Ok(Inputs { times, columns })
     }
@@ -201,7 +204,7 @@ impl Column {
         Column { reference: variable.reference, kind, values: Vec::new() }
     }
 
-    /// Whether it may have a value; what is allowed.
+    /// True if it may have a value; what is allowed.
     fn check(&self, value: f64) -> Result<(), &'static str> {
         match self.kind {
             Kind::Integer if value != value.trunc() || value.abs() > f64::from(i32::MAX) => {

@@ -144,7 +144,7 @@ impl LoadedLoop {
         let names =
             |found: Vec<(String, Place)>| found.into_iter().map(|(full, _)| full).collect::<Vec<_>>().join(", ");
         if !named.is_empty() {
-            return Err(format!("`{name}` is a parameter of several units: name one of {}", names(named)));
+            return Err(format!("`{name}` is a parameter of several components. Use one of {}", names(named)));
         }
         let known: Vec<_> = settable().map(|(full, _)| full).collect();
         Err(format!("there is no parameter `{name}`; {}", near::choice(name, &known, "")))
@@ -154,7 +154,7 @@ impl LoadedLoop {
     fn fixed(&self, Place { unit, variable }: Place) -> Option<String> {
         let found = &self.units[unit].fmu.description.variables[variable];
         if self.links.iter().any(|link| link.to == (unit, variable)) {
-            return Some("it is connected, and its values come from there".to_owned());
+            return Some("it is connected".to_owned());
         }
         let is_fixed = found.start.is_none() || found.variability == "constant" || found.causality == "output";
         is_fixed.then(|| why_fixed(found))
@@ -211,7 +211,7 @@ impl LoadedLoop {
         if let Value::Real(value) = self.value_of(place)? { Some(value) } else { None }
     }
 
-    /// Whether several instances can be there at a time.
+    /// True if several instances can be there at a time.
     pub fn can_be_multiplied(&self) -> bool {
         let only_once = |name: &str| name == "canBeInstantiatedOnlyOncePerProcess";
         let is_single = |fmu: &Fmu| fmu.description.capabilities.iter().any(|(name, _)| only_once(name));

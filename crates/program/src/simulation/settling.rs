@@ -1,4 +1,4 @@
-//! Whether values that go round in a circle settle.
+//! Checks whether values that go round in a circle settle.
 
 /// The most rounds: what shrinks by a fifth a round has settled by then.
 const MOST_ROUNDS: usize = 100;
@@ -28,7 +28,7 @@ impl Settling {
         Settling { last: row.to_vec(), largest, begun: Vec::new(), rounds: 0, moves_most: (0, 0.0), grows: false }
     }
 
-    /// Whether another round may help.
+    /// True if another round may help.
     pub fn goes_on(&self) -> bool {
         self.rounds < MOST_ROUNDS && !self.grows
     }

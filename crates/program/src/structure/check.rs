@@ -1,4 +1,4 @@
-//! Whether a loop and its FMUs fit each other: names, types, units, and circles without a delay.
+//! Checks whether a loop and its FMUs fit each other: names, types, units, and circles without a delay.
 
 use std::collections::BTreeSet;
 
@@ -22,7 +22,7 @@ pub struct Wiring {
     pub links: Vec<Link>,
     /// What a user may have forgotten.
     pub notes: Vec<String>,
-    /// Whether some connections close a circle in which no unit is known to delay.
+    /// True if some connections close a circle in which no unit is known to delay.
     pub circular: bool,
 }
 
@@ -92,20 +92,28 @@ impl<'a> Check<'a> {
                 })?;
                 if connector.kind != variable.causality {
                     let (kind, causality) = (&connector.kind, &variable.causality);
-                    return Err(refuse(&format!("connector `{name}` is of kind {kind}; in the FMU it is {causality}")));
+                    return Err(refuse(&format!(
+                        "connector `{name}` has kind {kind}, but the variable of the FMU is {causality}"
+                    )));
                 }
                 // Some tools know no enumerations, and take them for integers as FMI's functions do.
                 let kind = connector.data_type.as_ref().filter(|kind| {
                     **kind != variable.kind && (kind.as_str(), variable.kind.as_str()) != ("Integer", "Enumeration")
                 });
                 if let Some(kind) = kind {
-                    return Err(refuse(&format!("connector `{name}` is {kind}; in the FMU it is {}", variable.kind)));
+                    return Err(refuse(&format!(
+                        "connector `{name}` has type {kind}, but the variable of the FMU has type {}",
+                        variable.kind
+                    )));
                 }
                 if let (Some(told), Some(own)) = (&connector.unit, &variable.measure)
                     && told.to(own).is_none()
                 {
-                    let reason =
-                        format!("connector `{name}` is in {}, which no {} of the FMU can be", told.name, own.name);
+                    let reason = format!(
+                        "connector `{name}` has unit {}, which can't be converted to {}, the unit of the FMU's \
+                         variable",
+                        told.name, own.name
+                    );
                     return Err(refuse(&reason));
                 }
             }
@@ -122,7 +130,10 @@ impl<'a> Check<'a> {
             let to = self.end(&connection.to, "input").map_err(|reason| refuse(&reason))?;
             if let Some(other) = links.iter().position(|link| link.to == to.place) {
                 let earlier = self.structure.connections[other].line;
-                let reason = format!("input `{}` is connected already, in line {earlier}", name(&connection.to));
+                let reason = format!(
+                    "input `{}` is already connected in line {earlier}. An input takes one connection",
+                    name(&connection.to)
+                );
                 return Err(refuse(&reason));
             }
             let conversion = conversion(connection, &from, &to).map_err(|reason| refuse(&reason))?;
@@ -132,7 +143,7 @@ impl<'a> Check<'a> {
         let more = doubts.len().saturating_sub(MOST_DOUBTS);
         doubts.truncate(MOST_DOUBTS);
         doubts.extend((more > 0).then(|| format!("and {more} more")));
-        let told = (!doubts.is_empty()).then(|| format!("units of connections: {}", doubts.join("; ")));
+        let told = (!doubts.is_empty()).then(|| format!("units of measurement of connections: {}", doubts.join("; ")));
         Ok((links, told))
     }
 
@@ -153,7 +164,7 @@ impl<'a> Check<'a> {
         let variable = &description.variables[place];
         if variable.causality != causality {
             let (way, is) = (if causality == "output" { "starts" } else { "ends" }, &variable.causality);
-            return Err(format!("a connection {way} at an {causality}; `{}` is of causality {is}", name(end)));
+            return Err(format!("a connection {way} at an {causality}, but `{}` has causality {is}", name(end)));
         }
         let units = (connector.unit.as_ref(), variable.measure.as_deref());
         Ok(End { place: (unit, place), variable, units })
@@ -173,12 +184,12 @@ impl<'a> Check<'a> {
         }
         if let Some(circle) = feedthrough.declared_circle() {
             if !self.structure.accepts_algebraic_loops {
-                let advice =
-                    "; --accept-algebraic-loops runs it with the outputs of the last exchange, an exchange late";
+                let advice = ". Use --accept-algebraic-loops to run it with outputs of the previous exchange, one exchange \
+                    late";
                 return Err(self.algebraic_loop(&circle, advice));
             }
             let circle = self.signals(&circle);
-            return Ok(Some(format!("algebraic loop, accepted: {circle}; values go round an exchange late")));
+            return Ok(Some(format!("algebraic loop, accepted: {circle}. Its values are one exchange late")));
         }
         Ok(feedthrough.possible_circle().map(|circle| {
             let untold: BTreeSet<usize> = feedthrough.untold().into_iter().map(|link| links[link].to.0).collect();
@@ -187,8 +198,8 @@ impl<'a> Check<'a> {
             let (names, verb) = (names.join(", "), if names.len() == 1 { "does" } else { "do" });
             let circle = self.signals(&circle);
             format!(
-                "{names} {verb} not tell which outputs depend on which inputs at once: {circle} may be an algebraic \
-                     loop; each unit takes the outputs of the last exchange"
+                "{names} {verb} not declare which outputs depend directly on which inputs, so {circle} may be an \
+                 algebraic loop. Each component uses the outputs of the previous exchange"
             )
         }))
     }
@@ -196,7 +207,7 @@ impl<'a> Check<'a> {
     fn algebraic_loop(&self, circle: &[usize], advice: &str) -> Error {
         let line = circle.iter().map(|&link| self.structure.connections[link].line).min().unwrap_or_default();
         let signals = self.signals(circle);
-        self.structure.refuse(line, &format!("algebraic loop, no unit delays it: {signals}{advice}"))
+        self.structure.refuse(line, &format!("algebraic loop, in which no component has a delay: {signals}{advice}"))
     }
 
     /// The signals of a circle, from one to the next.
@@ -216,7 +227,7 @@ impl<'a> Check<'a> {
                 let set = component.values.iter().any(|value| value.name == connector.name);
                 if !set && !links.iter().any(|link| place == Some(link.to.1) && link.to.0 == unit) {
                     let (line, name) = (connector.line, format!("{}.{}", component.name, connector.name));
-                    notes.push(format!("line {line}: input `{name}` is not connected and keeps its start value"));
+                    notes.push(format!("line {line}: input `{name}` is not connected and stays at its start value"));
                 }
             }
         }
@@ -245,7 +256,7 @@ pub fn start_values(
         })?;
         let variable = &description.variables[place];
         if is_connected(place) {
-            return Err(refuse(format!("`{name}` is connected: its values come from there")));
+            return Err(refuse(format!("`{name}` can't be set because it is connected")));
         }
         let value = value(start, variable, variable.measure.as_deref());
         if is_designed(variable) && value.as_ref().is_ok_and(|value| starts_with(variable, value)) {
@@ -289,9 +300,11 @@ fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, S
         ("Real" | "Integer", "Real") => {}
         ("Integer", "Integer") | ("Boolean", "Boolean") if connection.transformation == Affine::IDENTITY => {}
         ("Enumeration", "Enumeration") if source.items == target.items => {}
-        (kind, other) if kind != other => return Err(format!("`{one}` is {kind} and `{another}` {other}")),
-        ("Enumeration", _) => return Err(format!("`{one}` and `{another}` have other items")),
-        (kind, _) => return Err(format!("`{one}` is {kind}: only values that go to a Real can be transformed")),
+        (kind, other) if kind != other => {
+            return Err(format!("`{one}` has type {kind}, but `{another}` has type {other}"));
+        }
+        ("Enumeration", _) => return Err(format!("`{one}` and `{another}` are enumerations with different items")),
+        (kind, _) => return Err(format!("`{one}` has type {kind}. Only values for a Real input can be transformed")),
     }
     if !connection.convert_units {
         return Ok(connection.transformation);
@@ -304,8 +317,8 @@ fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, S
     let between = match (from.outside(), to.outside()) {
         (Some(unit), Some(other)) => unit.to(other).ok_or_else(|| {
             format!(
-                "`{one}` is in {} and `{another}` in {}, of another dimension; suppressUnitConversion=\"true\" hands the \
-                 number on as it is",
+                "`{one}` has unit {} and `{another}` has unit {}, of another dimension. To pass the number on \
+                 unchanged, use suppressUnitConversion=\"true\"",
                 unit.name, other.name
             )
         })?,
@@ -321,7 +334,7 @@ fn doubt(connection: &Connection, from: &End, to: &End) -> Option<String> {
     let (one, another) = (name(&connection.from), name(&connection.to));
     let meant = [unit, other].into_iter().find_map(UnitDefinition::meant);
     let meant = meant.map_or(String::new(), |question| format!(" ({question})"));
-    Some(format!("`{one}` is in {} and `{another}` in {}, {reason}{meant}", unit.name, other.name))
+    Some(format!("`{one}` has unit {} and `{another}` has unit {}, {reason}{meant}", unit.name, other.name))
 }
 
 /// A start value in the type and the unit of its variable.
@@ -329,14 +342,14 @@ fn value(start: &StartValue, variable: &Variable, own: Option<&UnitDefinition>) 
     let given = start.data_type.as_deref().unwrap_or(&variable.kind);
     let kind = variable.kind.as_str();
     if given != kind && !matches!((given, kind), ("Integer", "Real" | "Enumeration")) {
-        return Err(format!("is given as {given}; the variable is {kind}"));
+        return Err(format!("is given as {given}, but the variable has type {kind}"));
     }
     let value = typed(&start.text, variable)?;
     let (Value::Real(number), Some((unit, own))) = (&value, start.unit.as_ref().zip(own)) else {
         return within_limits(value, variable);
     };
-    let conversion = unit
-        .to(own)
-        .ok_or_else(|| format!("is given in {}; the variable is in {}, of another dimension", unit.name, own.name))?;
+    let conversion = unit.to(own).ok_or_else(|| {
+        format!("is given in {}, but the variable has unit {}, of another dimension", unit.name, own.name)
+    })?;
     within_limits(Value::Real(conversion.of(*number)), variable)
 }

@@ -64,11 +64,11 @@ fn archives(structure: &Structure, fmus: &Path) -> Result<BTreeMap<String, PathB
         let (name, path) = (&component.fmu, component.path_in(fmus));
         let refuse = |reason: String| Error::Loop { file: structure.file.clone(), reason };
         if !is_inside(&format!("{name}.fmu")) {
-            return Err(refuse(format!("`{}`: a package can hold no unit named {name}", component.name)));
+            return Err(refuse(format!("`{}`: an FMU in an SSP can't be named {name}", component.name)));
         }
         if let Some(other) = archives.insert(name.clone(), path.clone()).filter(|other| *other != path) {
             let (path, other) = (path.display(), other.display());
-            return Err(refuse(format!("{path} and {other} have one name: a package can hold one of them only")));
+            return Err(refuse(format!("{path} and {other} have the same name. An SSP can contain only one of them")));
         }
     }
     Ok(archives)
@@ -132,7 +132,8 @@ impl Choice<'_> {
     fn left_out(&self) -> Option<String> {
         let starts_so = self.variable.start.as_ref().is_some_and(|start| *start == self.number.to_string());
         let name = format!("{}.{}", self.component, self.variable.name);
-        let warning = format!("`{name}` is an enumeration: ecos, libcosim and OMSimulator keep the FMU's start value");
+        let warning =
+            format!("`{name}` is an enumeration. ecos, libcosim and OMSimulator use the FMU's start value instead");
         (!starts_so).then_some(warning)
     }
 }
@@ -141,7 +142,7 @@ impl Choice<'_> {
 struct Given<'a> {
     component: &'a str,
     value: &'a StartValue,
-    /// Whether an FMU with C sources was designed with it: a constant, which no master may set.
+    /// True if an FMU with C sources was designed with it: a constant, which no master may set.
     is_fixed: bool,
 }
 
@@ -157,7 +158,7 @@ fn given<'a>(structure: &'a Structure, descriptions: &[ModelDescription]) -> Vec
     structure.components.iter().zip(descriptions).flat_map(of).collect()
 }
 
-/// Whether a component's value was given in this line of a file, under this name there: its own, or with the component in
+/// True if a component's value was given in this line of a file, under this name there: its own, or with the component in
 /// front, or without the prefix of a binding.
 fn is_given(component: &str, value: &StartValue, file: &Path, line: u32, name: &str) -> bool {
     let own = &value.name;
@@ -200,12 +201,12 @@ fn overlooked(files: &LoopFiles) -> Result<Vec<String>, Error> {
         |node: Node| child(node, "ParameterBindings").map_or(0, |node| elements(node, "ParameterBinding").count());
     let mut warnings = Vec::new();
     if system.is_some_and(|system| sets(system) > 0) {
-        warnings.push("the system has parameters: ecos and libcosim read those of components only".to_owned());
+        warnings.push("the system has parameters. ecos and libcosim read only those of components".to_owned());
     }
     let components = system.and_then(|system| child(system, "Elements")).into_iter();
     for component in components.flat_map(|node| elements(node, "Component")).filter(|node| sets(*node) > 1) {
         let name = component.attribute("name").unwrap_or_default();
-        warnings.push(format!("`{name}` has several parameter sets: libcosim takes the first only"));
+        warnings.push(format!("`{name}` has several parameter sets. libcosim uses only the first"));
     }
     Ok(warnings)
 }

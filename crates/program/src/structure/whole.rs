@@ -80,7 +80,7 @@ impl<'a> Units<'a> {
         let is_elsewhere = |unit: &&Component| matches!(unit.file, UnitFile::Archive { elsewhere: true, .. });
         if let Some(unit) = structure.components.iter().find(is_elsewhere) {
             let reason = format!(
-                "`{}` is an FMU of its own: only units that are made of descriptions can be integrated as one",
+                "`{}` is an FMU archive. Only FMUs generated from descriptions can be simulated as a single FMU",
                 unit.name
             );
             return Err(Error::Loop { file: structure.file.clone(), reason });
@@ -91,7 +91,11 @@ impl<'a> Units<'a> {
         let wiring = check(structure, &described.iter().collect::<Vec<_>>(), Circles::Refused)?;
         let mut links = structure.connections.iter().zip(&wiring.links);
         if let Some((connection, _)) = links.find(|(_, link)| link.conversion != Affine::IDENTITY) {
-            return Err(structure.refuse(connection.line, "a connection inside one unit hands on values as they are"));
+            return Err(structure.refuse(
+                connection.line,
+                "a connection inside a single FMU can't convert values. Use equal units of measurement and no \
+                 transformation",
+            ));
         }
         let parts = structure.components.iter().zip(sources).zip(described).zip(wiring.values);
         let of =
@@ -110,7 +114,8 @@ impl<'a> Units<'a> {
                 if !stays {
                     let name = format!("{}.{variable}", component.name);
                     self.notes.push(format!(
-                        "`{name}` is left out: it is about a unit's own steps, and the whole takes its steps together"
+                        "`{name}` is ignored: it sets the integration of one component, but a single FMU integrates \
+                         all components together"
                     ));
                 }
                 stays
@@ -155,7 +160,9 @@ fn own_start(structure: &Structure) -> Result<Table, Error> {
         let StartValue { name, text, origin, .. } = value;
         if !ABOUT_STEPS.contains(&name.as_str()) {
             let known = ABOUT_STEPS.join(", ");
-            return Err(origin.refuse(&format!("`{name}` must be UNIT.variable, or one of the whole: {known}")));
+            return Err(
+                origin.refuse(&format!("`{name}` must be UNIT.variable, or a parameter of the single FMU: {known}"))
+            );
         }
         Ok((name.clone(), text.parse().map_or_else(|_| Value::String(text.clone()), Value::Float)))
     };
@@ -210,8 +217,9 @@ pub fn designed(structure: &Structure, fmu: &str, library: &Library) -> Result<S
         if let Some((place, _)) = differs.or_else(|| other.iter().find(|value| !first.contains(value))) {
             let (one, another, name) = (&units[0].name, &unit.name, &described.variables[*place].name);
             let reason = format!(
-                "`{one}` and `{another}` are components of one FMU, {fmu}, but differ in `{name}`, which its design reads. With \
-                 C sources a design is fixed at export: give both the same value, or export without --source and --compile"
+                "`{one}` and `{another}` are components of the same FMU, {fmu}, but differ in `{name}`, which its \
+                 design reads. With C sources the design is fixed at export. Give both the same value, or export \
+                 without --source and --compile"
             );
             return Err(Error::Loop { file: structure.file.clone(), reason });
         }

@@ -72,7 +72,7 @@ impl Floor {
     }
 }
 
-/// Whether a time in samples is that of one.
+/// True if a time in samples is that of one.
 pub(super) fn is_whole(samples: f64) -> bool {
     (samples - samples.round()).abs() < 1e-6
 }

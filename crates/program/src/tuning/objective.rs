@@ -43,7 +43,7 @@ impl FromStr for SquareTerm {
 }
 
 impl Objective {
-    /// Whether runs of a loop can be judged by it.
+    /// True if runs of a loop can be judged by it.
     ///
     /// # Errors
     /// The signal or metric that isn't there, or the points at which nothing will be known.

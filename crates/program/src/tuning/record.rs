@@ -18,7 +18,7 @@ use crate::sealed::{self, Sealed, differing};
 pub struct Question {
     /// Name of the loop.
     pub name: String,
-    /// Whether it is run as one unit.
+    /// True if it is run as one unit.
     pub composite: bool,
     /// Communication step, s.
     pub step: f64,

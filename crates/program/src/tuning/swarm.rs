@@ -165,7 +165,7 @@ impl Swarm {
     }
 }
 
-/// Whether a value is better than the best one, if there is one.
+/// True if a value is better than the best one, if there is one.
 pub fn is_better(value: f64, best: Option<&Best>) -> bool {
     best.is_none_or(|best| value < best.value)
 }

@@ -25,7 +25,7 @@ pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings)
     }
 }
 
-/// Whether two constants have the same value, however it is written.
+/// True if two constants have the same value, however it is written.
 fn same_value(first: &Variable, second: &Variable) -> bool {
     let (Some(a), Some(b)) = (first.attribute("start"), second.attribute("start")) else {
         return first.attribute("start") == second.attribute("start");

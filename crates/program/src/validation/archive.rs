@@ -53,7 +53,7 @@ impl Archive {
         Ok(None)
     }
 
-    /// Whether it has a library that can be loaded on a platform.
+    /// True if it has a library that can be loaded on a platform.
     pub fn has_library(&self, platform: &Platform, identifier: &str) -> bool {
         let places = [Some(platform.binary(identifier)), platform.other_binary(identifier)];
         places.iter().flatten().any(|place| self.has(place))

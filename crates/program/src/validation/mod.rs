@@ -1,4 +1,4 @@
-//! Whether an FMU is what the standard (FMI 2.0.4) asks for: its archive, its modelDescription.xml, the functions of its
+//! Checks whether an FMU is what the standard (FMI 2.0.4) asks for: its archive, its modelDescription.xml, the functions of its
 //! libraries, and a short run. Sections of the standard are named with each finding.
 
 mod aliases;
@@ -38,7 +38,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Whether it is what the standard asks for.
+    /// True if it is what the standard asks for.
     pub fn is_sound(&self) -> bool {
         self.findings.count(Severity::Error) == 0
     }

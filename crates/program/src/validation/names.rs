@@ -23,7 +23,7 @@ pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings)
     }
 }
 
-/// Whether a name is an identifier, or the derivative of one.
+/// True if a name is an identifier, or the derivative of one.
 fn is_structured(name: &str) -> bool {
     match name.strip_prefix("der(").and_then(|rest| rest.strip_suffix(')')) {
         Some(inner) => match inner.rsplit_once(',') {

@@ -40,7 +40,7 @@ fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_told() {
     let wiring = folder.wiring().unwrap();
     let told: Vec<_> = wiring.notes.iter().filter(|note| note.contains("algebraic loop")).collect();
     assert_eq!(told.len(), 1, "{:?}", wiring.notes);
-    assert_tells(told[0], &["`one` does not tell", "one.alarm → one.enabled → one.alarm", "last exchange"]);
+    assert_tells(told[0], &["`one` does not declare", "one.alarm → one.enabled → one.alarm", "previous exchange"]);
     assert!(wiring.circular);
     // What is integrated as one unit exchanges nothing.
     let (structure, unit) = (folder.structure().unwrap(), ModelDescription::read(UNIT).unwrap());
@@ -61,7 +61,7 @@ fn a_connection_that_fits_nothing_is_refused_by_name_and_line() {
         (connection("one.y", "two.enabled"), vec!["one.y", "Real", "two.enabled", "Boolean"]),
         (connection("one.count", "two.enabled"), vec!["one.count", "Integer", "Boolean"]),
         (connection("one.y", "two.number"), vec!["one.y", "Real", "Integer"]),
-        (connection("one.z", "two.u") + &connection("one.y", "two.u"), vec!["two.u", "already, in line"]),
+        (connection("one.z", "two.u") + &connection("one.y", "two.u"), vec!["two.u", "already connected in line"]),
         (connection("one.length", "two.heat"), vec!["one.length", " m ", "two.heat", " K", "suppressUnitConversion"]),
         (connection_with("one.z", "two.u", "", "<ssc:BooleanMappingTransformation/>"), vec!["BooleanMapping"]),
         (connection_with("one.z", "two.u", "", "<ssc:LinearTransformation factor='a'/>"), vec!["factor = a"]),
@@ -78,7 +78,11 @@ fn a_connection_that_fits_nothing_is_refused_by_name_and_line() {
 fn a_connector_must_be_what_the_fmu_says() {
     let cases = [
         (r#""u" kind="input"><ssc:Real/>"#, r#""w" kind="input"><ssc:Real/>"#, ["one.w", "no such variable"]),
-        (r#""u" kind="input"><ssc:Real/>"#, r#""u" kind="output"><ssc:Real/>"#, ["one.u", "in the FMU it is input"]),
+        (
+            r#""u" kind="input"><ssc:Real/>"#,
+            r#""u" kind="output"><ssc:Real/>"#,
+            ["one.u", "the variable of the FMU is input"],
+        ),
         (r#""u" kind="input"><ssc:Real/>"#, r#""u" kind="inward"><ssc:Real/>"#, ["kind = inward", "must be one of"]),
         (r#""u" kind="input"><ssc:Real/>"#, r#""u" kind="input"><ssc:Boolean/>"#, ["one.u", "Boolean"]),
         (r#""u" kind="input"><ssc:Real/>"#, r#""y" kind="output"><ssc:Real/>"#, ["two connectors", "`y`"]),

@@ -69,7 +69,7 @@ fn units_that_are_not_known_connect_and_are_told_where_their_texts_differ() {
     let notes = |from: &str, to: &str| {
         let wiring = wired(from, to, "").unwrap();
         assert_eq!(wiring.links[0].conversion.of(0.1), 0.1, "{from} {to}");
-        wiring.notes.into_iter().filter(|note| note.contains("units of connections")).collect::<Vec<_>>()
+        wiring.notes.into_iter().filter(|note| note.contains("units of measurement of connections")).collect::<Vec<_>>()
     };
     for (from, to) in [
         ("unit='widget'", "unit='widget'"),
@@ -84,7 +84,7 @@ fn units_that_are_not_known_connect_and_are_told_where_their_texts_differ() {
     }
     for (from, to) in [("unit='widget'", "unit='gadget'"), ("unit='widget'", "unit='m'")] {
         let told = notes(from, to).concat();
-        assert_tells(&told, &["one.y", "two.u", "as it is"]);
+        assert_tells(&told, &["one.y", "two.u", "passed on unchanged"]);
     }
 }
 

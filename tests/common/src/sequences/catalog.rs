@@ -20,7 +20,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// Whether the standard lets it be set in this phase; which functions are allowed there is another matter.
+    /// True if the standard lets it be set in this phase; which functions are allowed there is another matter.
     pub fn settable(&self, phase: char) -> bool {
         match self.causality {
             Causality::Input => true,

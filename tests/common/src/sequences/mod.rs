@@ -70,7 +70,7 @@ const USUAL: [(char, &[&str]); 8] = [
 /// What bytes of a state come in by.
 const STATES: [&str; 3] = ["fmi2DeSerializeFMUstate", "fmi2SetFMUstate", "fmi2GetFMUstate"];
 
-/// Whether the arguments of a call are right, as far as the standard and the modelDescription.xml tell.
+/// True if the arguments of a call are right, as far as the standard and the modelDescription.xml tell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arguments {
     Right,
@@ -91,7 +91,7 @@ struct Mark {
     phase: char,
     time: f64,
     stop: Option<f64>,
-    /// Whether tunable parameters were set at the present event.
+    /// True if tunable parameters were set at the present event.
     waiting: bool,
     /// Everything that a continuation depends on.
     fingerprint: Vec<u8>,
@@ -235,12 +235,12 @@ impl Sequence<'_> {
         Some(status)
     }
 
-    /// Whether what is calculated changes with steps only: in co-simulation once it is initialised.
+    /// True if what is calculated changes with steps only: in co-simulation once it is initialised.
     fn stands(&self) -> bool {
         self.subject.kind == CO_SIMULATION && self.now.phase != 'M'
     }
 
-    /// Whether a call may fail for what was set before it.
+    /// True if a call may fail for what was set before it.
     fn may_fail(&self, name: &str) -> bool {
         let ends = ["fmi2ExitInitializationMode", "fmi2DoStep", "fmi2NewDiscreteStates", "fmi2CompletedIntegratorStep"];
         ends.contains(&name) || name == "fmi2EnterContinuousTimeMode" || self.now.phase == 'M' && name.contains("Get")
@@ -264,7 +264,7 @@ impl Sequence<'_> {
         }
     }
 
-    /// Whether the instance is still good for what its phase allows, after a call that failed; else it is in error.
+    /// True if the instance is still good for what its phase allows, after a call that failed; else it is in error.
     fn note_whether_it_failed_for_good(&mut self) {
         let none = std::ptr::null();
         let alive =

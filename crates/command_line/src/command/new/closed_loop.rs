@@ -14,23 +14,25 @@ const MOST_TOLD: usize = 20;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Its units: FMUs of any tool, descriptions, FMUs of this package by their names; NAME= before one names it in the
-    /// loop, else its part in it does (reference, plant, controller), or its file
+    /// Components of the loop: FMUs of any tool, description files, or names of FMUs of this package.
+    ///
+    /// NAME= sets the name of a component in the loop. By default it is named by its role (such as reference, plant or
+    /// controller) if no other component has that role, else by its file.
     #[arg(long, value_name = "[NAME=]FILE", required = true, num_args = 1..)]
     units: Vec<String>,
-    /// Folder for SystemStructure.ssd, which is made where it isn't there
+    /// Folder for SystemStructure.ssd, created if it does not exist
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     out: PathBuf,
-    /// Overwrites a structure that is there
+    /// Overwrite an existing SystemStructure.ssd
     #[arg(long)]
     force: bool,
-    /// Name of the loop, and of the folder of its results; that of its folder unless given
+    /// Name of the loop and of its results folder [default: name of the folder of --out]
     #[arg(long)]
     name: Option<String>,
-    /// Communication step in s; the shortest that a unit proposes unless given
+    /// Communication step, s [default: the shortest that an FMU proposes, or 0.001]
     #[arg(long, value_parser = positive)]
     step: Option<f64>,
-    /// Stop time in s; the latest that a unit proposes unless given
+    /// Stop time, s [default: the latest that an FMU proposes, or 10]
     #[arg(long, value_parser = positive)]
     until: Option<f64>,
 }
@@ -68,14 +70,14 @@ fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
     files.place().map_err(there_already)?;
     say!("{}", folder.join(STRUCTURE).display());
     let (connected, open, unneeded) = (draft.connected(), draft.open(), draft.unneeded());
-    say!("inputs that are connected: {connected}; that are left open, with a comment in the file: {}", open.len());
+    say!("connected inputs: {connected}; open inputs, each with a comment in the file: {}", open.len());
     if !unneeded.is_empty() {
         say!("inputs that need no connection: {}", first(&unneeded).join(", "));
     }
     first(&open).iter().for_each(|line| remark!("to decide: {line}"));
     checked.notes.iter().for_each(|note| tell!("warning: {note}"));
     if let Some(refusal) = checked.refusal {
-        tell!("warning: `run` will refuse it as it stands: {refusal}");
+        tell!("warning: `run` will refuse this structure: {refusal}");
     }
     Ok(())
 }
@@ -85,7 +87,13 @@ fn given_once(words: &[String]) -> Result<(), Error> {
     let given = |word: &String| word.split_once('=').map(|(name, _)| name.to_owned());
     let names: Vec<_> = words.iter().filter_map(given).collect();
     let twice = names.iter().enumerate().find(|(place, name)| names[..*place].contains(name));
-    let refuse = |name: &String| Error::Argument(Invalid::new("--units", name, "must be the name of one unit only"));
+    let refuse = |name: &String| {
+        Error::Argument(Invalid::new(
+            "--units",
+            name,
+            "this name is given to several FMUs; each component needs its own name",
+        ))
+    };
     twice.map_or(Ok(()), |(_, name)| Err(refuse(name)))
 }
 

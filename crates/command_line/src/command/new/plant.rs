@@ -21,7 +21,7 @@ pub fn sizes(arguments: &UnitArguments) -> Result<Sizes, Error> {
         None => Ok(None),
         Some(Which::Count(count)) => Ok(Some(*count)),
         Some(Which::Named(Names(names))) => {
-            let allowed = format!("must be a number within 1 … {MOST}: names are those of signals of a --plant");
+            let allowed = format!("must be a number within 1 … {MOST}; names can be given only with --plant");
             Err(refuse(option, &names.join(","), &allowed))
         }
     };
@@ -55,7 +55,7 @@ fn named(option: &str, which: &Option<Which>) -> Result<Option<Vec<String>>, Err
         None => Ok(None),
         Some(Which::Named(Names(names))) => Ok(Some(names.clone())),
         Some(Which::Count(count)) => {
-            Err(refuse(option, &count.to_string(), "must be names: with a --plant, its signals are there already"))
+            Err(refuse(option, &count.to_string(), "must be names of the plant's signals, because --plant is given"))
         }
     }
 }
@@ -75,7 +75,7 @@ fn linearised(arguments: &UnitArguments, file: &Path, states: Vec<String>) -> Re
         step: arguments.step,
     };
     let linear = linearise(&fmu, &point)?;
-    remark!("{} is linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
+    remark!("{} was linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
     let mut plant = as_json(&linear);
     // An input without a limit among others that have one has one that is never reached.
     let limit = |bound: fn(&Variable) -> &Option<String>, none: f64| -> Vec<f64> {

@@ -3,7 +3,7 @@
 use super::Unit;
 use super::equations::{Head, Target, function};
 use super::expression::Kind;
-use crate::differentiation::{self, Directional};
+use crate::differentiation::{self, Directional, LARGEST_IN_C};
 use crate::recording::{Method, Node};
 
 /// All of them.
@@ -52,8 +52,8 @@ fn written_out(unit: &Unit) -> Option<String> {
     if variables.states() == 0 {
         return None;
     }
-    let jacobian =
-        differentiation::jacobian(variables, unit.model.sparsity().columns(), unit.record(Method::Evaluate))?;
+    let (columns, evaluate) = (unit.model.sparsity().columns(), unit.record(Method::Evaluate));
+    let jacobian = differentiation::jacobian(variables, columns, evaluate, LARGEST_IN_C)?;
     let numbered = |name: &'static str, nodes: &[Node]| {
         let target = |(k, &node): (usize, &Node)| Target::result(format!("{name}[{k}] ="), node);
         nodes.iter().enumerate().map(target).collect::<Vec<_>>()

@@ -47,7 +47,7 @@ pub struct Expression {
     pub known: Option<f64>,
     /// How many operations it has.
     pub size: usize,
-    /// Whether it has an operation that isn't defined for every number, or whose result may have none.
+    /// True if it has an operation that isn't defined for every number, or whose result may have none.
     pub is_partial: bool,
 }
 
@@ -213,21 +213,21 @@ impl Expression {
         Expression::new(text, binding, Kind::Whole, a.size + b.size + 1).made_of(&[&a, &b])
     }
 
-    /// Whether a condition doesn't hold.
+    /// True if a condition doesn't hold.
     pub fn not(a: &Self) -> Self {
         let a = a.condition();
         let text = format!("!{}", a.at_least(Binding::Unary));
         Expression::new(text, Binding::Unary, Kind::Whole, a.size + 1).made_of(&[&a])
     }
 
-    /// Whether both conditions hold.
+    /// True if both conditions hold.
     pub fn and(a: &Self, b: &Self) -> Self {
         let (a, b) = (a.condition(), b.condition());
         let text = format!("{} && {}", a.at_least(Binding::And), b.at_least(Binding::And));
         Expression::new(text, Binding::And, Kind::Whole, a.size + b.size + 1).made_of(&[&a, &b])
     }
 
-    /// Whether one condition holds; what both hold in is in parentheses, as compilers ask for.
+    /// True if one condition holds; what both hold in is in parentheses, as compilers ask for.
     pub fn or(a: &Self, b: &Self) -> Self {
         let (a, b) = (a.condition(), b.condition());
         let side = |e: &Self| if e.binding == Binding::Or { e.text.clone() } else { e.above(Binding::And) };

@@ -90,7 +90,7 @@ fn has_time_events(unit: &Unit) -> bool {
     !next.results.iter().all(|node| is_never(next.tape.operation(*node)))
 }
 
-/// Whether time stands in the equations: else each step of a law may begin at 0.
+/// True if time stands in the equations: else each step of a law may begin at 0.
 fn reads_time(unit: &Unit) -> bool {
     [Method::Evaluate, Method::Event].into_iter().any(|method| {
         let recording = unit.record(method);

@@ -52,7 +52,7 @@ impl Progress<'_> {
         }
     }
 
-    /// Whether an input of a part has its value; those that aren't linked aren't inputs.
+    /// True if an input of a part has its value; those that aren't linked aren't inputs.
     fn is_known(&self, place: usize) -> bool {
         self.known_input[place] || self.links.iter().all(|link| link.to != place)
     }
@@ -61,7 +61,7 @@ impl Progress<'_> {
         self.inputs[part].clone().all(|place| self.is_known(place))
     }
 
-    /// Whether a signal can be computed from what is known.
+    /// True if a signal can be computed from what is known.
     fn computable(&self, signal: usize) -> bool {
         self.follows_from[signal].iter().all(|&place| self.is_known(place))
     }

@@ -22,7 +22,7 @@ pub struct Base {
 /// A unit of a name of its own.
 struct Named {
     symbol: &'static str,
-    /// Whether it takes prefixes.
+    /// True if it takes prefixes.
     metric: bool,
     /// Its factor as a fraction, so that it is rounded once.
     fraction: (f64, f64),
@@ -217,7 +217,7 @@ impl Base {
         is_unit.then_some(Base { exponents, factor, offset: 0.0 })
     }
 
-    /// Whether it is a plain number.
+    /// True if it is a plain number.
     pub fn is_number(&self) -> bool {
         *self == Base::ONE
     }

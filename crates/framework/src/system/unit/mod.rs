@@ -141,7 +141,7 @@ impl Unit {
         units.iter().map(symbol).collect()
     }
 
-    /// Whether a text can be a unit.
+    /// True if a text can be a unit.
     pub fn is_text(text: &str) -> bool {
         text.chars().count() <= LONGEST && !text.contains(char::is_control) && text.trim() == text
     }

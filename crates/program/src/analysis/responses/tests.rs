@@ -14,7 +14,7 @@ struct Plant {
     starts: Vec<usize>,
     /// Rounding of what it shows.
     blur: f64,
-    /// Whether a load holds it where it starts.
+    /// True if a load holds it where it starts.
     held: bool,
 }
 

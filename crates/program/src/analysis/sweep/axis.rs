@@ -49,7 +49,7 @@ impl FromStr for Axis {
             return Err(format!("a value is missing: {FORM}"));
         }
         if let Some(twice) = values.iter().enumerate().find(|(k, value)| values[..*k].contains(value)) {
-            return Err(format!("{} is there twice", twice.1));
+            return Err(format!("{} is given twice", twice.1));
         }
         Ok(Axis { name, spacing, values })
     }
@@ -71,7 +71,7 @@ fn between(low: &str, rest: &str) -> Result<(Spacing, Vec<String>), String> {
         return Err(format!("{low}..{high}: the lower end must be below the upper one"));
     }
     if kind == Spacing::Logarithmic && low <= 0.0 {
-        return Err(format!("{low}..{high}: values at equal ratios must be above 0; take lin{count}"));
+        return Err(format!("{low}..{high}: logarithmic values must be above 0; use lin{count}"));
     }
     let last = count - 1;
     let value = |k: usize| {
@@ -97,7 +97,7 @@ impl Axis {
         self.values.iter().map(|value| value.parse().ok().filter(|number: &f64| number.is_finite())).collect()
     }
 
-    /// Whether a diagram has it on a logarithmic axis.
+    /// True if a diagram has it on a logarithmic axis.
     pub fn is_logarithmic(&self) -> bool {
         let is_positive = || self.numbers().is_some_and(|numbers| numbers.iter().all(|number| *number > 0.0));
         self.spacing == Spacing::Logarithmic && is_positive()

@@ -64,7 +64,7 @@ impl Sweep {
         for axis in axes {
             let (name, place) = first.settable(&axis.name)?;
             if named.iter().any(|other| other.name == name) {
-                return Err(format!("`{name}` is named twice"));
+                return Err(format!("`{name}` is given twice"));
             }
             let value = |text: &String| {
                 first.start_value(place, text).map_err(|allowed| format!("`{name}` = {text}: {allowed}"))
@@ -75,7 +75,7 @@ impl Sweep {
         }
         let runs = named.iter().try_fold(1_usize, |runs, axis| runs.checked_mul(axis.values.len()));
         if runs.is_none_or(|runs| runs > MOST_RUNS) {
-            return Err(format!("these are too many runs: at most {MOST_RUNS} are made"));
+            return Err(format!("too many runs: at most {MOST_RUNS} are allowed"));
         }
         Ok(Sweep { structure, settings, axes: named, places, values, loops })
     }
@@ -133,7 +133,7 @@ impl Sweep {
         unit.map_or_else(|| name.to_owned(), |unit| format!("{name} in {unit}"))
     }
 
-    /// Whether the curves of a run are drawn: of all runs, or of some at equal distances.
+    /// True if the curves of a run are drawn: of all runs, or of some at equal distances.
     pub fn is_drawn(&self, run: usize) -> bool {
         let last = self.runs() - 1;
         last < MOST_DRAWN || (0..MOST_DRAWN).any(|k| (k * last + (MOST_DRAWN - 1) / 2) / (MOST_DRAWN - 1) == run)

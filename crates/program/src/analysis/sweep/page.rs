@@ -46,9 +46,9 @@ impl SweepPage<'_> {
         let mut page = beginning(&title, &structure.description).replace("</head>", &format!("{STYLE}</head>"));
         let (made, failed) = (self.made().count(), self.made().filter(|(_, point)| point.failure.is_some()).count());
         let runs = self.sweep.runs();
-        let _ = writeln!(page, "<p>{made} of {runs} runs were made, of which {failed} failed.</p>");
+        let _ = writeln!(page, "<p>{made} of {runs} runs, {failed} failed.</p>");
         if made < runs {
-            page.push_str("<p class=\"bad\">The sweep was interrupted. The same command goes on with it.</p>\n");
+            page.push_str("<p class=\"bad\">The sweep was interrupted. Repeat the command to continue.</p>\n");
         }
         for (k, label) in self.sweep.labels().enumerate() {
             match self.sweep.axes() {
@@ -103,8 +103,8 @@ impl SweepPage<'_> {
         if self.made().any(|(_, point)| point.metrics[metric].is_some()) {
             return None;
         }
-        let reason = "a run has none that fails, or ends before the time from which it is measured";
-        Some(format!("<h2>{}</h2>\n<p>No run has a value of it: {reason}.</p>\n", escaped(label)))
+        let reason = "runs failed, or ended before the time from which it is measured";
+        Some(format!("<h2>{}</h2>\n<p>No run has a value of this metric: {reason}.</p>\n", escaped(label)))
     }
 
     /// A metric over two parameters: numbers on colours, the smallest the darkest.
@@ -230,7 +230,7 @@ impl SweepPage<'_> {
         }
         page.push_str("\n</table></div>\n");
         if self.made().count() > MOST_ROWS {
-            let _ = writeln!(page, "<p>The others are in {}.</p>", escaped(self.table));
+            let _ = writeln!(page, "<p>All runs are in {}.</p>", escaped(self.table));
         }
     }
 }

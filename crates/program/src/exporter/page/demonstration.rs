@@ -159,7 +159,7 @@ fn along(stimulus: Stimulus, point: usize) -> f64 {
 }
 
 impl Recorded {
-    /// Whether anything but the input moves.
+    /// True if anything but the input moves.
     fn moves(&self) -> bool {
         let outputs = self.plot.curves.iter().filter(|curve| !curve.is_reference);
         outputs.flat_map(|curve| curve.points.windows(2)).any(|ends| ends[0].1 != ends[1].1)
@@ -169,7 +169,7 @@ impl Recorded {
         let Recorded { demonstration, scale: Scale { about, size, duration }, input, plot } = self;
         let input = format!("<code>{}</code>", escaped(&input));
         let short = |value: f64| number(format!("{value:.3e}").parse().unwrap_or(value));
-        let mut how = "This unit alone, computed while it was exported".to_owned();
+        let mut how = "This FMU without a loop, computed at export".to_owned();
         let _ = match demonstration.stimulus {
             Stimulus::Nothing => Ok(()),
             Stimulus::Step => {
@@ -181,7 +181,7 @@ impl Recorded {
         };
         if !example.is_empty() {
             let values: Vec<_> = example.lines().map(|line| format!("<code>{}</code>", escaped(line))).collect();
-            let _ = write!(how, ". As it is set it changes nothing: here it has {}", values.join(", "));
+            let _ = write!(how, ". With its start values it has no effect, so here it has {}", values.join(", "));
         }
         how.push('.');
         Shown { how, plot }

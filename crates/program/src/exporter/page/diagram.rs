@@ -22,12 +22,15 @@ const LANE: usize = 14;
 pub fn push(page: &mut String, wiring: &Wiring, handed: &Handed) {
     let what = match wiring.from {
         From::Loop(name) => format!(
-            "As in the loop <code>{0}</code>; <code>adaptive-fmu export --ssp {0}</code> writes it for other tools.",
+            "As in the loop <code>{0}</code>. <code>adaptive-fmu export --ssp {0}</code> writes the loop for other \
+             tools.",
             escaped(name)
         ),
         From::Itself(_) => "The parts are connected inside.".to_owned(),
-        From::Kind if wiring.links.is_empty() => "Its pins; what they are connected to is up to you.".to_owned(),
-        From::Kind => "Dashed: units of your loop; what their pins are called there is up to them.".to_owned(),
+        From::Kind if wiring.links.is_empty() => {
+            "Inputs and outputs of this FMU. You choose what to connect.".to_owned()
+        }
+        From::Kind => "Dashed: other FMUs of your loop. Names of their inputs and outputs may differ.".to_owned(),
     };
     let _ = write!(page, "<h2 id=\"wiring\">Wiring</h2>\n<p>{what}</p>\n<div class=\"beside\">\n");
     page.push_str(&Diagram::new(wiring, handed).svg());
@@ -72,7 +75,7 @@ fn push_table(page: &mut String, wiring: &Wiring, handed: &Handed) {
     }
     for (inputs, before, after) in [
         (true, if is_known { "Inputs that may stay open: " } else { "Inputs: " }, "."),
-        (false, if rows.is_empty() { "Outputs: " } else { "Further outputs, to watch: " }, "."),
+        (false, if rows.is_empty() { "Outputs: " } else { "Further outputs, for monitoring: " }, "."),
     ] {
         let pins = open(inputs);
         if !pins.is_empty() {

@@ -25,9 +25,9 @@ pub fn push_alone(page: &mut String, handed: &Handed) {
 /// The heading of its equations.
 pub fn heading(handed: &Handed) -> &'static str {
     match handed.entry.map(|entry| entry.role) {
-        Some(Role::Controller) => "Its law",
-        Some(Role::Composite) => "Its parts, and their equations",
-        _ => "Its equations",
+        Some(Role::Controller) => "Control law",
+        Some(Role::Composite) => "Parts and equations",
+        _ => "Equations",
     }
 }
 
@@ -56,8 +56,8 @@ pub fn push_gains(page: &mut String, handed: &Handed) {
     if !rows.is_empty() {
         let _ = writeln!(
             page,
-            "<h2 id=\"gains\">What to set first</h2>\n<div class=\"scroll wide\"><table>\n\
-             <tr><th>parameter<th>what it does<th>starts at<th>unit<th>allowed\n{rows}</table></div>"
+            "<h2 id=\"gains\">What to set first</h2>\n<div class=\"scroll wide\"><table>\n<tr><th>parameter<th>what \
+             it does<th>start value<th>unit<th>allowed\n{rows}</table></div>"
         );
     }
 }
@@ -94,8 +94,8 @@ pub fn push_warnings(page: &mut String, handed: &Handed) {
         return;
     }
     page.push_str(
-        "<h2 id=\"warnings\">What it warns of</h2>\n<p>It tells through the simulation tool's log, in these \
-         categories.</p>\n<div class=\"scroll\"><table>\n<tr><th>category<th>when\n",
+        "<h2 id=\"warnings\">Warnings</h2>\n<p>The FMU logs these categories to the simulation tool.</p>\n<div \
+         class=\"scroll\"><table>\n<tr><th>category<th>when\n",
     );
     for (category, text) in &handed.unit.warnings {
         let _ = writeln!(page, "<tr><td><code>{}</code><td>{}", escaped(category), escaped(text));
@@ -116,6 +116,6 @@ pub fn push_limits(page: &mut String, handed: &Handed) {
     let parts: String =
         parts.map(|(name, entry)| format!("<h3>{}</h3>\n{}", escaped(name), handed.told(entry.guide.limits))).collect();
     if !limits.is_empty() {
-        let _ = write!(page, "<h2 id=\"limits\">What it can't do</h2>\n{}{parts}", handed.told(limits));
+        let _ = write!(page, "<h2 id=\"limits\">Limitations</h2>\n{}{parts}", handed.told(limits));
     }
 }

@@ -11,14 +11,14 @@ pub fn push(page: &mut String, report: &DesignReport) {
         return;
     }
     let verdict = match report.verdict() {
-        Verdict::Ok => "Sound: nothing was found against the start values.",
+        Verdict::Ok => "Sound: all checks pass with the start values.",
         Verdict::Warning => "Sound, with warnings about the start values.",
         Verdict::NotSound => {
-            "Not shown to be sound with the start values: a condition that the design rests on doesn't hold, or can't be \
-             shown. It is sufficient, so that the loop may work all the same."
+            "Not sound with the start values: a condition of the design is not met or can't be shown. The condition \
+             is sufficient but not necessary, so the loop may still work."
         }
     };
-    let reason = report.reason().map_or(String::new(), |reason| format!(" What is against it: {}.", escaped(&reason)));
+    let reason = report.reason().map_or(String::new(), |reason| format!(" Reasons: {}.", escaped(&reason)));
     let _ = writeln!(page, "<h2 id=\"report\">Design report</h2>\n<p>{verdict}{reason}</p>");
     let mut section = None;
     for finding in &report.findings {

@@ -26,7 +26,7 @@ pub struct Curve {
     pub name: String,
     /// Its unit; empty, `-` or `1` where it is a plain number, or isn't known.
     pub unit: String,
-    /// Whether others are to come to it.
+    /// True if others are to come to it.
     pub is_reference: bool,
     /// Times and values.
     pub points: Vec<(f64, f64)>,
@@ -45,7 +45,7 @@ pub fn push(page: &mut String, handed: &Handed, wiring: &Wiring) {
     if let Some((name, text)) = wiring.loop_name().and_then(|name| Some((name, response(name)?))) {
         return push_loop(page, wiring, name, text);
     }
-    page.push_str("<h2 id=\"response\">How it answers</h2>\n");
+    page.push_str("<h2 id=\"response\">Response</h2>\n");
     if let Some(Shown { how, plot }) = demonstration::shown(handed) {
         let _ = write!(page, "<p>{how}</p>\n<div class=\"beside\">\n");
         push_plot(page, &plot);
@@ -56,8 +56,8 @@ pub fn push(page: &mut String, handed: &Handed, wiring: &Wiring) {
         From::Itself(_) => writeln!(page, "<p><code>adaptive-fmu simulate {name}.fmu</code> runs it.</p>"),
         _ => writeln!(
             page,
-            "<p>In a loop: <code>adaptive-fmu new loop --units {name}.fmu …</code>, with the units that belong to it, connects \
-             them, and <code>adaptive-fmu run</code> shows how they answer.</p>"
+            "<p>In a loop: <code>adaptive-fmu new loop --units {name}.fmu …</code>, with the other FMUs of the loop, \
+             connects them. <code>adaptive-fmu run</code> simulates the loop.</p>"
         ),
     };
 }
@@ -66,13 +66,13 @@ pub fn push(page: &mut String, handed: &Handed, wiring: &Wiring) {
 fn push_loop(page: &mut String, wiring: &Wiring, name: &str, text: &str) {
     let plots = read(text);
     let how = match wiring.from {
-        From::Itself(_) => "as recorded when its units were run one by one",
-        _ => "as recorded, with the values of the package",
+        From::Itself(_) => "is shown as recorded with separate FMUs",
+        _ => "is shown as recorded with the values of the package",
     };
     let _ = write!(
         page,
-        "<h2 id=\"response\">How its loop answers</h2>\n<p>The loop <code>{0}</code> {how}; \
-         <code>adaptive-fmu run {0}</code> runs it anew.</p>\n<div class=\"beside\">\n",
+        "<h2 id=\"response\">Response of the loop</h2>\n<p>The loop <code>{0}</code> {how}. <code>adaptive-fmu run \
+         {0}</code> repeats the run.</p>\n<div class=\"beside\">\n",
         escaped(name)
     );
     for plot in chosen(&plots, wiring) {

@@ -31,8 +31,10 @@ fn push(page: &mut String, handed: &Handed, causalities: &[(&str, &str)]) {
         }
         let is_set = matches!(*causality, "input" | "parameter");
         let columns = if is_set { "<th>unit<th>start<th>allowed<th>changes" } else { "<th>unit<th>changes" };
-        let _ =
-            writeln!(page, "<h3>{title}</h3>\n<div class=\"scroll wide\"><table>\n<tr><th>name<th>what it is{columns}");
+        let _ = writeln!(
+            page,
+            "<h3>{title}</h3>\n<div class=\"scroll wide\"><table>\n<tr><th>name<th>description{columns}"
+        );
         for variable in variables {
             let start = figure(variable, variable.start.as_deref());
             let limits = allowed(variable);

@@ -30,9 +30,9 @@ pub struct Part {
     pub title: String,
     /// What it does there.
     pub role: Option<Role>,
-    /// Whether it is the unit, or a part of it.
+    /// True if it is the unit, or a part of it.
     pub is_own: bool,
-    /// Whether any will do.
+    /// True if any will do.
     pub is_any: bool,
 }
 

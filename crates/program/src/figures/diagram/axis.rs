@@ -98,7 +98,7 @@ pub struct Axis {
     pub low: f64,
     /// Where it ends, above `low`.
     pub high: f64,
-    /// Whether equal lengths are equal ratios.
+    /// True if equal lengths are equal ratios.
     pub logarithmic: bool,
 }
 

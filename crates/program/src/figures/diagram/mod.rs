@@ -45,7 +45,7 @@ pub struct Shown {
     /// What is subtracted from it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub minus: Option<String>,
-    /// Whether magnitudes are shown.
+    /// True if magnitudes are shown.
     pub magnitude: bool,
     /// ρ_0, ρ_∞ and the rate of decay of a funnel, from the start on.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -14,7 +14,7 @@ pub struct Style {
     pub colour: &'static str,
     /// Lengths of lines and gaps in pixels; none of a solid line.
     pub dashes: Vec<u32>,
-    /// Whether it lies beneath the others: that of a reference.
+    /// True if it lies beneath the others: that of a reference.
     pub beneath: bool,
 }
 

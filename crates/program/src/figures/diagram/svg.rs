@@ -100,7 +100,7 @@ fn wrapped(words: &str, most: usize) -> Vec<String> {
 struct Edges {
     left: f64,
     right: f64,
-    /// Whether legends are beside the axes.
+    /// True if legends are beside the axes.
     beside: bool,
 }
 

@@ -125,7 +125,7 @@ impl Draft {
         Ok(match check(&structure, &descriptions, Circles::Exchanged) {
             // Inputs without a connection are told of already.
             Ok(wiring) => {
-                let told = |note: &String| !note.contains(" is not connected and keeps ");
+                let told = |note: &String| !note.contains(" is not connected and stays at ");
                 Checked { notes: wiring.notes.into_iter().filter(told).collect(), refusal: None }
             }
             Err(refusal) => Checked { notes: Vec::new(), refusal: Some(refusal) },

@@ -28,7 +28,7 @@ impl DraftUnit {
         self.model.as_deref().map(|model| library::find(model).map_or(Role::Plant, |entry| entry.role))
     }
 
-    /// Whether it hands on signals of any sort, channel by channel.
+    /// True if it hands on signals of any sort, channel by channel.
     pub(super) fn hands_on(&self) -> bool {
         self.role().is_some_and(Role::hands_on)
     }
@@ -94,7 +94,7 @@ fn named(word: &str) -> Result<(Option<String>, &str), Error> {
     };
     let odd = |c: char| c.is_control() || c.is_whitespace() || c == '.';
     if name.is_empty() || name.contains(odd) {
-        let allowed = "the name before = must be there, without spaces and dots";
+        let allowed = "the name before = must not be empty, and must have no spaces or dots";
         return Err(Error::Argument(Invalid::new("--units", word, allowed)));
     }
     Ok((Some(name.to_owned()), rest))

@@ -170,10 +170,10 @@ impl<'a> Search<'a> {
         }
         let alike = self.alike.get(&key(name)).into_iter().flatten().copied();
         let alike: Vec<Signal> = alike.filter(|output| output.0 != input.0).collect();
-        self.decided(input, &alike, Some("names that differ in their form only".to_owned()))
+        self.decided(input, &alike, Some("the names differ only in their form".to_owned()))
     }
 
-    /// Whether an output is what an actuator makes of a command.
+    /// True if an output is what an actuator makes of a command.
     fn is_acted(&self, output: Signal) -> bool {
         let command = format!("{}{COMMAND}", self.variable(output).name);
         self.inputs.contains(&(output.0, command.as_str()))
@@ -185,13 +185,13 @@ impl<'a> Search<'a> {
             offered: outputs.iter().copied().take(MOST_OFFERED).collect(),
         };
         match outputs {
-            [] => open("no output has its name"),
+            [] => open("no output has this name"),
             &[from] => match misfit(self.variable(from), self.variable(input)) {
                 None => Input::Connected { from, why },
-                Some(misfit) => open(&format!("the output of its name {misfit}")),
+                Some(misfit) => open(&format!("the output with this name {misfit}")),
             },
-            _ if why.is_some() => open("several outputs may be meant"),
-            _ => open("several outputs have its name"),
+            _ if why.is_some() => open("several outputs are possible"),
+            _ => open("several outputs have this name"),
         }
     }
 
@@ -213,7 +213,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Whether a name is one that every sensor or actuator has for its channels.
+/// True if a name is one that every sensor or actuator has for its channels.
 fn says_nothing(unit: &DraftUnit, name: &str) -> bool {
     unit.hands_on() && (name.starts_with("u[") || name.starts_with("y["))
 }
@@ -226,11 +226,13 @@ fn misfit(output: &Variable, input: &Variable) -> Option<String> {
         _ => false,
     };
     if !fits {
-        return Some(format!("is {}, and it {}", output.kind, input.kind));
+        return Some(format!("has type {}, but the input has type {}", output.kind, input.kind));
     }
     let (unit, other) = output.measure.as_deref().zip(input.measure.as_deref())?;
     let name = |unit: &UnitDefinition| unit.name.clone();
-    unit.to(other).is_none().then(|| format!("is in {}, and it in {}, of another dimension", name(unit), name(other)))
+    unit.to(other)
+        .is_none()
+        .then(|| format!("has unit {}, but the input has unit {}, of another dimension", name(unit), name(other)))
 }
 
 /// A name without what tools write in different ways: case, the path before it, brackets, "in" and "out".

@@ -106,7 +106,7 @@ pub struct ExpectedFailure {
     pub from: f64,
     /// Latest time, s.
     pub until: f64,
-    /// Whether only separate units fail, and the loop as one unit holds.
+    /// True if only separate units fail, and the loop as one unit holds.
     pub separate_only: bool,
 }
 
@@ -133,9 +133,8 @@ impl Reader<'_> {
         let (numerator, denominator) = (self.numbers(node, "numerator")?, self.numbers(node, "denominator")?);
         let proper = numerator.len() < denominator.len() && denominator.first().is_some_and(|&first| first != 0.0);
         if !proper || denominator.len() > 30 {
-            return Err(
-                self.refuse(node, "an IdealModel must be strictly proper, with a first denominator coefficient not 0")
-            );
+            return Err(self
+                .refuse(node, "an IdealModel must be strictly proper, with a nonzero first denominator coefficient"));
         }
         if denominator.iter().chain(&numerator).any(|number| (number / denominator[0]).abs() > LARGEST_RATIO) {
             let reason =

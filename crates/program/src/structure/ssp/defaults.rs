@@ -52,9 +52,9 @@ impl Structure {
     pub(super) fn choose_defaults(&mut self, root: Node) {
         let (of_units, _) = self.proposed();
         let (step, from) = match (step_of_others(root), of_units) {
-            (Some(step), _) => (step, "of another tool's annotation"),
-            (None, Some(step)) => (step, "the shortest of its units"),
-            (None, None) => (STEP, "as no unit proposes one"),
+            (Some(step), _) => (step, "from another tool's annotation"),
+            (None, Some(step)) => (step, "the shortest of its components"),
+            (None, None) => (STEP, "because no component proposes one"),
         };
         (self.step, self.order) = (step, Order::GaussSeidel);
         self.put_in_order();
@@ -62,12 +62,12 @@ impl Structure {
         self.leave_out_connected_values();
         let names: Vec<_> = self.components.iter().map(|component| component.name.as_str()).collect();
         let order = match names.split_at_checked(MOST_NAMES) {
-            Some((first, [_, .., last])) => format!("{}, …, {last} ({} units)", first.join(", "), names.len()),
+            Some((first, [_, .., last])) => format!("{}, …, {last} ({} components)", first.join(", "), names.len()),
             _ => names.join(", "),
         };
         self.notes.push(format!(
-            "there is no annotation {ANNOTATION}: communication step {step} s, {from}; stop time {} s; gauss-seidel in the \
-             order {order}",
+            "there is no annotation {ANNOTATION}. Using communication step {step} s ({from}), stop time {} s, and \
+             gauss-seidel in the order {order}",
             self.stop_time,
         ));
     }

@@ -28,7 +28,7 @@ enum Place {
     Unpacked(Scratch),
 }
 
-/// Whether a path lies in the folder that it starts from: no URL, no way up, nothing that a tool might decode.
+/// True if a path lies in the folder that it starts from: no URL, no way up, nothing that a tool might decode.
 pub fn is_inside(path: &str) -> bool {
     let odd = |c: char| c.is_control() || "\\:%?#".contains(c);
     !path.is_empty()

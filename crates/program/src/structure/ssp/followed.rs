@@ -16,7 +16,7 @@ struct Pair<'a> {
     reference: [&'a str; 2],
     /// Name of the signal.
     signal: &'a str,
-    /// Whether the controller takes it.
+    /// True if the controller takes it.
     is_measured: bool,
     /// Places among the references and among what is measured, where there are as many of both.
     places: Option<[usize; 2]>,

@@ -57,7 +57,7 @@ pub struct Structure {
     pub step: f64,
     /// When units see each other's new outputs.
     pub order: Order,
-    /// Whether separate units may close a circle that all of them pass through without a delay.
+    /// True if separate units may close a circle that all of them pass through without a delay.
     pub accepts_algebraic_loops: bool,
     /// Ideal models, simulated beside the loop for comparison.
     pub models: Vec<IdealModel>,
@@ -109,7 +109,7 @@ impl Component {
         }
     }
 
-    /// Whether it is exported from a description, unless a folder of FMUs is given.
+    /// True if it is exported from a description, unless a folder of FMUs is given.
     pub fn is_exported(&self) -> bool {
         !matches!(self.file, UnitFile::Archive { .. })
     }
@@ -163,7 +163,7 @@ pub struct Connection {
     pub to: (String, String),
     /// What is made of it on the way, after the conversion of units.
     pub transformation: Affine,
-    /// Whether units are converted, and must be of one dimension.
+    /// True if units are converted, and must be of one dimension.
     pub convert_units: bool,
     /// Line in the file.
     pub line: u32,
@@ -249,7 +249,7 @@ impl Structure {
             self.name.push_str(&format!("-without-{unit}"));
         }
         if self.components.is_empty() {
-            return Err(Error::Loop { file: self.file.clone(), reason: "no unit would be left".to_owned() });
+            return Err(Error::Loop { file: self.file.clone(), reason: "no component would be left".to_owned() });
         }
         Ok(())
     }

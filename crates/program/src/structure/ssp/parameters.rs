@@ -69,7 +69,7 @@ impl Reader<'_> {
             let prefix = node.attribute("prefix").unwrap_or_default();
             if let Some(mapping) = child(node, "ParameterMapping") {
                 if !prefix.is_empty() {
-                    return Err(self.refuse(node, "a prefix beside a ParameterMapping can't be read"));
+                    return Err(self.refuse(node, "a prefix together with a ParameterMapping can't be read"));
                 }
                 bound = self.mapped(mapping, bound, files)?;
             }
@@ -93,8 +93,9 @@ impl Reader<'_> {
         let entry = |node: Node| {
             let (source, target) = (self.required(node, "source")?, self.required(node, "target")?);
             let value = values.iter().find(|value| value.name == source);
-            let value =
-                value.ok_or_else(|| self.refuse(node, &format!("source = {source}: is no value of this set")))?;
+            let value = value.ok_or_else(|| {
+                self.refuse(node, &format!("source = {source}: must be a value of this parameter set"))
+            })?;
             let mut value = StartValue { name: target, ..value.clone() };
             let transformation = node.children().find(|child| child.tag_name().name().ends_with("Transformation"));
             if let Some(node) = transformation {
@@ -117,7 +118,7 @@ impl Reader<'_> {
     /// The text of a file in the folder of the loop, and its path.
     fn text_of(&self, node: Node, source: &str, files: &LoopFiles) -> Result<(String, PathBuf), Error> {
         if node.attribute("sourceBase").is_some_and(|base| base != "SSD") {
-            return Err(self.refuse(node, "sourceBase: must be SSD; files within an FMU can't be read"));
+            return Err(self.refuse(node, "sourceBase: must be SSD, because files within an FMU can't be read"));
         }
         if !is_inside(source) {
             return Err(self.refuse(node, &format!("source = {source}: must be a file in the folder of the loop")));
@@ -225,7 +226,9 @@ impl Structure {
     pub(crate) fn check_separate(&self) -> Result<(), Error> {
         let Some(value) = self.whole.first() else { return Ok(()) };
         let reason = self.split(&value.name, |_| None).err().unwrap_or_default();
-        Err(value.origin.refuse(&format!("{reason}; what has no unit is of the loop as one unit (--composite)")))
+        Err(value.origin.refuse(&format!(
+            "{reason}; a name without a component is a parameter of the loop as a single FMU (--composite)"
+        )))
     }
 
     /// The component that a name begins with, and the variable; names of both may hold dots.
@@ -240,13 +243,16 @@ impl Structure {
                 Some([place]) => return Ok((*place, variable.to_owned())),
                 Some(places) => {
                     let names: Vec<_> = places.iter().map(|&place| self.components[place].name.as_str()).collect();
-                    return Err(format!("`{unit}` is the FMU of several components: {}", names.join(", ")));
+                    return Err(format!(
+                        "`{unit}` is the FMU of several components. Name one of them: {}",
+                        names.join(", ")
+                    ));
                 }
             }
         }
         let names: Vec<_> = self.components.iter().map(|component| component.name.as_str()).collect();
         let unit = name.split_once('.').map_or(name, |(unit, _)| unit);
         let choice = near::choice(unit, &names, "");
-        Err(format!("`{name}` must be UNIT.variable, with a unit of this loop; {choice}"))
+        Err(format!("`{name}` must be UNIT.variable, where UNIT is a component of this loop; {choice}"))
     }
 }

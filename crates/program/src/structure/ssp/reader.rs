@@ -48,7 +48,7 @@ impl Reader<'_> {
         let element = node.tag_name().name();
         let text = attribute(node, name).ok_or_else(|| self.refuse(node, &format!("{element} has no {name}")))?;
         if text.contains(char::is_control) {
-            return Err(self.refuse(node, &format!("{name} = {text}: must hold no control character")));
+            return Err(self.refuse(node, &format!("{name} = {text}: must not contain control characters")));
         }
         Ok(text)
     }

@@ -13,7 +13,7 @@ pub enum UnitFile {
     Archive {
         /// Its path.
         path: PathBuf,
-        /// Whether it lies elsewhere than in the loop's resources under its name.
+        /// True if it lies elsewhere than in the loop's resources under its name.
         elsewhere: bool,
     },
     /// A description from which it is exported.

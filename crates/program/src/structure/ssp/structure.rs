@@ -120,7 +120,7 @@ impl Reader<'_> {
             return Err(self.refuse(node, &format!("type = {kind}: must be {FMU}")));
         }
         if node.attribute("implementation") == Some("ModelExchange") {
-            return Err(self.refuse(node, "implementation = ModelExchange: units are run by co-simulation"));
+            return Err(self.refuse(node, "implementation = ModelExchange: components must be co-simulation FMUs"));
         }
         let source = self.required(node, "source")?;
         let (mut fmu, file) = files.unit(&source).map_err(|reason| self.refuse(node, &reason))?;
@@ -202,10 +202,10 @@ fn descriptions(components: &[Component], files: &LoopFiles) -> Result<BTreeMap<
         let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
         let name = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?.name;
         if name != *fmu {
-            return Err(refuse(format!("name = `{name}`: must be `{fmu}`, as the file and the loop have it")));
+            return Err(refuse(format!("name = `{name}`: must be `{fmu}`, the name in the file and the loop")));
         }
         if let Some(other) = found.get(fmu).filter(|other| other.text != source.text) {
-            return Err(refuse(format!("`{fmu}` is another unit in {}", other.file.display())));
+            return Err(refuse(format!("`{fmu}` is a different FMU in {}", other.file.display())));
         }
         found.insert(fmu.clone(), source);
     }

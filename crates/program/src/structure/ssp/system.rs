@@ -50,7 +50,7 @@ impl Reader<'_> {
         system: &mut System,
     ) -> Result<(), Error> {
         if depth > DEEPEST {
-            return Err(self.refuse(node, &format!("systems lie deeper than {DEEPEST} within each other")));
+            return Err(self.refuse(node, &format!("systems are nested more than {DEEPEST} deep")));
         }
         system.systems.insert(path.to_owned());
         for connector in self.connectors(node, units)? {
@@ -122,7 +122,7 @@ impl Reader<'_> {
         for (k, connection) in to_systems().enumerate() {
             if let Some(other) = to_systems().take(k).find(|other| other.to == connection.to) {
                 let name = within(&connection.to.0, &connection.to.1);
-                let reason = format!("connector `{name}` is connected already, in line {}", other.line);
+                let reason = format!("connector `{name}` is already connected in line {}", other.line);
                 return refuse(connection.line, &reason);
             }
         }
@@ -140,15 +140,16 @@ impl Reader<'_> {
                 let is_plain = before.transformation == Affine::IDENTITY && whole.transformation == Affine::IDENTITY;
                 if system.ports[&whole.from] && !is_plain {
                     let name = &whole.from.1;
-                    let reason =
-                        format!("a transformation beside a system's connector with a unit, `{name}`, can't be read");
+                    let reason = format!(
+                        "a transformation together with a unit at `{name}`, a system's connector, can't be read"
+                    );
                     return refuse(last.line, &reason);
                 }
                 whole.transformation = before.transformation.then(whole.transformation);
                 whole.convert_units &= before.convert_units;
                 whole.from.clone_from(&before.from);
             }
-            return refuse(last.line, "systems hand this value on in a circle");
+            return refuse(last.line, "connections between systems pass this value on in an endless cycle");
         }
         Ok(connections)
     }

@@ -1,0 +1,100 @@
+"""Texts in the words of the field: none of the others in the README and in the help, and ever fewer elsewhere.
+
+tests/words.toml has the words, what is excepted, and the ceilings. `pytest -s` prints the counts, and the files that have most.
+"""
+
+import re
+import subprocess
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import PROGRAM, ROOT
+
+WORDS = tomllib.loads((ROOT / "tests" / "words.toml").read_text())
+NUMBER = re.compile(r"(?<![\w.\\/{}\])*-])\.\d")
+# The first line of a doc comment, of an item or a file.
+BEGINS = re.compile(r"^(?! *//[/!]).*\n *//[/!] (?:What|Whether|Of)\b|\A//! (?:What|Whether|Of)\b", re.M)
+FENCE = re.compile(r"^```.*?^```$|\$\$.*?\$\$|`[^`\n]*`", re.S | re.M)
+
+
+def expression(*tables: str) -> re.Pattern[str]:
+    words = [word for table in tables for word in WORDS[table]]
+    return re.compile(rf"\b(?:{'|'.join(words)})\b", re.I)
+
+
+def without_exceptions(text: str) -> str:
+    for phrase in WORDS["exceptions"]:
+        text = text.replace(phrase, "")
+    return text
+
+
+def helps() -> Iterator[tuple[str, str]]:
+    """The help of each command."""
+    asked = [[]]
+    while asked:
+        words = asked.pop()
+        text = subprocess.run([PROGRAM, *words, "--help"], capture_output=True, text=True, check=True).stdout
+        yield " ".join(words), text
+        listed = re.search(r"^Commands:\n(.*?)\n\n", text, re.S | re.M)
+        names = re.findall(r"^  ([\w-]+)", listed[1], re.M) if listed else []
+        asked += [[*words, name] for name in names if name != "help"]
+
+
+def files(*patterns: str) -> dict[str, str]:
+    found = sorted({file for pattern in patterns for file in ROOT.glob(pattern) if "target" not in file.relative_to(ROOT).parts})
+    return {file.relative_to(ROOT).as_posix(): file.read_text() for file in found}
+
+
+SOURCES = files("crates/*/src/**/*.rs", "src/**/*.rs", "plants/**/*.rs")
+
+
+def comments(text: str) -> str:
+    """The comments and the texts of a source."""
+    return "\n".join(re.findall(r"//.*$|#.*$|\"(?:[^\"\\]|\\.)*\"", text, re.M))
+
+
+def places() -> dict[str, dict[str, str]]:
+    """What is counted where."""
+    pages = {name: FENCE.sub("", text) for name, text in files("docs/**/*.md", "*.md").items() if name != "CHANGELOG.md"}
+    rust = {name: comments(text) for name, text in SOURCES.items()}
+    python = {name: text for name, text in files("python/**/*.py").items()}
+    return {"pages": pages, "Rust": rust, "Python": python}
+
+
+def test_readme_and_help_have_the_words_of_the_field() -> None:
+    wrong = expression("words", "front_words")
+    texts = {"README.md": FENCE.sub("", (ROOT / "README.md").read_text()), **dict(helps())}
+    assert len(texts) > 20
+    met = {}
+    for name, text in texts.items():
+        for line in without_exceptions(text).splitlines():
+            if words := [found[0] for found in (*wrong.finditer(line), *NUMBER.finditer(line))]:
+                met[f"{name}: {line.strip()}"] = words
+    assert not met, "\n".join(f"{line} {words}" for line, words in met.items())
+
+
+def counted() -> dict[str, Counter[str]]:
+    wrong = expression("words")
+    counts: dict[str, Counter[str]] = {}
+    for place, texts in places().items():
+        counts[f"words in {place}"] = Counter({name: len(wrong.findall(without_exceptions(text))) for name, text in texts.items()})
+        counts[f"numbers in {place}"] = Counter({name: len(NUMBER.findall(text)) for name, text in texts.items()})
+    counts["doc comments"] = Counter({name: len(BEGINS.findall(text)) for name, text in SOURCES.items()})
+    return counts
+
+
+COUNTS = counted()
+
+
+@pytest.mark.parametrize("what", COUNTS)
+def test_elsewhere_they_get_fewer(what: str) -> None:
+    count, most = sum(COUNTS[what].values()), WORDS["ceilings"][what]
+    print(f"{what}: {count}, at most {most}; most of them in {COUNTS[what].most_common(5)}")
+    assert count <= most, f"{count} {what}, {most} at most: {COUNTS[what].most_common(5)}"
+
+
+def test_exceptions_are_few_and_have_reasons() -> None:
+    assert len(WORDS["exceptions"]) <= 30 and all(WORDS["exceptions"].values())
