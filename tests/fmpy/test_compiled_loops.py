@@ -20,9 +20,7 @@ from package import Package
 
 # They set what the design of a unit reads, which a compiled one is designed with; of the first that is all that they set.
 DESIGNED = ["3.3.1-case2", "3.3.1-case2-bench", "4-case3", "4-case3-fuzzy", "7.5.2"]
-LOOPS = ["3.2.1-cosine", "3.3.1-case2", "6.5.1-mrac", "7.5.1"]
-if sample.ALL:
-    LOOPS = sample.LOOPS
+LOOPS = sample.LOOPS if sample.ALL else ["3.3.1-case2", ["3.2.1-cosine", "6.5.1-mrac", "7.5.1"][sample.NUMBER % 3]]
 VALUES = Path(fmpy.__file__).parent / "ssp" / "schema" / "SystemStructureParameterValues.xsd"
 
 

@@ -151,7 +151,7 @@ def test_a_run_with_a_value_is_that_of_the_program(explored: Explored, tmp_path:
 
 def test_a_name_that_is_none_and_a_value_that_a_unit_refuses_are_told(explored: Explored) -> None:
     _, told = explored.wanted("/run", values={"controller.nothing": 1})
-    assert "there is no parameter `controller.nothing`" in told["error"]
+    assert "there is no adjustable parameter `controller.nothing`" in told["error"]
     _, told = explored.wanted("/run", values={GAIN: "fast"})
     assert f'`{GAIN}` = "fast": must be a finite number' in told["error"]
     _, told = explored.wanted("/run", case="other.ssv")

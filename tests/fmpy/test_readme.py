@@ -22,6 +22,7 @@ from test_run_results import FILES
 RUN_ELSEWHERE = {
     "tests/run": (".ci/run", "tests/run"),
     "pip install .": ("tests/fmpy/test_pip.py", '"pip", "wheel", "."'),
+    "adaptive-fmu run --all": ("tests/fmpy/test_run_all.py", '"run", "--all"'),
     "cargo doc --no-deps": (".ci/run", "cargo doc --no-deps"),
     "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }

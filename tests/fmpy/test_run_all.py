@@ -37,6 +37,7 @@ def every(fmu_folder: Path, tmp_path_factory) -> tuple[Path, list[dict]]:
     return out, json.loads(answer.stdout)["loops"]
 
 
+@pytest.mark.slow
 def test_every_loop_of_the_package_is_run_and_holds(every) -> None:
     out, told = every
     assert [one["loop"] for one in told] == LOOP_NAMES
@@ -46,6 +47,7 @@ def test_every_loop_of_the_package_is_run_and_holds(every) -> None:
         assert json.loads((out / one["loop"] / "metrics.json").read_text())["metrics"] == one["metrics"]
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_to_fail_holds_when_it_does(every) -> None:
     _, told = every
     failed = {one["loop"]: one["error"] for one in told if one["ended"] == "failed"}
@@ -53,6 +55,7 @@ def test_a_loop_that_is_to_fail_holds_when_it_does(every) -> None:
     assert all("<ExpectedFailure" in (ROOT / "examples" / name / "SystemStructure.ssd").read_text() for name in failed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["3.2.1-square", "4-case3"])
 def test_a_loop_among_all_has_the_results_that_it_has_alone(every, name: str, fmu_folder, tmp_path) -> None:
     out, _ = every

@@ -48,7 +48,7 @@ FAMILIES = [
     "TwoLinkRobot",
 ]
 # These two are looked at for what the others haven't.
-NAMES = FAMILIES if sample.ALL else sorted({*FAMILIES[sample.NUMBER % 3 :: 3], "L1PpfCoupledMimo", "L1TwoLinkRobot"})
+NAMES = FAMILIES if sample.ALL else sorted({*FAMILIES[sample.NUMBER % 6 :: 6], "L1PpfCoupledMimo", "L1TwoLinkRobot"})
 # Steps of fixed length that are short enough for fast adaptation; and for that at inputs that jump.
 FIXED_STEPS, MOST_FIXED_STEPS = 1000, 10_000
 COMPILERS = [compiler for compiler in ["gcc", "clang"] if shutil.which(compiler)]

@@ -106,6 +106,7 @@ def test_from_a_fresh_environment_to_a_loop_a_plot_a_gain_and_an_fmu_for_six_pla
     assert list(Path(fresh["TMPDIR"]).iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_extra_for_notebooks_brings_what_bars_are_drawn_by(fresh: dict[str, str], tmp_path: Path) -> None:
     """Without ipywidgets tqdm refuses, and `tqdm.auto` warns in each notebook."""
     script = "from tqdm.notebook import tqdm; tqdm(total=1).update(1)"
