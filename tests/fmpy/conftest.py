@@ -5,7 +5,7 @@
 
 With `-n 2 --dist loadgroup` two processes share the tests: those of a file stay together, and those that build by cargo.
 
-With ADAPTIVE_FMU_FMUS = a folder of exported FMUs, those are tested instead of newly exported ones. With ADAPTIVE_FMU_TESTED =
+With ADAPTIVE_FMU_FMUS = a folder, FMUs that are compiled from C sources are tested, which are exported into it. With ADAPTIVE_FMU_TESTED =
 a program, that one is tested (target/debug/adaptive-fmu, say), and none is built.
 """
 
@@ -142,6 +142,15 @@ def room_is_given_back(request: pytest.FixtureRequest, tmp_path_factory: pytest.
                         inside.unlink()
 
 
+def compile_once(name: str, folder: Path) -> None:
+    """Exports an FMU of this package with a library that is compiled from its C sources, unless it is in the folder."""
+    with (folder / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / f"{name}.fmu").is_file():
+            exported = adaptive_fmu("export", "--compile", name, "--out", folder)
+            assert exported.returncode == 0, exported.stderr
+
+
 @pytest.fixture(scope="session")
 def fmu(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Fmu]:
     """An FMU by its name, unpacked once."""
@@ -149,6 +158,8 @@ def fmu(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[
 
     def get(name: str) -> Fmu:
         if name not in opened:
+            if COMPILED:
+                compile_once(name, fmu_folder)
             unpacked = tmp_path_factory.getbasetemp() / "unpacked" / name
             opened[name] = Fmu(fmu_folder / f"{name}.fmu", unpacked)
         return opened[name]
