@@ -102,7 +102,7 @@ def test_wrong_inputs_are_refused_by_line_and_name(fmu, tmp_path: Path) -> None:
         ("t,u[1]\n0,1\n", ["line 1", "`time`"]),
         ("time,speed\n0,1\n", ["line 1", "`speed`", "u[1]"]),
         ("time,u[1]\n", ["line 2", "at least one line of values"]),
-        ("time,u[1]\n0,1\n1\n", ["line 3", "1 values for 2 columns"]),
+        ("time,u[1]\n0,1\n1\n", ["line 3", "has 1 values, but there are 2 columns"]),
         ("time,u[1]\n0,one\n", ["line 2", "u[1] = one"]),
         ("time,u[1]\n0,nan\n", ["line 2", "u[1] = nan"]),
         ("time,u[1]\n1,0\n0,0\n", ["line 3", "time = 0", "before"]),
