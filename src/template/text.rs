@@ -84,20 +84,19 @@ pub fn diagonal(value: f64, n: usize) -> String {
 
 /// The nearest number above that is 1, 2 or 5 times a power of ten.
 pub fn round_up(value: f64) -> f64 {
-    round(value, |step, target| step >= target * (1.0 - 1e-9))
+    steps(value).find(|step| *step >= value * (1.0 - 1e-9)).unwrap_or(value)
 }
 
 /// The nearest such number below.
 pub fn round_down(value: f64) -> f64 {
-    1.0 / round_up(1.0 / value)
+    steps(value).take_while(|step| *step <= value * (1.0 + 1e-9)).last().unwrap_or(value)
 }
 
-fn round(value: f64, fits: impl Fn(f64, f64) -> bool) -> f64 {
+/// Such numbers about a value, in ascending order: by their texts, so that they are those that a person would write.
+fn steps(value: f64) -> impl Iterator<Item = f64> {
     let decade = value.log10().floor() as i32;
-    // By its text, so that it is the number that a person would write.
-    let steps = [(1, 0), (2, 0), (5, 0), (1, 1), (2, 1)].map(|(step, more)| format!("{step}e{}", decade + more));
-    let mut steps = steps.iter().filter_map(|text| text.parse().ok());
-    steps.find(|&step| fits(step, value)).unwrap_or(value)
+    let texts = [(1, 0), (2, 0), (5, 0), (1, 1), (2, 1)].map(|(step, more)| format!("{step}e{}", decade + more));
+    texts.into_iter().filter_map(|text| text.parse().ok())
 }
 
 /// Rounded to three digits.

@@ -127,3 +127,10 @@ def test_what_is_wrong_in_a_loop_is_told_with_its_line_and_what_was_meant(tmp_pa
         line = next(k for k, found in enumerate(file.read_text().splitlines(), 1) if after in found)
         told = fails("run", file, folder=tmp_path)
         assert f"SystemStructure.ssd: line {line}: " in told and f"did you mean `{meant}`?" in told
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_a_file_that_is_none_is_said_to_be_there(command: str, tmp_path: Path) -> None:
+    file = tmp_path / "plant.json"
+    file.write_text("{}")
+    assert f"named `{file}`, and the file or folder of this name isn't one; " in fails(command, file)

@@ -1,7 +1,7 @@
 //! Everything that can go wrong, each with what a user needs to mend it. All texts stand here.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::near;
 
@@ -266,7 +266,7 @@ pub enum Error {
     #[error("{0}")]
     Argument(Invalid),
     /// A name that isn't there.
-    #[error("there is no {what} named `{name}`; {}", near::choice(name, known, all))]
+    #[error("there is no {what} named `{name}`{}; {}", present(name), near::choice(name, known, all))]
     Unknown {
         /// What was looked for.
         what: &'static str,
@@ -288,6 +288,12 @@ pub enum Error {
     /// The shared library that goes into the FMUs is missing or doesn't answer.
     #[error("{0}")]
     Library(String),
+}
+
+/// What is added where a name is that of a file or a folder.
+fn present(name: &str) -> &'static str {
+    let is_path = name.contains(['.', '/']) && Path::new(name).exists();
+    if is_path { ", and the file or folder of this name isn't one" } else { "" }
 }
 
 impl Error {

@@ -187,6 +187,6 @@ mod tests {
         std::fs::write(&file, text).unwrap();
         assert_eq!(read(&file, "record").unwrap().fits, Some(false));
         std::fs::write(&file, "{").unwrap();
-        assert!(read(&file, "record").unwrap_err().to_string().contains("is no record"));
+        assert!(read(&file, "record").unwrap_err().to_string().contains("is not a record"));
     }
 }
