@@ -28,7 +28,7 @@ class ArgumentError(Error, ValueError):
     ...     adaptive_fmu.Loop("3.2.1-cosine").run(step=-1)
     ... except ValueError as error:
     ...     print(error)
-    invalid value '-1' for '--step <STEP>': must be a finite number above 0
+    invalid value '-1' for 'step': must be a finite number above 0
     """
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -70,6 +71,20 @@ def require_unicode(*words: str) -> None:
             ) from None
 
 
+# Keyword arguments whose names differ from those of the options that they become.
+KEYWORDS = {"set": "values", "parameter": "parameters", "steady-state": "steady_state"}
+OPTION = re.compile(
+    r"--(at|bandwidth|case|compile|composite|fmus|force|generations|input|inputs|interface|metric|order|out|outputs|parameter|"
+    r"particles|plant|platforms|record|reference|seed|separate|set|source|square|ssp|states|steady-state|step|tag|terminals|until|"
+    r"values|without)\b(?![\w-])(?: <[^>]+>)?"
+)
+
+
+def in_keywords(message: str) -> str:
+    """Return a message of the program with keyword arguments in place of the options that they became."""
+    return OPTION.sub(lambda option: KEYWORDS.get(option[1], option[1]), message)
+
+
 @dataclass
 class Answer:
     """Answer of the program to a request."""
@@ -94,7 +109,7 @@ class Answer:
         told = [note.removeprefix("error: ") for note in self.notes if note.startswith("error: ")]
         message = told[-1] if told else "\n".join(self.notes).strip() or f"The request failed with exit code {self.code}"
         # The rest describes the usage of the command line, which does not concern a caller from Python.
-        message = message.split("\n\n")[0].strip()
+        message = in_keywords(message.split("\n\n")[0].strip())
         return ArgumentError(message) if self.code == 2 else Error(message)
 
 

@@ -116,8 +116,12 @@ def test_errors_are_exceptions_with_what_to_do(tmp_path: Path) -> None:
     loop = adaptive_fmu.Loop(LOOP)
     with pytest.raises(adaptive_fmu.Error, match="there is no `plant.nix`"):
         loop.run(plant={"nix": 1})
-    with pytest.raises(adaptive_fmu.ArgumentError, match="must be a finite number above 0"):
+    # In keyword arguments, not in options of a command line.
+    with pytest.raises(adaptive_fmu.ArgumentError, match="for 'until': must be a finite number above 0"):
         loop.run(until=-1)
+    with pytest.raises(adaptive_fmu.Error) as refused:
+        adaptive_fmu.new("l1", tmp_path / "Mine.toml", plant="NonlinearSiso", bandwidth=-1)
+    assert "bandwidth" in str(refused.value) and "--" not in str(refused.value)
     with pytest.raises(adaptive_fmu.ArgumentError, match="It must be a dict with the values of its variables"):
         loop.run(plant=3)  # type: ignore[arg-type]
     with pytest.raises(adaptive_fmu.ArgumentError, match="must be a number, a bool, a str"):
