@@ -290,7 +290,7 @@ pub enum Error {
     Library(String),
 }
 
-/// What is added where a name is that of a file or a folder.
+/// Addition to the message where a name is that of a file or a folder.
 fn present(name: &str) -> &'static str {
     let is_path = name.contains(['.', '/']) && Path::new(name).exists();
     if is_path { ", and the file or folder of this name isn't one" } else { "" }
