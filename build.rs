@@ -47,9 +47,16 @@ fn embed() {
     write("embedded.rs", &code);
 }
 
-/// What the page of a kind says, as a constant of its name: its front matter, and its text with that of the page that follows it.
+/// The entries of front matter; a page needs the first five.
+const ENTRIES: [&str; 7] = ["title", "purpose", "alone", "gains", "limits", "take it for", "followed by"];
+
+/// The page of a kind as a constant of its name: its front matter, and its text with that of the page that follows it.
 fn page(file: &Path) -> String {
     let (head, mut text) = front_matter(file);
+    let unknown = head.iter().find(|(name, _)| !ENTRIES.contains(&name.as_str()));
+    assert!(unknown.is_none(), "{}: `{}` is none of {ENTRIES:?}", file.display(), unknown.unwrap().0);
+    let lacking = ENTRIES[..5].iter().find(|entry| !head.iter().any(|(name, _)| name == *entry));
+    assert!(lacking.is_none(), "{}: its front matter lacks `{}`", file.display(), lacking.unwrap());
     let told =
         |key: &str| head.iter().find(|(name, _)| name == key).map(|(_, value)| value.as_str()).unwrap_or_default();
     if !told("followed by").is_empty() {
@@ -62,6 +69,7 @@ fn page(file: &Path) -> String {
         .fold(String::new(), |list, (name, text)| list + &format!("({name:?}, {text:?}), "));
     let [title, purpose, alone, limits, choice] = ["title", "purpose", "alone", "limits", "take it for"].map(told);
     let choice: Vec<_> = choice.lines().collect();
+    assert!([0, 2].contains(&choice.len()), "{}: `take it for` has two lines", file.display());
     let place = file.strip_prefix("docs").unwrap_or(file).with_extension("");
     format!(
         "/// [{title}](Page).\npub const {}: Page = Page {{\nplace: {place:?},\ntitle: {title:?},\nguide: Guide {{ \

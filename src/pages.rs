@@ -1,4 +1,4 @@
-//! What the pages of kinds in `docs` say, a constant for each, and the icons of `modelDescription/icons`. The build script writes
+//! The pages of kinds in `docs`, a constant for each, and the icons of `modelDescription/icons`. The build script writes
 //! them: a page is the one place where something is said of a kind.
 
 /// What is said of a kind in its page below `docs`: the entries of its front matter, and its text.
@@ -52,9 +52,4 @@ include!(concat!(env!("OUT_DIR"), "/pages.rs"));
 pub fn icon(kind: &str) -> Icon {
     let named = |name: &str| ICONS.iter().find(|icon| icon.name == name).copied();
     named(kind).or_else(|| named("unit")).unwrap_or(ICONS[0])
-}
-
-/// All icons.
-pub fn icons() -> &'static [Icon] {
-    ICONS
 }

@@ -7,8 +7,8 @@ use std::ops::Range;
 use crate::recording::{Given, Instructions, Leaf, Node, Operation, Recording, Registers, Tape};
 use crate::system::{Section, Variables};
 
-/// A Jacobian of more operations is computed direction by direction: an entry at a time it would be many megabytes. Direction by
-/// direction a robot's neuro-adaptive law takes ten times as long.
+/// A Jacobian of more operations is computed direction by direction: entry by entry it would be many megabytes. Below, that pays:
+/// the robot's loop with its neuro-adaptive law takes five times as long direction by direction.
 pub const LARGEST: usize = 60_000;
 /// In C sources, where each operation is a line.
 pub const LARGEST_IN_C: usize = 6000;
