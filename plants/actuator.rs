@@ -9,7 +9,7 @@ use crate::system::{
     Declaration, Input, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, System, Unit,
     Values, VectorOf, scalar, vector,
 };
-use crate::template::{Request, Sizes, Template, all, named, write_limits, write_names};
+use crate::template::{Begun, Request, Sizes, Template, all, named, write_limits, write_names};
 
 /// Event indicators of a channel: two of each piecewise linear effect.
 const KINKS: usize = 6;
@@ -191,7 +191,7 @@ impl Catalogued for Actuator {
 }
 
 /// An actuator with the plant's limits, or without any.
-fn template(request: &Request) -> Result<String, Invalid> {
+fn template(request: &Request) -> Result<Begun, Invalid> {
     request.only(&["inputs"])?;
     let (m, signals) = channels(request, request.sizes.inputs, |plant| (plant.sizes().1, &plant.u));
     let mut text = request.begin(&Actuator::PAGE, 10.0, 1e-3);

@@ -6,6 +6,7 @@ pub mod actuator;
 mod attitude;
 pub mod channels;
 pub mod coupled_mimo;
+mod dead_time;
 pub mod mares_auv;
 pub mod nonlinear_siso;
 pub mod quadrotor;

@@ -9,7 +9,7 @@ use crate::system::{
     Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
     Values, VectorOf, any, matrix, quantities, selection, smaller, vector,
 };
-use crate::template::{Plant, Request, Sizes, Template, all, named, number, write_names};
+use crate::template::{Begun, Plant, Request, Sizes, Template, all, experiment, named, number, write_names};
 
 /// Steps that each channel can have.
 const STEPS: usize = 4;
@@ -308,11 +308,12 @@ impl Catalogued for Reference {
 }
 
 /// Each channel steps to the usual magnitude at 1 s.
-fn template(request: &Request) -> Result<String, Invalid> {
+fn template(request: &Request) -> Result<Begun, Invalid> {
     request.only(&["outputs"])?;
     let (m, mut signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().2, &plant.y));
     signals.texts = request.plant.as_ref().map_or(Vec::new(), Plant::output_quantities);
-    let mut text = request.begin(&Reference::PAGE, 10.0, 1e-3);
+    let (stop_time, step) = experiment(request);
+    let mut text = request.begin(&Reference::PAGE, stop_time, step);
     write_channels(&mut text, m, &signals);
     write_names(&mut text, &[("r", named(&signals, "_reference"))]);
     text.table("start");

@@ -9,7 +9,7 @@ use crate::system::{
     Declaration, Discrete, Input, IntegerOf, Invalid, Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal,
     Signals, System, Values, VectorOf, any, integer, scalar, vector,
 };
-use crate::template::{Request, Sizes, Template, all, named, write_names};
+use crate::template::{Begun, Request, Sizes, Template, all, named, write_names};
 
 /// Each channel: lag, delay, bias, noise and quantisation, in this order.
 #[derive(Debug)]
@@ -171,7 +171,7 @@ impl Catalogued for Sensor {
 }
 
 /// A sensor without any effect, until it is set.
-fn template(request: &Request) -> Result<String, Invalid> {
+fn template(request: &Request) -> Result<Begun, Invalid> {
     request.only(&["outputs"])?;
     let (m, signals) = channels(request, request.sizes.outputs, |plant| (plant.sizes().0, &plant.x));
     let mut text = request.begin(&Sensor::PAGE, 10.0, 1e-3);

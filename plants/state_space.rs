@@ -4,20 +4,26 @@
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
+use super::dead_time::DeadTime;
 use crate::catalogue::{Catalogued, Demonstration, Scale, Stimulus};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::mathematics::matrices::rows;
 use crate::pages::{self, Page};
 use crate::system::{
-    Declaration, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar, Signal, Signals, State, System, Unit,
-    Values, VectorOf, matrix, of_outputs, quantities, vector,
+    Declaration, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals, State, System,
+    Unit, Values, VectorOf, matrix, of_outputs, quantities, vector,
 };
 use crate::template::{
-    self, Request, Sizes, Template, all, named, write_limits, write_names, write_quantities, write_units,
+    self, Begun, Request, Sizes, Template, all, named, write_limits, write_names, write_quantities, write_units,
 };
 
 /// Largest number of states, of inputs and of outputs.
 const MOST: usize = 200;
+
+/// Derivatives of the outputs, by their names.
+const NAMES: [(&str, &str); 2] = [("dy", "rate"), ("ddy", "second derivative")];
+/// What counts as 0 of C Aᵏ B, in parts of its terms.
+const NEGLIGIBLE: f64 = 1e-9;
 
 /// The matrices of a plant.
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
@@ -31,6 +37,12 @@ pub struct StateSpaceStructure {
     C: Vec<Vec<f64>>,
     /// What the input shows in the output at once, p rows of m numbers; nothing where it isn't given.
     D: Option<Vec<Vec<f64>>>,
+    /// Dead time of each input, s; none where it isn't given.
+    delay: Option<Vec<f64>>,
+    /// Derivatives of the outputs that are outputs too, 0 … 2: as far as no input shows in them at once.
+    #[serde(default)]
+    #[schemars(range(max = 2))]
+    output_derivatives: usize,
     /// Units of the signals.
     #[serde(default)]
     units: StateSpaceUnits,
@@ -63,7 +75,14 @@ struct StateSpaceUnits {
     y: Vec<String>,
 }
 
-/// x' = A (x − x_op) + B w, y = y_op + C (x − x_op) + D w with w = u within its limits + d − u_op.
+/// A derivative of the outputs, C Aᵏ (x − x_op), where C A^(k−1) B = 0.
+#[derive(Debug)]
+struct OutputRate {
+    CA: MatrixOf<Prepared>,
+    dy: VectorOf<Signal>,
+}
+
+/// x' = A (x − x_op) + B w, y = y_op + C (x − x_op) + D w with w = u within its limits, after its dead time, + d − u_op.
 #[derive(Debug)]
 pub struct StateSpace {
     A: MatrixOf<Parameter>,
@@ -80,7 +99,9 @@ pub struct StateSpace {
     d: VectorOf<Input>,
     x: VectorOf<State>,
     y: VectorOf<Signal>,
+    rates: Vec<OutputRate>,
     u_acting: VectorOf<Signal>,
+    dead_time: Option<DeadTime>,
     /// w
     w: VectorOf<Signal>,
 }
@@ -113,6 +134,19 @@ impl System for StateSpace {
         let output = |name: &str, behind: &str| {
             vector(name, p, &format!("output{behind}")).about(&of_y, &format!("output, {{}}{behind}")).units(&y)
         };
+        let derivatives = structure.output_derivatives;
+        if derivatives > NAMES.len() {
+            return Err(Invalid::new("output_derivatives", derivatives, format!("must be within 0 … {}", NAMES.len())));
+        }
+        let mut units_of_rates = y.clone();
+        let rates = NAMES.iter().take(derivatives).map(|&(name, order)| {
+            units_of_rates = units_of_rates.iter().map(|unit| Unit::per_second(unit)).collect();
+            let spec = vector(name, p, &format!("{order} of the output"));
+            let spec = spec.about(&of_y, &format!("{order} of the output, {{}}")).units(&units_of_rates);
+            (matrix(&format!("#{name} of x"), p, n, "").hidden(), spec)
+        });
+        let rates: Vec<_> = rates.map(|(CA, dy)| OutputRate { CA: d.prepared(CA), dy: d.output(dy) }).collect();
+        let dead_time = structure.delay.as_deref().map(|delay| DeadTime::declare(d, delay, &of_u, &u)).transpose()?;
         // Two an input: at its limits.
         d.indicators(std::iter::repeat_n("", 2 * m));
         Ok(StateSpace {
@@ -136,35 +170,60 @@ impl System for StateSpace {
             y: d.output(output("y", "")),
             u_acting: d.local(input("u_acting", "input within its limits", "{} within its limits")),
             w: d.local(vector("#w", m, "").hidden()),
+            dead_time,
+            rates,
         })
     }
 
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         limits::require_room(self.u_min, self.u_max, v);
+        if let Some(dead_time) = &self.dead_time {
+            dead_time.relate(v);
+        }
+        self.relate_rates(v);
     }
 
-    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+    fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         v.copy(self.x0, self.x);
+        if let Some(dead_time) = &self.dead_time {
+            dead_time.start(t, |j, v| self.acting(j, v), v);
+        }
     }
 
-    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+    fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
         for j in 0..self.u.len() {
-            y[self.u_acting.at(j)] = within(v[self.u][j], v[self.u_min][j], v[self.u_max][j]);
-            y[self.w.at(j)] = y[self.u_acting.at(j)] + v[self.d][j] - v[self.u_op][j];
+            let acting = self.acting(j, v);
+            let late = self.dead_time.as_ref().map_or(acting, |dead_time| dead_time.delayed(t, j, acting, v));
+            y[self.u_acting.at(j)] = acting;
+            y[self.w.at(j)] = late + v[self.d][j] - v[self.u_op][j];
         }
         for i in 0..self.y.len() {
-            let mut output = v[self.y_op][i] + self.of_state(self.C, i, v);
+            let mut output = v[self.y_op][i] + self.of_state(|j| v[self.C.at(i, j)], v);
             for (j, D) in self.D.iter().flat_map(|&D| (0..self.u.len()).map(move |j| (j, D.at(i, j)))) {
                 output += v[D] * y[self.w.at(j)];
             }
             y[self.y.at(i)] = output;
+            for OutputRate { CA, dy } in &self.rates {
+                y[dy.at(i)] = self.of_state(|j| v[CA.at(i, j)], v);
+            }
         }
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         for i in 0..self.x.len() {
             let inputs = (0..self.u.len()).map(|j| v[self.B.at(i, j)] * v[self.w.at(j)]);
-            dx[self.x.at(i)] = inputs.fold(self.of_state(self.A, i, v), |sum, part| sum + part);
+            dx[self.x.at(i)] = inputs.fold(self.of_state(|j| v[self.A.at(i, j)], v), |sum, part| sum + part);
+        }
+    }
+
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
+        self.dead_time.as_ref().map_or(S::from(f64::INFINITY), |dead_time| dead_time.next(v))
+    }
+
+    /// A sample of the dead times is taken where one is due; a limit changes nothing.
+    fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        if let Some(dead_time) = &self.dead_time {
+            dead_time.event(t, |j, v| self.acting(j, v), v);
         }
     }
 
@@ -178,10 +237,36 @@ impl System for StateSpace {
 }
 
 impl StateSpace {
-    /// Row i of a matrix times x − x_op.
-    fn of_state<S: Scalar>(&self, matrix: MatrixOf<Parameter>, i: usize, v: &Values<S>) -> S {
+    /// An input within its limits.
+    fn acting<S: Scalar>(&self, j: usize, v: &Values<S>) -> S {
+        within(v[self.u][j], v[self.u_min][j], v[self.u_max][j])
+    }
+
+    /// A row of a matrix times x − x_op.
+    fn of_state<S: Scalar>(&self, row: impl Fn(usize) -> S, v: &Values<S>) -> S {
         let (x, x_op) = (&v[self.x], &v[self.x_op]);
-        (0..x.len()).fold(S::from(0.0), |sum, j| sum + v[matrix.at(i, j)] * (x[j] - x_op[j]))
+        (0..x.len()).fold(S::from(0.0), |sum, j| sum + row(j) * (x[j] - x_op[j]))
+    }
+
+    /// C A, C A² as far as they are asked for; an input that shows in such a derivative at once is refused.
+    fn relate_rates<S: Scalar>(&self, v: &mut Point<S>) {
+        let (n, p, m) = (self.x.len(), self.y.len(), self.u.len());
+        let mut previous: Vec<Vec<S>> = (0..p).map(|i| (0..n).map(|j| v[self.C.at(i, j)]).collect()).collect();
+        for (order, rate) in self.rates.iter().enumerate() {
+            for (i, row) in previous.iter_mut().enumerate() {
+                for j in 0..m {
+                    let parts = || (0..n).map(|k| row[k] * v[self.B.at(k, j)]);
+                    let shown = parts().fold(S::from(0.0), |sum, part| sum + part).abs();
+                    let size = parts().fold(S::from(0.0), |sum, part| sum + part.abs());
+                    v.refuse(shown.above(size * NEGLIGIBLE), |v| {
+                        let name = format!("C A^{order} B of {}", v.name(rate.dy.at(i)));
+                        Invalid::new(name, shown.told(), "must be 0: an input shows in this derivative at once")
+                    });
+                }
+                *row = (0..n).map(|j| (0..n).fold(S::from(0.0), |sum, k| sum + row[k] * v[self.A.at(k, j)])).collect();
+                (0..n).for_each(|j| v[rate.CA.at(i, j)] = row[j]);
+            }
+        }
     }
 }
 
@@ -249,10 +334,11 @@ impl Catalogued for StateSpace {
 }
 
 /// A linear plant.
-fn template(request: &Request) -> Result<String, Invalid> {
+fn template(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(false)?;
     let (n, m, p) = plant.sizes();
-    let mut text = request.begin(&StateSpace::PAGE, 10.0, 1e-3);
+    let (stop_time, step) = template::experiment(request);
+    let mut text = request.begin(&StateSpace::PAGE, stop_time, step);
     text.table("structure");
     text.comment("x' = A x + B (u + d), y = C x + D u: rows of numbers. A model with other numbers is set at [start].");
     text.set("A", template::rows(&plant.A), "");
@@ -261,6 +347,13 @@ fn template(request: &Request) -> Result<String, Invalid> {
     match &plant.D {
         Some(D) => text.set("D", template::rows(D), ""),
         None => text.suggest("D", template::rows(&DMatrix::zeros(p, m)), "only where the input shows in y at once"),
+    }
+    match derivatives(&plant) {
+        0 => {}
+        known => text.set("output_derivatives", known, "dy, ddy are outputs too, for controllers that need them"),
+    }
+    if !plant.delay.is_empty() {
+        text.set("delay", template::list(&plant.delay), "s, dead time of each input");
     }
     write_units(&mut text, &[("x", &plant.x, n), ("u", &plant.u, m), ("y", &plant.y, p)]);
     write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
@@ -273,4 +366,19 @@ fn template(request: &Request) -> Result<String, Invalid> {
     write_limits(&mut text, Some(&plant), m);
     text.suggest("x_op", all(0.0, n), "operating point about which A, B, C, D hold; also u_op, y_op");
     Ok(text.finish())
+}
+
+/// Derivatives of the outputs in which no input shows at once.
+fn derivatives(plant: &template::Plant) -> usize {
+    let shows = |row: &DMatrix<f64>| {
+        let size = row.abs() * plant.B.abs();
+        (row * &plant.B).iter().zip(&size).any(|(shown, size)| shown.abs() > NEGLIGIBLE * size)
+    };
+    let mut rows = plant.C.clone();
+    let known = (0..NAMES.len()).take_while(|_| {
+        let free = plant.D.is_none() && !shows(&rows) && rows.iter().any(|&entry| entry != 0.0);
+        rows = &rows * &plant.A;
+        free
+    });
+    known.count()
 }

@@ -7,6 +7,7 @@
 
 pub mod catalogue;
 pub mod controllers;
+pub mod design;
 pub mod library;
 pub mod mathematics;
 pub mod pages;

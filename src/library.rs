@@ -9,7 +9,7 @@ use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model};
 use crate::system::Registry;
-use crate::template::{MOST, Request, Sizes};
+use crate::template::{Begun, MOST, Request, Sizes};
 use crate::{controllers, plants};
 
 const ENTRIES: &[Entry] = &[
@@ -74,7 +74,7 @@ pub fn begun() -> impl Iterator<Item = &'static Entry> {
 ///
 /// # Errors
 /// Sizes that the kind doesn't have, or why there is no such unit for this plant.
-pub fn begin(request: &Request) -> Result<String, Invalid> {
+pub fn begin(request: &Request) -> Result<Begun, Invalid> {
     let Sizes { states, inputs, outputs } = request.sizes;
     let mut sizes = [states, inputs, outputs].into_iter().flatten();
     if let Some(size) = sizes.find(|size| !(1..=MOST as usize).contains(size)) {
@@ -84,9 +84,9 @@ pub fn begin(request: &Request) -> Result<String, Invalid> {
         let known: Vec<_> = begun().map(|entry| entry.kind.name).collect();
         return Err(Invalid::new("kind", request.kind, format!("must be one of {}", known.join(", "))));
     };
-    let text = (template.write)(request)?;
+    let begun = (template.write)(request)?;
     // Only what can be exported is worth beginning with.
-    let model = Model::from_description(Description::read(&text)?, REGISTRY)?;
+    let model = Model::from_description(Description::read(&begun.text)?, REGISTRY)?;
     Execution::new(model).initialise().map_err(Invalid::because)?;
-    Ok(text)
+    Ok(begun)
 }

@@ -14,7 +14,9 @@ use crate::system::{
     ScalarOf, Signal, Signals, State, System, Unit, Values, VectorOf, boolean, matrix, of_outputs, quantities, scalar,
     vector,
 };
-use crate::template::{Request, Sizes, Template, all, named, round_down, write_names, write_quantities, write_units};
+use crate::template::{
+    Begun, Request, Sizes, Template, all, named, round_down, write_names, write_quantities, write_units,
+};
 
 /// How the gain k_l is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
@@ -328,10 +330,10 @@ impl Catalogued for Observer {
 }
 
 /// A robust adaptive observer, at first with its nominal part alone.
-fn template(request: &Request) -> Result<String, Invalid> {
+fn template(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
-    let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
+    let bandwidth = design::bandwidth(&plant, request)?;
     // Four times as fast as a controller of that bandwidth.
     let poles = design::poles(&plant.A.transpose(), &plant.C.transpose(), 4.0 * bandwidth).map_err(|_| {
         Invalid::because("A, C: every state must show in the output (A, C observable), through rows of C that differ")

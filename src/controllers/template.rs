@@ -1,10 +1,8 @@
 //! What the texts of new controllers share.
 
 pub mod design;
+pub mod first;
 
-use nalgebra::DMatrix;
-
-use crate::error::Invalid;
 use crate::template::{Plant, Text, all, list, round_up, rows, three_digits};
 
 /// How long a master simulates by default: until what is that slow is over, s.
@@ -18,38 +16,6 @@ pub fn write_plant(text: &mut Text, plant: &Plant, outputs: &str) {
     text.set("A", rows(&plant.A), "");
     text.set("B", rows(&plant.B), "");
     text.set("C", rows(&plant.C), outputs);
-}
-
-/// After how many derivatives of each output the controls show, the same for all, and how they do.
-///
-/// # Errors
-/// Outputs that differ in it, or in which the controls show later.
-#[allow(non_snake_case)] // matrices have the names of the field
-pub fn input_gain(plant: &Plant, most: usize) -> Result<(usize, DMatrix<f64>), Invalid> {
-    let Plant { A, B, C, .. } = plant;
-    let degree = |i: usize| {
-        let mut row = C.row(i).into_owned();
-        for degree in 1..=most {
-            let shown = &row * B;
-            if shown.amax() > 1e-9 * row.amax() * B.amax() {
-                return Ok((degree, shown));
-            }
-            row = &row * A;
-        }
-        let allowed = format!("must be within 1 … {most}: the control must show in one of so many derivatives");
-        Err(Invalid::new(format!("relative degree of output {}", i + 1), "more", allowed))
-    };
-    let rows = (0..C.nrows()).map(degree).collect::<Result<Vec<_>, _>>()?;
-    let first = rows[0].0;
-    if let Some(i) = rows.iter().position(|(degree, _)| *degree != first) {
-        let name = format!("relative degree of output {}", i + 1);
-        return Err(Invalid::new(name, rows[i].0, format!("must be {first}, that of output 1")));
-    }
-    let gain = DMatrix::from_fn(rows.len(), B.ncols(), |i, j| rows[i].1[j]);
-    if !gain.norm_squared().is_finite() {
-        return Err(Invalid::because("the entries of A, B and C differ by too many powers of ten"));
-    }
-    Ok((first, gain))
 }
 
 /// Poles in the two vectors that units have.

@@ -5,8 +5,9 @@ mod plant;
 mod text;
 
 pub use plant::{Plant, Signals};
-pub use text::{Text, all, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits};
+pub use text::{Begun, Text, all, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits};
 
+use crate::eigenvalues;
 use crate::error::Invalid;
 use crate::pages::Page;
 
@@ -21,7 +22,7 @@ const LONGEST_CHAIN: usize = 8;
 #[derive(Debug, Clone, Copy)]
 pub struct Template {
     /// The text for a request; why there is none.
-    pub write: fn(&Request) -> Result<String, Invalid>,
+    pub write: fn(&Request) -> Result<Begun, Invalid>,
     /// Sizes that tests try.
     pub tried: &'static [Sizes],
 }
@@ -126,6 +127,19 @@ impl Request<'_> {
         text.set("step", number(step), "s, communication step");
         text
     }
+}
+
+/// What a plant, or its reference, is simulated for by default, and its communication step, s: usual ones, and longer ones for
+/// a plant that is slow. A controller that needs shorter steps asks for them itself.
+pub fn experiment(request: &Request) -> (f64, f64) {
+    const USUAL: (f64, f64) = (10.0, 1e-3);
+    let slowest = || {
+        let poles = eigenvalues::complex(&request.plant.as_ref()?.A)?;
+        let largest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+        poles.iter().map(|pole| pole.norm()).filter(|&size| size > 1e-6 * largest).reduce(f64::min)
+    };
+    let time = request.bandwidth.or_else(slowest).map_or(0.0, f64::recip);
+    (round_up(20.0 * time).max(USUAL.0), round_down(0.01 * time).max(USUAL.1))
 }
 
 /// Names of signals with something behind each; none where they have none.

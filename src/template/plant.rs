@@ -15,7 +15,7 @@ use crate::system::{of_outputs, quantities};
 const LARGEST: u64 = 1 << 22;
 
 /// What may stand in a file; the second line is what `linearise --json` writes beside it.
-const KEYS: [&str; 10] = ["A", "B", "C", "D", "states", "inputs", "outputs", "units", "u_min", "u_max"];
+const KEYS: [&str; 11] = ["A", "B", "C", "D", "delay", "states", "inputs", "outputs", "units", "u_min", "u_max"];
 const IGNORED: [&str; 6] = ["fmu", "time", "method", "steady_state", "unique", "eigenvalues"];
 
 /// x' = A x + B u, y = C x + D u, with names and units where they are known.
@@ -37,6 +37,8 @@ pub struct Plant {
     pub y: Signals,
     /// Limits of the inputs, where they are known.
     pub limits: Option<[Vec<f64>; 2]>,
+    /// Dead time of each input, s; empty where there is none.
+    pub delay: Vec<f64>,
 }
 
 /// Names and units of signals; both are empty where they aren't known.
@@ -70,7 +72,7 @@ impl Plant {
         }
         (0..p).for_each(|i| C[(i, first(i, p))] = 1.0);
         let (x, u, y) = (Signals::default(), Signals::default(), Signals::default());
-        Ok(Plant { A, B, C, D: None, x, u, y, limits: None })
+        Ok(Plant { A, B, C, D: None, x, u, y, limits: None, delay: Vec::new() })
     }
 
     /// Reads a plant.
@@ -127,7 +129,7 @@ impl Plant {
         let D = D.filter(|D| D.iter().any(|&entry| entry != 0.0));
         let signals = |key: &str, unit: &str, len: usize| Signals::read(table, key, unit, len);
         let (x, u, y) = (signals("states", "x", n)?, signals("inputs", "u", m)?, signals("outputs", "y", p)?);
-        Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)? })
+        Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)?, delay: delays(table, m)? })
     }
 
     /// The plant with some of its inputs and outputs only, by their names and in that order.
@@ -142,6 +144,7 @@ impl Plant {
             self.u = self.u.of(&places);
             self.limits =
                 self.limits.map(|limits| limits.map(|limit| places.iter().map(|&place| limit[place]).collect()));
+            self.delay = places.iter().filter_map(|&place| self.delay.get(place).copied()).collect();
         }
         if let Some(names) = outputs {
             let places = self.y.places("--outputs", names)?;
@@ -157,6 +160,11 @@ impl Plant {
     pub fn output_quantities(&self) -> Vec<String> {
         let shown = of_outputs(&self.C, &self.x.quantities());
         if shown.is_empty() { self.y.quantities() } else { shown }
+    }
+
+    /// Dead time of each input, s.
+    pub fn delays(&self) -> Vec<f64> {
+        if self.delay.is_empty() { vec![0.0; self.B.ncols()] } else { self.delay.clone() }
     }
 
     /// Numbers of states, inputs and outputs.
@@ -282,6 +290,22 @@ fn texts(key: &str, entry: &str, value: &Value, len: usize) -> Result<Vec<String
     };
     let fits = given.filter(|texts| texts.len() == len);
     fits.ok_or_else(|| Invalid::because(format!("{key}: must be a list of {len} texts")))
+}
+
+/// One dead time for all inputs, or one an input; none where all are 0.
+fn delays(table: &Map<String, Value>, m: usize) -> Result<Vec<f64>, Invalid> {
+    let Some(value) = table.get("delay").filter(|value| !value.is_null()) else { return Ok(Vec::new()) };
+    let given: Option<Vec<_>> = match value {
+        Value::Array(list) => list.iter().map(Value::as_f64).collect(),
+        one => one.as_f64().map(|one| vec![one; m]),
+    };
+    let fits = given.filter(|delays| delays.len() == m);
+    let allowed = || Invalid::because(format!("delay: must be a number or a list of {m} numbers, in s"));
+    let delays = fits.ok_or_else(allowed)?;
+    if let Some(wrong) = delays.iter().find(|delay| !(**delay >= 0.0 && delay.is_finite())) {
+        return Err(Invalid::new("delay", wrong, "must be at least 0 s"));
+    }
+    Ok(if delays.iter().all(|&delay| delay == 0.0) { Vec::new() } else { delays })
 }
 
 fn limits(table: &Map<String, Value>, m: usize) -> Result<Option<[Vec<f64>; 2]>, Invalid> {

@@ -9,17 +9,29 @@ const WIDTH: usize = 110;
 
 /// A description that is being written.
 #[derive(Debug, Default)]
-pub struct Text(String);
+pub struct Text {
+    text: String,
+    notes: Vec<String>,
+}
+
+/// A new description.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Begun {
+    /// The file.
+    pub text: String,
+    /// What a user should know of it at once; the file has it too.
+    pub notes: Vec<String>,
+}
 
 impl Text {
     /// A comment of its own.
     pub fn comment(&mut self, text: &str) {
-        self.0.push_str(&format!("# {text}\n"));
+        self.text.push_str(&format!("# {text}\n"));
     }
 
     /// A table, with a line before it.
     pub fn table(&mut self, name: &str) {
-        self.0.push_str(&format!("\n[{name}]\n"));
+        self.text.push_str(&format!("\n[{name}]\n"));
     }
 
     /// A setting with what it is, beside it or before it.
@@ -27,9 +39,9 @@ impl Text {
         let setting = format!("{key} = {value}");
         let narrow = !setting.contains('\n') && setting.chars().count() + comment.chars().count() + 4 <= WIDTH;
         match (comment.is_empty(), narrow) {
-            (true, _) => self.0.push_str(&format!("{setting}\n")),
-            (false, true) => self.0.push_str(&format!("{setting}  # {comment}\n")),
-            (false, false) => self.0.push_str(&format!("# {comment}\n{setting}\n")),
+            (true, _) => self.text.push_str(&format!("{setting}\n")),
+            (false, true) => self.text.push_str(&format!("{setting}  # {comment}\n")),
+            (false, false) => self.text.push_str(&format!("# {comment}\n{setting}\n")),
         }
     }
 
@@ -38,9 +50,23 @@ impl Text {
         self.set(&format!("# {key}"), value.to_string().replace('\n', "\n# "), comment);
     }
 
+    /// A comment of several lines that is reported too.
+    pub fn note(&mut self, text: &str) {
+        let mut line = String::from("#");
+        for word in text.split(' ') {
+            if line.chars().count() + word.chars().count() >= WIDTH {
+                self.text.push_str(&format!("{line}\n"));
+                line = String::from("#");
+            }
+            line.push_str(&format!(" {word}"));
+        }
+        self.text.push_str(&format!("{line}\n"));
+        self.notes.push(text.to_owned());
+    }
+
     /// The whole.
-    pub fn finish(self) -> String {
-        self.0
+    pub fn finish(self) -> Begun {
+        Begun { text: self.text, notes: self.notes }
     }
 }
 

@@ -1,50 +1,81 @@
-//! The text of a new funnel controller: the direction of the nominal plant, and a funnel for its references.
+//! The text of a new funnel controller: a funnel for references of some size, and the gain that keeps the nominal plant in it.
 #![allow(non_snake_case)] // matrices have the names of the field
 
-use super::{FunnelControl, MOST_DEGREE};
+use super::FunnelControl;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, input_gain, stop_time};
+use crate::controllers::template::{design, stop_time};
+use crate::design::digits;
+use crate::design::funnel::{self, Design, SMOOTH_START};
+use crate::design::nominal::Nominal;
 use crate::error::Invalid;
-use crate::mathematics::matrices;
 use crate::template::{
-    Request, all, named, round_down, rows, three_digits, write_limits, write_names, write_quantities, write_units,
+    Begun, Plant, Request, Text, all, list, named, round_down, rows, three_digits, write_limits, write_names,
+    write_quantities, write_units,
 };
 
-/// How much more than the reference alone needs the gain gives in the middle of the funnel.
-const GAIN: f64 = 10.0;
-/// The least singular value of an input gain, in parts of the largest one.
-const LEAST_DIRECTION: f64 = 1e-12;
+/// A communication step that is so short, in 1/W, is worth a word.
+const SHORT: f64 = 1e-3;
 
 /// A funnel about each output.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
-    let (degree, gain) = input_gain(&plant, MOST_DEGREE)?;
-    let text = "A, B, C: the controls must move the outputs, or their derivatives, independently of each other";
-    let G = matrices::inverse(&gain, LEAST_DIRECTION).map_err(|_| Invalid::because(text))?.map(three_digits);
-    let (bandwidth, reference) = (design::bandwidth(&plant, request.bandwidth)?, request.reference);
-    let g = three_digits(GAIN * reference * bandwidth.powi(degree as i32));
-    if !(g > 0.0 && g.is_finite()) {
-        return Err(Invalid::because("the plant, the bandwidth and the reference differ by too many powers of ten"));
-    }
-    let step = round_down((0.01 / bandwidth).min(1e-3));
-    let mut text = request.begin(&FunnelControl::PAGE, stop_time(bandwidth), step);
+    let (bandwidth, reference) = (design::bandwidth(&plant, request)?, request.reference);
+    let nominal = Nominal::new(&plant, bandwidth)?;
+    let design = funnel::design(&nominal, reference)?;
+    let mut text = request.begin(&FunnelControl::PAGE, stop_time(bandwidth), round_down(design.step));
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
-    text.set("relative_degree", degree, "after how many derivatives of an output the control shows");
+    text.set("relative_degree", design.degree, "the control shows in this derivative of each output");
     write_units(&mut text, &[("y", &plant.y, m), ("u", &plant.u, m)]);
     write_quantities(&mut text, &[("y", plant.output_quantities()), ("u", plant.u.quantities())]);
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    text.set("psi_0", all(2.0 * reference, m), "bound of the error at the start: it must begin inside");
-    text.set("psi_inf", all(three_digits(0.1 * reference), m), "and in the end");
-    text.set("decay_rate", all(three_digits(0.5 * bandwidth), m), "1/s, how fast the bound narrows");
-    if degree > 1 {
-        text.set("tau", all(three_digits(0.5 / bandwidth), m), "s, in which the error comes back to the middle");
+    tell(&mut text, &plant, &nominal, &design, reference);
+    text.set("psi_0", all(2.0 * reference, m), "bound of the error at the start, which the error must not exceed");
+    text.set("psi_inf", all(three_digits(0.1 * reference), m), "bound of the error in the end");
+    text.set("decay_rate", all(three_digits(0.5 * bandwidth), m), "1/s, rate at which the bound narrows");
+    if design.degree > 1 {
+        text.set("tau", all(design.tau, m), "s, time constant of the error's filter");
     }
-    text.set("g", all(g, m), "gain; larger keeps the error nearer to the middle");
-    text.set("G", rows(&G), "from what the channels ask for to the controls: the inverse of how the plant answers");
+    text.set("g", all(design.g, m), "gain; larger keeps the error nearer to the middle");
+    text.set("G", rows(&design.G), "from the outputs of the channels to the controls: the inverse of the input gain");
     write_limits(&mut text, Some(&plant), m);
     Ok(text.finish())
+}
+
+/// Says for which references this is, and what the nominal loop needs.
+fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, reference: f64) {
+    let W = nominal.bandwidth;
+    text.comment(&format!(
+        "Nominal loop: the errors take up at most {} of their bounds while it follows a reference of {} that",
+        digits(design.largest_part),
+        digits(reference)
+    ));
+    let rate = digits(three_digits(SMOOTH_START * W));
+    let derivatives = if design.degree > 1 { ", with its derivatives as inputs" } else { "" };
+    text.comment(&format!(
+        "starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}. A reference that steps leaves the funnel."
+    ));
+    let controls: Vec<_> = design.control.iter().map(|&u| three_digits(u)).collect();
+    let beyond = |[min, max]: &[Vec<f64>; 2]| (0..controls.len()).any(|j| controls[j] > max[j].abs().max(min[j].abs()));
+    if plant.limits.as_ref().is_some_and(beyond) {
+        text.note(&format!(
+            "Following a reference of {} needs controls of up to {}, beyond u_min and u_max, where the funnel isn't guaranteed. \
+             Give a smaller --reference or a lower --bandwidth.",
+            digits(reference),
+            list(&controls)
+        ));
+    }
+    if W * design.step < SHORT {
+        let fastest = nominal.poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max) * W;
+        text.note(&format!(
+            "This controller needs a communication step of {} s for {} rad/s, because the plant has a lag at {} rad/s. `new ladrc` \
+             allows longer steps.",
+            digits(round_down(design.step)),
+            digits(W),
+            digits(fastest)
+        ));
+    }
 }

@@ -5,10 +5,10 @@ use super::structure::WEIGHTS;
 use crate::catalogue::Catalogued;
 use crate::controllers::l1;
 use crate::error::Invalid;
-use crate::template::{Request, all, list, number, three_digits};
+use crate::template::{Begun, Request, all, list, number, three_digits};
 
 /// A single channel with a rate has its numbers as the thesis has them; else each channel has its own.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
     let entered = l1::enters_rates(&plant.B, &plant.C);

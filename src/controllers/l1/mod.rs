@@ -24,7 +24,7 @@ use crate::system::{
     Choice, Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride,
     System, Values, VectorOf, larger, vector,
 };
-use crate::template::{Request, Sizes, Template};
+use crate::template::{Begun, Request, Sizes, Template};
 pub(super) use design::{Dynamics, SETTLED};
 pub(super) use law::{Beside, Goal, Law};
 pub(super) use ports::Ports;
@@ -199,7 +199,7 @@ impl Catalogued for L1 {
     });
 }
 
-fn begun(request: &Request) -> Result<String, Invalid> {
+fn begun(request: &Request) -> Result<Begun, Invalid> {
     let (text, _) = template::begin(request, &L1::PAGE, &[])?;
     Ok(text.finish())
 }

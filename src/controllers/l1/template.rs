@@ -15,7 +15,7 @@ use crate::template::{
 pub fn begin(request: &Request, page: &Page, keys: &[[&str; 3]]) -> Result<(Text, f64), Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
-    let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
+    let bandwidth = design::bandwidth(&plant, request)?;
     let design = design::design(&plant, bandwidth, request.reference)?;
     let mut text = request.begin(page, stop_time(bandwidth), design.step);
     text.table("structure");

@@ -4,13 +4,13 @@ use super::L1Limit;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, stop_time, write_plant, write_poles};
 use crate::error::Invalid;
-use crate::template::{Request, all, diagonal, named, write_limits, write_names, write_quantities, write_units};
+use crate::template::{Begun, Request, all, diagonal, named, write_limits, write_names, write_quantities, write_units};
 
 /// The design of an L1 controller for the plant, of which adaptation is left out.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
-    let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
+    let bandwidth = design::bandwidth(&plant, request)?;
     let design = design::design(&plant, bandwidth, request.reference)?;
     let mut text = request.begin(&L1Limit::PAGE, stop_time(bandwidth), design.step);
     text.table("structure");

@@ -3,22 +3,28 @@
 use super::L1Ppf;
 use crate::catalogue::Catalogued;
 use crate::controllers::l1;
-use crate::controllers::template::{input_gain, write_funnel};
+use crate::controllers::template::write_funnel;
 use crate::error::Invalid;
-use crate::template::{Request, all, three_digits};
+use crate::template::{Begun, Request, all, three_digits};
 
 /// Stiffness of the barrier in the middle of the funnel, in parts of the bandwidth.
 const STIFFNESS: f64 = 4.0;
 
+/// What counts as 0 of C B, in parts of the largest entries.
+const NEGLIGIBLE: f64 = 1e-9;
+
 /// The design of an L1 controller, in a funnel for its references.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
-    let degree = if n == m { 1 } else { input_gain(&plant, 2)?.0 };
-    if n != degree * m {
-        let allowed =
-            format!("must be {m} or {}: a control for each state, or for each coordinate with its rate", 2 * m);
-        return Err(Invalid::new("states", n, allowed));
+    let degree = n / m;
+    let shows_at_once = (&plant.C * &plant.B).amax() > NEGLIGIBLE * plant.C.amax() * plant.B.amax();
+    if n % m != 0 || !(degree == 1 || degree == 2 && !shows_at_once) {
+        return Err(Invalid::because(format!(
+            "this law needs an input for each state, or for each coordinate with its rate as the next state: the plant has {n} \
+             states and {m} inputs{}",
+            if degree == 2 { ", and an input acts on the rate of an output directly" } else { "" }
+        )));
     }
     let (mut text, bandwidth) = l1::template::begin(request, &L1Ppf::PAGE, &[])?;
     write_funnel(&mut text, request.reference, bandwidth, m);

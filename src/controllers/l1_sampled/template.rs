@@ -5,17 +5,17 @@ use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, stop_time, write_plant, write_poles};
 use crate::error::Invalid;
 use crate::template::{
-    Request, all, diagonal, named, number, round_down, write_limits, write_names, write_quantities, write_units,
+    Begun, Request, all, diagonal, named, number, round_down, write_limits, write_names, write_quantities, write_units,
 };
 
 /// Samples in the time constant of the fastest pole, or of the filter.
 const SAMPLES: f64 = 5.0;
 
 /// The design of an L1 controller for the plant, at a sample time that suits it, for a master that steps all at once.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
-    let bandwidth = design::bandwidth(&plant, request.bandwidth)?;
+    let bandwidth = design::bandwidth(&plant, request)?;
     let design = design::design(&plant, bandwidth, request.reference)?;
     let fastest = design.poles.iter().map(|pole| pole.norm()).fold(design.feedback_gain, f64::max);
     let sample_time = round_down(1.0 / (SAMPLES * fastest));

@@ -1,91 +1,90 @@
-//! The text of a new active disturbance rejection controller: the nominal plant's input gain, and bandwidths that make it
-//! stable.
+//! The text of a new active disturbance rejection controller.
 #![allow(non_snake_case)] // matrices have the names of the field
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
-use super::{FASTER, Ladrc, MOST_ORDER, binomial, inverse};
+use super::Ladrc;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, input_gain, stop_time};
-use crate::eigenvalues;
+use crate::controllers::template::{design, first, stop_time};
+use crate::design::nominal::Nominal;
+use crate::design::search::{Found, Law, search};
+use crate::design::step::Entry;
+use crate::design::{digits, four_digits, ladrc, reasons};
 use crate::error::Invalid;
+use crate::mathematics::matrices;
 use crate::template::{
-    Plant, Request, all, named, round_down, rows, three_digits, write_limits, write_names, write_quantities,
-    write_units,
+    Begun, Request, list, named, round_down, rows, write_limits, write_names, write_quantities, write_units,
 };
 
-/// How many times the bandwidth is tried, until the nominal loop is stable.
-const FACTORS: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
+/// Poles at 0 that it can stabilise.
+const MOST_INTEGRATORS: usize = 3;
 
 /// Disturbance rejection that takes each output for a chain of integrators of its own.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
-    let (n, gain) = input_gain(&plant, MOST_ORDER)?;
-    let B_0 = gain.map(three_digits);
-    let text = "A, B, C: the controls must move the outputs, or their derivatives, independently of each other";
-    let B_0_inverse = inverse::inverse(&B_0).map_err(|_| Invalid::because(text))?;
-    let least = design::bandwidth(&plant, request.bandwidth)?;
-    let tried = FACTORS.map(|factor| three_digits(factor * least));
-    let Some(omega_c) = tried.into_iter().find(|&omega_c| is_stable(&plant, n, [&B_0, &B_0_inverse], omega_c)) else {
-        let [.., most] = tried;
-        let reason = format!(
-            "A, B, C: no such controller of {least} … {most} rad/s makes the nominal plant stable: what doesn't show in the \
-             outputs must be stable by itself"
-        );
-        return Err(Invalid::because(reason));
-    };
-    let step = round_down((0.1 / (FASTER * omega_c)).min(1e-3));
-    let mut text = request.begin(&Ladrc::PAGE, stop_time(omega_c), step);
+    let nominal = Nominal::new(&plant, design::bandwidth(&plant, request)?)?;
+    let found = find(&nominal)?;
+    let steps = first::steps(&nominal, &found, &entry(&nominal, &found));
+    let fastest = found.gains.iter().map(|gains| gains.omega_o).fold(0.0, f64::max);
+    let mut text = request.begin(&Ladrc::PAGE, stop_time(found.speed * nominal.bandwidth), round_down(0.1 / fastest));
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
-    text.set("order", n, "after how many derivatives of an output the control shows");
-    text.set("feedforward", "\"none\"", "\"given\": the reference's derivatives are inputs, and it is followed closer");
+    text.set("order", found.gains[0].order, "each output is taken for a chain of this many integrators");
+    text.set("feedforward", "\"none\"", "\"given\": the reference's derivatives are inputs, for faster tracking");
     write_units(&mut text, &[("y", &plant.y, m), ("u", &plant.u, m)]);
     write_quantities(&mut text, &[("y", plant.output_quantities()), ("u", plant.u.quantities())]);
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    text.set("omega_c", all(omega_c, m), "rad/s, poles of the loop; larger is faster, and moves the control more");
-    text.set("omega_o", all(-1.0, m), "rad/s, poles of the observer; -1: ten times omega_c. Lower is less noise");
-    text.set("B_0", rows(&B_0), "how the controls show in those derivatives of the outputs");
+    first::tell::<ladrc::Ladrc>(&mut text, (&plant, &nominal), &found, &steps, request.reference);
+    let each = |gain: fn(&ladrc::Gains) -> f64| list(&found.gains.iter().map(gain).collect::<Vec<_>>());
+    text.set("omega_c", each(|gains| gains.omega_c), "rad/s, poles of the loop; larger is faster, with more control");
+    text.set(
+        "omega_o",
+        each(|gains| gains.omega_o),
+        "rad/s, poles of the observer; lower is less noise in the control",
+    );
+    text.set(
+        "B_0",
+        rows(&input_gain(&found)?),
+        "input gain: from the controls to the highest derivatives of the outputs",
+    );
     write_limits(&mut text, Some(&plant), m);
     Ok(text.finish())
 }
 
-/// True if the loop with the nominal plant is.
-fn is_stable(plant: &Plant, n: usize, [B_0, inverse]: [&DMatrix<f64>; 2], omega_c: f64) -> bool {
-    let (states, m, _) = plant.sizes();
-    let (size, omega_o) = (n + 1, FASTER * omega_c);
-    let order = states + m * size;
-    // u = −B_0⁻¹ (k z) of all channels.
-    let mut of_z = DMatrix::zeros(m, order);
-    for ch in 0..m {
-        for i in 0..size {
-            let k = if i < n { binomial(n, i) * omega_c.powi((n - i) as i32) } else { 1.0 };
-            of_z[(ch, states + ch * size + i)] = -k;
-        }
+/// A design, or why there is none.
+fn find(nominal: &Nominal) -> Result<Found<ladrc::Gains>, Invalid> {
+    let refuse = |reason: String| {
+        Invalid::because(format!(
+            "no active disturbance rejection controller was found that has stability margins at {} rad/s or slower: {reason}",
+            digits(nominal.bandwidth)
+        ))
+    };
+    if let Some(reason) = reasons::at_once(nominal, ladrc::Ladrc::MODULUS[1]) {
+        return Err(refuse(reason));
     }
-    let u = inverse * &of_z;
-    let mut M = DMatrix::zeros(order, order);
-    M.view_mut((0, 0), (states, states)).copy_from(&plant.A);
-    let driven = &plant.B * &u;
-    let mut rows = M.rows_mut(0, states);
-    rows += driven;
-    let shown = B_0 * &u;
-    for ch in 0..m {
-        let first = states + ch * size;
-        for i in 0..size {
-            let gain = binomial(size, i + 1) * omega_o.powi(i as i32 + 1);
-            M.view_mut((first + i, 0), (1, states)).copy_from(&(plant.C.row(ch) * gain));
-            M[(first + i, first)] -= gain;
-            if i + 1 < size {
-                M[(first + i, first + i + 1)] += 1.0;
-            }
-        }
-        let mut row = M.row_mut(first + n - 1);
-        row += shown.row(ch);
+    search::<ladrc::Ladrc>(nominal).ok_or_else(|| refuse(reasons::told::<ladrc::Ladrc>(nominal, MOST_INTEGRATORS)))
+}
+
+/// B_0 = diag(b) S⁻¹.
+fn input_gain(found: &Found<ladrc::Gains>) -> Result<DMatrix<f64>, Invalid> {
+    let dependent = |_| Invalid::because("A, B, C: the controls must move the outputs independently of each other");
+    let S_inverse = matrices::inverse(&found.S, 0.0).map_err(dependent)?;
+    let b = DVector::from_iterator(found.gains.len(), found.gains.iter().map(|gains| gains.b_0));
+    Ok((DMatrix::from_diagonal(&b) * S_inverse).map(four_digits))
+}
+
+/// The control and the observer take ω_cⁿ r: the reference's derivatives are not given.
+fn entry(nominal: &Nominal, found: &Found<ladrc::Gains>) -> Entry {
+    let m = nominal.channels();
+    let (mut B, mut D) = (DMatrix::zeros(found.controller.A.nrows(), m), DMatrix::zeros(m, m));
+    for (i, gains) in found.gains.iter().enumerate() {
+        let n = gains.order as i32;
+        let wanted = (gains.omega_c / nominal.bandwidth).powi(n);
+        B[(i * (gains.order + 1) + gains.order - 1, i)] = wanted;
+        D[(i, i)] = wanted / (gains.b_0 / nominal.bandwidth.powi(n));
     }
-    let poles = eigenvalues::complex(&M);
-    poles.is_some_and(|poles| poles.iter().all(|pole| pole.re < -1e-9 * pole.norm()))
+    Entry { B, D: &found.S * D }
 }

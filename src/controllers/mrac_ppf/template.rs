@@ -5,11 +5,12 @@ use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, stop_time, write_funnel};
 use crate::error::Invalid;
 use crate::template::{
-    Plant, Request, all, diagonal, named, round_down, rows, write_limits, write_names, write_quantities, write_units,
+    Begun, Plant, Request, all, diagonal, named, round_down, rows, write_limits, write_names, write_quantities,
+    write_units,
 };
 
 /// Robust MRAC with prescribed performance: each state follows a reference of its own.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let Some(plant) = &request.plant else {
         request.only(&["states", "inputs"])?;
         let n = request.sizes.states.or(request.sizes.inputs).unwrap_or(2);
@@ -23,9 +24,9 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     write_for(request, plant)
 }
 
-fn write_for(request: &Request, plant: &Plant) -> Result<String, Invalid> {
+fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
     let (n, m, _) = plant.sizes();
-    let bandwidth = design::bandwidth(plant, request.bandwidth)?;
+    let bandwidth = design::bandwidth(plant, request)?;
     let step = round_down((0.01 / bandwidth).min(1e-3));
     let mut text = request.begin(&MracPpf::PAGE, stop_time(bandwidth), step);
     text.table("structure");

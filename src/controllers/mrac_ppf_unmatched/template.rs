@@ -12,8 +12,8 @@ use crate::controllers::template::{design, stop_time, write_plant};
 use crate::error::Invalid;
 use crate::mathematics::pole_placement;
 use crate::template::{
-    Plant, Request, all, list, named, round_down, rows, three_digits, write_limits, write_names, write_quantities,
-    write_units,
+    Begun, Plant, Request, all, list, named, round_down, rows, three_digits, write_limits, write_names,
+    write_quantities, write_units,
 };
 
 /// Rates of the barriers, in parts of the bandwidth: of a state that drives an unmatched row, of that row, and of the others.
@@ -24,10 +24,10 @@ const OF_DRIVE: f64 = 0.5;
 const SLOWER: f64 = 30.0;
 
 /// A funnel about each state.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
-    let (bandwidth, reference) = (design::bandwidth(&plant, request.bandwidth)?, request.reference);
+    let (bandwidth, reference) = (design::bandwidth(&plant, request)?, request.reference);
     let driven = driven(&plant)?;
     let poles = design::poles(&plant.A, &plant.B, bandwidth)?;
     let A_m = &plant.A - &plant.B * pole_placement::place(&plant.A, &plant.B, &poles)?;

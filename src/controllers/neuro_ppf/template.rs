@@ -5,11 +5,12 @@ use crate::catalogue::Catalogued;
 use crate::controllers::template::write_funnel;
 use crate::error::Invalid;
 use crate::template::{
-    Request, Signals, all, diagonal, named, three_digits, write_limits, write_names, write_quantities, write_units,
+    Begun, Request, Signals, all, diagonal, named, three_digits, write_limits, write_names, write_quantities,
+    write_units,
 };
 
 /// Neuro-adaptive control with prescribed performance: it needs sizes, and no model.
-pub fn write(request: &Request) -> Result<String, Invalid> {
+pub fn write(request: &Request) -> Result<Begun, Invalid> {
     request.only(&["states", "inputs"])?;
     let (m, n, u, x) = match &request.plant {
         Some(plant) => (plant.sizes().1, plant.sizes().0, plant.u.clone(), plant.x.clone()),

@@ -8,7 +8,7 @@ use crate::error::Invalid;
 use crate::mathematics::filter::{Filter, FilterDescription};
 use crate::mathematics::l1_design::L1Design;
 use crate::mathematics::{feedforward, lyapunov, pole_placement};
-use crate::template::{Plant, round_down, round_up, three_digits};
+use crate::template::{Plant, Request, round_down, round_up, three_digits};
 
 /// Bounds of the input gain: a third to three times the nominal one.
 pub const OMEGA: [f64; 2] = [0.3, 3.0];
@@ -20,7 +20,7 @@ const SPREAD: f64 = 1.2;
 const PHASE: f64 = 3.0;
 /// The largest numbers that the ideal model is simulated with.
 const LARGEST: f64 = 1e50;
-/// Speed where the plant has none of its own, rad/s.
+/// Speed where there is no plant, rad/s.
 const USUAL_BANDWIDTH: f64 = 2.0;
 
 /// The numbers.
@@ -40,15 +40,25 @@ pub struct Design {
     pub step: f64,
 }
 
-/// How fast a controlled plant is to be: what the user says, or the plant's slowest pole that isn't at 0, rad/s.
+/// How fast a controlled plant is to be, rad/s: what the user says; else twice the plant's slowest stable pole that isn't at
+/// 0, or its largest one.
 ///
 /// # Errors
-/// A plant whose poles can't be found.
-pub fn bandwidth(plant: &Plant, wanted: Option<f64>) -> Result<f64, Invalid> {
-    let sizes: Vec<f64> = eigenvalues(&plant.A)?.iter().map(|lambda| lambda.norm()).collect();
-    let largest = sizes.iter().copied().fold(0.0, f64::max);
-    let moving = sizes.into_iter().filter(|&size| size > 1e-6 * largest);
-    Ok(wanted.unwrap_or_else(|| moving.reduce(f64::min).map_or(USUAL_BANDWIDTH, three_digits)))
+/// A plant whose poles can't be found, or that has none but at 0 and no user's word.
+pub fn bandwidth(plant: &Plant, request: &Request) -> Result<f64, Invalid> {
+    if let Some(wanted) = request.bandwidth {
+        return Ok(wanted);
+    }
+    if request.plant.is_none() {
+        return Ok(USUAL_BANDWIDTH);
+    }
+    let poles = eigenvalues(&plant.A)?;
+    let largest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+    let stable = poles.iter().filter(|pole| pole.re < 0.0 && pole.norm() > 1e-6 * largest).map(|pole| pole.norm());
+    let found = stable.reduce(f64::min).map_or(largest, |slowest| 2.0 * slowest);
+    let unknown =
+        || Invalid::because("all poles of the plant are at 0: give --bandwidth, the speed of the loop in rad/s");
+    (found > 0.0).then(|| three_digits(found)).ok_or_else(unknown)
 }
 
 fn eigenvalues(A: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, Invalid> {

@@ -90,8 +90,10 @@ fn a_controller_begun_for_a_plant_brings_its_outputs_to_their_references() {
         r#"{"A": [[-0.5, 250.0], [-25.0, -500.0]], "B": [[0.0], [500.0]], "C": [[1.0, 0.0]]}"#,
         r#"{"A": [[0, 1, 0], [0, 0, 0], [0.3, 0, -1]], "B": [[0, 0], [1, 0.5], [-0.2, 2]], "C": [[1, 0, 0], [0, 0, 1]]}"#,
         r#"{"A": [[0, 1], [9, 0]], "B": [0, -4], "C": [1, 0]}"#,
+        // 1 − s over (s + 1)²: a zero at 1.
+        r#"{"A": [[0, 1], [-1, -2]], "B": [0, 1], "C": [1, -1]}"#,
     ] {
-        let text = begin(&request(json)).unwrap_or_else(|reason| panic!("{json}: {reason}"));
+        let text = begin(&request(json)).unwrap_or_else(|reason| panic!("{json}: {reason}")).text;
         let Plant { A, B, C, .. } = Plant::parse(json).unwrap();
         let table: toml::Table = text.parse().unwrap();
         let mut run = closed(&A, &B, &C, &start_of(&table));
@@ -109,10 +111,11 @@ fn a_controller_begun_for_a_plant_brings_its_outputs_to_their_references() {
 #[test]
 fn for_a_plant_that_no_pid_reaches_none_is_begun() {
     for (json, named) in [
-        (r#"{"A": [[0,1,0],[0,0,1],[0,0,0]], "B": [0,0,1], "C": [1,0,0]}"#, "relative degree of output 1 = 3 or more"),
-        (r#"{"A": [[0, 0], [0, 0]], "B": [[1, 1], [1, 1]], "C": [[1, 0], [0, 1]]}"#, "independently of each other"),
-        // 1 − s over (s + 1)²: a zero at 1.
-        (r#"{"A": [[0, 1], [-1, -2]], "B": [0, 1], "C": [1, -1]}"#, "stable"),
+        (r#"{"A": [[0,1,0],[0,0,1],[0,0,0]], "B": [0,0,1], "C": [1,0,0]}"#, "give --bandwidth"),
+        (r#"{"A": [[0,1,0,0],[0,0,1,0],[0,0,0,1],[0,0,0,-2]], "B": [0,0,0,1], "C": [1,0,0,0]}"#, "3 poles at 0"),
+        (r#"{"A": [[0, 0], [0, -1]], "B": [[1, 1], [1, 1]], "C": [[1, 0], [1, 0]]}"#, "independently of each other"),
+        (r#"{"A": [[0, 1], [-1, -2]], "B": [0, 1], "C": [0, 1]}"#, "a zero at 0"),
+        (r#"{"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}"#, "M_s of at least 11"),
     ] {
         let told = begin(&request(json)).unwrap_err().to_string();
         assert!(told.contains(named), "{json}: {told}");

@@ -115,7 +115,8 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), E
     let request = Request { kind, name, sizes, plant, bandwidth: *bandwidth, reference: *reference };
     let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };
-    let mut text = library::begin(&request).map_err(|invalid| refuse(invalid.to_string()))?;
+    let begun = library::begin(&request).map_err(|invalid| refuse(invalid.to_string()))?;
+    let mut text = begun.text;
     if !arguments.no_schema {
         text.insert_str(0, &format!("#:schema ./{}\n", schema::FILE));
     }
@@ -135,6 +136,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), E
     if !arguments.no_schema {
         say!("{}", folder.join(schema::FILE).display());
     }
+    begun.notes.iter().for_each(|note| remark!("{note}"));
     Ok(())
 }
 

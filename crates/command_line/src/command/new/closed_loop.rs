@@ -74,6 +74,7 @@ fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
     if !unneeded.is_empty() {
         say!("inputs that need no connection: {}", first(&unneeded).join(", "));
     }
+    draft.adapted().for_each(|line| remark!("{line}"));
     first(&open).iter().for_each(|line| remark!("to decide: {line}"));
     checked.notes.iter().for_each(|note| tell!("warning: {note}"));
     if let Some(refusal) = checked.refusal {

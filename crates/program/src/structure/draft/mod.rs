@@ -2,12 +2,14 @@
 //! must decide.
 
 mod order;
+mod smooth_start;
 mod text;
 mod unit;
 mod wiring;
 
 use std::path::Path;
 
+use smooth_start::Starts;
 pub use unit::{DraftUnit, Found};
 use wiring::{Input, Wires};
 
@@ -56,6 +58,8 @@ pub struct Draft {
     name: String,
     step: f64,
     stop_time: f64,
+    /// Start values of components in this loop.
+    starts: Vec<Starts>,
 }
 
 /// What was found of a draft's structure as a loop that is to run.
@@ -83,7 +87,10 @@ impl Draft {
         let stops = units.iter().filter_map(|unit| unit.description.stop_time).filter(proper);
         let step = wishes.step.or_else(|| steps.reduce(f64::min)).unwrap_or(STEP);
         let stop_time = wishes.stop_time.or_else(|| stops.reduce(f64::max)).unwrap_or(STOP_TIME);
-        Draft { units, roles, names, wires, name: wishes.name, step, stop_time }
+        let starts = Vec::new();
+        let draft = Draft { units, roles, names, wires, name: wishes.name, step, stop_time, starts };
+        let starts = smooth_start::of(&draft);
+        Draft { starts, ..draft }
     }
 
     /// The text of its SystemStructure.ssd.
@@ -94,6 +101,11 @@ impl Draft {
     /// How many inputs are connected.
     pub fn connected(&self) -> usize {
         self.wires.inputs.iter().filter(|(_, input)| matches!(input, Input::Connected { .. })).count()
+    }
+
+    /// Why components have other start values in this loop than by themselves.
+    pub fn adapted(&self) -> impl Iterator<Item = &str> {
+        self.starts.iter().map(|starts| starts.why.as_str())
     }
 
     /// The inputs that a person must decide about, by their names in the loop, and why.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::smooth_start::Starts;
 use super::wiring::Input;
 use super::{Draft, Role, Signal};
 use crate::exporter;
@@ -58,7 +59,8 @@ fn component(draft: &Draft, unit: usize) -> Vec<String> {
     let (name, source) = (attribute(&draft.names[unit]), attribute(&draft.units[unit].source));
     let start = format!("<ssd:Component name=\"{name}\" type=\"application/x-fmu-sharedlibrary\" source=\"{source}\"");
     let own: Vec<_> = needed.into_iter().filter(|signal| signal.0 == unit).collect();
-    if own.is_empty() {
+    let starts = draft.starts.iter().find(|starts| starts.unit == unit);
+    if own.is_empty() && starts.is_none() {
         return vec![format!("      {start}/>")];
     }
     let mut lines = vec![format!("      {start}>"), "        <ssd:Connectors>".to_owned()];
@@ -71,7 +73,26 @@ fn component(draft: &Draft, unit: usize) -> Vec<String> {
             kind => format!("{start}><ssc:{kind}/></ssd:Connector>"),
         });
     }
-    lines.extend(["        </ssd:Connectors>", "      </ssd:Component>"].map(str::to_owned));
+    lines.push("        </ssd:Connectors>".to_owned());
+    lines.extend(starts.into_iter().flat_map(bindings).map(|line| format!("        {line}")));
+    lines.push("      </ssd:Component>".to_owned());
+    lines
+}
+
+/// Start values of a component.
+fn bindings(starts: &Starts) -> Vec<String> {
+    let set = "<ssv:ParameterSet xmlns:ssv=\"http://ssp-standard.org/SSP1/SystemStructureParameterValues\" name=\"loop\" \
+               version=\"1.0\">";
+    let mut lines = vec![format!("<!-- {} -->", comment(&starts.why)), "<ssd:ParameterBindings>".to_owned()];
+    lines.extend(["  <ssd:ParameterBinding>", "    <ssd:ParameterValues>"].map(str::to_owned));
+    lines.extend([format!("      {set}"), "        <ssv:Parameters>".to_owned()]);
+    lines.extend(starts.values.iter().map(|(name, value)| {
+        let name = attribute(name);
+        format!("          <ssv:Parameter name=\"{name}\"><ssv:Real value=\"{value:?}\"/></ssv:Parameter>")
+    }));
+    lines.extend(["        </ssv:Parameters>", "      </ssv:ParameterSet>"].map(str::to_owned));
+    lines.extend(["    </ssd:ParameterValues>", "  </ssd:ParameterBinding>"].map(str::to_owned));
+    lines.push("</ssd:ParameterBindings>".to_owned());
     lines
 }
 

@@ -1,0 +1,44 @@
+//! Coordinates in which the states of a plant are of like size: rows and columns of A, B and C that belong to a state have
+//! equal sums. Scales are powers of two, so that nothing is rounded.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use nalgebra::DMatrix;
+
+/// What is left of the sum of a row and its column at least, where another scale is taken.
+const GAINED: f64 = 0.95;
+/// Passes over all states; more than any plant of finite numbers needs.
+const MOST_PASSES: usize = 200;
+
+/// A, B and C with x = S z for a diagonal S of powers of two; and that diagonal.
+pub fn balance(
+    A: &DMatrix<f64>,
+    B: &DMatrix<f64>,
+    C: &DMatrix<f64>,
+) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, Vec<f64>) {
+    let (mut A, mut B, mut C) = (A.clone(), B.clone(), C.clone());
+    let n = A.nrows();
+    let mut scales = vec![1.0; n];
+    for _ in 0..MOST_PASSES {
+        let mut is_changed = false;
+        for i in 0..n {
+            let own = A[(i, i)].abs();
+            let row = A.row(i).iter().chain(B.row(i).iter()).map(|entry| entry.abs()).sum::<f64>() - own;
+            let column = A.column(i).iter().chain(C.column(i).iter()).map(|entry| entry.abs()).sum::<f64>() - own;
+            let factor = ((row / column).log2() * 0.5).round().exp2();
+            let is_usable = row > 0.0 && column > 0.0 && factor.is_normal();
+            if !is_usable || row / factor + column * factor >= GAINED * (row + column) {
+                continue;
+            }
+            scales[i] *= factor;
+            A.row_mut(i).scale_mut(1.0 / factor);
+            B.row_mut(i).scale_mut(1.0 / factor);
+            A.column_mut(i).scale_mut(factor);
+            C.column_mut(i).scale_mut(factor);
+            is_changed = true;
+        }
+        if !is_changed {
+            break;
+        }
+    }
+    (A, B, C, scales)
+}

@@ -1,0 +1,39 @@
+//! First designs: from a nominal plant and a bandwidth W to gains whose nominal loop has margins.
+//!
+//! A design is searched for: candidates of a control law are tried at a speed v until the nominal loop is stable, keeps a
+//! distance from −1 (the modulus margin), is damped, and is as fast as v. The search begins at v = W and goes to slower
+//! loops; for an unstable plant, which a slow loop can't hold, to faster ones too.
+//!
+//! Frequencies and times are in W and 1/W here, states in [balanced](balanced) coordinates: a plant in pascals and metres
+//! gets the design that it gets in bar and millimetres.
+
+pub mod balanced;
+pub mod channels;
+pub mod controller;
+pub mod criteria;
+pub mod funnel;
+pub mod ladrc;
+pub mod minimal;
+pub mod nominal;
+pub mod pid;
+pub mod reasons;
+pub mod response;
+pub mod search;
+pub mod step;
+pub mod zeros;
+
+use crate::report::number;
+use crate::template::three_digits;
+
+#[cfg(test)]
+mod tests;
+
+/// A number to four significant digits, as it is written into a description.
+pub fn four_digits(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
+/// A number for people, to three significant digits.
+pub fn digits(value: f64) -> String {
+    number(three_digits(value))
+}

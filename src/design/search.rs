@@ -1,0 +1,150 @@
+//! The search over the speed of a design.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use nalgebra::{Complex, DMatrix};
+
+use super::channels::Fixed;
+use super::controller::Controller;
+use super::criteria::{Merit, sensitivity};
+use super::nominal::{Channel, Nominal, poles_of};
+
+/// Speeds in a decade, and how many are tried below W, and above it for an unstable plant.
+const PER_DECADE: f64 = 8.0;
+const SPEEDS: i32 = 24;
+/// What the modulus of several channels may be, in parts of that of one.
+const SEVERAL: f64 = 1.1;
+
+/// A control law of single channels for which gains are searched.
+pub trait Law {
+    /// Gains of a channel.
+    type Gains: Clone;
+
+    /// M_s at most: where designs exist, and where the first allows none at any speed.
+    const MODULUS: [f64; 2];
+
+    /// Forms that all channels take together, in this order; none leaves it to each channel.
+    const TOGETHER: &'static [Option<usize>];
+
+    /// Sound candidates for a channel, the best first, in a form where one is given, with the sign of the control; gains
+    /// have as many digits as a description.
+    fn candidates(channel: &Channel, asked: &Asked, form: Option<usize>) -> Vec<(Self::Gains, f64)>;
+
+    /// The linear controller of a channel with time in 1/W.
+    fn controller(gains: &Self::Gains, bandwidth: f64) -> Controller;
+
+    /// K(j ω) of that controller.
+    fn response(gains: &Self::Gains, bandwidth: f64) -> impl Fn(f64) -> Complex<f64>;
+}
+
+/// What is asked of a channel.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked {
+    /// The speed v, in W.
+    pub speed: f64,
+    /// M_s at most.
+    pub modulus: f64,
+    /// True if damping and speed count; without them a loop must only be stable.
+    pub all: bool,
+}
+
+/// A design that was found.
+#[derive(Debug, Clone)]
+pub struct Found<G> {
+    /// A channel each.
+    pub gains: Vec<G>,
+    /// From what the channels ask for to the controls.
+    pub S: DMatrix<f64>,
+    /// The speed v, in W.
+    pub speed: f64,
+    /// What its nominal loop has.
+    pub has: Has,
+    /// The linear controller, with time in 1/W.
+    pub controller: Controller,
+}
+
+/// What a nominal loop has.
+#[derive(Debug, Clone, Copy)]
+pub struct Has {
+    /// Of its poles.
+    pub merit: Merit,
+    /// M_s.
+    pub modulus: f64,
+}
+
+/// The first design at the speeds W, W 10^(−1/8), …, for an unstable plant at faster ones then; with a smaller modulus
+/// margin where none has the usual one.
+pub fn search<L: Law>(plant: &Nominal) -> Option<Found<L::Gains>> {
+    let speeds = speeds(plant);
+    let factor = if plant.channels() > 1 { SEVERAL } else { 1.0 };
+    let asked = L::MODULUS
+        .into_iter()
+        .flat_map(|modulus| speeds.iter().map(move |&speed| Asked { speed, modulus: factor * modulus, all: true }));
+    if plant.channels() > 1 {
+        let fixed = Fixed::new(plant);
+        return asked.into_iter().find_map(|asked| fixed.at::<L>(plant, &asked));
+    }
+    let channel = plant.single();
+    asked.into_iter().find_map(|asked| at::<L>(plant, &channel, &asked))
+}
+
+/// The speeds that are tried, in W.
+pub fn speeds(plant: &Nominal) -> Vec<f64> {
+    let slower = (0..=SPEEDS).map(|k| -k);
+    let faster = (1..=SPEEDS).filter(|_| plant.is_unstable());
+    slower.chain(faster).map(|k| 10_f64.powf(f64::from(k) / PER_DECADE)).collect()
+}
+
+/// A design of a single channel for one speed.
+fn at<L: Law>(plant: &Nominal, channel: &Channel, asked: &Asked) -> Option<Found<L::Gains>> {
+    let candidates = L::candidates(channel, asked, None);
+    candidates.into_iter().find_map(|(gains, sign)| {
+        let S = DMatrix::from_element(1, 1, sign);
+        found::<L>(plant, vec![gains], S, asked)
+    })
+}
+
+/// The design of some gains, if the whole loop is sound.
+pub fn found<L: Law>(plant: &Nominal, gains: Vec<L::Gains>, S: DMatrix<f64>, asked: &Asked) -> Option<Found<L::Gains>> {
+    let (controller, poles, merit) = closed::<L>(plant, &gains, &S)?;
+    if !merit.is_sound(asked.speed) {
+        return None;
+    }
+    let has = Has { merit, modulus: modulus::<L>(plant, &gains, &S, &poles) };
+    (has.modulus <= asked.modulus).then_some(Found { gains, S, speed: asked.speed, has, controller })
+}
+
+/// The controller of some gains, and the poles of its nominal loop; `None` where that isn't stable.
+fn closed<L: Law>(
+    plant: &Nominal,
+    gains: &[L::Gains],
+    S: &DMatrix<f64>,
+) -> Option<(Controller, Vec<Complex<f64>>, Merit)> {
+    let of_channels: Vec<_> = gains.iter().map(|gains| L::controller(gains, plant.bandwidth)).collect();
+    let controller = Controller::of_channels(&of_channels, S);
+    let poles = poles_of(&controller.closed(&plant.A, &plant.B, &plant.C))?;
+    let merit = plant.unmoved.merit(&poles)?;
+    Some((controller, poles, merit))
+}
+
+/// M_s of a stable nominal loop of one channel; `None` where it isn't stable.
+pub fn modulus_of<L: Law>(plant: &Nominal, gains: L::Gains, sign: f64) -> Option<f64> {
+    let (gains, S) = ([gains], DMatrix::from_element(1, 1, sign));
+    let (_, poles, _) = closed::<L>(plant, &gains, &S)?;
+    Some(modulus::<L>(plant, &gains, &S, &poles))
+}
+
+/// M_s on the plant's frequencies and at those of the loop's own modes.
+fn modulus<L: Law>(plant: &Nominal, gains: &[L::Gains], S: &DMatrix<f64>, poles: &[Complex<f64>]) -> f64 {
+    let responses: Vec<_> = gains.iter().map(|gains| L::response(gains, plant.bandwidth)).collect();
+    let S = S.map(Complex::from);
+    let sensitivity = |omega: f64, G: &DMatrix<Complex<f64>>| {
+        // G S diag(K)
+        let mut gain = G * &S;
+        gain.column_iter_mut().zip(&responses).for_each(|(mut column, response)| column *= response(omega));
+        sensitivity(&gain)
+    };
+    let on_grid = plant.frequencies.iter().zip(plant.on_grid()).map(|(&omega, G)| sensitivity(omega, G));
+    let at_modes = poles.iter().filter(|pole| pole.im > 0.0).flat_map(|pole| [pole.im, pole.norm()]);
+    let at_modes = at_modes.map(|omega| sensitivity(omega, &plant.response.at(omega)));
+    on_grid.chain(at_modes).fold(0.0, f64::max)
+}

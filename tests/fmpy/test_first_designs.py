@@ -1,0 +1,131 @@
+"""First designs of `new pid`, `new ladrc` and `new funnel`: margins of random plants by python-control, loops of the plants' FMUs,
+and what is refused and said."""
+
+import csv
+import json
+import subprocess
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from conftest import PROGRAM
+from first_designs import design, modulus, new, poles
+from random_plants import CLASSES, plant
+from sample import ALL, NUMBER
+
+# M_s at most, of the second pass; and of several channels in parts of it.
+MODULUS = {"pid": 2.0, "ladrc": 2.5}
+SEVERAL = 1.1
+EACH = 20 if ALL else 3
+# Classes in which a plant may have no design; elsewhere all have one.
+MAY_REFUSE = ["zero on the right", "unstable", "several channels", "any bandwidth"]
+
+
+@pytest.mark.parametrize("kind", MODULUS)
+@pytest.mark.parametrize("of", CLASSES)
+def test_designs_of_random_plants_have_margins(of: str, kind: str, tmp_path: Path):
+    random, refused = Random(f"{NUMBER} {of}"), 0
+    for number in range(EACH):
+        tried = plant(of, random)
+        run = new(kind, tried.json(), tried.bandwidth, tmp_path)
+        assert run.returncode in (0, 1), run.stderr
+        if run.returncode:
+            refused += 1
+            continue
+        found = design(kind, run, tmp_path)
+        most = MODULUS[kind] * (SEVERAL if of == "several channels" else 1)
+        closed, worst = poles(tried, found), modulus(tried, found, 1500)
+        text = f"TEST_SAMPLE={NUMBER} {of} {number} {kind}: M_s {worst}, poles {closed}"
+        assert (closed.real < 0).all(), text
+        # A grid of frequencies misses up to 1 % of a peak.
+        assert worst <= 1.01 * most, text
+        # The file says what its loop has.
+        said = (tmp_path / "C.toml").read_text().split("maximum sensitivity M_s ")[1].split(".\n")[0]
+        assert worst == pytest.approx(float(said), rel=0.02), text
+    assert refused <= (0 if of not in MAY_REFUSE else max(1, EACH // 5)), f"TEST_SAMPLE={NUMBER} {of}: {refused} of {EACH} refused"
+
+
+def loop(folder: Path, kind: str, model: dict, bandwidth: float, reference: float, until: float) -> dict[str, np.ndarray]:
+    """Runs the loop that `new` makes for a plant, and returns its result's columns."""
+
+    def program(*arguments: str) -> subprocess.CompletedProcess:
+        return subprocess.run([PROGRAM, *arguments], cwd=folder, capture_output=True, text=True, timeout=120)
+
+    made = new(kind, model, bandwidth, folder, reference)
+    assert made.returncode == 0, made.stderr
+    for other, name in [("state-space", "P"), ("reference", "R")]:
+        options = ["--plant", "plant.json", "--reference", repr(reference), "--out", f"{name}.toml", "--no-schema", "--force"]
+        made = program("new", other, "--name", name, *options)
+        assert made.returncode == 0, made.stderr
+    made = program("new", "loop", "--units", "P.toml", "C.toml", "R.toml", "--until", repr(until), "--out", ".", "--force")
+    assert made.returncode == 0 and "to decide" not in made.stderr, made.stderr
+    ran = program("run", ".", "--out", "results", "-q", "--every", repr(until / 2000))
+    assert ran.returncode == 0, ran.stderr
+    with next((folder / "results").rglob("result.csv")).open() as file:
+        rows = list(csv.reader(file))
+    return dict(zip(rows[0], np.array(rows[1:], float).T, strict=True))
+
+
+MOTOR = {
+    "A": [[-0.5, 250], [-25, -500]], "B": [[0], [500]], "C": [[1, 0]],
+    "states": ["speed", "current"], "inputs": ["voltage"], "outputs": ["speed"],
+    "units": {"x": ["rad/s", "A"], "u": ["V"], "y": ["rad/s"]}, "u_min": [-12], "u_max": [12],
+}  # fmt: skip
+ROOM = {
+    "A": [[-2.92e-3, 2.5e-3], [3.75e-5, -5.25e-5]], "B": [[1 / 1.2e5], [0]], "C": [[1, 0]],
+    "states": ["air", "wall"], "inputs": ["power"], "outputs": ["air"],
+    "units": {"x": ["K", "K"], "u": ["W"], "y": ["K"]}, "u_min": [-4000], "u_max": [4000],
+}  # fmt: skip
+AXIS = {"A": [[0, 1], [0, 0]], "B": [[0], [0.5]], "C": [[1, 0]], "states": ["angle", "rate"], "inputs": ["torque"], "outputs": ["angle"]}
+
+
+@pytest.mark.parametrize("kind", ["pid", "ladrc", "funnel"])
+@pytest.mark.parametrize(
+    ("model", "bandwidth", "reference", "until"),
+    [(MOTOR, 20.0, 100.0, 2.0), (ROOM, 3e-3, 5.0, 5000.0), (AXIS, 2.0, 0.5, 12.0), (MOTOR | {"delay": 0.01}, 20.0, 100.0, 4.0)],
+    ids=["motor", "room", "axis", "late motor"],
+)
+def test_the_loop_of_a_first_design_settles(kind, model, bandwidth, reference, until, tmp_path: Path):
+    if kind == "funnel" and "delay" in model:
+        refused = new(kind, model, bandwidth, tmp_path)
+        assert refused.returncode == 1 and "takes no dead time" in refused.stderr, refused.stderr
+        return
+    columns = loop(tmp_path, kind, model, bandwidth, reference, until)
+    y = columns[f"plant.{model['outputs'][0]}" if f"plant.{model['outputs'][0]}" in columns else f"plant.{model['outputs'][0]}_output"]
+    assert abs(y[-1] / reference - 1) < 0.05 and y.max() < 1.3 * reference, (y[-1], y.max())
+    table = (tmp_path / "SystemStructure.ssd").read_text()
+    assert ("smooth_start_rate" in table) == (kind == "funnel")
+
+
+def test_the_step_that_limits_allow_is_said(tmp_path: Path):
+    """A step of twice the reference that was said to stay within the limits doesn't; one of it does."""
+    run = new("pid", MOTOR | {"u_max": [5], "u_min": [-5]}, 20.0, tmp_path, 100.0)
+    assert run.returncode == 0 and "A step of the reference to 100 needs controls of up to" in run.stderr, run.stderr
+    largest = float(run.stderr.split("A step to ")[1].split()[0])
+    free = MOTOR | {"u_max": [1000], "u_min": [-1000]}
+    voltage = loop(tmp_path, "pid", free, 20.0, 100.0, 2.0)["controller.voltage"]
+    assert np.abs(voltage).max() * largest / 100 == pytest.approx(5, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("kind", "model", "reason"),
+    [
+        ("pid", {"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}, "M_s of at least 11"),
+        ("ladrc", {"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}, "M_s of at least 11"),
+        ("funnel", {"A": [[0, 1], [-2, -3]], "B": [0, 1], "C": [6, -1]}, "zero at 6 rad/s"),
+        ("funnel", {"A": np.eye(5, k=1).tolist(), "B": [0, 0, 0, 0, 1], "C": [1, 0, 0, 0, 0]}, "relative degree 5"),
+        ("pid", {"A": [[-1]], "B": [1], "C": [1], "delay": -1}, "delay = -1: must be at least 0 s"),
+        ("pid", {"A": [[-1]], "B": [1], "C": [1], "delay": [1, 2]}, "a list of 1 numbers"),
+    ],
+)
+def test_what_has_no_design_is_refused_with_the_reason(kind, model, reason, tmp_path: Path):
+    refused = new(kind, model, 10.0, tmp_path)
+    assert refused.returncode == 1 and reason in refused.stderr and not (tmp_path / "C.toml").exists(), refused.stderr
+
+
+def test_without_a_speed_of_its_own_a_plant_needs_one(tmp_path: Path):
+    (tmp_path / "plant.json").write_text(json.dumps(AXIS))
+    command = [PROGRAM, "new", "pid", "--name", "C", "--plant", "plant.json"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 1 and "give --bandwidth" in run.stderr, run.stderr
