@@ -36,14 +36,16 @@ pub fn input_gain(plant: &Plant, most: usize) -> Result<(usize, DMatrix<f64>), I
             }
             row = &row * A;
         }
-        let allowed = format!("must be within 1 … {most}: the control must show in one of so many derivatives");
+        let allowed = format!(
+            "must be within 1 … {most}: the control must appear in one of the first {most} derivatives of the output"
+        );
         Err(Invalid::new(format!("relative degree of output {}", i + 1), "more", allowed))
     };
     let rows = (0..C.nrows()).map(degree).collect::<Result<Vec<_>, _>>()?;
     let first = rows[0].0;
     if let Some(i) = rows.iter().position(|(degree, _)| *degree != first) {
         let name = format!("relative degree of output {}", i + 1);
-        return Err(Invalid::new(name, rows[i].0, format!("must be {first}, that of output 1")));
+        return Err(Invalid::new(name, rows[i].0, format!("must be {first}, the relative degree of output 1")));
     }
     let gain = DMatrix::from_fn(rows.len(), B.ncols(), |i, j| rows[i].1[j]);
     if !gain.norm_squared().is_finite() {

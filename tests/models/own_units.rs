@@ -121,8 +121,8 @@ fn the_shapes_of_other_tools_are_read_without_doubt() {
 #[test]
 fn a_plant_that_is_none_is_refused_with_what_is_wrong() {
     for (json, named) in [
-        ("", "no JSON"),
-        ("{", "no JSON"),
+        ("", "not valid JSON"),
+        ("{", "not valid JSON"),
         ("[1, 2]", "object"),
         (r#"{"B": 1, "C": 1}"#, "A is missing"),
         (r#"{"A": [], "B": 1, "C": 1}"#, "rows of A = 0"),
@@ -135,10 +135,10 @@ fn a_plant_that_is_none_is_refused_with_what_is_wrong() {
         (r#"{"A": [[0, 1], [2, 3]], "B": [0, 1], "C": [[1]]}"#, "C = 1 x 1"),
         (r#"{"A": -1, "B": 1, "C": 1, "D": [1, 2]}"#, "D"),
         (r#"{"A": -1, "B": 1, "C": 1, "E": 1}"#, "unknown key `E`"),
-        (r#"{"A": -1, "B": 1, "C": 1, "states": ["a", "b"]}"#, "states: must be a list of 1 texts"),
+        (r#"{"A": -1, "B": 1, "C": 1, "states": ["a", "b"]}"#, "states: must be a list of 1 strings"),
         (r#"{"A": -1, "B": 1, "C": 1, "units": "V"}"#, "units"),
         (r#"{"A": -1, "B": 1, "C": 1, "u_max": 3}"#, "together"),
-        (r#"{"A": -1e999, "B": 1, "C": 1}"#, "no JSON"),
+        (r#"{"A": -1e999, "B": 1, "C": 1}"#, "not valid JSON"),
     ] {
         let told = Plant::parse(json).unwrap_err().to_string();
         assert!(told.contains(named) && !told.contains('\n') && told.len() < 300, "{json}: {told}");
@@ -175,7 +175,7 @@ fn what_no_controller_can_be_made_for_is_refused_before_anything_is_written() {
         ("neuro-ppf", Some(2), Some(0), "size = 0"),
         ("state-space", Some(1_000_000_000), None, "within 1 … 50"),
         ("neuro-ppf", Some(3), Some(1), "states = 3"),
-        ("mrac-ppf", Some(2), Some(1), "each state needs a control"),
+        ("mrac-ppf", Some(2), Some(1), "each state needs its own control"),
         ("sensor", Some(2), None, "--outputs"),
         ("actuator", Some(2), None, "--inputs"),
     ] {

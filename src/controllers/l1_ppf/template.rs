@@ -17,7 +17,7 @@ pub fn write(request: &Request) -> Result<String, Invalid> {
     let degree = if n == m { 1 } else { input_gain(&plant, 2)?.0 };
     if n != degree * m {
         let allowed =
-            format!("must be {m} or {}: a control for each state, or for each coordinate with its rate", 2 * m);
+            format!("must be {m} (one control per state) or {} (one control per coordinate with its rate)", 2 * m);
         return Err(Invalid::new("states", n, allowed));
     }
     let (mut text, bandwidth) = l1::template::begin(request, &L1Ppf::PAGE, &[])?;
