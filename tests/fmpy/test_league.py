@@ -373,7 +373,7 @@ def test_results_that_are_kept_are_those_that_are_computed(pair: str, results: d
 
 def test_a_tag_ends_the_name_of_a_folder(tmp_path: Path) -> None:
     refused = adaptive_fmu("league", "--list", "--out", ".", "--tag", "x", folder=tmp_path)
-    assert refused.returncode == 1 and "--tag is appended to the name of the folder, but `.` has no name" in refused.stderr, refused.stderr
+    assert refused.returncode == 1 and "but `.` has no name: give a folder with a name" in refused.stderr, refused.stderr
 
 
 def test_a_pair_that_is_not_there_is_told_with_near_ones(tmp_path: Path) -> None:

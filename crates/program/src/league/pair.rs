@@ -136,8 +136,7 @@ impl<'a> Pair<'a> {
             }
             if elements.iter().all(|place| self.nominal(*place) == 0.0) {
                 return Err(format!(
-                    "tune: `{name}` is 0, so scaling does not change it: give it a value with `set`, or remove it \
-                     from `tune`"
+                    "tune: `{name}` is 0, so scaling does not change it: give it a value with `set`, or remove it"
                 ));
             }
         }
