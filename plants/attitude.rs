@@ -83,7 +83,7 @@ impl<S: Scalar> Attitude<S> {
 pub(super) fn require_regular<S: Scalar>(pitch: ScalarOf<Parameter>, matters: S::Flag, v: &mut Point<S>) {
     let theta = v[pitch];
     v.refuse(matters & !theta.cos().above(S::from(SMALLEST_COSINE)), |v| {
-        let allowed = "must have a cosine above 0: from a pitch of 90 degrees on the Euler angles are singular";
+        let allowed = "must have a cosine above 0: the Euler angles are singular at a pitch of 90 degrees";
         Invalid::new(v.name(pitch), theta.told(), allowed)
     });
 }

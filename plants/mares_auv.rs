@@ -210,7 +210,7 @@ impl Hull {
         let own = [m, m, m, inertia[0], inertia[1], inertia[2]];
         let is_definite = self.relate_inertia(std::array::from_fn(|i| own[i] + added_mass[i]), v);
         v.refuse(is_long & !is_definite, |v| {
-            let reason = "with it the inertia matrix is not positive definite; must be smaller";
+            let reason = "must be smaller: with this value the inertia matrix is not positive definite";
             Invalid::new(v.name(self.z_g), v[self.z_g].told(), reason)
         });
     }

@@ -301,7 +301,7 @@ fn fit(name: &str, matrix: &DMatrix<f64>, size: (usize, usize)) -> Result<(), In
         return Ok(());
     }
     let given = format!("{} x {}", matrix.nrows(), matrix.ncols());
-    Err(Invalid::new(name, given, format!("must be {} x {}, as the other matrices have it", size.0, size.1)))
+    Err(Invalid::new(name, given, format!("must be {} x {} to fit the other matrices", size.0, size.1)))
 }
 
 impl Catalogued for StateSpace {

@@ -89,7 +89,7 @@ impl System for TwoLinkRobot {
     fn check<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         let det = v[self.determinant];
         v.refuse(!det.above(S::from(0.0)), |v| {
-            let allowed = "must be above 0: from a singular or indefinite inertia matrix follows no motion";
+            let allowed = "must be above 0: the motion is undefined if the inertia matrix is singular or indefinite";
             Invalid::new(v.name(self.determinant), det.told(), allowed)
         });
     }

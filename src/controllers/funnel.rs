@@ -160,8 +160,7 @@ impl Funnel {
             Shape::NoOvershoot if overshoot > 0.0 => report.tell("shape", "no_overshoot", "", ""),
             Shape::NoOvershoot => {
                 let overshoot = v.name(self.overshoot);
-                let note =
-                    format!("with {overshoot} = 0 an error that starts at 0 starts at a bound: it is refused there");
+                let note = format!("with {overshoot} = 0 an error that starts at 0 starts at a bound and is rejected");
                 report.tell("shape", "no_overshoot", "", &note);
             }
         }

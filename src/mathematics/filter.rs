@@ -54,7 +54,7 @@ impl Filter {
         }
         let numerator = factors("numerator", numerator)?;
         if let Some(zero) = numerator.iter().find(|factor| factor.last() == Some(&0.0)) {
-            let allowed = "must have no root at 0, which would take the integrator away";
+            let allowed = "must have no root at 0, which would cancel the integrator";
             return Err(Invalid::new("D(s): numerator factor", format!("{zero:?}"), allowed));
         }
         let (mut gain, mut sections) = (*gain, Vec::new());
@@ -202,8 +202,8 @@ fn require_strictly_proper(numerator: &[Vec<f64>], sections: &[Section]) -> Resu
         return Ok(());
     }
     let allowed = format!(
-        "must be below that of the denominator, {poles}: the law u = -K D(s) (eta - K_g r) would answer to itself \
-         without delay"
+        "must be below the degree of the denominator, {poles}: otherwise the control law u = -K D(s) (eta - K_g r) \
+         contains an algebraic loop"
     );
     Err(Invalid::new("D(s): degree of the numerator", zeros, allowed))
 }

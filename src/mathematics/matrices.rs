@@ -12,13 +12,13 @@ use crate::error::Invalid;
 pub fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
     let columns = rows.first().map_or(0, Vec::len);
     if columns == 0 {
-        return Err(Invalid::new(name, "empty", "must be rows of equally many numbers"));
+        return Err(Invalid::new(name, "empty", "must be rows of equal length"));
     }
     for (i, row) in rows.iter().enumerate() {
         let of_row = |value: String, allowed| Invalid::new(format!("row {} of {name}", i + 1), value, allowed);
         if row.len() != columns {
             let value = format!("{} numbers", row.len());
-            return Err(of_row(value, format!("all rows must have equally many; the first has {columns}")));
+            return Err(of_row(value, format!("all rows must have equal length; the first has {columns} numbers")));
         }
         if let Some(value) = row.iter().find(|value| !value.is_finite()) {
             return Err(of_row(value.to_string(), "must be finite numbers".to_owned()));

@@ -36,7 +36,7 @@ pub fn report(parameters: [VectorOf<Parameter>; 3], v: &Values<f64>, report: &mu
     let names = parameters.map(|parameter| v.name(parameter));
     let row = |values: &dyn Fn(usize) -> f64| DMatrix::from_fn(1, rho_0.len(), |_, i| values(i));
     report.tell(&names[0], &row(&|i| rho_0[i]), "", "bound of each error at the start, in the error's own unit");
-    report.tell(&names[1], &row(&|i| rho_inf[i]), "", "bound in the end");
+    report.tell(&names[1], &row(&|i| rho_inf[i]), "", "final bound");
     report.tell(&names[2], &row(&|i| decay_rate[i]), "1/s", "");
     let steepest = row(&|i| decay_rate[i] * (rho_0[i] - rho_inf[i]));
     report.tell("steepest slope", &steepest, "", "at the start: an error that decays more slowly leaves the funnel");

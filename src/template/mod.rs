@@ -89,12 +89,15 @@ impl Request<'_> {
         let (_, m, p) = plant.sizes();
         if outputs_are_inputs && p != m {
             let allowed = format!(
-                "must be {m}, as many as inputs: give those that matter, and no others (of a --plant, by --outputs NAME,…)"
+                "must be {m}, the number of inputs: choose as many outputs as inputs (with --plant, by --outputs \
+                 NAME,…)"
             );
             return Err(Invalid::new("outputs", p, allowed));
         }
         if outputs_are_inputs && plant.D.is_some() {
-            return Err(Invalid::because("D: must be zero: the control may not show in the output at once"));
+            return Err(Invalid::because(
+                "D: must be zero: direct feedthrough from the control to the output is not supported",
+            ));
         }
         Ok(plant)
     }
@@ -109,7 +112,7 @@ impl Request<'_> {
         let wrong = given.into_iter().find(|(name, size)| size.is_some() && !allowed.contains(name));
         wrong.map_or(Ok(()), |(name, size)| {
             let known = allowed.iter().map(|name| format!("--{name}")).collect::<Vec<_>>().join(", ");
-            let text = format!("a {} has no such size; it has {known}", self.kind);
+            let text = format!("a {} has no such size; it allows {known}", self.kind);
             Err(Invalid::new(format!("--{name}"), size.unwrap_or_default(), text))
         })
     }

@@ -60,7 +60,7 @@ impl Plant {
     pub fn integrators(n: usize, m: usize, p: usize) -> Result<Self, Invalid> {
         for (name, size) in [("inputs", m), ("outputs", p)] {
             if size > n {
-                return Err(Invalid::new(name, size, format!("must not be above the number of states, {n}")));
+                return Err(Invalid::new(name, size, format!("must be at most {n}, the number of states")));
             }
         }
         let first = |chain: usize, chains: usize| chain * n / chains;
@@ -96,12 +96,13 @@ impl Plant {
     /// # Errors
     /// What is wrong.
     pub fn parse(text: &str) -> Result<Self, Invalid> {
-        let value: Value = serde_json::from_str(text).map_err(|error| Invalid::because(format!("no JSON: {error}")))?;
+        let value: Value =
+            serde_json::from_str(text).map_err(|error| Invalid::because(format!("not valid JSON: {error}")))?;
         let table = value.as_object().ok_or_else(|| Invalid::because("must be an object with the matrices A, B, C"))?;
         let known = |key: &&String| KEYS.iter().chain(&IGNORED).all(|known| known != key);
         if let Some(key) = table.keys().find(known) {
             let shown: String = key.escape_debug().take(40).collect();
-            return Err(Invalid::because(format!("unknown key `{shown}`; there are {}", KEYS.join(", "))));
+            return Err(Invalid::because(format!("unknown key `{shown}`; allowed keys are {}", KEYS.join(", "))));
         }
         let list =
             |key: &str| table.get(key).filter(|value| !value.is_null()).map(|value| shape(key, value)).transpose();
@@ -197,9 +198,9 @@ fn shape(key: &str, value: &Value) -> Result<Given, Invalid> {
 impl Given {
     /// The matrix, of as many rows and columns as are known. A plain list lies along what isn't known, or isn't one.
     fn matrix(self, key: &str, rows: Option<usize>, columns: Option<usize>) -> Result<DMatrix<f64>, Invalid> {
-        let size = |given: Option<usize>| given.map_or("some".to_owned(), |size| size.to_string());
+        let size = |given: Option<usize>| given.map_or("any number".to_owned(), |size| size.to_string());
         let refuse = |given: String| {
-            let allowed = format!("must be {} x {}, as A and the others have it", size(rows), size(columns));
+            let allowed = format!("must be {} x {} to fit A and the other matrices", size(rows), size(columns));
             Invalid::new(key, given, allowed)
         };
         let matrix = match self {
@@ -207,7 +208,7 @@ impl Given {
                 let width = given.first().map_or(0, Vec::len);
                 if given.is_empty() || width == 0 || given.iter().any(|row| row.len() != width) {
                     return Err(Invalid::because(format!(
-                        "{key}: must be rows of equally many numbers, and have some"
+                        "{key}: must be rows of equal length, with at least one number"
                     )));
                 }
                 DMatrix::from_fn(given.len(), width, |i, j| given[i][j])
@@ -243,9 +244,9 @@ impl Signals {
         let place = |name: &String| {
             let known = self.names.iter().position(|known| known == name);
             let allowed = if self.names.is_empty() {
-                "the plant's signals have no names".to_owned()
+                "can't be chosen by name, because the plant's signals have no names".to_owned()
             } else {
-                format!("there are {}", self.names.join(", "))
+                format!("must be one of {}", self.names.join(", "))
             };
             known.ok_or_else(|| Invalid::new(option, name, allowed))
         };
@@ -289,7 +290,7 @@ fn texts(key: &str, entry: &str, value: &Value, len: usize) -> Result<Vec<String
         one => text(one).map(|text| vec![text]),
     };
     let fits = given.filter(|texts| texts.len() == len);
-    fits.ok_or_else(|| Invalid::because(format!("{key}: must be a list of {len} texts")))
+    fits.ok_or_else(|| Invalid::because(format!("{key}: must be a list of {len} strings")))
 }
 
 /// One dead time for all inputs, or one an input; none where all are 0.

@@ -246,4 +246,4 @@ def test_it_takes_part_in_a_league(begun: Callable, tmp_path: Path) -> None:
     # Another file of the same name is another unit.
     (folder / "Motor.fmu").write_bytes((folder / "Motor.fmu").read_bytes() + b" ")
     again = adaptive_fmu("league", "--study", study, "--out", tmp_path / "out")
-    assert again.returncode == 1 and "other descriptions" in again.stderr, again.stderr
+    assert again.returncode == 1 and "descriptions of its FMUs differ" in again.stderr, again.stderr

@@ -133,4 +133,4 @@ def test_what_is_wrong_in_a_loop_is_told_with_its_line_and_what_was_meant(tmp_pa
 def test_a_file_that_is_none_is_said_to_be_there(command: str, tmp_path: Path) -> None:
     file = tmp_path / "plant.json"
     file.write_text("{}")
-    assert f"named `{file}`, and the file or folder of this name isn't one; " in fails(command, file)
+    assert f"named `{file}` (the file or folder of this name is not one); " in fails(command, file)

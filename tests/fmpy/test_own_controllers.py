@@ -240,7 +240,7 @@ def test_new_overwrites_nothing_unless_it_is_told_to(tmp_path: Path) -> None:
         (["l1", "--name", "a b", "--states", "2"], 1, "C identifier"),
         (["l1", "--name", "../x", "--states", "2"], 1, "C identifier"),
         (["l1", "--name", "X", "--plant", "no.json"], 1, "no.json"),
-        (["l1", "--name", "X", "--plant", "Cargo.toml"], 1, "no JSON"),
+        (["l1", "--name", "X", "--plant", "Cargo.toml"], 1, "not valid JSON"),
         (["l1", "--name", "X", "--plant", "/dev/zero"], 1, "/dev/zero"),
         (["l1", "--name", "X", "--bandwidth", "1e300"], 1, "X.toml"),
         (["l1", "--name", "X", "--reference", "1e300"], 1, "X.toml"),

@@ -61,7 +61,7 @@ def test_estimates_outside_tightened_bounds_are_brought_to_them_and_it_is_logged
     loop.run(4.001, STEP, first=4000)
     assert max(abs(controller[name]) for name in estimates) <= bound * (1 + 1e-6)
     logged = [message for message in controller.messages if message.category == "logProjection"]
-    assert len(logged) == 2 and "brought to" in logged[0].text and "at a bound" in logged[1].text
+    assert len(logged) == 2 and "moved to" in logged[0].text and "at a bound" in logged[1].text
     # It stays inside from then on, and the loop goes on.
     later = loop.run(6.0, STEP, first=4001)
     assert max(abs(controller[name]) for name in estimates) <= bound * (1 + 1e-6)

@@ -173,7 +173,7 @@ fn whose_a_unit_is_stands_in_its_xml_and_in_its_guid() {
                 "\nauthor = \"The adaptive-fmu authors\"\nversion = \"0.1.0\"\nlicense = \"MIT OR Apache-2.0\"",
                 "",
             ),
-            &["must be a line of 1 … 200"],
+            &["must be one line of 1 … 200"],
         );
     }
     // This package's units say it.

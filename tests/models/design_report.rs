@@ -101,7 +101,7 @@ fn an_input_gain_that_may_be_none_has_to_be_kept_from_it() {
     assert_eq!(finding(&first, "largest real part of a pole of C(s)").verdict, Verdict::NotSound);
     let lambda = finding(&first, "lambda");
     assert_eq!(lambda.value, Value::Text("infinite".into()));
-    assert!(lambda.note.contains("No feedback_gain does it"), "{}", lambda.note);
+    assert!(lambda.note.contains("No feedback_gain makes the loop stable"), "{}", lambda.note);
     let omega = advised(&lambda.note, "omega_min = [");
     let bound = 10.0 * advised(&lambda.note, "theta_bound times ");
     let narrower = replaced(&text, "omega_min = [0.0]", &format!("omega_min = [{omega}]"));
@@ -115,7 +115,7 @@ fn a_filter_too_slow_for_its_gain_needs_a_smaller_one_first() {
     // The lags of example 3.4.1 let K omega = 8 · 3 rad/s oscillate.
     let text = description("L1UnmatchedMimo");
     let lambda = finding(&report(&text), "lambda").clone();
-    assert!(lambda.note.contains("makes it so"), "{}", lambda.note);
+    assert!(lambda.note.contains("makes it stable"), "{}", lambda.note);
     let gain = 8.0 * advised(&lambda.note, "feedback_gain times ");
     let calmer = replaced(&text, "[[8.0, 0.0], [0.0, 8.0]]", &format!("[[{gain}, 0.0], [0.0, {gain}]]"));
     assert_eq!(finding(&report(&calmer), "largest real part of a pole of C(s)").verdict, Verdict::Ok);

@@ -148,7 +148,7 @@ fn what_does_not_go_together_is_refused_with_what_helps() {
         "input_gain =",
         "unmatched = true\nB_um = [[1.0], [0.0], [0.0], [0.0]]\nfilter = { denominator = [[1.0, 0.0], [0.01, 1.0]] }\ninput_gain =",
     );
-    refused(&unmatched, &["unmatched = true", "must be false", "jump", "`l1`", "leave unmatched and B_um out"]);
+    refused(&unmatched, &["unmatched = true", "must be false", "jump", "`l1`", "leave out unmatched and B_um"]);
     refused(&with(ROBOT, "\"own\"\nfuzzy_sets", "\"each\"\nfuzzy_sets"), &["fuzzy_weights", "each", "shared", "own"]);
     refused(&with(ROBOT, "fuzzy_sets = \"own\"", "fuzzy_sets = 2"), &["fuzzy_sets"]);
     refused(&format!("{}\nfuzzy_scale = [0.0, 1.0]", description(ROBOT)), &["fuzzy_scale[1] = 0", "must be above 0"]);

@@ -126,7 +126,7 @@ fn changed(name: &str, old: &str, new: &str) -> String {
 #[test]
 fn desired_dynamics_that_no_feedback_gives_are_refused() {
     let coupled = |old, new| changed("L1CoupledMimo", old, new);
-    refused(&coupled("baseline = \"outside\"", ""), &["desired_dynamics", "matrix", "belongs to a baseline"]);
+    refused(&coupled("baseline = \"outside\"", ""), &["desired_dynamics", "matrix", "requires a baseline"]);
     let two = coupled("B = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", "B = [[1.0], [0.0], [0.0]]");
     let two = two.replace("C = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", "C = [[1.0, 0.0, 0.0]]");
     let start = two.find("feedback_gain").unwrap();

@@ -182,7 +182,8 @@ fn a_design_whose_adaptation_is_slow_beside_its_filter_is_not_sound_and_not_held
     assert!(!report.is_sound());
     let reason = report.reason().unwrap();
     assert!(
-        reason.contains("turns at 7.7 rad/s, beside a filter of 300 rad/s") && reason.contains("adaptation_gain = "),
+        reason.contains("turns at 7.7 rad/s, compared with a filter of 300 rad/s")
+            && reason.contains("adaptation_gain = "),
         "{reason}"
     );
     assert_eq!(finding(&report, PREDICTION).verdict, Verdict::NotSound);

@@ -16,7 +16,9 @@ fn request(kind: &str, states: Option<usize>, inputs: Option<usize>) -> Request<
 
 fn begun_for(kind: &str, json: &str) -> Result<String, String> {
     let plant = Some(Plant::parse(json).map_err(|invalid| invalid.to_string())?);
-    begin(&Request { plant, ..request(kind, None, None) }).map_err(|invalid| invalid.to_string())
+    begin(&Request { plant, ..request(kind, None, None) })
+        .map(|begun| begun.text)
+        .map_err(|invalid| invalid.to_string())
 }
 
 #[test]
@@ -28,7 +30,7 @@ fn every_kind_of_every_size_makes_a_unit_as_it_is_written() {
         for &sizes in [Sizes::NONE].iter().chain(tried) {
             let text = begin(&Request { sizes, ..request(kind, None, None) })
                 .unwrap_or_else(|reason| panic!("{kind} of {sizes:?}: {reason}"));
-            let model = model(&text).unwrap_or_else(|reason| panic!("{kind} {sizes:?}: {reason}"));
+            let model = model(&text.text).unwrap_or_else(|reason| panic!("{kind} {sizes:?}: {reason}"));
             Execution::new(model).initialise().unwrap_or_else(|reason| panic!("{kind}: {reason}"));
         }
     }
@@ -40,7 +42,7 @@ fn as_many_states_make_a_unit_as_a_user_may_ask_for() {
     for kind in ["l1", "observer", "state-space"] {
         for states in [9, 16, 32, MOST as usize] {
             let text = begin(&request(kind, Some(states), None)).unwrap_or_else(|e| panic!("{kind}, {states}: {e}"));
-            let model = model(&text).unwrap_or_else(|reason| panic!("{kind}, {states}: {reason}"));
+            let model = model(&text.text).unwrap_or_else(|reason| panic!("{kind}, {states}: {reason}"));
             Execution::new(model).initialise().unwrap_or_else(|reason| panic!("{kind}, {states}: {reason}"));
         }
     }
@@ -59,7 +61,7 @@ fn as_many_states_make_a_unit_as_a_user_may_ask_for() {
 #[test]
 fn a_new_description_can_be_read_at_a_glance() {
     for kind in begun().map(|entry| entry.kind.name) {
-        let text = begin(&request(kind, None, None)).unwrap();
+        let text = begin(&request(kind, None, None)).unwrap().text;
         assert!(text.lines().count() <= 45, "{kind}: {} lines", text.lines().count());
         assert!(text.lines().all(|line| line.chars().count() <= 120), "{kind}: {text}");
         let bare = |line: &&str| line.contains(" = ") && !line.contains('#');
@@ -121,8 +123,8 @@ fn the_shapes_of_other_tools_are_read_without_doubt() {
 #[test]
 fn a_plant_that_is_none_is_refused_with_what_is_wrong() {
     for (json, named) in [
-        ("", "no JSON"),
-        ("{", "no JSON"),
+        ("", "not valid JSON"),
+        ("{", "not valid JSON"),
         ("[1, 2]", "object"),
         (r#"{"B": 1, "C": 1}"#, "A is missing"),
         (r#"{"A": [], "B": 1, "C": 1}"#, "rows of A = 0"),
@@ -135,10 +137,10 @@ fn a_plant_that_is_none_is_refused_with_what_is_wrong() {
         (r#"{"A": [[0, 1], [2, 3]], "B": [0, 1], "C": [[1]]}"#, "C = 1 x 1"),
         (r#"{"A": -1, "B": 1, "C": 1, "D": [1, 2]}"#, "D"),
         (r#"{"A": -1, "B": 1, "C": 1, "E": 1}"#, "unknown key `E`"),
-        (r#"{"A": -1, "B": 1, "C": 1, "states": ["a", "b"]}"#, "states: must be a list of 1 texts"),
+        (r#"{"A": -1, "B": 1, "C": 1, "states": ["a", "b"]}"#, "states: must be a list of 1 strings"),
         (r#"{"A": -1, "B": 1, "C": 1, "units": "V"}"#, "units"),
         (r#"{"A": -1, "B": 1, "C": 1, "u_max": 3}"#, "together"),
-        (r#"{"A": -1e999, "B": 1, "C": 1}"#, "no JSON"),
+        (r#"{"A": -1e999, "B": 1, "C": 1}"#, "not valid JSON"),
     ] {
         let told = Plant::parse(json).unwrap_err().to_string();
         assert!(told.contains(named) && !told.contains('\n') && told.len() < 300, "{json}: {told}");
@@ -175,7 +177,7 @@ fn what_no_controller_can_be_made_for_is_refused_before_anything_is_written() {
         ("neuro-ppf", Some(2), Some(0), "size = 0"),
         ("state-space", Some(1_000_000_000), None, "within 1 … 50"),
         ("neuro-ppf", Some(3), Some(1), "states = 3"),
-        ("mrac-ppf", Some(2), Some(1), "each state needs a control"),
+        ("mrac-ppf", Some(2), Some(1), "each state needs its own control"),
         ("sensor", Some(2), None, "--outputs"),
         ("actuator", Some(2), None, "--inputs"),
     ] {

@@ -293,7 +293,7 @@ pub enum Error {
 /// Addition to the message where a name is that of a file or a folder.
 fn present(name: &str) -> &'static str {
     let is_path = name.contains(['.', '/']) && Path::new(name).exists();
-    if is_path { ", and the file or folder of this name isn't one" } else { "" }
+    if is_path { " (the file or folder of this name is not one)" } else { "" }
 }
 
 impl Error {

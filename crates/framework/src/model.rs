@@ -153,8 +153,8 @@ fn check_line(key: &str, text: &str, invalid: &mut Invalid) {
     if text.trim().is_empty() || text.trim() != text || text.contains(bad) || text.chars().count() > LONGEST_LINE {
         let shown: String = text.escape_debug().take(80).collect();
         let allowed = format!(
-            "must be a line of 1 … {LONGEST_LINE} characters, without spaces around; leave the key out where there is \
-             nothing to say"
+            "must be one line of 1 … {LONGEST_LINE} characters without leading or trailing spaces; leave the key out \
+             if it is not needed"
         );
         invalid.and(Invalid::new(key, format!("`{shown}`"), allowed));
     }
@@ -165,7 +165,9 @@ fn check_text(text: &str, invalid: &mut Invalid) {
     let bad = |c: &char| c.is_control() && !matches!(c, '\t' | '\n' | '\r') || matches!(c, '\u{fffe}' | '\u{ffff}');
     if text.chars().any(|c| bad(&c)) {
         let shown: String = text.escape_default().take(80).collect();
-        invalid.and(Invalid::because(format!("the text `{shown}` holds a control character, which XML can't hold")));
+        invalid.and(Invalid::because(format!(
+            "the text `{shown}` contains a control character, which XML does not allow"
+        )));
     }
 }
 
@@ -396,7 +398,7 @@ impl Model {
         if looking.is_empty() {
             return Ok(());
         }
-        let how = "what they do at other numbers can't be recorded; write `a.equals(b)`, and select by it";
+        let how = "such a comparison can't be recorded; write `a.equals(b)` and select by it";
         let reason = format!("must not compare numbers by `==` in its {}: {how}", looking.join(", "));
         Err(Invalid::new("model", &self.description.model, reason))
     }

@@ -275,7 +275,7 @@ impl DesignReport {
         let mut verdict = verdict;
         if verdict == Verdict::Ok && !value.is_finite() {
             verdict = Verdict::NotSound;
-            note = format!("no finite number, so that nothing is shown by it: {note}");
+            note = format!("not a finite number, so it shows nothing: {note}");
         }
         self.findings.push(Finding { section, name, value, unit, verdict, note });
     }

@@ -80,17 +80,17 @@ impl Law {
         let [small, large] = off.reference.map(three_digits);
         let references = if small == large { number(small) } else { format!("{} to {}", number(small), number(large)) };
         if verdict == Verdict::Ok {
-            let note = format!("of C (x_hat - x), beside references of about {references}");
+            let note = format!("of C (x_hat - x), compared with references of about {references}");
             return report.tell(&name, off.bound, "", &note);
         }
         let enough = adaptation.gain * (off.bound / (NEAR * off.reference[0])).powi(2);
         // One that is fast already lacks no speed.
         let advised = needed.filter(|_| !is_fast).map_or(enough, |needed| needed.min(enough));
-        let filter =
-            widest.map_or(String::new(), |band| format!(", beside a filter of {} rad/s", number(three_digits(band))));
+        let filter = widest
+            .map_or(String::new(), |band| format!(", compared with a filter of {} rad/s", number(three_digits(band))));
         let note = format!(
-            "the adaptation turns at {} rad/s{filter}: the output may be off by that much, where references are of about \
-             {references}. {} = {} would do, with steps {} times shorter, or a smaller {} or {}",
+            "the adaptation turns at {} rad/s{filter}: the output error may reach this bound, with references of \
+             about {references}. Use {} = {} with steps {} times shorter, or a smaller {} or {}",
             number(three_digits(turns)),
             v.name(self.design.adaptation_gain),
             number(rounded_up(advised)),
@@ -136,7 +136,11 @@ impl Law {
         let factor = adaptation.tolerated(&(&design.K * at_once), &design.gains(), is_full);
         let name = format!("{gain} that the adaptation tolerates");
         if factor == f64::INFINITY {
-            return report.tell_unlimited(&name, "", "at no omega within its bounds does it grow at rest");
+            return report.tell_unlimited(
+                &name,
+                "",
+                "the adaptation at rest does not grow for any omega within its bounds",
+            );
         }
         let value = &design.K * factor;
         if factor >= 1.0 {
@@ -144,12 +148,12 @@ impl Law {
                 &name,
                 &value,
                 "1/s",
-                "up to it the adaptation at rest decays at each omega within its bounds",
+                "up to this value the adaptation at rest decays for each omega within its bounds",
             );
         }
         let note = format!(
-            "where the input gain is larger than assumed, the control swings at rest, by less as {} grows, with its root: {gain} \
-             times {} ends it, or a smaller {}",
+            "if the input gain is larger than assumed, the control oscillates at rest; the amplitude decreases with \
+             the square root of {}. Use {gain} times {}, or a smaller {}",
             v.name(self.design.adaptation_gain),
             number(rounded_down(factor)),
             v.name(self.design.omega_max)
@@ -174,12 +178,13 @@ impl Law {
         let name = format!("(omega - I) {of_K_m}");
         let value = DMatrix::from_row_slice(1, m, &all);
         let counts =
-            format!("(omega - I) {of_K_m} x is unknown too: an element of it each input, at the bounds of omega");
+            format!("(omega - I) {of_K_m} x is also uncertain: one element for each input, at the bounds of omega");
         if all.iter().zip(bounds).all(|(added, bound)| added <= bound) {
             return report.tell(&name, &value, "", &counts);
         }
         let note = format!(
-            "{counts}. It is beyond {}: where omega is so, theta_hat stays at its bounds, and sigma_hat has to stand for the rest",
+            "{counts}. It exceeds {}: for such an omega, theta_hat stays at its bounds and sigma_hat must represent \
+             the rest",
             v.name(self.design.theta_bound)
         );
         report.judge(&name, &value, "", Verdict::Warning, note);

@@ -92,7 +92,7 @@ impl Law {
         let clipped = self.bring_within_bounds(v);
         v.when(clipped.above(S::from(0.0)), |v| {
             let text = |_: &Values<S>| {
-                format!("{} estimates lay outside the new bounds and were brought to them", clipped.told())
+                format!("{} estimates were outside the new bounds and were moved to them", clipped.told())
             };
             v.say(self.at_bounds, text);
         });

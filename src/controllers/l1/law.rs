@@ -222,7 +222,7 @@ impl Law {
             v.refuse(!(lo.at_most(start) & start.at_most(hi)), |v| {
                 let [min, max] = [v.name(self.design.omega_min.at(k)), v.name(self.design.omega_max.at(k))];
                 let allowed =
-                    format!("must hold the start value {} of the estimate {}", start.told(), v.name(self.omega_hat));
+                    format!("must contain the start value {} of the estimate {}", start.told(), v.name(self.omega_hat));
                 Invalid::new(format!("{min} … {max}"), format!("{} … {}", lo.told(), hi.told()), allowed)
             });
             v[self.omega_hat][k] = start;
@@ -255,9 +255,9 @@ impl Law {
         if self.unmatched.is_none() {
             return Ok(());
         }
-        let allowed = "must be false: a feedback gain that changes would make the control jump, for what cancels \
-                       unmatched uncertainty goes through it at once. Take it with the constant gain of `l1`, or leave \
-                       unmatched and B_um out";
+        let allowed = "must be false: a varying feedback gain would make the control jump, because it acts on the \
+            cancellation of unmatched uncertainty without delay. Use `l1` with its constant gain, or leave out \
+            unmatched and B_um";
         Err(Invalid::new("unmatched", true, allowed))
     }
 

@@ -31,7 +31,7 @@ impl Law {
             let design = self.l1_design(K, v);
             report.section(&section("Filter loop"));
             if !name.is_empty() {
-                report.tell("K", K, "1/s", "held constant: that it changes is not accounted for");
+                report.tell("K", K, "1/s", "treated as constant; its changes are not taken into account");
             }
             if design.is_large() {
                 too_large(&design, report);
@@ -152,7 +152,7 @@ impl Law {
                 Some(alone) => {
                     let bound = v.name(self.design.theta_bound);
                     let holds =
-                        format!("must be below 1. It is {} only where {bound} includes (omega - I) K_m", number(alone));
+                        format!("must be below 1. It is {} only if {bound} includes (omega - I) K_m", number(alone));
                     (Verdict::Warning, format!("{holds}. {advised}"))
                 }
                 None => (Verdict::NotSound, format!("must be below 1. {advised}")),
@@ -186,7 +186,7 @@ impl Law {
             report.tell("L_2", lipschitz.unmatched, "", &allows(unmatched.theta_bound));
         }
         let among = if worst.every_corner { "every corner" } else { "not every corner" };
-        let tried = format!("of {} tried, {among} of the bounds among them", worst.points);
+        let tried = format!("of {} tried ({among} of the bounds included)", worst.points);
         report.tell("worst omega", &worst.omega, "", &tried);
     }
 
@@ -197,13 +197,13 @@ impl Law {
             None => (String::new(), design.clone()),
             Some(Stabilising::Gain(factor)) => {
                 let text =
-                    format!("The loop isn't stable for each omega; {gain} times {} makes it so", number(*factor));
+                    format!("The loop is not stable for each omega; {gain} times {} makes it stable", number(*factor));
                 (text, design.with_gain_times(*factor))
             }
             Some(Stabilising::Bounds(min, max)) => {
                 let [of_min, of_max] = [self.design.omega_min, self.design.omega_max].map(|bound| v.name(bound));
                 let text = format!(
-                    "No {gain} does it, as the loop isn't stable for each omega; {of_min} = {}, {of_max} = {} make it so",
+                    "No {gain} makes the loop stable for each omega; {of_min} = {}, {of_max} = {} do",
                     rows(min, is_full),
                     rows(max, is_full)
                 );
@@ -211,8 +211,8 @@ impl Law {
             }
         };
         let Some(bound) = advice.bound_factor else {
-            let hopeless = format!("The loop isn't stable even with omega = I: check the sign and size of {gain}");
-            return if first.is_empty() { hopeless } else { format!("{first}. That will do") };
+            let hopeless = format!("The loop is not stable even with omega = I: check the sign and size of {gain}");
+            return if first.is_empty() { hopeless } else { format!("{first}. That is enough") };
         };
         let start = if first.is_empty() { String::new() } else { format!("{first}. Then ") };
         let of_unmatched = self.unmatched.as_ref().map(|unmatched| format!(" and {}", v.name(unmatched.theta_bound)));
@@ -221,7 +221,7 @@ impl Law {
         let Some((factor, lambda)) = advice.gain_factor else {
             let (best, lambda) = advice.best_factor.unwrap_or((1.0, f64::INFINITY));
             return format!(
-                "{start}{smaller} would do. No larger {gain} does it: of its multiples tried, {} times gives the least \
+                "{start}{smaller} is enough. No larger {gain} is: of its multiples tried, {} times gives the smallest \
                  lambda, {}",
                 number(best),
                 number(lambda)
@@ -231,7 +231,7 @@ impl Law {
         let margin =
             crossings.as_ref().and_then(|crossings| crossings.first()).map_or(f64::INFINITY, |first| first.delay);
         format!(
-            "{start}{gain} times {} would do (lambda = {}, delay margin {} s), or a smaller uncertainty: {smaller}",
+            "{start}{gain} times {} is enough (lambda = {}, delay margin {} s), or a smaller uncertainty: {smaller}",
             number(factor),
             number(lambda),
             number(margin)
@@ -260,12 +260,12 @@ impl Law {
         let (P, Q) = (v.matrix(self.design.P).into_owned(), v.matrix(self.design.Q).into_owned());
         let gain = v[self.design.adaptation_gain];
         report.section("Prediction error");
-        let constant = "for constant omega, theta and sigma; where they change, it is larger";
+        let constant = "for constant omega, theta and sigma; larger if they change";
         report.tell("theta_m", uncertainty.theta_m(&P, &Q), "", constant);
         let bound = uncertainty.prediction_error(&P, &Q, gain);
         let [of_gain, x_hat, x] = [v.name(self.design.adaptation_gain), v.name(self.x_hat), v.name(self.ports.x)];
         let finer = format!(
-            "at all times. {of_gain} = {} would make it {FINER} times smaller, and the adaptation as many times faster",
+            "at all times. {of_gain} = {} makes it {FINER} times smaller and the adaptation {FINER} times faster",
             number(gain * FINER * FINER)
         );
         report.tell(&format!("bound on |{x_hat} - {x}|"), bound, "", &finer);
@@ -295,17 +295,17 @@ impl Law {
         let grows = format!("{of_frequency} with control and state at zero; grows as √(1 + |v|² + |phi|²)");
         report.tell("omega_a at rest", frequency, "rad/s", &grows);
         if longest == f64::INFINITY {
-            report.tell_unlimited("longest step at rest", "s", "no estimate moves");
+            report.tell_unlimited("longest step at rest", "s", "no estimate changes");
             return;
         }
         if report.step <= longest {
-            let note = format!("in which the estimates turn by {}", v.name(self.design.step_phase_limit));
+            let note = format!("the estimates turn by {} in one step", v.name(self.design.step_phase_limit));
             report.tell("longest step at rest", no_more(longest, DIGITS), "s", &note);
             return;
         }
         let gain = v[self.design.adaptation_gain] * (longest / report.step).powi(2);
         let note = format!(
-            "shorter than the default step, {} s: take one as short, or {} = {}",
+            "shorter than the default step, {} s: use at most this step, or {} = {}",
             number(report.step),
             v.name(self.design.adaptation_gain),
             at_most(gain)
@@ -323,7 +323,7 @@ pub(in crate::controllers) fn tell_delay_margin(
 ) {
     let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
     if !design.is_stable(&identity) {
-        let note = "the loop with omega = I isn't stable even without delay";
+        let note = "the loop with omega = I is unstable even without delay";
         report.judge("delay margin", 0.0, "s", Verdict::NotSound, note);
         return;
     }
@@ -333,27 +333,28 @@ pub(in crate::controllers) fn tell_delay_margin(
         return;
     };
     let Some(&Crossing { frequency, phase, delay }) = crossings.first() else {
-        report.tell_unlimited("delay margin", "s", "the loop's gain is nowhere 1");
+        report.tell_unlimited("delay margin", "s", "the loop gain does not cross 1");
         return;
     };
-    let of = "delay at the plant's input, in all channels, up to which the loop of the nominal plant is stable";
+    let of = "largest delay at the plant's input, in all channels, with which the loop of the nominal plant is stable";
     // Held signals lag by half a step; what is measured before the plant's step, by one more.
     let lag = 1.5 * report.step;
     if delay > lag {
         report.tell("delay margin", delay, "s", of);
     } else {
         let note = format!(
-            "sampling alone may delay by {} s, 1.5 communication steps. A step below {} s, or a smaller {of_gain}, leaves room",
+            "sampling already delays by up to {} s (1.5 communication steps). Use a step below {} s, or a smaller \
+             {of_gain}",
             number(lag),
             at_most(delay / 1.5),
         );
         report.judge("delay margin", delay, "s", Verdict::Warning, note);
     }
-    report.tell("phase there", phase.to_degrees(), "deg", "phase margin of that crossing of the gain through 1");
+    report.tell("phase there", phase.to_degrees(), "deg", "phase margin at this gain crossover");
     report.tell("frequency there", frequency, "rad/s", "");
     if crossings.len() > 1 {
         let all = DMatrix::from_fn(crossings.len(), 2, |i, j| [crossings[i].frequency, crossings[i].delay][j]);
-        report.tell("all crossings", &all, "rad/s, s", "frequency of each crossing through 1, and its delay");
+        report.tell("all crossings", &all, "rad/s, s", "frequency of each gain crossover, and its delay margin");
     }
 }
 
@@ -365,7 +366,7 @@ fn condition_holds(lambda: Bounds) -> bool {
 /// Says of a design that is too large what isn't computed.
 fn too_large(design: &L1Design, report: &mut DesignReport) {
     let note = format!(
-        "the norms and margins of a system of {} states, of plant and filters, would take minutes: check a part of it",
+        "the norms and margins of a system of {} states (plant and filters) would take minutes: check a part of it",
         design.order()
     );
     report.judge("L1-norm condition", "not checked", "", Verdict::NotSound, note);
@@ -381,7 +382,7 @@ pub(in crate::controllers) fn controllability(
     match pole_placement::controllability_indices(pair[0], pair[1]) {
         Ok(indices) => {
             let indices = DMatrix::from_fn(1, indices.len(), |_, i| indices[i] as f64);
-            report.tell(&name, &indices, "", "one a channel; their sum, the rank, is the number of states");
+            report.tell(&name, &indices, "", "one for each channel; their sum, the rank, is the number of states");
         }
         Err(reason) => report.judge(&name, "none", "", Verdict::Warning, reason.to_string()),
     }
@@ -397,7 +398,12 @@ fn weakest_direction(A_m: &DMatrix<f64>, B: &DMatrix<f64>, report: &mut DesignRe
     let direction = eigen.eigenvectors.column(weakest).into_owned();
     // Up to rounding, and pointing along its largest element.
     let direction = (&direction * direction[direction.iamax()].signum()).map(|v| if v.abs() < 1e-12 { 0.0 } else { v });
-    report.tell("weakest direction", &direction, "", "of the state, which a control of given energy moves least");
+    report.tell(
+        "weakest direction",
+        &direction,
+        "",
+        "direction of the state that a control of given energy moves least",
+    );
     report.tell("reach along it", ratio, "", "relative to the strongest one; depends on the states' units");
 }
 
@@ -417,17 +423,17 @@ fn report_loop(design: &L1Design, feedback_gain: &str, report: &mut DesignReport
     if real < 0.0 {
         report.tell(name, real, "1/s", &format!("over {} values of omega within its bounds", gains.len()));
     } else {
-        let note = "omega may take the control's effect away, or turn it round; what helps stands at lambda";
+        let note = "for some omega within its bounds the loop is unstable; see the advice at lambda";
         report.judge(name, real, "1/s", Verdict::NotSound, note);
         report.tell("omega there", omega, "", "");
     }
     let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
     match design.dc_gain(&identity) {
-        Some(gain) => report.tell("C(0)", &gain, "", "constant uncertainty is cancelled in full"),
+        Some(gain) => report.tell("C(0)", &gain, "", "constant uncertainty is cancelled completely"),
         None => report.judge("C(0)", "none", "", Verdict::NotSound, format!("{feedback_gain} is singular")),
     }
     if let Some(band) = design.bandwidth(&identity) {
-        let note = "of C(s) with omega = I, where its slowest direction has fallen by 3 dB";
+        let note = "of C(s) with omega = I, in its slowest direction (-3 dB)";
         report.tell("bandwidth", band.slowest, "rad/s", note);
         if band.fastest > band.slowest * (1.0 + 1e-6) {
             report.tell("bandwidth of the fastest direction", band.fastest, "rad/s", "");

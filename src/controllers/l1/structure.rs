@@ -249,10 +249,10 @@ impl L1Structure {
         let (B, C) = input_and_output(&self.B, &self.C)?;
         let A = self.A.as_ref().map(|A| nominal_dynamics(A, &B)).transpose()?;
         if A.is_none() && self.baseline != Baseline::None {
-            return Err(Invalid::because("A is missing: a baseline is designed for the nominal dynamics"));
+            return Err(Invalid::because("A is missing: the baseline is designed from the nominal dynamics"));
         }
         if self.baseline == Baseline::None && self.desired_dynamics == DesiredDynamics::Matrix {
-            let allowed = "belongs to a baseline (\"outside\" or \"inside\"); without one, A_m is a parameter anyway";
+            let allowed = "requires a baseline (\"outside\" or \"inside\"); without one, A_m is always a parameter";
             return Err(Invalid::new("desired_dynamics", "\"matrix\"", allowed));
         }
         Ok(PlantMatrices { A, B_um: self.unmatched_directions(&B)?, B, C })
@@ -264,7 +264,7 @@ impl L1Structure {
         let (n, m) = B.shape();
         let B_um = match (&self.B_um, self.unmatched) {
             (Some(_), Some(false)) => {
-                return Err(Invalid::new("B_um", "given", "belongs to unmatched = true, and it is false"));
+                return Err(Invalid::new("B_um", "given", "requires unmatched = true, but it is false"));
             }
             (None, None | Some(false)) => return Ok(DMatrix::zeros(n, 0)),
             _ if m == n => {
@@ -276,12 +276,12 @@ impl L1Structure {
         };
         let (rows, k) = B_um.shape();
         if rows != n || k == 0 || k > n - m {
-            let allowed = format!("must have {n} rows and 1 … {} columns, as B is {n} x {m}", n - m);
+            let allowed = format!("must have {n} rows and 1 … {} columns, because B is {n} x {m}", n - m);
             return Err(Invalid::new("B_um", format!("{rows} x {k}"), allowed));
         }
         let overlap = (B.transpose() * &B_um).amax();
         if overlap > 1e-9 * B.amax() * B_um.amax() {
-            let allowed = "must be 0: what the control reaches itself is matched uncertainty";
+            let allowed = "must be 0: uncertainty in directions that the control reaches is matched";
             return Err(Invalid::new("B' B_um: largest entry", format!("{overlap:.3e}"), allowed));
         }
         if B_um.rank(1e-9 * B_um.amax()) < k {
@@ -353,7 +353,7 @@ fn require_size(name: &str, matrix: &DMatrix<f64>, size: (usize, usize), B: &DMa
     if (rows, columns) == size {
         return Ok(());
     }
-    let allowed = format!("must be {} x {}, as B is {} x {}", size.0, size.1, B.nrows(), B.ncols());
+    let allowed = format!("must be {} x {}, because B is {} x {}", size.0, size.1, B.nrows(), B.ncols());
     Err(Invalid::new(name, format!("{rows} x {columns}"), allowed))
 }
 

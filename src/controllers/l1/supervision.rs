@@ -76,8 +76,8 @@ impl Law {
                 let [omega_min, omega_max, theta_bound, sigma_bound] =
                     [design.omega_min, design.omega_max, design.theta_bound, design.sigma_bound].map(|it| v.name(it));
                 format!(
-                    "{} of the estimates at a bound: where that lasts, the plant is beyond it. Widen {omega_min} … \
-                     {omega_max}, {theta_bound} or {sigma_bound} if tracking suffers",
+                    "parameter estimates at a bound: {}. If they stay there, the plant is outside the assumed \
+                     uncertainty. Widen {omega_min} … {omega_max}, {theta_bound} or {sigma_bound} if tracking suffers",
                     count.told()
                 )
             });

@@ -83,11 +83,12 @@ impl Law {
         for i in limited {
             let (name, rate) = (format!("T_t[{}]", i + 1), self.tracking_rate(i, K.as_view(), v));
             if rate > 0.0 {
-                let note = format!("with which {} follows what the limits leave", self.name_of_u_ad(i, v));
+                let note = format!("time constant with which {} tracks the limited control", self.name_of_u_ad(i, v));
                 report.tell(&name, 1.0 / rate, "s", &note);
             } else {
                 let [u_ad, time] = [self.name_of_u_ad(i, v), v.name(self.design.tracking_time.at(i))];
-                let note = format!("{u_ad} winds up while the control is at its limit: {time} = {BY_GAIN} mends it");
+                let note =
+                    format!("{u_ad} winds up while the control is at its limit; {time} = {BY_GAIN} prevents this");
                 report.judge(&name, "off", "s", Verdict::Warning, note);
             }
         }

@@ -87,8 +87,8 @@ impl Form {
         let (order, declared) = (equivalent.A_z.nrows(), self.zeros);
         if order != declared || (direct != 0.0 && !self.is_direct) {
             let text = format!(
-                "{name}: C (sI - {name})^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), or \
-                 another relative degree: give {name} there"
+                "{name}: C (sI - {name})^-1 B has other zeros ({order}) than with the A of [structure] ({declared}), \
+                 or a different relative degree: give {name} in [structure]"
             );
             return Err(Invalid::because(text));
         }

@@ -24,7 +24,7 @@ impl L1Limit {
             let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
             report.eigenvalues("poles of C(s)", &design.loop_matrix(&identity), true);
             if let Some(band) = design.bandwidth(&identity) {
-                let note = "of C(s) with the nominal input gain, where its slowest direction has fallen by 3 dB";
+                let note = "of C(s) with the nominal input gain, in its slowest direction (-3 dB)";
                 report.tell("bandwidth", band.slowest, "rad/s", note);
             }
             report.section("Time delay");
@@ -83,7 +83,7 @@ impl L1Limit {
             self.filtered(i, &column, v) - K_m
         });
         report.section("Noise");
-        let note = format!("from {} to {}: by which noise shows", v.name(self.x), v.name(self.u));
+        let note = format!("from measurement noise in {} to {}", v.name(self.x), v.name(self.u));
         report.tell("gain at high frequencies", &gain, "", &note);
     }
 
@@ -97,9 +97,15 @@ impl L1Limit {
             let rate = tracking::rate(v[self.tracking_time][i], row.row(i).iter(), self.filter_at_rest[0]);
             let name = format!("T_t[{}]", i + 1);
             if rate > 0.0 {
-                report.tell(&name, 1.0 / rate, "s", &format!("with which {u_ad} follows what the limits leave"));
+                report.tell(
+                    &name,
+                    1.0 / rate,
+                    "s",
+                    &format!("time constant with which {u_ad} tracks the limited control"),
+                );
             } else {
-                let note = format!("{u_ad} winds up while the control is at its limit: {time} = {BY_GAIN} mends it");
+                let note =
+                    format!("{u_ad} winds up while the control is at its limit; {time} = {BY_GAIN} prevents this");
                 report.judge(&name, "off", "s", Verdict::Warning, note);
             }
         }

@@ -22,10 +22,10 @@ impl L1Ppf {
         let has_limits = v[self.ports.u_min].iter().any(|&limit| limit > -UNLIMITED)
             || v[self.ports.u_max].iter().any(|&limit| limit < UNLIMITED);
         let (what, note) = match self.order {
-            _ if v[self.barrier_gain].contains(&0.0) => ("not proven", "without a barrier nothing keeps it there"),
-            Order::Second { .. } => ("not proven", "for relative degree 2 it was simulated only"),
+            _ if v[self.barrier_gain].contains(&0.0) => ("not proven", "without a barrier the error is not confined"),
+            Order::Second { .. } => ("not proven", "for relative degree 2 it was only simulated"),
             Order::First { .. } if !self.law.has_baseline_outside() => {
-                ("not proven", "the proof is for the baseline outside")
+                ("not proven", "the proof applies to the baseline outside only")
             }
             Order::First { .. } if has_limits => {
                 ("proven", "while no control is at its limit, and for an input gain that is diagonal and positive")
@@ -45,7 +45,7 @@ impl L1Ppf {
             Order::Second { .. } => "rate at which it brings the error's rate back",
         };
         for place in PLACES {
-            let note = format!("{what} at {place} of the bound in the end, where the input gain is the nominal one");
+            let note = format!("{what} at {place} of the final bound, with the nominal input gain");
             report.tell(&format!("stiffness at {place}"), &row(place), "1/s", &note);
         }
         if report.step > 0.0 {
@@ -62,20 +62,21 @@ impl L1Ppf {
         }
         let (longest, of_gain) = (1.0 / stiffness, v.name(self.barrier_gain));
         if self.samples.is_some() && !v.get(self.evaluation).is(Evaluation::Continuous) {
-            let note = "1/stiffness in the middle; in co-simulation the barrier is sampled, which longer steps suit";
+            let note = "1/stiffness in the middle; in co-simulation the barrier is sampled, which allows longer steps";
             report.tell(name, no_more(longest, DIGITS), "s", note);
             return;
         }
         if report.step <= longest {
             let note =
-                "1/stiffness in the middle; 2/stiffness where the plant is stepped first. Near the bounds it is less";
+                "1/stiffness in the middle; 2/stiffness if the plant is stepped first. It is shorter near the bounds";
             report.tell(name, no_more(longest, DIGITS), "s", note);
             return;
         }
         let sampled =
             if self.samples.is_some() { format!("{} = sampled, ", v.name(self.evaluation)) } else { String::new() };
         let note = format!(
-            "shorter than the default step, {} s: take one as short, {sampled}{of_gain} times {}, or the loop as one unit",
+            "shorter than the default step, {} s: use at most this step, {sampled}{of_gain} times {}, or the loop as \
+             a single FMU",
             number(report.step),
             at_most(longest / report.step)
         );

@@ -31,23 +31,29 @@ impl L1Sampled {
         report.eigenvalues(&format!("eigenvalues of {of_A_m}"), &A_m, true);
         controllability(["controllability", &of_A_m, "B"], [&A_m, &self.plant.B], report);
         let (of_K_d, of_K_g) = (v.name(self.K_d), v.name(self.K_gd));
-        report.tell(&of_K_d, &v.matrix(self.K_d).into_owned(), "", "gain of the state, for a control that is held");
+        report.tell(
+            &of_K_d,
+            &v.matrix(self.K_d).into_owned(),
+            "",
+            "state feedback gain, for a control with zero-order hold",
+        );
         report.tell(&of_K_g, &v.matrix(self.K_gd).into_owned(), "", "gain of the reference");
         self.tell_filter(&A_m, v, report);
         report.section("Sampled loop");
         let (T, delay) = (v[self.sample_time], v.get(self.delay_steps) as f64);
-        let note = "from sample to sample; a master's step may be shorter, not longer";
+        let note = "the communication step may be shorter, but not longer";
         report.tell(&v.name(self.sample_time), T, "s", note);
         if report.step > T * (1.0 + 1e-6) {
-            let note = format!("longer than {}: several samples see the same inputs", v.name(self.sample_time));
+            let note = format!("longer than {}: several samples use the same inputs", v.name(self.sample_time));
             report.judge("default step", report.step, "s", Verdict::NotSound, note);
         }
-        let note = format!("designed for: {} samples, from a measurement until its control acts", number(delay));
+        let note =
+            format!("assumed by the design: {} samples from a measurement until its control acts", number(delay));
         report.tell("dead time", delay * T, "s", &note);
         if self.x.len() > MOST_STATES || self.filter.order() > MOST_FILTER_STATES {
             let note = format!(
-                "the loop of a plant with more than {MOST_STATES} states, or of filters with more than \
-                 {MOST_FILTER_STATES}, would take long"
+                "the check would take too long with more than {MOST_STATES} states of the plant, or more than \
+                 {MOST_FILTER_STATES} of the filters"
             );
             report.judge("stability", "not checked", "", Verdict::NotSound, note);
             return;
@@ -91,25 +97,31 @@ impl L1Sampled {
         let of_delay = v.name(self.delay_steps);
         match nominal.delay_margin(MOST_LATE) {
             Some(late) if late < 0.5 * nominal.T => {
-                let note =
-                    format!("beyond the dead time of {of_delay}. Less than half a sample: it must be known so well");
+                let note = format!(
+                    "in addition to the dead time of {of_delay}. The margin is less than half a sample, so the dead \
+                     time must be known that precisely"
+                );
                 report.judge("delay margin", late, "s", Verdict::Warning, note);
             }
-            Some(late) => report.tell("delay margin", late, "s", &format!("beyond the dead time of {of_delay}")),
-            None => report.tell_unlimited("delay margin", "s", &format!("{MOST_LATE} samples are borne")),
+            Some(late) => {
+                report.tell("delay margin", late, "s", &format!("in addition to the dead time of {of_delay}"))
+            }
+            None => report.tell_unlimited("delay margin", "s", &format!("the loop tolerates {MOST_LATE} samples")),
         }
         self.tell_gains(nominal, v, report);
     }
 
     /// Between which input gains of the true plant the loop is stable.
     fn tell_gains(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
-        let note =
-            format!("in parts of {}, of the true plant, all channels alike, that the loop bears", v.name(self.W_0));
+        let note = format!(
+            "input gain of the true plant relative to {}, the same in all channels, that the loop tolerates",
+            v.name(self.W_0)
+        );
         let edges = [("least input gain", -1.0, "below 0.01"), ("largest input gain", 1.0, "above 100")];
         for (((name, way, beyond), narrow), edge) in edges.into_iter().zip(NARROW).zip(nominal.gain_range()) {
             match edge {
                 Some(gain) if way * (gain - narrow) < 0.0 => {
-                    let note = format!("{note}. A shorter sample time, or a smaller feedback_gain, widens it");
+                    let note = format!("{note}. A shorter sample time or a smaller feedback_gain widens the range");
                     report.judge(name, gain, "", Verdict::Warning, note);
                 }
                 Some(gain) => report.tell(name, gain, "", &note),
@@ -122,8 +134,11 @@ impl L1Sampled {
     fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         report.section("Noise");
         let W_0_inverse = v.matrix(self.W_0_inverse).into_owned();
-        let note =
-            format!("from {} to {} within a sample, without what the estimate adds", v.name(self.x), v.name(self.u));
+        let note = format!(
+            "from {} to {} within a sample, without the contribution of the estimate",
+            v.name(self.x),
+            v.name(self.u)
+        );
         report.tell("gain of the baseline", &(-W_0_inverse * v.matrix(self.K_d)), "", &note);
         let by = self.predictor.as_ref().map_or(self.L_inverse, |predictor| predictor.S);
         let (m, k) = (self.u.len(), self.plant.B_um.ncols());
@@ -142,8 +157,7 @@ impl L1Sampled {
         let note = format!("from {} to {} along B_um", v.name(self.x), v.name(other));
         report.tell("gain of the unmatched estimate", &unmatched, "", &note);
         if let Some(direct) = filter.direct(v) {
-            let note =
-                format!("from {} to {} within a sample: noise of the estimate shows so", v.name(other), v.name(self.u));
+            let note = format!("from noise in {} to {} within a sample", v.name(other), v.name(self.u));
             let W_0_inverse = v.matrix(self.W_0_inverse).into_owned();
             report.tell("gain of what is unmatched", &(-W_0_inverse * direct), "", &note);
         }

@@ -16,7 +16,11 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         let n = request.sizes.states.or(request.sizes.inputs).unwrap_or(2);
         let m = request.sizes.inputs.unwrap_or(n);
         if m != n {
-            return Err(Invalid::new("--inputs", m, format!("must be {n}: each state needs a control of its own")));
+            return Err(Invalid::new(
+                "--inputs",
+                m,
+                format!("must be {n}, the number of states: each state needs its own control"),
+            ));
         }
         let plant = Plant::integrators(n, n, n)?;
         return write_for(request, &plant);

@@ -20,7 +20,7 @@ impl MracPpfUnmatched {
         self.funnel.report(v, report);
         report.section("Input gain");
         let sizes = self.plant.inverse.singular_values();
-        let note = "the proof holds for any input gain B (I + D) with a D whose largest singular value is below this";
+        let note = "the proof covers any input gain B (I + D) if the largest singular value of D is below this";
         report.tell("error of the input gain", sizes.min() / sizes.max(), "", note);
         for &driven in &self.plant.unmatched {
             self.tell_unmatched(driven, v, report);
@@ -37,33 +37,34 @@ impl MracPpfUnmatched {
         let (x_row, x_by) = (v.name(self.x.at(row)), v.name(self.x.at(by)));
         report.section(&format!("Unmatched row {}, driven by state {}", row + 1, by + 1));
         let rate = self.barrier_rate(by, v);
-        report.tell("rate of the barrier", rate, "1/s", &format!("{K} over the square of {end}, of {x_by}"));
+        report.tell("rate of the barrier", rate, "1/s", &format!("{K} divided by the square of {end} of {x_by}"));
         let adaptation = v[self.gamma][row].sqrt() / self.funnel.narrowest(row, v);
         report.tell(
             "rate of the adaptation at x = 0",
             adaptation,
             "1/s",
-            &format!("root of {gamma} over {end}, of {x_row}"),
+            &format!("square root of {gamma} divided by {end} of {x_row}"),
         );
         let name = format!("largest |x| for {gamma}");
         let room = (rate / (FASTER * adaptation)).powi(2);
         if adaptation == 0.0 {
             report.tell_unlimited(&name, "", "nothing of this row is estimated");
         } else if room > 1.0 {
-            let note =
-                "2-norm, up to which the adaptation stays below a third of the barrier's rate; beyond, the loop swings";
+            let note = "2-norm up to which the adaptation stays below a third of the barrier's rate; above it the \
+                loop oscillates";
             report.tell(&name, (room - 1.0).sqrt(), "", note);
         } else {
             let note = format!(
-                "the adaptation must stay below a third of the barrier's rate, else the loop swings or is lost: take {gamma} below {}, or a \
-                 larger {K}",
+                "the adaptation must stay below a third of the barrier's rate, otherwise the loop oscillates or \
+                 diverges: use {gamma} below {}, or a larger {K}",
                 at_most((rate * self.funnel.narrowest(row, v) / FASTER).powi(2))
             );
             report.judge(&name, 0.0, "", Verdict::Warning, note);
         }
         let (entry, theta) = (self.plant.A[(row, by)], v.name(self.theta_hat.at(by, row)));
         let side = if entry > 0.0 { "above" } else { "below" };
-        let note = format!("the proof wants {theta} to stay {side} this, else the virtual control turns {x_by} round");
+        let note =
+            format!("the proof requires {theta} to stay {side} this, otherwise the virtual control reverses {x_by}");
         report.tell(&format!("bound of {theta}"), -entry, "", &note);
     }
 
@@ -72,7 +73,7 @@ impl MracPpfUnmatched {
         report.section("Limits");
         let is_limited = |k: &usize| v[self.u_min][*k] > -UNLIMITED || v[self.u_max][*k] < UNLIMITED;
         for k in (0..self.u.len()).filter(is_limited) {
-            let note = "the errors are sure to stay in their funnels only while the limits don't act";
+            let note = "the errors are guaranteed to stay in their funnels only while no control is at its limit";
             report.judge(&format!("limits of {}", v.name(self.u.at(k))), "given", "", Verdict::Warning, note);
         }
     }
@@ -84,10 +85,11 @@ impl MracPpfUnmatched {
         report.tell("s", stiffness, "1/s", note);
         let (name, longest) = ("longest step", 1.0 / stiffness);
         if report.step <= longest {
-            report.tell(name, no_more(longest, DIGITS), "s", "1/s; where the plant is stepped first, 2/s");
+            report.tell(name, no_more(longest, DIGITS), "s", "1/s; 2/s if the plant is stepped first");
         } else {
             let step = number(report.step);
-            let note = format!("shorter than the default step, {step} s: take one as short, or the loop as one unit");
+            let note =
+                format!("shorter than the default step, {step} s: use at most this step, or the loop as a single FMU");
             report.judge(name, no_more(longest, DIGITS), "s", Verdict::Warning, note);
         }
     }

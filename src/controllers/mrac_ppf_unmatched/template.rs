@@ -75,8 +75,8 @@ fn driven(plant: &Plant) -> Result<Vec<(usize, usize)>, Invalid> {
         let because = || {
             let row = row + 1;
             Invalid::because(format!(
-                "row {row} of B is zero, and row {row} of A has no state left for it that the controls reach: one integrator may lie \
-                 between a control and such a row, not more"
+                "row {row} of B is zero, and row {row} of A has no free state that the controls reach: at most one \
+                 integrator is allowed between a control and such a row"
             ))
         };
         found.push((row, by.ok_or_else(because)?));

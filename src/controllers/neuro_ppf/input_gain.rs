@@ -54,8 +54,9 @@ impl InputGainNetwork {
             return;
         }
         let note = format!(
-            "{} is 0: the estimate of the input gain stays 0, and all control is the robust term of nu_b. Take the plant's \
-             nominal input gain for the network to act, or input_gain_network = false for as much with fewer states",
+            "{} is 0: the estimate of the input gain stays 0, and only the robust term of nu_b controls. Use the \
+             plant's nominal input gain so that the network acts, or input_gain_network = false for the same result \
+             with fewer states",
             v.name(self.g_network_initial)
         );
         report.judge("input gain at the start", g, "", Verdict::Warning, note);

@@ -45,17 +45,17 @@ impl NeuroPpf {
         let [name_of_k, name_of_n_f] = [self.k, self.n_f].map(|gain| v.name(gain));
         let narrowest = (0..self.r.len()).map(|i| self.funnel.narrowest(i, v)).fold(f64::INFINITY, f64::min);
         if k > 0.0 {
-            let note = format!("{name_of_k}; where the networks are right");
+            let note = format!("{name_of_k}, if the networks are exact");
             report.tell("least decay of E", k, "1/s", &note);
         } else {
             let note =
-                format!("{name_of_k} is 0: what is left of E decays by {name_of_n_f} alone. Take {name_of_k} above 0");
+                format!("{name_of_k} is 0: the rest of E decays only through {name_of_n_f}. Use {name_of_k} above 0");
             report.judge("least decay of E", k, "1/s", Verdict::Warning, note);
         }
         let end = k + n_f / (narrowest * narrowest);
         let note = format!(
-            "{name_of_k} + {name_of_n_f}/{}²; a law whose inputs are held needs steps well below its inverse, {} s, or the \
-             loop as one unit",
+            "{name_of_k} + {name_of_n_f}/{}²; a sampled controller needs steps well below its inverse, {} s, or the \
+             loop as a single FMU",
             self.funnel.name_of_end(v),
             at_most(1.0 / end)
         );

@@ -21,7 +21,8 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     };
     let degree = n / m;
     if n % m != 0 || !(1..=2).contains(&degree) {
-        let allowed = format!("must be {m} or {}: the tracked variables, or they and their rates", 2 * m);
+        let allowed =
+            format!("must be {m} (the tracked variables) or {} (the tracked variables and their rates)", 2 * m);
         return Err(Invalid::new("states", n, allowed));
     }
     let mut text = request.begin(&NeuroPpf::PAGE, 10.0, 1e-4);

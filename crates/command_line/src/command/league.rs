@@ -76,7 +76,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let records = league.records()?;
     let wrong = |reason| Error::Loop { file: league.file.clone(), reason };
     if records.is_empty() {
-        let reason = format!("{} holds no results of this league", league.out.display());
+        let reason = format!("{} contains no results of this study", league.out.display());
         return if complete { Err(wrong(reason)) } else { Ok(ExitCode::from(progress::INTERRUPTED)) };
     }
     let judged = advice(&league.study, &records).map_err(wrong)?;
@@ -90,7 +90,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         aside!("{}", page_file.display());
     }
     if !complete {
-        tell!("interrupted: the same command goes on");
+        tell!("interrupted. Repeat the command to continue");
         return Ok(ExitCode::from(progress::INTERRUPTED));
     }
     arguments.open.show(&page_file);
@@ -101,13 +101,14 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 fn told(record: &Record) -> String {
     let held = record.conditions.as_ref().map_or("–".to_owned(), |conditions| {
         let held = conditions.values().filter(|judged| judged.outcome.holds()).count();
-        format!("{held} of {} conditions", conditions.len())
+        format!("passes {held} of {} conditions", conditions.len())
     });
     let failed = record.spread.as_ref().map_or("–".to_owned(), |spread| {
         format!("{} of {} random plants fail", spread.failed(), spread.errors.len())
     });
-    let dead_time =
-        record.margins.map_or("–".to_owned(), |margins| format!("dead time {:.2} ms", 1e3 * margins.dead_time.value));
+    let dead_time = record
+        .margins
+        .map_or("–".to_owned(), |margins| format!("dead-time margin {:.2} ms", 1e3 * margins.dead_time.value));
     format!("{}/{}: {held}, {failed}, {dead_time}", record.plant, record.controller)
 }
 
@@ -131,8 +132,10 @@ impl League {
         advice(&study, &[]).map_err(|reason| Error::Loop { file: file.clone(), reason })?;
         let suffix = arguments.earlier.suffix();
         if !suffix.is_empty() && arguments.out.file_name().is_none() {
-            let reason =
-                format!("--tag ends the name of a folder, and `{}` has none: name one", arguments.out.display());
+            let reason = format!(
+                "--tag is appended to the name of the folder, but `{}` has no name: give a folder with a name",
+                arguments.out.display()
+            );
             return Err(Error::Loop { file: "--out".into(), reason });
         }
         // Without a separator at its end.
@@ -163,9 +166,9 @@ impl League {
             return Ok(());
         }
         for pair in &pairs {
-            let form = if pair.is_one_unit() { "one unit" } else { "separate units" };
+            let form = if pair.is_one_unit() { "single FMU" } else { "separate FMUs" };
             let gains = pair.entry.tune.join(", ");
-            let gains = if gains.is_empty() { "no gains to search".to_owned() } else { format!("gains {gains}") };
+            let gains = if gains.is_empty() { "no gains to tune".to_owned() } else { format!("gains {gains}") };
             say!("{}/{}: {}, {form}; {gains}", pair.plant.name, pair.entry.name, pair.entry.unit);
         }
         Ok(())
@@ -195,8 +198,10 @@ impl League {
         let fresh = Record::new(&pair);
         let known = earlier.left(&file, |file| {
             let known = Record::read(file)?;
-            let refuse =
-                |differing| Error::Loop { file: file.to_owned(), reason: format!("is of another study: {differing}") };
+            let refuse = |differing| Error::Loop {
+                file: file.to_owned(),
+                reason: format!("belongs to another study: {differing}"),
+            };
             fresh.differing(&known).map_or(Ok(known), |differing| Err(refuse(differing)))
         })?;
         Ok((pair, known.unwrap_or(fresh)))
@@ -249,7 +254,7 @@ impl League {
                 if record.question == Record::question(plant, entry, &self.study.budget) {
                     records.push(record);
                 } else {
-                    remark!("{} is left out: it is of another study", file.display());
+                    remark!("{} is ignored because it belongs to another study", file.display());
                 }
             }
         }

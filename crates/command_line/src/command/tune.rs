@@ -99,7 +99,7 @@ struct SwarmOptions {
 
 fn not_negative(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
-    number.ok_or_else(|| "must be a finite number, not below 0".to_owned())
+    number.ok_or_else(|| "must be a finite number, at least 0".to_owned())
 }
 
 fn parameter(text: &str) -> Result<TunedParameter, String> {
@@ -135,8 +135,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let took = begun.elapsed();
     let Some(best) = ended.best.clone() else {
         let reason = ended.reason.as_deref().unwrap_or("interrupted");
-        let reason =
-            format!("none of {} runs was completed, so there is no best one. The last one: {reason}", ended.runs);
+        let reason = format!("none of {} runs completed, so there is no best one. The last one: {reason}", ended.runs);
         return Err(Error::Loop { file: task.structure.file.clone(), reason });
     };
     let again = task.again(&form, &best)?;

@@ -120,13 +120,13 @@ fn a_refusal_names_the_key_its_value_and_what_is_allowed() {
         ("/swarm/particles/1/velocity", json!([]), "swarm.particles[1].velocity has 0 entries: must have 9"),
         ("/swarm/particles", json!([]), "swarm.particles has 0 entries: must have 4"),
         ("/swarm/random", json!(-1), "swarm.random = -1: must be a whole number from 0 to 18446744073709551615"),
-        ("/swarm/bounds/0/1", json!(7), "swarm.bounds[0][1] = 7: must be 12.0, as its question says"),
+        ("/swarm/bounds/0/1", json!(7), "swarm.bounds[0][1] = 7: must be 12.0, as in question"),
         ("/swarm/best/value", json!(-1e9), "swarm.best.value = -1000000000.0: must be "),
         ("/swarm/best", json!(null), "swarm.best = null: must be the best position"),
         ("/swarm/history/1/failed", json!(5), "swarm.history[1].failed = 5: must be a whole number from 0 to 4"),
         ("/swarm/history/2/best", json!(1e9), "swarm.history[2].best = 1000000000.0: must be a number, at most"),
-        ("/question/particles", json!(9), "is of another search: particles was 9, is 4"),
-        ("/checksum", json!(null), "its content doesn't fit its checksum"),
+        ("/question/particles", json!(9), "belongs to another search: particles was 9, is 4"),
+        ("/checksum", json!(null), "its content doesn't match its checksum"),
     ] {
         let mut edited = whole.clone();
         *edited.pointer_mut(way).unwrap() = value;

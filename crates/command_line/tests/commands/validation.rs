@@ -115,10 +115,10 @@ type Edit = (&'static str, &'static str, &'static str);
 
 const EDITS: [Edit; 46] = [
     ("fmiVersion=\"2.0\"", "fmiVersion=\"3.0\"", "fmiVersion = \"3.0\""),
-    ("fmiVersion=\"2.0\"", "", "lacks the attribute `fmiVersion`"),
+    ("fmiVersion=\"2.0\"", "", "lacks the required attribute `fmiVersion`"),
     ("modelName=\"L1NonlinearSiso\"", "modelName=\"\"", "modelName is empty"),
-    ("guid=\"", "id=\"", "lacks the attribute `guid`"),
-    ("<fmiModelDescription ", "<fmiModelDescription colour=\"red\" ", "has no attribute `colour`"),
+    ("guid=\"", "id=\"", "lacks the required attribute `guid`"),
+    ("<fmiModelDescription ", "<fmiModelDescription colour=\"red\" ", "does not allow the attribute `colour`"),
     ("\"structured\"", "\"nested\"", "variableNamingConvention = \"nested\" in fmiModelDescription"),
     ("numberOfEventIndicators=\"1\"", "numberOfEventIndicators=\"-1\"", "numberOfEventIndicators = \"-1\""),
     ("generationTool=", "generationDateAndTime=\"31.1.2026\" generationTool=", "generationDateAndTime = \"31.1.2026\""),
@@ -140,7 +140,7 @@ const EDITS: [Edit; 46] = [
     (
         "<SimpleType name=\"AdaptiveStart\">",
         "<SimpleType name=\"enabled\">",
-        "the type `enabled` has the name of a variable",
+        "the type `enabled` has the same name as a variable",
     ),
     (
         "name=\"bumpless\" value=\"2\"",
@@ -150,21 +150,21 @@ const EDITS: [Edit; 46] = [
     (
         "<Category name=\"logEvents\"",
         "<Category name=\"logStatusError\"",
-        "the log category `logStatusError` stands there twice",
+        "the log category `logStatusError` appears twice",
     ),
     ("stopTime=\"20.0\"", "stopTime=\"-1\"", "stopTime = -1 is not after startTime = 0"),
     ("tolerance=\"1e-6\"", "tolerance=\"1e-6 m\"", "tolerance = \"1e-6 m\" in DefaultExperiment"),
     ("stepSize=\"0.001\"", "stepSize=\"-0.001\"", "stepSize = -0.001"),
-    ("<ModelVariables>", "<ModelVariables>loose", "ModelVariables holds text"),
-    ("<ModelVariables>", "<Parameters/><ModelVariables>", "holds `Parameters`, which isn't known there"),
-    ("<ModelVariables>", "<ModelStructure/><ModelVariables>", "ModelVariables stands behind ModelStructure"),
-    ("name=\"r[1]\" valueReference", "name=\"x[1]\" valueReference", "has this name already"),
+    ("<ModelVariables>", "<ModelVariables>loose", "ModelVariables contains text"),
+    ("<ModelVariables>", "<Parameters/><ModelVariables>", "does not allow the element `Parameters`"),
+    ("<ModelVariables>", "<ModelStructure/><ModelVariables>", "ModelVariables must come before ModelStructure"),
+    ("name=\"r[1]\" valueReference", "name=\"x[1]\" valueReference", "already has this name"),
     ("name=\"r[1]\" valueReference", "name=\"r[1\" valueReference", "does not follow the convention `structured`"),
     ("valueReference=\"35\"", "valueReference=\"-35\"", "valueReference = \"-35\""),
     (
         "valueReference=\"35\"",
         "valueReference=\"36\"",
-        "it shares valueReference 36 with `r[1]`, and both have a start",
+        "it shares valueReference 36 with `r[1]`, and both have a start value",
     ),
     ("causality=\"input\"", "causality=\"sensor\"", "causality = \"sensor\" in ScalarVariable"),
     (
@@ -181,10 +181,10 @@ const EDITS: [Edit; 46] = [
     (
         "variability=\"discrete\">\n      <Boolean",
         "variability=\"continuous\">\n      <Boolean",
-        "variability = \"continuous\" of type Boolean",
+        "variability = \"continuous\", but the type is Boolean",
     ),
-    ("<Real unit=\"1\" start=\"0.0\"/>", "<Real unit=\"1\"/>", "there is no start, and causality = \"input\""),
-    ("<Real unit=\"1\"/>", "<Real unit=\"1\" start=\"0\"/>", "there is a start, and initial = \"calculated\""),
+    ("<Real unit=\"1\" start=\"0.0\"/>", "<Real unit=\"1\"/>", "there is no start value, but causality = \"input\""),
+    ("<Real unit=\"1\"/>", "<Real unit=\"1\" start=\"0\"/>", "there is a start value, but initial = \"calculated\""),
     ("<Real unit=\"1\" start=\"0.0\"/>", "<Real unit=\"1\" start=\"0,0\"/>", "start = \"0,0\" in Real"),
     (
         "<Real unit=\"1\" start=\"0.0\"/>",
@@ -201,20 +201,24 @@ const EDITS: [Edit; 46] = [
     (
         "<Real unit=\"1\" start=\"0.0\"/>",
         "<Real declaredType=\"InputHandling\" start=\"0\"/>",
-        "`InputHandling` is one of Enumeration",
+        "`InputHandling` is defined for Enumeration",
     ),
     ("<Real unit=\"1\" start=\"0.0\"/>", "<Real derivative=\"9999\" start=\"0\"/>", "derivative = \"9999\""),
-    ("<Real unit=\"1\" start=\"0.0\"/>", "<Real reinit=\"true\" start=\"0\"/>", "reinit = \"true\" of no state"),
+    (
+        "<Real unit=\"1\" start=\"0.0\"/>",
+        "<Real reinit=\"true\" start=\"0\"/>",
+        "reinit = \"true\", but the variable is not a state",
+    ),
     (
         "<Real unit=\"1\" start=\"0.0\"/>",
         "",
-        "ScalarVariable holds no Real or Integer or Boolean or String or Enumeration",
+        "ScalarVariable contains no Real or Integer or Boolean or String or Enumeration",
     ),
     ("declaredType=\"InputHandling\"", "declaredType=\"Nothing\"", "the type `Nothing` is not defined"),
     (
         "declaredType=\"InputHandling\" min=\"1\" max=\"3\" start=\"1\"",
         "declaredType=\"InputHandling\" start=\"4\"",
-        "start = 4 is the value of no item",
+        "start = 4 matches no item",
     ),
 ];
 
@@ -256,30 +260,36 @@ fn each_fault_of_the_structure_is_found_by_its_variable() {
         }
     };
     let edits: Vec<(String, &str)> = vec![
-        (with("Outputs", &without_first), "it is an output, and does not stand in Outputs"),
-        (with("Outputs", &add("<Unknown index=\"1\"/>")), "it stands in Outputs, and has causality input"),
-        (with("Outputs", &|text| format!("{text}{}", first(text))), "it stands in Outputs twice"),
+        (with("Outputs", &without_first), "it is an output, but is not listed in Outputs"),
+        (with("Outputs", &add("<Unknown index=\"1\"/>")), "it is listed in Outputs, but has causality input"),
+        (with("Outputs", &|text| format!("{text}{}", first(text))), "it is listed twice in Outputs"),
         (with("Outputs", &add("<Unknown index=\"0\"/>")), "index = \"0\" in Outputs"),
         (with("Outputs", &add("<Unknown index=\"9999\"/>")), "index = \"9999\" in Outputs"),
-        (with("Outputs", &add("<Unknown/>")), "Unknown lacks the attribute `index`"),
+        (with("Outputs", &add("<Unknown/>")), "Unknown lacks the required attribute `index`"),
         (with("Derivatives", &dependencies("dependencies=\"9999\"")), "dependencies = \"9999\" in Derivatives"),
-        (with("Derivatives", &dependencies("dependencies=\"1 1\"")), "dependencies name the variable 1 twice"),
+        (with("Derivatives", &dependencies("dependencies=\"1 1\"")), "dependencies list variable 1 twice"),
         (with("Derivatives", &dependencies("dependencies=\"one\"")), "dependencies = \"one\" in Unknown"),
         (
             with("Derivatives", &dependencies("dependencies=\"1 2\" dependenciesKind=\"fixed\"")),
-            "2 dependencies and 1 dependenciesKind",
+            "2 dependencies, but 1 entries in dependenciesKind",
         ),
-        (with("Derivatives", &dependencies("dependenciesKind=\"fixed\"")), "dependenciesKind without dependencies"),
+        (
+            with("Derivatives", &dependencies("dependenciesKind=\"fixed\"")),
+            "dependenciesKind is given without dependencies",
+        ),
         (
             with("Derivatives", &dependencies("dependencies=\"1\" dependenciesKind=\"perhaps\"")),
             "dependenciesKind = \"perhaps\"",
         ),
         (
             with("Derivatives", &|text| text.replacen(&format!("index=\"{}\"", index(text)), "index=\"1\"", 1)),
-            "it stands in Derivatives without the attribute derivative",
+            "it is listed in Derivatives, but has no attribute derivative",
         ),
-        (with("InitialUnknowns", &without_first), "does not stand in InitialUnknowns"),
-        (with("InitialUnknowns", &add("<Unknown index=\"1\"/>")), "it stands in InitialUnknowns, and is no output"),
+        (with("InitialUnknowns", &without_first), "is not listed in InitialUnknowns"),
+        (
+            with("InitialUnknowns", &add("<Unknown index=\"1\"/>")),
+            "it is listed in InitialUnknowns, but is not an output",
+        ),
         (
             with("InitialUnknowns", &|text| {
                 let begins = text.find(" dependencies=\"").unwrap();
@@ -321,7 +331,7 @@ fn each_fault_of_an_archive_is_found() {
     type Case<'a> = (&'a str, &'a dyn Fn(&mut Entries));
     let cases: [Case; 8] = [
         (
-            "has no modelDescription.xml at its root (FMI 2.0, section 2.3): `unit/modelDescription.xml` lies too deep",
+            "has no modelDescription.xml at its root (FMI 2.0, section 2.3): `unit/modelDescription.xml` is in a subfolder",
             &|all| {
                 all.iter_mut().for_each(|(name, _)| name.insert_str(0, "unit/"));
             },
@@ -329,14 +339,14 @@ fn each_fault_of_an_archive_is_found() {
         ("has no modelDescription.xml at its root (FMI 2.0, section 2.3): add it", &|all| {
             all.retain(|(name, _)| name != "modelDescription.xml");
         }),
-        ("the entry `../x` would lie outside", &|all| all.push(("../x".to_owned(), Vec::new()))),
-        ("the entry `/x` would lie outside", &|all| all.push(("/x".to_owned(), Vec::new()))),
-        ("the path `resources\\x` has a backslash", &|all| all.push(("resources\\x".to_owned(), Vec::new()))),
+        ("the entry `../x` would be unpacked outside", &|all| all.push(("../x".to_owned(), Vec::new()))),
+        ("the entry `/x` would be unpacked outside", &|all| all.push(("/x".to_owned(), Vec::new()))),
+        ("the path `resources\\x` contains a backslash", &|all| all.push(("resources\\x".to_owned(), Vec::new()))),
         ("warning: `notes.txt` at the root", &|all| all.push(("notes.txt".to_owned(), Vec::new()))),
         ("there is no library binaries/PLATFORM/L1NonlinearSiso.so", &|all| {
             all.retain(|(name, _)| !name.starts_with("binaries/"));
         }),
-        ("is no library: ", &|all| {
+        ("is not a shared library: ", &|all| {
             all.iter_mut()
                 .filter(|(name, _)| name.starts_with("binaries/"))
                 .for_each(|(_, bytes)| bytes.truncate(1000));
@@ -391,15 +401,15 @@ fn what_a_unit_does_when_it_is_run_is_found() {
     for (faults, flags, told) in [
         (&["NAN_OUTPUT"][..], "", "error: `y`: its value is NaN at t = "),
         (&["FAILING_STEP"], "", "fmi2DoStep failed at t = "),
-        (&["OTHER_START"], "", "error: `k`: it starts with 2, and modelDescription.xml says 1"),
+        (&["OTHER_START"], "", "error: `k`: it starts at 2, but modelDescription.xml has start = 1"),
         (&["ONLY_ONE"], "", "fmi2Instantiate"),
         (&["UNLOADABLE"], "", "nothing_of_this_name"),
-        (&["NO_STEP"], "", "/unit.so has no fmi2DoStep, which CoSimulation asks for"),
-        (&["NO_STATE"], "", "has no fmi2GetFMUstate, which CoSimulation asks for"),
+        (&["NO_STEP"], "", "/unit.so does not export fmi2DoStep, which CoSimulation requires"),
+        (&["NO_STATE"], "", "does not export fmi2GetFMUstate, which CoSimulation requires"),
         (
             &["NO_STATE"],
             "canGetAndSetFMUstate=\"true\"",
-            "has no fmi2GetFMUstate, and canGetAndSetFMUstate of CoSimulation says that it does",
+            "does not export fmi2GetFMUstate, although canGetAndSetFMUstate is true in CoSimulation",
         ),
     ] {
         let (_folder, file) = built(faults, flags);

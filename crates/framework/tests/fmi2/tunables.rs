@@ -103,10 +103,7 @@ fn estimates_outside_tightened_bounds_are_brought_to_them_and_logged() {
     assert_eq!(unit.get("theta_hat[1,1]"), 0.0, "bounds that coincide freeze the estimate between them");
     assert!(unit.get("sigma_hat[1]").abs() <= bound * (1.0 + 1e-9));
     let logged = warnings(unit);
-    assert!(
-        logged.len() == 2 && logged[0].contains("brought to them") && logged[1].contains("at a bound"),
-        "{logged:?}"
-    );
+    assert!(logged.len() == 2 && logged[0].contains("moved to them") && logged[1].contains("at a bound"), "{logged:?}");
     assert_eq!(unit.step(NOW + STEP, STEP), OK);
     assert!(warnings(unit).is_empty(), "once");
 }

@@ -37,7 +37,7 @@ fn measured(study: &Study, records: &[Record], advice: &Advice) -> Result<Measur
     let mut because = String::new();
     let mut rest = advice.because.as_str();
     while let Some((before, after)) = rest.split_once('{') {
-        let (word, behind) = after.split_once('}').ok_or_else(|| format!("`{}`: a {{ has no }}", advice.because))?;
+        let (word, behind) = after.split_once('}').ok_or_else(|| format!("`{}`: {{ without }}", advice.because))?;
         because.push_str(before);
         let (quantity, found) = meant(study, records, word)?;
         let value = found.and_then(|(plant, record)| quantity.of(plant, record));

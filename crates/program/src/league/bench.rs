@@ -61,8 +61,8 @@ pub(super) fn benched(
     let channels = plant.bench.u_min.len();
     if commands.len() != channels || measured.is_empty() {
         return Err(refuse(format!(
-            "{} controls go from the controller to the plant, and {} outputs are measured: there must be {channels} controls, as \
-             many as bench.u_min has, and 1 measured output at least",
+            "the controller sends {} controls to the plant, and {} outputs are measured: there must be {channels} \
+             controls, the length of bench.u_min, and at least 1 measured output",
             commands.len(),
             measured.len()
         )));

@@ -50,7 +50,7 @@ fn conditions(own: &[&Record]) -> String {
     let failed: Vec<_> = all.iter().filter(|(.., holds)| !holds).collect();
     let held = all.len() - failed.len();
     let plants = if own.len() == 1 { format!("on {}", own[0].plant) } else { format!("on {} plants", own.len()) };
-    let mut told = format!("Holds under {held} of {} conditions {plants}", all.len());
+    let mut told = format!("Passes {held} of {} conditions {plants}", all.len());
     if !failed.is_empty() {
         let plants = own.iter().map(|record| record.plant.as_str());
         let listed = plants.filter_map(|plant| {
@@ -84,12 +84,12 @@ fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
     }
     let mut told = Vec::new();
     if !first.is_empty() {
-        told.push(format!("smallest median error alone on {}", first.join(", ")));
+        told.push(format!("smallest median error, without a tie, on {}", first.join(", ")));
     }
     let with_others = ranked - first.len() - behind.len();
     if with_others > 0 {
         told.push(format!(
-            "among the first, without a difference that intervals show, on {with_others} of {ranked} plants"
+            "tied for the smallest median error (overlapping intervals) on {with_others} of {ranked} plants"
         ));
     }
     if !behind.is_empty() {
@@ -114,7 +114,7 @@ fn beside_best(study: &Study, records: &[Record], own: &[&Record], quantity: Qua
     ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
     let title = capital(quantity.title);
     let (Some((low, at_low)), Some((high, at_high))) = (ratios.first(), ratios.last()) else {
-        return Some(format!("{title}: none, where it fails."));
+        return Some(format!("{title}: none, because it fails."));
     };
     // Where it fails there is no number, which is not to be taken for a good one.
     let without = own.len() - ratios.len();

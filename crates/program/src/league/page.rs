@@ -88,8 +88,8 @@ fn push_branches(page: &mut String, lines: &[Measured]) {
     page.push_str("<ul class=\"tree\">\n");
     for Measured { when, take, because, holds, within } in lines {
         let word = match holds {
-            Some(true) => " <span class=\"good\">Borne out.</span>",
-            Some(false) => " <span class=\"bad\">Not borne out.</span>",
+            Some(true) => " <span class=\"good\">Confirmed.</span>",
+            Some(false) => " <span class=\"bad\">Not confirmed.</span>",
             None => " Not known.",
         };
         let [when, take, because] = [when, take, because].map(|text| escaped(text));
@@ -105,7 +105,7 @@ fn push_branches(page: &mut String, lines: &[Measured]) {
 }
 
 fn push_laws(page: &mut String, laws: &[Law]) {
-    page.push_str("<h2 id=\"laws\">What each law is good and bad at</h2>\n<dl>\n");
+    page.push_str("<h2 id=\"laws\">Strengths and weaknesses of each controller</h2>\n<dl>\n");
     for Law { name, sentences } in laws {
         let _ = writeln!(page, "<dt>{}<dd>{}", escaped(name), escaped(&sentences.join(" ")));
     }
@@ -120,7 +120,7 @@ fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
     push_results(page, plant, records);
     page.push_str("<h3>Errors under each condition</h3>\n");
     push_conditions(page, plant, records);
-    page.push_str("<h3>Gains that were found</h3>\n<dl>\n");
+    page.push_str("<h3>Tuned gains</h3>\n<dl>\n");
     for record in records {
         let Some(gains) = &record.gains else { continue };
         let told = if gains.values.is_empty() { "as it is".to_owned() } else { gains.told() };
@@ -140,7 +140,7 @@ fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
          <th class=\"number\">instructions\n",
     );
     for (record, standing) in records.iter().zip(standings(records)) {
-        let form = if record.as_one { "" } else { "<small>as separate units</small>" };
+        let form = if record.as_one { "" } else { "<small>as separate FMUs</small>" };
         let _ = write!(page, "<tr><td>{}{form}", escaped(&record.controller));
         match &record.spread {
             Some(spread) => {
@@ -180,9 +180,10 @@ fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
         let _ = writeln!(page, "<td class=\"number\">{counted}");
     }
     page.push_str(
-        "</table></div>\n<p>Effort is the root mean square of the commands on the bench, in parts of the largest control; variation \
-         is how far they move there, in largest controls a second. Instructions are those of a step of the controller as compiled C, in the \
-         first thousand steps. A dash: not computed, or failed on the bench.</p>\n",
+        "</table></div>\n<p>Effort is the root mean square of the commands on the bench, relative to the largest \
+         control. Variation is the total movement of the commands there, in largest controls per second. Instructions \
+         are counted per step of the controller as compiled C, over the first thousand steps. A dash means: not \
+         computed, or failed on the bench.</p>\n",
     );
 }
 
@@ -239,7 +240,7 @@ fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
         .collect();
     let _ = writeln!(
         page,
-        "<p>An error is the root mean square, from {} s on, in parts of the largest that is no failure: {}.</p>",
+        "<p>Errors are root mean squares from {} s on, relative to the largest error that is not a failure: {}.</p>",
         plant.settled,
         escaped(&limits.join(", "))
     );
@@ -269,19 +270,21 @@ fn push_method(page: &mut String, budget: &Budget, records: &[Record]) {
     let plural = if *noises == 1 { "" } else { "s" };
     let _ = writeln!(
         page,
-        "<h2 id=\"method\">How it was made</h2>\n<p>Every controller's gains were searched by the same swarm: {particles} \
-         particles, {generations} generations, {noises} noise{plural} a position, {tuning_time} s of the nominal plant behind its \
-         sensors and actuators; each gain within {low} to {high} times what it was before. What is minimised is the integral of \
-         the squared errors, in parts of their limits, and a hundredth of the squared commands and of their total variation, in \
-         parts of the largest control; a failure costs up to a million. Then nothing is touched.</p>\n\
-         <p>A run fails where an output of the plant is beyond its envelope, an error beyond its limit once it is judged, or a \
-         unit refuses to go on; near a margin also where a command varies three times as much as nominally. What failed was run \
-         again with a hundredth of the tolerance and half the step, and counts only where it failed again{mended}. Margins are those of \
-         the nominal plant without noise, found by halving ratios to {:.0} %: what lies between is taken to be borne too.</p>\n\
-         <p>{plants} random plants, the same for all controllers: each parameter that isn't known well is anywhere within ±{:.0} \
-         %, sensors and actuators are there. Intervals hold the true value with a probability of 95 %, for plants drawn so. A \
-         place is one more than the number of those that are better for certain: where intervals overlap, it is shared.</p>\n\
-         <p>Computed by version {}.</p>",
+        "<h2 id=\"method\">Method</h2>\n<p>The same particle swarm tuned the gains of every controller: {particles} \
+         particles, {generations} generations, {noises} noise{plural} per position, and {tuning_time} s of the \
+         nominal plant with its sensors and actuators. Each gain was limited to {low} to {high} times its initial \
+         value. The objective is the integral of the squared errors, relative to their limits, plus a hundredth of \
+         the squared commands and of their total variation, relative to the largest control. A failure costs up to a \
+         million. After the search no gain was changed.</p>\n<p>A run fails if an output of the plant leaves its \
+         envelope, if an error exceeds its limit while errors are judged, or if an FMU returns an error. Near a \
+         margin it also fails if a command varies three times as much as nominally. Failed runs were repeated with a \
+         hundredth of the tolerance and half the step, and count only if they failed again{mended}. Margins apply to \
+         the nominal plant without noise and were found by bisection of the ratio to {:.0} %; all values up to a \
+         margin are assumed to pass.</p>\n<p>{plants} random plants, the same for all controllers: each uncertain \
+         parameter is anywhere within ±{:.0} % of its nominal value, with sensors and actuators. Intervals contain \
+         the true value with a probability of 95 % for plants drawn in this way. A place is one more than the number \
+         of controllers that are certainly better; where intervals overlap, it is shared.</p>\n<p>Computed by version \
+         {}.</p>",
         100.0 * margin,
         100.0 * spread,
         escaped(&versions(records))

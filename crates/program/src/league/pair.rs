@@ -75,7 +75,7 @@ impl<'a> Pair<'a> {
         let benched = benched?;
         let ((whole, is_one), (delayed, _)) = (units.load(&benched.structure)?, units.load(&with_lines?.structure)?);
         if whole.variables().map(|(name, ..)| name).ne(delayed.variables().map(|(name, ..)| name)) {
-            return Err(refuse("a delay line changes what the loop has".to_owned()));
+            return Err(refuse("a delay line changes the variables of the loop".to_owned()));
         }
         let separate = units.load_apart(&plain)?;
         let checksum = units.checksum(&benched.structure)?;
@@ -136,7 +136,7 @@ impl<'a> Pair<'a> {
             }
             if elements.iter().all(|place| self.nominal(*place) == 0.0) {
                 return Err(format!(
-                    "tune: `{name}` is 0, which no factor changes: give it a value by `set`, or leave it out"
+                    "tune: `{name}` is 0, so scaling does not change it: give it a value with `set`, or remove it"
                 ));
             }
         }
@@ -292,7 +292,7 @@ fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error
     structure.file = format!("{}/{}", plant.name, entry.name).into();
     let stays = |input: &str| entry.open.iter().any(|name| is_of(input, &format!("{CONTROLLER}.{name}")));
     if let Some((input, reason)) = draft.undecided().find(|(input, _)| !stays(input)) {
-        let reason = format!("`{input}`: {reason}; name it in the entry's `open` if it is to stay as it is");
+        let reason = format!("`{input}`: {reason}; list it in the entry's `open` to leave it unconnected");
         return Err(Error::Loop { file: structure.file, reason });
     }
     structure.metrics.clear();

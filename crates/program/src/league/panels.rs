@@ -39,14 +39,14 @@ pub fn panels(plant: &Plant, records: &[&Record]) -> String {
             let (value, interval) = record.spread.as_ref()?.rate();
             Some(Mark { value, interval: Some(interval), open: false })
         }),
-        panel("error, part of its limit", true, records, |record| {
+        panel("error, as a fraction of its limit", true, records, |record| {
             let (value, [low, high]) = record.spread.as_ref()?.median();
             Some(Mark { value: value?, interval: low.zip(high).map(|(low, high)| [low, high]), open: high.is_none() })
         }),
         panel("variation of the control, 1/s", true, records, |record| {
             Some(Mark { value: under(record, Condition::Bench)?.moved(plant), interval: None, open: false })
         }),
-        panel("dead time that is borne, s", true, records, |record| {
+        panel("dead-time margin, s", true, records, |record| {
             let margin = record.margins?.dead_time;
             Some(Mark { value: margin.value, interval: None, open: margin.bound != Bound::Within })
         }),

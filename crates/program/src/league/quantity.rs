@@ -39,7 +39,7 @@ impl Quantity {
         quantity("variation", "variation of the control", false, |plant, record| {
             Some(under(record, Condition::Bench)?.moved(plant))
         }),
-        quantity("held", "conditions held", true, |_, record| {
+        quantity("held", "conditions passed", true, |_, record| {
             let held = record.conditions.as_ref()?.values().filter(|judged| judged.outcome.holds()).count();
             Some(held as f64)
         }),
@@ -55,11 +55,11 @@ impl Quantity {
             }),
             ..quantity("median", "median error", false, |_, record| record.spread.as_ref()?.median().0)
         },
-        quantity("dead_time", "dead time that is borne", true, |_, record| Some(record.margins?.dead_time.value)),
-        quantity("lag", "lag that is borne", true, |_, record| Some(record.margins?.lag.value)),
-        quantity("gain", "gain that is borne", true, |_, record| Some(record.margins?.gain.value)),
-        quantity("step", "communication step that is borne", true, |_, record| Some(record.margins?.step.value)),
-        quantity("instructions", "instructions of a step", false, |_, record| record.instructions),
+        quantity("dead_time", "dead-time margin", true, |_, record| Some(record.margins?.dead_time.value)),
+        quantity("lag", "lag margin", true, |_, record| Some(record.margins?.lag.value)),
+        quantity("gain", "gain margin", true, |_, record| Some(record.margins?.gain.value)),
+        quantity("step", "longest stable communication step", true, |_, record| Some(record.margins?.step.value)),
+        quantity("instructions", "instructions per step", false, |_, record| record.instructions),
     ];
 
     /// The quantity of a name.

@@ -105,12 +105,11 @@ impl Record {
         }
         if self.question != earlier.question {
             let named = self.asked.as_ref().zip(earlier.asked.as_ref()).map(|(is, was)| sealed::differences(was, is));
-            let unnamed =
-                || vec!["the study says something else of its plant, its controller or the budget".to_owned()];
+            let unnamed = || vec!["the plant, controller or budget of the study differs".to_owned()];
             found.extend(named.filter(|named| !named.is_empty()).unwrap_or_else(unnamed));
         }
         if self.units != earlier.units {
-            found.push("its units have other descriptions".to_owned());
+            found.push("the descriptions of its FMUs differ".to_owned());
         }
         sealed::listed(&found)
     }
@@ -143,7 +142,7 @@ impl Record {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
         let Sealed { content, fits } = sealed::read(file, "result of a league")?;
         if fits != Some(true) {
-            return Err(refuse("its content doesn't fit its checksum: it was changed".to_owned()));
+            return Err(refuse("its content doesn't match its checksum: the file was changed".to_owned()));
         }
         Record::deserialize::<Value>(content).map_err(|error| refuse(format!("can't be read: {error}")))
     }
@@ -164,7 +163,7 @@ impl Pair<'_> {
             Some(Stage::Conditions) => record.conditions = self.conditions(is_interrupted)?,
             Some(Stage::Margins) => {
                 let nominal = record.conditions.as_ref().and_then(|all| all.get(&Condition::Nominal));
-                let nominal = nominal.ok_or("no nominal run is known")?;
+                let nominal = nominal.ok_or("there is no nominal run")?;
                 record.margins = self.margins(&nominal.outcome, is_interrupted)?;
             }
             Some(Stage::Spread) => record.spread = self.spread(is_interrupted)?,

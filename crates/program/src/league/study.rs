@@ -52,7 +52,7 @@ pub struct Advice {
 impl Advice {
     fn check(&self) -> Result<(), String> {
         if self.take.is_empty() && (self.within.is_empty() || !self.holds.is_empty() || !self.because.is_empty()) {
-            return Err(format!("advice, when `{}`: there is nothing to take", self.when));
+            return Err(format!("advice, when `{}`: `take` is empty", self.when));
         }
         self.within.iter().try_for_each(Advice::check)
     }
@@ -264,7 +264,7 @@ impl Study {
     fn check(&self) -> Result<(), String> {
         let Budget { particles, generations, noises, plants, .. } = self.budget;
         if particles == 0 || generations == 0 || noises == 0 || plants == 0 {
-            return Err("budget: particles, generations, noises and plants must be 1 at least".to_owned());
+            return Err("budget: particles, generations, noises and plants must be at least 1".to_owned());
         }
         let [low, high] = self.budget.gain_range;
         if !(low > 0.0 && low < high && high.is_finite()) {
@@ -314,22 +314,23 @@ impl Plant {
         let Plant { errors, error_limits, duration, step, settled, .. } = self;
         if errors.is_empty() || errors.len() != error_limits.len() {
             return Err(format!(
-                "{} errors and {} error_limits: must be as many, at least 1",
+                "there are {} errors and {} error_limits: must be the same number, at least 1",
                 errors.len(),
                 error_limits.len()
             ));
         }
         if !(*step > 0.0 && *settled >= 0.0 && settled < duration && duration.is_finite()) {
             let told = format!("step = {step}, settled = {settled}, duration = {duration}");
-            return Err(format!("{told}: must be 0 < step, 0 <= settled < duration, in s"));
+            return Err(format!("{told}: must satisfy 0 < step and 0 <= settled < duration, in s"));
         }
         let Bench { u_min, u_max, lag, sample_time, .. } = &self.bench;
         let has_room = u_min.len() == u_max.len() && u_min.iter().zip(u_max).all(|(low, high)| low < high);
         let has_time = lag.is_finite() && *lag >= 0.0 && sample_time.is_finite() && *sample_time > 0.0;
         if u_min.is_empty() || !has_room || !has_time {
             return Err(format!(
-                "bench: u_min = {u_min:?}, u_max = {u_max:?}, lag = {lag}, sample_time = {sample_time}: must be a \
-                                limit of each kind a channel, the smaller in u_min, a lag of 0 s at least, and a sample time"
+                "bench: u_min = {u_min:?}, u_max = {u_max:?}, lag = {lag}, sample_time = {sample_time}: u_min and \
+                 u_max must have one value per channel, each u_min below its u_max; lag must be at least 0 s, and \
+                 sample_time above 0 s"
             ));
         }
         if error_limits.iter().chain([&self.envelope]).any(|limit| !(limit.is_finite() && *limit > 0.0)) {
@@ -351,10 +352,12 @@ fn each_once<'a>(what: &str, names: impl Iterator<Item = &'a str>) -> Result<(),
     for name in names {
         let plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
         if !plain || name.starts_with('.') {
-            return Err(format!("{what} `{name}`: a name has letters, digits, -, _ and dots"));
+            return Err(format!(
+                "{what} `{name}`: a name must consist of letters, digits, -, _ and dots, and not start with a dot"
+            ));
         }
         if !known.insert(name) {
-            return Err(format!("{what} `{name}` is there twice"));
+            return Err(format!("{what} `{name}` appears twice"));
         }
     }
     if known.is_empty() { Err(format!("there is no {what}")) } else { Ok(()) }

@@ -70,10 +70,10 @@ fn check_best(swarm: &Place, best: Option<Found>, found: &[Found]) -> Result<(),
             Err(place.entry("position")?.wrong("must be the best position of a particle"))
         }
         (Some(_), Some(least)) => {
-            Err(place.entry("value")?.wrong(&format!("must be {least:?}, the least of all particles' best values")))
+            Err(place.entry("value")?.wrong(&format!("must be {least:?}, the smallest of all particles' best values")))
         }
-        (Some(_), None) => Err(place.wrong("must be null, for no particle has a best position")),
-        (None, Some(_)) => Err(place.wrong("must be the best position of the particles")),
+        (Some(_), None) => Err(place.wrong("must be null, because no particle has a best position")),
+        (None, Some(_)) => Err(place.wrong("must be the best position of all particles")),
     }
 }
 
@@ -101,7 +101,7 @@ fn check_history(history: &Place, best: Option<f64>, particles: usize) -> Result
         return Ok(());
     }
     let least = best.map_or("null".to_owned(), |best| format!("{best:?}"));
-    Err(format!("{}: the best value of the last generation must be that of the swarm, {least}", history.path))
+    Err(format!("{}: the best value of the last generation must be the swarm's best value, {least}", history.path))
 }
 
 impl<'a> Place<'a> {
@@ -154,7 +154,7 @@ impl<'a> Place<'a> {
             }
             _ => {}
         }
-        Err(self.wrong(&format!("must be {asked}, as its question says")))
+        Err(self.wrong(&format!("must be {asked}, as in question")))
     }
 
     fn wrong(&self, allowed: &str) -> String {

@@ -75,11 +75,13 @@ impl Search {
     ) -> Result<Self, String> {
         let first = loops.first().ok_or("no loop was loaded")?;
         if parameters.is_empty() {
-            return Err("0 parameters to tune: name at least one by --parameter UNIT.variable=LOW..HIGH".to_owned());
+            return Err(
+                "there are 0 parameters to tune: give at least one, as --parameter UNIT.variable=LOW..HIGH".to_owned()
+            );
         }
         let mut names = HashSet::new();
         if let Some(twice) = parameters.iter().find(|parameter| !names.insert(&parameter.name)) {
-            return Err(format!("parameter `{}` is named twice", twice.name));
+            return Err(format!("parameter `{}` is given twice", twice.name));
         }
         let found: Vec<_> = parameters.iter().map(|parameter| range(parameter, first)).collect::<Result<_, _>>()?;
         let (ranges, places) = found.into_iter().unzip();
@@ -171,8 +173,9 @@ fn range(parameter: &TunedParameter, loaded: &LoadedLoop) -> Result<(Range, Plac
     let (min, max) = (allowed(&variable.min), allowed(&variable.max));
     let bound = |own: Option<f64>, of_fmu: Option<f64>, word: &str| {
         // What is no limit bounds no search.
-        own.or(of_fmu.filter(|bound| bound.abs() < NO_LIMIT))
-            .ok_or_else(|| format!("`{name}` has no {word} bound, and its FMU names none: give both, {name}=LOW..HIGH"))
+        own.or(of_fmu.filter(|bound| bound.abs() < NO_LIMIT)).ok_or_else(|| {
+            format!("`{name}` has no {word} bound, and its FMU declares none: give both bounds, {name}=LOW..HIGH")
+        })
     };
     let (low, high) = (bound(*low, min, "lower")?, bound(*high, max, "upper")?);
     if low >= high {

@@ -56,7 +56,7 @@ impl Objective {
                 return if there { Ok(()) } else { Err(unknown()) };
             }
             Objective::Squares { terms, .. } if terms.is_empty() => {
-                return Err("nothing to minimise: name it by --square or --metric".to_owned());
+                return Err("there is nothing to minimise: choose an objective with --square or --metric".to_owned());
             }
             Objective::Squares { terms, sample } => (terms, *sample),
         };
@@ -86,13 +86,15 @@ impl Objective {
         let value = match self {
             Objective::Metric(label) => {
                 let metric = measured.iter().find(|metric| metric.label == *label);
-                metric.and_then(|metric| metric.value).ok_or_else(|| format!("`{label}` has no value in that time"))?
+                metric
+                    .and_then(|metric| metric.value)
+                    .ok_or_else(|| format!("the metric `{label}` has no value in this run"))?
             }
             Objective::Squares { terms, sample } => {
                 terms.iter().map(|term| term.sum(*sample, recording)).sum::<Result<f64, _>>()?
             }
         };
-        if value.is_finite() { Ok(value) } else { Err(format!("the objective is {value}")) }
+        if value.is_finite() { Ok(value) } else { Err(format!("the objective is {value}, not a finite number")) }
     }
 }
 

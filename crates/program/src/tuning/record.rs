@@ -66,17 +66,17 @@ impl Record {
     /// When it can't be read, answers another question, or holds what no search leaves.
     pub fn resume(file: &Path, question: &Question) -> Result<Swarm, Error> {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
-        let no_search = |error: serde_json::Error| refuse(format!("is no search to go on with: {error}"));
-        let Sealed { content: record, fits } = sealed::read(file, "search to go on with")?;
+        let no_search = |error: serde_json::Error| refuse(format!("is not a search that can be continued: {error}"));
+        let Sealed { content: record, fits } = sealed::read(file, "search that can be continued")?;
         let asked = serde_json::to_value(question).map_err(no_search)?;
         if let Some(differing) = differing(&record["question"], &asked) {
-            return Err(refuse(format!("is of another search: {differing}")));
+            return Err(refuse(format!("belongs to another search: {differing}")));
         }
-        let changed = |reason| format!("can't be gone on from: {reason}. It was changed");
+        let changed = |reason| format!("can't be continued: {reason}. The file was changed");
         check(&record["swarm"], question).map_err(changed).map_err(refuse)?;
         // One that an earlier version wrote has none; each of its values has been checked.
         if fits == Some(false) {
-            return Err(refuse(changed("its content doesn't fit its checksum".to_owned())));
+            return Err(refuse(changed("its content doesn't match its checksum".to_owned())));
         }
         let Record { swarm, .. } = serde_json::from_value(record).map_err(no_search)?;
         Ok(swarm)

@@ -45,23 +45,23 @@ fn check_set(reference: u32, set: &[&Variable], types: &Types, findings: &mut Fi
     let shared = |other: &Variable| format!("it shares valueReference {reference} with `{}`", short(other.name));
     for variable in &set[1..] {
         if (variable.variability == "constant") != (first.variability == "constant") {
-            let what = format!("{}, and only one of them is constant", shared(first));
-            findings.error(variable.at(), what, SECTION, "give it a value reference of its own");
+            let what = format!("{}, but only one of them is constant", shared(first));
+            findings.error(variable.at(), what, SECTION, "give it its own value reference");
         } else if variable.variability == "constant" && !same_value(variable, first) {
-            let what = format!("{}, a constant of another value", shared(first));
-            findings.error(variable.at(), what, SECTION, "let constants of one reference have one value");
+            let what = format!("{}, a constant with a different value", shared(first));
+            findings.error(variable.at(), what, SECTION, "give constants with the same reference the same value");
         }
         if variable.unit(types) != first.unit(types) {
-            let what = format!("{}, whose unit is another", shared(first));
-            findings.warning(variable.at(), what, SECTION, "let both have the same unit");
+            let what = format!("{}, which has a different unit", shared(first));
+            findings.warning(variable.at(), what, SECTION, "give both the same unit");
         }
     }
     let changing = set.iter().filter(|variable| variable.variability != "constant");
     let mut set_by_master = changing.filter(|variable| variable.attribute("start").is_some());
     if let Some(settable) = set_by_master.next() {
         for variable in set_by_master {
-            let what = format!("{}, and both have a start", shared(settable));
-            findings.error(variable.at(), what, SECTION, "let at most one variable of a value have a start");
+            let what = format!("{}, and both have a start value", shared(settable));
+            findings.error(variable.at(), what, SECTION, "give at most one of them a start value");
         }
     }
 }

@@ -64,7 +64,7 @@ impl Archive {
         if !self.has(DESCRIPTION) {
             let below = self.names.iter().find(|name| name.ends_with(&format!("/{DESCRIPTION}")));
             let advice = below.map_or("add it".to_owned(), |below| {
-                format!("`{below}` lies too deep: pack the files of that folder, not the folder")
+                format!("`{below}` is in a subfolder: pack the contents of that folder, not the folder itself")
             });
             findings.error(At::nowhere(), format!("the archive has no {DESCRIPTION} at its root"), SECTION, advice);
         }
@@ -72,19 +72,19 @@ impl Archive {
             let outside = name.starts_with('/') || name.split(['/', '\\']).any(|part| part == "..");
             let drive = name.as_bytes().get(1) == Some(&b':');
             if outside || drive {
-                let what = format!("the entry `{name}` would lie outside the folder that it is unpacked to");
+                let what = format!("the entry `{name}` would be unpacked outside the target folder");
                 findings.error(At::nowhere(), what, SECTION, "pack relative paths only");
             } else if name.contains('\\') {
-                let what = format!("the path `{name}` has a backslash");
-                findings.error(At::nowhere(), what, SECTION, "separate folders by slashes");
+                let what = format!("the path `{name}` contains a backslash");
+                findings.error(At::nowhere(), what, SECTION, "separate folders with /");
             }
         }
         let mut other: Vec<&str> = self.names.iter().map(|name| name.split('/').next().unwrap_or_default()).collect();
         other.sort_unstable();
         other.dedup();
         for name in other.into_iter().filter(|name| !KNOWN.contains(name) && !name.is_empty() && *name != "..") {
-            let what = format!("`{name}` at the root of the archive is nothing that the standard knows");
-            findings.warning(At::nowhere(), what, SECTION, "put it into resources or extra");
+            let what = format!("`{name}` at the root of the archive is not defined by the standard");
+            findings.warning(At::nowhere(), what, SECTION, "move it to resources or extra");
         }
     }
 
@@ -100,14 +100,14 @@ impl Archive {
         let has_sources = self.names.iter().any(|name| name.starts_with("sources/"));
         if self.libraries(identifier).next().is_none() && !has_sources {
             let what = format!("{name}: there is no library binaries/PLATFORM/{identifier}.so, .dll or .dylib");
-            let advice = "add one, named as modelIdentifier says, or sources";
+            let advice = "add a library named after modelIdentifier, or C sources";
             findings.error(at(), what, SECTION, advice);
             return;
         }
         let own = Platform::own();
         if !self.has_library(&own, identifier) {
             let what = format!("{name}: there is no {}", own.binary(identifier));
-            findings.warning(at(), what, SECTION, "it can't run on this platform: add a library for it");
+            findings.warning(at(), what, SECTION, "it can't run on this platform; add a library for this platform");
         }
     }
 

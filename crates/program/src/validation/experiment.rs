@@ -58,7 +58,7 @@ pub(super) fn check(root: Node, lines: &Lines, findings: &mut Findings) {
             check_interface(node, name, section, lines, findings);
         }
         if let Some(second) = of_kind.next() {
-            findings.error(lines.at(second), format!("{name} stands there twice"), section, "remove one of them");
+            findings.error(lines.at(second), format!("{name} appears twice"), section, "remove one of them");
         }
     }
     if let Some(node) = child(root, "DefaultExperiment") {
@@ -68,8 +68,8 @@ pub(super) fn check(root: Node, lines: &Lines, findings: &mut Findings) {
     for node in child(root, "LogCategories").into_iter().flat_map(|node| elements(node, "Category")) {
         let name = node.attribute("name").unwrap_or_default();
         if !categories.insert(name) {
-            let what = format!("the log category `{name}` stands there twice");
-            findings.error(lines.at(node), what, "2.2.4", "name each category once");
+            let what = format!("the log category `{name}` appears twice");
+            findings.error(lines.at(node), what, "2.2.4", "list each category once");
         }
     }
 }
@@ -81,12 +81,22 @@ fn check_interface(node: Node, name: &str, section: &'static str, lines: &Lines,
         && identifier.bytes().all(|byte| letter(&byte) || byte.is_ascii_digit());
     if node.has_attribute("modelIdentifier") && !is_c {
         let what = format!("modelIdentifier = \"{identifier}\" of {name}");
-        findings.error(lines.at(node), what, section, "it must be a C identifier, for functions may be named after it");
+        findings.error(
+            lines.at(node),
+            what,
+            section,
+            "it must be a C identifier, because function names may contain it",
+        );
     }
     let is = |flag: &str| node.attribute(flag).and_then(boolean) == Some(true);
     if is("canSerializeFMUstate") && !is("canGetAndSetFMUstate") {
         let what = format!("canSerializeFMUstate without canGetAndSetFMUstate in {name}");
-        findings.error(lines.at(node), what, section, "states that can be serialised can be got and set too: say both");
+        findings.error(
+            lines.at(node),
+            what,
+            section,
+            "set both; an FMU that serialises states must also get and set them",
+        );
     }
 }
 
@@ -103,7 +113,12 @@ fn check_experiment(node: Node, lines: &Lines, findings: &mut Findings) {
         match number(name) {
             // By it tools say that they know none.
             Some(0.0) if name == "tolerance" => {
-                findings.warning(lines.at(node), what(), "2.2.5", "tools can't keep it: give one above 0, or none");
+                findings.warning(
+                    lines.at(node),
+                    what(),
+                    "2.2.5",
+                    "tools can't meet it; give a value above 0, or leave it out",
+                );
             }
             Some(number) if number <= 0.0 => findings.error(lines.at(node), what(), "2.2.5", "it must be above 0"),
             _ => {}
@@ -112,7 +127,7 @@ fn check_experiment(node: Node, lines: &Lines, findings: &mut Findings) {
     let (start, stop) = (number("startTime").unwrap_or(0.0), number("stopTime"));
     if let Some(stop) = stop.filter(|stop| *stop <= start) {
         let what = format!("stopTime = {stop} is not after startTime = {start}");
-        let advice = "let it stop after its start";
+        let advice = "use a stopTime after startTime";
         if stop < start {
             findings.error(lines.at(node), what, "2.2.5", advice);
         } else {

@@ -89,7 +89,7 @@ pub(super) fn check(archive: &Archive, interfaces: &Interfaces, findings: &mut F
                     }
                 }
                 Err(reason) => {
-                    let what = format!("{name} is no library: {reason}");
+                    let what = format!("{name} is not a shared library: {reason}");
                     findings.error(At::nowhere(), what, "2.3", "pack a shared library for that platform");
                 }
             }
@@ -113,7 +113,7 @@ fn exported(bytes: &[u8]) -> Result<HashSet<String>, String> {
 
 fn exported_by_all(slices: &[impl FatArch], bytes: &[u8]) -> Result<HashSet<String>, String> {
     if slices.len() > MOST_PROCESSORS {
-        return Err(format!("it is for {} processors; at most {MOST_PROCESSORS} are read", slices.len()));
+        return Err(format!("it contains code for {} processors; at most {MOST_PROCESSORS} are read", slices.len()));
     }
     let mut common: Option<HashSet<String>> = None;
     for slice in slices {
@@ -123,7 +123,7 @@ fn exported_by_all(slices: &[impl FatArch], bytes: &[u8]) -> Result<HashSet<Stri
             None => common = Some(names),
         }
     }
-    common.ok_or_else(|| "it is for no processor".to_owned())
+    common.ok_or_else(|| "it contains code for no processor".to_owned())
 }
 
 fn exported_by_one(bytes: &[u8]) -> Result<HashSet<String>, String> {
@@ -154,12 +154,13 @@ fn check_library(
         let (promised, other): (Vec<_>, Vec<_>) =
             names.into_iter().partition(|name| flag_of(name).is_some_and(|flag| interface.is(flag)));
         for name in promised {
-            let what = format!("{file} has no {name}, and {} of {kind} says that it does", flag_of(name).unwrap_or(""));
+            let what =
+                format!("{file} does not export {name}, although {} is true in {kind}", flag_of(name).unwrap_or(""));
             findings.error(At::line(interface.line), what, section, "export the function, or set the flag to false");
         }
         if !other.is_empty() {
-            let what = format!("{file} has no {}, which {kind} asks for", other.join(", "));
-            let advice = "export every function of the interface; what isn't supported answers fmi2Error";
+            let what = format!("{file} does not export {}, which {kind} requires", other.join(", "));
+            let advice = "export every function of the interface; unsupported ones return fmi2Error";
             findings.error(At::line(interface.line), what, section, advice);
         }
     }

@@ -12,12 +12,12 @@ pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings)
     let structured = root.attribute("variableNamingConvention") == Some("structured");
     for variable in variables {
         if variable.name.contains(['\r', '\n', '\t']) {
-            let advice = "remove line ends and tabs from the name";
-            findings.error(variable.at(), "the name holds a line end or a tab", SECTION, advice);
+            let advice = "remove line breaks and tabs from the name";
+            findings.error(variable.at(), "the name contains a line break or a tab", SECTION, advice);
         } else if structured && !is_structured(variable.name) && !variable.name.is_empty() {
             let what = "the name does not follow the convention `structured`";
             let advice =
-                "write it like a.b[1,2] or der(x), quote it like 'u/v', or say variableNamingConvention=\"flat\"";
+                "write it like a.b[1,2] or der(x), quote it like 'u/v', or set variableNamingConvention=\"flat\"";
             findings.error(variable.at(), what, SECTION, advice);
         }
     }

@@ -254,12 +254,12 @@ const ROOT: Element = Element {
 pub(super) fn check(root: Node, lines: &Lines, findings: &mut Findings) -> bool {
     if root.tag_name().name() != ROOT.name {
         let what = format!("the root is `{}`, not `{}`", root.tag_name().name(), ROOT.name);
-        findings.error(lines.at(root), what, "2.2.1", "write a description of an FMU");
+        findings.error(lines.at(root), what, "2.2.1", "use the modelDescription.xml of an FMU");
         return false;
     }
     if let Some(version) = root.attribute("fmiVersion").filter(|version| version.trim() != "2.0") {
         let what = format!("fmiVersion = \"{version}\"");
-        findings.error(lines.at(root), what, "2.2.1", "only FMI 2.0 is checked here; it is written as \"2.0\"");
+        findings.error(lines.at(root), what, "2.2.1", "only FMI 2.0 is checked; write it as \"2.0\"");
         return false;
     }
     check_element(&ROOT, root, lines, findings);
@@ -270,12 +270,12 @@ fn check_element(known: &Element, node: Node, lines: &Lines, findings: &mut Find
     check_attributes(known, node, lines, findings);
     let Some(parts) = known.holds else { return };
     if node.tag_name().namespace().is_some() {
-        let what = format!("{} stands in a namespace", known.name);
-        findings.error(lines.at(node), what, known.section, "the elements of the standard have none");
+        let what = format!("{} is in a namespace", known.name);
+        findings.error(lines.at(node), what, known.section, "remove the namespace; elements of the standard have none");
     }
     let text = node.children().any(|child| child.is_text() && !child.text().unwrap_or_default().trim().is_empty());
     if text {
-        let what = format!("{} holds text between its elements", known.name);
+        let what = format!("{} contains text between its elements", known.name);
         findings.error(lines.at(node), what, known.section, "remove the text");
     }
     check_children(known, parts, node, lines, findings);
@@ -286,7 +286,7 @@ fn check_attributes(known: &Element, node: Node, lines: &Lines, findings: &mut F
     for given in node.attributes().filter(|given| given.namespace().is_none()) {
         let (name, value) = (given.name(), given.value());
         let Some(attribute) = known.attributes.iter().find(|attribute| attribute.name == name) else {
-            let what = format!("{} has no attribute `{name}`", known.name);
+            let what = format!("{} does not allow the attribute `{name}`", known.name);
             findings.error(lines.at(node), what, known.section, "remove it");
             continue;
         };
@@ -297,7 +297,7 @@ fn check_attributes(known: &Element, node: Node, lines: &Lines, findings: &mut F
     }
     for missing in known.attributes.iter().filter(|attribute| attribute.required) {
         if node.attribute(missing.name).is_none() {
-            let what = format!("{} lacks the attribute `{}`", known.name, missing.name);
+            let what = format!("{} lacks the required attribute `{}`", known.name, missing.name);
             findings.error(lines.at(node), what, known.section, "add it");
         }
     }
@@ -312,27 +312,27 @@ fn check_children(known: &Element, parts: &'static [Part], node: Node, lines: &L
             part.elements.iter().find(|element| element.name == name).map(|element| (k, *element))
         });
         let Some((k, element)) = place else {
-            let what = format!("{} holds `{name}`, which isn't known there", known.name);
-            let tools = "remove it; what is for tools goes into VendorAnnotations or Annotations";
+            let what = format!("{} does not allow the element `{name}`", known.name);
+            let tools = "remove it; put tool-specific data into VendorAnnotations or Annotations";
             findings.error(lines.at(child), what, known.section, tools);
             continue;
         };
         if k < reached {
-            let what = format!("{name} stands behind {}", names(&parts[reached]));
+            let what = format!("{name} must come before {}", names(&parts[reached]));
             let order: Vec<_> = parts.iter().map(names).collect();
             findings.error(lines.at(child), what, known.section, format!("the order is {}", order.join(", ")));
         }
         reached = reached.max(k);
         counts[k] += 1;
         if counts[k] > parts[k].most {
-            let what = format!("{} holds {} more than {} times", known.name, names(&parts[k]), parts[k].most);
-            findings.error(lines.at(child), what, known.section, "remove what is too much");
+            let what = format!("{} contains {} more than {} times", known.name, names(&parts[k]), parts[k].most);
+            findings.error(lines.at(child), what, known.section, "remove the surplus elements");
         }
         check_element(element, child, lines, findings);
     }
     for (part, count) in parts.iter().zip(counts) {
         if count < part.least {
-            let what = format!("{} holds no {}", known.name, names(part));
+            let what = format!("{} contains no {}", known.name, names(part));
             findings.error(lines.at(node), what, known.section, "add it");
         }
     }

@@ -32,8 +32,8 @@ pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings:
     for place in &derivatives {
         let variable = &variables[*place];
         if variable.attribute("derivative").is_none() {
-            let what = "it stands in Derivatives without the attribute derivative";
-            findings.error(variable.at(), what, SECTION, "name the state that it is the derivative of");
+            let what = "it is listed in Derivatives, but has no attribute derivative";
+            findings.error(variable.at(), what, SECTION, "set derivative to the index of its state");
         }
     }
     check_states(root, variables, &derivatives, &at, findings);
@@ -55,7 +55,7 @@ impl List<'_, '_, '_> {
             };
             let at = At::named(line, variable.name);
             if let Some(earlier) = lines.insert(index, line) {
-                let what = format!("it stands in {} twice, in line {earlier} too", self.name);
+                let what = format!("it is listed twice in {}, first in line {earlier}", self.name);
                 findings.error(at.clone(), what, SECTION, "list it once");
             } else {
                 places.push(index - 1);
@@ -67,7 +67,7 @@ impl List<'_, '_, '_> {
 
     fn refuse_index(&self, line: u32, text: &str, key: &str, findings: &mut Findings) {
         let what = format!("{key} = \"{text}\" in {}", self.name);
-        let advice = format!("it must be the number of a variable, from 1 to {}", self.variables.len());
+        let advice = format!("it must be the index of a variable, from 1 to {}", self.variables.len());
         findings.error(At::line(line), what, SECTION, advice);
     }
 
@@ -80,17 +80,18 @@ impl List<'_, '_, '_> {
             if !(1..=self.variables.len()).contains(&index) {
                 self.refuse_index(at.line.unwrap_or_default(), word, "dependencies", findings);
             } else if !seen.insert(index) {
-                let what = format!("dependencies name the variable {index} twice");
-                findings.error(at.clone(), what, SECTION, "name it once");
+                let what = format!("dependencies list variable {index} twice");
+                findings.error(at.clone(), what, SECTION, "list it once");
             }
         }
         match (&on, &kinds) {
             (None, Some(_)) => {
-                let what = "there are dependenciesKind without dependencies";
-                findings.error(at.clone(), what, SECTION, "name the variables, or remove the kinds");
+                let what = "dependenciesKind is given without dependencies";
+                findings.error(at.clone(), what, SECTION, "add dependencies, or remove dependenciesKind");
             }
             (Some(on), Some(kinds)) if on.len() != kinds.len() => {
-                let what = format!("there are {} dependencies and {} dependenciesKind", on.len(), kinds.len());
+                let what =
+                    format!("there are {} dependencies, but {} entries in dependenciesKind", on.len(), kinds.len());
                 findings.error(at.clone(), what, SECTION, "give each dependency a kind");
             }
             _ => {}
@@ -99,7 +100,7 @@ impl List<'_, '_, '_> {
         let other = kinds.iter().flatten().find(|kind| self.name == "InitialUnknowns" && !AT_START.contains(kind));
         if let Some(kind) = other {
             let what = format!("dependenciesKind = \"{kind}\" in {}", self.name);
-            findings.error(at.clone(), what, SECTION, format!("there it must be {}", one_of(&AT_START)));
+            findings.error(at.clone(), what, SECTION, format!("here it must be {}", one_of(&AT_START)));
         }
     }
 }
@@ -110,12 +111,12 @@ fn check_outputs(variables: &[Variable], outputs: &[usize], at: &At, findings: &
     for (place, variable) in variables.iter().enumerate() {
         match (variable.causality == "output", listed.contains(&place)) {
             (true, false) => {
-                let what = "it is an output, and does not stand in Outputs";
+                let what = "it is an output, but is not listed in Outputs";
                 let at = At::named(at.line, variable.name);
                 findings.error(at, what, SECTION, format!("add <Unknown index=\"{}\"/> to Outputs", place + 1));
             }
             (false, true) => {
-                let what = format!("it stands in Outputs, and has causality {}", variable.causality);
+                let what = format!("it is listed in Outputs, but has causality {}", variable.causality);
                 findings.error(variable.at(), what, SECTION, "remove it from Outputs, or make it an output");
             }
             _ => {}
@@ -142,9 +143,9 @@ fn check_states(root: Node, variables: &[Variable], derivatives: &[usize], at: &
     };
     for (place, variable) in variables.iter().enumerate().filter(unlisted) {
         if child(root, "ModelExchange").is_some() {
-            let what = "it has the attribute derivative, and does not stand in Derivatives";
+            let what = "it has the attribute derivative, but is not listed in Derivatives";
             let at = At::named(at.line, variable.name);
-            let advice = format!("add <Unknown index=\"{}\"/> if it is that of a state", place + 1);
+            let advice = format!("add <Unknown index=\"{}\"/> if it is the derivative of a state", place + 1);
             findings.warning(at, what, SECTION, advice);
         }
     }
@@ -169,13 +170,13 @@ fn check_initial(
     for (place, variable) in variables.iter().enumerate() {
         match (expected.contains(&place), listed.contains(&place)) {
             (true, false) => {
-                let what = "it is computed at the start, and does not stand in InitialUnknowns";
+                let what = "it is computed during initialization, but is not listed in InitialUnknowns";
                 let at = At::named(at.line, variable.name);
                 findings.error(at, what, SECTION, format!("add <Unknown index=\"{}\"/> to InitialUnknowns", place + 1));
             }
             (false, true) => {
-                let what = "it stands in InitialUnknowns, and is no output, state, derivative or calculated parameter \
-                            that is computed at the start";
+                let what = "it is listed in InitialUnknowns, but is not an output, state, derivative or calculated \
+                    parameter computed during initialization";
                 findings.error(variable.at(), what, SECTION, "remove it from InitialUnknowns");
             }
             _ => {}

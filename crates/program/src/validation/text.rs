@@ -48,18 +48,18 @@ impl Type {
         let (fits, allowed) = match self {
             Type::Any => return None,
             Type::Double => (double(text).is_some(), "a number"),
-            Type::Int => (trimmed.parse::<i32>().is_ok(), "a whole number of 32 bits"),
-            Type::Unsigned => (trimmed.parse::<u32>().is_ok(), "a whole number from 0 to 4294967295"),
+            Type::Int => (trimmed.parse::<i32>().is_ok(), "a 32-bit integer"),
+            Type::Unsigned => (trimmed.parse::<u32>().is_ok(), "an integer from 0 to 4294967295"),
             Type::Boolean => (boolean(text).is_some(), "true or false"),
             Type::DateTime => (is_date_time(trimmed), "a time like 2026-01-31T12:00:00Z"),
             Type::Indices => {
                 let fits = text.split_whitespace().all(|word| word.parse::<u32>().is_ok());
-                (fits, "numbers of variables, from 1, with spaces between")
+                (fits, "indices of variables from 1, separated by spaces")
             }
             Type::OneOf(words) => return (!words.contains(&trimmed)).then(|| one_of(words)),
             Type::Kinds => {
                 let fits = text.split_whitespace().all(|word| KINDS.contains(&word));
-                return (!fits).then(|| format!("words with spaces between, each {}", one_of(&KINDS)));
+                return (!fits).then(|| format!("words separated by spaces, each one of {}", one_of(&KINDS)));
             }
         };
         (!fits).then(|| allowed.to_owned())

@@ -39,10 +39,10 @@ pub(super) fn run(
     findings: &mut Findings,
 ) -> Trial {
     let Some(co_simulation) = &interfaces.co_simulation else {
-        return Trial::Impossible("it is for model exchange alone, and only co-simulation is tried".to_owned());
+        return Trial::Impossible("it supports model exchange only; trial runs need co-simulation".to_owned());
     };
     if co_simulation.is("needsExecutionTool") {
-        return Trial::Impossible("it needs the tool that it was made by".to_owned());
+        return Trial::Impossible("it needs the tool that exported it".to_owned());
     }
     if !archive.has_library(&Platform::own(), &co_simulation.identifier) {
         return Trial::Impossible("it has no library for this platform".to_owned());
@@ -50,7 +50,7 @@ pub(super) fn run(
     let fmu = match Fmu::open(file, hosting) {
         Ok(fmu) => Arc::new(fmu),
         Err(error) => {
-            let advice = "pack a library that loads by itself, or put what it needs beside it";
+            let advice = "pack a library without missing dependencies, or put its dependencies next to it";
             findings.error(At::line(co_simulation.line), error.to_string(), "2.3", advice);
             return Trial::Impossible("it can't be loaded".to_owned());
         }
@@ -64,7 +64,7 @@ pub(super) fn run(
     });
     let steps = trial.steps;
     if let Err((section, error)) = ended {
-        let advice = "a call that the standard allows there must be answered by fmi2OK";
+        let advice = "a call that the standard allows here must return fmi2OK";
         findings.error(At::nowhere(), error.to_string(), section, advice);
     }
     Trial::Ran(steps)
@@ -135,8 +135,13 @@ impl Attempt<'_> {
             let rates = instance.state_derivatives(states).map_err(in_section("3.2.2"))?;
             for (name, numbers) in [("fmi2GetContinuousStates", values), ("fmi2GetDerivatives", rates)] {
                 if let Some(place) = numbers.iter().position(|number| !number.is_finite()) {
-                    let what = format!("{name} gave {} for the state {}", numbers[place], place + 1);
-                    self.findings.error(At::nowhere(), what, "3.2.2", "answer by finite numbers, or not by fmi2OK");
+                    let what = format!("{name} returned {} for state {}", numbers[place], place + 1);
+                    self.findings.error(
+                        At::nowhere(),
+                        what,
+                        "3.2.2",
+                        "return finite numbers, or a status other than fmi2OK",
+                    );
                 }
             }
         }
@@ -155,8 +160,8 @@ impl Attempt<'_> {
             let near = value.is_finite() && start.is_finite() && (value - start).abs() <= ROUNDING * start.abs();
             let same = near || value == start || (value.is_nan() && start.is_nan());
             if !same {
-                let what = format!("it starts with {value}, and modelDescription.xml says {start}");
-                self.error(place, what, "2.2.7", "let both say the same");
+                let what = format!("it starts at {value}, but modelDescription.xml has start = {start}");
+                self.error(place, what, "2.2.7", "use the same value in both");
             }
         }
         Ok(())
@@ -167,8 +172,8 @@ impl Attempt<'_> {
         for (place, value) in values {
             let variable = &self.fmu.description.variables[place];
             if !value.is_finite() {
-                let what = format!("its value is {value} at t = {time} s, with fmi2OK");
-                let advice = "answer by a finite number, or not by fmi2OK";
+                let what = format!("its value is {value} at t = {time} s, returned with fmi2OK");
+                let advice = "return a finite number, or a status other than fmi2OK";
                 if variable.causality == "output" || self.interfaces.state_places.contains(&place) {
                     self.error(place, what, "2.1.7", advice);
                 } else if self.seen.insert(place) {
@@ -178,7 +183,7 @@ impl Attempt<'_> {
             }
             if variable.kind == "Boolean" && value != 0.0 && value != 1.0 {
                 let what = format!("its value is {value} at t = {time} s");
-                self.error(place, what, "2.1.2", "a Boolean is fmi2True (1) or fmi2False (0)");
+                self.error(place, what, "2.1.2", "a Boolean must be fmi2True (1) or fmi2False (0)");
                 continue;
             }
             let limit = |text: &Option<String>| text.as_deref().and_then(|text| text.trim().parse::<f64>().ok());
@@ -191,7 +196,7 @@ impl Attempt<'_> {
                     At::named(None, &variable.name),
                     what,
                     "2.2.7",
-                    "keep them, or declare those that it keeps",
+                    "stay within the limits, or declare the actual ones",
                 );
             }
         }

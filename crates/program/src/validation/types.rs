@@ -36,8 +36,8 @@ pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings:
             }
             (Some(name), Some(node)) if node.tag_name().name() != variable.kind => {
                 let (name, kind) = (short(name), node.tag_name().name());
-                let what = format!("it is of type {}, `{name}` is one of {kind}", variable.kind);
-                findings.error(variable.at(), what, SECTION, "name a type of its own kind");
+                let what = format!("its type is {}, but `{name}` is defined for {kind}", variable.kind);
+                findings.error(variable.at(), what, SECTION, "use a type defined for the same kind");
             }
             _ => {}
         }
@@ -56,14 +56,14 @@ fn check_units<'a>(root: Node<'a, '_>, lines: &Lines, findings: &mut Findings) -
         for display in elements(unit, "DisplayUnit") {
             let other = display.attribute("name").unwrap_or_default();
             if !shown.insert(other) {
-                let what = format!("the display unit `{other}` of `{short_name}` stands there twice");
+                let what = format!("the display unit `{other}` of `{short_name}` is defined twice");
                 findings.error(lines.at(display), what, "2.2.2", "define it once");
             }
         }
         for node in unit.children().filter(Node::is_element) {
             if node.attribute("factor").and_then(double) == Some(0.0) {
                 let what = format!("factor = 0 in the unit `{short_name}`");
-                findings.error(lines.at(node), what, "2.2.2", "values can't be converted by 0: give its factor");
+                findings.error(lines.at(node), what, "2.2.2", "give a factor other than 0");
             }
         }
         if units.insert(name, shown).is_some() {
@@ -84,8 +84,8 @@ fn check_types(root: Node, variables: &[Variable], lines: &Lines, findings: &mut
             findings.error(lines.at(node), what, "2.2.3", "define each type once");
         }
         if variables.contains(name) {
-            let what = format!("the type `{name}` has the name of a variable");
-            findings.error(lines.at(node), what, "2.2.3", "name it otherwise");
+            let what = format!("the type `{name}` has the same name as a variable");
+            findings.error(lines.at(node), what, "2.2.3", "rename it");
         }
         let items: Vec<Node> = elements(node, "Enumeration").flat_map(|node| elements(node, "Item")).collect();
         let short_name = short(name);
@@ -95,7 +95,7 @@ fn check_types(root: Node, variables: &[Variable], lines: &Lines, findings: &mut
                 let value = item.attribute(key).unwrap_or_default();
                 if !found.insert(value) {
                     let what = format!("two items of the type `{short_name}` have the {key} {value}");
-                    findings.error(lines.at(*item), what, "2.2.3", format!("give each a {key} of its own"));
+                    findings.error(lines.at(*item), what, "2.2.3", format!("give each a unique {key}"));
                 }
             }
         }
@@ -114,11 +114,11 @@ fn check_unit(node: Node, declared: Option<Node>, units: &Units, at: &dyn Fn() -
     match own.or(inherited) {
         None => {
             let what = format!("displayUnit = \"{display}\" without a unit");
-            findings.error(at(), what, "2.2.3", "name the unit too");
+            findings.error(at(), what, "2.2.3", "add the unit");
         }
         Some(unit) if units.get(unit).is_some_and(|shown| !shown.contains(display)) => {
             let what = format!("the display unit `{display}` of the unit `{}` is not defined", short(unit));
-            findings.warning(at(), what, "2.2.2", "tools ignore it: define it as DisplayUnit of that unit");
+            findings.warning(at(), what, "2.2.2", "tools ignore it; define it as DisplayUnit of that unit");
         }
         Some(_) => {}
     }

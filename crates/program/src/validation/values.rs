@@ -32,7 +32,7 @@ fn check_variable(variable: &Variable, types: &Types, findings: &mut Findings) {
         && let Some(start) = start.filter(|start| !start.is_finite())
     {
         let what = format!("start = {start}");
-        findings.warning(variable.at(), what, SECTION, "give it a finite value: many tools can't set another one");
+        findings.warning(variable.at(), what, SECTION, "use a finite value; many tools can't set any other");
     }
     let items: Vec<f64> = declared
         .into_iter()
@@ -41,8 +41,8 @@ fn check_variable(variable: &Variable, types: &Types, findings: &mut Findings) {
         .collect();
     let of_no_item = |start: &f64| variable.kind == "Enumeration" && !items.is_empty() && !items.contains(start);
     if let Some(start) = start.filter(of_no_item) {
-        let what = format!("start = {start} is the value of no item of its type");
-        findings.error(variable.at(), what, SECTION, "give it the value of an item");
+        let what = format!("start = {start} matches no item of its type");
+        findings.error(variable.at(), what, SECTION, "use the value of an item");
     }
 }
 
@@ -55,19 +55,19 @@ fn check_limits(
     let (min, max, start) = (number("min"), number("max"), number("start"));
     for (key, value) in [("min", min), ("max", max)] {
         if value.is_some_and(f64::is_nan) {
-            findings.error(at(), format!("{key} is NaN"), section, "give it a value");
+            findings.error(at(), format!("{key} is NaN"), section, "use a number");
         }
     }
     if let (Some(min), Some(max)) = (min, max)
         && min > max
     {
-        findings.error(at(), format!("min = {min} is above max = {max}"), section, "exchange them");
+        findings.error(at(), format!("min = {min} is above max = {max}"), section, "swap them");
         return;
     }
     let (least, most) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
     if let Some(start) = start.filter(|start| *start < least || *start > most) {
         let what = format!("start = {start} is outside its limits, {least} … {most}");
-        findings.error(at(), what, section, "let it start within them");
+        findings.error(at(), what, section, "use a start value within them");
     }
     if let Some(nominal) = number("nominal").filter(|nominal| !(*nominal > 0.0 && nominal.is_finite())) {
         findings.error(at(), format!("nominal = {nominal}"), section, "it must be a finite number above 0");

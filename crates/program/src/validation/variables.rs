@@ -108,13 +108,18 @@ pub(super) fn check(variables: &[Variable], findings: &mut Findings) {
         check_start(variable, findings);
         check_derivative(variable, variables, findings);
         if variable.attribute("reinit").and_then(boolean) == Some(true) && !states.contains(&(place + 1)) {
-            findings.error(variable.at(), "reinit = \"true\" of no state", SECTION, "remove reinit");
+            findings.error(
+                variable.at(),
+                "reinit = \"true\", but the variable is not a state",
+                SECTION,
+                "remove reinit",
+            );
         }
     }
     let mut independent = variables.iter().filter(|variable| variable.causality == "independent");
     if let (Some(first), Some(second)) = (independent.next(), independent.next()) {
-        let what = format!("there are two independent variables, `{}` is one already", short(first.name));
-        findings.error(second.at(), what, SECTION, "declare at most one, the time");
+        let what = format!("there are two independent variables; the first is `{}`", short(first.name));
+        findings.error(second.at(), what, SECTION, "declare at most one, for time");
     }
 }
 
@@ -122,10 +127,10 @@ fn check_names(variables: &[Variable], findings: &mut Findings) {
     let mut lines = HashMap::new();
     for variable in variables {
         if variable.name.is_empty() {
-            findings.error(At::line(variable.line), "a variable has an empty name", SECTION, "name it");
+            findings.error(At::line(variable.line), "a variable has an empty name", SECTION, "give it a name");
         } else if let Some(line) = lines.insert(variable.name, variable.line) {
-            let what = format!("the variable of line {line} has this name already");
-            findings.error(variable.at(), what, SECTION, "give each variable a name of its own");
+            let what = format!("the variable in line {line} already has this name");
+            findings.error(variable.at(), what, SECTION, "give each variable a unique name");
         }
     }
 }
@@ -133,8 +138,8 @@ fn check_names(variables: &[Variable], findings: &mut Findings) {
 fn check_combination(variable: &Variable, findings: &mut Findings) {
     let Variable { kind, causality, variability, .. } = variable;
     if *variability == "continuous" && !matches!(*kind, "Real" | "") {
-        let what = format!("variability = \"continuous\" of type {kind}");
-        findings.error(variable.at(), what, SECTION, "only a Real changes continuously: make it discrete");
+        let what = format!("variability = \"continuous\", but the type is {kind}");
+        findings.error(variable.at(), what, SECTION, "only a Real can be continuous; use variability = \"discrete\"");
     }
     let said = variable.node.attribute("initial");
     match starts(causality, variability) {
@@ -145,23 +150,25 @@ fn check_combination(variable: &Variable, findings: &mut Findings) {
         Ok([]) => {
             if let Some(initial) = said {
                 let what = format!("initial = \"{initial}\" with causality = \"{causality}\"");
-                findings.error(variable.at(), what, SECTION, "remove initial: it must not stand there");
+                findings.error(variable.at(), what, SECTION, "remove initial; it is not allowed here");
             }
         }
         Ok(starts) => {
             if let Some(initial) = said.filter(|initial| !starts.contains(initial)) {
-                let what = format!("initial = \"{initial}\" of a {variability} {causality}");
+                let what = format!(
+                    "initial = \"{initial}\" with variability = \"{variability}\" and causality = \"{causality}\""
+                );
                 findings.error(variable.at(), what, SECTION, format!("initial must be {}", one_of(starts)));
             }
         }
     }
     if *causality == "independent" && *kind != "Real" {
-        let what = format!("the independent variable is of type {kind}");
+        let what = format!("the independent variable has type {kind}");
         findings.error(variable.at(), what, SECTION, "make it a Real");
     }
     if variable.node.attribute("canHandleMultipleSetPerTimeInstant").is_some() && *causality != "input" {
         let what = format!("canHandleMultipleSetPerTimeInstant with causality = \"{causality}\"");
-        findings.error(variable.at(), what, SECTION, "remove it: only inputs have it");
+        findings.error(variable.at(), what, SECTION, "remove it; only inputs may have it");
     }
 }
 
@@ -175,10 +182,20 @@ fn check_start(variable: &Variable, findings: &mut Findings) {
         (None, _) => format!("causality = \"{causality}\""),
     };
     if needs && !has_start && variable.value.is_some() {
-        findings.error(variable.at(), format!("there is no start, and {because}"), SECTION, "give it a start value");
+        findings.error(
+            variable.at(),
+            format!("there is no start value, but {because} requires one"),
+            SECTION,
+            "give it a start value",
+        );
     }
     if has_start && (*initial == Some("calculated") || *causality == "independent") {
-        findings.error(variable.at(), format!("there is a start, and {because}"), SECTION, "remove the start value");
+        findings.error(
+            variable.at(),
+            format!("there is a start value, but {because} allows none"),
+            SECTION,
+            "remove the start value",
+        );
     }
 }
 
@@ -188,7 +205,7 @@ fn check_derivative(variable: &Variable, variables: &[Variable], findings: &mut 
         match state {
             None => {
                 let what = format!("derivative = \"{text}\"");
-                let advice = format!("it must be the number of a variable, from 1 to {}", variables.len());
+                let advice = format!("it must be the index of a variable, from 1 to {}", variables.len());
                 findings.error(variable.at(), what, SECTION, advice);
             }
             Some(state) if state.kind != "Real" || state.variability != "continuous" => {
@@ -197,14 +214,14 @@ fn check_derivative(variable: &Variable, variables: &[Variable], findings: &mut 
                 findings.error(variable.at(), what, SECTION, "only a continuous Real has a derivative");
             }
             Some(state) if std::ptr::eq(state, variable) => {
-                findings.error(variable.at(), "it is its own derivative", SECTION, "name the state by its number");
+                findings.error(variable.at(), "it is its own derivative", SECTION, "give the index of the state");
             }
             // A master that knows how an input changes hands it over by a second one.
             Some(state) if (state.causality, variable.causality) == ("input", "input") => {}
             Some(state) if !matches!(state.causality, "local" | "output") => {
                 let article = if state.causality.starts_with('i') { "an" } else { "a" };
                 let what = format!("it is the derivative of `{}`, {article} {}", short(state.name), state.causality);
-                findings.warning(variable.at(), what, SECTION, "a state has causality local or output");
+                findings.warning(variable.at(), what, SECTION, "a state must have causality local or output");
             }
             Some(_) => {}
         }

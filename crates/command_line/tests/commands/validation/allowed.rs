@@ -54,7 +54,7 @@ fn constants_of_one_reference_are_compared_by_their_values() {
         ("<String start=\"1\"/>", "<String start=\"1.0\"/>", false),
     ] {
         let findings = findings_of(&shared(constant, first, second));
-        let other = findings.iter().any(|finding| finding.what.contains("a constant of another value"));
+        let other = findings.iter().any(|finding| finding.what.contains("a constant with a different value"));
         assert!(other != same && findings.len() == usize::from(!same), "{first} {second}: {findings:#?}");
     }
 }
@@ -66,7 +66,7 @@ fn variables_of_one_reference_have_the_units_of_their_types() {
         [(typed, metres, true), (metres, typed, true), (typed, seconds, false), (seconds, typed, false)]
     {
         let findings = findings_of(&shared("", first, second));
-        let other = findings.iter().any(|finding| finding.what.contains("whose unit is another"));
+        let other = findings.iter().any(|finding| finding.what.contains("which has a different unit"));
         assert!(other != same && findings.len() == usize::from(!same), "{first} {second}: {findings:#?}");
     }
 }
@@ -105,7 +105,7 @@ fn parameters_are_read_only_when_initialization_mode_is_left() {
     let (_folder, file) = built(&["STRICT"], "");
     assert_eq!(found_in(&file), Vec::<String>::new());
     let (_folder, file) = built(&["STRICT", "OTHER_START"], "");
-    assert!(found_in(&file)[0].contains("it starts with 2, and modelDescription.xml says 1"));
+    assert!(found_in(&file)[0].contains("it starts at 2, but modelDescription.xml has start = 1"));
 }
 
 #[test]

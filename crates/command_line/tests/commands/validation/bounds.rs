@@ -22,7 +22,7 @@ fn a_long_name_is_shown_in_part() {
     assert_eq!(findings.len(), 1000);
     let shown: Vec<String> = findings.iter().map(ToString::to_string).collect();
     assert!(shown.iter().all(|line| line.len() < 2000));
-    for told in ["`: it stands in Outputs twice", "`, a constant of another value"] {
+    for told in ["`: it is listed twice in Outputs", "`, a constant with a different value"] {
         let line = shown.iter().find(|line| line.contains(told)).unwrap();
         assert!(line.contains("`xyyy") && line.contains("yyy…yyy") && line.contains("yyyz`"), "{line}");
     }
