@@ -35,6 +35,8 @@ type Key = (usize, Option<usize>, [u64; 2]);
 pub struct Fixed<'a, G> {
     fast: Option<Decoupled<'a, G>>,
     at_rest: Option<Decoupled<'a, G>>,
+    /// For an unstable plant: a channel alone, the others open, may have no stable loop where the whole has one.
+    chains: Option<Decoupled<'a, G>>,
 }
 
 impl<'a, G: Clone> Fixed<'a, G> {
@@ -42,23 +44,35 @@ impl<'a, G: Clone> Fixed<'a, G> {
     pub fn new(plant: &'a Nominal) -> Self {
         let integrates = plant.poles.iter().any(|pole| pole.norm() < AT_REST);
         let at_rest = || plant.response.at(0.0).map(|entry| entry.re).try_inverse();
+        let fast = high_frequency(plant).and_then(|(degrees, gain)| Some((degrees, gain.clone().try_inverse()?, gain)));
+        let chains = fast.clone().filter(|_| plant.is_unstable()).and_then(|(degrees, S, gain)| {
+            let chain = |i: usize, S: &DMatrix<f64>| Some(plant.chain((gain.row(i) * S.column(i))[0], degrees[i]));
+            Decoupled::new(plant, S, chain)
+        });
+        let of_plant = |S: DMatrix<f64>| Decoupled::of_plant(plant, S);
         Fixed {
-            fast: high_frequency(plant).and_then(|gain| Decoupled::new(plant, gain.1.try_inverse()?)),
-            at_rest: (!integrates).then(at_rest).flatten().and_then(|S| Decoupled::new(plant, S)),
+            fast: fast.and_then(|(_, S, _)| of_plant(S)),
+            at_rest: (!integrates).then(at_rest).flatten().and_then(of_plant),
+            chains,
         }
     }
 
     /// The first design for a speed.
     pub fn at<L: Law<Gains = G>>(&self, plant: &'a Nominal, asked: &Asked) -> Option<Found<G>> {
         let of = |decoupled: &Option<Decoupled<'a, G>>| decoupled.as_ref().and_then(|it| it.at::<L>(plant, asked));
-        let about_the_speed = || aligned(plant, asked.speed).and_then(|S| Decoupled::new(plant, S));
-        of(&self.fast).or_else(|| of(&about_the_speed())).or_else(|| of(&self.at_rest))
+        let about_the_speed = || aligned(plant, asked.speed).and_then(|S| Decoupled::of_plant(plant, S));
+        let tried = of(&self.fast).or_else(|| of(&about_the_speed())).or_else(|| of(&self.at_rest));
+        tried.or_else(|| of(&self.chains))
     }
 }
 
 impl<'a, G: Clone> Decoupled<'a, G> {
     /// With columns whose largest entry is 1; none where they are hardly independent.
-    fn new(plant: &'a Nominal, mut S: DMatrix<f64>) -> Option<Self> {
+    fn new(
+        plant: &Nominal,
+        mut S: DMatrix<f64>,
+        channel: impl Fn(usize, &DMatrix<f64>) -> Option<Channel<'a>>,
+    ) -> Option<Self> {
         S.column_iter_mut().for_each(|mut column| {
             let largest = column.amax();
             if largest > 0.0 {
@@ -68,12 +82,16 @@ impl<'a, G: Clone> Decoupled<'a, G> {
         let S = S.map(four_digits);
         let is_usable =
             S.iter().all(|entry| entry.is_finite()) && matrices::inverse(&S, MOST_CONDITION.recip()).is_ok();
-        let channel = |i: usize| plant.channel(&S.columns(i, 1).into_owned(), i);
         is_usable.then(|| Decoupled {
-            channels: (0..plant.channels()).map(channel).collect(),
+            channels: (0..plant.channels()).map(|i| channel(i, &S)).collect(),
             found: RefCell::default(),
             S: S.clone(),
         })
+    }
+
+    /// With each channel of the plant, the others open.
+    fn of_plant(plant: &'a Nominal, S: DMatrix<f64>) -> Option<Self> {
+        Decoupled::new(plant, S, |i, S| plant.channel(&S.columns(i, 1).into_owned(), i))
     }
 
     /// The first sound design of all channels.

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, RowDVector};
 
 use super::channels::high_frequency;
 use super::nominal::Nominal;
-use super::{digits, four_digits};
+use super::{complex, four_digits};
 use crate::error::Invalid;
 
 /// Largest relative degree.
@@ -30,6 +30,11 @@ const DECAY: f64 = 0.5;
 pub const SMOOTH_START: f64 = 2.0;
 /// H at most in parts of the time in which an error moves through its funnel.
 const STEP: f64 = 0.2;
+/// With a control that is constant within steps, the errors may take up so much.
+const MOST_SAMPLED: f64 = 0.8;
+/// How often the step is halved for that, and the most samples that are tried.
+const HALVINGS: i32 = 8;
+const MOST_SAMPLES: f64 = 2e5;
 /// Steps of the simulation at most.
 const MOST_STEPS: usize = 20_000;
 
@@ -50,6 +55,8 @@ pub struct Design {
     pub control: Vec<f64>,
     /// Communication step at most, s.
     pub step: f64,
+    /// How far the output is from the reference in the end, in parts of it.
+    pub left: f64,
 }
 
 /// A funnel for references of one size.
@@ -59,16 +66,16 @@ pub struct Design {
 pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
     if plant.delay.iter().any(|&delay| delay > 0.0) {
         return Err(Invalid::because(
-            "delay: a funnel controller takes no dead time. Use `new pid` or `new ladrc` for this plant",
+            "delay: a funnel controller takes no dead time. `new pid` or `new ladrc` may find a controller",
         ));
     }
     let (degree, G) = direction(plant)?;
     let largest = plant.poles.iter().map(|pole| pole.norm()).fold(1.0, f64::max);
     if let Some(zero) = plant.zeros.iter().find(|zero| zero.re > -1e-6 * zero.norm().max(1.0).min(largest)) {
         return Err(Invalid::because(format!(
-            "the plant has a zero at {} rad/s, not in the left half plane: what the outputs don't show would grow. Use `new pid` \
-             or `new ladrc`",
-            digits(zero.re * plant.bandwidth)
+            "the plant has a zero at {} rad/s, not in the left half plane: what the outputs don't show would grow. `new pid` or \
+             `new ladrc` may find a controller",
+            complex(zero * plant.bandwidth)
         )));
     }
     let W = plant.bandwidth;
@@ -80,6 +87,7 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
             if followed.largest_part <= MOST_PART && followed.left <= MOST_LEFT && followed.until >= FOLLOWED {
                 let speed = g * tau.powi(degree as i32 - 1);
                 let fitted = four_digits(g * W.powi(degree as i32));
+                let step = loop_.sampled(STEP * NARROW * reference / speed);
                 return Ok(Design {
                     degree,
                     G: (&G / W.powi(degree as i32)).map(four_digits),
@@ -87,7 +95,8 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
                     tau: four_digits(tau / W),
                     largest_part: followed.largest_part,
                     control: followed.control,
-                    step: STEP * NARROW * reference / speed / W,
+                    step: step / W,
+                    left: followed.left * NARROW,
                 });
             }
             if degree == 1 {
@@ -97,7 +106,7 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
     }
     Err(Invalid::because(format!(
         "no gain keeps the error of the nominal plant within {MOST_PART} of its funnel while it follows a reference of {reference} \
-         at {W} rad/s. Give a lower --bandwidth, or use `new pid` or `new ladrc`"
+         at {W} rad/s. Give a lower --bandwidth, or try `new pid` or `new ladrc`"
     )))
 }
 
@@ -105,8 +114,7 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
 fn direction(plant: &Nominal) -> Result<(usize, DMatrix<f64>), Invalid> {
     let dependent = || {
         Invalid::because(
-            "A, B, C: the controls must move the outputs, or their derivatives, independently of each other. Use `new pid` or \
-             `new ladrc`",
+            "A, B, C: the controls must move the outputs, or their derivatives, independently of each other. `new pid` or `new ladrc` may find a controller",
         )
     };
     let (degrees, gain) = high_frequency(plant).ok_or_else(dependent)?;
@@ -114,7 +122,7 @@ fn direction(plant: &Nominal) -> Result<(usize, DMatrix<f64>), Invalid> {
     if let Some(i) = degrees.iter().position(|&other| other != degree) {
         return Err(Invalid::because(format!(
             "the control shows in derivative {degree} of output 1 and in derivative {} of output {}. A funnel controller needs the \
-             same for all. Use `new pid` or `new ladrc`",
+             same for all. `new pid` or `new ladrc` may find a controller",
             degrees[i],
             i + 1
         )));
@@ -122,12 +130,19 @@ fn direction(plant: &Nominal) -> Result<(usize, DMatrix<f64>), Invalid> {
     if degree > MOST_DEGREE {
         return Err(Invalid::because(format!(
             "the control shows in derivative {degree} of the outputs (relative degree {degree}). A funnel controller takes up to \
-             {MOST_DEGREE}. Use `new pid` or `new ladrc`"
+             {MOST_DEGREE}. `new pid` or `new ladrc` may find a controller"
         )));
+    }
+    // An input that acts on no output, and numbers beyond what a float holds.
+    if gain.row_iter().any(|row| row.amax() == 0.0) || gain.column_iter().any(|column| column.amax() == 0.0) {
+        return Err(dependent());
     }
     let mut scaled = gain.clone();
     scaled.row_iter_mut().for_each(|mut row| row.scale_mut(row.amax().recip()));
     scaled.column_iter_mut().for_each(|mut column| column.scale_mut(column.amax().recip()));
+    if scaled.iter().any(|entry| !entry.is_finite()) {
+        return Err(dependent());
+    }
     let sizes = scaled.singular_values();
     let condition = sizes.max() / sizes.min();
     if condition.is_nan() || condition > MOST_CONDITION {
@@ -206,6 +221,31 @@ impl<'a> Loop<'a> {
             slopes.set_row(i, &(gradient * (-self.g * slope)));
         }
         Some(Answer { u: self.G * asked, gradient: self.G * slopes, largest_part, error_part })
+    }
+
+    /// The longest step of which the control may be constant within each, from a given one on: halved until the errors of the
+    /// sampled loop stay inside. A fast zero on the left needs shorter steps than the funnel itself.
+    fn sampled(&self, longest: f64) -> f64 {
+        let stays = |step: &f64| self.stays_inside(*step);
+        // What takes too many samples isn't tried: so short a step is for the funnel's own speed.
+        let halved = (0..HALVINGS).map(|k| longest * 0.5_f64.powi(k)).take_while(|step| FOLLOWED / step < MOST_SAMPLES);
+        halved.clone().find(stays).or(halved.last()).unwrap_or(longest)
+    }
+
+    fn stays_inside(&self, step: f64) -> bool {
+        let (n, m) = self.B.shape();
+        let mut whole = DMatrix::zeros(n + m, n + m);
+        whole.view_mut((0, 0), (n, n)).copy_from(&(&self.A * step));
+        whole.view_mut((0, n), (n, m)).copy_from(&(&self.B * step));
+        let over = whole.exp();
+        let (A, B) = (over.view((0, 0), (n, n)), over.view((0, n), (n, m)));
+        let mut x = DVector::zeros(n);
+        let samples = (FOLLOWED / step) as usize;
+        (0..samples).all(|k| {
+            let Some(now) = self.answer(k as f64 * step, &x) else { return false };
+            x = A * &x + B * now.u;
+            now.largest_part <= MOST_SAMPLED
+        })
     }
 
     fn rates(&self, t: f64, x: &DVector<f64>) -> Option<DVector<f64>> {

@@ -22,6 +22,8 @@ pub mod search;
 pub mod step;
 pub mod zeros;
 
+use nalgebra::Complex;
+
 use crate::report::number;
 use crate::template::three_digits;
 
@@ -36,4 +38,19 @@ pub fn four_digits(value: f64) -> f64 {
 /// A number for people, to three significant digits.
 pub fn digits(value: f64) -> String {
     number(three_digits(value))
+}
+
+/// A part in per cent for people, to a tenth.
+pub fn percent(value: f64) -> String {
+    digits((value * 10.0).round() / 10.0)
+}
+
+/// A complex number for people, without parts that are rounding.
+pub fn complex(value: Complex<f64>) -> String {
+    let counts = |part: f64| part.abs() > 1e-9 * value.norm();
+    match (counts(value.re), counts(value.im)) {
+        (_, false) => digits(value.re),
+        (false, true) => format!("±{}j", digits(value.im.abs())),
+        (true, true) => format!("{} ± {}j", digits(value.re), digits(value.im.abs())),
+    }
 }

@@ -106,16 +106,29 @@ impl Nominal {
         let sign = sign(&A, &B, &C);
         let of = |G: &DMatrix<Complex<f64>>| (G.row(output) * &mix)[(0, 0)];
         let G = self.on_grid().iter().map(of).collect();
-        Some(Channel { A, B, C, sign, unmoved, G, mix, output, plant: self })
+        let source = Source::Plant { inputs: mix, output };
+        Some(Channel { A, B, C, sign, unmoved, G, source, plant: self })
+    }
+
+    /// A chain of integrators, which a channel of the plant is at high frequencies whatever the others do.
+    pub fn chain(&self, gain: f64, length: usize) -> Channel<'_> {
+        let mut A = DMatrix::zeros(length, length);
+        (1..length).for_each(|i| A[(i - 1, i)] = 1.0);
+        let (mut B, mut C) = (DMatrix::zeros(length, 1), DMatrix::zeros(1, length));
+        (B[length - 1], C[0]) = (gain, 1.0);
+        let source = Source::Chain { gain, length: length as i32 };
+        let of = |omega: &f64| Complex::from(gain) / Complex::new(0.0, *omega).powi(length as i32);
+        let G = self.frequencies.iter().map(of).collect();
+        Channel { A, B, C, sign: gain.signum(), unmoved: Unmoved::default(), G, source, plant: self }
     }
 
     /// The plant as the one channel that it is.
     pub fn single(&self) -> Channel<'_> {
         let G = self.on_grid().iter().map(|G| G[(0, 0)]).collect();
-        let mix = DMatrix::from_element(1, 1, Complex::new(1.0, 0.0));
+        let source = Source::Plant { inputs: DMatrix::from_element(1, 1, Complex::new(1.0, 0.0)), output: 0 };
         let (A, B, C) = (self.A.clone(), self.B.clone(), self.C.clone());
         let sign = sign(&A, &B, &C);
-        Channel { A, B, C, sign, unmoved: self.unmoved.clone(), G, mix, output: 0, plant: self }
+        Channel { A, B, C, sign, unmoved: self.unmoved.clone(), G, source, plant: self }
     }
 }
 
@@ -134,15 +147,26 @@ pub struct Channel<'a> {
     pub unmoved: Unmoved,
     /// G at the plant's frequencies.
     pub G: Vec<Complex<f64>>,
-    mix: DMatrix<Complex<f64>>,
-    output: usize,
+    source: Source,
     plant: &'a Nominal,
+}
+
+/// Where the response of a channel comes from.
+#[derive(Debug)]
+enum Source {
+    /// A combination of the plant's inputs, and an output.
+    Plant { inputs: DMatrix<Complex<f64>>, output: usize },
+    /// gain/sⁿ
+    Chain { gain: f64, length: i32 },
 }
 
 impl Channel<'_> {
     /// G(j ω).
     pub fn at(&self, omega: f64) -> Complex<f64> {
-        (self.plant.response.at(omega).row(self.output) * &self.mix)[(0, 0)]
+        match &self.source {
+            Source::Plant { inputs, output } => (self.plant.response.at(omega).row(*output) * inputs)[(0, 0)],
+            Source::Chain { gain, length } => Complex::from(*gain) / Complex::new(0.0, omega).powi(*length),
+        }
     }
 
     /// The frequencies of G.

@@ -3,9 +3,9 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use super::digits;
 use super::nominal::Nominal;
 use super::search::{Asked, Law, modulus_of, speeds};
+use super::{complex, digits};
 
 /// What counts as 0, in W.
 const AT_REST: f64 = 1e-6;
@@ -16,6 +16,12 @@ const MOST_LAG: f64 = 0.3;
 /// Modulus of the worst loop that is worth telling, and how much better the next must be.
 const WORST: f64 = 100.0;
 const BETTER: f64 = 0.9;
+
+/// The speeds that were tried.
+pub fn searched(plant: &Nominal) -> String {
+    let W = digits(plant.bandwidth);
+    if plant.is_unstable() { format!("any speed about {W} rad/s") } else { format!("{W} rad/s or slower") }
+}
 
 /// The reason that is known before any search: an unstable pole beside a zero on the right leaves no controller a margin.
 pub fn at_once(plant: &Nominal, most_modulus: f64) -> Option<String> {
@@ -69,10 +75,14 @@ pub fn told<L: Law>(plant: &Nominal, most_integrators: usize) -> String {
         );
     }
     let none = match plant.channels() {
-        1 => "no loop of it is stable at any speed that was tried",
+        1 => "no loop was stable at any speed that was tried",
         _ => "the outputs can't be decoupled well enough. Choose other outputs, or use a controller of all states",
     };
-    best::<L>(plant).unwrap_or_else(|| none.to_owned())
+    let unstable = plant.poles.iter().filter(|pole| pole.re > AT_REST).max_by(|one, other| one.re.total_cmp(&other.re));
+    let unstable = unstable.map_or(String::new(), |pole| {
+        format!(". It is hard to stabilise: it has an unstable pole at {} rad/s", complex(pole * W))
+    });
+    best::<L>(plant).unwrap_or_else(|| none.to_owned()) + &unstable
 }
 
 /// The least M_s of stable loops, damping and speed not asked.

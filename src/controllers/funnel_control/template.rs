@@ -4,9 +4,9 @@
 use super::FunnelControl;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, stop_time};
-use crate::design::digits;
 use crate::design::funnel::{self, Design, SMOOTH_START};
 use crate::design::nominal::Nominal;
+use crate::design::{digits, percent};
 use crate::error::Invalid;
 use crate::template::{
     Begun, Plant, Request, Text, all, list, named, round_down, rows, three_digits, write_limits, write_names,
@@ -48,15 +48,16 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
 /// Says for which references this is, and what the nominal loop needs.
 fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, reference: f64) {
     let W = nominal.bandwidth;
-    text.comment(&format!(
-        "Nominal loop: the errors take up at most {} of their bounds while it follows a reference of {} that",
-        digits(design.largest_part),
-        digits(reference)
-    ));
-    let rate = digits(three_digits(SMOOTH_START * W));
+    let rate = digits(SMOOTH_START * W);
     let derivatives = if design.degree > 1 { ", with its derivatives as inputs" } else { "" };
     text.comment(&format!(
-        "starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}. A reference that steps leaves the funnel."
+        "Nominal loop: the errors take up at most {} of their bounds, and {} % of the reference is left in the end, for a",
+        digits(design.largest_part),
+        percent(100.0 * design.left)
+    ));
+    text.comment(&format!(
+        "reference of {} that starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}. One that steps leaves the funnel.",
+        digits(reference)
     ));
     let controls: Vec<_> = design.control.iter().map(|&u| three_digits(u)).collect();
     let beyond = |[min, max]: &[Vec<f64>; 2]| (0..controls.len()).any(|j| controls[j] > max[j].abs().max(min[j].abs()));
@@ -69,10 +70,10 @@ fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, refe
         ));
     }
     if W * design.step < SHORT {
-        let fastest = nominal.poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max) * W;
+        let fastest = nominal.poles.iter().chain(&nominal.zeros).map(|value| value.norm()).fold(0.0, f64::max) * W;
         text.note(&format!(
-            "This controller needs a communication step of {} s for {} rad/s, because the plant has a lag at {} rad/s. `new ladrc` \
-             allows longer steps.",
+            "This controller needs a communication step of {} s for {} rad/s, because of the plant's dynamics at {} rad/s. \
+             `new ladrc` allows longer steps, and `run --composite` needs none.",
             digits(round_down(design.step)),
             digits(W),
             digits(fastest)

@@ -9,7 +9,7 @@ use crate::controllers::template::{design, first, stop_time};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, Law, search};
 use crate::design::step::Entry;
-use crate::design::{digits, four_digits, ladrc, reasons};
+use crate::design::{four_digits, ladrc, reasons};
 use crate::error::Invalid;
 use crate::mathematics::matrices;
 use crate::template::{
@@ -58,8 +58,8 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
 fn find(nominal: &Nominal) -> Result<Found<ladrc::Gains>, Invalid> {
     let refuse = |reason: String| {
         Invalid::because(format!(
-            "no active disturbance rejection controller was found that has stability margins at {} rad/s or slower: {reason}",
-            digits(nominal.bandwidth)
+            "no active disturbance rejection controller with stability margins was found for {}: {reason}",
+            reasons::searched(nominal)
         ))
     };
     if let Some(reason) = reasons::at_once(nominal, ladrc::Ladrc::MODULUS[1]) {

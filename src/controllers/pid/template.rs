@@ -9,7 +9,7 @@ use crate::controllers::template::{design, first, stop_time};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, Law, search};
 use crate::design::step::{Entry, Step};
-use crate::design::{digits, ladrc, pid, reasons};
+use crate::design::{ladrc, pid, reasons};
 use crate::error::Invalid;
 use crate::template::{
     Begun, Request, all, list, named, round_down, rows, write_limits, write_names, write_quantities, write_units,
@@ -57,8 +57,8 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
 fn find(nominal: &Nominal) -> Result<Found<pid::Gains>, Invalid> {
     let refuse = |reason: String| {
         Invalid::because(format!(
-            "no PID controller was found that has stability margins at {} rad/s or slower: {reason}",
-            digits(nominal.bandwidth)
+            "no PID controller with stability margins was found for {}: {reason}",
+            reasons::searched(nominal)
         ))
     };
     if let Some(reason) = reasons::at_once(nominal, pid::Pid::MODULUS[1]) {

@@ -1,10 +1,10 @@
 //! What the text of a first design says of its nominal loop.
 #![allow(non_snake_case)] // W and M_s have the names of the field
 
-use crate::design::digits;
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, Law};
 use crate::design::step::{Entry, Step, step};
+use crate::design::{digits, percent};
 use crate::template::{Plant, Text, list};
 
 /// The steps of all references in the nominal loop of a design.
@@ -28,20 +28,21 @@ pub fn tell<L: Law>(
     let settles = settling.map_or(String::new(), |times| {
         format!("settles to 2 % in {} s, ", digits(times.into_iter().fold(0.0, f64::max)))
     });
+    let each = if nominal.channels() > 1 { " (one reference steps at a time)" } else { "" };
     text.comment(&format!(
-        "Nominal loop: {settles}overshoot {} %, maximum sensitivity M_s {}.",
-        digits(overshoot),
+        "Nominal loop: {settles}overshoot {} %{each}, maximum sensitivity M_s {}.",
+        percent(overshoot),
         digits(found.has.modulus)
     ));
     if found.speed < 1.0 {
         text.note(&format!(
-            "{} rad/s was asked for. With stability margins this plant allows {} rad/s, for which this design is.",
+            "{} rad/s was asked for. The fastest design with stability margins that was found is for {} rad/s.",
             digits(W),
             digits(v)
         ));
     } else if found.speed > 1.0 {
         text.note(&format!(
-            "{} rad/s was asked for. This unstable plant needs {} rad/s, for which this design is.",
+            "{} rad/s was asked for. No slower design stabilises this plant with margins: this one is for {} rad/s.",
             digits(W),
             digits(v)
         ));

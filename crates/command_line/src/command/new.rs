@@ -115,7 +115,10 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), E
     let request = Request { kind, name, sizes, plant, bandwidth: *bandwidth, reference: *reference };
     let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };
-    let begun = library::begin(&request).map_err(|invalid| refuse(invalid.to_string()))?;
+    // With a plant, what is refused is about it.
+    let about = arguments.plant.clone().unwrap_or_else(|| file.clone());
+    let begun =
+        library::begin(&request).map_err(|invalid| Error::Description { file: about, reason: invalid.to_string() })?;
     let mut text = begun.text;
     if !arguments.no_schema {
         text.insert_str(0, &format!("#:schema ./{}\n", schema::FILE));

@@ -1,0 +1,80 @@
+"""Plants of textbooks and data sheets: each has a design that does what `new` says of it, in a loop of FMUs, or a reason."""
+
+import json
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from sample import ALL, NUMBER, ROOT
+from zoo import FOLDER, KINDS, PLANTS, Refused, closed, design
+
+SAMPLE = sorted(PLANTS) if ALL else sorted(Random(NUMBER).sample(sorted(set(PLANTS) - {"buck", "cd_radial", "piezo_stage"}), 8))
+
+TABLE = (ROOT / "docs/first_designs.md").read_text().splitlines()
+
+# What has no design, by the words of the reason; every other pair has one.
+REFUSED = {
+    ("boost", "funnel"): "zero at",
+    ("cart_pendulum", "pid"): "M_s of at least 12",
+    ("cart_pendulum", "ladrc"): "M_s of at least 12",
+    ("cart_pendulum", "funnel"): "zero at",
+    ("quarter_car", "funnel"): "zero at ±56.7j",
+    ("furuta_arm", "pid"): "M_s of at least",
+    ("furuta_arm", "ladrc"): "M_s of at least",
+    ("furuta_arm", "funnel"): "zero at",
+    ("furuta_flat", "pid"): "unstable pole at",
+    ("furuta_flat", "ladrc"): "unstable pole at",
+    ("furuta_flat", "funnel"): "relative degree 4",
+    ("pmsm_speed", "funnel"): "no dead time",
+    ("heat_exchanger", "funnel"): "no dead time",
+    ("wing_flutter", "pid"): "unstable pole at",
+    ("wing_flutter", "ladrc"): "unstable pole at",
+    ("wing_flutter", "funnel"): "zero at",
+    ("cd_radial", "funnel"): "no dead time",
+    ("maglev", "pid"): "unstable pole at",
+    ("pendulum_velocity", "pid"): "zero at 0",
+    ("pendulum_velocity", "ladrc"): "zero at 0",
+    ("pendulum_velocity", "funnel"): "zero at 0",
+    ("buck", "funnel"): "no dead time",
+    ("distillation", "funnel"): "no dead time",
+    ("hot_air_blower", "funnel"): "no dead time",
+    ("paper_headbox", "funnel"): "independently of each other",
+    ("boiler_drum", "funnel"): "zero at",
+    ("servo_cylinder", "funnel"): "relative degree 4",
+}
+# Its lightly damped mode of 1 kHz makes the funnel's step 5 ns: the file says so, and no loop is run.
+TOO_FINE = [("piezo_stage", "funnel")]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("plant", SAMPLE)
+def test_a_plant_has_a_design_that_does_what_is_said_or_a_reason(plant: str, kind: str, tmp_path: Path):
+    said = design(plant, kind, tmp_path)
+    cells = next(line for line in TABLE if line.startswith(f"| `{plant}` |")).split(" | ")
+    assert cells[2 + KINDS.index(kind)].removesuffix(" |") == str(said), "benches/zoo writes the table anew"
+    if isinstance(said, Refused) or (plant, kind) in REFUSED:
+        assert isinstance(said, Refused) and REFUSED.get((plant, kind), "no reason is known") in said.reason, said
+        return
+    if (plant, kind) in TOO_FINE:
+        assert "needs a communication step of 5e-9 s" in said.notes
+        return
+    had = closed(plant, said, tmp_path)
+    several = len(json.loads((FOLDER / f"{plant}.json").read_text())["outputs"]) > 1
+    assert had.left < 0.05 and had.overshoot < (0.4 if several else 0.3), f"{said} {had}"
+    if kind == "funnel":
+        assert had.left == pytest.approx(said.left / 100, abs=0.005), f"{said} {had}"
+    elif not several:
+        # What is said is of the nominal loop without sampling.
+        assert had.overshoot * 100 <= 1.1 * said.overshoot + 2 and had.settling <= 1.1 * said.settling, f"{said} {had}"
+
+
+def test_what_is_known_of_the_plants_is_so():
+    for name, of in PLANTS.items():
+        model = json.loads((FOLDER / f"{name}.json").read_text())
+        poles = np.linalg.eigvals(np.array(model["A"], float))
+        assert ("unstable" in of["traits"]) == bool((poles.real > 1e-6 * abs(poles).max()).any()), name
+        assert ("delay" in of["traits"]) == ("delay" in model), name
+        assert ("mimo" in of["traits"]) == (len(model["inputs"]) > 1), name
+        assert len(model["inputs"]) == len(model["outputs"]) == len(model["u_max"]), name
+    assert len(PLANTS) >= 30
