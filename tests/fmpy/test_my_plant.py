@@ -160,8 +160,12 @@ def test_a_ball_of_ones_own_bounces_as_the_closed_form_says_and_comes_to_rest(mi
 
 def test_a_ball_of_ones_own_comes_to_rest_in_model_exchange_and_by_steps_of_fixed_length_too(mine) -> None:
     path = str(mine["Ball"].path)
-    ran = fmpy.simulate_fmu(path, stop_time=4.0, fmi_type="ModelExchange", solver="CVode", output=["height", "speed", "bounces"])
-    assert tuple(ran[-1])[1:] == (0.0, 0.0, 24)
+    # The solver is the master's: at 1e-6, where it begins, its speeds are off by as much as the last four bounces have.
+    output, solver = ["height", "speed", "bounces"], {"fmi_type": "ModelExchange", "solver": "CVode"}
+    for tolerance, bounces in [(1e-6, 20), (1e-8, 24), (1e-10, 24)]:
+        ran = fmpy.simulate_fmu(path, stop_time=4.0, output=output, relative_tolerance=tolerance, **solver)
+        height, speed, counted = tuple(ran[-1])[1:]
+        assert (height, speed) == (0.0, 0.0) and bounces <= counted <= 24
     with Unit(mine["Ball"]) as unit:
         unit["integration_method"], unit["fixed_steps"] = "fixed", 10
         unit.start()
