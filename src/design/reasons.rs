@@ -23,8 +23,16 @@ pub fn searched(plant: &Nominal) -> String {
     if plant.is_unstable() { format!("any speed about {W} rad/s") } else { format!("{W} rad/s or slower") }
 }
 
-/// The reason that is known before any search: an unstable pole beside a zero on the right leaves no controller a margin.
+/// The reason that is known before any search: an unstable mode that is hidden; an unstable pole and a zero on the right that
+/// leave no controller a margin.
 pub fn at_once(plant: &Nominal, most_modulus: f64) -> Option<String> {
+    let W = plant.bandwidth;
+    if let Some(pole) = plant.poles.iter().find(|pole| pole.re > -AT_REST && is_hidden(plant, pole)) {
+        return Some(format!(
+            "a mode of the plant at {} rad/s isn't stable, and the inputs don't move it or the outputs don't show it",
+            complex(pole * W)
+        ));
+    }
     let (p, z, modulus) = unstable_with_zero(plant)?;
     (modulus > most_modulus).then(|| {
         format!(
@@ -48,12 +56,6 @@ pub fn told<L: Law>(plant: &Nominal, most_integrators: usize) -> String {
     }
     if plant.zeros.iter().any(|zero| zero.norm() < AT_REST) {
         return "the plant has a zero at 0, so that no constant control holds the output at a reference".to_owned();
-    }
-    if let Some(pole) = plant.poles.iter().find(|pole| pole.re > -AT_REST && is_hidden(plant, pole)) {
-        return format!(
-            "a mode of the plant at {} rad/s isn't stable, and the inputs don't move it or the outputs don't show it",
-            digits(pole.re * W)
-        );
     }
     if let Some((p, z, modulus)) = unstable_with_zero(plant) {
         return format!(

@@ -16,16 +16,12 @@ const RANK: f64 = 1e-10;
 pub fn invariant(A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     let tolerance = RANK * A.amax().max(B.amax()).max(C.amax());
     let whole = System { A: A.clone(), B: B.clone(), C: C.clone(), D: DMatrix::zeros(C.nrows(), B.ncols()) };
-    // Once for the outputs, once for the inputs.
-    let System { A, B, C, D } = whole.reduced(tolerance).transposed().reduced(tolerance);
+    let System { A, B, C, D } = whole.reduced(tolerance);
     if D.nrows() != D.ncols() {
         return None;
     }
     if A.is_empty() {
         return Some(Vec::new());
-    }
-    if D.is_empty() {
-        return eigenvalues::complex(&A);
     }
     let eliminated = D.lu().solve(&C)?;
     eigenvalues::complex(&(A - B * eliminated))
@@ -40,10 +36,6 @@ struct System {
 }
 
 impl System {
-    fn transposed(self) -> Self {
-        System { A: self.A.transpose(), B: self.C.transpose(), C: self.B.transpose(), D: self.D.transpose() }
-    }
-
     /// The system with the same zeros whose D has full row rank.
     fn reduced(mut self, tolerance: f64) -> Self {
         loop {

@@ -19,6 +19,14 @@ AMPLITUDE = "reference.cosine_amplitude[1]"
 # what is compared: a control's peak moves by 5e-5 so, as measured, outputs by 1e-6.
 APART = 1e-4
 OUTPUT_APART = 1e-5
+# The largest control follows adaptation, whose fast turns are elsewhere after any rounding: of 3.2.1-cosine it is 2.782 … 2.836 at
+# tolerances from 1e-4 to 1e-10.
+CONTROL_APART = 0.02
+
+
+def apart(label: str) -> float:
+    """How far a metric may be from the program's, in parts of it."""
+    return CONTROL_APART if label.startswith("max |u") else APART
 
 
 @pytest.fixture(scope="module")
@@ -94,15 +102,15 @@ def test_metrics_and_curves_are_those_of_the_program(page: Callable[..., Any], l
     ran = run_by_the_program(loop, tmp_path)
     assert told["shortfall"] is None and len(told["metrics"]) == len(ran["metrics"]) > 0
     for ours, theirs in zip(told["metrics"], ran["metrics"], strict=True):
-        assert ours["label"] == theirs["label"] and ours["value"] == pytest.approx(theirs["value"], rel=APART)
+        assert ours["label"] == theirs["label"] and ours["value"] == pytest.approx(theirs["value"], rel=apart(ours["label"]))
     table = np.genfromtxt(next(tmp_path.rglob("*.csv")), delimiter=",", names=True, deletechars="", encoding="utf-8")
     time, compared = table[table.dtype.names[0]], 0
     for curve in (curve for diagram in told["diagrams"] for curve in diagram["curves"]):
         # A control follows adaptation, whose fast turns are elsewhere after any rounding: its metrics are compared alone.
         if curve["name"] in table.dtype.names and not curve["name"].startswith("controller."):
             theirs = table[curve["name"]]
-            apart = np.abs(np.interp(curve["x"], time, theirs) - curve["y"]).max()
-            assert apart <= OUTPUT_APART * np.abs(theirs).max(), (curve["name"], apart)
+            most = np.abs(np.interp(curve["x"], time, theirs) - curve["y"]).max()
+            assert most <= OUTPUT_APART * np.abs(theirs).max(), (curve["name"], most)
             compared += 1
     assert compared >= 2
 
@@ -119,7 +127,7 @@ def test_a_slider_moves_curves_and_metrics_to_those_of_the_program(page: Callabl
     value = control.locator("input[type=number]").input_value()
     assert curves(shown) != drawn and float(value) > 2
     theirs = run_by_the_program(LOOPS[0], tmp_path, "--set", f"{AMPLITUDE}={value}")["metrics"]
-    assert [float(text) for text in metrics(shown)] == [pytest.approx(it["value"], rel=APART) for it in theirs]
+    assert [float(text) for text in metrics(shown)] == [pytest.approx(it["value"], rel=apart(it["label"])) for it in theirs]
     # The link brings the value to another page, a set to the program.
     shown.wait_for_function("() => location.hash.includes('cosine_amplitude')")
     again = page(LOOPS[0], "#" + shown.url.partition("#")[2])
@@ -152,7 +160,8 @@ def test_moving_on_while_metrics_are_measured_ends_that(page: Callable[..., Any]
     for _ in range(3):
         number = shown.evaluate("document.body.dataset.run")
         control.press("PageUp")
-        shown.wait_for_function("before => document.body.dataset.run !== before", arg=number)
+        # A browser that is making the program's code fast meanwhile has taken 41 s on two cores.
+        shown.wait_for_function("before => document.body.dataset.run !== before", arg=number, timeout=180_000)
         # Some pauses are as long as the page waits before it measures.
         shown.wait_for_timeout(450)
     shown.wait_for_function("() => document.body.dataset.settled === 'yes'", timeout=60_000)

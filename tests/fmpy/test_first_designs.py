@@ -7,8 +7,10 @@ import subprocess
 from pathlib import Path
 from random import Random
 
+import fmpy
 import numpy as np
 import pytest
+import scipy.integrate
 from conftest import PROGRAM
 from first_designs import design, modulus, new, poles
 from random_plants import CLASSES, plant
@@ -122,6 +124,59 @@ def test_the_step_that_limits_allow_is_said(tmp_path: Path):
 def test_what_has_no_design_is_refused_with_the_reason(kind, model, reason, tmp_path: Path):
     refused = new(kind, model, 10.0, tmp_path)
     assert refused.returncode == 1 and reason in refused.stderr and not (tmp_path / "C.toml").exists(), refused.stderr
+
+
+LATE = """
+name = "Late"
+model = "state-space"
+description = "A plant with dead times"
+[structure]
+A = [[-2.0, 0.5], [0.0, -3.0]]
+B = [[1.0, 0.0], [0.0, 2.0]]
+C = [[1.0, 0.0], [0.0, 1.0]]
+delay = [0.3, 0.07]
+[start]
+u_max = [0.8, 1e15]
+"""
+
+
+@pytest.mark.parametrize("form", [[], ["--compile"]], ids=["generic", "compiled"])
+def test_a_plant_has_its_dead_times(form: list[str], tmp_path: Path):
+    """In both interfaces, against an integration with the inputs that were."""
+    (tmp_path / "Late.toml").write_text(LATE)
+    made = subprocess.run([PROGRAM, "export", "Late.toml", "--out", "out", *form], cwd=tmp_path, capture_output=True, text=True)
+    assert made.returncode == 0, made.stderr
+
+    def inputs(t: float) -> np.ndarray:
+        return np.array([np.sin(4 * max(t, 0)), 1 - np.cos(5 * max(t, 0))])
+
+    def rates(t: float, x: np.ndarray) -> np.ndarray:
+        late = np.array([min(inputs(t - 0.3)[0], 0.8), inputs(t - 0.07)[1]])
+        return np.array([[-2.0, 0.5], [0.0, -3.0]]) @ x + np.array([[1.0, 0.0], [0.0, 2.0]]) @ late
+
+    times = np.arange(0, 3.0005, 0.001)
+    given = np.array([(t, *inputs(t)) for t in times], [("time", float), ("u[1]", float), ("u[2]", float)])
+    exact = scipy.integrate.solve_ivp(rates, (0, 3), [0, 0], rtol=1e-9, atol=1e-12, max_step=0.01, t_eval=np.arange(0, 3.001, 0.01)).y
+    for interface, tolerance in [("ModelExchange", 2e-4), ("CoSimulation", 2e-3)]:
+        ran = fmpy.simulate_fmu(
+            str(tmp_path / "out/Late.fmu"), stop_time=3, fmi_type=interface, relative_tolerance=1e-8, output_interval=0.001,
+            input=given, output=["y[1]", "y[2]"],
+        )  # fmt: skip
+        found = np.array([np.interp(np.arange(0, 3.001, 0.01), ran["time"], ran[name]) for name in ("y[1]", "y[2]")])
+        assert np.abs(found - exact).max() < tolerance, (interface, np.abs(found - exact).max())
+
+
+def test_dead_times_and_derivatives_that_are_none_are_refused(tmp_path: Path):
+    for old, new_text, told in [
+        ("delay = [0.3, 0.07]", "delay = [0.3]", "number of delays = 1: must be 2"),
+        ("delay = [0.3, 0.07]", "delay = [0.3, 0.002]", "delay[2] = 0.002: must be 0, or at least 1/100 of the longest"),
+        ("delay = [0.3, 0.07]", "delay = [0.3, -1.0]", "delay[2] = -1"),
+        ("delay = [0.3, 0.07]", "output_derivatives = 1", "must be 0: an input shows in this derivative at once"),
+        ("delay = [0.3, 0.07]", "output_derivatives = 3", "output_derivatives = 3: must be within 0 … 2"),
+    ]:
+        (tmp_path / "Late.toml").write_text(LATE.replace(old, new_text))
+        made = subprocess.run([PROGRAM, "check", "Late.toml"], cwd=tmp_path, capture_output=True, text=True)
+        assert made.returncode == 1 and told in made.stderr, made.stderr
 
 
 def test_without_a_speed_of_its_own_a_plant_needs_one(tmp_path: Path):

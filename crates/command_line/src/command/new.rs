@@ -60,7 +60,8 @@ struct UnitArguments {
     outputs: Option<Which>,
     /// Nominal plant: matrices in JSON, or an FMU of any tool, which is linearised [default: chains of integrators]
     ///
-    /// The JSON file contains A, B, C, and optionally D, names, units of measurement and limits of the signals.
+    /// The JSON file contains A, B, C, and optionally D, the dead time of the inputs, names, units of measurement and limits
+    /// of the signals.
     /// `linearise --json` prints this format.
     #[arg(long, value_name = "FILE.json or FILE.fmu")]
     plant: Option<PathBuf>,
@@ -75,9 +76,10 @@ struct UnitArguments {
     step: Option<f64>,
     #[command(flatten)]
     hosting: HostingOptions,
-    /// Minimum bandwidth of the controlled system, rad/s [default: that of the plant's slowest pole not at 0]
+    /// Bandwidth of the controlled system, rad/s [default: twice that of the plant's slowest stable pole not at 0]
     ///
-    /// If all poles of the plant are at 0, and for neuro-ppf, the default is 2 rad/s.
+    /// If there is no such pole, the default is the plant's largest pole. A plant whose poles are all at 0 has no default.
+    /// Without a plant, and for neuro-ppf, it is 2 rad/s.
     #[arg(long, value_parser = positive)]
     bandwidth: Option<f64>,
     /// Usual magnitude of the reference, in the output's unit of measurement
