@@ -90,7 +90,7 @@ impl DeadTime {
         });
     }
 
-    /// What comes out at t, where this comes in.
+    /// The delayed value at t; `present` is the input now.
     pub fn delayed<S: Scalar>(&self, t: S, i: usize, present: S, v: &Values<S>) -> S {
         let delay = v[self.delay][i];
         let delayed = || {

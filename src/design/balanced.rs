@@ -4,7 +4,7 @@
 
 use nalgebra::DMatrix;
 
-/// What is left of the sum of a row and its column at least, where another scale is taken.
+/// Another scale is taken only where it leaves less than this part of the sum of a row and its column.
 const GAINED: f64 = 0.95;
 /// Passes over all states; more than any plant of finite numbers needs.
 const MOST_PASSES: usize = 200;

@@ -16,7 +16,7 @@ use crate::mathematics::matrices;
 const MOST_CONDITION: f64 = 1e6;
 /// Slower speeds of a channel that are tried: v 10^(−k/4).
 const SLOWER: i32 = 4;
-/// What counts as 0 of C A^k B, in parts of the product of norms.
+/// C A^k B below this part of the product of norms counts as 0.
 const SHOWS: f64 = 1e-9;
 /// A pole that is so slow counts as one at 0, in W.
 const AT_REST: f64 = 1e-9;

@@ -10,7 +10,7 @@ const SPEED: f64 = 0.6;
 const NEAR: f64 = 0.3;
 /// A pole whose size is within this factor of a lightly damped pole or zero of the plant is that mode.
 const LIKE: f64 = 1.5;
-/// What is damped less is a mode that no sound feedback of an output moves far.
+/// Damping ratio below which a mode of the plant counts as one that no sound feedback moves far.
 const LIGHT: f64 = 0.4;
 /// Such a mode keeps so much of its damping at least.
 const LEFT: f64 = 0.7;
@@ -23,7 +23,7 @@ pub struct Unmoved {
     modes: Vec<Complex<f64>>,
 }
 
-/// What the poles of a loop have that were asked for.
+/// Speed and damping of the poles of a loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Merit {
     /// Least −Re of the poles that aren't exempt, in W; infinite where all are.

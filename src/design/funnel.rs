@@ -43,7 +43,7 @@ const MOST_STEPS: usize = 20_000;
 pub struct Design {
     /// Relative degree r.
     pub degree: usize,
-    /// What a channel asks for, in controls.
+    /// Direction: from the outputs of the channels to the controls.
     pub G: DMatrix<f64>,
     /// Gain of every channel.
     pub g: f64,
@@ -173,7 +173,7 @@ struct Followed {
     until: f64,
 }
 
-/// What the law does at a state.
+/// The control law at a state.
 struct Answer {
     u: DVector<f64>,
     /// ∂u/∂x

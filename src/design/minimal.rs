@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// What counts as 0 of the coupling to the states that are left, in parts of the norm of A.
+/// Couplings to the remaining states below this part of the norm of A count as 0.
 const REACHED: f64 = 1e-10;
 
 /// A, b, c without what b doesn't move and c doesn't show.

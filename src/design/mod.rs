@@ -4,7 +4,7 @@
 //! distance from −1 (the modulus margin), is damped, and is as fast as v. The search begins at v = W and goes to slower
 //! loops; for an unstable plant, which a slow loop can't hold, to faster ones too.
 //!
-//! Frequencies and times are in W and 1/W here, states in [balanced](balanced) coordinates: a plant in pascals and metres
+//! Frequencies and times are in W and 1/W here, states in [balanced] coordinates: a plant in pascals and metres
 //! gets the design that it gets in bar and millimetres.
 
 pub mod balanced;
@@ -32,7 +32,7 @@ mod tests;
 
 /// A number to four significant digits, as it is written into a description.
 pub fn four_digits(value: f64) -> f64 {
-    format!("{value:.3e}").parse().unwrap_or(value)
+    format!("{:.*e}", 3, value).parse().unwrap_or(value)
 }
 
 /// A number for people, to three significant digits.

@@ -44,7 +44,7 @@ pub struct Nominal {
     pub response: Response,
     /// Where it is looked at.
     pub frequencies: Vec<f64>,
-    /// What no feedback moves.
+    /// Poles and zeros that no feedback moves.
     pub unmoved: Unmoved,
     on_grid: OnceCell<Vec<DMatrix<Complex<f64>>>>,
 }
@@ -143,7 +143,7 @@ pub struct Channel<'a> {
     pub C: DMatrix<f64>,
     /// The sign that a control with an integral must have to be stable.
     pub sign: f64,
-    /// What no feedback moves.
+    /// Poles and zeros that no feedback moves.
     pub unmoved: Unmoved,
     /// G at the plant's frequencies.
     pub G: Vec<Complex<f64>>,

@@ -21,7 +21,7 @@ const NOISE: f64 = 10.0;
 const INTEGRAL: [f64; 10] = [0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.5];
 /// Corner of the derivative part, likewise.
 const DERIVATIVE: [f64; 7] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.6, 3.0];
-/// Of candidates whose speeds differ by less, the one with more integral gain is taken.
+/// Candidates whose speeds are within this factor are equally fast: the one with more integral gain is taken.
 const AS_FAST: f64 = 0.99;
 
 /// Gains of a channel in 1/s, s and rad/s; without their sign.

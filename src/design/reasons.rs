@@ -7,7 +7,7 @@ use super::nominal::Nominal;
 use super::search::{Asked, Law, modulus_of, speeds};
 use super::{complex, digits};
 
-/// What counts as 0, in W.
+/// Sizes below this count as 0, in W.
 const AT_REST: f64 = 1e-6;
 /// A singular value that is so small, in parts of ‖A‖, is 0: the mode doesn't show, or isn't moved.
 const HIDDEN: f64 = 1e-9;

@@ -8,7 +8,7 @@ const PER_DECADE: f64 = 40.0;
 /// Decades below the slowest and above the fastest of W, poles and zeros.
 const BELOW: f64 = 1e-3;
 const ABOVE: f64 = 100.0;
-/// What counts as slow, in parts of the fastest.
+/// Poles and zeros below this part of the fastest one are at rest.
 const NEGLIGIBLE: f64 = 1e-6;
 /// Where a mode a ± b j is looked at: at |b + k|a||.
 const ABOUT_MODES: [f64; 13] = [-3.0, -2.0, -1.3, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.3, 2.0, 3.0];

@@ -11,7 +11,7 @@ use super::nominal::{Channel, Nominal, poles_of};
 /// Speeds in a decade, and how many are tried below W, and above it for an unstable plant.
 const PER_DECADE: f64 = 8.0;
 const SPEEDS: i32 = 24;
-/// What the modulus of several channels may be, in parts of that of one.
+/// Factor of M_s that several channels may have.
 const SEVERAL: f64 = 1.1;
 
 /// A control law of single channels for which gains are searched.
@@ -36,7 +36,7 @@ pub trait Law {
     fn response(gains: &Self::Gains, bandwidth: f64) -> impl Fn(f64) -> Complex<f64>;
 }
 
-/// What is asked of a channel.
+/// Demands on a channel.
 #[derive(Debug, Clone, Copy)]
 pub struct Asked {
     /// The speed v, in W.
@@ -56,16 +56,16 @@ pub struct Found<G> {
     pub S: DMatrix<f64>,
     /// The speed v, in W.
     pub speed: f64,
-    /// What its nominal loop has.
+    /// Properties of its nominal loop.
     pub has: Has,
     /// The linear controller, with time in 1/W.
     pub controller: Controller,
 }
 
-/// What a nominal loop has.
+/// Properties of a nominal loop.
 #[derive(Debug, Clone, Copy)]
 pub struct Has {
-    /// Of its poles.
+    /// Speed and damping of its poles.
     pub merit: Merit,
     /// M_s.
     pub modulus: f64,

@@ -13,7 +13,7 @@ const TIMES: f64 = 8.0;
 /// A step has settled within this part of its height.
 const SETTLED: f64 = 0.02;
 
-/// What a step of one reference does.
+/// Response to a step of one reference.
 #[derive(Debug, Clone)]
 pub struct Step {
     /// How far its output goes beyond, in parts of the step.
@@ -27,9 +27,9 @@ pub struct Step {
 /// How the reference enters a controller: x' += B r, u += D r.
 #[derive(Debug)]
 pub struct Entry {
-    /// Of a controller's states, k × m.
+    /// Rates of the controller's states, k × m.
     pub B: DMatrix<f64>,
-    /// Of the controls, m × m.
+    /// Direct part in the controls, m × m.
     pub D: DMatrix<f64>,
 }
 

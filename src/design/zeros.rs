@@ -8,7 +8,7 @@ use nalgebra::{Complex, DMatrix};
 
 use crate::eigenvalues;
 
-/// What counts as 0 in a matrix, in parts of the plant's largest entry.
+/// Singular values below this part of the plant's largest entry count as 0.
 const RANK: f64 = 1e-10;
 
 /// The finite zeros of [A − s I, B; C, 0] for as many outputs as inputs. `None` where the outputs depend on each other at

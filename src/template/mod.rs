@@ -132,7 +132,7 @@ impl Request<'_> {
     }
 }
 
-/// What a plant, or its reference, is simulated for by default, and its communication step, s: usual ones, and longer ones for
+/// Default stop time and communication step of a plant or of its reference, s: usual ones, and longer ones for
 /// a plant that is slow. A controller that needs shorter steps asks for them itself.
 pub fn experiment(request: &Request) -> (f64, f64) {
     const USUAL: (f64, f64) = (10.0, 1e-3);

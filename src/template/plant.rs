@@ -11,10 +11,10 @@ use super::MOST;
 use crate::error::{Error, Invalid};
 use crate::system::{of_outputs, quantities};
 
-/// What a file may hold, bytes.
+/// Largest file, bytes.
 const LARGEST: u64 = 1 << 22;
 
-/// What may stand in a file; the second line is what `linearise --json` writes beside it.
+/// Keys of a file; the second line is what `linearise --json` writes too.
 const KEYS: [&str; 11] = ["A", "B", "C", "D", "delay", "states", "inputs", "outputs", "units", "u_min", "u_max"];
 const IGNORED: [&str; 6] = ["fmu", "time", "method", "steady_state", "unique", "eigenvalues"];
 
@@ -157,7 +157,7 @@ impl Plant {
         Ok(self)
     }
 
-    /// What the outputs are in words: the states that they show, else what they are called.
+    /// Words for the outputs: those of the states that they show, else their names.
     pub fn output_quantities(&self) -> Vec<String> {
         let shown = of_outputs(&self.C, &self.x.quantities());
         if shown.is_empty() { self.y.quantities() } else { shown }
@@ -232,7 +232,7 @@ impl Given {
 }
 
 impl Signals {
-    /// What each is in words, for descriptions: the plant's own texts, else its names; nothing where neither tells them
+    /// Words for each, for descriptions: the plant's own texts, else its names; none where neither tells them
     /// apart.
     pub fn quantities(&self) -> Vec<String> {
         let tells = |texts: &[String]| !texts.is_empty() && quantities("", texts, texts.len()).is_ok();

@@ -19,7 +19,7 @@ pub struct Text {
 pub struct Begun {
     /// The file.
     pub text: String,
-    /// What a user should know of it at once; the file has it too.
+    /// Remarks for the user; the file has them too.
     pub notes: Vec<String>,
 }
 

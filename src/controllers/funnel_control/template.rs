@@ -45,7 +45,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     Ok(text.finish())
 }
 
-/// Says for which references this is, and what the nominal loop needs.
+/// Writes for which references this is, and what the nominal loop needs.
 fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, reference: f64) {
     let W = nominal.bandwidth;
     let rate = digits(SMOOTH_START * W);

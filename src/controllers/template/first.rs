@@ -1,4 +1,4 @@
-//! What the text of a first design says of its nominal loop.
+//! Figures of its nominal loop in the text of a first design.
 #![allow(non_snake_case)] // W and M_s have the names of the field
 
 use crate::design::nominal::Nominal;
@@ -14,7 +14,7 @@ pub fn steps<G>(plant: &Nominal, found: &Found<G>, entry: &Entry) -> Vec<Step> {
     (0..plant.channels()).map(|i| step(plant, &found.controller, entry, i, rate)).collect()
 }
 
-/// Says what the nominal loop has, and what was asked for and it hasn't.
+/// Writes what the nominal loop has, and notes where it isn't what was asked for.
 pub fn tell<L: Law>(
     text: &mut Text,
     (plant, nominal): (&Plant, &Nominal),
@@ -57,7 +57,7 @@ pub fn tell<L: Law>(
     tell_limits(text, plant, steps, reference);
 }
 
-/// Says which steps the limits of the controls allow.
+/// Notes which steps the limits of the controls allow.
 fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f64) {
     let Some([min, max]) = &plant.limits else { return };
     let mut allowed = f64::INFINITY;
