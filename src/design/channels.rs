@@ -113,7 +113,7 @@ impl<'a, G: Clone> Decoupled<'a, G> {
             let speed = asked.speed * 10_f64.powf(f64::from(-k) / 4.0);
             // Digits that differ by rounding make no other speed.
             let key = (i, form, [four_digits(speed), asked.modulus].map(f64::to_bits));
-            let search = || L::candidates(channel, &Asked { speed, ..*asked }, form).into_iter().next();
+            let search = || L::candidates(channel, &Asked { speed, ..*asked }, form).next();
             let (gains, sign) = self.found.borrow_mut().entry(key).or_insert_with(search).clone()?;
             Some(Alone { gains, sign, speed })
         })
@@ -133,15 +133,17 @@ pub fn high_frequency(plant: &Nominal) -> Option<(Vec<usize>, DMatrix<f64>)> {
     // Without what dead times add.
     let (A, B, C) = (plant.A.view((0, 0), (n, n)), plant.B.rows(0, n), plant.C.columns(0, n));
     let size = A.norm();
+    // Whatever the units of the inputs are.
+    let mut scaled = B.into_owned();
+    scaled.column_iter_mut().filter(|column| column.norm() > 0.0).for_each(|mut column| column /= column.norm());
     let mut gain = DMatrix::zeros(m, m);
     let mut degrees = Vec::new();
     for i in 0..m {
         let mut row = C.row(i).into_owned();
-        let mut bound = row.norm() * B.norm();
+        let mut bound = row.norm();
         let degree = (1..=n).find(|_| {
-            let shown = &row * B;
-            if shown.amax() > SHOWS * bound {
-                gain.row_mut(i).copy_from(&shown);
+            if (&row * &scaled).amax() > SHOWS * bound {
+                gain.row_mut(i).copy_from(&(&row * B));
                 return true;
             }
             row = &row * A;

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, RowDVector};
 
 use super::channels::high_frequency;
 use super::nominal::Nominal;
+use super::step::exponential;
 use super::{complex, four_digits};
 use crate::error::Invalid;
 
@@ -23,9 +24,12 @@ const GAINS: i32 = 12;
 const FILTERS: [f64; 2] = [0.5, 0.25];
 /// How long a reference is followed, in 1/W.
 const FOLLOWED: f64 = 15.0;
-/// ψ_∞ in parts of the reference, and the rate at which the bound narrows, in W.
-const NARROW: f64 = 0.1;
-const DECAY: f64 = 0.5;
+/// ψ_0 and ψ_∞ in parts of the reference, and the rate at which the bound narrows, in W.
+pub const WIDE: f64 = 2.0;
+/// See [`WIDE`].
+pub const NARROW: f64 = 0.1;
+/// See [`WIDE`].
+pub const DECAY: f64 = 0.5;
 /// Rate of the reference's smooth start, in W.
 pub const SMOOTH_START: f64 = 2.0;
 /// H at most in parts of the time in which an error moves through its funnel.
@@ -51,10 +55,12 @@ pub struct Design {
     pub tau: f64,
     /// The largest error in parts of its bound.
     pub largest_part: f64,
-    /// The largest |u| of each control.
-    pub control: Vec<f64>,
+    /// The lowest and the highest value of each control.
+    pub control: Vec<[f64; 2]>,
     /// Communication step at most, s.
     pub step: f64,
+    /// True if the errors stay inside with a control that is constant within such steps.
+    pub is_sampled: bool,
     /// How far the output is from the reference in the end, in parts of it.
     pub left: f64,
 }
@@ -70,8 +76,7 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
         ));
     }
     let (degree, G) = direction(plant)?;
-    let largest = plant.poles.iter().map(|pole| pole.norm()).fold(1.0, f64::max);
-    if let Some(zero) = plant.zeros.iter().find(|zero| zero.re > -1e-6 * zero.norm().max(1.0).min(largest)) {
+    if let Some(zero) = plant.zeros.iter().find(|zero| zero.re > -1e-6 * zero.norm().max(1.0)) {
         return Err(Invalid::because(format!(
             "the plant has a zero at {} rad/s, not in the left half plane: what the outputs don't show would grow. `new pid` or \
              `new ladrc` may find a controller",
@@ -87,7 +92,8 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
             if followed.largest_part <= MOST_PART && followed.left <= MOST_LEFT && followed.until >= FOLLOWED {
                 let speed = g * tau.powi(degree as i32 - 1);
                 let fitted = four_digits(g * W.powi(degree as i32));
-                let step = loop_.sampled(STEP * NARROW * reference / speed);
+                let longest = STEP * NARROW * reference / speed;
+                let sampled = loop_.sampled(longest);
                 return Ok(Design {
                     degree,
                     G: (&G / W.powi(degree as i32)).map(four_digits),
@@ -95,7 +101,8 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
                     tau: four_digits(tau / W),
                     largest_part: followed.largest_part,
                     control: followed.control,
-                    step: step / W,
+                    step: sampled.unwrap_or(longest) / W,
+                    is_sampled: sampled.is_some(),
                     left: followed.left * NARROW,
                 });
             }
@@ -168,7 +175,7 @@ struct Followed {
     largest_part: f64,
     /// The largest error in parts of its bound, latest.
     left: f64,
-    control: Vec<f64>,
+    control: Vec<[f64; 2]>,
     /// When an error left its funnel, or the end.
     until: f64,
 }
@@ -193,7 +200,7 @@ impl<'a> Loop<'a> {
     /// u = −G g b(e_r), with e_1 = e/ψ, e_(i+1) = τ^i e^(i)/ψ + b(e_i) and b(e) = e/(1 − e²); `None` outside.
     fn answer(&self, t: f64, x: &DVector<f64>) -> Option<Answer> {
         let (m, n) = (self.B.ncols(), x.len());
-        let psi = self.reference * ((2.0 - NARROW) * (-DECAY * t).exp() + NARROW);
+        let psi = self.reference * ((WIDE - NARROW) * (-DECAY * t).exp() + NARROW);
         let r = smooth_start(t).map(|derivative| derivative * self.reference);
         let mut asked = DVector::zeros(m);
         let mut slopes = DMatrix::zeros(m, n);
@@ -225,11 +232,12 @@ impl<'a> Loop<'a> {
 
     /// The longest step of which the control may be constant within each, from a given one on: halved until the errors of the
     /// sampled loop stay inside. A fast zero on the left needs shorter steps than the funnel itself.
-    fn sampled(&self, longest: f64) -> f64 {
+    fn sampled(&self, longest: f64) -> Option<f64> {
         let stays = |step: &f64| self.stays_inside(*step);
-        // What takes too many samples isn't tried: so short a step is for the funnel's own speed.
-        let halved = (0..HALVINGS).map(|k| longest * 0.5_f64.powi(k)).take_while(|step| FOLLOWED / step < MOST_SAMPLES);
-        halved.clone().find(stays).or(halved.last()).unwrap_or(longest)
+        // What takes too many samples isn't tried.
+        let mut halved =
+            (0..HALVINGS).map(|k| longest * 0.5_f64.powi(k)).take_while(|step| FOLLOWED / step < MOST_SAMPLES);
+        halved.find(stays)
     }
 
     fn stays_inside(&self, step: f64) -> bool {
@@ -237,7 +245,7 @@ impl<'a> Loop<'a> {
         let mut whole = DMatrix::zeros(n + m, n + m);
         whole.view_mut((0, 0), (n, n)).copy_from(&(&self.A * step));
         whole.view_mut((0, n), (n, m)).copy_from(&(&self.B * step));
-        let over = whole.exp();
+        let Some(over) = exponential(whole) else { return false };
         let (A, B) = (over.view((0, 0), (n, n)), over.view((0, n), (n, m)));
         let mut x = DVector::zeros(n);
         let samples = (FOLLOWED / step) as usize;
@@ -259,7 +267,8 @@ impl<'a> Loop<'a> {
         let d = (2.0 + 2.0_f64.sqrt()).recip();
         let (mut t, mut h, mut x) = (0.0_f64, 1e-4_f64, DVector::zeros(n));
         let mut scale = DVector::from_element(n, 0.0);
-        let mut followed = Followed { largest_part: 0.0, left: 0.0, control: vec![0.0; self.B.ncols()], until: 0.0 };
+        let mut followed =
+            Followed { largest_part: 0.0, left: 0.0, control: vec![[0.0; 2]; self.B.ncols()], until: 0.0 };
         for _ in 0..MOST_STEPS {
             if t >= FOLLOWED {
                 break;
@@ -268,7 +277,9 @@ impl<'a> Loop<'a> {
             let Some(now) = self.answer(t, &x) else { break };
             followed.largest_part = followed.largest_part.max(now.largest_part);
             followed.left = now.error_part;
-            followed.control.iter_mut().zip(now.u.iter()).for_each(|(most, u)| *most = most.max(u.abs()));
+            for ([lowest, highest], &u) in followed.control.iter_mut().zip(now.u.iter()) {
+                (*lowest, *highest) = (lowest.min(u), highest.max(u));
+            }
             let f0 = &self.A * &x + &self.B * &now.u;
             let jacobian = &self.A + &self.B * now.gradient;
             let dt = 1e-7 * h;

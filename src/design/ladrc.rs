@@ -46,11 +46,12 @@ pub struct Ladrc;
 impl Law for Ladrc {
     type Gains = Gains;
     const MODULUS: [f64; 2] = [2.0, 2.5];
+    const ALONE: &'static [Option<usize>] = &[None];
     const TOGETHER: &'static [Option<usize>] = &[Some(1), Some(2), Some(3)];
 
-    fn candidates(channel: &Channel, asked: &Asked, form: Option<usize>) -> Vec<(Gains, f64)> {
+    fn candidates(channel: &Channel, asked: &Asked, form: Option<usize>) -> impl Iterator<Item = (Gains, f64)> {
         let orders = form.map_or(1..=MOST_ORDER, |order| order..=order);
-        let of = |factor: f64| {
+        let of = move |factor: f64| {
             let mut sound: Vec<_> = orders.clone().map(|order| of_order(channel, asked, order, factor)).collect();
             // The order that is taken first, then what is left.
             let best = |sound: &[Candidate]| sound.first().map_or(0.0, |candidate| candidate.integral);
@@ -60,7 +61,7 @@ impl Law for Ladrc {
             let first = if sound.is_empty() { Vec::new() } else { sound.remove(chosen) };
             first.into_iter().chain(sound.into_iter().flatten()).map(|candidate| (candidate.gains, candidate.sign))
         };
-        FACTORS.into_iter().flat_map(of).collect()
+        FACTORS.into_iter().flat_map(of)
     }
 
     fn controller(gains: &Gains, bandwidth: f64) -> Controller {

@@ -44,11 +44,13 @@ pub struct Pid;
 impl Law for Pid {
     type Gains = Gains;
     const MODULUS: [f64; 2] = [1.7, 2.0];
+    const ALONE: &'static [Option<usize>] = &[Some(0), Some(1), Some(2)];
     const TOGETHER: &'static [Option<usize>] = &[None, Some(1), Some(2)];
 
-    fn candidates(channel: &Channel, asked: &Asked, form: Option<usize>) -> Vec<(Gains, f64)> {
+    fn candidates(channel: &Channel, asked: &Asked, form: Option<usize>) -> impl Iterator<Item = (Gains, f64)> {
         let forms: &[usize] = form.as_ref().map_or(&[0, 1, 2], std::slice::from_ref);
-        forms.iter().map(|&form| sound(channel, asked, form)).find(|sound| !sound.is_empty()).unwrap_or_default()
+        let first = forms.iter().map(|&form| sound(channel, asked, form)).find(|sound| !sound.is_empty());
+        first.unwrap_or_default().into_iter()
     }
 
     fn controller(gains: &Gains, bandwidth: f64) -> Controller {

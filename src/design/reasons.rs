@@ -13,6 +13,8 @@ const AT_REST: f64 = 1e-6;
 const HIDDEN: f64 = 1e-9;
 /// An unstable pole p with a dead time τ has a margin up to about this p τ.
 const MOST_LAG: f64 = 0.3;
+/// A dead time so many times 1/W is long.
+const LONG: f64 = 30.0;
 /// Modulus of the worst loop that is worth telling, and how much better the next must be.
 const WORST: f64 = 100.0;
 const BETTER: f64 = 0.9;
@@ -51,7 +53,9 @@ pub fn told<L: Law>(plant: &Nominal, most_integrators: usize) -> String {
     let integrators = plant.poles.iter().filter(|pole| pole.norm() < 1e-3).count();
     if integrators > most_integrators {
         return format!(
-            "the plant has {integrators} poles at 0, and this controller can stabilise up to {most_integrators} of them"
+            "the plant has {integrators} poles at 0 or slower than {} rad/s, and this controller can stabilise up to \
+             {most_integrators} of them",
+            digits(1e-3 * W)
         );
     }
     if plant.zeros.iter().any(|zero| zero.norm() < AT_REST) {
@@ -95,18 +99,22 @@ fn best<L: Law>(plant: &Nominal) -> Option<String> {
     let (channel, mut best) = (plant.single(), None);
     let mut modulus = WORST;
     for speed in speeds(plant) {
-        while let Some((gains, sign)) =
-            L::candidates(&channel, &Asked { speed, modulus, all: false }, None).into_iter().next()
-        {
-            let Some(found) = modulus_of::<L>(plant, gains, sign) else { break };
+        while let Some((gains, sign)) = L::candidates(&channel, &Asked { speed, modulus, all: false }, None).next() {
+            let Some(found) = modulus_of::<L>(plant, &[gains], &DMatrix::from_element(1, 1, sign)) else { break };
             best = Some((speed, found));
             modulus = found.min(modulus) * BETTER;
         }
     }
-    best.map(|(speed, modulus)| {
+    let (speed, modulus) = best?;
+    let longest = plant.delay.iter().copied().fold(0.0, f64::max);
+    Some(if longest > LONG {
+        format!("its dead time of {} s is long for that. Give a lower --bandwidth", digits(longest / plant.bandwidth))
+    } else if modulus <= L::MODULUS[1] {
+        "stable loops with margins were found, but none that is also damped and fast enough".to_owned()
+    } else {
         format!(
-            "the stable loop with the best margins that was found, for {} rad/s, has a maximum sensitivity M_s of {} ({} is \
-             asked for), or isn't damped or fast enough",
+            "the stable loop with the best margins that was found, for {} rad/s, has a maximum sensitivity M_s of {}, and at most {} \
+             is asked for",
             digits(speed * plant.bandwidth),
             digits(modulus),
             L::MODULUS[1]
@@ -126,13 +134,23 @@ fn unstable_with_zero(plant: &Nominal) -> Option<(f64, f64, f64)> {
 
 /// True if the inputs don't move a mode, or the outputs don't show it.
 fn is_hidden(plant: &Nominal, pole: &Complex<f64>) -> bool {
-    let (n, m) = (plant.A.nrows(), plant.channels());
-    let (mut moved, mut shown) = (DMatrix::zeros(n, n + m), DMatrix::zeros(n + m, n));
-    let shifted = plant.A.map(Complex::from) - DMatrix::identity(n, n) * *pole;
+    // Without what dead times add.
+    let (n, m) = (plant.poles.len(), plant.channels());
+    let (A, B, C) = (plant.A.view((0, 0), (n, n)), plant.B.rows(0, n), plant.C.columns(0, n));
+    let (mut moved, mut shown) = (DMatrix::<Complex<f64>>::zeros(n, n + m), DMatrix::<Complex<f64>>::zeros(n + m, n));
+    let shifted = A.map(Complex::from) - DMatrix::identity(n, n) * *pole;
     moved.columns_mut(0, n).copy_from(&shifted);
-    moved.columns_mut(n, m).copy_from(&plant.B.map(Complex::from));
+    moved.columns_mut(n, m).copy_from(&B.map(Complex::from));
     shown.rows_mut(0, n).copy_from(&shifted);
-    shown.rows_mut(n, m).copy_from(&plant.C.map(Complex::from));
-    let least = HIDDEN * plant.A.norm();
-    [moved, shown].iter().any(|matrix: &DMatrix<Complex<f64>>| matrix.singular_values().min() < least)
+    shown.rows_mut(n, m).copy_from(&C.map(Complex::from));
+    // Whatever the units of the inputs and outputs are.
+    let size = if A.norm() > 0.0 { A.norm() } else { 1.0 };
+    moved
+        .column_iter_mut()
+        .skip(n)
+        .filter(|column| column.norm() > 0.0)
+        .for_each(|mut column| column.unscale_mut(column.norm() / size));
+    shown.row_iter_mut().skip(n).filter(|row| row.norm() > 0.0).for_each(|mut row| row.unscale_mut(row.norm() / size));
+    let least = HIDDEN * size;
+    [moved, shown].iter().any(|matrix| matrix.singular_values().min() < least)
 }

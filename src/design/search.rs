@@ -7,12 +7,17 @@ use super::channels::Fixed;
 use super::controller::Controller;
 use super::criteria::{Merit, sensitivity};
 use super::nominal::{Channel, Nominal, poles_of};
+use super::response::logarithmic;
 
 /// Speeds in a decade, and how many are tried below W, and above it for an unstable plant.
 const PER_DECADE: f64 = 8.0;
 const SPEEDS: i32 = 24;
 /// Factor of M_s that several channels may have.
 const SEVERAL: f64 = 1.1;
+
+/// Peaks of the sensitivity above this part of the largest are looked at more closely, at so many points.
+const NEARLY: f64 = 0.8;
+const BETWEEN: usize = 30;
 
 /// A control law of single channels for which gains are searched.
 pub trait Law {
@@ -22,12 +27,15 @@ pub trait Law {
     /// M_s at most: where designs exist, and where the first allows none at any speed.
     const MODULUS: [f64; 2];
 
+    /// Forms that a single channel tries one after the other.
+    const ALONE: &'static [Option<usize>];
+
     /// Forms that all channels take together, in this order; none leaves it to each channel.
     const TOGETHER: &'static [Option<usize>];
 
     /// Sound candidates for a channel, the best first, in a form where one is given, with the sign of the control; gains
     /// have as many digits as a description.
-    fn candidates(channel: &Channel, asked: &Asked, form: Option<usize>) -> Vec<(Self::Gains, f64)>;
+    fn candidates(channel: &Channel, asked: &Asked, form: Option<usize>) -> impl Iterator<Item = (Self::Gains, f64)>;
 
     /// The linear controller of a channel with time in 1/W.
     fn controller(gains: &Self::Gains, bandwidth: f64) -> Controller;
@@ -75,7 +83,7 @@ pub struct Has {
 /// margin where none has the usual one.
 pub fn search<L: Law>(plant: &Nominal) -> Option<Found<L::Gains>> {
     let speeds = speeds(plant);
-    let factor = if plant.channels() > 1 { SEVERAL } else { 1.0 };
+    let factor = factor(plant);
     let asked = L::MODULUS
         .into_iter()
         .flat_map(|modulus| speeds.iter().map(move |&speed| Asked { speed, modulus: factor * modulus, all: true }));
@@ -87,6 +95,11 @@ pub fn search<L: Law>(plant: &Nominal) -> Option<Found<L::Gains>> {
     asked.into_iter().find_map(|asked| at::<L>(plant, &channel, &asked))
 }
 
+/// What M_s may be, in parts of that of a single channel.
+pub fn factor(plant: &Nominal) -> f64 {
+    if plant.channels() > 1 { SEVERAL } else { 1.0 }
+}
+
 /// The speeds that are tried, in W.
 pub fn speeds(plant: &Nominal) -> Vec<f64> {
     let slower = (0..=SPEEDS).map(|k| -k);
@@ -96,8 +109,8 @@ pub fn speeds(plant: &Nominal) -> Vec<f64> {
 
 /// A design of a single channel for one speed.
 fn at<L: Law>(plant: &Nominal, channel: &Channel, asked: &Asked) -> Option<Found<L::Gains>> {
-    let candidates = L::candidates(channel, asked, None);
-    candidates.into_iter().find_map(|(gains, sign)| {
+    let mut candidates = L::ALONE.iter().flat_map(|&form| L::candidates(channel, asked, form));
+    candidates.find_map(|(gains, sign)| {
         let S = DMatrix::from_element(1, 1, sign);
         found::<L>(plant, vec![gains], S, asked)
     })
@@ -126,11 +139,10 @@ fn closed<L: Law>(
     Some((controller, poles, merit))
 }
 
-/// M_s of a stable nominal loop of one channel; `None` where it isn't stable.
-pub fn modulus_of<L: Law>(plant: &Nominal, gains: L::Gains, sign: f64) -> Option<f64> {
-    let (gains, S) = ([gains], DMatrix::from_element(1, 1, sign));
-    let (_, poles, _) = closed::<L>(plant, &gains, &S)?;
-    Some(modulus::<L>(plant, &gains, &S, &poles))
+/// M_s of a nominal loop; `None` where it isn't stable.
+pub fn modulus_of<L: Law>(plant: &Nominal, gains: &[L::Gains], S: &DMatrix<f64>) -> Option<f64> {
+    let (_, poles, _) = closed::<L>(plant, gains, S)?;
+    Some(modulus::<L>(plant, gains, S, &poles))
 }
 
 /// M_s on the plant's frequencies and at those of the loop's own modes.
@@ -144,7 +156,22 @@ fn modulus<L: Law>(plant: &Nominal, gains: &[L::Gains], S: &DMatrix<f64>, poles:
         sensitivity(&gain)
     };
     let on_grid = plant.frequencies.iter().zip(plant.on_grid()).map(|(&omega, G)| sensitivity(omega, G));
-    let at_modes = poles.iter().filter(|pole| pole.im > 0.0).flat_map(|pole| [pole.im, pole.norm()]);
-    let at_modes = at_modes.map(|omega| sensitivity(omega, &plant.response.at(omega)));
-    on_grid.chain(at_modes).fold(0.0, f64::max)
+    let on_grid: Vec<_> = on_grid.collect();
+    let largest = on_grid.iter().copied().fold(0.0, f64::max);
+    let at = |omega: f64| sensitivity(omega, &plant.response.at(omega));
+    // A peak lies between the points of the grid: about each that is nearly the largest, and at the loop's own modes.
+    let is_peak = |i: &usize| {
+        let before = i.checked_sub(1).map_or(0.0, |before| on_grid[before]);
+        on_grid[*i] > NEARLY * largest
+            && on_grid[*i] >= before
+            && on_grid[*i] >= on_grid.get(i + 1).copied().unwrap_or(0.0)
+    };
+    let between = |i: usize| {
+        let frequencies = &plant.frequencies;
+        let (from, to) = (frequencies[i.saturating_sub(1)], frequencies[(i + 1).min(frequencies.len() - 1)]);
+        logarithmic(from, to, BETWEEN)
+    };
+    let about_peaks = (0..on_grid.len()).filter(is_peak).flat_map(between).map(at);
+    let modes = poles.iter().filter(|pole| pole.im > 0.0).flat_map(|pole| [pole.im, pole.norm()]);
+    about_peaks.chain(modes.map(at)).fold(largest, f64::max)
 }

@@ -33,8 +33,8 @@ pub struct Entry {
     pub D: DMatrix<f64>,
 }
 
-/// The step of one reference in a loop that is over at this rate, in W.
-pub fn step(plant: &Nominal, controller: &Controller, entry: &Entry, i: usize, rate: f64) -> Step {
+/// The step of one reference in a loop that is over at this rate, in W; `None` where numbers are too large for it.
+pub fn step(plant: &Nominal, controller: &Controller, entry: &Entry, i: usize, rate: f64) -> Option<Step> {
     let (n, k) = (plant.A.nrows(), controller.A.nrows());
     let M = controller.closed(&plant.A, &plant.B, &plant.C);
     let h = TIMES / rate / POINTS as f64;
@@ -42,7 +42,7 @@ pub fn step(plant: &Nominal, controller: &Controller, entry: &Entry, i: usize, r
     whole.view_mut((0, 0), (n + k, n + k)).copy_from(&M);
     whole.view_mut((0, n + k), (n, 1)).copy_from(&(&plant.B * entry.D.column(i)));
     whole.view_mut((n, n + k), (k, 1)).copy_from(&entry.B.column(i));
-    let over_h = (whole * h).exp();
+    let over_h = exponential(whole * h)?;
     // u of the state and the reference.
     let mut of_u = DMatrix::zeros(plant.channels(), n + k + 1);
     of_u.view_mut((0, 0), (plant.channels(), n)).copy_from(&(-(&controller.D * &plant.C)));
@@ -69,5 +69,11 @@ pub fn step(plant: &Nominal, controller: &Controller, entry: &Entry, i: usize, r
             _ => {}
         }
     }
-    Step { overshoot: highest - 1.0, settling: settled, control }
+    Some(Step { overshoot: highest - 1.0, settling: settled, control })
+}
+
+/// The matrix exponential; `None` where its sixth power, which is needed, isn't finite.
+pub fn exponential(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size = matrix.norm();
+    (size <= 1e50).then(|| matrix.exp())
 }

@@ -14,8 +14,13 @@ const RANK: f64 = 1e-10;
 /// The finite zeros of [A − s I, B; C, 0] for as many outputs as inputs. `None` where the outputs depend on each other at
 /// every frequency, or eigenvalues can't be found.
 pub fn invariant(A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
-    let tolerance = RANK * A.amax().max(B.amax()).max(C.amax());
-    let whole = System { A: A.clone(), B: B.clone(), C: C.clone(), D: DMatrix::zeros(C.nrows(), B.ncols()) };
+    // Units of inputs and outputs, which no zero depends on, are not to decide what counts as 0.
+    let size = if A.amax() > 0.0 { A.amax() } else { 1.0 };
+    let (mut B, mut C) = (B.clone(), C.clone());
+    B.column_iter_mut().filter(|column| column.amax() > 0.0).for_each(|mut column| column *= size / column.amax());
+    C.row_iter_mut().filter(|row| row.amax() > 0.0).for_each(|mut row| row *= size / row.amax());
+    let tolerance = RANK * size;
+    let whole = System { A: A.clone(), D: DMatrix::zeros(C.nrows(), B.ncols()), B, C };
     let System { A, B, C, D } = whole.reduced(tolerance);
     if D.nrows() != D.ncols() {
         return None;

@@ -386,7 +386,7 @@ mod tests {
             let message = refusal(1.0, &[], factors);
             assert!(message.contains("denominator roots at 0") && message.contains("exactly one"), "{message}");
         }
-        assert!(refusal(1.0, &[&[1.0, 0.0]], &[integrator, &[1.0, 1.0]]).contains("take the integrator away"));
+        assert!(refusal(1.0, &[&[1.0, 0.0]], &[integrator, &[1.0, 1.0]]).contains("cancel the integrator"));
         assert!(refusal(0.0, &[], &[integrator]).contains("gain = 0"));
         let message = refusal(1.0, &[&[1.0, 1.0]], &[integrator]);
         assert!(message.contains("degree of the numerator = 1: must be below that of the denominator, 1"), "{message}");

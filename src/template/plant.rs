@@ -306,6 +306,10 @@ fn delays(table: &Map<String, Value>, m: usize) -> Result<Vec<f64>, Invalid> {
     if let Some(wrong) = delays.iter().find(|delay| !(**delay >= 0.0 && delay.is_finite())) {
         return Err(Invalid::new("delay", wrong, "must be at least 0 s"));
     }
+    let longest = delays.iter().copied().fold(0.0, f64::max);
+    if let Some(short) = delays.iter().find(|delay| **delay > 0.0 && **delay < 0.01 * longest) {
+        return Err(Invalid::new("delay", short, format!("must be 0, or at least 1/100 of the longest, {longest} s")));
+    }
     Ok(if delays.iter().all(|&delay| delay == 0.0) { Vec::new() } else { delays })
 }
 

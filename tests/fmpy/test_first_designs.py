@@ -13,11 +13,13 @@ import pytest
 import scipy.integrate
 from conftest import PROGRAM
 from first_designs import design, modulus, new, poles
-from random_plants import CLASSES, plant
+from random_plants import CLASSES, Plant, plant
 from sample import ALL, NUMBER
 
 # M_s at most, of the second pass; and of several channels in parts of it.
 MODULUS = {"pid": 2.0, "ladrc": 2.5}
+# Without a note that margins are small.
+USUAL = {"pid": 1.7, "ladrc": 2.0}
 SEVERAL = 1.1
 EACH = 20 if ALL else 3
 # Classes in which a plant may have no design; elsewhere all have one.
@@ -36,7 +38,8 @@ def test_designs_of_random_plants_have_margins(of: str, kind: str, tmp_path: Pat
             refused += 1
             continue
         found = design(kind, run, tmp_path)
-        most = MODULUS[kind] * (SEVERAL if of == "several channels" else 1)
+        usual = USUAL[kind] if "The margins are small" not in run.stderr else MODULUS[kind]
+        most = usual * (SEVERAL if of == "several channels" else 1)
         closed, worst = poles(tried, found), modulus(tried, found, 1500)
         text = f"TEST_SAMPLE={NUMBER} {of} {number} {kind}: M_s {worst}, poles {closed}"
         assert (closed.real < 0).all(), text
@@ -101,18 +104,52 @@ def test_the_loop_of_a_first_design_settles(kind, model, bandwidth, reference, u
 
 
 def test_the_step_that_limits_allow_is_said(tmp_path: Path):
-    """A step of twice the reference that was said to stay within the limits doesn't; one of it does."""
+    """The largest control of a loop without limits is the limit, for the step that `new` allows."""
     run = new("pid", MOTOR | {"u_max": [5], "u_min": [-5]}, 20.0, tmp_path, 100.0)
-    assert run.returncode == 0 and "A step of the reference to 100 needs controls of up to" in run.stderr, run.stderr
+    assert run.returncode == 0 and "A step of the reference to 100 needs controls from" in run.stderr, run.stderr
     largest = float(run.stderr.split("A step to ")[1].split()[0])
     free = MOTOR | {"u_max": [1000], "u_min": [-1000]}
     voltage = loop(tmp_path, "pid", free, 20.0, 100.0, 2.0)["controller.voltage"]
     assert np.abs(voltage).max() * largest / 100 == pytest.approx(5, rel=0.01)
 
 
+@pytest.mark.parametrize("limits", [(-10, 0), (-10, -2), (-0.1, 10), (0, 10)])
+@pytest.mark.parametrize("kind", ["pid", "ladrc", "funnel"])
+def test_limits_that_lie_on_one_side_are_respected(kind: str, limits: tuple[float, float], tmp_path: Path):
+    lag = {"A": [[-1]], "B": [1], "C": [1], "u_min": [limits[0]], "u_max": [limits[1]]}
+    run = new(kind, lag, 5.0, tmp_path)
+    assert run.returncode == 0, run.stderr
+    noted = "beyond u_min and u_max" in run.stderr
+    # Up needs a positive control; PID's falls below 0 on the way, the others' don't.
+    assert noted == (limits[1] <= 0 or kind == "pid"), run.stderr
+    if kind != "funnel" and limits[1] <= 0:
+        assert "No step stays within them" in run.stderr
+
+
+@pytest.mark.parametrize("kind", ["pid", "ladrc"])
+def test_units_of_measurement_and_short_dead_times_are_no_reason(kind: str, tmp_path: Path):
+    pair = {"A": [[-1, 1], [1, -2]], "B": [[1, 0], [0, 1e-11]], "C": [[1, 0], [0, 1]]}
+    for model, bandwidth in [(pair, 3.0), ({"A": [[0]], "B": [1], "C": [1], "delay": 1e-6}, 1.0), ({"A": [[1]], "B": [1], "C": [1e-20], "delay": 1e-6}, 3.0)]:
+        run = new(kind, model, bandwidth, tmp_path)
+        assert run.returncode == 0, run.stderr
+
+
+def test_the_input_gain_that_is_written_is_the_one_that_was_tested(tmp_path: Path):
+    """Inputs that do nearly the same: four digits of their gain would be another loop."""
+    for much in (3.7e-4, 1.37e-4):
+        tried = Plant(np.array([[-1, 0.2], [0.1, -2]]), np.array([[1, 1.234], [1, 1.234 * (1 + much)]]), np.eye(2), 5.0)
+        run = new("ladrc", tried.json(), 5.0, tmp_path)
+        assert run.returncode == 0, run.stderr
+        said = (tmp_path / "C.toml").read_text().split("maximum sensitivity M_s ")[1].split(".\n")[0]
+        assert modulus(tried, design("ladrc", run, tmp_path), 1000) == pytest.approx(float(said), rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("kind", "model", "reason"),
     [
+        ("pid", {"A": [[-1, 0], [0, -1]], "B": [[1, 0], [0, 1]], "C": [[1, 0], [0, 1]], "delay": [1, 1e-3]}, "at least 1/100 of the longest"),
+        ("ladrc", {"A": [[0, 1e150], [-1e-150, -1]], "B": [0, 1e150], "C": [1, 0]}, "too many powers of ten"),
+        ("funnel", {"A": [[-1, 0, 0], [0, -1, 1], [0, 0, -1]], "B": [[1, 0], [1, 0], [0, 1]], "C": [[1, 0, 0], [0, 1, 0]]}, "independently"),
         ("pid", {"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}, "M_s of at least 11"),
         ("ladrc", {"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}, "M_s of at least 11"),
         ("funnel", {"A": [[0, 1], [-2, -3]], "B": [0, 1], "C": [6, -1]}, "zero at 6 rad/s"),
@@ -148,7 +185,7 @@ def test_a_plant_has_its_dead_times(form: list[str], tmp_path: Path):
     assert made.returncode == 0, made.stderr
 
     def inputs(t: float) -> np.ndarray:
-        return np.array([np.sin(4 * max(t, 0)), 1 - np.cos(5 * max(t, 0))])
+        return np.array([0.5 + 0.5 * np.sin(4 * max(t, 0)), 1.5 - np.cos(5 * max(t, 0))])
 
     def rates(t: float, x: np.ndarray, held: float) -> np.ndarray:
         late = np.array([min(inputs(t - 0.3 - held)[0], 0.8), inputs(t - 0.07 - held)[1]])

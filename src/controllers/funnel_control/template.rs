@@ -3,13 +3,13 @@
 
 use super::FunnelControl;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, stop_time};
-use crate::design::funnel::{self, Design, SMOOTH_START};
+use crate::controllers::template::{design, first, stop_time};
+use crate::design::funnel::{self, DECAY, Design, NARROW, SMOOTH_START, WIDE};
 use crate::design::nominal::Nominal;
 use crate::design::{digits, percent};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Plant, Request, Text, all, list, named, round_down, rows, three_digits, write_limits, write_names,
+    Begun, Plant, Request, Text, all, named, round_down, rows, three_digits, write_limits, write_names,
     write_quantities, write_units,
 };
 
@@ -33,9 +33,9 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
     tell(&mut text, &plant, &nominal, &design, reference);
-    text.set("psi_0", all(2.0 * reference, m), "bound of the error at the start, which the error must not exceed");
-    text.set("psi_inf", all(three_digits(0.1 * reference), m), "bound of the error in the end");
-    text.set("decay_rate", all(three_digits(0.5 * bandwidth), m), "1/s, rate at which the bound narrows");
+    text.set("psi_0", all(WIDE * reference, m), "bound of the error at the start, which the error must not exceed");
+    text.set("psi_inf", all(three_digits(NARROW * reference), m), "bound of the error in the end");
+    text.set("decay_rate", all(three_digits(DECAY * bandwidth), m), "1/s, rate at which the bound narrows");
     if design.degree > 1 {
         text.set("tau", all(design.tau, m), "s, time constant of the error's filter");
     }
@@ -59,20 +59,23 @@ fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, refe
         "reference of {} that starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}. One that steps leaves the funnel.",
         digits(reference)
     ));
-    let controls: Vec<_> = design.control.iter().map(|&u| three_digits(u)).collect();
-    let beyond = |[min, max]: &[Vec<f64>; 2]| (0..controls.len()).any(|j| controls[j] > max[j].abs().max(min[j].abs()));
-    if plant.limits.as_ref().is_some_and(beyond) {
+    if let Some(needed) = first::beyond_limits(plant, &design.control) {
         text.note(&format!(
-            "Following a reference of {} needs controls of up to {}, beyond u_min and u_max, where the funnel isn't guaranteed. \
-             Give a smaller --reference or a lower --bandwidth.",
-            digits(reference),
-            list(&controls)
+            "Following a reference of {} needs controls {needed}, beyond u_min and u_max, where the funnel isn't guaranteed. Give a \
+             smaller --reference or a lower --bandwidth.",
+            digits(reference)
         ));
+    }
+    if !design.is_sampled {
+        text.note(
+            "No communication step was found that is short enough for this controller and plant. Run the loop as one continuous \
+             system, with `run --composite`.",
+        );
     }
     if W * design.step < SHORT {
         let fastest = nominal.poles.iter().chain(&nominal.zeros).map(|value| value.norm()).fold(0.0, f64::max) * W;
         text.note(&format!(
-            "This controller needs a communication step of {} s for {} rad/s, because of the plant's dynamics at {} rad/s. \
+            "This controller needs a communication step of {} s for {} rad/s, for its gain and for the plant's dynamics, which go up to {} rad/s. \
              `new ladrc` allows longer steps, and `run --composite` needs none.",
             digits(round_down(design.step)),
             digits(W),

@@ -7,7 +7,7 @@ use super::Ladrc;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, first, stop_time};
 use crate::design::nominal::Nominal;
-use crate::design::search::{Found, Law, search};
+use crate::design::search::{self, Found, Law};
 use crate::design::step::Entry;
 use crate::design::{four_digits, ladrc, reasons};
 use crate::error::Invalid;
@@ -25,7 +25,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (_, m, _) = plant.sizes();
     let nominal = Nominal::new(&plant, design::bandwidth(&plant, request)?)?;
     let found = find(&nominal)?;
-    let steps = first::steps(&nominal, &found, &entry(&nominal, &found));
+    let steps = first::steps(&nominal, &found, &entry(&nominal, &found))?;
     let fastest = found.gains.iter().map(|gains| gains.omega_o).fold(0.0, f64::max);
     let mut text = request.begin(&Ladrc::PAGE, stop_time(found.speed * nominal.bandwidth), round_down(0.1 / fastest));
     text.table("structure");
@@ -47,7 +47,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     );
     text.set(
         "B_0",
-        rows(&input_gain(&found)?),
+        rows(&input_gain(&nominal, &found)?),
         "input gain: from the controls to the highest derivatives of the outputs",
     );
     write_limits(&mut text, Some(&plant), m);
@@ -65,15 +65,22 @@ fn find(nominal: &Nominal) -> Result<Found<ladrc::Gains>, Invalid> {
     if let Some(reason) = reasons::at_once(nominal, ladrc::Ladrc::MODULUS[1]) {
         return Err(refuse(reason));
     }
-    search::<ladrc::Ladrc>(nominal).ok_or_else(|| refuse(reasons::told::<ladrc::Ladrc>(nominal, MOST_INTEGRATORS)))
+    search::search::<ladrc::Ladrc>(nominal)
+        .ok_or_else(|| refuse(reasons::told::<ladrc::Ladrc>(nominal, MOST_INTEGRATORS)))
 }
 
 /// B_0 = diag(b) S⁻¹.
-fn input_gain(found: &Found<ladrc::Gains>) -> Result<DMatrix<f64>, Invalid> {
+fn input_gain(nominal: &Nominal, found: &Found<ladrc::Gains>) -> Result<DMatrix<f64>, Invalid> {
     let dependent = |_| Invalid::because("A, B, C: the controls must move the outputs independently of each other");
     let S_inverse = matrices::inverse(&found.S, 0.0).map_err(dependent)?;
     let b = DVector::from_iterator(found.gains.len(), found.gains.iter().map(|gains| gains.b_0));
-    Ok((DMatrix::from_diagonal(&b) * S_inverse).map(four_digits))
+    let exact = DMatrix::from_diagonal(&b) * S_inverse;
+    let rounded = exact.map(four_digits);
+    // Four digits of a matrix that is hardly regular may be another loop.
+    let S = matrices::inverse(&rounded, 0.0).map_err(dependent)? * DMatrix::from_diagonal(&b);
+    let modulus = search::modulus_of::<ladrc::Ladrc>(nominal, &found.gains, &S);
+    let is_same = modulus.is_some_and(|modulus| modulus <= 1.005 * found.has.modulus);
+    Ok(if is_same { rounded } else { exact })
 }
 
 /// The control and the observer take ω_cⁿ r: the reference's derivatives are not given.

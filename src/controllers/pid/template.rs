@@ -27,7 +27,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (_, m, _) = plant.sizes();
     let nominal = Nominal::new(&plant, design::bandwidth(&plant, request)?)?;
     let found = find(&nominal)?;
-    let (b, steps) = weights(&nominal, &found);
+    let (b, steps) = weights(&nominal, &found)?;
     // Without a derivative nothing is as fast as its filter.
     let rate = |gains: &pid::Gains| if gains.K_d > 0.0 { gains.N } else { 0.2 * gains.N };
     let fastest = found.gains.iter().map(rate).fold(0.0, f64::max);
@@ -72,8 +72,9 @@ fn find(nominal: &Nominal) -> Result<Found<pid::Gains>, Invalid> {
 }
 
 /// The weight of the reference in the proportional part of each channel, and the steps with them.
-fn weights(nominal: &Nominal, found: &Found<pid::Gains>) -> (Vec<f64>, Vec<Step>) {
-    let tried = WEIGHTS.map(|weight| first::steps(nominal, found, &entry(nominal, found, weight)));
+fn weights(nominal: &Nominal, found: &Found<pid::Gains>) -> Result<(Vec<f64>, Vec<Step>), Invalid> {
+    let tried = WEIGHTS.iter().map(|&weight| first::steps(nominal, found, &entry(nominal, found, weight)));
+    let tried = tried.collect::<Result<Vec<_>, _>>()?;
     let chosen = (0..nominal.channels()).map(|i| {
         if found.gains[i].K_p == 0.0 {
             return 0;
@@ -83,7 +84,7 @@ fn weights(nominal: &Nominal, found: &Found<pid::Gains>) -> (Vec<f64>, Vec<Step>
     });
     let chosen: Vec<_> = chosen.collect();
     let steps = chosen.iter().enumerate().map(|(i, &weight)| tried[weight][i].clone()).collect();
-    (chosen.into_iter().map(|weight| WEIGHTS[weight]).collect(), steps)
+    Ok((chosen.into_iter().map(|weight| WEIGHTS[weight]).collect(), steps))
 }
 
 /// The integral part takes r − y, the proportional part b r − y, and the derivative −y.

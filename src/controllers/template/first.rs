@@ -2,16 +2,22 @@
 #![allow(non_snake_case)] // W and M_s have the names of the field
 
 use crate::design::nominal::Nominal;
-use crate::design::search::{Found, Law};
+use crate::design::search::{Found, Law, factor};
 use crate::design::step::{Entry, Step, step};
 use crate::design::{digits, percent};
-use crate::template::{Plant, Text, list};
+use crate::error::Invalid;
+use crate::template::{Plant, Text, three_digits};
 
 /// The steps of all references in the nominal loop of a design.
-pub fn steps<G>(plant: &Nominal, found: &Found<G>, entry: &Entry) -> Vec<Step> {
+///
+/// # Errors
+/// Numbers that are too large for them.
+pub fn steps<G>(plant: &Nominal, found: &Found<G>, entry: &Entry) -> Result<Vec<Step>, Invalid> {
     // A pole that doesn't show much may be far slower than the step.
     let rate = found.has.merit.rate.clamp(0.05 * found.speed, found.speed);
-    (0..plant.channels()).map(|i| step(plant, &found.controller, entry, i, rate)).collect()
+    let steps = (0..plant.channels()).map(|i| step(plant, &found.controller, entry, i, rate));
+    let extreme = || Invalid::because("the entries of A, B and C differ by too many powers of ten");
+    steps.collect::<Option<Vec<_>>>().ok_or_else(extreme)
 }
 
 /// Writes what the nominal loop has, and notes where it isn't what was asked for.
@@ -47,7 +53,7 @@ pub fn tell<L: Law>(
             digits(v)
         ));
     }
-    if found.has.modulus > L::MODULUS[0] * if nominal.channels() > 1 { 1.1 } else { 1.0 } {
+    if found.has.modulus > L::MODULUS[0] * factor(nominal) {
         text.note(&format!(
             "The margins are small: the maximum sensitivity M_s is {}, where {} is usual. No design was found that has more.",
             digits(found.has.modulus),
@@ -60,23 +66,36 @@ pub fn tell<L: Law>(
 /// Notes which steps the limits of the controls allow.
 fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f64) {
     let Some([min, max]) = &plant.limits else { return };
-    let mut allowed = f64::INFINITY;
-    let mut peaks = vec![0.0_f64; min.len()];
+    let mut extremes = vec![[0.0_f64; 2]; min.len()];
     for step in steps {
-        for (j, &[lowest, highest]) in step.control.iter().enumerate() {
-            // A bound of 0 forbids steps down, and no size of a step up.
-            let within = |bound: f64, peak: f64| if bound * peak > 0.0 { bound / peak } else { f64::INFINITY };
-            allowed = allowed.min(within(max[j], highest)).min(within(min[j], lowest));
-            peaks[j] = peaks[j].max(highest * reference).max(-lowest * reference);
+        for (extremes, control) in extremes.iter_mut().zip(&step.control) {
+            *extremes = [extremes[0].min(control[0]), extremes[1].max(control[1])];
         }
     }
-    if allowed < reference {
-        let peaks: Vec<_> = peaks.iter().map(|&peak| crate::template::three_digits(peak)).collect();
-        text.note(&format!(
-            "A step of the reference to {} needs controls of up to {}, beyond u_min and u_max. A step to {} stays within them.",
-            digits(reference),
-            list(&peaks),
-            digits(allowed)
-        ));
-    }
+    let scaled: Vec<_> = extremes.iter().map(|extremes| extremes.map(|peak| peak * reference)).collect();
+    let Some(needed) = beyond_limits(plant, &scaled) else { return };
+    // From 0, where the plant is at rest.
+    let within = |bound: f64, peak: f64| if peak > 0.0 { (bound / peak).max(0.0) } else { f64::INFINITY };
+    let of = |(j, [lowest, highest]): (usize, &[f64; 2])| within(max[j], *highest).min(within(-min[j], -lowest));
+    let allowed = extremes.iter().enumerate().map(of).fold(f64::INFINITY, f64::min);
+    let rounded = three_digits(allowed);
+    let stays = match if rounded > allowed { three_digits(0.995 * allowed) } else { rounded } {
+        0.0 => "No step stays within them.".to_owned(),
+        allowed => format!("A step to {} stays within them.", digits(allowed)),
+    };
+    text.note(&format!(
+        "A step of the reference to {} needs controls {needed}, beyond u_min and u_max. {stays}",
+        digits(reference)
+    ));
+}
+
+/// The range of each control, in words, where one of them goes beyond the plant's limits.
+pub fn beyond_limits(plant: &Plant, extremes: &[[f64; 2]]) -> Option<String> {
+    let [min, max] = plant.limits.as_ref()?;
+    let beyond = |(j, [lowest, highest]): (usize, &[f64; 2])| {
+        *lowest < min[j].min(0.0) * (1.0 + 1e-9) || *highest > max[j].max(0.0)
+    };
+    let is_beyond = extremes.iter().enumerate().any(beyond);
+    let range = |[lowest, highest]: &[f64; 2]| format!("from {} to {}", digits(*lowest), digits(*highest));
+    is_beyond.then(|| extremes.iter().map(range).collect::<Vec<_>>().join(", "))
 }
