@@ -250,6 +250,9 @@ impl StateSpace {
 
     /// C A, C A² as far as they are asked for; an input that shows in such a derivative at once is refused.
     fn relate_rates<S: Scalar>(&self, v: &mut Point<S>) {
+        if self.rates.is_empty() {
+            return;
+        }
         let (n, p, m) = (self.x.len(), self.y.len(), self.u.len());
         let mut previous: Vec<Vec<S>> = (0..p).map(|i| (0..n).map(|j| v[self.C.at(i, j)]).collect()).collect();
         for (order, rate) in self.rates.iter().enumerate() {

@@ -1,6 +1,8 @@
 //! Frequency responses, and the frequencies at which they are looked at.
 #![allow(non_snake_case)] // matrices have the names of the field
 
+use std::f64::consts::PI;
+
 use nalgebra::{Complex, DMatrix};
 
 /// Points in a decade.
@@ -14,6 +16,9 @@ const NEGLIGIBLE: f64 = 1e-6;
 const ABOUT_MODES: [f64; 13] = [-3.0, -2.0, -1.3, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.3, 2.0, 3.0];
 /// Points for a dead time τ, from 0.01/τ to 30/τ.
 const FOR_DELAY: usize = 150;
+
+/// Points a sixteenth of a turn of the dead time apart: 25 turns.
+const TURNS: i32 = 400;
 
 /// C (s − A)⁻¹ B with a dead time at each input.
 #[derive(Debug, Clone)]
@@ -66,6 +71,8 @@ pub fn grid(poles: &[Complex<f64>], zeros: &[Complex<f64>], delay: &[f64]) -> Ve
     }
     for &delay in delay.iter().filter(|&&delay| delay > 0.0) {
         frequencies.extend(logarithmic(0.01 / delay, 30.0 / delay, FOR_DELAY));
+        // Beyond, e^(−j ω τ) turns once in 2 π/τ: sixteen points a turn.
+        frequencies.extend((10..TURNS).map(|k| f64::from(k) * PI / 8.0 / delay));
     }
     frequencies.retain(|&omega| omega > 0.0);
     frequencies.sort_by(f64::total_cmp);

@@ -389,7 +389,10 @@ mod tests {
         assert!(refusal(1.0, &[&[1.0, 0.0]], &[integrator, &[1.0, 1.0]]).contains("cancel the integrator"));
         assert!(refusal(0.0, &[], &[integrator]).contains("gain = 0"));
         let message = refusal(1.0, &[&[1.0, 1.0]], &[integrator]);
-        assert!(message.contains("degree of the numerator = 1: must be below that of the denominator, 1"), "{message}");
+        assert!(
+            message.contains("degree of the numerator = 1: must be below the degree of the denominator, 1"),
+            "{message}"
+        );
         assert!(refusal(1.0, &[&[1.0, 1.0, 1.0]], &[integrator]).contains("must be below"));
     }
 }

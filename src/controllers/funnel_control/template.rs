@@ -56,9 +56,10 @@ fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, refe
         percent(100.0 * design.left)
     ));
     text.comment(&format!(
-        "reference of {} that starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}. One that steps leaves the funnel.",
+        "reference of {} that starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}.",
         digits(reference)
     ));
+    text.comment("A reference that steps leaves the funnel: `new loop` lets it start smoothly.");
     if let Some(needed) = first::beyond_limits(plant, &design.control) {
         text.note(&format!(
             "Following a reference of {} needs controls {needed}, beyond u_min and u_max, where the funnel isn't guaranteed. Give a \
