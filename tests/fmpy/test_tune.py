@@ -120,7 +120,7 @@ def test_another_search_in_the_same_folder_is_refused_unless_it_is_forced_or_has
         (["--sample", 0.02], "objective.squares.sample was 0.01, is 0.02"),
     ]:
         refusal = fails("tune", *words, *options, "--out", tmp_path)
-        assert "search.json: is of another search: " in refusal and differing in refusal, refusal
+        assert "search.json: belongs to another search: " in refusal and differing in refusal, refusal
         assert "--force replaces it" in refusal and "--tag NAME stores the new results next to it" in refusal
         assert {file.name: file.read_bytes() for file in folder.iterdir()} == left
     named = tune(tmp_path, *words, "--seed", 7, "--tag", "seed=7")
