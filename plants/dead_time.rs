@@ -109,7 +109,7 @@ impl DeadTime {
     }
 }
 
-/// Where a sample is in a ring: its number modulo that of the places.
+/// Place of a sample in a ring: its number modulo the number of places.
 fn place<S: Scalar>(sample: S) -> S {
     let places = (SAMPLES + 1) as f64;
     sample - (sample / places).floor() * places

@@ -22,7 +22,7 @@ const MOST: usize = 200;
 
 /// Derivatives of the outputs, by their names.
 const NAMES: [(&str, &str); 2] = [("dy", "rate"), ("ddy", "second derivative")];
-/// What counts as 0 of C Aᵏ B, in parts of its terms.
+/// C Aᵏ B below this part of its terms counts as 0.
 const NEGLIGIBLE: f64 = 1e-9;
 
 /// The matrices of a plant.

@@ -1,4 +1,4 @@
-//! What the nominal loop of a first design must have.
+//! Demands on the nominal loop of a first design.
 
 use nalgebra::{Complex, DMatrix};
 
@@ -42,7 +42,7 @@ impl Unmoved {
         Unmoved { zeros: zeros.to_vec(), modes: poles.iter().chain(zeros).filter(is_mode).copied().collect() }
     }
 
-    /// How the poles of a loop do; `None` where one isn't stable.
+    /// Speed and damping of a loop's poles; `None` where one isn't stable.
     pub fn merit(&self, poles: &[Complex<f64>]) -> Option<Merit> {
         let mut merit = Merit { slowest: f64::INFINITY, rate: f64::INFINITY, damping: 1.0 };
         for pole in poles {

@@ -22,7 +22,7 @@ const MOST_LEFT: f64 = 0.45;
 const GAINS: i32 = 12;
 /// Time constants of the error's filter, in 1/W.
 const FILTERS: [f64; 2] = [0.5, 0.25];
-/// How long a reference is followed, in 1/W.
+/// Time for which a reference is followed, in 1/W.
 const FOLLOWED: f64 = 15.0;
 /// ψ_0 and ψ_∞ in parts of the reference, and the rate at which the bound narrows, in W.
 pub const WIDE: f64 = 2.0;
@@ -36,7 +36,7 @@ pub const SMOOTH_START: f64 = 2.0;
 const STEP: f64 = 0.2;
 /// With a control that is constant within steps, the errors may take up so much.
 const MOST_SAMPLED: f64 = 0.8;
-/// How often the step is halved for that, and the most samples that are tried.
+/// Number of halvings of the step for that, and the most samples that are tried.
 const HALVINGS: i32 = 8;
 const MOST_SAMPLES: f64 = 2e5;
 /// Steps of the simulation at most.

@@ -13,6 +13,8 @@ const AT_REST: f64 = 1e-6;
 const HIDDEN: f64 = 1e-9;
 /// An unstable pole p with a dead time τ has a margin up to about this p τ.
 const MOST_LAG: f64 = 0.3;
+/// An M_s of any controller above this may be why there is none.
+const TELLING: f64 = 1.5;
 /// A dead time so many times 1/W is long.
 const LONG: f64 = 30.0;
 /// Modulus of the worst loop that is worth telling, and how much better the next must be.
@@ -61,7 +63,8 @@ pub fn told<L: Law>(plant: &Nominal, most_integrators: usize) -> String {
     if plant.zeros.iter().any(|zero| zero.norm() < AT_REST) {
         return "the plant has a zero at 0, so that no constant control holds the output at a reference".to_owned();
     }
-    if let Some((p, z, modulus)) = unstable_with_zero(plant) {
+    // A zero that is far from the pole costs little.
+    if let Some((p, z, modulus)) = unstable_with_zero(plant).filter(|(.., modulus)| *modulus > TELLING) {
         return format!(
             "with its unstable pole at {} rad/s and its zero on the right at {} rad/s, any controller of these outputs has a \
              maximum sensitivity M_s of at least {}",

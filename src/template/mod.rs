@@ -137,9 +137,9 @@ impl Request<'_> {
 pub fn experiment(request: &Request) -> (f64, f64) {
     const USUAL: (f64, f64) = (10.0, 1e-3);
     let slowest = || {
-        let poles = eigenvalues::complex(&request.plant.as_ref()?.A)?;
-        let largest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
-        poles.iter().map(|pole| pole.norm()).filter(|&size| size > 1e-6 * largest).reduce(f64::min)
+        let poles = eigenvalues::eigenvalues(&request.plant.as_ref()?.A).ok()?;
+        let largest = poles.iter().map(|pole| pole.frequency).fold(0.0, f64::max);
+        poles.iter().map(|pole| pole.frequency).find(|&frequency| frequency > 1e-6 * largest)
     };
     let time = request.bandwidth.or_else(slowest).map_or(0.0, f64::recip);
     (round_up(20.0 * time).max(USUAL.0), round_down(0.01 * time).max(USUAL.1))

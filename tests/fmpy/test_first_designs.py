@@ -223,3 +223,11 @@ def test_without_a_speed_of_its_own_a_plant_needs_one(tmp_path: Path):
     command = [PROGRAM, "new", "pid", "--name", "C", "--plant", "plant.json"]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert run.returncode == 1 and "give --bandwidth" in run.stderr, run.stderr
+
+
+def test_a_control_that_moves_to_one_side_is_not_at_its_other_limit(tmp_path: Path):
+    """A plant that answers the other way round needs a negative control: an upper limit of 0 is none to it."""
+    lag = {"A": [[-1]], "B": [-1], "C": [1], "u_min": [-100], "u_max": [0]}
+    for kind in ("ladrc", "funnel"):
+        run = new(kind, lag, 5.0, tmp_path)
+        assert run.returncode == 0 and "beyond u_min and u_max" not in run.stderr, run.stderr

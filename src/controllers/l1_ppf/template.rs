@@ -10,7 +10,7 @@ use crate::template::{Begun, Request, all, three_digits};
 /// Stiffness of the barrier in the middle of the funnel, in parts of the bandwidth.
 const STIFFNESS: f64 = 4.0;
 
-/// What counts as 0 of C B, in parts of the largest entries.
+/// C B below this part of the largest entries counts as 0.
 const NEGLIGIBLE: f64 = 1e-9;
 
 /// The design of an L1 controller, in a funnel for its references.

@@ -7,9 +7,9 @@ use super::Ladrc;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, first, stop_time};
 use crate::design::nominal::Nominal;
-use crate::design::search::{self, Found, Law};
+use crate::design::search::{Found, modulus_of};
 use crate::design::step::Entry;
-use crate::design::{four_digits, ladrc, reasons};
+use crate::design::{four_digits, ladrc};
 use crate::error::Invalid;
 use crate::mathematics::matrices;
 use crate::template::{
@@ -24,7 +24,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
     let nominal = Nominal::new(&plant, design::bandwidth(&plant, request)?)?;
-    let found = find(&nominal)?;
+    let found = first::find::<ladrc::Ladrc>(&nominal, "active disturbance rejection controller", MOST_INTEGRATORS)?;
     let steps = first::steps(&nominal, &found, &entry(&nominal, &found))?;
     let fastest = found.gains.iter().map(|gains| gains.omega_o).fold(0.0, f64::max);
     let mut text = request.begin(&Ladrc::PAGE, stop_time(found.speed * nominal.bandwidth), round_down(0.1 / fastest));
@@ -54,21 +54,6 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     Ok(text.finish())
 }
 
-/// A design, or why there is none.
-fn find(nominal: &Nominal) -> Result<Found<ladrc::Gains>, Invalid> {
-    let refuse = |reason: String| {
-        Invalid::because(format!(
-            "no active disturbance rejection controller with stability margins was found for {}: {reason}",
-            reasons::searched(nominal)
-        ))
-    };
-    if let Some(reason) = reasons::at_once(nominal, ladrc::Ladrc::MODULUS[1]) {
-        return Err(refuse(reason));
-    }
-    search::search::<ladrc::Ladrc>(nominal)
-        .ok_or_else(|| refuse(reasons::told::<ladrc::Ladrc>(nominal, MOST_INTEGRATORS)))
-}
-
 /// B_0 = diag(b) S⁻¹.
 fn input_gain(nominal: &Nominal, found: &Found<ladrc::Gains>) -> Result<DMatrix<f64>, Invalid> {
     let dependent = |_| Invalid::because("A, B, C: the controls must move the outputs independently of each other");
@@ -78,7 +63,7 @@ fn input_gain(nominal: &Nominal, found: &Found<ladrc::Gains>) -> Result<DMatrix<
     let rounded = exact.map(four_digits);
     // Four digits of a matrix that is hardly regular may be another loop.
     let S = matrices::inverse(&rounded, 0.0).map_err(dependent)? * DMatrix::from_diagonal(&b);
-    let modulus = search::modulus_of::<ladrc::Ladrc>(nominal, &found.gains, &S);
+    let modulus = modulus_of::<ladrc::Ladrc>(nominal, &found.gains, &S);
     let is_same = modulus.is_some_and(|modulus| modulus <= 1.005 * found.has.modulus);
     Ok(if is_same { rounded } else { exact })
 }

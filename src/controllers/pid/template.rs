@@ -7,9 +7,9 @@ use super::Pid;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, first, stop_time};
 use crate::design::nominal::Nominal;
-use crate::design::search::{Found, Law, search};
+use crate::design::search::{Found, search};
 use crate::design::step::{Entry, Step};
-use crate::design::{ladrc, pid, reasons};
+use crate::design::{ladrc, pid};
 use crate::error::Invalid;
 use crate::template::{
     Begun, Request, all, list, named, round_down, rows, write_limits, write_names, write_quantities, write_units,
@@ -53,21 +53,11 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     Ok(text.finish())
 }
 
-/// A design, or why there is none.
+/// A design, or why there is none, and whether disturbance rejection has one.
 fn find(nominal: &Nominal) -> Result<Found<pid::Gains>, Invalid> {
-    let refuse = |reason: String| {
-        Invalid::because(format!(
-            "no PID controller with stability margins was found for {}: {reason}",
-            reasons::searched(nominal)
-        ))
-    };
-    if let Some(reason) = reasons::at_once(nominal, pid::Pid::MODULUS[1]) {
-        return Err(refuse(reason));
-    }
-    search::<pid::Pid>(nominal).ok_or_else(|| {
-        let reason = reasons::told::<pid::Pid>(nominal, MOST_INTEGRATORS);
+    first::find::<pid::Pid>(nominal, "PID controller", MOST_INTEGRATORS).map_err(|refusal| {
         let other = search::<ladrc::Ladrc>(nominal).map_or("", |_| ". `new ladrc` finds a controller for this plant");
-        refuse(format!("{reason}{other}"))
+        Invalid::because(format!("{refusal}{other}"))
     })
 }
 

@@ -40,11 +40,11 @@ pub struct Design {
     pub step: f64,
 }
 
-/// How fast a controlled plant is to be, rad/s: what the user says; else twice the plant's slowest stable pole that isn't at
+/// Bandwidth of a controlled plant, rad/s: that of the request; else twice the plant's slowest stable pole that isn't at
 /// 0, or its largest one.
 ///
 /// # Errors
-/// A plant whose poles can't be found, or that has none but at 0 and no user's word.
+/// A plant whose poles can't be found, or one with all poles at 0 where the request has no bandwidth.
 pub fn bandwidth(plant: &Plant, request: &Request) -> Result<f64, Invalid> {
     if let Some(wanted) = request.bandwidth {
         return Ok(wanted);

@@ -2,9 +2,9 @@
 #![allow(non_snake_case)] // W and M_s have the names of the field
 
 use crate::design::nominal::Nominal;
-use crate::design::search::{Found, Law, factor};
+use crate::design::search::{Found, Law, factor, search};
 use crate::design::step::{Entry, Step, step};
-use crate::design::{digits, percent};
+use crate::design::{digits, percent, reasons};
 use crate::error::Invalid;
 use crate::template::{Plant, Text, three_digits};
 
@@ -55,9 +55,10 @@ pub fn tell<L: Law>(
     }
     if found.has.modulus > L::MODULUS[0] * factor(nominal) {
         text.note(&format!(
-            "The margins are small: the maximum sensitivity M_s is {}, where {} is usual. No design was found that has more.",
+            "The margins are small: the maximum sensitivity M_s is {}, where at most {} is usual. No design with larger margins was \
+             found.",
             digits(found.has.modulus),
-            L::MODULUS[0]
+            digits(L::MODULUS[0] * factor(nominal))
         ));
     }
     tell_limits(text, plant, steps, reference);
@@ -72,6 +73,7 @@ fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f64) {
             *extremes = [extremes[0].min(control[0]), extremes[1].max(control[1])];
         }
     }
+    extremes.iter_mut().for_each(|extremes| *extremes = without_rounding(*extremes));
     let scaled: Vec<_> = extremes.iter().map(|extremes| extremes.map(|peak| peak * reference)).collect();
     let Some(needed) = beyond_limits(plant, &scaled) else { return };
     // From 0, where the plant is at rest.
@@ -92,10 +94,32 @@ fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f64) {
 /// The range of each control, in words, where one of them goes beyond the plant's limits.
 pub fn beyond_limits(plant: &Plant, extremes: &[[f64; 2]]) -> Option<String> {
     let [min, max] = plant.limits.as_ref()?;
-    let beyond = |(j, [lowest, highest]): (usize, &[f64; 2])| {
-        *lowest < min[j].min(0.0) * (1.0 + 1e-9) || *highest > max[j].max(0.0)
+    let beyond = |(j, extremes): (usize, &[f64; 2])| {
+        let [lowest, highest] = without_rounding(*extremes);
+        lowest < min[j].min(0.0) * (1.0 + 1e-9) || highest > max[j].max(0.0) * (1.0 + 1e-9)
     };
     let is_beyond = extremes.iter().enumerate().any(beyond);
     let range = |[lowest, highest]: &[f64; 2]| format!("from {} to {}", digits(*lowest), digits(*highest));
     is_beyond.then(|| extremes.iter().map(range).collect::<Vec<_>>().join(", "))
+}
+
+/// A control that moves to one side only is not to be at its other limit by rounding.
+fn without_rounding([lowest, highest]: [f64; 2]) -> [f64; 2] {
+    let least = 1e-6 * highest.max(-lowest);
+    [if -lowest > least { lowest } else { 0.0 }, if highest > least { highest } else { 0.0 }]
+}
+
+/// The design of a law, or why there is none.
+///
+/// # Errors
+/// The reason, for a law of this name that can stabilise so many poles at 0.
+pub fn find<L: Law>(nominal: &Nominal, name: &str, integrators: usize) -> Result<Found<L::Gains>, Invalid> {
+    let refuse = |reason: String| {
+        let searched = reasons::searched(nominal);
+        Invalid::because(format!("no {name} with stability margins was found for {searched}: {reason}"))
+    };
+    match reasons::at_once(nominal, L::MODULUS[1]) {
+        Some(reason) => Err(refuse(reason)),
+        None => search::<L>(nominal).ok_or_else(|| refuse(reasons::told::<L>(nominal, integrators))),
+    }
 }
