@@ -18,6 +18,7 @@ pub mod integrator;
 pub mod kernel;
 pub mod model;
 pub mod near;
+pub mod nominal;
 pub mod recording;
 pub mod report;
 pub mod scalar;

@@ -14,6 +14,7 @@ use crate::differentiation::{self, Direction};
 use crate::error::{Invalid, Number};
 use crate::integrator::{Sparsity, Work, Workspace, Workspaces};
 use crate::near;
+use crate::nominal::NominalPlant;
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
 use crate::structure::{Place, Structure};
@@ -59,6 +60,10 @@ pub struct Description {
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, StartValue>"))]
     pub start: toml::Table,
+    /// The plant that the controller was designed for. It makes no variables; the design report and the page read it.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schemars(with = "NominalPlant"))]
+    pub nominal: Option<NominalPlant>,
     /// Parameters that are constants of this unit: those that its design was computed from. Written by an export with sources.
     #[serde(default)]
     pub designed: Option<Vec<String>>,
@@ -250,6 +255,7 @@ impl Model {
             structure: toml::Table::new(),
             names: Names::new(),
             start: start.clone(),
+            nominal: None,
             designed: None,
         };
         Model::build(description, &Kind::of::<M>(), &[])
@@ -410,7 +416,8 @@ impl Model {
 
     /// What a designer should know of the start values.
     pub fn report(&self) -> DesignReport {
-        let mut report = DesignReport::new(self.description.experiment.step);
+        let mut report =
+            DesignReport::new(self.description.experiment.step).with_nominal(self.description.nominal.clone());
         let mut block = self.start.clone();
         // They were prepared when the model was made, so nothing is refused here.
         if self.prepare(&mut block, &mut MessageLog::new()).is_ok() {

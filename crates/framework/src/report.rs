@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::eigenvalues::{Eigenvalue, eigenvalues};
+use crate::nominal::NominalPlant;
 
 /// How a finding is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -202,12 +203,26 @@ pub struct DesignReport {
     /// Name of the part of a larger system whose findings follow.
     #[serde(skip)]
     part: Option<String>,
+    /// The plant that the system was designed for.
+    #[serde(skip)]
+    nominal: Option<NominalPlant>,
 }
 
 impl DesignReport {
     /// Without findings, for this communication step, s.
     pub fn new(step: f64) -> Self {
         DesignReport { step, ..DesignReport::default() }
+    }
+
+    /// With the plant that the system was designed for, which its findings may be about.
+    #[must_use]
+    pub fn with_nominal(self, nominal: Option<NominalPlant>) -> Self {
+        DesignReport { nominal, ..self }
+    }
+
+    /// The plant that the system was designed for, where its description has one; none for a part of a larger system.
+    pub fn nominal(&self) -> Option<&NominalPlant> {
+        self.nominal.as_ref()
     }
 
     /// The worst verdict: the design is sound where it isn't [`Verdict::NotSound`].
@@ -238,9 +253,10 @@ impl DesignReport {
 
     /// Calls for the findings of a part.
     pub(crate) fn of_part(&mut self, name: &str, tell: impl FnOnce(&mut DesignReport)) {
+        let nominal = self.nominal.take();
         self.part = Some(name.to_owned());
         tell(self);
-        self.part = None;
+        (self.part, self.nominal) = (None, nominal);
     }
 
     /// In other words, which name variables as users do.
