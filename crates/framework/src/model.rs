@@ -261,13 +261,13 @@ impl Model {
         Model::build(description, &Kind::of::<M>(), &[])
     }
 
-    /// The variables that a description's structure makes, under the system's names: nothing is designed, and no start value
-    /// is looked at.
+    /// The variables that a description's structure makes, under the system's names: nothing is designed, and of start values
+    /// only their shapes are looked at.
     ///
     /// # Errors
     /// A structure that contradicts itself.
     pub fn variables_of(description: &Description, registry: Registry) -> Result<Variables, Invalid> {
-        let mut declaration = Declaration::default();
+        let mut declaration = Declaration::of(&description.start);
         let kind = Kind::find(registry, &description.model)?;
         kind.declare(description.structure.clone(), &Names::new(), registry, &mut declaration)?;
         Controls::declare(&mut declaration);
@@ -275,7 +275,7 @@ impl Model {
     }
 
     fn build(description: Description, kind: &Kind, registry: Registry) -> Result<Model, Invalid> {
-        let mut declaration = Declaration::default();
+        let mut declaration = Declaration::of(&description.start);
         let system = kind.declare(description.structure.clone(), &description.names, registry, &mut declaration)?;
         let mut documentation = declaration.documentation();
         let controls = Controls::declare(&mut declaration);

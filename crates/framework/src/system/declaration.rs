@@ -125,6 +125,8 @@ pub struct Declaration {
     documentation: Vec<&'static str>,
     /// In a composite: the part that is being declared.
     part: Option<Part>,
+    /// Variables whose start values a description gives as matrices, with their parts' names in front.
+    pub(super) matrices: HashSet<String>,
 }
 
 /// A part's name, and where its values begin.

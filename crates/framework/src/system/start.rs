@@ -1,7 +1,34 @@
 //! Start values from a description.
 
+use super::declaration::Declaration;
 use super::variable::{Causality, Data, Naming, Section, Variable, Variables};
 use crate::near;
+
+impl Declaration {
+    /// One for a description with this `[start]`, whose values are set when everything is declared.
+    pub(crate) fn of(start: &toml::Table) -> Self {
+        let mut declaration = Declaration::default();
+        declaration.note_shapes("", start);
+        declaration
+    }
+
+    /// Notes which variables a `[start]` gives as matrices; their names have the prefix of a part.
+    pub(super) fn note_shapes(&mut self, prefix: &str, start: &toml::Table) {
+        let matrix = |(name, value): (&String, &toml::Value)| {
+            let (array, indices) = name.split_once('[').unwrap_or((name, ""));
+            let has_rows = value.as_array().is_some_and(|rows| rows.iter().any(toml::Value::is_array));
+            (has_rows || indices.contains(',')).then(|| format!("{prefix}{array}"))
+        };
+        self.matrices.extend(start.iter().filter_map(matrix));
+    }
+
+    /// True if the description gives the start value of this variable as a matrix, by rows or by elements `name[i,j]`. A
+    /// system asks where a parameter may be a vector or a matrix, and declares it so.
+    pub fn starts_as_matrix(&self, name: &str) -> bool {
+        let (_, part) = self.declared();
+        self.matrices.contains(&part.map_or(name.to_owned(), |part| format!("{part}.{name}")))
+    }
+}
 
 impl Variables {
     /// Sets the start value of a whole variable, or of one element of real numbers.
@@ -103,7 +130,9 @@ fn reals(naming: Naming, value: &toml::Value) -> Result<Vec<f64>, String> {
         Naming::Vector(len) | Naming::Diagonal(len) => numbers(value, len),
         Naming::Matrix(rows, columns) => {
             let expected = || format!("must be {rows} rows of {columns} numbers");
-            let list = value.as_array().filter(|list| list.len() == rows).ok_or_else(expected)?;
+            let is_row = |row: &toml::Value| row.as_array().is_some_and(|row| row.len() == columns);
+            let fits = |list: &&Vec<toml::Value>| list.len() == rows && list.iter().all(is_row);
+            let list = value.as_array().filter(fits).ok_or_else(expected)?;
             let by_rows: Vec<_> = list.iter().map(|row| numbers(row, columns)).collect::<Result<_, _>>()?;
             Ok((0..rows * columns).map(|k| by_rows[k % rows][k / rows]).collect())
         }

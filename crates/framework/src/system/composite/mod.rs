@@ -156,6 +156,7 @@ fn declare_part(
         return Err(Invalid::new(format!("model of `{name}`"), "`composite`", "a part can't be a composite itself"));
     }
     let kind = Kind::find(registry, &part.model).map_err(|invalid| invalid.within(name))?;
+    d.note_shapes(&format!("{name}."), &part.start);
     let (system, base) = d.part(name, |d| kind.declare(part.structure.clone(), &part.names, registry, d));
     let system = system.map_err(|invalid| invalid.within(name))?;
     let indicators = before.last().map_or(0, |other| other.indicators.end)..d.variables.indicators.len();
