@@ -34,6 +34,7 @@ mod sensor;
 mod state_space;
 mod step_flags;
 mod takeover;
+mod theta_bound;
 mod two_link_robot;
 mod unmatched;
 mod watched_funnel;

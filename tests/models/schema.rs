@@ -49,6 +49,9 @@ fn whatever_a_new_description_can_start_with_is_known_to_editors() {
     assert!(known("l1", &["rho_0", "A_m", "pole_real", "nominal_inertia", "theta_bound_unmatched"]));
     assert!(known("state-space", &["D", "x0"]) && known("pid", &["rho_0"]) && known("reference", &["signal"]));
     assert!(!known("pid", &["adaptation_gain"]) && !known("l1", &["u"]));
+    // A list of numbers or of rows.
+    let bound = schema["definitions"]["theta_bound"]["anyOf"].as_array().unwrap();
+    assert!(["number", "array"].iter().all(|item| bound.iter().any(|list| list["items"]["type"] == *item)));
 }
 
 #[test]

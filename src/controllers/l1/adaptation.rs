@@ -165,21 +165,20 @@ impl Law {
     fn report_baseline(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
         let Some(K_m) = design.known.as_ref().filter(|_| self.baseline == Baseline::Outside) else { return };
         let m = design.K.nrows();
-        let added = |omega: &DMatrix<f64>, i: usize| {
-            let left = (omega - DMatrix::identity(m, m)) * K_m;
-            let row = left.row(i).abs();
-            if self.regressor == Regressor::State { row.max() } else { row.sum() }
+        let added = |omega: &DMatrix<f64>| {
+            let left = ((omega - DMatrix::identity(m, m)) * K_m).abs();
+            if self.regressor == Regressor::State { left } else { DMatrix::from_fn(m, 1, |i, _| left.row(i).sum()) }
         };
-        let gains = design.gains();
-        let most = |i: usize| gains.iter().map(|omega| added(omega, i)).fold(0.0, f64::max);
-        let bounds = &v[self.design.theta_bound];
-        let all: Vec<_> = (0..m).map(most).collect();
+        let bounds = self.theta_bounds(v);
+        let most =
+            design.gains().iter().map(added).fold(bounds.map(|_| 0.0), |most, added| most.zip_map(&added, f64::max));
+        let by_element = self.design.theta_bound.len() > m;
+        let value = if by_element { most.clone() } else { DMatrix::from_fn(1, m, |_, i| most.row(i).max()) };
         let of_K_m = self.design.name_of_K_m(v).unwrap_or_default();
         let name = format!("(omega - I) {of_K_m}");
-        let value = DMatrix::from_row_slice(1, m, &all);
-        let counts =
-            format!("(omega - I) {of_K_m} x is also uncertain: one element for each input, at the bounds of omega");
-        if all.iter().zip(bounds).all(|(added, bound)| added <= bound) {
+        let each = if by_element { "of theta" } else { "for each input" };
+        let counts = format!("(omega - I) {of_K_m} x is also uncertain: one element {each}, at the bounds of omega");
+        if most.iter().zip(&bounds).all(|(added, bound)| added <= bound) {
             return report.tell(&name, &value, "", &counts);
         }
         let note = format!(

@@ -4,7 +4,7 @@
 use nalgebra::{Complex, DMatrix, DMatrixView};
 
 use super::squared;
-use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, PlantMatrices, Symbols};
+use super::structure::{Baseline, Commands, DesiredDynamics, L1Structure, PlantMatrices, Regressor, Symbols};
 use super::tracking::{self, BY_GAIN};
 use crate::mathematics::{feedforward, lyapunov, pole_placement};
 use crate::system::{
@@ -24,6 +24,7 @@ pub(super) struct Design {
     pub Q: MatrixOf<Parameter>,
     pub omega_min: VectorOf<Parameter>,
     pub omega_max: VectorOf<Parameter>,
+    /// By columns: the bounds of the elements of θ, or those of its rows, which are then the same in each column.
     pub theta_bound: VectorOf<Parameter>,
     pub sigma_bound: VectorOf<Parameter>,
     pub projection_tolerance: ScalarOf<Parameter>,
@@ -157,7 +158,7 @@ impl Design {
         structure: &L1Structure,
         units: &Symbols,
         has_closed_form: bool,
-    ) -> Self {
+    ) -> Result<Self, Invalid> {
         let ((n, m), k) = (plant.B.shape(), plant.B_um.ncols());
         let full = structure.is_full();
         let mut omega_bound = |name: &str, text: &str| {
@@ -176,7 +177,7 @@ impl Design {
         let tracking = "time with which u_ad follows what the limits of the control leave, so that it doesn't wind up; \
                         -1 s: 1/K, 0: off";
         let inertia = "nominal inertia that turns a commanded acceleration into the control";
-        Design {
+        Ok(Design {
             adaptation_gain: d
                 .parameter(scalar("adaptation_gain", "adaptation gain Gamma").start(1e5).positive().nominal(1e5)),
             feedback_gain: d.parameter(
@@ -188,9 +189,7 @@ impl Design {
             ),
             omega_min,
             omega_max,
-            theta_bound: d.parameter(
-                vector("theta_bound", m, "bound on the magnitude of each element of this row of theta").min(0.0),
-            ),
+            theta_bound: theta_bound(d, (m, n), structure.regressor)?,
             sigma_bound: d.parameter(vector("sigma_bound", m, "bound on the magnitude of sigma").min(0.0)),
             projection_tolerance: d.parameter(
                 scalar("projection_tolerance", "width of the layer at the bounds in which projection acts")
@@ -217,7 +216,13 @@ impl Design {
             lambda_max_unmatched: d.prepared(scalar("#lambda_max, unmatched", "").hidden()),
             follow_rate: d.prepared(scalar("#follow rate", "").hidden()),
             settling_time: d.prepared(scalar("#settling time", "").hidden()),
-        }
+        })
+    }
+
+    /// The bounds on the magnitudes of the elements of a column of θ.
+    pub fn theta_bounds<'a, S: Scalar>(&self, column: usize, v: &'a Values<S>) -> &'a [S] {
+        let (all, m) = (&v[self.theta_bound], self.sigma_bound.len());
+        &all[column * m % all.len()..][..m]
     }
 
     /// The desired dynamics.
@@ -293,6 +298,30 @@ impl Design {
         v[self.settling_time] = (SETTLED / decay).min(f64::MAX);
         Ok(())
     }
+}
+
+/// The bounds on θ, m × n where it multiplies the state: of each element where a description gives a matrix, else of rows.
+///
+/// # Errors
+/// A matrix where θ multiplies the norm.
+fn theta_bound(
+    d: &mut Declaration,
+    (m, n): (usize, usize),
+    regressor: Regressor,
+) -> Result<VectorOf<Parameter>, Invalid> {
+    const NAME: &str = "theta_bound";
+    if !d.starts_as_matrix(NAME) {
+        let text = "bound on the magnitude of each element of this row of theta";
+        return Ok(d.parameter(vector(NAME, m, text).min(0.0)));
+    }
+    if regressor == Regressor::InfinityNorm {
+        let allowed = format!(
+            "must be a list of {m} numbers with regressor = \"infinity_norm\", where theta has one element for each input. \
+             Use regressor = \"state\" to bound each element of theta"
+        );
+        return Err(Invalid::new(format!("[start] {NAME}"), "a matrix", allowed));
+    }
+    Ok(d.parameter(matrix(NAME, m, n, "bound on the magnitude of this element of theta").min(0.0)).elements())
 }
 
 /// K_m with A − B K_m = A_m, which messages call by a name.

@@ -56,7 +56,7 @@ impl Law {
         let channel = k % m;
         if k < m * columns {
             let place = self.theta_hat.at(channel, k / m);
-            return within(place, v[self.design.theta_bound][channel], channel, v[self.phi][k / m]);
+            return within(place, self.design.theta_bounds(k / m, v)[channel], channel, v[self.phi][k / m]);
         }
         let k = k - m * columns;
         match &self.unmatched {

@@ -115,7 +115,7 @@ impl Law {
         let columns = if structure.regressor == Regressor::State { n } else { 1 };
         let theta_hat = "estimate of theta, the uncertainty's dependence on the state";
         let frequency = "frequency at which the estimates oscillate about their values";
-        let design = Design::declare(d, &plant, structure, &units, beside.is_none());
+        let design = Design::declare(d, &plant, structure, &units, beside.is_none())?;
         let unmatched = Unmatched::declare(d, &plant, &filter)?;
         // Where nothing else makes u_ad, the integrator's state is u_ad itself.
         let is_state = filter.is_integrator()
@@ -442,10 +442,10 @@ impl Law {
             dx[self.omega_hat][k] = gamma * projection(v[self.omega_hat][k], s[i] * v[self.v][j], lo, hi, epsilon);
         }
         let within = |estimate: S, rate: S, bound: S| gamma * projection(estimate, rate, -bound, bound, epsilon);
-        let (theta_hat, theta_bound) = (&v[self.theta_hat.elements()], &v[self.design.theta_bound]);
-        let columns = dx.slice(self.theta_hat).chunks_exact_mut(m).zip(theta_hat.chunks_exact(m));
-        for ((rates, theta_hat), &phi) in columns.zip(phi) {
-            let entries = rates.iter_mut().zip(theta_hat).zip(s.iter().zip(theta_bound));
+        let theta_hat = v[self.theta_hat.elements()].chunks_exact(m);
+        let columns = dx.slice(self.theta_hat).chunks_exact_mut(m).zip(theta_hat);
+        for (column, ((rates, theta_hat), &phi)) in columns.zip(phi).enumerate() {
+            let entries = rates.iter_mut().zip(theta_hat).zip(s.iter().zip(self.design.theta_bounds(column, v)));
             entries.for_each(|((rate, &theta), (&s, &bound))| *rate = within(theta, s * phi, bound));
         }
         for i in 0..m {

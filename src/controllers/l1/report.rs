@@ -4,8 +4,8 @@
 
 use nalgebra::DMatrix;
 
+use super::Baseline;
 use super::law::Law;
-use super::{Baseline, Regressor};
 use crate::mathematics::delay_margin::{Crossing, NominalLoop};
 use crate::mathematics::l1_advice::{Advice, Stabilising};
 use crate::mathematics::l1_design::{L1Design, Lipschitz, UnmatchedWay, Worst};
@@ -121,12 +121,18 @@ impl Law {
         }
     }
 
+    /// The bounds on the elements of θ.
+    pub(super) fn theta_bounds(&self, v: &Values<f64>) -> DMatrix<f64> {
+        let (m, columns) = self.theta_hat.shape();
+        DMatrix::from_fn(m, columns, |i, j| self.design.theta_bounds(j, v)[i])
+    }
+
     /// L of what the bounds on θ allow, by the largest element of the state.
     fn lipschitz(&self, v: &Values<f64>) -> Lipschitz {
         let largest = |bounds: &[f64]| bounds.iter().copied().fold(0.0, f64::max);
-        let entries = if self.regressor == Regressor::State { self.x_hat.len() as f64 } else { 1.0 };
+        let rows: Vec<_> = self.theta_bounds(v).row_iter().map(|row| row.sum()).collect();
         Lipschitz {
-            matched: entries * largest(&v[self.design.theta_bound]),
+            matched: largest(&rows),
             unmatched: self.unmatched.as_ref().map_or(0.0, |unmatched| largest(&v[unmatched.theta_bound])),
         }
     }
@@ -272,9 +278,9 @@ impl Law {
     }
 
     pub(super) fn uncertain(&self, v: &Values<f64>) -> Uncertainty {
-        let (design, columns) = (&self.design, self.theta_hat.shape().1);
-        let of_all = |bounds: &[f64]| bounds.iter().flat_map(|&bound| vec![bound; columns]).collect::<Vec<_>>();
-        let (mut theta_bound, mut sigma_bound) = (of_all(&v[design.theta_bound]), v[design.sigma_bound].to_vec());
+        let design = &self.design;
+        let theta_bound = self.theta_bounds(v).transpose();
+        let (mut theta_bound, mut sigma_bound) = (theta_bound.as_slice().to_vec(), v[design.sigma_bound].to_vec());
         if let Some(unmatched) = &self.unmatched {
             theta_bound.extend(&v[unmatched.theta_bound]);
             sigma_bound.extend(&v[unmatched.sigma_bound]);

@@ -1,7 +1,7 @@
 //! What `[start]` of each kind may hold: the parameters and inputs of every structure that the kind has.
 //!
 //! Variables follow from structures, so the kinds are asked: those of this package's descriptions are declared, and so are
-//! they with one or two of their choices made otherwise. Sizes are left open.
+//! they with one or two of their choices made otherwise, and with start values by rows. Sizes are left open.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -46,6 +46,7 @@ impl Start {
             for (k, first) in choices.iter().enumerate() {
                 let with_first = with(&description, first);
                 start.learn(&with_first);
+                start.learn(&by_rows(&with_first));
                 choices[k + 1..].iter().for_each(|second| start.learn(&with(&with_first, second)));
             }
         }
@@ -125,6 +126,14 @@ fn choices(structure: &Value) -> Vec<(String, toml::Value)> {
 fn with(description: &Description, (key, value): &(String, toml::Value)) -> Description {
     let mut other = description.clone();
     other.structure.insert(key.clone(), value.clone());
+    other
+}
+
+/// With lists of rows in place of its lists of numbers: some parameters may be either.
+fn by_rows(description: &Description) -> Description {
+    let mut other = description.clone();
+    let lists = other.start.iter_mut().filter(|(_, value)| value.is_array());
+    lists.for_each(|(_, value)| *value = toml::Value::Array(vec![value.clone()]));
     other
 }
 
