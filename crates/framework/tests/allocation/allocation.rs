@@ -99,6 +99,15 @@ fn a_step_allocates_nothing() {
 }
 
 #[test]
+fn a_step_with_bounds_of_single_elements_allocates_nothing() {
+    let text = open_description("L1NonlinearSiso").replace("theta_bound = [10.0]", "theta_bound = [[0.2, 0.5]]");
+    let unit = Unit::from_text(&text);
+    assert!(unit.model.variables().find("theta_bound[1,2]").is_some());
+    unit.start(0.0);
+    assert_eq!(allocations(&unit, 1e-3, 300), [0; 3]);
+}
+
+#[test]
 fn a_step_with_changing_inputs_allocates_nothing() {
     for name in description_names() {
         for handling in [2, 3] {

@@ -103,12 +103,15 @@ fn nothing_undeclared_matters_in_controllers_of_other_structures_either() {
             }
         ) + "theta_bound = [5.0, 6.0]\nsigma_bound = [7.0, 8.0]\n"
     };
+    let by_element = |text: &str| text.replace("[5.0, 6.0]", "[[5.0, 0.5, 1.0], [6.0, 0.6, 0.0]]");
     let mut random = Random::new(2);
     for regressor in ["state", "infinity_norm"] {
         for gain in ["full", "diagonal"] {
-            let description = Description::read(&two_inputs(regressor, gain)).unwrap();
-            let model = Model::from_description(description, REGISTRY).unwrap();
-            (0..20).for_each(|_| check(&model, &mut random, &mut Tally::default()));
+            let text = two_inputs(regressor, gain);
+            for text in [by_element(&text), text].into_iter().skip(usize::from(regressor != "state")) {
+                let model = Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap();
+                (0..20).for_each(|_| check(&model, &mut random, &mut Tally::default()));
+            }
         }
     }
 }

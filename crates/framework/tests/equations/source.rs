@@ -144,6 +144,15 @@ fn the_source_of_all_units_gives_the_bits_of_the_equations() {
     }
 }
 
+/// Parameters that are a matrix where units of this package have a list.
+#[test]
+fn the_source_of_a_unit_with_bounds_of_single_elements_gives_the_bits_of_the_equations() {
+    let text = description("L1NonlinearSiso").replace("theta_bound = [10.0]", "theta_bound = [[0.2, 0.5]]");
+    let model = Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap();
+    assert!(model.variables().find("theta_bound[1,2]").is_some());
+    compare(&model, (100, "-O1"), &mut Random::new(28), folder().path());
+}
+
 #[test]
 fn the_source_of_all_whole_loops_gives_the_bits_of_the_equations() {
     let mut random = Random::new(27);
