@@ -84,6 +84,7 @@ pub fn begin(request: &Request) -> Result<Begun, Invalid> {
         let known: Vec<_> = begun().map(|entry| entry.kind.name).collect();
         return Err(Invalid::new("kind", request.kind, format!("must be one of {}", known.join(", "))));
     };
+    request.check_uncertainty()?;
     let begun = (template.write)(request)?;
     // Only what can be exported is worth beginning with.
     let model = Model::from_description(Description::read(&begun.text)?, REGISTRY)?;

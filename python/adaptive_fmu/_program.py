@@ -75,8 +75,8 @@ def require_unicode(*words: str) -> None:
 KEYWORDS = {"set": "values", "parameter": "parameters", "steady-state": "steady_state"}
 OPTION = re.compile(
     r"--(at|bandwidth|case|compile|composite|fmus|force|generations|input|inputs|interface|metric|order|out|outputs|parameter|"
-    r"particles|plant|platforms|record|reference|seed|separate|set|source|square|ssp|states|steady-state|step|tag|terminals|until|"
-    r"values|without)\b(?![\w-])(?: <[^>]+>)?"
+    r"particles|plant|platforms|record|reference|seed|separate|set|source|square|ssp|states|steady-state|step|tag|terminals|"
+    r"uncertainty|until|values|without)\b(?![\w-])(?: <[^>]+>)?"
 )
 
 

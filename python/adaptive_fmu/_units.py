@@ -169,6 +169,7 @@ def new(
     outputs: int | None = None,
     bandwidth: float | None = None,
     reference: float = 1.0,
+    uncertainty: float | None = None,
     force: bool = False,
 ) -> Path:
     """Write the description of a new FMU, which can be exported without changes, and return its path.
@@ -183,6 +184,8 @@ def new(
     bandwidth: minimum bandwidth of the controlled system, rad/s. Default: that of the plant's slowest pole not at 0; 2 rad/s if
         all poles are at 0, and for the kind "neuro-ppf".
     reference: usual magnitude of the reference, in the output's unit of measurement. Default: 1.
+    uncertainty: uncertainty of the numbers of `plant` as a part of them, 0.2 for 20 %, which the description of a "pid", "ladrc" or
+        "funnel" keeps. Default: None, not given.
     force: True to overwrite an existing file. Default: False.
 
     Raises `Error` if no controller can be designed for the plant, or if the file exists and `force` is False.
@@ -197,6 +200,7 @@ def new(
     for option, size in (("--states", states), ("--inputs", inputs), ("--outputs", outputs)):
         request += [f"{option}={size}"] if size is not None else []
     request += [f"--bandwidth={number(bandwidth)}"] if bandwidth is not None else []
+    request += [f"--uncertainty={number(uncertainty)}"] if uncertainty is not None else []
     request += ["--force"] if force else []
     if plant is None:
         done(request)

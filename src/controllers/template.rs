@@ -3,7 +3,7 @@
 pub mod design;
 pub mod first;
 
-use crate::template::{Plant, Text, all, list, round_up, rows, three_digits};
+use crate::template::{Plant, Request, Text, all, list, number, round_up, rows, three_digits};
 
 /// How long a master simulates by default: until what is that slow is over, s.
 pub fn stop_time(bandwidth: f64) -> f64 {
@@ -16,6 +16,28 @@ pub fn write_plant(text: &mut Text, plant: &Plant, outputs: &str) {
     text.set("A", rows(&plant.A), "");
     text.set("B", rows(&plant.B), "");
     text.set("C", rows(&plant.C), outputs);
+}
+
+/// The plant of the user that a design is for, and what was asked of it; nothing where no plant was given.
+pub fn write_nominal(text: &mut Text, request: &Request, bandwidth: f64) {
+    let Some(plant) = &request.plant else { return };
+    text.table("nominal");
+    text.comment(
+        "Plant that the gains were designed for, x' = A x + B u, y = C x: for the page and the design report.",
+    );
+    text.set("A", rows(&plant.A), "");
+    text.set("B", rows(&plant.B), "");
+    text.set("C", rows(&plant.C), "");
+    if let [first, rest @ ..] = &plant.delay[..] {
+        let is_one = rest.iter().all(|delay| delay == first);
+        let delay = if is_one { number(*first) } else { list(&plant.delay) };
+        text.set("delay", delay, "s, dead time of the inputs");
+    }
+    text.set("bandwidth", number(bandwidth), "rad/s, bandwidth that was asked for");
+    text.set("reference", number(request.reference), "usual magnitude of the reference");
+    if let Some(uncertainty) = request.uncertainty {
+        text.set("uncertainty", number(uncertainty), "of each entry of A and B, as a part of it: 0.2 is 20 %");
+    }
 }
 
 /// Poles in the two vectors that units have.

@@ -8,11 +8,14 @@ pub use plant::{Plant, Signals};
 pub use text::{Begun, Text, all, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits};
 
 use crate::eigenvalues;
-use crate::error::Invalid;
+use crate::error::{Invalid, Number};
 use crate::pages::Page;
 
 /// Largest number of states, inputs or outputs.
 pub const MOST: i64 = 50;
+
+/// Kinds whose description has an uncertainty of the nominal plant.
+const UNCERTAIN: [&str; 3] = ["pid", "ladrc", "funnel"];
 
 /// The longest chain of integrators that a control moves, or an output shows, where nobody says how many there are: the
 /// poles of longer ones are lost in rounding from about 14 on.
@@ -68,6 +71,8 @@ pub struct Request<'a> {
     pub bandwidth: Option<f64>,
     /// Usual magnitude of the reference.
     pub reference: f64,
+    /// Assumed uncertainty of the plant, as a part of each of its numbers: 0.2 is 20 %; none where the user gave none.
+    pub uncertainty: Option<f64>,
 }
 
 impl Request<'_> {
@@ -115,6 +120,22 @@ impl Request<'_> {
             let text = format!("a {} has no such size; it allows {known}", self.kind);
             Err(Invalid::new(format!("--{name}"), size.unwrap_or_default(), text))
         })
+    }
+
+    /// Refuses an uncertainty that the kind has no use for.
+    ///
+    /// # Errors
+    /// The uncertainty that was given, and what takes one.
+    pub fn check_uncertainty(&self) -> Result<(), Invalid> {
+        let Some(uncertainty) = self.uncertainty else { return Ok(()) };
+        let allowed = if !UNCERTAIN.contains(&self.kind) {
+            format!("{} doesn't use it; the kinds that do are {}", self.kind, UNCERTAIN.join(", "))
+        } else if self.plant.is_none() {
+            "needs a nominal plant: give --plant".to_owned()
+        } else {
+            return Ok(());
+        };
+        Err(Invalid::new("--uncertainty", Number(uncertainty), allowed))
     }
 
     /// A text with what every description begins with: what the page of its kind says it is, how long it runs and its step, s.

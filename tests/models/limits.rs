@@ -114,7 +114,15 @@ fn motor(matrices: [&str; 3], bandwidth: f64, tracking_time: f64) -> Run {
     let plant = Some(Plant::parse(&json).unwrap());
     let text = |kind| {
         let (sizes, plant) = (Sizes { states: None, inputs: None, outputs: None }, plant.clone());
-        let request = Request { kind, name: "Mine", sizes, plant, bandwidth: Some(bandwidth), reference: 100.0 };
+        let request = Request {
+            kind,
+            name: "Mine",
+            sizes,
+            plant,
+            bandwidth: Some(bandwidth),
+            reference: 100.0,
+            uncertainty: None,
+        };
         adaptive_fmu::library::begin(&request).unwrap().text
     };
     let [reference, motor, controller] = [text("reference"), text("state-space"), text("l1")];

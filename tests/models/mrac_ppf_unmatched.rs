@@ -367,8 +367,15 @@ fn a_new_controller_keeps_the_speed_of_a_motor_whose_load_no_voltage_reaches() {
     let json = r#"{"A": [[-0.5, 250.0], [-25.0, -500.0]], "B": [[0.0], [500.0]], "C": [[1.0, 0.0]], "D": 0}"#;
     let sizes = Sizes { states: None, inputs: None, outputs: None };
     let plant = Some(Plant::parse(json).unwrap());
-    let request =
-        Request { kind: "mrac-ppf-unmatched", name: "Mine", sizes, plant, bandwidth: Some(10.0), reference: 100.0 };
+    let request = Request {
+        kind: "mrac-ppf-unmatched",
+        name: "Mine",
+        sizes,
+        plant,
+        bandwidth: Some(10.0),
+        reference: 100.0,
+        uncertainty: None,
+    };
     let text = begin(&request).unwrap().text;
     let motor = "model = 'state-space'\n[structure]\nA = [[-2.0, 200.0], [-25.0, -650.0]]\nB = [[0.0], [450.0]]\nC = [[1.0, 0.0]]";
     let reference = "model = 'reference'\n[structure]\nchannels = 1\n[start]\nstep_time = [[0.1, 0.0, 0.0, 0.0]]\nstep_height = \

@@ -6,12 +6,14 @@
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::fmi2::model_description;
 use adaptive_fmu::library::{begin, begun};
+use adaptive_fmu::model::Description;
+use adaptive_fmu::nominal::Uncertainty;
 use adaptive_fmu::template::{MOST, Plant, Request, Sizes};
 use common::described::model;
 
 fn request(kind: &str, states: Option<usize>, inputs: Option<usize>) -> Request<'_> {
     let sizes = Sizes { states, inputs, outputs: None };
-    Request { kind, name: "Mine", sizes, plant: None, bandwidth: None, reference: 1.0 }
+    Request { kind, name: "Mine", sizes, plant: None, bandwidth: None, reference: 1.0, uncertainty: None }
 }
 
 fn begun_for(kind: &str, json: &str) -> Result<String, String> {
@@ -97,6 +99,36 @@ fn a_plant_of_another_tool_comes_with_its_names_units_and_limits() {
     for shown in ["name=\"current\"", "unit=\"A\"", "start=\"-12.0\""] {
         assert!(xml.contains(shown), "{shown}");
     }
+}
+
+#[test]
+fn a_design_for_a_plant_has_that_plant_in_its_description() {
+    let plant = || Plant::parse(&MOTOR.replace("{\"A\"", "{\"delay\": 0.002, \"A\"")).unwrap();
+    let nominal = |request: &Request| {
+        let begun = begin(request).map_err(|invalid| invalid.to_string())?;
+        Ok::<_, String>(Description::read(&begun.text).unwrap().nominal)
+    };
+    for kind in ["pid", "ladrc"] {
+        let asked =
+            Request { plant: Some(plant()), bandwidth: Some(20.0), reference: 100.0, ..request(kind, None, None) };
+        let found = nominal(&asked).unwrap().unwrap();
+        let Plant { A, B, C, delay, .. } = plant();
+        assert_eq!((found.A, found.B, found.C, found.delay), (A, B, C, delay), "{kind}");
+        assert_eq!((found.bandwidth, found.reference), (Some(20.0), Some(vec![100.0])), "{kind}");
+        assert_eq!(found.uncertainty, Uncertainty::Unknown, "{kind}");
+        let found = nominal(&Request { uncertainty: Some(0.15), ..asked }).unwrap().unwrap();
+        assert_eq!(found.uncertainty, Uncertainty::Part(0.15), "{kind}");
+    }
+    let undelayed = Request { plant: Some(Plant::parse(MOTOR).unwrap()), ..request("funnel", None, None) };
+    let found = nominal(&undelayed).unwrap().unwrap();
+    assert!(found.delay == [0.0] && found.bandwidth.is_some_and(|bandwidth| bandwidth > 0.0));
+    for kind in ["pid", "ladrc", "funnel"] {
+        assert_eq!(nominal(&request(kind, None, None)), Ok(None), "{kind}");
+        let refused = nominal(&Request { uncertainty: Some(0.2), ..request(kind, None, None) }).unwrap_err();
+        assert_eq!(refused, "--uncertainty = 0.2: needs a nominal plant: give --plant");
+    }
+    let refused = nominal(&Request { uncertainty: Some(0.0), plant: Some(plant()), ..request("l1", None, None) });
+    assert_eq!(refused.unwrap_err(), "--uncertainty = 0: l1 doesn't use it; the kinds that do are pid, ladrc, funnel");
 }
 
 /// What MATLAB's jsonencode writes: a row or a column as a plain list, a number without brackets.

@@ -103,6 +103,13 @@ enum OneOrEach {
     Each(Vec<f64>),
 }
 
+impl NominalPlant {
+    /// True if an input has a dead time.
+    pub fn is_delayed(&self) -> bool {
+        self.delay.iter().any(|&delay| delay > 0.0)
+    }
+}
+
 impl TryFrom<Written> for NominalPlant {
     type Error = Invalid;
 

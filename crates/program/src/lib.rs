@@ -41,7 +41,8 @@ pub mod validation;
 
 pub use adaptive_fmu_framework as framework;
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, recording, report, scalar, system, text_file,
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, nominal, recording, report, scalar, system,
+    text_file,
 };
 pub use adaptive_fmu_models::{catalogue, controllers, library, mathematics, pages, plants, template, texts};
 

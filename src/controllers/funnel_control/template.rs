@@ -3,7 +3,7 @@
 
 use super::FunnelControl;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, first, stop_time};
+use crate::controllers::template::{design, first, stop_time, write_nominal};
 use crate::design::funnel::{self, DECAY, Design, NARROW, SMOOTH_START, WIDE};
 use crate::design::nominal::Nominal;
 use crate::design::{digits, percent};
@@ -42,6 +42,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("g", all(design.g, m), "gain; larger keeps the error nearer to the middle");
     text.set("G", rows(&design.G), "from the outputs of the channels to the controls: the inverse of the input gain");
     write_limits(&mut text, Some(&plant), m);
+    write_nominal(&mut text, request, bandwidth);
     Ok(text.finish())
 }
 

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Ladrc;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, first, stop_time};
+use crate::controllers::template::{design, first, stop_time, write_nominal};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, modulus_of};
 use crate::design::step::Entry;
@@ -51,6 +51,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         "input gain: from the controls to the highest derivatives of the outputs",
     );
     write_limits(&mut text, Some(&plant), m);
+    write_nominal(&mut text, request, nominal.bandwidth);
     Ok(text.finish())
 }
 

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use super::Pid;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, first, stop_time};
+use crate::controllers::template::{design, first, stop_time, write_nominal};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, search};
 use crate::design::step::{Entry, Step};
@@ -50,6 +50,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("S", rows(&found.S), "from the outputs of the channels to the controls: decoupling, and the sign of each");
     write_limits(&mut text, Some(&plant), m);
     text.set("tracking_time", all(-1.0, m), "s, time constant of anti-windup; -1: from the gains, 0: off");
+    write_nominal(&mut text, request, nominal.bandwidth);
     Ok(text.finish())
 }
 

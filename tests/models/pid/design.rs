@@ -80,7 +80,15 @@ fn the_report_tells_of_a_filter_that_ends_the_derivative_and_of_an_integral_that
 
 fn request(json: &str) -> Request<'static> {
     let plant = Some(Plant::parse(json).unwrap());
-    Request { kind: Pid::NAME, name: "Mine", sizes: Sizes::NONE, plant, bandwidth: None, reference: 1.0 }
+    Request {
+        kind: Pid::NAME,
+        name: "Mine",
+        sizes: Sizes::NONE,
+        plant,
+        bandwidth: None,
+        reference: 1.0,
+        uncertainty: None,
+    }
 }
 
 #[test]

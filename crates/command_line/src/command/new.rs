@@ -16,7 +16,7 @@ use clap::builder::PossibleValuesParser;
 use super::hosting::HostingOptions;
 use super::linearise::{assignment, finite};
 use super::names::Which;
-use super::number::positive;
+use super::number::{part, positive};
 use crate::console;
 
 #[derive(clap::Args)]
@@ -60,8 +60,8 @@ struct UnitArguments {
     outputs: Option<Which>,
     /// Nominal plant: matrices in JSON, or an FMU of any tool, which is linearised [default: chains of integrators]
     ///
-    /// The JSON file contains A, B, C, and optionally D, the dead time of the inputs, names, units of measurement and limits
-    /// of the signals.
+    /// The JSON file contains A, B, C, and optionally D, or num and den of a transfer function; also the dead time of the inputs,
+    /// names, units of measurement and limits of the signals, and the sample time dt of a model in discrete time.
     /// `linearise --json` prints this format.
     #[arg(long, value_name = "FILE.json or FILE.fmu")]
     plant: Option<PathBuf>,
@@ -85,6 +85,9 @@ struct UnitArguments {
     /// Usual magnitude of the reference, in the output's unit of measurement
     #[arg(long, default_value = "1", value_parser = positive)]
     reference: f64,
+    /// Uncertainty of the numbers of --plant, as 20% or 0.2, which the description of a pid, ladrc or funnel keeps
+    #[arg(long, value_name = "PART", value_parser = part)]
+    uncertainty: Option<f64>,
     /// File to write [default: NAME.toml]
     #[arg(long)]
     out: Option<PathBuf>,
@@ -109,12 +112,13 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
 
 /// Writes the description, and beside it the schema by which editors complete it.
 fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), Error> {
-    let UnitArguments { bandwidth, reference, force, .. } = arguments;
+    let UnitArguments { bandwidth, reference, uncertainty, force, .. } = arguments;
     let (plant, sizes) = match &arguments.plant {
         Some(file) => (Some(plant::find(arguments, file)?), Sizes::default()),
         None => (None, plant::sizes(arguments)?),
     };
-    let request = Request { kind, name, sizes, plant, bandwidth: *bandwidth, reference: *reference };
+    let (bandwidth, reference, uncertainty) = (*bandwidth, *reference, *uncertainty);
+    let request = Request { kind, name, sizes, plant, bandwidth, reference, uncertainty };
     let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };
     // With a plant, what is refused is about it.

@@ -5,6 +5,7 @@ mod demonstration;
 mod diagram;
 mod guide;
 mod markdown;
+mod nominal;
 mod only;
 mod report;
 mod response;
@@ -115,6 +116,7 @@ pub fn html(handed: &Handed) -> String {
     guide::push_limits(&mut page, handed);
     let _ = write!(page, "<h2 id=\"law\">{}</h2>\n{}", guide::heading(handed), handed.told(&unit.documentation));
     variables::push_others(&mut page, handed);
+    nominal::push(&mut page, handed.description.nominal.as_ref());
     report::push(&mut page, &unit.report);
     let Build { version, target, compiler, .. } = build;
     let _ = writeln!(
