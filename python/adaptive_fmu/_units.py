@@ -177,7 +177,8 @@ def new(
     kind: kind of FMU, one of `kinds()` whose column `new` is True, such as "l1", "pid" or "state-space".
     file: file to write, NAME.toml. NAME is the name of the FMU, a C identifier.
     plant: nominal plant: a linear system of python-control or scipy.signal, matrices (A, B, C, D), a `Linearisation`, a JSON file
-        with A, B, C, D, or any FMU, which is linearised. Default: chains of integrators with the sizes below.
+        with A, B, C, D, or any FMU, which is linearised. A sampled system is converted to continuous time. Default: chains of
+        integrators with the sizes below.
     states: number of states of the plant, if `plant` is not given. Default: depends on `kind`, mostly 2.
     inputs: number of inputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1.
     outputs: number of outputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1.
@@ -227,17 +228,17 @@ def _matrices(plant: Any) -> dict[str, Any]:
                 "control), or give matrices (A, B, C, D)"
             ) from None
         plant = control.ss(plant)
-    if getattr(plant, "dt", None) not in (None, 0, 0.0):
-        raise ArgumentError(
-            f"plant is sampled every {plant.dt} s. It must be a system in continuous time: give the plant before its discretisation"
-        )
+    dt = getattr(plant, "dt", None) or 0.0
+    if dt is True:
+        raise ArgumentError("plant is in discrete time, but its sample time is unknown. Give dt in s")
     parts = plant if isinstance(plant, (tuple, list)) else [getattr(plant, name, None) for name in "ABCD"]
     if len(parts) != 4 or any(part is None for part in parts):
         raise ArgumentError(
             f"plant has the type {type(plant).__name__}. It must be a linear system of python-control or scipy.signal, matrices "
             "(A, B, C, D), a Linearisation, or the path of a JSON file or an FMU"
         )
-    return {name: np.atleast_2d(np.asarray(part, dtype=float)).tolist() for name, part in zip("ABCD", parts)}
+    matrices = {name: np.atleast_2d(np.asarray(part, dtype=float)).tolist() for name, part in zip("ABCD", parts)}
+    return matrices | ({"dt": float(dt)} if dt else {})
 
 
 def simulate(

@@ -10,6 +10,7 @@ pub mod l1_advice;
 pub mod l1_design;
 pub mod l1_norm;
 pub mod limits;
+pub mod logarithm;
 pub mod lyapunov;
 pub mod matched_equivalent;
 pub mod matrices;

@@ -1,6 +1,9 @@
 //! A nominal plant: integrators of some sizes, or what a user's own tool wrote as JSON.
 #![allow(non_snake_case)] // matrices have the names of the field
 
+mod sampled;
+mod transfer;
+
 use std::io::Read;
 use std::path::Path;
 
@@ -14,8 +17,9 @@ use crate::system::{of_outputs, quantities};
 /// Largest file, bytes.
 const LARGEST: u64 = 1 << 22;
 
-/// Keys of a file; the second line is what `linearise --json` writes too.
-const KEYS: [&str; 11] = ["A", "B", "C", "D", "delay", "states", "inputs", "outputs", "units", "u_min", "u_max"];
+/// Keys of a file; the last line is what `linearise --json` writes too.
+const KEYS: [&str; 14] =
+    ["A", "B", "C", "D", "num", "den", "dt", "delay", "states", "inputs", "outputs", "units", "u_min", "u_max"];
 const IGNORED: [&str; 6] = ["fmu", "time", "method", "steady_state", "unique", "eigenvalues"];
 
 /// x' = A x + B u, y = C x + D u, with names and units where they are known.
@@ -90,47 +94,36 @@ impl Plant {
         Plant::parse(&text).map_err(|invalid| refuse(invalid.to_string()))
     }
 
-    /// The plant of a JSON text. A matrix is a list of rows; where A leaves no doubt of what it is, a column or a row may
-    /// be a plain list, and a single number a plain one.
+    /// The plant of a JSON text: A, B, C and D, or num and den; with dt, it was sampled behind a zero-order hold. A matrix is a list
+    /// of rows; where A leaves no doubt of what it is, a column or a row may be a plain list, and a single number a plain one.
     ///
     /// # Errors
     /// What is wrong.
     pub fn parse(text: &str) -> Result<Self, Invalid> {
         let value: Value =
             serde_json::from_str(text).map_err(|error| Invalid::because(format!("not valid JSON: {error}")))?;
-        let table = value.as_object().ok_or_else(|| Invalid::because("must be an object with the matrices A, B, C"))?;
+        let needed = "must be an object with the matrices A, B, C, or with num and den";
+        let table = value.as_object().ok_or_else(|| Invalid::because(needed))?;
         let known = |key: &&String| KEYS.iter().chain(&IGNORED).all(|known| known != key);
         if let Some(key) = table.keys().find(known) {
             let shown: String = key.escape_debug().take(40).collect();
             return Err(Invalid::because(format!("unknown key `{shown}`; allowed keys are {}", KEYS.join(", "))));
         }
-        let list =
-            |key: &str| table.get(key).filter(|value| !value.is_null()).map(|value| shape(key, value)).transpose();
-        let needed = |key: &str| list(key)?.ok_or_else(|| Invalid::because(format!("{key} is missing")));
-        let A = needed("A")?;
-        let n = match &A {
-            Given::Rows(rows) => rows.len(),
-            Given::List(list) => list.len(),
-        };
-        if n == 0 || n > MOST as usize {
-            return Err(Invalid::new("rows of A", n, format!("must be within 1 … {MOST}")));
+        let is_transfer = ["num", "den"].iter().any(|key| table.get(*key).is_some_and(|value| !value.is_null()));
+        let dt = sampled::sample_time(table.get("dt"))?;
+        let [mut A, mut B, C, D] = if is_transfer { transfer::read(table, dt)? } else { matrices(table)? };
+        let mut delay = delays(table, B.ncols())?;
+        if let Some(dt) = dt {
+            [A, B] = sampled::continuous(&A, &B, dt)?;
+            delay.resize(B.ncols(), 0.0);
+            // The hold is late by half a step in the mean.
+            delay.iter_mut().for_each(|delay| *delay += 0.5 * dt);
         }
-        let A = A.matrix("A", Some(n), Some(n))?;
-        let B = needed("B")?.matrix("B", Some(n), None)?;
-        let C = needed("C")?.matrix("C", None, Some(n))?;
-        let (m, p) = (B.ncols(), C.nrows());
-        if m > MOST as usize || p > MOST as usize {
-            return Err(Invalid::new(
-                "inputs and outputs",
-                format!("{m} and {p}"),
-                format!("must be within 1 … {MOST}"),
-            ));
-        }
-        let D = list("D")?.map(|D| D.matrix("D", Some(p), Some(m))).transpose()?;
-        let D = D.filter(|D| D.iter().any(|&entry| entry != 0.0));
+        let (n, m, p) = (A.nrows(), B.ncols(), C.nrows());
         let signals = |key: &str, unit: &str, len: usize| Signals::read(table, key, unit, len);
         let (x, u, y) = (signals("states", "x", n)?, signals("inputs", "u", m)?, signals("outputs", "y", p)?);
-        Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)?, delay: delays(table, m)? })
+        let D = Some(D).filter(|D| D.iter().any(|&entry| entry != 0.0));
+        Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)?, delay })
     }
 
     /// The plant with some of its inputs and outputs only, by their names and in that order.
@@ -172,6 +165,30 @@ impl Plant {
     pub fn sizes(&self) -> (usize, usize, usize) {
         (self.A.nrows(), self.B.ncols(), self.C.nrows())
     }
+}
+
+/// A, B, C and D of a file.
+fn matrices(table: &Map<String, Value>) -> Result<[DMatrix<f64>; 4], Invalid> {
+    let list = |key: &str| table.get(key).filter(|value| !value.is_null()).map(|value| shape(key, value)).transpose();
+    let needed = |key: &str| list(key)?.ok_or_else(|| Invalid::because(format!("{key} is missing")));
+    let A = needed("A")?;
+    let n = match &A {
+        Given::Rows(rows) => rows.len(),
+        Given::List(list) => list.len(),
+    };
+    if n == 0 || n > MOST as usize {
+        return Err(Invalid::new("rows of A", n, format!("must be within 1 … {MOST}")));
+    }
+    let A = A.matrix("A", Some(n), Some(n))?;
+    let B = needed("B")?.matrix("B", Some(n), None)?;
+    let C = needed("C")?.matrix("C", None, Some(n))?;
+    let (m, p) = (B.ncols(), C.nrows());
+    if m > MOST as usize || p > MOST as usize {
+        let allowed = format!("must be within 1 … {MOST}");
+        return Err(Invalid::new("inputs and outputs", format!("{m} and {p}"), allowed));
+    }
+    let D = list("D")?.map(|D| D.matrix("D", Some(p), Some(m))).transpose()?;
+    Ok([A, B, C, D.unwrap_or_else(|| DMatrix::zeros(p, m))])
 }
 
 /// A matrix as it was written.

@@ -254,6 +254,17 @@ def test_what_new_is_asked_for_wrongly_is_refused_and_nothing_written(
     assert "panicked" not in refused.stderr and list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("kind", ["pid", "l1", "l1-sampled", "mrac-ppf", "state-space"])
+def test_new_ends_as_check_does(kind: str, tmp_path: Path) -> None:
+    """The file is written all the same where the design isn't sound."""
+    new = adaptive_fmu("new", kind, "--name", "X", "--out", tmp_path / "X.toml")
+    check = adaptive_fmu("check", tmp_path / "X.toml")
+    assert new.returncode == check.returncode and new.returncode in (0, 3), new.stderr
+    [told] = re.findall("^Not sound: (.*)$", new.stderr, re.M) or [None]
+    assert (told is not None) == (check.returncode == 3)
+    assert told is None or told in check.stdout
+
+
 SCHEMA = json.loads((ROOT / "modelDescription" / "description.schema.json").read_text())
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -176,7 +177,9 @@ def test_a_name_that_is_not_unicode_is_refused_and_nobody_waits(tmp_path: Path, 
     assert adaptive_fmu.export("Reference", out="fmus")[0].is_file()
     # On the command line it is a name as any other, which JSON shows as well as it can.
     done = subprocess.run(
-        [adaptive_fmu.program(), "run", LOOP, "--until", "0.1", "--json", "--out", os.fsencode(odd)], capture_output=True, check=False
+        [adaptive_fmu.program(), "run", LOOP, "--until", "0.1", "--json", "--out", os.fsencode(odd)],
+        capture_output=True,
+        check=False,
     )
     assert done.returncode == 0 and json.loads(done.stdout)["results"] == str(tmp_path / "x\ufffd" / LOOP), done.stderr
     assert (odd / LOOP / "result.csv").is_file()
@@ -281,11 +284,16 @@ def test_a_controller_for_a_plant_in_any_form_is_sound(form: str, tmp_path: Path
     assert np.isfinite(result.data.to_numpy()).all()
 
 
-def test_a_transfer_function_is_a_plant_and_a_sampled_one_is_refused(tmp_path: Path) -> None:
+def test_a_transfer_function_is_a_plant_and_a_sampled_one_too(tmp_path: Path) -> None:
     transfer = control.tf([50.0], [1.0, 10.0, 0.0])
     assert adaptive_fmu.check(adaptive_fmu.new("l1", tmp_path / "Own.toml", plant=transfer)).name == "Own"
-    with pytest.raises(adaptive_fmu.ArgumentError, match="sampled every 0.1 s"):
-        adaptive_fmu.new("l1", tmp_path / "Other.toml", plant=control.ss(A, B, C, D, 0.1))
+    sampled = control.sample_system(control.ss(transfer), 0.1)
+    with open(adaptive_fmu.new("state-space", tmp_path / "Sampled.toml", plant=sampled), "rb") as file:
+        structure = tomllib.load(file)["structure"]
+    assert structure["delay"] == [0.05]
+    np.testing.assert_allclose(structure["A"], control.ss(transfer).A, rtol=0, atol=1e-9)
+    with pytest.raises(adaptive_fmu.ArgumentError, match="its sample time is unknown"):
+        adaptive_fmu.new("l1", tmp_path / "Other.toml", plant=control.ss(A, B, C, D, True))
     with pytest.raises(adaptive_fmu.ArgumentError, match="must be a linear system"):
         adaptive_fmu.new("l1", tmp_path / "Other.toml", plant=3)
     with pytest.raises(adaptive_fmu.Error, match="Use force=True to overwrite it"):

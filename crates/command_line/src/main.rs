@@ -18,7 +18,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 /// Export adaptive controllers and their plants as FMUs (FMI 2.0), and simulate closed loops of FMUs.
 ///
 /// Exit codes: 0 (success), 1 (failure, with the reason on stderr), 2 (invalid arguments), 3 (a loop ran but a metric
-/// exceeds its limit, or a checked design or FMU is not sound), 130 (a run was interrupted).
+/// exceeds its limit, or a new or checked design or an FMU is not sound), 130 (a run was interrupted).
 ///
 /// Environment variables: NO_COLOR and CLICOLOR_FORCE control colours, ADAPTIVE_FMU_CACHE is the folder of the cache,
 /// CC is the C compiler of `export --compile`.
@@ -159,7 +159,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
     fmu::fold_parameters(matches!(command, Command::Run(_) | Command::Compare(_) | Command::Report(_)));
     match command {
         Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
-        Command::New(arguments) => command::new::execute(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::New(arguments) => command::new::execute(&arguments),
         Command::Schema => Ok(command::schema::execute()),
         Command::Check(arguments) => command::check::execute(&arguments),
         Command::Export(arguments) => command::export::execute(&arguments),

@@ -38,7 +38,12 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     } else {
         say!("{}", told(&unit.name, &unit.report));
     }
-    Ok(if unit.report.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(3) })
+    Ok(exit_code(&unit.report))
+}
+
+/// 0 of a sound design, with warnings too; 3 of one that isn't.
+pub fn exit_code(report: &DesignReport) -> ExitCode {
+    if report.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(3) }
 }
 
 /// The report in lines.

@@ -6,13 +6,16 @@ mod plant;
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 use adaptive_fmu::error::Error;
+use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::output::Files;
 use adaptive_fmu::template::{Request, Sizes};
 use adaptive_fmu::{library, schema};
 use clap::builder::PossibleValuesParser;
 
+use super::check;
 use super::hosting::HostingOptions;
 use super::linearise::{assignment, finite};
 use super::names::Which;
@@ -99,19 +102,19 @@ struct UnitArguments {
     no_schema: bool,
 }
 
-/// Writes a description, or the structure of a loop.
-pub fn execute(arguments: &Arguments) -> Result<(), Error> {
+/// Writes a description, or the structure of a loop; the exit code tells whether the design of a description is sound.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let unit = &arguments.unit;
     match (&arguments.other, &unit.kind, &unit.name) {
-        (Some(Other::Loop(arguments)), ..) => closed_loop::execute(arguments),
+        (Some(Other::Loop(arguments)), ..) => closed_loop::execute(arguments).map(|()| ExitCode::SUCCESS),
         (None, Some(kind), Some(name)) => write_unit(kind, name, unit),
         // The parser refuses that.
-        (None, ..) => Ok(()),
+        (None, ..) => Ok(ExitCode::SUCCESS),
     }
 }
 
 /// Writes the description, and beside it the schema by which editors complete it.
-fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), Error> {
+fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitCode, Error> {
     let UnitArguments { bandwidth, reference, uncertainty, force, .. } = arguments;
     let (plant, sizes) = match &arguments.plant {
         Some(file) => (Some(plant::find(arguments, file)?), Sizes::default()),
@@ -146,7 +149,12 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<(), E
         say!("{}", folder.join(schema::FILE).display());
     }
     begun.notes.iter().for_each(|note| remark!("{note}"));
-    Ok(())
+    let made = Description::read(&text).and_then(|own| Model::from_description(own, library::REGISTRY));
+    let report = made.map_err(|invalid| refuse(invalid.to_string()))?.report();
+    if let Some(reason) = report.reason() {
+        tell!("Not sound: {reason}");
+    }
+    Ok(check::exit_code(&report))
 }
 
 /// Tells how a file that is there is written all the same.

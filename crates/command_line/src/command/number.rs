@@ -19,13 +19,18 @@ pub fn part(text: &str) -> Result<f64, String> {
     let allowed = || "must be at least 0 and below 100 %, as 20% or 0.2".to_owned();
     let number = given.filter(|number| number.is_finite() && *number >= 0.0).ok_or_else(allowed)?;
     match in_per_cent {
-        Some(_) if number < 100.0 => Ok(number / 100.0),
+        Some(_) if number < 100.0 => Ok(hundredth(number)),
         None if number < 1.0 => Ok(number),
         None if number < 100.0 => {
-            Err(format!("{number} means {} %; write {number}% or {}", 100.0 * number, number / 100.0))
+            Err(format!("{number} means {} %; write {number}% or {}", 100.0 * number, hundredth(number)))
         }
         _ => Err(allowed()),
     }
+}
+
+/// A hundredth with the digits of the number: 0.143 of 14.3.
+fn hundredth(number: f64) -> f64 {
+    format!("{number}e-2").parse().unwrap_or(number / 100.0)
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 mod experiments;
 mod linearise;
-mod logarithm;
 mod operating_point;
 mod plan;
 mod responses;

@@ -2,8 +2,8 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
-use super::logarithm::logarithm;
 use crate::eigenvalues::complex;
+use crate::mathematics::logarithm::logarithm;
 
 /// Singular values of the answers below this part of the largest are rounding.
 const RANK: f64 = 1e-12;
