@@ -311,6 +311,7 @@ impl Catalogued for StateSpace {
     const PAGE: Page = pages::STATE_SPACE;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
+        is_uncertain: false,
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),

@@ -84,7 +84,8 @@ pub fn begin(request: &Request) -> Result<Begun, Invalid> {
         let known: Vec<_> = begun().map(|entry| entry.kind.name).collect();
         return Err(Invalid::new("kind", request.kind, format!("must be one of {}", known.join(", "))));
     };
-    request.check_uncertainty()?;
+    let uncertain = begun().filter(|entry| entry.template.is_some_and(|template| template.is_uncertain));
+    request.check_uncertainty(&uncertain.map(|entry| entry.kind.name).collect::<Vec<_>>())?;
     let begun = (template.write)(request)?;
     // Only what can be exported is worth beginning with.
     let model = Model::from_description(Description::read(&begun.text)?, REGISTRY)?;

@@ -66,18 +66,20 @@ class Checked:
     <L1CoupledMimo: sound>
     """
 
-    def __init__(self, told: dict[str, Any]) -> None:
+    def __init__(self, report: dict[str, Any]) -> None:
         #: Name of the FMU.
-        self.name: str = told["name"]
+        self.name: str = report["name"]
         #: True if the design satisfies all its conditions; warnings are allowed.
-        self.sound: bool = told["sound"]
+        self.sound: bool = report["sound"]
         #: Verdict of the worst finding: "ok", "warning" or "not_sound".
-        self.verdict: str = told["verdict"]
+        self.verdict: str = report["verdict"]
+        #: What the loop with the nominal plant does, in a line; None if the description has no nominal plant.
+        self.summary: str | None = report.get("summary")
         #: Report as the program prints it.
-        self.text: str = told["text"]
+        self.text: str = report["text"]
         #: Findings, one row each: section, name, value, unit (of measurement), verdict and note.
         self.findings: pd.DataFrame = pd.DataFrame(
-            told["findings"], columns=["section", "name", "value", "unit", "verdict", "note"]
+            report["findings"], columns=["section", "name", "value", "unit", "verdict", "note"]
         )
 
     def check(self) -> Checked:

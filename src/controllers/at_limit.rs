@@ -1,8 +1,9 @@
 //! How long a control has stood at its limit: where that lasts, the plant needs more than there is, and no law helps.
 
+use crate::design::robustness::report::Unit;
 use crate::system::{
-    Declaration, Discrete, Many, Parameter, Point, Scalar, ScalarOf, Signal, Spec, VectorOf, Warning, larger, scalar,
-    vector,
+    Declaration, Discrete, Many, Parameter, Point, Scalar, ScalarOf, Signal, Spec, Values, VectorOf, Warning, larger,
+    scalar, vector,
 };
 
 /// A control, and the limits that keep it.
@@ -153,4 +154,9 @@ impl AtLimit {
             });
         }
     }
+}
+
+/// Controls, their limits and a communication step, s, for a design report.
+pub fn unit<'a>(u: VectorOf<Signal>, limits: [VectorOf<Parameter>; 2], v: &'a Values<f64>, step: f64) -> Unit<'a> {
+    Unit { controls: (0..u.len()).map(|j| v.name(u.at(j))).collect(), limits: limits.map(|limit| &v[limit]), step }
 }

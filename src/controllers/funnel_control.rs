@@ -422,6 +422,7 @@ impl Catalogued for FunnelControl {
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
+        is_uncertain: true,
         tried: &[
             Sizes::inputs(3),
             Sizes::plant(1, 1),

@@ -166,6 +166,7 @@ impl Catalogued for FuzzyL1 {
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
+        is_uncertain: true,
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),

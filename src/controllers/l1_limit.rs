@@ -427,6 +427,7 @@ impl Catalogued for L1Limit {
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
+        is_uncertain: true,
         tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(2, 2), Sizes::plant(3, 1), Sizes::plant(6, 3)],
     });
 }

@@ -359,6 +359,7 @@ impl Catalogued for L1Sampled {
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
+        is_uncertain: true,
         tried: &[Sizes::inputs(3), Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(4, 2), Sizes::plant(6, 3)],
     });
 }

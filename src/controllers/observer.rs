@@ -317,6 +317,7 @@ impl Catalogued for Observer {
     const ROLE: Role = Role::Observer;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
+        is_uncertain: false,
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),

@@ -272,6 +272,7 @@ impl Catalogued for Pid {
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
+        is_uncertain: true,
         tried: &[Sizes::inputs(3), Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 2), Sizes::plant(6, 3)],
     });
     const TRIAL: Trial = Trial {

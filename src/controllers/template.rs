@@ -18,9 +18,15 @@ pub fn write_plant(text: &mut Text, plant: &Plant, outputs: &str) {
     text.set("C", rows(&plant.C), outputs);
 }
 
-/// The plant of the user that a design is for, and what was asked of it; nothing where no plant was given.
-pub fn write_nominal(text: &mut Text, request: &Request, bandwidth: f64) {
-    let Some(plant) = &request.plant else { return };
+/// The user's plant that a design of this speed, rad/s, is for, with its uncertainty; nothing where none was given.
+pub fn write_uncertain(text: &mut Text, plant: &Plant, speed: f64, request: &Request) {
+    if request.plant.is_some() {
+        write_nominal(text, plant, speed, request.reference, Some(request.uncertainty()));
+    }
+}
+
+/// The plant that a design of this speed, rad/s, is for, with references of a usual size and what each entry may be off.
+pub fn write_nominal(text: &mut Text, plant: &Plant, speed: f64, reference: f64, uncertainty: Option<f64>) {
     text.table("nominal");
     text.comment(
         "Plant that the gains were designed for, x' = A x + B u, y = C x: for the page and the design report.",
@@ -33,9 +39,9 @@ pub fn write_nominal(text: &mut Text, request: &Request, bandwidth: f64) {
         let delay = if is_one { number(*first) } else { list(&plant.delay) };
         text.set("delay", delay, "s, dead time of the inputs");
     }
-    text.set("bandwidth", number(bandwidth), "rad/s, bandwidth that was asked for");
-    text.set("reference", number(request.reference), "usual magnitude of the reference");
-    if let Some(uncertainty) = request.uncertainty {
+    text.set("bandwidth", number(speed), "rad/s, speed that the design is for");
+    text.set("reference", number(reference), "usual magnitude of the reference");
+    if let Some(uncertainty) = uncertainty {
         text.set("uncertainty", number(uncertainty), "of each entry of A and B, as a part of it: 0.2 is 20 %");
     }
 }

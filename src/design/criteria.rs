@@ -56,11 +56,21 @@ impl Unmoved {
                 continue;
             }
             merit.damping = merit.damping.min(damping(pole));
-            if !self.zeros.iter().any(|zero| (pole - zero).norm() <= NEAR * pole.norm()) {
+            if !self.is_hidden(pole) {
                 merit.slowest = merit.slowest.min(-pole.re);
             }
         }
         Some(merit)
+    }
+
+    /// True if a pole is a lightly damped mode of the plant.
+    pub fn is_mode(&self, pole: &Complex<f64>) -> bool {
+        self.mode(pole).is_some()
+    }
+
+    /// True if a pole doesn't show in the outputs, by a zero.
+    pub fn is_hidden(&self, pole: &Complex<f64>) -> bool {
+        self.zeros.iter().any(|zero| (pole - zero).norm() <= NEAR * pole.norm())
     }
 
     /// The mode of the plant that a pole is, the nearest in size.

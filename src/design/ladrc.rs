@@ -12,6 +12,7 @@ use super::four_digits;
 use super::nominal::{Channel, poles_of};
 use super::response::logarithmic;
 use super::search::{Asked, Law};
+use super::step::Entry;
 
 /// Poles of the control, in parts of the speed; the first of them that serves is taken.
 const FACTORS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
@@ -80,6 +81,20 @@ struct Candidate {
     sign: f64,
     /// lim s K(s), in W.
     integral: f64,
+}
+
+/// How the references enter channels: the control and the observer take ω_cⁿ r, where the references' derivatives aren't given.
+pub fn entry(gains: &[Gains], S: &DMatrix<f64>, bandwidth: f64) -> Entry {
+    let m = gains.len();
+    let (states, mut first) = (gains.iter().map(|gains| gains.order + 1).sum(), 0);
+    let (mut B, mut D) = (DMatrix::zeros(states, m), DMatrix::zeros(m, m));
+    for (i, gains) in gains.iter().map(|gains| gains.faster(bandwidth.recip())).enumerate() {
+        let wanted = gains.omega_c.powi(gains.order as i32);
+        B[(first + gains.order - 1, i)] = wanted;
+        D[(i, i)] = wanted / gains.b_0;
+        first += gains.order + 1;
+    }
+    Entry { B, D: S * D }
 }
 
 impl Gains {

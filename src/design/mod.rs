@@ -4,20 +4,21 @@
 //! distance from −1 (the modulus margin), is damped, and is as fast as v. The search begins at v = W and goes to slower
 //! loops; for an unstable plant, which a slow loop can't hold, to faster ones too.
 //!
-//! Frequencies and times are in W and 1/W here, states in [balanced] coordinates: a plant in pascals and metres
+//! Frequencies and times are in W and 1/W here, states in [balanced](crate::mathematics::balanced) coordinates: a plant in pascals and metres
 //! gets the design that it gets in bar and millimetres.
 
-pub mod balanced;
 pub mod channels;
 pub mod controller;
 pub mod criteria;
 pub mod funnel;
+pub mod l1;
 pub mod ladrc;
 pub mod minimal;
 pub mod nominal;
 pub mod pid;
 pub mod reasons;
 pub mod response;
+pub mod robustness;
 pub mod search;
 pub mod step;
 pub mod zeros;

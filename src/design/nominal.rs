@@ -6,13 +6,13 @@ use std::cell::OnceCell;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix};
 
-use super::balanced::balance;
 use super::criteria::Unmoved;
 use super::minimal::minimal;
 use super::response::{Response, grid};
 use super::zeros;
 use crate::eigenvalues;
 use crate::error::Invalid;
+use crate::mathematics::balanced::balance;
 use crate::template::Plant;
 
 /// A zero that is so much faster than W and all poles counts as none.

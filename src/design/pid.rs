@@ -3,13 +3,14 @@
 //! The simplest of I, PI and PID control that has a sound candidate is taken: no derivative where none is needed.
 #![allow(non_snake_case)] // gains have the names of the field
 
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, DMatrix, DVector};
 
 use super::controller::Controller;
 use super::criteria::keeps_away;
 use super::four_digits;
 use super::nominal::{Channel, poles_of};
 use super::search::{Asked, Law};
+use super::step::Entry;
 
 /// Where the gain is 1, in parts of the speed.
 const CROSSOVERS: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
@@ -83,19 +84,40 @@ impl Gains {
         s * (self.K_d * self.N) / (s + self.N) + self.K_p + self.K_i / s
     }
 
-    /// x_1' = K_i y, and K_d N (y − w) with w' = N (y − w) where there is a derivative.
+    /// x_1' = K_i y where there is an integral, and K_d N (y − w) with w' = N (y − w) where there is a derivative.
     fn controller(&self) -> Controller {
         let (K_p, K_d, N) = (self.K_p, self.K_d, self.N);
-        let states = if K_d > 0.0 { 2 } else { 1 };
-        let mut A = DMatrix::zeros(states, states);
-        let mut B = DMatrix::from_element(states, 1, N);
-        let mut C = DMatrix::from_element(1, states, -K_d * N);
-        (B[0], C[0]) = (self.K_i, 1.0);
-        if states == 2 {
-            A[(1, 1)] = -N;
+        let integral = (self.K_i > 0.0).then_some([0.0, self.K_i, 1.0]);
+        let derivative = (K_d > 0.0).then_some([-N, N, -K_d * N]);
+        let states: Vec<_> = integral.into_iter().chain(derivative).collect();
+        let own = states.len();
+        Controller {
+            A: DMatrix::from_fn(own, own, |i, j| if i == j { states[i][0] } else { 0.0 }),
+            B: DMatrix::from_fn(own, 1, |i, _| states[i][1]),
+            C: DMatrix::from_fn(1, own, |_, j| states[j][2]),
+            D: DMatrix::from_element(1, 1, K_p + K_d * N),
         }
-        Controller { A, B, C, D: DMatrix::from_element(1, 1, K_p + K_d * N) }
     }
+}
+
+/// How the references enter channels: the integral part takes r − y, the proportional one b r − y, the derivative c r − y.
+pub fn entry(gains: &[Gains], weights: &[[f64; 2]], S: &DMatrix<f64>, bandwidth: f64) -> Entry {
+    let m = gains.len();
+    let rates = |(gains, [_, c]): (&Gains, &[f64; 2])| {
+        let gains = gains.faster(bandwidth.recip());
+        let integral = (gains.K_i > 0.0).then_some(-gains.K_i);
+        let derivative = (gains.K_d > 0.0).then_some(-gains.N * c);
+        integral.into_iter().chain(derivative).collect::<Vec<_>>()
+    };
+    let rates: Vec<_> = gains.iter().zip(weights).map(rates).collect();
+    let mut B = DMatrix::zeros(rates.iter().map(Vec::len).sum(), m);
+    let mut first = 0;
+    for (i, rates) in rates.iter().enumerate() {
+        rates.iter().enumerate().for_each(|(k, rate)| B[(first + k, i)] = *rate);
+        first += rates.len();
+    }
+    let direct = gains.iter().zip(weights).map(|(gains, [b, c])| gains.K_p * b + gains.K_d * gains.N * c);
+    Entry { B, D: S * DMatrix::from_diagonal(&DVector::from_iterator(m, direct)) }
 }
 
 /// Candidates of a form, I, PI or PID, before their gain is fitted to the plant.

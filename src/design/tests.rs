@@ -7,7 +7,8 @@ use nalgebra::Complex;
 use super::nominal::Nominal;
 use super::response::logarithmic;
 use super::search::{Found, Law, search};
-use super::{balanced, funnel, ladrc, pid, zeros};
+use super::{funnel, ladrc, pid, zeros};
+use crate::mathematics::balanced;
 use crate::template::Plant;
 
 fn plant(text: &str) -> Plant {

@@ -2,6 +2,7 @@
 
 use nalgebra::{Complex, DMatrix};
 
+use super::balanced::far_from_balanced;
 use super::matrices::cholesky;
 use crate::eigenvalues::complex as eigenvalues;
 use crate::error::Invalid;
@@ -39,6 +40,13 @@ pub fn solve_with_decay(
 /// The integral of e^(Aᵀt) Q e^(At) over all t ≥ 0, which solves the same equation, for a Hurwitz matrix A and a
 /// symmetric positive semidefinite Q. `None` when A is too badly scaled.
 pub fn gramian(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let Some((balanced, scales)) = far_from_balanced(a) else { return gramian_as_given(a, q) };
+    let scaled = DMatrix::from_fn(q.nrows(), q.ncols(), |i, j| q[(i, j)] * scales[i] * scales[j]);
+    let p = gramian_as_given(&balanced, &scaled)?;
+    Some(DMatrix::from_fn(p.nrows(), p.ncols(), |i, j| p[(i, j)] / (scales[i] * scales[j])))
+}
+
+fn gramian_as_given(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = a.nrows();
     let alpha = a.norm();
     let shifted = a - DMatrix::identity(n, n) * alpha;

@@ -8,6 +8,7 @@ use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix, DVector, RowDVector};
 
 use crate::error::Invalid;
+use crate::mathematics::balanced::balance;
 
 /// What is left of a vector after the states already reached are taken out of it, relative to ‖A‖ or ‖b‖, that is told
 /// from rounding.
@@ -29,7 +30,26 @@ const ACCURACY: f64 = 1e-6;
 /// [`Invalid`] when (A, B) isn't controllable, the columns of B depend on each other, a pole isn't left of the
 /// imaginary axis or stands apart from its conjugate, or the poles would be missed by rounding.
 pub fn place(A: &DMatrix<f64>, B: &DMatrix<f64>, poles: &[Complex<f64>]) -> Result<DMatrix<f64>, Invalid> {
-    let indices = controllability_indices(A, B)?;
+    place_as_given(A, B, poles).or_else(|reason| {
+        let Some((A, B, scales)) = balanced(A, B) else { return Err(reason) };
+        let K = place_as_given(&A, &B, poles).map_err(|_| reason)?;
+        Ok(DMatrix::from_fn(K.nrows(), K.ncols(), |i, j| K[(i, j)] / scales[j]))
+    })
+}
+
+/// A and B with states of like size, where the units that they are given in are far from it: what is right as it is given
+/// keeps its digits. `None` where there is nothing to balance.
+fn balanced(A: &DMatrix<f64>, B: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>, Vec<f64>)> {
+    let fits = A.is_square() && A.nrows() == B.nrows() && A.iter().chain(B.iter()).all(|entry| entry.is_finite());
+    if !fits {
+        return None;
+    }
+    let (A, B, _, scales) = balance(A, B, &DMatrix::zeros(0, A.nrows()));
+    scales.iter().any(|&scale| scale != 1.0).then_some((A, B, scales))
+}
+
+fn place_as_given(A: &DMatrix<f64>, B: &DMatrix<f64>, poles: &[Complex<f64>]) -> Result<DMatrix<f64>, Invalid> {
+    let indices = indices_as_given(A, B)?;
     require_usable(poles, &indices)?;
     let too_bad = || {
         Invalid::because("A, B: too near to uncontrollable, or too badly scaled, for these poles in double precision")
@@ -60,6 +80,13 @@ pub fn place(A: &DMatrix<f64>, B: &DMatrix<f64>, poles: &[Complex<f64>]) -> Resu
 /// # Errors
 /// [`Invalid`] when the sizes don't fit, an entry isn't finite, some state is out of reach or an input adds nothing.
 pub fn controllability_indices(A: &DMatrix<f64>, B: &DMatrix<f64>) -> Result<Vec<usize>, Invalid> {
+    indices_as_given(A, B).or_else(|reason| {
+        let Some((A, B, _)) = balanced(A, B) else { return Err(reason) };
+        indices_as_given(&A, &B).map_err(|_| reason)
+    })
+}
+
+fn indices_as_given(A: &DMatrix<f64>, B: &DMatrix<f64>) -> Result<Vec<usize>, Invalid> {
     let (n, m) = B.shape();
     if A.shape() != (n, n) || m == 0 {
         let sizes = format!("{} x {}, {n} x {m}", A.nrows(), A.ncols());
@@ -112,7 +139,7 @@ fn chains(A: &DMatrix<f64>, B: &DMatrix<f64>, indices: &[usize]) -> DMatrix<f64>
 }
 
 /// q p(A) for the polynomial p with these roots, factor by factor.
-fn times_polynomial(q: RowDVector<f64>, A: &DMatrix<f64>, roots: &[Complex<f64>]) -> RowDVector<f64> {
+pub(crate) fn times_polynomial(q: RowDVector<f64>, A: &DMatrix<f64>, roots: &[Complex<f64>]) -> RowDVector<f64> {
     let mut row = q;
     let mut k = 0;
     while k < roots.len() {

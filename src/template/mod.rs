@@ -5,7 +5,9 @@ mod plant;
 mod text;
 
 pub use plant::{Plant, Signals};
-pub use text::{Begun, Text, all, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits};
+pub use text::{
+    Begun, Text, all, counted, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits,
+};
 
 use crate::eigenvalues;
 use crate::error::{Invalid, Number};
@@ -13,9 +15,6 @@ use crate::pages::Page;
 
 /// Largest number of states, inputs or outputs.
 pub const MOST: i64 = 50;
-
-/// Kinds whose description has an uncertainty of the nominal plant.
-const UNCERTAIN: [&str; 3] = ["pid", "ladrc", "funnel"];
 
 /// The longest chain of integrators that a control moves, or an output shows, where nobody says how many there are: the
 /// poles of longer ones are lost in rounding from about 14 on.
@@ -26,6 +25,8 @@ const LONGEST_CHAIN: usize = 8;
 pub struct Template {
     /// The text for a request; why there is none.
     pub write: fn(&Request) -> Result<Begun, Invalid>,
+    /// True if its description has an uncertainty of the nominal plant.
+    pub is_uncertain: bool,
     /// Sizes that tests try.
     pub tried: &'static [Sizes],
 }
@@ -75,7 +76,15 @@ pub struct Request<'a> {
     pub uncertainty: Option<f64>,
 }
 
+/// Uncertainty of each entry of A and B where none is given.
+const USUAL_UNCERTAINTY: f64 = 0.2;
+
 impl Request<'_> {
+    /// Uncertainty of each entry of A and B, in parts of it.
+    pub fn uncertainty(&self) -> f64 {
+        self.uncertainty.unwrap_or(USUAL_UNCERTAINTY)
+    }
+
     /// The plant that was given, or integrators of the sizes asked for.
     ///
     /// # Errors
@@ -125,11 +134,11 @@ impl Request<'_> {
     /// Refuses an uncertainty that the kind has no use for.
     ///
     /// # Errors
-    /// The uncertainty that was given, and what takes one.
-    pub fn check_uncertainty(&self) -> Result<(), Invalid> {
+    /// The uncertainty that was given, and the kinds that take one.
+    pub fn check_uncertainty(&self, kinds: &[&str]) -> Result<(), Invalid> {
         let Some(uncertainty) = self.uncertainty else { return Ok(()) };
-        let allowed = if !UNCERTAIN.contains(&self.kind) {
-            format!("{} doesn't use it; the kinds that do are {}", self.kind, UNCERTAIN.join(", "))
+        let allowed = if !kinds.contains(&self.kind) {
+            format!("{} doesn't use it; the kinds that do are {}", self.kind, kinds.join(", "))
         } else if self.plant.is_none() {
             "needs a nominal plant: give --plant".to_owned()
         } else {

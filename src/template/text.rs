@@ -6,6 +6,8 @@ use nalgebra::DMatrix;
 
 /// Widest line.
 const WIDTH: usize = 110;
+/// From so many characters on a comment is broken.
+const WIDEST: usize = 116;
 
 /// A description that is being written.
 #[derive(Debug, Default)]
@@ -24,9 +26,13 @@ pub struct Begun {
 }
 
 impl Text {
-    /// A comment of its own.
+    /// A comment of its own, in several lines where it is long.
     pub fn comment(&mut self, text: &str) {
-        self.text.push_str(&format!("# {text}\n"));
+        if text.chars().count() < WIDEST {
+            self.text.push_str(&format!("# {text}\n"));
+        } else {
+            self.wrap(text);
+        }
     }
 
     /// A table, with a line before it.
@@ -52,6 +58,11 @@ impl Text {
 
     /// A comment of several lines that is reported too.
     pub fn note(&mut self, text: &str) {
+        self.wrap(text);
+        self.notes.push(text.to_owned());
+    }
+
+    fn wrap(&mut self, text: &str) {
         let mut line = String::from("#");
         for word in text.split(' ') {
             if line.chars().count() + word.chars().count() >= WIDTH {
@@ -61,13 +72,17 @@ impl Text {
             line.push_str(&format!(" {word}"));
         }
         self.text.push_str(&format!("{line}\n"));
-        self.notes.push(text.to_owned());
     }
 
     /// The whole.
     pub fn finish(self) -> Begun {
         Begun { text: self.text, notes: self.notes }
     }
+}
+
+/// "1 state", "2 states"
+pub fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// A number that stays a real one, as short as it can be.

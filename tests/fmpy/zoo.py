@@ -14,7 +14,7 @@ from sample import ROOT
 
 FOLDER = ROOT / "examples/zoo"
 PLANTS = tomllib.loads((FOLDER / "plants.toml").read_text())
-KINDS = ["pid", "ladrc", "funnel"]
+KINDS = ["pid", "ladrc", "funnel", "l1", "l1-limit"]
 # How much longer than it should take to settle a loop is run.
 LONGER = 1.6
 # A funnel's reference is followed for so long, in 1/W.
@@ -32,6 +32,8 @@ class Said:
     settling: float | None
     overshoot: float | None
     modulus: float | None
+    # λ* of an L1 design.
+    proof: float | None
     left: float | None
     notes: str
     # The step that was asked for, or the largest within the limits.
@@ -42,7 +44,7 @@ class Said:
         """The cell of the table in docs/first_designs.md."""
         if self.left is not None:
             return f"{self.left:g} % left"
-        return f"{self.settling:g} s, {self.overshoot:g} %, {self.modulus:g}"
+        return f"{self.settling:g} s, {self.overshoot:g} %, {self.modulus or self.proof:g}"
 
 
 @dataclass
@@ -64,6 +66,16 @@ class Refused:
         return "–"
 
 
+@dataclass
+class NotSound:
+    """Why some plants within the uncertainty aren't stable."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return "not sound"
+
+
 def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
     return subprocess.run([PROGRAM, *arguments], cwd=folder, capture_output=True, text=True, timeout=300)
 
@@ -73,16 +85,18 @@ def new(folder: Path, kind: str, name: str, plant: str, *options: str) -> subpro
     return program(folder, "new", kind, "--name", name, "--plant", file, "--out", f"{name}.toml", "--no-schema", "--force", *options)
 
 
-def row(plant: str, designs: list[Said | Refused]) -> str:
+def row(plant: str, designs: list[Said | Refused | NotSound]) -> str:
     """A line of the table in docs/first_designs.md."""
     of = PLANTS[plant]
     return f"| `{plant}` | {of['bandwidth']:g} | " + " | ".join(map(str, designs)) + " |"
 
 
-def design(plant: str, kind: str, folder: Path) -> Said | Refused:
+def design(plant: str, kind: str, folder: Path) -> Said | Refused | NotSound:
     """C.toml for a plant, at the bandwidth and for the reference that belong to it."""
     bandwidth, reference = PLANTS[plant]["bandwidth"], PLANTS[plant]["reference"]
     made = new(folder, kind, "C", plant, "--bandwidth", repr(bandwidth), "--reference", repr(reference))
+    if made.returncode == 3:
+        return NotSound(made.stderr)
     if made.returncode:
         assert made.returncode == 1 and "panic" not in made.stderr, made.stderr
         return Refused(made.stderr.split(".json: ", 1)[1].strip())
@@ -97,6 +111,7 @@ def design(plant: str, kind: str, folder: Path) -> Said | Refused:
         settling=number(r"settles to 2 % in ([-\d.e]+) s"),
         overshoot=number(r"overshoot ([-\d.e]+) %"),
         modulus=number(r"sensitivity M_s (\d+(?:\.\d+)?)"),
+        proof=number(r"λ\* ([-\d.e]+)\."),
         left=number(r"and ([-\d.e]+) % of the reference is left"),
         notes=made.stderr,
         reference=reference if allowed is None else 0.98 * allowed,

@@ -428,7 +428,6 @@ fn what_this_law_has_no_use_for_is_refused_with_the_reason() {
     let text = description(ROBOT);
     let with = |line: &str| text.replace("baseline = \"inside\"", &format!("baseline = \"inside\"\n{line}"));
     refused(&with("commands = \"acceleration\""), &["commands", "nominal_input_gain"]);
-    refused(&with("desired_dynamics = \"matrix\""), &["desired_dynamics", "poles"]);
     refused(&text.replace("sample_time = 0.005", "sample_time = 10.0"), &["sample_time", "at most"]);
     let singular = "nominal_input_gain = [[1.0, 1.0], [1.0, 1.0]]\nu_min = [-1.0, -1.0]";
     let start = text.find("nominal_input_gain").unwrap();
@@ -436,4 +435,24 @@ fn what_this_law_has_no_use_for_is_refused_with_the_reason() {
     refused(&text.replace(&text[start..end], singular), &["nominal_input_gain", "direction of its own"]);
     // Start values of what belongs to adaptation may stay.
     assert!(model(&format!("{text}adaptation_gain = 1e5\nomega_min = [0.5, 0.5]\n")).is_ok());
+}
+
+/// What the desired dynamics leave of a state within a sample, the gain of the sampled plant leaves too, as nearly as it can.
+#[test]
+fn desired_dynamics_may_be_given_as_a_matrix() {
+    let text = "name = 'S'\nmodel = 'l1-sampled'\ndescription = ''\n[structure]\nA = [[0.0, 1.0], [-2.0, -0.3]]\nB = [[0.0], [1.0]]\n\
+                C = [[1.0, 0.0]]\nbaseline = 'outside'\n";
+    let start = "sample_time = 0.01\nfeedback_gain = [10.0]\ndelay_steps = 0\n";
+    let poles = format!("{text}[start]\n{start}pole_real = [-3.0, -3.0]\npole_imag = [4.0, -4.0]\n");
+    let matrix = format!("{text}desired_dynamics = 'matrix'\n[start]\n{start}A_m = [[0.0, 1.0], [-25.0, -6.0]]\n");
+    let largest = |text: &str| {
+        let report = model(text).unwrap().report();
+        let found = report.findings.iter().find(|finding| finding.name == "largest magnitude of the poles").unwrap();
+        match found.value {
+            Value::Number(value) => value,
+            ref other => panic!("{other:?}"),
+        }
+    };
+    let (poles, matrix) = (largest(&poles), largest(&matrix));
+    assert!(matrix < 1.0 && (poles - matrix).abs() < 1e-3, "{poles}, {matrix}");
 }

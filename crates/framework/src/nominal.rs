@@ -37,9 +37,9 @@ pub enum Uncertainty {
     Part(f64),
     /// Largest deviation of each entry.
     Elements {
-        /// Of A.
+        /// Deviations of A.
         A: DMatrix<f64>,
-        /// Of B.
+        /// Deviations of B.
         B: DMatrix<f64>,
     },
     /// Confidence region of a model that was identified from records.

@@ -197,6 +197,9 @@ pub struct DesignReport {
     pub step: f64,
     /// What was found; nothing where a system has nothing to report.
     pub findings: Vec<Finding>,
+    /// Summary of the loop with the nominal plant, in a line; none where no plant is known.
+    #[serde(default)]
+    pub summary: Option<String>,
     /// What the section of the next findings is called.
     #[serde(skip)]
     section: String,
@@ -265,6 +268,12 @@ impl DesignReport {
             finding.name = word(&finding.name);
             finding.note = word(&finding.note);
         }
+        self.summary = self.summary.take().map(|summary| word(&summary));
+    }
+
+    /// Sets the summary of the loop with the nominal plant.
+    pub fn summarise(&mut self, summary: String) {
+        self.summary = Some(summary);
     }
 
     /// A finding that nothing speaks against.

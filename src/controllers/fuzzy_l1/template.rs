@@ -5,30 +5,33 @@ use super::structure::WEIGHTS;
 use crate::catalogue::Catalogued;
 use crate::controllers::l1;
 use crate::error::Invalid;
-use crate::template::{Begun, Request, all, list, number, three_digits};
+use crate::template::{Begun, Request, list, number, three_digits};
 
-/// A single channel with a rate has its numbers as the thesis has them; else each channel has its own.
+/// The fuzzy gain of a channel with sets in the middle of their bounds and an inference of 0.5, 0.5, and the parts of it between
+/// which the gain moves.
+const MIDDLE: f64 = 4.310;
+const VARIES: [f64; 2] = [0.17, 2.03];
+
+/// Each channel has its own numbers, which move its gain about the K of an L1 controller.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
     let entered = l1::enters_rates(&plant.B, &plant.C);
-    let of_one = m == 1 && entered == [false];
     let own = [WEIGHTS[0], "\"own\"", "\"shared\": one k_p, k_d and k_e for all channels"];
-    let keys = if of_one { &[][..] } else { &[own] };
-    let (mut text, bandwidth) = l1::template::begin(request, &FuzzyL1::PAGE, keys)?;
+    let mut started = l1::template::begin(request, &FuzzyL1::PAGE, VARIES, &[own])?;
+    let (bandwidth, gain, text) = (started.bandwidth, started.design.feedback_gain, &mut started.text);
     let reference = request.reference;
     // As many as there are channels; of one, the number itself.
-    let each = |value: f64| if m == 1 { number(value) } else { all(value, m) };
-    text.set("k_e", each(three_digits(0.1 * reference)), "error above which the gain is fuzzy");
-    text.set("k_p", each(three_digits(1.0 / reference)), "factor of |e| in the inference: 1 is `very large`");
+    let each = |values: &[f64]| if let [value] = values { number(*value) } else { list(values) };
+    let all = |value: f64| each(&vec![value; m]);
+    text.set("k_e", all(three_digits(0.1 * reference)), "error above which the gain is fuzzy");
+    text.set("k_p", all(three_digits(1.0 / reference)), "factor of |e| in the inference: 1 is `very large`");
     let k_d = three_digits(0.5 / (reference * bandwidth));
     let weights: Vec<_> = entered.iter().map(|&entered| if entered { 0.0 } else { k_d }).collect();
     if entered.contains(&false) {
-        let k_d = if m == 1 { number(k_d) } else { list(&weights) };
-        text.set("k_d", k_d, "s, factor of |e'| in the inference");
+        text.set("k_d", each(&weights), "s, factor of |e'| in the inference");
     }
-    if !of_one {
-        text.set("fuzzy_scale", each(1.0), "factor of the fuzzy gain, to suit a channel's K");
-    }
-    Ok(text.finish())
+    let scale = three_digits(gain / MIDDLE);
+    text.set("fuzzy_scale", all(scale), "factor of the fuzzy gain: K in the middle of its range");
+    Ok(started.finish(request))
 }

@@ -22,8 +22,8 @@ const FAR: f64 = 5.0;
 struct Off {
     output: usize,
     bound: f64,
-    /// The smaller and the larger of 1, in the unit of y, and what half of `sigma_bound` holds the output at: references that
-    /// a description doesn't tell.
+    /// Twice what the description has; else the smaller and the larger of 1, in the unit of y, and what half of `sigma_bound`
+    /// holds the output at.
     reference: [f64; 2],
 }
 
@@ -64,7 +64,8 @@ impl Law {
         if let Some(band) = widest {
             report.tell("largest bandwidth", band, "rad/s", "of C(s), over omega within its bounds");
         }
-        let Some(off) = self.worst_prediction(v) else {
+        let known = report.nominal().and_then(|nominal| nominal.reference.clone());
+        let Some(off) = self.worst_prediction(known.as_deref(), v) else {
             let note = "P and K_g are too badly scaled for a bound on the outputs";
             return report.judge("bound on the prediction", "not found", "", Verdict::Warning, note);
         };
@@ -103,7 +104,7 @@ impl Law {
 
     /// The output whose prediction is worst, in parts of its reference: √(C_i P⁻¹ C_iᵀ θ_m/Γ). `None` where it can't be
     /// found.
-    fn worst_prediction(&self, v: &Values<f64>) -> Option<Off> {
+    fn worst_prediction(&self, known: Option<&[f64]>, v: &Values<f64>) -> Option<Off> {
         let (P, Q) = (v.matrix(self.design.P).into_owned(), v.matrix(self.design.Q).into_owned());
         let size = (self.uncertain(v).theta_m(&P, &Q) / v[self.design.adaptation_gain]).sqrt();
         let (C, inverse) = (&self.plant.C, P.try_inverse()?);
@@ -113,7 +114,8 @@ impl Law {
             let moved: f64 =
                 at_rest.row(i).iter().zip(&v[self.design.sigma_bound]).map(|(y, sigma)| (y * sigma).abs()).sum();
             let held = if moved > 0.0 { 0.5 * moved } else { 1.0 };
-            let reference = [held.min(1.0), held.max(1.0)];
+            let known = known.and_then(|known| known.get(i)).map(|&known| [known, known]);
+            let reference = known.unwrap_or([held.min(1.0), held.max(1.0)]);
             Off { output: i, bound: size * (row * &inverse * row.transpose())[0].max(0.0).sqrt(), reference }
         });
         let rank = |off: &Off| (off.verdict(), off.bound / off.reference[1]);
@@ -169,7 +171,7 @@ impl Law {
             let left = ((omega - DMatrix::identity(m, m)) * K_m).abs();
             if self.regressor == Regressor::State { left } else { DMatrix::from_fn(m, 1, |i, _| left.row(i).sum()) }
         };
-        let bounds = self.theta_bounds(v);
+        let bounds = self.bounds_of_state(v);
         let most =
             design.gains().iter().map(added).fold(bounds.map(|_| 0.0), |most, added| most.zip_map(&added, f64::max));
         let by_element = self.design.theta_bound.len() > m;
@@ -178,7 +180,8 @@ impl Law {
         let name = format!("(omega - I) {of_K_m}");
         let each = if by_element { "of theta" } else { "for each input" };
         let counts = format!("(omega - I) {of_K_m} x is also uncertain: one element {each}, at the bounds of omega");
-        if most.iter().zip(&bounds).all(|(added, bound)| added <= bound) {
+        // Bounds that were scaled have rounding in their last digit.
+        if most.iter().zip(&bounds).all(|(added, bound)| *added <= bound * (1.0 + 1e-9)) {
             return report.tell(&name, &value, "", &counts);
         }
         let note = format!(

@@ -471,7 +471,12 @@ impl Linear<'_> {
 fn regressor_rate(l1: &Law, v: &Values<f64>, slopes: &[f64], channel: usize) -> f64 {
     let (theta_hat, rates) = (v.matrix(l1.theta_hat), &slopes[l1.ports.x.span().range()]);
     match l1.regressor {
-        Regressor::State => theta_hat.row(channel).iter().zip(rates).map(|(theta, rate)| theta * rate).sum(),
+        Regressor::State => {
+            let row = theta_hat.row(channel);
+            let scaled =
+                rates.iter().enumerate().map(|(j, &rate)| l1.regressor_gain(j).map_or(rate, |gain| rate * gain));
+            row.iter().zip(scaled).map(|(theta, rate)| theta * rate).sum()
+        }
         Regressor::InfinityNorm => theta_hat[(channel, 0)] * norm_rate(l1, v, slopes),
     }
 }

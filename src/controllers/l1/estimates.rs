@@ -38,6 +38,11 @@ impl Law {
         }
     }
 
+    /// By which an element of x is multiplied in φ(x); none where it isn't.
+    pub(super) fn regressor_gain(&self, j: usize) -> Option<f64> {
+        self.regressor_gains.get(j).copied()
+    }
+
     /// Number of estimates.
     pub(super) fn estimates(&self) -> usize {
         let (m, columns) = self.theta_hat.shape();

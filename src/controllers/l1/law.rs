@@ -48,6 +48,8 @@ pub(in crate::controllers) struct Law {
     /// The filter's state at rest, for an output of 1.
     pub(super) filter_at_rest: DVector<f64>,
     pub(super) regressor: Regressor,
+    /// By which x is multiplied in φ(x) = x; empty where it isn't.
+    pub(super) regressor_gains: Vec<f64>,
     pub(super) baseline: Baseline,
     pub(super) design: Design,
     u_ad_start: ChoiceOf<Parameter, AdaptiveStart>,
@@ -124,6 +126,7 @@ impl Law {
         let law = Law {
             filter_at_rest: filter.at_rest(),
             regressor: structure.regressor,
+            regressor_gains: structure.regressor_gains(n)?,
             baseline: structure.baseline,
             design,
             u_ad_start: d
@@ -301,8 +304,10 @@ impl Law {
     pub fn outputs_towards<S: Scalar>(&self, goal: Goal<S>, v: &Values<S>, y: &mut Signals<S>) {
         let (x, x_hat) = (&v[self.ports.x], &v[self.x_hat]);
         let norm = [infinity_norm(x)];
-        let phi = if self.regressor == Regressor::State { x } else { &norm };
-        y.set(self.phi, phi);
+        let unscaled = if self.regressor == Regressor::State { x } else { &norm };
+        let scaled = |(j, &x): (usize, &S)| self.regressor_gain(j).map_or(x, |gain| x * gain);
+        let phi = || unscaled.iter().enumerate().map(scaled);
+        y[self.phi].iter_mut().zip(phi()).for_each(|(signal, phi)| *signal = phi);
         if let Some(unmatched) = &self.unmatched {
             unmatched.outputs(norm[0], v, y);
         }
@@ -314,7 +319,7 @@ impl Law {
                 y[self.eta_hat][i] += known;
             }
         }
-        add_product(&mut y[self.eta_hat], v.matrix(self.theta_hat), phi.iter().copied());
+        add_product(&mut y[self.eta_hat], v.matrix(self.theta_hat), phi());
         for (k, &(i, j)) in self.omega_entries.iter().enumerate() {
             let term = v[self.omega_hat][k] * y[self.v][j];
             y[self.eta_hat][i] += term;

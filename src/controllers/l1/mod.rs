@@ -6,6 +6,7 @@ mod closed_form;
 mod design;
 mod estimates;
 mod law;
+pub(super) mod plants;
 mod ports;
 mod report;
 mod structure;
@@ -187,6 +188,7 @@ impl Catalogued for L1 {
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: begun,
+        is_uncertain: true,
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),
@@ -200,6 +202,5 @@ impl Catalogued for L1 {
 }
 
 fn begun(request: &Request) -> Result<Begun, Invalid> {
-    let (text, _) = template::begin(request, &L1::PAGE, &[])?;
-    Ok(text.finish())
+    Ok(template::begin(request, &L1::PAGE, [1.0, 1.0], &[])?.finish(request))
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mathematics::filter::{Filter, FilterDescription};
 use crate::mathematics::matrices::rows;
-use crate::system::{Invalid, Scalar, Unit, of_outputs, quantities};
+use crate::system::{Invalid, Number, Scalar, Unit, of_outputs, quantities};
 
 /// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.
 const MOST_STATES: usize = 200;
@@ -79,6 +79,9 @@ pub struct L1Structure {
     C: Vec<Vec<f64>>,
     /// What multiplies the estimates of theta.
     pub(super) regressor: Regressor,
+    /// Usual magnitudes of the states, n numbers: with `regressor = "state"`, theta multiplies x/state_scale. 1 where they aren't
+    /// given.
+    state_scale: Option<Vec<f64>>,
     /// Which entries of the input gain omega are estimated.
     pub(super) input_gain: InputGain,
     /// Where the static state feedback stands that gives the plant its desired dynamics.
@@ -232,6 +235,28 @@ impl L1Structure {
     /// True if all entries of ω are estimated.
     pub(super) fn is_full(&self) -> bool {
         self.input_gain == InputGain::Full
+    }
+
+    /// 1/state_scale; empty where theta multiplies x itself.
+    ///
+    /// # Errors
+    /// Magnitudes that are none, or another regressor.
+    pub(super) fn regressor_gains(&self, n: usize) -> Result<Vec<f64>, Invalid> {
+        let Some(scale) = &self.state_scale else { return Ok(Vec::new()) };
+        if self.regressor != Regressor::State {
+            let allowed = "belongs to regressor = \"state\"; leave it out with the largest element of x";
+            return Err(Invalid::new("state_scale", "given", allowed));
+        }
+        let wrong = scale.iter().find(|&&size| !(size > 0.0 && size.is_finite() && size.recip().is_finite()));
+        match wrong {
+            _ if scale.len() != n => Err(Invalid::new(
+                "state_scale",
+                format!("{} numbers", scale.len()),
+                format!("must be {n}, one a state"),
+            )),
+            Some(wrong) => Err(Invalid::new("state_scale", Number(*wrong), "must be finite numbers above 0")),
+            None => Ok(scale.iter().map(|size| size.recip()).collect()),
+        }
     }
 
     /// Numbers of states and of inputs.

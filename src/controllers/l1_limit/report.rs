@@ -5,8 +5,9 @@
 use nalgebra::DMatrix;
 
 use super::L1Limit;
+use crate::controllers::at_limit::unit;
 use crate::controllers::l1::tracking::{self, BY_GAIN};
-use crate::controllers::l1::{controllability, tell_delay_margin};
+use crate::controllers::l1::{controllability, plants, tell_delay_margin};
 use crate::mathematics::delay_margin::NominalLoop;
 use crate::mathematics::l1_design::L1Design;
 use crate::mathematics::limits::UNLIMITED;
@@ -14,6 +15,7 @@ use crate::system::{DesignReport, Values, Verdict};
 
 impl L1Limit {
     pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_plants(v, report);
         self.tell_dynamics(v, report);
         let (design, of_K) = (self.nominal_design(v), v.name(self.K));
         report.section("Filter loop");
@@ -32,6 +34,21 @@ impl L1Limit {
         }
         self.tell_noise(v, report);
         self.tell_limits(v, report);
+    }
+
+    /// Plants with a law that is its filter 1/s and matched estimates.
+    fn tell_plants(&self, v: &Values<f64>, report: &mut DesignReport) {
+        if !self.filter.is_integrator() || self.plant.B_um.ncols() > 0 {
+            return;
+        }
+        let numbers = plants::Numbers {
+            A_m: self.dynamics.A_m(v).into_owned(),
+            K_m: self.dynamics.gain().map(|K_m| v.matrix(K_m).into_owned()),
+            K: vec![v.matrix(self.K).into_owned()],
+            P: None,
+            is_inside: false,
+        };
+        plants::tell(&numbers, &unit(self.u, [self.u_min, self.u_max], v, report.step), report);
     }
 
     fn tell_dynamics(&self, v: &Values<f64>, report: &mut DesignReport) {

@@ -5,34 +5,46 @@ use crate::catalogue::Catalogued;
 use crate::controllers::l1;
 use crate::controllers::template::write_funnel;
 use crate::error::Invalid;
-use crate::template::{Begun, Request, all, three_digits};
+use crate::template::{Begun, Plant, Request, all, counted, three_digits};
 
 /// Stiffness of the barrier in the middle of the funnel, in parts of the bandwidth.
 const STIFFNESS: f64 = 4.0;
-
-/// C B below this part of the largest entries counts as 0.
-const NEGLIGIBLE: f64 = 1e-9;
 
 /// The design of an L1 controller, in a funnel for its references.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
     let degree = n / m;
-    let shows_at_once = (&plant.C * &plant.B).amax() > NEGLIGIBLE * plant.C.amax() * plant.B.amax();
-    if n % m != 0 || !(degree == 1 || degree == 2 && !shows_at_once) {
+    let missing = if n % m != 0 || !(1..=2).contains(&degree) {
+        Some(format!("the plant has {} and {}", counted(n, "state"), counted(m, "input")))
+    } else {
+        unmeasured_rate(&plant).filter(|_| degree == 2).map(|j| format!("the rate of state {} is no state", j + 1))
+    };
+    if let Some(missing) = missing {
         return Err(Invalid::because(format!(
-            "this law needs an input for each state, or for each coordinate with its rate as the next state: the plant has {n} \
-             states and {m} inputs{}",
-            if degree == 2 { ", and an input acts on the rate of an output directly" } else { "" }
+            "this law needs an input for each state, or for each coordinate with its rate among the states: {missing}. `new l1` may \
+             find a controller"
         )));
     }
-    let (mut text, bandwidth) = l1::template::begin(request, &L1Ppf::PAGE, &[])?;
-    write_funnel(&mut text, request.reference, bandwidth, m);
+    let mut started = l1::template::begin(request, &L1Ppf::PAGE, [1.0, 1.0], &[])?;
+    let (bandwidth, text) = (started.bandwidth, &mut started.text);
+    write_funnel(text, request.reference, bandwidth, m);
     let rho_inf = 0.1 * request.reference;
     let gain = three_digits(STIFFNESS * bandwidth * rho_inf * rho_inf);
     text.set("barrier_gain", all(gain, m), "how hard the barrier pushes an error back");
     if degree == 2 {
         text.set("error_weight", all(three_digits(bandwidth), m), "1/s, weight of the error beside its rate");
     }
-    Ok(text.finish())
+    Ok(started.finish(request))
+}
+
+/// A state that an output shows and whose rate isn't another state.
+fn unmeasured_rate(plant: &Plant) -> Option<usize> {
+    let is_rate = |j: usize| {
+        let ones = plant.A.row(j).iter().filter(|entry| **entry == 1.0).count();
+        let others = plant.A.row(j).iter().filter(|entry| **entry != 0.0).count();
+        ones == 1 && others == 1 && plant.B.row(j).iter().all(|&entry| entry == 0.0)
+    };
+    let shown = (0..plant.A.nrows()).filter(|&j| plant.C.column(j).iter().any(|&entry| entry != 0.0));
+    shown.into_iter().find(|&j| !is_rate(j))
 }

@@ -7,6 +7,7 @@ use super::L1Sampled;
 use super::filter::SampledFilter;
 use crate::controllers::inverse::{inverse, refused};
 use crate::controllers::l1::orthogonal_complement;
+use crate::mathematics::balanced::far_from_balanced;
 use crate::mathematics::{feedforward, pole_placement};
 use crate::report::at_most;
 use crate::system::{Invalid, Number, Point, Values};
@@ -25,7 +26,8 @@ impl L1Sampled {
         let (n, m) = self.plant.B.shape();
         let T = v[self.sample_time];
         let A = self.nominal(A_m);
-        let motion = A.norm().max(A_m.norm()) * T;
+        let size = |A: &DMatrix<f64>| far_from_balanced(A).map_or(A.norm(), |(balanced, _)| balanced.norm());
+        let motion = size(&A).max(size(A_m)) * T;
         if motion.is_nan() || motion > MOST_MOTION {
             let allowed = format!(
                 "must be at most {}: the nominal plant moves too far within it",
@@ -45,6 +47,11 @@ impl L1Sampled {
         let K_d = match self.dynamics.poles(&v.values()) {
             Some(poles) => {
                 pole_placement::place(&A_r, &B_r, &poles.iter().map(|&pole| rate(pole, T)).collect::<Vec<_>>())?
+            }
+            // What moves the sampled plant as the desired dynamics do, as nearly as it can.
+            None if self.dynamics.gain().is_some() => {
+                let wanted = (hold(A_m, &DMatrix::zeros(n, 0), T).0 - DMatrix::identity(n, n)) / T;
+                B_r.clone().svd(true, true).solve(&(&A_r - wanted), 0.0).map_err(Invalid::because)?
             }
             None => DMatrix::zeros(m, n),
         };
@@ -139,6 +146,17 @@ impl L1Sampled {
 
 /// e^(A t), and ∫ e^(A s) ds B from 0 to t: what an interval does with an input that is held.
 pub(super) fn hold(A: &DMatrix<f64>, B: &DMatrix<f64>, t: f64) -> (DMatrix<f64>, DMatrix<f64>) {
+    let Some((balanced, scales)) = far_from_balanced(A) else { return hold_as_given(A, B, t) };
+    let (rows, n) = (B.nrows(), A.nrows());
+    let scaled = DMatrix::from_fn(rows, B.ncols(), |i, j| B[(i, j)] / scales[i]);
+    let (over_A, over_B) = hold_as_given(&balanced, &scaled, t);
+    (
+        DMatrix::from_fn(n, n, |i, j| over_A[(i, j)] * scales[i] / scales[j]),
+        DMatrix::from_fn(rows, B.ncols(), |i, j| over_B[(i, j)] * scales[i]),
+    )
+}
+
+fn hold_as_given(A: &DMatrix<f64>, B: &DMatrix<f64>, t: f64) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, m) = B.shape();
     let mut whole = DMatrix::zeros(n + m, n + m);
     whole.view_mut((0, 0), (n, n)).copy_from(&(A * t));

@@ -2,12 +2,13 @@
 //! more dead time and other input gain it bears.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, DMatrix, DVector};
 
 use super::filter::SampledFilter;
 use super::nominal::{Estimation, HeldFilter, Nominal};
 use super::{L1Sampled, MOST_DELAY};
-use crate::controllers::l1::controllability;
+use crate::controllers::at_limit::unit;
+use crate::controllers::l1::{controllability, plants};
 use crate::report::number;
 use crate::system::{DesignReport, Values, Verdict};
 
@@ -26,6 +27,7 @@ const NARROW: [f64; 2] = [0.8, 1.25];
 
 impl L1Sampled {
     pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_plants(v, report);
         let (A_m, of_A_m) = (self.dynamics.A_m(v).into_owned(), self.dynamics.name_of_A_m(v));
         report.section("Desired dynamics");
         report.eigenvalues(&format!("eigenvalues of {of_A_m}"), &A_m, true);
@@ -60,6 +62,24 @@ impl L1Sampled {
         }
         self.tell_loop(&self.nominal_loop(&A_m, v), v, report);
         self.tell_noise(v, report);
+    }
+
+    /// Plants with the controller as it is for short samples: one that is its filter 1/s and matched estimates.
+    fn tell_plants(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let is_nominal = v.matrix(self.W_0).is_identity(0.0);
+        let SampledFilter::Integrator(k) = &self.filter else { return };
+        if self.plant.B_um.ncols() > 0 || !is_nominal {
+            return;
+        }
+        let numbers = plants::Numbers {
+            A_m: self.dynamics.A_m(v).into_owned(),
+            K_m: self.dynamics.gain().map(|K_m| v.matrix(K_m).into_owned()),
+            K: vec![DMatrix::from_diagonal(&DVector::from_column_slice(&v[*k]))],
+            P: None,
+            is_inside: false,
+        };
+        let unit = unit(self.u, [self.u_min, self.u_max], v, v[self.sample_time]);
+        plants::tell(&numbers, &unit, report);
     }
 
     /// The filter, in a loop with the nominal input gain, where it isn't 1/s.

@@ -4,7 +4,7 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::controllers::l1::{Commands, DesiredDynamics, L1Structure, PlantMatrices};
+use crate::controllers::l1::{Commands, L1Structure, PlantMatrices};
 use crate::system::Invalid;
 
 /// How what is unknown is found from the measured state.
@@ -47,7 +47,7 @@ impl schemars::JsonSchema for L1SampledStructure {
         let mut estimate = Estimate::json_schema(generator);
         estimate.insert("default".to_owned(), serde_json::json!("exact"));
         if let Some(properties) = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut) {
-            ["commands", "desired_dynamics"].into_iter().for_each(|key| drop(properties.remove(key)));
+            properties.remove("commands");
             properties.insert(ESTIMATE.to_owned(), estimate.to_value());
         }
         schema
@@ -59,10 +59,6 @@ impl L1SampledStructure {
     /// What doesn't fit, or isn't for this law.
     pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let plant = self.of_l1.plant()?;
-        if self.of_l1.desired_dynamics == DesiredDynamics::Matrix {
-            let allowed = "must be \"poles\": the gain is placed for the plant as it is sampled";
-            return Err(Invalid::new("desired_dynamics", "\"matrix\"", allowed));
-        }
         if self.of_l1.commands == Commands::Acceleration {
             let allowed = "must be \"control\": nominal_input_gain says what a control does";
             return Err(Invalid::new("commands", "\"acceleration\"", allowed));

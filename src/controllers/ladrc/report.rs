@@ -7,6 +7,14 @@ use std::f64::consts::PI;
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::{BY_CONTROLLER, Ladrc, binomial};
+use crate::controllers::at_limit::unit;
+use crate::design;
+use crate::design::controller::Controller;
+use crate::design::ladrc::Gains;
+use crate::design::robustness::feedback;
+use crate::design::robustness::linear::OutputFeedback;
+use crate::design::robustness::report::Described;
+use crate::design::search::Law as _;
 use crate::report::{DIGITS, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
@@ -20,6 +28,7 @@ const DECADES: f64 = 2.0;
 
 impl Ladrc {
     pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_loop(v, report);
         for i in 0..self.u.len() {
             report.section(&format!("Channel {}", i + 1));
             let (omega_c, omega_o) = (v[self.omega_c][i], v[self.omega_o_in_force][i]);
@@ -47,6 +56,25 @@ impl Ladrc {
         report.section("Input gain");
         let note = "how the control shows in the last derivatives; what it is off by is rejected like any disturbance";
         report.tell(&v.name(self.B_0), &B_0, "", note);
+    }
+
+    /// The loop with the plant of the description, whose references' derivatives aren't given.
+    fn tell_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let (m, order) = (self.u.len(), self.order);
+        let gains =
+            |i: usize| Gains { order, omega_c: v[self.omega_c][i], omega_o: v[self.omega_o_in_force][i], b_0: 1.0 };
+        let (gains, S): (Vec<_>, _) = ((0..m).map(gains).collect(), v.matrix(self.B_0_inverse).into_owned());
+        let law = |described: &Described| {
+            let W = described.plant.bandwidth;
+            let channels: Vec<_> = gains.iter().map(|gains| design::ladrc::Ladrc::controller(gains, W)).collect();
+            OutputFeedback {
+                controller: Controller::of_channels(&channels, &S),
+                entry: design::ladrc::entry(&gains, &S, W),
+                C: described.plant.C.clone(),
+            }
+        };
+        let unit = unit(self.u, [self.u_min, self.u_max], v, report.step);
+        feedback::tell(m, law, &unit, report);
     }
 
     /// The delay that the loop of a nominal chain of integrators stands at its input.

@@ -8,7 +8,7 @@ use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, first, stop_time, write_nominal};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, modulus_of};
-use crate::design::step::Entry;
+
 use crate::design::{four_digits, ladrc};
 use crate::error::Invalid;
 use crate::mathematics::matrices;
@@ -25,7 +25,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (_, m, _) = plant.sizes();
     let nominal = Nominal::new(&plant, design::bandwidth(&plant, request)?)?;
     let found = first::find::<ladrc::Ladrc>(&nominal, "active disturbance rejection controller", MOST_INTEGRATORS)?;
-    let steps = first::steps(&nominal, &found, &entry(&nominal, &found))?;
+    let steps = first::steps(&nominal, &found, &ladrc::entry(&found.gains, &found.S, nominal.bandwidth))?;
     let fastest = found.gains.iter().map(|gains| gains.omega_o).fold(0.0, f64::max);
     let mut text = request.begin(&Ladrc::PAGE, stop_time(found.speed * nominal.bandwidth), round_down(0.1 / fastest));
     text.table("structure");
@@ -51,7 +51,10 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         "input gain: from the controls to the highest derivatives of the outputs",
     );
     write_limits(&mut text, Some(&plant), m);
-    write_nominal(&mut text, request, nominal.bandwidth);
+    if request.plant.is_some() {
+        let speed = found.speed * nominal.bandwidth;
+        write_nominal(&mut text, &plant, speed, request.reference, request.uncertainty);
+    }
     Ok(text.finish())
 }
 
@@ -67,17 +70,4 @@ fn input_gain(nominal: &Nominal, found: &Found<ladrc::Gains>) -> Result<DMatrix<
     let modulus = modulus_of::<ladrc::Ladrc>(nominal, &found.gains, &S);
     let is_same = modulus.is_some_and(|modulus| modulus <= 1.005 * found.has.modulus);
     Ok(if is_same { rounded } else { exact })
-}
-
-/// The control and the observer take ω_cⁿ r: the reference's derivatives are not given.
-fn entry(nominal: &Nominal, found: &Found<ladrc::Gains>) -> Entry {
-    let m = nominal.channels();
-    let (mut B, mut D) = (DMatrix::zeros(found.controller.A.nrows(), m), DMatrix::zeros(m, m));
-    for (i, gains) in found.gains.iter().enumerate() {
-        let n = gains.order as i32;
-        let wanted = (gains.omega_c / nominal.bandwidth).powi(n);
-        B[(i * (gains.order + 1) + gains.order - 1, i)] = wanted;
-        D[(i, i)] = wanted / (gains.b_0 / nominal.bandwidth.powi(n));
-    }
-    Entry { B, D: &found.S * D }
 }

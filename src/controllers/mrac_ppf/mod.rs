@@ -398,8 +398,11 @@ impl MracStructure {
 impl Catalogued for MracPpf {
     const PAGE: Page = pages::MRAC_PPF;
     const ROLE: Role = Role::Controller;
-    const TEMPLATE: Option<Template> =
-        Some(Template { write: template::write, tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)] });
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template::write,
+        is_uncertain: false,
+        tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)],
+    });
     const TRIAL: Trial = Trial {
         alone: funnel::OPEN,
         // Without an error nothing adapts.

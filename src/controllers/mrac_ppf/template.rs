@@ -5,8 +5,8 @@ use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, stop_time, write_funnel};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Plant, Request, all, diagonal, named, round_down, rows, write_limits, write_names, write_quantities,
-    write_units,
+    Begun, Plant, Request, all, counted, diagonal, named, round_down, rows, write_limits, write_names,
+    write_quantities, write_units,
 };
 
 /// Robust MRAC with prescribed performance: each state follows a reference of its own.
@@ -30,6 +30,14 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
 
 fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
     let (n, m, _) = plant.sizes();
+    if n != m {
+        return Err(Invalid::because(format!(
+            "this law needs an input for each state: the plant has {} and {}. `new mrac-ppf-unmatched` or `new l1` may find a \
+             controller",
+            counted(n, "state"),
+            counted(m, "input")
+        )));
+    }
     let bandwidth = design::bandwidth(plant, request)?;
     let step = round_down((0.01 / bandwidth).min(1e-3));
     let mut text = request.begin(&MracPpf::PAGE, stop_time(bandwidth), step);

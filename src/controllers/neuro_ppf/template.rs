@@ -5,8 +5,8 @@ use crate::catalogue::Catalogued;
 use crate::controllers::template::write_funnel;
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Request, Signals, all, diagonal, named, three_digits, write_limits, write_names, write_quantities,
-    write_units,
+    Begun, Plant, Request, Signals, all, counted, diagonal, named, three_digits, write_limits, write_names,
+    write_quantities, write_units,
 };
 
 /// Neuro-adaptive control with prescribed performance: it needs sizes, and no model.
@@ -20,10 +20,17 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         }
     };
     let degree = n / m;
+    let needed = |found: String| {
+        Invalid::because(format!(
+            "this law needs an input for each state, or for each coordinate with its rate among the states: {found}. Choose others \
+             by --states and --inputs, or take `new l1`"
+        ))
+    };
     if n % m != 0 || !(1..=2).contains(&degree) {
-        let allowed =
-            format!("must be {m} (the tracked variables) or {} (the tracked variables and their rates)", 2 * m);
-        return Err(Invalid::new("states", n, allowed));
+        return Err(needed(format!("there are {} and {}", counted(n, "state"), counted(m, "input"))));
+    }
+    if let Some(i) = request.plant.as_ref().filter(|_| degree == 2).and_then(|plant| without_rate(plant, m)) {
+        return Err(needed(format!("state {} isn't the rate of state {}", m + i + 1, i + 1)));
     }
     let mut text = request.begin(&NeuroPpf::PAGE, 10.0, 1e-4);
     text.table("structure");
@@ -51,4 +58,13 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("sigma", "7.5", "leakage of the networks' weights");
     write_limits(&mut text, request.plant.as_ref(), m);
     Ok(text.finish())
+}
+
+/// A coordinate of the first half of the states whose rate isn't the state of the second half at its place.
+fn without_rate(plant: &Plant, m: usize) -> Option<usize> {
+    let is_rate = |i: usize| {
+        let row = plant.A.row(i).iter().enumerate().all(|(j, &entry)| entry == if j == m + i { 1.0 } else { 0.0 });
+        row && plant.B.row(i).iter().all(|&entry| entry == 0.0)
+    };
+    (0..m).find(|&i| !is_rate(i))
 }

@@ -3,6 +3,14 @@
 #![allow(non_snake_case)] // gains have the names of the field
 
 use super::{BY_GAINS, Pid};
+use crate::controllers::at_limit::unit;
+use crate::design;
+use crate::design::controller::Controller;
+use crate::design::pid::Gains;
+use crate::design::robustness::feedback;
+use crate::design::robustness::linear::OutputFeedback;
+use crate::design::robustness::report::Described;
+use crate::design::search::Law as _;
 use crate::mathematics::limits::UNLIMITED;
 use crate::report::{at_least, at_most, number};
 use crate::system::{DesignReport, Values, Verdict};
@@ -16,11 +24,31 @@ const APART: f64 = 2.0;
 
 impl Pid {
     pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_loop(v, report);
         for i in 0..self.I.len() {
             report.section(&format!("Channel {}", i + 1));
             self.tell_derivative(i, v, report);
             self.tell_limits(i, v, report);
         }
+    }
+
+    /// The loop with the plant of the description.
+    fn tell_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let m = self.I.len();
+        let gains = |i: usize| Gains { K_p: v[self.K_p][i], K_i: v[self.K_i][i], K_d: v[self.K_d][i], N: v[self.N][i] };
+        let (gains, S): (Vec<_>, _) = ((0..m).map(gains).collect(), v.matrix(self.S).into_owned());
+        let weights: Vec<_> = (0..m).map(|i| [v[self.b][i], v[self.c][i]]).collect();
+        let law = |described: &Described| {
+            let W = described.plant.bandwidth;
+            let channels: Vec<_> = gains.iter().map(|gains| design::pid::Pid::controller(gains, W)).collect();
+            OutputFeedback {
+                controller: Controller::of_channels(&channels, &S),
+                entry: design::pid::entry(&gains, &weights, &S, W),
+                C: described.plant.C.clone(),
+            }
+        };
+        let unit = unit(self.u, [self.u_min, self.u_max], v, report.step);
+        feedback::tell(m, law, &unit, report);
     }
 
     fn tell_derivative(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {

@@ -1,14 +1,12 @@
 //! The text of a new PID controller.
 #![allow(non_snake_case)] // matrices have the names of the field
 
-use nalgebra::DMatrix;
-
 use super::Pid;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, first, stop_time, write_nominal};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, search};
-use crate::design::step::{Entry, Step};
+use crate::design::step::Step;
 use crate::design::{ladrc, pid};
 use crate::error::Invalid;
 use crate::template::{
@@ -50,7 +48,10 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("S", rows(&found.S), "from the outputs of the channels to the controls: decoupling, and the sign of each");
     write_limits(&mut text, Some(&plant), m);
     text.set("tracking_time", all(-1.0, m), "s, time constant of anti-windup; -1: from the gains, 0: off");
-    write_nominal(&mut text, request, nominal.bandwidth);
+    if request.plant.is_some() {
+        let speed = found.speed * nominal.bandwidth;
+        write_nominal(&mut text, &plant, speed, request.reference, request.uncertainty);
+    }
     Ok(text.finish())
 }
 
@@ -64,7 +65,9 @@ fn find(nominal: &Nominal) -> Result<Found<pid::Gains>, Invalid> {
 
 /// The weight of the reference in the proportional part of each channel, and the steps with them.
 fn weights(nominal: &Nominal, found: &Found<pid::Gains>) -> Result<(Vec<f64>, Vec<Step>), Invalid> {
-    let tried = WEIGHTS.iter().map(|&weight| first::steps(nominal, found, &entry(nominal, found, weight)));
+    let of_all = |b: f64| vec![[b, 0.0]; found.gains.len()];
+    let entry = |b: f64| pid::entry(&found.gains, &of_all(b), &found.S, nominal.bandwidth);
+    let tried = WEIGHTS.iter().map(|&weight| first::steps(nominal, found, &entry(weight)));
     let tried = tried.collect::<Result<Vec<_>, _>>()?;
     let chosen = (0..nominal.channels()).map(|i| {
         if found.gains[i].K_p == 0.0 {
@@ -76,26 +79,4 @@ fn weights(nominal: &Nominal, found: &Found<pid::Gains>) -> Result<(Vec<f64>, Ve
     let chosen: Vec<_> = chosen.collect();
     let steps = chosen.iter().enumerate().map(|(i, &weight)| tried[weight][i].clone()).collect();
     Ok((chosen.into_iter().map(|weight| WEIGHTS[weight]).collect(), steps))
-}
-
-/// The integral part takes r − y, the proportional part b r − y, and the derivative −y.
-fn entry(nominal: &Nominal, found: &Found<pid::Gains>, b: f64) -> Entry {
-    let states = found.controller.A.nrows();
-    // The integral is the first state of each channel.
-    let of_channel = |i: usize| if found.gains[i].K_d > 0.0 { 2 } else { 1 };
-    let mut B = DMatrix::zeros(states, nominal.channels());
-    let mut first = 0;
-    for i in 0..nominal.channels() {
-        B[(first, i)] = -found.controller.B[(first, i)];
-        first += of_channel(i);
-    }
-    let K_p =
-        DMatrix::from_fn(
-            nominal.channels(),
-            nominal.channels(),
-            |i, j| {
-                if i == j { b * found.gains[i].K_p } else { 0.0 }
-            },
-        );
-    Entry { B, D: &found.S * K_p }
 }

@@ -29,17 +29,7 @@ pub fn tell<L: Law>(
     reference: f64,
 ) {
     let (W, v) = (nominal.bandwidth, found.speed * nominal.bandwidth);
-    let overshoot = steps.iter().map(|step| 100.0 * step.overshoot).fold(0.0, f64::max);
-    let settling = steps.iter().map(|step| step.settling.map(|time| time / W)).collect::<Option<Vec<_>>>();
-    let settles = settling.map_or(String::new(), |times| {
-        format!("settles to 2 % in {} s, ", digits(times.into_iter().fold(0.0, f64::max)))
-    });
-    let each = if nominal.channels() > 1 { " (one reference steps at a time)" } else { "" };
-    text.comment(&format!(
-        "Nominal loop: {settles}overshoot {} %{each}, maximum sensitivity M_s {}.",
-        percent(overshoot),
-        digits(found.has.modulus)
-    ));
+    tell_steps(text, W, steps, &format!(", maximum sensitivity M_s {}", digits(found.has.modulus)));
     if found.speed < 1.0 {
         text.note(&format!(
             "{} rad/s was asked for. The fastest design with stability margins that was found is for {} rad/s.",
@@ -64,8 +54,19 @@ pub fn tell<L: Law>(
     tell_limits(text, plant, steps, reference);
 }
 
+/// Writes what the steps of all references do, with W, rad/s, and what else the nominal loop has.
+pub fn tell_steps(text: &mut Text, W: f64, steps: &[Step], further: &str) {
+    let overshoot = steps.iter().map(|step| 100.0 * step.overshoot).fold(0.0, f64::max);
+    let settling = steps.iter().map(|step| step.settling.map(|time| time / W)).collect::<Option<Vec<_>>>();
+    let settles = settling.map_or(String::new(), |times| {
+        format!("settles to 2 % in {} s, ", digits(times.into_iter().fold(0.0, f64::max)))
+    });
+    let each = if steps.len() > 1 { " (one reference steps at a time)" } else { "" };
+    text.comment(&format!("Nominal loop: {settles}overshoot {} %{each}{further}.", percent(overshoot)));
+}
+
 /// Notes which steps the limits of the controls allow.
-fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f64) {
+pub fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f64) {
     let Some([min, max]) = &plant.limits else { return };
     let mut extremes = vec![[0.0_f64; 2]; min.len()];
     for step in steps {

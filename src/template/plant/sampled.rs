@@ -30,7 +30,7 @@ pub fn sample_time(value: Option<&Value>) -> Result<Option<f64>, Invalid> {
     }
 }
 
-/// A and B in continuous time, from those that a zero-order hold and sampling every dt s made of them.
+/// A and B in continuous time, from those of the plant sampled every dt s behind a zero-order hold.
 ///
 /// # Errors
 /// Why no system in continuous time has these.
@@ -96,7 +96,7 @@ mod tests {
         }
     }
 
-    /// What a zero-order hold and sampling make of a plant, by the power series of the exponential and its integral.
+    /// The sampled plant behind a zero-order hold, by the power series of the exponential and its integral.
     fn sampled(A: &DMatrix<f64>, B: &DMatrix<f64>, dt: f64) -> [DMatrix<f64>; 2] {
         let n = A.nrows();
         let (mut term, mut exponential, mut integral) =

@@ -102,7 +102,7 @@ struct UnitArguments {
     no_schema: bool,
 }
 
-/// Writes a description, or the structure of a loop; the exit code tells whether the design of a description is sound.
+/// Writes a description, or the structure of a loop; the exit code is 3 for a description whose design is not sound.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let unit = &arguments.unit;
     match (&arguments.other, &unit.kind, &unit.name) {

@@ -9,6 +9,20 @@ const GAINED: f64 = 0.95;
 /// Passes over all states; more than any plant of finite numbers needs.
 const MOST_PASSES: usize = 200;
 
+/// Units are far from alike where balancing makes the norm of A so many times smaller.
+const FAR: f64 = 1e3;
+
+/// S⁻¹ A S and the diagonal of S, where the units of the states are so far from alike that digits would be lost; else `None`,
+/// so that what is right as it is given keeps its digits.
+pub fn far_from_balanced(A: &DMatrix<f64>) -> Option<(DMatrix<f64>, Vec<f64>)> {
+    let n = A.nrows();
+    if !A.norm_squared().is_finite() {
+        return None;
+    }
+    let (balanced, _, _, scales) = balance(A, &DMatrix::zeros(n, 0), &DMatrix::zeros(0, n));
+    (FAR * balanced.norm() < A.norm()).then_some((balanced, scales))
+}
+
 /// A, B and C with x = S z for a diagonal S of powers of two; and that diagonal.
 pub fn balance(
     A: &DMatrix<f64>,
@@ -24,9 +38,11 @@ pub fn balance(
             let own = A[(i, i)].abs();
             let row = A.row(i).iter().chain(B.row(i).iter()).map(|entry| entry.abs()).sum::<f64>() - own;
             let column = A.column(i).iter().chain(C.column(i).iter()).map(|entry| entry.abs()).sum::<f64>() - own;
+            if row == 0.0 || column == 0.0 {
+                continue;
+            }
             let factor = ((row / column).log2() * 0.5).round().exp2();
-            let is_usable = row > 0.0 && column > 0.0 && factor.is_normal();
-            if !is_usable || row / factor + column * factor >= GAINED * (row + column) {
+            if !factor.is_normal() || row / factor + column * factor >= GAINED * (row + column) {
                 continue;
             }
             scales[i] *= factor;

@@ -1,0 +1,159 @@
+//! Stability margins of a loop of output feedback.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use std::f64::consts::PI;
+
+use nalgebra::{Complex, DMatrix};
+
+use super::linear::OutputFeedback;
+use super::uncertain::Uncertain;
+use crate::design::criteria::sensitivity;
+use crate::design::nominal::poles_of;
+use crate::design::response::{Response, grid};
+use crate::design::zeros;
+
+/// Margins of a stable loop; frequencies and times in W and 1/W.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Margins {
+    /// M_s, the largest singular value of (I + G K)⁻¹.
+    pub modulus: f64,
+    /// Where that is.
+    pub frequency: f64,
+    /// The largest gain below 1 and the smallest above 1 of a channel, the others closed, at which the loop is no longer
+    /// stable; none where there is none.
+    pub gains: [Option<f64>; 2],
+    /// Least phase margin of a channel, the others closed, in rad; none where no gain crosses 1.
+    pub phase: Option<f64>,
+    /// Delay margin of all inputs together; none where no gain crosses 1.
+    pub delay: Option<f64>,
+    /// Up to where all outputs follow: the least singular value of G K (I + G K)⁻¹ is above 1/√2.
+    pub bandwidth: f64,
+    /// The largest singular value of K (I + G K)⁻¹: what noise of the measurement does in the control.
+    pub noise: f64,
+    /// Invariant zeros of the plant.
+    pub zeros: Vec<Complex<f64>>,
+    /// Poles of the plant.
+    pub poles: Vec<Complex<f64>>,
+}
+
+/// The margins of a law with the nominal plant; `None` where numbers are too large.
+pub fn margins(plant: &Uncertain, law: &OutputFeedback, closed: &[Complex<f64>]) -> Option<Margins> {
+    let Uncertain { A, B, C, delays, .. } = plant;
+    let (poles, zeros) = (poles_of(A)?, zeros::invariant(A, B, C)?);
+    let of_law = poles_of(&law.controller.A)?;
+    let mut frequencies = grid(&[&poles[..], closed, &of_law].concat(), &zeros, delays);
+    frequencies.extend(closed.iter().filter(|pole| pole.im > 0.0).flat_map(|pole| [pole.im, pole.norm()]));
+    frequencies.sort_by(f64::total_cmp);
+    let G = Response::new(A, B, C, delays);
+    let K = Response::new(&law.controller.A, &law.controller.B, &law.controller.C, &[]);
+    let direct = law.controller.D.map(Complex::from);
+    let mut found = Margins {
+        modulus: 0.0,
+        frequency: 0.0,
+        gains: [None; 2],
+        phase: None,
+        delay: None,
+        bandwidth: f64::INFINITY,
+        noise: 0.0,
+        zeros,
+        poles,
+    };
+    let mut last: Option<Point> = None;
+    for &omega in &frequencies {
+        let (G, K) = (G.at(omega), K.at(omega) + &direct);
+        let Some(point) = Point::new(omega, &G, &K) else { continue };
+        found.take(&point, last.as_ref());
+        last = Some(point);
+    }
+    Some(found)
+}
+
+/// A loop at a frequency.
+struct Point {
+    omega: f64,
+    modulus: f64,
+    /// Gain of the open loop of each channel, the others closed.
+    alone: Vec<Complex<f64>>,
+    /// Eigenvalues of the open loop, by size.
+    together: Vec<Complex<f64>>,
+    followed: f64,
+    noise: f64,
+}
+
+impl Point {
+    fn new(omega: f64, G: &DMatrix<Complex<f64>>, K: &DMatrix<Complex<f64>>) -> Option<Self> {
+        let gain = G * K;
+        if !gain.iter().all(|entry| entry.is_finite()) {
+            return None;
+        }
+        let m = gain.nrows();
+        let S = (&gain + DMatrix::identity(m, m)).try_inverse()?;
+        let mut together: Vec<_> =
+            if m == 1 { vec![gain[(0, 0)]] } else { gain.clone().schur().eigenvalues()?.iter().copied().collect() };
+        together.sort_by(|one, other| one.norm().total_cmp(&other.norm()));
+        Some(Point {
+            omega,
+            modulus: sensitivity(&gain),
+            alone: S.diagonal().iter().map(|own| own.inv() - 1.0).collect(),
+            together,
+            followed: (&gain * &S).singular_values().min(),
+            noise: (K * S).singular_values().max(),
+        })
+    }
+}
+
+impl Margins {
+    fn take(&mut self, now: &Point, last: Option<&Point>) {
+        if now.modulus > self.modulus {
+            (self.modulus, self.frequency) = (now.modulus, now.omega);
+        }
+        self.noise = self.noise.max(now.noise);
+        let Some(last) = last else { return };
+        if now.followed < std::f64::consts::FRAC_1_SQRT_2 && self.bandwidth == f64::INFINITY {
+            self.bandwidth = now.omega;
+        }
+        for (&before, &after) in last.alone.iter().zip(&now.alone) {
+            self.crosses_axis(before, after);
+            if let Some(phase) = crosses_one(before, after) {
+                // To −1 either way.
+                let margin = phase.min(2.0 * PI - phase);
+                self.phase = Some(self.phase.map_or(margin, |least| least.min(margin)));
+            }
+        }
+        for (&before, &after) in last.together.iter().zip(&now.together) {
+            if let Some(phase) = crosses_one(before, after) {
+                let delay = phase / (last.omega * now.omega).sqrt();
+                self.delay = Some(self.delay.map_or(delay, |least| least.min(delay)));
+            }
+        }
+    }
+
+    /// Where a gain is negative and real, other gains lead to −1.
+    fn crosses_axis(&mut self, before: Complex<f64>, after: Complex<f64>) {
+        if before.im * after.im > 0.0 || before.im == after.im {
+            return;
+        }
+        let real = before.re + (after.re - before.re) * before.im / (before.im - after.im);
+        if real >= 0.0 {
+            return;
+        }
+        let factor = -1.0 / real;
+        let [less, more] = &mut self.gains;
+        if factor < 1.0 {
+            *less = Some(less.map_or(factor, |largest| largest.max(factor)));
+        } else {
+            *more = Some(more.map_or(factor, |least| least.min(factor)));
+        }
+    }
+}
+
+/// The lag that a gain has left until −1, in rad, where its size crosses 1.
+fn crosses_one(before: Complex<f64>, after: Complex<f64>) -> Option<f64> {
+    let (one, other) = (before.norm().ln(), after.norm().ln());
+    if one * other > 0.0 || one == other {
+        return None;
+    }
+    let part = one / (one - other);
+    let there = before + (after - before) * part;
+    Some((there.arg() + PI).rem_euclid(2.0 * PI))
+}

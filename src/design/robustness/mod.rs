@@ -1,0 +1,13 @@
+//! Linear loops with plants that differ from the nominal one: stable or not, how it steps, and the worst of many
+//! plants.
+//!
+//! States are in [balanced](crate::mathematics::balanced) coordinates and times in 1/W, as for first designs.
+
+pub mod feedback;
+pub mod linear;
+pub mod margins;
+pub mod region;
+pub mod report;
+pub mod respond;
+pub mod uncertain;
+pub mod worst;

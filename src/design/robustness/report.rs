@@ -1,0 +1,173 @@
+//! Design report of a law with the plant that it was designed for.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use nalgebra::DMatrix;
+
+use super::linear::LinearLaw;
+use super::region::{LARGEST, Region};
+use super::uncertain::{Place, Uncertain, by_part};
+use super::worst::{Stepped, worst};
+use crate::design::{digits, percent};
+use crate::eigenvalues;
+use crate::mathematics::limits::UNLIMITED;
+use crate::nominal::{NominalPlant, Uncertainty};
+use crate::system::{DesignReport, Verdict};
+use crate::template::three_digits;
+
+/// A plant that a description has, as a design report looks at it.
+#[derive(Debug)]
+pub struct Described {
+    /// Its entries and their bounds.
+    pub plant: Uncertain,
+    /// Bounds in parts of each entry, where they are given so; 0 where nothing is uncertain.
+    pub part: f64,
+    /// True if its uncertainty is known.
+    pub is_known: bool,
+    /// Sizes of the references.
+    pub reference: Vec<f64>,
+}
+
+/// Controls of a unit, and its step.
+#[derive(Debug)]
+pub struct Unit<'a> {
+    /// Names of the controls.
+    pub controls: Vec<String>,
+    /// Limits of the controls.
+    pub limits: [&'a [f64]; 2],
+    /// Communication step, s.
+    pub step: f64,
+}
+
+impl Described {
+    /// The plant of a description for a law of so many references; `None` where it has other sizes, numbers that differ by too
+    /// many powers of ten, or a model from records, whose region isn't looked at yet.
+    pub fn new(nominal: &NominalPlant, channels: usize) -> Option<Self> {
+        let NominalPlant { A, B, C, delay, bandwidth, reference, uncertainty } = nominal;
+        if C.nrows() != channels || B.ncols() != channels {
+            return None;
+        }
+        let (part, is_known, [dA, dB]) = match uncertainty {
+            Uncertainty::Part(part) => (*part, true, by_part(A, B, *part)),
+            Uncertainty::Elements { A: dA, B: dB } => (1.0, true, [dA.clone(), dB.clone()]),
+            Uncertainty::Unknown | Uncertainty::Model(_) => (0.0, false, by_part(A, B, 0.0)),
+        };
+        let fastest = || {
+            let poles = eigenvalues::complex(A)?;
+            let fastest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+            Some(if fastest > 0.0 { fastest } else { 1.0 })
+        };
+        let bandwidth = bandwidth.or_else(fastest)?;
+        let plant = Uncertain::new([A, B, C], [&dA, &dB], delay, bandwidth)?;
+        let reference = reference.clone().unwrap_or_else(|| vec![1.0; channels]);
+        Some(Described { plant, part, is_known, reference })
+    }
+
+    /// Words for a share of the bounds.
+    pub fn share(&self, share: f64) -> String {
+        match self.part {
+            1.0 => format!("{} of the bounds", digits(share)),
+            part => format!("{} %", percent(100.0 * part * share)),
+        }
+    }
+
+    /// The largest share of the bounds that is looked at.
+    pub fn most(&self) -> f64 {
+        if self.part > 0.0 { (LARGEST / self.part).max(1.0) } else { 1.0 }
+    }
+
+    /// The largest size of a reference.
+    fn size(&self) -> f64 {
+        self.reference.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Reports steps of the references, for the nominal plant and the worst of the region, and sums it up. Where a loop
+    /// isn't stable it is judged so.
+    pub fn tell(&self, law: &impl LinearLaw, region: &Region, unit: &Unit, report: &mut DesignReport) {
+        let W = self.plant.bandwidth;
+        report.section("Nominal loop");
+        let closed = law.parts().delayed(&self.plant.delays).closed(&self.plant.A, &self.plant.B) * W;
+        report.eigenvalues("poles", &closed, true);
+        let Some(nominal) = Stepped::new(law, &self.plant, &Place::nominal(self.plant.size())) else {
+            return report.summarise("the loop with the nominal plant isn't stable".to_owned());
+        };
+        self.tell_steps(&nominal, "nominal", unit, report);
+        let of_nominal = self.words(&nominal, unit);
+        if !self.is_known {
+            return report.summarise(of_nominal);
+        }
+        report.section("Uncertain plants");
+        report.tell(
+            "plants tried",
+            region.places().len() as f64,
+            "",
+            "the nominal one, corners of the bounds and others within",
+        );
+        let Some(worst) = worst(law, &self.plant, region) else {
+            return report.summarise(format!("{of_nominal}; some plants within the uncertainty are not stable"));
+        };
+        self.tell_steps(&worst, "worst", unit, report);
+        let more = self.words(&worst, unit);
+        report.summarise(format!("{of_nominal}; worst of {} plants: {more}", region.places().len()));
+    }
+
+    /// "settles in 0.12 s, overshoot 4 %, peak of voltage 10.2 of 24"
+    fn words(&self, stepped: &Stepped, unit: &Unit) -> String {
+        let settling = stepped.settling / self.plant.bandwidth;
+        let peaks = (0..unit.controls.len()).map(|j| {
+            let [low, high] = stepped.control[j].map(|peak| peak * self.size());
+            let (peak, limit) = if high >= -low { (high, unit.limits[1][j]) } else { (low, unit.limits[0][j]) };
+            let of = if limit.abs() < UNLIMITED { format!(" of {}", digits(limit)) } else { String::new() };
+            format!(", peak of {} {}{of}", unit.controls[j], digits(peak))
+        });
+        format!(
+            "settles in {} s, overshoot {} %{}",
+            digits(settling),
+            percent(100.0 * stepped.overshoot.max(0.0)),
+            peaks.collect::<String>()
+        )
+    }
+
+    fn tell_steps(&self, stepped: &Stepped, which: &str, unit: &Unit, report: &mut DesignReport) {
+        let W = self.plant.bandwidth;
+        let each = if unit.controls.len() > 1 { ", one reference at a time" } else { "" };
+        let note = format!("of a step of the reference{each}: from 10 % to 90 %");
+        report.tell("rise time", three_digits(stepped.rise / W), "s", &note);
+        report.tell(
+            "settling time",
+            three_digits(stepped.settling / W),
+            "s",
+            "until within 2 % of the step about its end",
+        );
+        // What rounding leaves is none.
+        let overshoot = if stepped.overshoot > 1e-6 { three_digits(100.0 * stepped.overshoot) } else { 0.0 };
+        report.tell("overshoot", overshoot, "%", "beyond the reference");
+        if stepped.undershoot > 1e-3 {
+            report.tell("undershoot", three_digits(100.0 * stepped.undershoot), "%", "the wrong way first");
+        }
+        if stepped.off > 1e-3 {
+            report.tell("at rest", three_digits(100.0 * stepped.off), "%", "distance from the reference");
+        }
+        for (j, name) in unit.controls.iter().enumerate() {
+            let [low, high] = stepped.control[j].map(|peak| three_digits(peak * self.size()));
+            let [min, max] = unit.limits.map(|limit| limit[j]);
+            let range = DMatrix::from_row_slice(1, 2, &[low, high]);
+            let value = format!("range of {name}");
+            let is_beyond = low < min.min(0.0) * (1.0 + 1e-6) || high > max.max(0.0) * (1.0 + 1e-6);
+            if !is_beyond {
+                report.tell(&value, &range, "", &format!("for a step of {}", digits(self.size())));
+                continue;
+            }
+            let room = |peak: f64, limit: f64| if peak * limit > 0.0 { limit / peak } else { 1.0 };
+            let stays = room(low, min).min(room(high, max)) * self.size();
+            let note = format!(
+                "for a step of {}, beyond the limits {} … {}: the loop is slower then than reported here. A step of {} stays within",
+                digits(self.size()),
+                digits(min),
+                digits(max),
+                digits(0.995 * stays)
+            );
+            let verdict = if which == "nominal" { Verdict::Warning } else { Verdict::Ok };
+            report.judge(&value, &range, "", verdict, note);
+        }
+    }
+}

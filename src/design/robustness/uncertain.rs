@@ -1,0 +1,151 @@
+//! A plant whose entries are known within bounds.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::mathematics::balanced::balance;
+
+/// x' = (A ± ΔA) x + (B ± ΔB) u, y = C x, entry by entry, in balanced coordinates with time in 1/W.
+#[derive(Debug, Clone)]
+pub struct Uncertain {
+    /// n × n.
+    pub A: DMatrix<f64>,
+    /// n × m.
+    pub B: DMatrix<f64>,
+    /// m × n.
+    pub C: DMatrix<f64>,
+    /// Bounds, n × n.
+    pub dA: DMatrix<f64>,
+    /// Bounds, n × m.
+    pub dB: DMatrix<f64>,
+    /// B⁺, m × n, of the coordinates of the file, in which laws without P take it.
+    pub inverse: DMatrix<f64>,
+    /// Dead time of the inputs, the longest, in 1/W.
+    pub delay: f64,
+    /// Dead time of each input, in 1/W.
+    pub delays: Vec<f64>,
+    /// x = S z: the diagonal of S.
+    pub scales: DVector<f64>,
+    /// W, rad/s.
+    pub bandwidth: f64,
+}
+
+/// Bounds of each entry by a part of it: rows of A of 0 and ±1 that no input enters are kinematics, which are certain.
+pub fn by_part(A: &DMatrix<f64>, B: &DMatrix<f64>, part: f64) -> [DMatrix<f64>; 2] {
+    let is_kinematic = |i: usize| {
+        A.row(i).iter().all(|entry| [-1.0, 0.0, 1.0].contains(entry)) && B.row(i).iter().all(|entry| *entry == 0.0)
+    };
+    let mut dA = A.abs() * part;
+    (0..A.nrows()).filter(|&i| is_kinematic(i)).for_each(|i| dA.row_mut(i).fill(0.0));
+    [dA, B.abs() * part]
+}
+
+impl Uncertain {
+    /// From matrices and bounds in the units of a file, and dead times, s; `None` where B has no inverse.
+    pub fn new(
+        [A, B, C]: [&DMatrix<f64>; 3],
+        [dA, dB]: [&DMatrix<f64>; 2],
+        delays: &[f64],
+        bandwidth: f64,
+    ) -> Option<Self> {
+        let inverse = B.clone().pseudo_inverse(0.0).ok()?;
+        let (A, B, C, scales) = balance(A, B, C);
+        let scales = DVector::from_vec(scales);
+        let delays: Vec<_> = delays.iter().map(|delay| delay * bandwidth).collect();
+        let delay = delays.iter().copied().fold(0.0, f64::max);
+        let (dA, dB) = (dA.clone(), dB.clone());
+        let mut plant =
+            Uncertain { A: A / bandwidth, B: B / bandwidth, C, dA, dB, inverse, delay, delays, scales, bandwidth };
+        (plant.dA, plant.dB) = (plant.dynamics(&plant.dA), plant.scaled(&plant.dB) / bandwidth);
+        plant.inverse = plant.feedback(&plant.inverse) * bandwidth;
+        Some(plant)
+    }
+
+    /// S⁻¹ M S/W of a matrix that turns states into rates.
+    pub fn dynamics(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        self.feedback(&self.scaled(matrix)) / self.bandwidth
+    }
+
+    /// M S of a matrix that turns states into something else.
+    pub fn feedback(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * self.scales[j])
+    }
+
+    /// M S⁻¹, back into the units of the file.
+    pub fn in_units(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / self.scales[j])
+    }
+
+    /// S M S of a weight of states.
+    pub fn weight(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * self.scales[i] * self.scales[j])
+    }
+
+    fn scaled(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / self.scales[i])
+    }
+
+    /// States and inputs.
+    pub fn size(&self) -> (usize, usize) {
+        self.B.shape()
+    }
+
+    /// True if some entry is uncertain.
+    pub fn is_uncertain(&self) -> bool {
+        self.dA.iter().chain(self.dB.iter()).any(|&bound| bound > 0.0)
+    }
+
+    /// The same plant with all bounds times a factor.
+    pub fn with_bounds_times(&self, factor: f64) -> Self {
+        Uncertain { dA: &self.dA * factor, dB: &self.dB * factor, ..self.clone() }
+    }
+
+    /// The plant at a place within the bounds, from −1 to 1 each.
+    pub fn at(&self, place: &Place) -> [DMatrix<f64>; 2] {
+        [&self.A + self.dA.component_mul(&place.A), &self.B + self.dB.component_mul(&place.B)]
+    }
+}
+
+/// Where within its bounds each entry is, from −1 to 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    /// Entries of A.
+    pub A: DMatrix<f64>,
+    /// Entries of B.
+    pub B: DMatrix<f64>,
+}
+
+impl Place {
+    /// The nominal plant.
+    pub fn nominal((n, m): (usize, usize)) -> Self {
+        Place { A: DMatrix::zeros(n, n), B: DMatrix::zeros(n, m) }
+    }
+
+    /// Places within the bounds, every other one at a corner, always the same ones for a seed.
+    pub fn drawn((n, m): (usize, usize), count: usize, seed: u64) -> Vec<Self> {
+        let mut random = Random(seed);
+        let draw = |k: usize, random: &mut Random| {
+            let value = 2.0 * random.next() - 1.0;
+            if k.is_multiple_of(2) { f64::signum(value) } else { value }
+        };
+        let place = |k: usize, random: &mut Random| Place {
+            A: DMatrix::from_fn(n, n, |_, _| draw(k, random)),
+            B: DMatrix::from_fn(n, m, |_, _| draw(k, random)),
+        };
+        (0..count).map(|k| place(k, &mut random)).collect()
+    }
+}
+
+/// Numbers between 0 and 1 (splitmix64), the same on each machine.
+#[derive(Debug)]
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (z ^ z >> 31) as f64 / u64::MAX as f64
+    }
+}

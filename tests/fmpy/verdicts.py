@@ -1,0 +1,112 @@
+"""What `check` says of a design with an uncertain plant, and what loops of FMUs with plants within its bounds have."""
+
+import csv
+import json
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import numpy as np
+from conftest import PROGRAM
+from random_plants import Plant
+
+PART = 0.2
+# `new reference` steps at 1 s.
+STEP_TIME = 1.0
+# How much longer than it should take to settle a loop is run.
+LONGER = 1.5
+
+
+@dataclass
+class Said:
+    """The worst of the plants: settling time, s, overshoot, range of the control, how far it rests beside the reference."""
+
+    sound: bool
+    settling: float
+    overshoot: float
+    control: tuple[float, float]
+
+
+@dataclass
+class Had:
+    """What a loop had."""
+
+    settling: float
+    overshoot: float
+    control: tuple[float, float]
+
+
+def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run([PROGRAM, *arguments], cwd=folder, capture_output=True, text=True, timeout=300)
+
+
+def model(plant: Plant) -> dict:
+    names = {"states": [f"s{i}" for i in range(len(plant.A))], "inputs": ["force"], "outputs": ["tracked"]}
+    return plant.json() | names
+
+
+def design(kind: str, plant: Plant, folder: Path) -> Said | str:
+    """What `check` says of what `new` writes, or why there is no design."""
+    (folder / "plant.json").write_text(json.dumps(model(plant)))
+    options = ["--plant", "plant.json", "--bandwidth", repr(plant.bandwidth), "--uncertainty", "20%", "--no-schema", "--force"]
+    made = program(folder, "new", kind, "--name", "C", "--out", "C.toml", *options)
+    if made.returncode == 1:
+        return made.stderr
+    assert made.returncode in (0, 3), made.stderr
+    checked = program(folder, "check", "C.toml", "--json")
+    assert checked.returncode == made.returncode, f"`new` and `check` say different things: {made.stderr}\n{checked.stdout}"
+    report = json.loads(checked.stdout)
+    found = {finding["name"]: finding["value"] for finding in report["findings"] if finding["section"] == "Uncertain plants"}
+    if "settling time" not in found:
+        assert not report["sound"]
+        return "not sound"
+    value = found["range of force"][0]
+    return Said(report["sound"], found["settling time"], found["overshoot"] / 100, (value[0], value[1]))
+
+
+def within(plant: Plant, random: Random, corner: bool) -> Plant:
+    """A plant each of whose entries differs by up to 20 %; rows of 0 and ±1 without input are kinematics."""
+
+    def factor() -> float:
+        value = random.uniform(-1, 1)
+        return 1 + PART * (float(np.sign(value)) if corner else value)
+
+    A, B = plant.A.copy(), plant.B.copy()
+    for i, row in enumerate(plant.A):
+        if not (np.isin(row, [-1, 0, 1]).all() and not plant.B[i].any()):
+            A[i] = [entry * factor() for entry in row]
+    B[:] = [[entry * factor() for entry in row] for row in plant.B]
+    return Plant(A, B, plant.C, plant.bandwidth, plant.delay)
+
+
+def loop(plant: Plant, said: Said, folder: Path) -> Had:
+    """The step of the loop of C.toml with another plant."""
+    (folder / "other.json").write_text(json.dumps(model(plant)))
+    for kind, name in [("state-space", "P"), ("reference", "R")]:
+        made = program(folder, "new", kind, "--name", name, "--plant", "other.json", "--out", f"{name}.toml", "--no-schema", "--force")
+        assert made.returncode == 0, made.stderr
+    until = STEP_TIME + LONGER * said.settling
+    made = program(folder, "new", "loop", "--units", "P.toml", "C.toml", "R.toml", "--until", f"{until:.9g}", "--out", ".", "--force")
+    assert made.returncode == 0, made.stderr
+    ran = program(folder, "run", ".", "--out", "results", "-q", "--every", f"{LONGER * said.settling / 4000:.6g}")
+    assert ran.returncode == 0, ran.stderr
+    with next((folder / "results").rglob("result.csv")).open() as file:
+        rows = list(csv.reader(file))
+    columns = dict(zip(rows[0], np.array(rows[1:], float).T, strict=True))
+    t, y = columns["time"] - STEP_TIME, columns.get("plant.tracked_output", columns.get("plant.tracked"))
+    u = columns["controller.force"]
+    outside = np.flatnonzero(np.abs(y - y[-1]) > 0.02)
+    settling = max(0.0, float(t[outside[-1]])) if len(outside) else 0.0
+    return Had(settling, max(0.0, float(y.max()) - 1), (float(u.min()), float(u.max())))
+
+
+def is_true(said: Said, had: Had) -> bool:
+    """True if nothing is more than 10 % beyond what was said, the overshoot 2 % of the step more."""
+    size = max(map(abs, said.control))
+    return (
+        had.settling <= 1.1 * said.settling
+        and had.overshoot <= 1.1 * said.overshoot + 0.02
+        and had.control[0] >= said.control[0] - 0.1 * size
+        and had.control[1] <= said.control[1] + 0.1 * size
+    )
