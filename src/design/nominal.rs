@@ -21,7 +21,10 @@ const FAR: f64 = 1e4;
 /// rounding at up to 1e-4 of the fastest pole.
 const UNSTABLE: f64 = 1e-3;
 /// Padé's approximation of a dead time has this order.
-const PADE: usize = 4;
+pub const PADE: usize = 4;
+/// Its coefficients from s⁰ on, in x = s τ: e^(−x) = N(x)/N(−x) with N(−x) = 1680 + 840 x + 180 x² + 20 x³ + x⁴, which is 1 plus
+/// the second ones over N(−x).
+pub const PADE_COEFFICIENTS: [[f64; PADE]; 2] = [[1680.0, 840.0, 180.0, 20.0], [0.0, -1680.0, 0.0, -40.0]];
 
 /// A nominal plant.
 #[derive(Debug)]
@@ -215,8 +218,7 @@ fn with_delays(
         let n = A.nrows();
         let grown = n + PADE;
         let column = B.column(j).into_owned();
-        // In x = s τ: (1680 − 840 x + 180 x² − 20 x³ + x⁴)/(1680 + 840 x + 180 x² + 20 x³ + x⁴) = 1 − (1680 x + 40 x³)/(…).
-        let (denominator, difference) = ([1680.0, 840.0, 180.0, 20.0], [0.0, -1680.0, 0.0, -40.0]);
+        let [denominator, difference] = PADE_COEFFICIENTS;
         let (m, p) = (B.ncols(), C.nrows());
         (A, B, C) = (A.resize(grown, grown, 0.0), B.resize(grown, m, 0.0), C.resize(p, grown, 0.0));
         for k in 0..PADE {

@@ -59,8 +59,7 @@ impl AtRest {
 /// and of a disturbance, at the nominal plant and at corners of the bounds.
 pub fn near_limit(plant: &Uncertain, law: &Law, P: &DMatrix<f64>, start: f64, reference: f64, sigma_bound: f64) -> f64 {
     let mut places = vec![Place::nominal(plant.size())];
-    // Those drawn are in turn at corners and within.
-    places.extend(Place::drawn(plant.size(), 2 * CORNERS, 1).into_iter().step_by(2));
+    places.extend(Place::corners(plant, CORNERS, 1));
     let off = |gain: f64| {
         let at = |place| distance(plant, law, P, gain, place, [reference, DISTURBANCE * sigma_bound]);
         places.iter().map(at).try_fold(0.0, |largest, off| Some(f64::max(largest, off?)))

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use super::respond::{Course, step};
 use super::uncertain::Uncertain;
 use crate::design::controller::Controller;
+use crate::design::nominal::{PADE, PADE_COEFFICIENTS};
 use crate::design::step::{Entry, exponential};
 
 /// Steps of dead time at most that are looked at.
@@ -58,15 +59,12 @@ impl Parts {
         &self.reference + &self.entry * B_t * &self.direct
     }
 
-    /// With dead times of the controls, each approximated by a rational function of order 4 that has gain 1 everywhere.
+    /// With dead times of the controls, each by Padé's approximation, which has gain 1 everywhere.
     #[must_use]
     pub fn delayed(&self, delays: &[f64]) -> Self {
-        const ORDER: usize = 4;
-        // In s τ: e^(−s τ) = 1 − (1680 s τ + 40 (s τ)³)/(1680 + 840 s τ + 180 (s τ)² + 20 (s τ)³ + (s τ)⁴).
-        const DENOMINATOR: [f64; ORDER] = [1680.0, 840.0, 180.0, 20.0];
-        const DIFFERENCE: [f64; ORDER] = [0.0, -1680.0, 0.0, -40.0];
+        let [denominator, difference] = PADE_COEFFICIENTS;
         let late: Vec<_> = (0..delays.len()).filter(|&j| delays[j] > 0.0).collect();
-        let (N, more, m) = (self.own.nrows(), ORDER * late.len(), self.control.nrows());
+        let (N, more, m) = (self.own.nrows(), PADE * late.len(), self.control.nrows());
         let grown = N + more;
         let mut all = Parts {
             own: self.own.clone().resize(grown, grown, 0.0),
@@ -76,15 +74,15 @@ impl Parts {
             direct: self.direct.clone(),
         };
         for (place, &j) in late.iter().enumerate() {
-            let (first, tau) = (N + ORDER * place, delays[j]);
-            for k in 0..ORDER {
-                all.own[(first + ORDER - 1, first + k)] = -DENOMINATOR[k] / tau;
-                all.control[(j, first + k)] = DIFFERENCE[k];
-                if k + 1 < ORDER {
+            let (first, tau) = (N + PADE * place, delays[j]);
+            for k in 0..PADE {
+                all.own[(first + PADE - 1, first + k)] = -denominator[k] / tau;
+                all.control[(j, first + k)] = difference[k];
+                if k + 1 < PADE {
                     all.own[(first + k, first + k + 1)] = 1.0 / tau;
                 }
             }
-            let last = first + ORDER - 1;
+            let last = first + PADE - 1;
             (0..N).for_each(|k| all.own[(last, k)] = self.control[(j, k)] / tau);
             (0..m).for_each(|i| all.reference[(last, i)] = self.direct[(j, i)] / tau);
         }

@@ -34,7 +34,7 @@ impl Region {
         let mut places = vec![Place::nominal(plant.size())];
         if plant.is_uncertain() {
             let work = plant.size().0.div_ceil(FEW_STATES).pow(2);
-            places.extend(Place::drawn(plant.size(), (PLANTS / work).max(FEWEST), 1));
+            places.extend(Place::drawn(plant, (PLANTS / work).max(FEWEST), 1));
             let worst = ascent(plant, law, &places);
             // What is most likely to be unstable comes first.
             places.splice(1..1, worst);
@@ -98,7 +98,7 @@ fn ascent(plant: &Uncertain, law: &impl LinearLaw, places: &[Place]) -> Vec<Plac
         let [A_t, B_t] = plant.at(place);
         parts.closed(&A_t, &B_t)
     };
-    let is_corner = |place: &&Place| place.A.iter().all(|entry| entry.abs() == 1.0);
+    let is_corner = |place: &&Place| place.A.iter().chain(place.B.iter()).all(|entry| entry.fract() == 0.0);
     let is_large = plant.size().0 > FEW_STATES;
     let (starts, rounds) = if is_large { (0, 1) } else { (STARTS, ROUNDS) };
     let starts = places[..1].iter().chain(places[1..].iter().filter(is_corner).take(starts));

@@ -121,18 +121,39 @@ impl Place {
         Place { A: DMatrix::zeros(n, n), B: DMatrix::zeros(n, m) }
     }
 
-    /// Places within the bounds, every other one at a corner, always the same ones for a seed.
-    pub fn drawn((n, m): (usize, usize), count: usize, seed: u64) -> Vec<Self> {
+    /// Corners of the bounds of a plant.
+    pub fn corners(plant: &Uncertain, count: usize, seed: u64) -> Vec<Self> {
         let mut random = Random(seed);
-        let draw = |k: usize, random: &mut Random| {
-            let value = 2.0 * random.next() - 1.0;
-            if k.is_multiple_of(2) { f64::signum(value) } else { value }
+        let mut sign = |bound: f64| if bound > 0.0 { f64::signum(2.0 * random.next() - 1.0) } else { 0.0 };
+        (0..count).map(|_| Place { A: plant.dA.map(&mut sign), B: plant.dB.map(&mut sign) }).collect()
+    }
+
+    /// Places within the bounds of a plant, about half of them at corners: all corners of few uncertain entries. Always the same
+    /// ones for a seed.
+    pub fn drawn(plant: &Uncertain, count: usize, seed: u64) -> Vec<Self> {
+        let mut random = Random(seed);
+        let uncertain = plant.dA.iter().chain(plant.dB.iter()).filter(|bound| **bound > 0.0).count();
+        let all = 1_usize.checked_shl(uncertain as u32).filter(|&all| all <= count);
+        let place = |value: &mut dyn FnMut() -> f64| {
+            let mut within = |bound: f64| if bound > 0.0 { value() } else { 0.0 };
+            Place { A: plant.dA.map(&mut within), B: plant.dB.map(within) }
         };
-        let place = |k: usize, random: &mut Random| Place {
-            A: DMatrix::from_fn(n, n, |_, _| draw(k, random)),
-            B: DMatrix::from_fn(n, m, |_, _| draw(k, random)),
+        let corner = |number: usize| {
+            let mut entry = 0;
+            place(&mut || {
+                entry += 1;
+                if number >> (entry - 1) & 1 == 1 { 1.0 } else { -1.0 }
+            })
         };
-        (0..count).map(|k| place(k, &mut random)).collect()
+        let mut places: Vec<_> = (0..all.unwrap_or(0)).map(corner).collect();
+        for k in places.len()..count {
+            let at_corner = all.is_none() && k.is_multiple_of(2);
+            places.push(place(&mut || {
+                let value = 2.0 * random.next() - 1.0;
+                if at_corner { f64::signum(value) } else { value }
+            }));
+        }
+        places
     }
 }
 

@@ -84,7 +84,7 @@ fn the_motors_loop_gives_what_the_shipped_structure_gives() {
     assert!(told.contains("controller.enabled, controller.u_manual[1]") && left.is_empty(), "{told} {left}");
     let text = structure(folder.path());
     assert_eq!(order(&text), ["reference", "motor", "controller"]);
-    assert!(text.contains("<Master step=\"0.0001\"") && text.contains("stopTime=\"10.0\""), "{text}");
+    assert!(text.contains("<Master step=\"0.001\"") && text.contains("stopTime=\"10.0\""), "{text}");
     assert!(text.contains(
         "<Plot title=\"speed and its reference, rad/s\" signals=\"reference.speed_reference motor.speed\"/>"
     ));
