@@ -63,7 +63,7 @@ def test_an_editor_leaves_alone_what_can(line: str) -> None:
 
 def test_names_of_ones_own_may_stand_in_start() -> None:
     assert found(NAMED) == ""
-    assert found(NAMED + "\nspeed_reference = 3.0\n") == ""
+    assert found(NAMED.replace("[start]\n", "[start]\nspeed_reference = 3.0\n")) == ""
     # What the model knows is checked all the same.
     assert "wide" in found(NAMED.replace("adaptation_gain = ", 'adaptation_gain = "wide" # ', 1))
 

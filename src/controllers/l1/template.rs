@@ -153,12 +153,18 @@ pub fn tell(text: &mut Text, (plant, bandwidth): (&Plant, f64), design: &Design,
             digits(bandwidth)
         ));
     }
-    let (verdict, reason) =
-        design.found.verdict(|share| format!("{} %", percent(100.0 * request.uncertainty() * share)));
-    match verdict {
-        Verdict::Ok => text.comment(&format!("Uncertain plants: {reason}.")),
-        Verdict::Warning => text.note(&format!("Warning: {reason}")),
-        Verdict::NotSound => text.note(&format!("Not sound: {reason}")),
+    let share = |share: f64| format!("{} %", percent(100.0 * request.uncertainty() * share));
+    let (verdict, reason) = design.found.verdict(share);
+    match (verdict, design.found.proved) {
+        (Verdict::Ok, Some(proved)) => text.comment(&format!(
+            "Uncertain plants, {} of each element: each of {} is stable; proved while they change within {}.",
+            share(1.0),
+            design.found.plants,
+            share(proved)
+        )),
+        (Verdict::Ok, None) => text.comment(&format!("Uncertain plants: {reason}.")),
+        (Verdict::Warning, _) => text.note(&format!("Warning: {reason}")),
+        (Verdict::NotSound, _) => text.note(&format!("Not sound: {reason}")),
     }
     if let Some(reason) = design.found.at_rest() {
         text.note(&reason);
