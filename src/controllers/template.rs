@@ -18,15 +18,9 @@ pub fn write_plant(text: &mut Text, plant: &Plant, outputs: &str) {
     text.set("C", rows(&plant.C), outputs);
 }
 
-/// The user's plant that a design of this speed, rad/s, is for, with its uncertainty; nothing where none was given.
-pub fn write_uncertain(text: &mut Text, plant: &Plant, speed: f64, request: &Request) {
-    if request.plant.is_some() {
-        write_nominal(text, plant, speed, request.reference, Some(request.uncertainty()));
-    }
-}
-
-/// The plant that a design of this speed, rad/s, is for, with references of a usual size and what each entry may be off.
-pub fn write_nominal(text: &mut Text, plant: &Plant, speed: f64, reference: f64, uncertainty: Option<f64>) {
+/// The user's plant that a design of this speed, rad/s, is for, with what was asked for; nothing where no plant was given.
+pub fn write_nominal(text: &mut Text, request: &Request, speed: f64, uncertainty: Option<f64>) {
+    let Some(plant) = &request.plant else { return };
     text.table("nominal");
     text.comment(
         "Plant that the gains were designed for, x' = A x + B u, y = C x: for the page and the design report.",
@@ -40,7 +34,7 @@ pub fn write_nominal(text: &mut Text, plant: &Plant, speed: f64, reference: f64,
         text.set("delay", delay, "s, dead time of the inputs");
     }
     text.set("bandwidth", number(speed), "rad/s, speed that the design is for");
-    text.set("reference", number(reference), "usual magnitude of the reference");
+    text.set("reference", number(request.reference), "usual magnitude of the reference");
     if let Some(uncertainty) = uncertainty {
         text.set("uncertainty", number(uncertainty), "of each entry of A and B, as a part of it: 0.2 is 20 %");
     }

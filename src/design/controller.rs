@@ -26,10 +26,13 @@ impl Controller {
         let mut first = 0;
         for (i, channel) in channels.iter().enumerate() {
             let own = channel.A.nrows();
+            D[(i, i)] = channel.D[(0, 0)];
+            if own == 0 {
+                continue;
+            }
             A.view_mut((first, first), (own, own)).copy_from(&channel.A);
             B.view_mut((first, i), (own, 1)).copy_from(&channel.B);
             C.view_mut((i, first), (1, own)).copy_from(&channel.C);
-            D[(i, i)] = channel.D[(0, 0)];
             first += own;
         }
         Controller { A, B, C: S * C, D: S * D }

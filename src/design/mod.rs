@@ -13,6 +13,7 @@ pub mod criteria;
 pub mod funnel;
 pub mod l1;
 pub mod ladrc;
+pub mod limits;
 pub mod minimal;
 pub mod nominal;
 pub mod pid;

@@ -67,6 +67,15 @@ impl L1Adaptation {
         modes.map(factor).fold(f64::INFINITY, f64::min)
     }
 
+    /// The largest k of K = k I with which the adaptation at rest decays for each ΔB within bounds by element, given P B; infinite
+    /// where any may be. Rows count, too, that B doesn't enter.
+    pub fn largest_gain(&self, PB: &DMatrix<f64>, bounds: &DMatrix<f64>, is_full: bool) -> f64 {
+        let modes = shares(PB.ncols(), is_full).into_iter().flat_map(|share| self.modes(&share));
+        // The corner of ΔB that is worst for a mode.
+        let grows = |r: &DVector<f64>| (PB * r).abs().dot(&(bounds * r.abs()));
+        modes.map(|r| 0.5 * (&self.BQB * &r).dot(&r) / grows(&r)).fold(f64::INFINITY, f64::min)
+    }
+
     /// Eigenvectors of N Bᵀ P B.
     fn modes(&self, share: &DVector<f64>) -> Vec<DVector<f64>> {
         let root = share.map(f64::sqrt);

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 from random import Random
 
+import control
 import fmpy
 import numpy as np
 import pytest
@@ -49,6 +50,32 @@ def test_designs_of_random_plants_have_margins(of: str, kind: str, tmp_path: Pat
         said = (tmp_path / "C.toml").read_text().replace("\n# ", " ").split("maximum sensitivity M_s ")[1].split()[0].rstrip(".")
         assert worst == pytest.approx(float(said), rel=0.02), text
     assert refused <= (0 if of not in MAY_REFUSE else max(1, EACH // 5)), f"TEST_SAMPLE={NUMBER} {of}: {refused} of {EACH} refused"
+
+
+@pytest.mark.parametrize("kind", MODULUS)
+@pytest.mark.parametrize("of", [of for of in CLASSES if of not in ("dead time", "several channels")])
+def test_margins_that_check_reports_are_those_of_another_program(of: str, kind: str, tmp_path: Path):
+    random = Random(f"{NUMBER} margins {of}")
+    for _ in range(EACH):
+        tried = plant(of, random)
+        run = new(kind, tried.json(), tried.bandwidth, tmp_path)
+        if run.returncode:
+            continue
+        found = design(kind, run, tmp_path)
+        opened = control.series(control.ss(found.A, found.B, found.C, found.D), control.ss(tried.A, tried.B, tried.C, 0))
+        gains, phases, _, _, crossings, _ = control.stability_margins(opened, returnall=True)
+        checked = subprocess.run([PROGRAM, "check", "C.toml", "--json"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        report = {item["name"]: item["value"] for item in json.loads(checked.stdout)["findings"] if item["section"] == "Margins"}
+        delays = np.radians(phases % 360) / crossings
+        expected = {
+            "gain margin": min((gain for gain in gains if 1.001 < gain < 1e9), default="unlimited"),
+            "least gain": max((gain for gain in gains if 1e-6 < gain < 0.999), default=None),
+            "phase margin": min(abs((phases + 180) % 360 - 180), default="unlimited"),
+            "delay margin": min(delays, default="unlimited"),
+        }
+        for name, value in expected.items():
+            text = f"TEST_SAMPLE={NUMBER} {of} {kind}: {name} {report.get(name)}, {expected}"
+            assert report.get(name) == (value if value is None or value == "unlimited" else pytest.approx(value, rel=0.02)), text
 
 
 def loop(folder: Path, kind: str, model: dict, bandwidth: float, reference: float, until: float) -> dict[str, np.ndarray]:

@@ -50,7 +50,7 @@ class Drive:
 
 
 MOTOR = Drive(
-    "dc_motor", "DcMotor", "motor", "speed", "voltage", ["speed", "current"], "20", "100", 1e-4, 12.0, 0.25, (0.347, 0.0274)
+    "dc_motor", "DcMotor", "motor", "speed", "voltage", ["speed", "current"], "20", "100", 1e-4, 12.0, 0.25, (0.357, 0.0274)
 )
 TWO_MASSES = Drive(
     "two_mass_drive",
@@ -64,7 +64,7 @@ TWO_MASSES = Drive(
     5e-4,
     2.0,
     0.3,
-    (0.441, 0.321),
+    (0.447, 0.321),
 )
 DRIVES = pytest.mark.parametrize("drive", [MOTOR, TWO_MASSES], ids=lambda drive: drive.folder)
 

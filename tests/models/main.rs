@@ -23,6 +23,7 @@ mod mrac_ppf_unmatched;
 mod mrac_samples;
 mod names;
 mod neuro_ppf;
+mod nominal_loop;
 mod observer;
 mod own_units;
 mod pid;

@@ -214,3 +214,45 @@ fn the_report_is_about_each_element() {
     assert_eq!((enough.verdict, less.verdict), (Verdict::Ok, Verdict::Warning));
     assert!(enough.note.contains("one element of theta"), "{}", enough.note);
 }
+
+/// COUPLED with these magnitudes of its states.
+fn scaled(scale: &str, regressor: &str) -> String {
+    let bounds = if regressor == "state" {
+        "theta_bound = [[9, 9, 9], [9, 9, 9], [9, 9, 9]]"
+    } else {
+        "theta_bound = [9, 9, 9]"
+    };
+    let mut text: toml::Table = law(COUPLED, regressor, bounds).parse().unwrap();
+    let scale = format!("state_scale = {scale}").parse::<toml::Table>().unwrap();
+    text["structure"].as_table_mut().unwrap().extend(scale);
+    text.to_string()
+}
+
+/// How an estimate begins to move, and what it adds to the control's estimate, goes by x/state_scale.
+#[test]
+fn theta_multiplies_states_in_parts_of_their_magnitudes() {
+    let moved = |text: &str| {
+        let mut run = Run(Execution::new(model(text).unwrap()));
+        run.0.initialise().unwrap();
+        let x = names(run.0.model(), "x");
+        x.iter().enumerate().for_each(|(i, name)| run.set(name, 0.3 + 0.1 * i as f64));
+        run.step(1e-7);
+        names(run.0.model(), "theta_hat").iter().map(|name| run.get(name)).collect::<Vec<_>>()
+    };
+    let (plain, scaled) = (moved(&scaled("[1.0, 1.0, 1.0]", "state")), moved(&scaled("[2.0, 0.5, 1e5]", "state")));
+    // In rows, an element of each state.
+    for (k, (plain, scaled)) in plain.iter().zip(&scaled).enumerate() {
+        let expected = plain / [2.0, 0.5, 1e5][k % 3];
+        assert!(*plain != 0.0 && (scaled - expected).abs() <= 1e-3 * expected.abs(), "{k}: {scaled} for {expected}");
+    }
+}
+
+#[test]
+fn magnitudes_that_are_none_are_refused() {
+    for (scale, named) in
+        [("[1.0, 2.0]", "2 numbers"), ("[1.0, 0.0, 1.0]", "= 0"), ("[1.0, inf, 1.0]", "finite numbers above 0")]
+    {
+        refused(&scaled(scale, "state"), &["state_scale", named]);
+    }
+    refused(&scaled("[1.0, 1.0, 1.0]", "infinity_norm"), &["state_scale", "regressor = \"state\""]);
+}

@@ -42,9 +42,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("g", all(design.g, m), "gain; larger keeps the error nearer to the middle");
     text.set("G", rows(&design.G), "from the outputs of the channels to the controls: the inverse of the input gain");
     write_limits(&mut text, Some(&plant), m);
-    if request.plant.is_some() {
-        write_nominal(&mut text, &plant, bandwidth, reference, request.uncertainty);
-    }
+    write_nominal(&mut text, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }
 

@@ -6,11 +6,14 @@ use nalgebra::DMatrix;
 use super::Baseline;
 use super::law::Law;
 use super::ports::Ports;
+use super::structure::PlantMatrices;
 use crate::controllers::at_limit::unit;
 use crate::design::l1::assess::assess;
 use crate::design::l1::closed;
 use crate::design::robustness::region::Region;
 use crate::design::robustness::report::{Described, Unit};
+use crate::nominal::NominalPlant;
+use crate::report::Value;
 use crate::system::{DesignReport, Values, Verdict};
 
 /// Numbers of a law, as its unit has them.
@@ -28,8 +31,26 @@ pub(in crate::controllers) struct Numbers {
     pub is_inside: bool,
 }
 
+/// Warns where the plant of the structure, which the law has, isn't that of `[nominal]`, which the figures are for.
+fn compare(own: &PlantMatrices, report: &mut DesignReport) {
+    let Some(NominalPlant { A, B, C, .. }) = report.nominal() else { return };
+    let differs = own.A.as_ref().is_some_and(|own| own != A) || own.B != *B || own.C != *C;
+    if differs {
+        report.section("Nominal loop");
+        let note = "A, B, C of [structure] are others than those of [nominal], which all figures here are for. Change both, or begin \
+                    with `new --plant` again";
+        report.judge("plant", "differs", "", Verdict::Warning, note);
+    }
+}
+
 /// Reports steps of the reference, and if uncertain plants are stable: true where their uncertainty decides about the design.
-pub(in crate::controllers) fn tell(numbers: &Numbers, unit: &Unit, report: &mut DesignReport) -> bool {
+pub(in crate::controllers) fn tell(
+    own: &PlantMatrices,
+    numbers: &Numbers,
+    unit: &Unit,
+    report: &mut DesignReport,
+) -> bool {
+    compare(own, report);
     let channels = numbers.K[0].nrows();
     let Some(described) = report.nominal().and_then(|nominal| Described::new(nominal, channels)) else { return false };
     let plant = &described.plant;
@@ -56,10 +77,16 @@ pub(in crate::controllers) fn tell(numbers: &Numbers, unit: &Unit, report: &mut 
     let mut found = assess(plant, &laws[0], &region, &excess, H, described.most());
     found.is_stable &= laws[1..].iter().all(|law| region.is_stable(plant, law, H));
     let (verdict, text) = found.verdict(|share| described.share(share));
-    let lambda = found.lambda.map_or_else(|| "not found".into(), crate::report::Value::from);
-    report.judge("lambda*", lambda, "", verdict, text);
+    let stable = described.share(found.stable);
+    match (verdict, found.lambda) {
+        (Verdict::NotSound, _) => report.judge("stable up to", stable, "", verdict, text),
+        (_, lambda) => {
+            report.tell("stable up to", stable, "", "uncertainty up to which all plants tried are stable");
+            report.judge("lambda*", lambda.map_or_else(|| "not computed".into(), Value::from), "", verdict, text);
+        }
+    }
     if let Some(text) = found.at_rest() {
-        report.judge("output at rest", 100.0 * found.off_at_rest, "%", Verdict::Warning, text);
+        report.judge("at rest, 95 % of the plants", 100.0 * found.off_at_rest, "%", Verdict::Warning, text);
     }
     true
 }
@@ -83,6 +110,6 @@ impl Law {
             is_inside: self.baseline == Baseline::Inside,
         };
         let Ports { u, u_min, u_max, .. } = self.ports;
-        tell(&numbers, &unit(u, [u_min, u_max], v, report.step), report)
+        tell(&self.plant, &numbers, &unit(u, [u_min, u_max], v, report.step), report)
     }
 }

@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::controllers::template::{design, first, stop_time, write_plant, write_poles, write_uncertain};
+use crate::controllers::template::{design, first, stop_time, write_nominal, write_plant, write_poles};
 use crate::design::l1::assess::Found;
 use crate::design::l1::design::{Asked, Design, design, is_full};
 use crate::design::l1::desired::Desired;
@@ -20,7 +20,7 @@ use crate::template::{
 const PER_DECADE: f64 = 4.0;
 const SPEEDS: i32 = 12;
 
-/// A text to which more can be added, the plant with W, rad/s, and the design.
+/// A text to which more can be added, W, rad/s, and the design.
 pub struct Started {
     /// The text.
     pub text: Text,
@@ -28,13 +28,12 @@ pub struct Started {
     pub bandwidth: f64,
     /// The design.
     pub design: Design,
-    plant: Plant,
 }
 
 impl Started {
     /// The whole text, with the plant that it is for.
     pub fn finish(mut self, request: &Request) -> Begun {
-        write_uncertain(&mut self.text, &self.plant, self.bandwidth, request);
+        write_nominal(&mut self.text, request, self.bandwidth, Some(request.uncertainty()));
         self.text.finish()
     }
 }
@@ -102,7 +101,7 @@ pub fn begin(request: &Request, page: &Page, varies: [f64; 2], keys: &[[&str; 3]
     text.set("sigma_bound", list(&design.sigma_bound), "of the disturbance, in the unit of u");
     write_limits(&mut text, Some(&plant), m);
     text.set("tracking_time", all(-1.0, m), "s, u_ad follows what the limits leave; -1: 1/K, 0: off, it winds up");
-    Ok(Started { text, bandwidth, design, plant })
+    Ok(Started { text, bandwidth, design })
 }
 
 /// Deviation of the input gain.
@@ -132,7 +131,7 @@ pub fn write_structure(text: &mut Text, plant: &Plant, desired: &Desired, furthe
     write_names(text, &[("r", r), ("x", x), ("u", u)]);
 }
 
-/// Where the desired dynamics come from.
+/// Poles, or A_m, of the desired dynamics.
 pub fn write_dynamics(text: &mut Text, design: &Design) {
     match &design.desired {
         Desired::Own => {}
@@ -164,7 +163,8 @@ pub fn tell(text: &mut Text, (plant, bandwidth): (&Plant, f64), design: &Design,
         )),
         (Verdict::Ok, None) => text.comment(&format!("Uncertain plants: {reason}.")),
         (Verdict::Warning, _) => text.note(&format!("Warning: {reason}")),
-        (Verdict::NotSound, _) => text.note(&format!("Not sound: {reason}")),
+        // `new` reports this itself, as `check` does.
+        (Verdict::NotSound, _) => text.comment(&format!("Not sound: {reason}.")),
     }
     if let Some(reason) = design.found.at_rest() {
         text.note(&reason);

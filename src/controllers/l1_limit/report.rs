@@ -48,7 +48,7 @@ impl L1Limit {
             P: None,
             is_inside: false,
         };
-        plants::tell(&numbers, &unit(self.u, [self.u_min, self.u_max], v, report.step), report);
+        plants::tell(&self.plant, &numbers, &unit(self.u, [self.u_min, self.u_max], v, report.step), report);
     }
 
     fn tell_dynamics(&self, v: &Values<f64>, report: &mut DesignReport) {

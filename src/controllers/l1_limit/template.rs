@@ -3,7 +3,7 @@
 use super::L1Limit;
 use crate::catalogue::Catalogued;
 use crate::controllers::l1::template::{found, tell, write_dynamics, write_structure};
-use crate::controllers::template::{stop_time, write_uncertain};
+use crate::controllers::template::{stop_time, write_nominal};
 use crate::error::Invalid;
 use crate::template::{Begun, Request, all, diagonal, write_limits};
 
@@ -21,6 +21,6 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("feedback_gain", gain, "1/s, K: bandwidth with which uncertainty is cancelled");
     write_limits(&mut text, Some(&plant), m);
     text.set("tracking_time", all(-1.0, m), "s, u_ad follows what the limits leave; -1: 1/K, 0: off, it winds up");
-    write_uncertain(&mut text, &plant, bandwidth, request);
+    write_nominal(&mut text, request, bandwidth, Some(request.uncertainty()));
     Ok(text.finish())
 }

@@ -79,7 +79,7 @@ impl L1Sampled {
             is_inside: false,
         };
         let unit = unit(self.u, [self.u_min, self.u_max], v, v[self.sample_time]);
-        plants::tell(&numbers, &unit, report);
+        plants::tell(&self.plant, &numbers, &unit, report);
     }
 
     /// The filter, in a loop with the nominal input gain, where it isn't 1/s.

@@ -3,7 +3,7 @@
 use super::L1Sampled;
 use crate::catalogue::Catalogued;
 use crate::controllers::l1::template::{found, tell, write_dynamics, write_structure};
-use crate::controllers::template::{stop_time, write_uncertain};
+use crate::controllers::template::{stop_time, write_nominal};
 use crate::error::Invalid;
 use crate::template::{Begun, Request, all, diagonal, number, write_limits};
 
@@ -24,6 +24,6 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     write_dynamics(&mut text, &design);
     text.set("feedback_gain", all(design.feedback_gain, m), "1/s, bandwidth with which uncertainty is cancelled");
     write_limits(&mut text, Some(&plant), m);
-    write_uncertain(&mut text, &plant, bandwidth, request);
+    write_nominal(&mut text, request, bandwidth, Some(request.uncertainty()));
     Ok(text.finish())
 }

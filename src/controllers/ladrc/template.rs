@@ -51,10 +51,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         "input gain: from the controls to the highest derivatives of the outputs",
     );
     write_limits(&mut text, Some(&plant), m);
-    if request.plant.is_some() {
-        let speed = found.speed * nominal.bandwidth;
-        write_nominal(&mut text, &plant, speed, request.reference, request.uncertainty);
-    }
+    write_nominal(&mut text, request, found.speed * nominal.bandwidth, request.uncertainty);
     Ok(text.finish())
 }
 

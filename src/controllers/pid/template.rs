@@ -48,10 +48,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("S", rows(&found.S), "from the outputs of the channels to the controls: decoupling, and the sign of each");
     write_limits(&mut text, Some(&plant), m);
     text.set("tracking_time", all(-1.0, m), "s, time constant of anti-windup; -1: from the gains, 0: off");
-    if request.plant.is_some() {
-        let speed = found.speed * nominal.bandwidth;
-        write_nominal(&mut text, &plant, speed, request.reference, request.uncertainty);
-    }
+    write_nominal(&mut text, request, found.speed * nominal.bandwidth, request.uncertainty);
     Ok(text.finish())
 }
 

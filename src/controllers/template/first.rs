@@ -4,7 +4,7 @@
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, Law, factor, search};
 use crate::design::step::{Entry, Step, step};
-use crate::design::{digits, percent, reasons};
+use crate::design::{digits, limits, percent, reasons};
 use crate::error::Invalid;
 use crate::template::{Plant, Text, three_digits};
 
@@ -74,12 +74,9 @@ pub fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f6
             *extremes = [extremes[0].min(control[0]), extremes[1].max(control[1])];
         }
     }
-    extremes.iter_mut().for_each(|extremes| *extremes = without_rounding(*extremes));
     let scaled: Vec<_> = extremes.iter().map(|extremes| extremes.map(|peak| peak * reference)).collect();
     let Some(needed) = beyond_limits(plant, &scaled) else { return };
-    // From 0, where the plant is at rest.
-    let within = |bound: f64, peak: f64| if peak > 0.0 { (bound / peak).max(0.0) } else { f64::INFINITY };
-    let of = |(j, [lowest, highest]): (usize, &[f64; 2])| within(max[j], *highest).min(within(-min[j], -lowest));
+    let of = |(j, extremes): (usize, &[f64; 2])| limits::allowed(*extremes, [min[j], max[j]]);
     let allowed = extremes.iter().enumerate().map(of).fold(f64::INFINITY, f64::min);
     let rounded = three_digits(allowed);
     let stays = match if rounded > allowed { three_digits(0.995 * allowed) } else { rounded } {
@@ -95,19 +92,12 @@ pub fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f6
 /// The range of each control, in words, where one of them goes beyond the plant's limits.
 pub fn beyond_limits(plant: &Plant, extremes: &[[f64; 2]]) -> Option<String> {
     let [min, max] = plant.limits.as_ref()?;
-    let beyond = |(j, extremes): (usize, &[f64; 2])| {
-        let [lowest, highest] = without_rounding(*extremes);
-        lowest < min[j].min(0.0) * (1.0 + 1e-9) || highest > max[j].max(0.0) * (1.0 + 1e-9)
+    let is_beyond = extremes.iter().enumerate().any(|(j, extremes)| limits::is_beyond(*extremes, [min[j], max[j]]));
+    let range = |extremes: &[f64; 2]| {
+        let [lowest, highest] = limits::without_rounding(*extremes);
+        format!("from {} to {}", digits(lowest), digits(highest))
     };
-    let is_beyond = extremes.iter().enumerate().any(beyond);
-    let range = |[lowest, highest]: &[f64; 2]| format!("from {} to {}", digits(*lowest), digits(*highest));
     is_beyond.then(|| extremes.iter().map(range).collect::<Vec<_>>().join(", "))
-}
-
-/// A control that moves to one side only is not to be at its other limit by rounding.
-fn without_rounding([lowest, highest]: [f64; 2]) -> [f64; 2] {
-    let least = 1e-6 * highest.max(-lowest);
-    [if -lowest > least { lowest } else { 0.0 }, if highest > least { highest } else { 0.0 }]
 }
 
 /// The design of a law, or why there is none.

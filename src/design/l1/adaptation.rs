@@ -8,9 +8,7 @@ use crate::design::robustness::linear::LinearLaw;
 use crate::design::robustness::uncertain::{Place, Uncertain};
 use crate::design::step::exponential;
 
-/// The adaptation is so many times faster than the filter.
-const FASTER: f64 = 10.0;
-/// How far the loop may be from its limit, in parts of the reference.
+/// Distance of the loop from its limit at most, in parts of the reference.
 const MOST_OFF: f64 = 0.03;
 /// A disturbance at the input, in parts of what the estimates can cancel.
 const DISTURBANCE: f64 = 0.3;
@@ -21,39 +19,6 @@ const CORNERS: usize = 6;
 /// Time in which it is, in 1/W, and points of it.
 const TIME: f64 = 12.0;
 const POINTS: usize = 1200;
-
-/// The adaptation at rest, s² + α s + Γ μ for each μ.
-#[derive(Debug, Clone, Copy)]
-pub struct AtRest {
-    /// α, in W.
-    pub damping: f64,
-    /// The smallest eigenvalue of Bᵀ P B, in W².
-    pub least: f64,
-    /// The largest one.
-    pub most: f64,
-}
-
-impl AtRest {
-    /// The one of matrices of an uncertain plant; `None` where Bᵀ P B isn't positive.
-    pub fn new(B: &DMatrix<f64>, P: &DMatrix<f64>, Q: &DMatrix<f64>) -> Option<Self> {
-        let (BPB, BQB) = (B.transpose() * P * B, B.transpose() * Q * B);
-        let lower = BPB.clone().cholesky()?.l().try_inverse()?;
-        let rates = (&lower * BQB * lower.transpose()).symmetric_eigenvalues();
-        let sizes = BPB.symmetric_eigenvalues();
-        (sizes.min() > 0.0).then(|| AtRest { damping: 0.5 * rates.max(), least: sizes.min(), most: sizes.max() })
-    }
-
-    /// The smallest Γ that is fast enough for a filter of this bandwidth, in W.
-    pub fn least_gain(&self, filter: f64) -> f64 {
-        let fast = FASTER * filter;
-        fast * (fast + self.damping) / self.least
-    }
-
-    /// How fast the adaptation turns at rest with Γ, in W.
-    pub fn frequency(&self, gain: f64) -> f64 {
-        (gain * self.least).sqrt()
-    }
-}
 
 /// Γ of a law with one input: doubled from a start until the loop at rest is near its limit for a step of the reference
 /// and of a disturbance, at the nominal plant and at corners of the bounds.

@@ -7,7 +7,7 @@ use super::closed::Law;
 use super::lambda::{MOST_LAMBDA, lambda};
 use crate::design::robustness::linear::LinearLaw;
 use crate::design::robustness::region::{Region, largest};
-use crate::design::robustness::respond::Course;
+use crate::design::robustness::respond::{Course, SETTLED};
 use crate::design::robustness::uncertain::Uncertain;
 use crate::design::step::Step;
 use crate::design::{digits, percent};
@@ -29,7 +29,7 @@ pub struct Found {
     pub is_stable: bool,
     /// The share of the bounds up to which each is.
     pub stable: f64,
-    /// How many were tried.
+    /// Number of plants that were tried.
     pub plants: usize,
     /// Distance from the reference at rest of nearly all plants, in parts of it.
     pub off_at_rest: f64,
@@ -85,7 +85,7 @@ pub fn steps(plant: &Uncertain, law: &Law) -> Option<Vec<Step>> {
     let parts = law.parts();
     let nominal = [plant.A.clone(), plant.B.clone()];
     let m = plant.B.ncols();
-    let courses = parts.delayed(&plant.delays).steps(&nominal, &plant.C, &parts)?;
+    let courses = parts.delayed(&plant.delays).steps(&nominal, &plant.C, &parts, SETTLED)?;
     let one = |(i, courses): (usize, Vec<Course>)| {
         let control = courses[m..].iter().map(|course| course.range).collect();
         let output = &courses[i];
@@ -95,7 +95,7 @@ pub fn steps(plant: &Uncertain, law: &Law) -> Option<Vec<Step>> {
 }
 
 impl Found {
-    /// How the design is judged, and why; with words for a share of the bounds.
+    /// Verdict on the design, and its reason; with words for a share of the bounds.
     pub fn verdict(&self, share: impl Fn(f64) -> String) -> (Verdict, String) {
         let asked = share(1.0);
         if self.plants == 1 {

@@ -56,6 +56,9 @@ impl Law {
         adapts: bool,
     ) -> Option<Self> {
         let n = plant.A.nrows();
+        if !L.norm_squared().is_finite() {
+            return None;
+        }
         let at_rest = A_m.clone().lu().solve(&plant.B)?;
         let K_g = -(&plant.C * at_rest).try_inverse()?;
         let M = DMatrix::identity(n, n) - &plant.B * &L;

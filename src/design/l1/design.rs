@@ -3,25 +3,25 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::adaptation::{AtRest, near_limit};
+use super::adaptation::near_limit;
 use super::assess::{Found, assess, steps};
-use super::bound::largest_gain;
 use super::closed::Law;
 use super::desired::{Desired, desired};
 use super::lambda::{MOST_LAMBDA, excess, lambda};
-use crate::design::four_digits;
 use crate::design::nominal::{Nominal, poles_of};
 use crate::design::robustness::region::{LARGEST, Region};
-use crate::design::robustness::respond::step;
+use crate::design::robustness::respond::{SETTLED, step};
 use crate::design::robustness::uncertain::{Uncertain, by_part};
 use crate::design::step::Step;
+use crate::design::{digits, four_digits};
 use crate::error::Invalid;
+use crate::mathematics::l1_adaptation::L1Adaptation;
 use crate::mathematics::lyapunov;
 use crate::template::{Plant, round_down, round_up, three_digits};
 
 /// Gains of the filter that are tried, in W.
 const GAINS: [f64; 5] = [2.0, 5.0, 10.0, 20.0, 40.0];
-/// Where no λ* is small, one whose λ* is so near to the least.
+/// λ* of a design that is taken where none is small, in parts of the least.
 const NEAR_LEAST: f64 = 1.1;
 /// The least gain of the filter of a law that adapts, in W.
 const LEAST_GAIN: f64 = 0.5;
@@ -88,11 +88,10 @@ pub fn design(plant: &Plant, asked: &Asked) -> Result<Design, Invalid> {
     let weights = Weights::new(&uncertain, &A_m, asked.reference).ok_or_else(extreme)?;
     let laws = Laws { plant: &uncertain, asked, K_m: &K_m, A_m: &A_m, weights: &weights };
     let chosen = laws.choose(&desired, &nominal)?;
-    let law = laws.law(chosen.gain / W).ok_or_else(extreme)?;
-    let steps = steps(&uncertain, &law).ok_or_else(extreme)?;
+    let law = &chosen.law;
+    let steps = steps(&uncertain, law).ok_or_else(extreme)?;
     let most = if asked.uncertainty > 0.0 { (LARGEST / asked.uncertainty).max(1.0) } else { 1.0 };
-    let region = Region::new(&uncertain, &law);
-    let found = assess(&uncertain, &law, &region, &excess(&uncertain, &K_m), chosen.step * W, most);
+    let found = assess(&uncertain, law, &chosen.region, &excess(&uncertain, &K_m), chosen.step * W, most);
     let gain_of = uncertain.in_units(&K_m);
     let matched = plant.B.clone().pseudo_inverse(0.0).map_err(Invalid::because)?.abs();
     let m = plant.B.ncols();
@@ -107,7 +106,7 @@ pub fn design(plant: &Plant, asked: &Asked) -> Result<Design, Invalid> {
     let sigma_bound: Vec<_> = (0..m).map(sigma).collect();
     let mut theta_bound = matched * (&dA + &dB * gain_of.abs());
     theta_bound.column_iter_mut().zip(&weights.peaks).for_each(|(mut column, peak)| column *= *peak);
-    let adaptation_gain = laws.adaptation_gain(&law, chosen.gain / W, spread.amax(), &sigma_bound);
+    let adaptation_gain = laws.adaptation_gain(law, chosen.gain / W, spread.amax(), &sigma_bound)?;
     Ok(Design {
         A_m: &plant.A - &plant.B * &gain_of,
         feedback_gain: chosen.gain,
@@ -149,7 +148,7 @@ impl Weights {
         let states = DMatrix::identity(n, n);
         let mut peaks = DVector::zeros(n);
         for i in 0..m {
-            let courses = step(A_m, &entry.column(i).into_owned(), &states, &DVector::zeros(n))?;
+            let courses = step(A_m, &entry.column(i).into_owned(), &states, &DVector::zeros(n), SETTLED)?;
             peaks.iter_mut().zip(&courses).for_each(|(peak, course)| {
                 *peak = course.range[1].max(-course.range[0]).max(*peak);
             });
@@ -174,10 +173,11 @@ struct Laws<'a> {
     weights: &'a Weights,
 }
 
-/// Gain of the filter, 1/s, and communication step, s.
-#[derive(Clone, Copy)]
+/// Gain of the filter, 1/s, with its law and its region, and communication step, s.
 struct Chosen {
     gain: f64,
+    law: Law,
+    region: Region,
     step: f64,
 }
 
@@ -198,7 +198,8 @@ impl Laws<'_> {
     fn choose(&self, desired: &Desired, nominal: &Nominal) -> Result<Chosen, Invalid> {
         let W = self.plant.bandwidth;
         let gains = self.gains()?;
-        let laws = gains.iter().map(|&gain| self.law(gain / W)).collect::<Option<Vec<_>>>().ok_or_else(extreme)?;
+        let laws = gains.iter().map(|&gain| self.law(gain / W)).collect::<Option<Vec<_>>>();
+        let mut laws = laws.ok_or_else(extreme)?;
         let steps = self.steps(desired, nominal);
         let certain = self.plant.with_bounds_times(0.0);
         let alone = |k: usize, step: f64| Region::new(&certain, &laws[k]).is_stable(&certain, &laws[k], step * W);
@@ -206,30 +207,19 @@ impl Laws<'_> {
         let (first, first_step) = tried.find(|&(k, step)| alone(k, step)).ok_or_else(|| self.unstable())?;
         let excess = excess(self.plant, self.K_m);
         let lambdas: Vec<_> = laws.iter().map(|law| lambda(self.plant, law, &excess).unwrap_or(0.0)).collect();
-        let regions: Vec<_> = laws.iter().map(|law| Region::new(self.plant, law)).collect();
+        let mut regions: Vec<_> = laws.iter().map(|law| Region::new(self.plant, law)).collect();
         let is_stable =
             |k: usize, H: f64| self.varied(&laws[k]).iter().all(|law| regions[k].is_stable(self.plant, law, H * W));
-        let mut any = None;
-        for &step in &steps {
-            let stable: Vec<_> = (0..gains.len()).filter(|&k| is_stable(k, step)).collect();
-            if let Some(&k) = stable.iter().find(|&&k| lambdas[k] <= MOST_LAMBDA) {
-                return Ok(Chosen { gain: gains[k], step });
-            }
-            any = any.or((!stable.is_empty()).then_some((step, stable)));
-        }
-        if let Some((step, stable)) = any {
-            let least = stable.iter().map(|&k| lambdas[k]).fold(f64::INFINITY, f64::min);
-            let near = stable.iter().find(|&&k| lambdas[k] <= NEAR_LEAST * least).unwrap_or(&stable[0]);
-            return Ok(Chosen { gain: gains[*near], step });
-        }
-        Ok(Chosen { gain: gains[first], step: first_step })
+        let stable = |step: f64| (0..gains.len()).filter(|&k| is_stable(k, step)).collect::<Vec<_>>();
+        let (k, step) = proved_or_near(&steps, stable, &lambdas).unwrap_or((first, first_step));
+        Ok(Chosen { gain: gains[k], law: laws.swap_remove(k), region: regions.swap_remove(k), step })
     }
 
     fn unstable(&self) -> Invalid {
         let late = self.plant.delay / self.plant.bandwidth;
         let reason = match late {
             0.0 => "Give another --bandwidth".to_owned(),
-            late => format!("Its dead time is {late} s: give a lower --bandwidth"),
+            late => format!("Its dead time is {} s: give a lower --bandwidth", digits(late)),
         };
         Invalid::because(format!(
             "no gain of the filter stabilises the nominal plant with one communication step of dead time. {reason}, or try `new \
@@ -252,8 +242,8 @@ impl Laws<'_> {
                 "the gain of the filter may be at most {} 1/s, {} of the bandwidth: beyond, the adaptation would oscillate where \
                  the input gain is larger than assumed. Give a smaller --uncertainty, or take `new l1-limit` or `new l1-sampled`, \
                  which have no such bound",
-                crate::design::digits(largest * W),
-                crate::design::digits(largest)
+                digits(largest * W),
+                digits(largest)
             )));
         }
         // Never rounded up beyond the bound.
@@ -264,8 +254,17 @@ impl Laws<'_> {
     }
 
     fn largest_gain(&self) -> f64 {
-        let bound = || largest_gain(self.plant, &self.weights.P, &self.weights.Q, self.is_full());
-        if self.asked.adapts { bound() / self.asked.varies[1] } else { f64::INFINITY }
+        if !self.asked.adapts {
+            return f64::INFINITY;
+        }
+        let PB = &self.weights.P * &self.plant.B;
+        self.adaptation().largest_gain(&PB, &self.plant.dB, self.is_full()) / self.asked.varies[1]
+    }
+
+    /// The adaptation at rest, with time in 1/W.
+    fn adaptation(&self) -> L1Adaptation {
+        let (B, Weights { P, Q, .. }) = (&self.plant.B, self.weights);
+        L1Adaptation { BPB: B.transpose() * P * B, BQB: B.transpose() * Q * B, gain: 0.0 }
     }
 
     /// True if the input gain is estimated entry by entry.
@@ -286,10 +285,9 @@ impl Laws<'_> {
     }
 
     /// Γ for this filter; `spread` is what the input gain may be off.
-    fn adaptation_gain(&self, law: &Law, k: f64, spread: f64, sigma_bound: &[f64]) -> f64 {
-        let Weights { P, Q, .. } = self.weights;
-        let Some(at_rest) = AtRest::new(&self.plant.B, P, Q) else { return 0.0 };
-        let start = at_rest.least_gain(k * self.asked.varies[1] * (1.0 + spread));
+    fn adaptation_gain(&self, law: &Law, k: f64, spread: f64, sigma_bound: &[f64]) -> Result<f64, Invalid> {
+        let P = &self.weights.P;
+        let start = self.adaptation().needed(k * self.asked.varies[1] * (1.0 + spread)).ok_or_else(extreme)?;
         let gain = match sigma_bound {
             [sigma_bound] => {
                 let fastest = law.with_gain(&law.K * self.asked.varies[1]);
@@ -297,8 +295,23 @@ impl Laws<'_> {
             }
             _ => start,
         };
-        up_to_three_digits(gain)
+        Ok(up_to_three_digits(gain))
     }
+}
+
+/// At the longest of these steps at which there is one, the first gain that is stable and proved; else, at the longest with a
+/// stable gain, the first whose λ* is near the least.
+fn proved_or_near(steps: &[f64], stable: impl Fn(f64) -> Vec<usize>, lambdas: &[f64]) -> Option<(usize, f64)> {
+    let mut near = None;
+    for &step in steps {
+        let stable = stable(step);
+        if let Some(&k) = stable.iter().find(|&&k| lambdas[k] <= MOST_LAMBDA) {
+            return Some((k, step));
+        }
+        let least = stable.iter().map(|&k| lambdas[k]).fold(f64::INFINITY, f64::min);
+        near = near.or(stable.into_iter().find(|&k| lambdas[k] <= NEAR_LEAST * least).map(|k| (k, step)));
+    }
+    near
 }
 
 /// Off-diagonal entries of the input gain beyond this are estimated.

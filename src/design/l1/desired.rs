@@ -26,7 +26,7 @@ const MOST_CONDITION: f64 = 1e3;
 /// A pole that is within this part of one of the plant isn't moved.
 const MOVED: f64 = 0.02;
 
-/// How the controlled plant is to move.
+/// Desired dynamics.
 #[derive(Debug)]
 pub enum Desired {
     /// As the plant does.
@@ -63,8 +63,8 @@ pub fn desired(plant: &Uncertain, nominal: &Nominal) -> Result<(Desired, DMatrix
     decoupled(plant, nominal).ok_or_else(|| {
         Invalid::because(
             "the channels can't be decoupled by state feedback: that takes zeros that are stable and damped, no pole faster \
-             than 10 times --bandwidth, and inputs that move the outputs independently. Give other inputs or outputs, another \
-             --bandwidth, or write pole_real and pole_imag by hand; `new pid` or `new ladrc` may find a controller",
+             than 10 times --bandwidth, and inputs that move the outputs independently. Give other inputs or outputs, or \
+             another --bandwidth; `new pid` or `new ladrc` may find a controller",
         )
     })
 }

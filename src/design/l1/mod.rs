@@ -8,7 +8,6 @@
 
 pub mod adaptation;
 pub mod assess;
-pub mod bound;
 pub mod closed;
 pub mod design;
 pub mod desired;

@@ -53,8 +53,9 @@ fn tell_region(described: &Described, law: &OutputFeedback, region: &Region, H: 
         );
         return report.tell("stable up to", described.share(stable), "", &note);
     }
-    let note =
-        format!("with {asked} of each element by itself some plants are not stable: a slower design tolerates more");
+    let note = format!(
+        "with {asked} of each element by itself some plants are not stable. Use another bandwidth, or a smaller uncertainty"
+    );
     report.judge("stable up to", described.share(stable), "", Verdict::NotSound, note);
 }
 
@@ -71,7 +72,7 @@ fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignRepor
         _ => Verdict::Ok,
     };
     let note =
-        if verdict == Verdict::Ok { note } else { format!("{note}: at most {usual} is usual. Use a lower bandwidth") };
+        if verdict == Verdict::Ok { note } else { format!("{note}: at most {usual} is usual. Use another bandwidth") };
     report.judge("maximum sensitivity M_s", three_digits(margins.modulus), "", verdict, note);
     let [less, more] = margins.gains;
     let others = if unit.controls.len() > 1 { ", the other channels closed" } else { "" };
@@ -102,7 +103,7 @@ fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignRepor
     match margins.delay.map(|delay| delay / W) {
         Some(delay) if delay < least => {
             let note = format!(
-                "a communication step of {} s may delay by {} s already. Use a shorter step, or a lower bandwidth",
+                "a communication step of {} s may delay by {} s already. Use a shorter step",
                 unit.step,
                 three_digits(least)
             );
@@ -116,7 +117,10 @@ fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignRepor
         ),
         None => report.tell_unlimited("delay margin", "s", "the loop gain does not cross 1"),
     }
-    report.tell("bandwidth", three_digits(margins.bandwidth * W), "rad/s", "up to which all outputs follow (-3 dB)");
+    match margins.bandwidth {
+        f64::INFINITY => report.tell_unlimited("bandwidth", "rad/s", "all outputs follow at all frequencies"),
+        band => report.tell("bandwidth", three_digits(band * W), "rad/s", "up to which all outputs follow (-3 dB)"),
+    }
     report.tell("noise gain", three_digits(margins.noise), "", "largest gain from measurement noise to the controls");
     if !margins.zeros.is_empty() {
         let zeros: Vec<_> = margins.zeros.iter().map(|zero| crate::design::complex(zero * W)).collect();
@@ -138,7 +142,7 @@ fn tell_poles(poles: &[Complex<f64>], margins: &Margins, W: f64, report: &mut De
     let note = if verdict == Verdict::Ok {
         note.to_owned()
     } else {
-        format!("{note}: below {usual} the loop rings. Use a lower bandwidth")
+        format!("{note}: below {usual} the loop rings. Use another bandwidth")
     };
     report.judge("least damping", three_digits(damped), "", verdict, note);
     let slowest = own.iter().filter(|pole| !unmoved.is_hidden(pole)).map(|pole| -pole.re).fold(f64::INFINITY, f64::min);

@@ -89,9 +89,23 @@ impl Parts {
         all
     }
 
-    /// The steps of all references of a plant: for each, the courses of all outputs, and of all controls before dead times.
-    /// `None` where the loop isn't stable.
-    pub fn steps(&self, [A_t, B_t]: &[DMatrix<f64>; 2], C: &DMatrix<f64>, asked: &Parts) -> Option<Vec<Vec<Course>>> {
+    /// With references in parts of these sizes.
+    #[must_use]
+    pub fn for_references(mut self, sizes: &[f64]) -> Self {
+        self.reference.column_iter_mut().zip(sizes).for_each(|(mut column, size)| column *= *size);
+        self.direct.column_iter_mut().zip(sizes).for_each(|(mut column, size)| column *= *size);
+        self
+    }
+
+    /// The steps of all references of a plant: for each, the courses of all outputs, and of all controls before dead times,
+    /// settled within a band. `None` where the loop isn't stable.
+    pub fn steps(
+        &self,
+        [A_t, B_t]: &[DMatrix<f64>; 2],
+        C: &DMatrix<f64>,
+        asked: &Parts,
+        band: f64,
+    ) -> Option<Vec<Vec<Course>>> {
         let ((m, N), p) = (self.control.shape(), C.nrows());
         let (closed, driven) = (self.closed(A_t, B_t), self.driven(B_t));
         let mut signals = DMatrix::zeros(p + m, N);
@@ -100,7 +114,7 @@ impl Parts {
         let one = |i: usize| {
             let mut direct = DVector::zeros(p + m);
             direct.rows_mut(p, m).copy_from(&asked.direct.column(i));
-            step(&closed, &driven.column(i).into_owned(), &signals, &direct)
+            step(&closed, &driven.column(i).into_owned(), &signals, &direct, band)
         };
         (0..driven.ncols()).map(one).collect()
     }
@@ -129,11 +143,14 @@ impl LinearLaw for OutputFeedback {
             direct: self.entry.D.clone(),
         };
         parts.entry.view_mut((0, 0), (n, n)).fill_with_identity();
-        parts.own.view_mut((n, 0), (k, n)).copy_from(&(B * &self.C));
-        parts.own.view_mut((n, n), (k, k)).copy_from(A);
         parts.control.view_mut((0, 0), (m, n)).copy_from(&-(D * &self.C));
-        parts.control.view_mut((0, n), (m, k)).copy_from(&-C);
-        parts.reference.rows_mut(n, k).copy_from(&self.entry.B);
+        // Proportional control has no states.
+        if k > 0 {
+            parts.own.view_mut((n, 0), (k, n)).copy_from(&(B * &self.C));
+            parts.own.view_mut((n, n), (k, k)).copy_from(A);
+            parts.control.view_mut((0, n), (m, k)).copy_from(&-C);
+            parts.reference.rows_mut(n, k).copy_from(&self.entry.B);
+        }
         parts
     }
 
@@ -141,17 +158,20 @@ impl LinearLaw for OutputFeedback {
         let Controller { A, B, C, D } = &self.controller;
         let (n, k, m) = (self.C.ncols(), A.nrows(), C.nrows());
         let registers = late(plant.delay, H)? * m;
-        let (of_plant, of_law) = (held(A_t, B_t, H)?, held(A, B, H)?);
+        let of_plant = held(A_t, B_t, H)?;
         let (N, waiting) = (n + k + registers, n + k);
         let mut step = DMatrix::zeros(N, N);
         step.view_mut((0, 0), (n, n)).copy_from(&of_plant[0]);
         step.view_mut((0, waiting), (n, m)).copy_from(&of_plant[1]);
-        step.view_mut((n, 0), (k, n)).copy_from(&(&of_law[1] * &self.C));
-        step.view_mut((n, n), (k, k)).copy_from(&of_law[0]);
         (0..registers - m).for_each(|k| step[(waiting + k, waiting + k + m)] = 1.0);
-        // At the end of the step, of what was measured at its beginning.
-        let u = -(C * step.rows(n, k));
-        step.rows_mut(N - m, m).copy_from(&u);
+        if k > 0 {
+            let of_law = held(A, B, H)?;
+            step.view_mut((n, 0), (k, n)).copy_from(&(&of_law[1] * &self.C));
+            step.view_mut((n, n), (k, k)).copy_from(&of_law[0]);
+            // At the end of the step, of what was measured at its beginning.
+            let u = -(C * step.rows(n, k));
+            step.rows_mut(N - m, m).copy_from(&u);
+        }
         let mut of_x = step.view_mut((N - m, 0), (m, n));
         of_x -= D * &self.C;
         Some(step)

@@ -40,7 +40,8 @@ pub struct Margins {
 pub fn margins(plant: &Uncertain, law: &OutputFeedback, closed: &[Complex<f64>]) -> Option<Margins> {
     let Uncertain { A, B, C, delays, .. } = plant;
     let (poles, zeros) = (poles_of(A)?, zeros::invariant(A, B, C)?);
-    let of_law = poles_of(&law.controller.A)?;
+    let has_states = !law.controller.A.is_empty();
+    let of_law = if has_states { poles_of(&law.controller.A)? } else { Vec::new() };
     let mut frequencies = grid(&[&poles[..], closed, &of_law].concat(), &zeros, delays);
     frequencies.extend(closed.iter().filter(|pole| pole.im > 0.0).flat_map(|pole| [pole.im, pole.norm()]));
     frequencies.sort_by(f64::total_cmp);
@@ -60,7 +61,8 @@ pub fn margins(plant: &Uncertain, law: &OutputFeedback, closed: &[Complex<f64>])
     };
     let mut last: Option<Point> = None;
     for &omega in &frequencies {
-        let (G, K) = (G.at(omega), K.at(omega) + &direct);
+        let G = G.at(omega);
+        let K = if has_states { K.at(omega) + &direct } else { direct.clone() };
         let Some(point) = Point::new(omega, &G, &K) else { continue };
         found.take(&point, last.as_ref());
         last = Some(point);
@@ -88,6 +90,10 @@ impl Point {
         }
         let m = gain.nrows();
         let S = (&gain + DMatrix::identity(m, m)).try_inverse()?;
+        let (followed, noise) = (&gain * &S, K * &S);
+        if !followed.iter().chain(noise.iter()).all(|entry| entry.is_finite()) {
+            return None;
+        }
         let mut together: Vec<_> =
             if m == 1 { vec![gain[(0, 0)]] } else { gain.clone().schur().eigenvalues()?.iter().copied().collect() };
         together.sort_by(|one, other| one.norm().total_cmp(&other.norm()));
@@ -96,8 +102,8 @@ impl Point {
             modulus: sensitivity(&gain),
             alone: S.diagonal().iter().map(|own| own.inv() - 1.0).collect(),
             together,
-            followed: (&gain * &S).singular_values().min(),
-            noise: (K * S).singular_values().max(),
+            followed: followed.singular_values().min(),
+            noise: noise.singular_values().max(),
         })
     }
 }
@@ -114,15 +120,15 @@ impl Margins {
         }
         for (&before, &after) in last.alone.iter().zip(&now.alone) {
             self.crosses_axis(before, after);
-            if let Some(phase) = crosses_one(before, after) {
+            if let Some((phase, _)) = crosses_one(before, after) {
                 // To −1 either way.
                 let margin = phase.min(2.0 * PI - phase);
                 self.phase = Some(self.phase.map_or(margin, |least| least.min(margin)));
             }
         }
         for (&before, &after) in last.together.iter().zip(&now.together) {
-            if let Some(phase) = crosses_one(before, after) {
-                let delay = phase / (last.omega * now.omega).sqrt();
+            if let Some((phase, part)) = crosses_one(before, after) {
+                let delay = phase / (last.omega * (now.omega / last.omega).powf(part));
                 self.delay = Some(self.delay.map_or(delay, |least| least.min(delay)));
             }
         }
@@ -147,13 +153,14 @@ impl Margins {
     }
 }
 
-/// The lag that a gain has left until −1, in rad, where its size crosses 1.
-fn crosses_one(before: Complex<f64>, after: Complex<f64>) -> Option<f64> {
+/// The lag that a gain has left until −1, in rad, where its size crosses 1, and which part of the way that is.
+fn crosses_one(before: Complex<f64>, after: Complex<f64>) -> Option<(f64, f64)> {
     let (one, other) = (before.norm().ln(), after.norm().ln());
     if one * other > 0.0 || one == other {
         return None;
     }
     let part = one / (one - other);
-    let there = before + (after - before) * part;
-    Some((there.arg() + PI).rem_euclid(2.0 * PI))
+    // Its argument moves evenly, not the gain itself, which would cut the corner.
+    let turned = before.arg() + part * (after / before).arg();
+    Some(((turned + PI).rem_euclid(2.0 * PI), part))
 }

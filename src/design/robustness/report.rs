@@ -5,14 +5,17 @@ use nalgebra::DMatrix;
 
 use super::linear::LinearLaw;
 use super::region::{LARGEST, Region};
-use super::uncertain::{Place, Uncertain, by_part};
-use super::worst::{Stepped, worst};
-use crate::design::{digits, percent};
+use super::uncertain::{Uncertain, by_part};
+use super::worst::Stepped;
+use crate::design::{digits, limits, percent};
 use crate::eigenvalues;
 use crate::mathematics::limits::UNLIMITED;
 use crate::nominal::{NominalPlant, Uncertainty};
 use crate::system::{DesignReport, Verdict};
 use crate::template::three_digits;
+
+/// Outputs that end farther from their references, in parts of these, are worth a word.
+const FAR: f64 = 0.01;
 
 /// A plant that a description has, as a design report looks at it.
 #[derive(Debug)]
@@ -75,11 +78,6 @@ impl Described {
         if self.part > 0.0 { (LARGEST / self.part).max(1.0) } else { 1.0 }
     }
 
-    /// The largest size of a reference.
-    fn size(&self) -> f64 {
-        self.reference.iter().copied().fold(0.0, f64::max)
-    }
-
     /// Reports steps of the references, for the nominal plant and the worst of the region, and sums it up. Where a loop
     /// isn't stable it is judged so.
     pub fn tell(&self, law: &impl LinearLaw, region: &Region, unit: &Unit, report: &mut DesignReport) {
@@ -87,10 +85,10 @@ impl Described {
         report.section("Nominal loop");
         let closed = law.parts().delayed(&self.plant.delays).closed(&self.plant.A, &self.plant.B) * W;
         report.eigenvalues("poles", &closed, true);
-        let Some(nominal) = Stepped::new(law, &self.plant, &Place::nominal(self.plant.size())) else {
-            return report.summarise("the loop with the nominal plant isn't stable".to_owned());
+        let Some(nominal) = Stepped::nominal(law, &self.plant, &self.reference) else {
+            return report.summarise("the loop isn't stable".to_owned());
         };
-        self.tell_steps(&nominal, "nominal", unit, report);
+        self.tell_steps(&nominal, Verdict::Warning, unit, report);
         let of_nominal = self.words(&nominal, unit);
         if !self.is_known {
             return report.summarise(of_nominal);
@@ -102,10 +100,10 @@ impl Described {
             "",
             "the nominal one, corners of the bounds and others within",
         );
-        let Some(worst) = worst(law, &self.plant, region) else {
+        let Some(worst) = Stepped::worst(law, &self.plant, region.places(), &self.reference) else {
             return report.summarise(format!("{of_nominal}; some plants within the uncertainty are not stable"));
         };
-        self.tell_steps(&worst, "worst", unit, report);
+        self.tell_steps(&worst, Verdict::Ok, unit, report);
         let more = self.words(&worst, unit);
         report.summarise(format!("{of_nominal}; worst of {} plants: {more}", region.places().len()));
     }
@@ -113,31 +111,32 @@ impl Described {
     /// "settles in 0.12 s, overshoot 4 %, peak of voltage 10.2 of 24"
     fn words(&self, stepped: &Stepped, unit: &Unit) -> String {
         let settling = stepped.settling / self.plant.bandwidth;
-        let peaks = (0..unit.controls.len()).map(|j| {
-            let [low, high] = stepped.control[j].map(|peak| peak * self.size());
+        let rests = if stepped.off > FAR {
+            format!(", ends {} % from the reference", percent(100.0 * stepped.off))
+        } else {
+            String::new()
+        };
+        let peaks = stepped.control.iter().enumerate().map(|(j, &[low, high])| {
             let (peak, limit) = if high >= -low { (high, unit.limits[1][j]) } else { (low, unit.limits[0][j]) };
             let of = if limit.abs() < UNLIMITED { format!(" of {}", digits(limit)) } else { String::new() };
             format!(", peak of {} {}{of}", unit.controls[j], digits(peak))
         });
         format!(
-            "settles in {} s, overshoot {} %{}",
+            "settles in {} s, overshoot {} %{rests}{}",
             digits(settling),
             percent(100.0 * stepped.overshoot.max(0.0)),
             peaks.collect::<String>()
         )
     }
 
-    fn tell_steps(&self, stepped: &Stepped, which: &str, unit: &Unit, report: &mut DesignReport) {
+    /// The figures of steps; what the nominal plant has is judged, the worst of others is what it is.
+    fn tell_steps(&self, stepped: &Stepped, if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
         let W = self.plant.bandwidth;
         let each = if unit.controls.len() > 1 { ", one reference at a time" } else { "" };
         let note = format!("of a step of the reference{each}: from 10 % to 90 %");
         report.tell("rise time", three_digits(stepped.rise / W), "s", &note);
-        report.tell(
-            "settling time",
-            three_digits(stepped.settling / W),
-            "s",
-            "until within 2 % of the step about its end",
-        );
+        let settling = three_digits(stepped.settling / W);
+        report.tell("settling time", settling, "s", "until within 2 % of the step about its end");
         // What rounding leaves is none.
         let overshoot = if stepped.overshoot > 1e-6 { three_digits(100.0 * stepped.overshoot) } else { 0.0 };
         report.tell("overshoot", overshoot, "%", "beyond the reference");
@@ -145,29 +144,35 @@ impl Described {
             report.tell("undershoot", three_digits(100.0 * stepped.undershoot), "%", "the wrong way first");
         }
         if stepped.off > 1e-3 {
-            report.tell("at rest", three_digits(100.0 * stepped.off), "%", "distance from the reference");
+            let (verdict, note) = match if_wrong {
+                Verdict::Warning if stepped.off > FAR => {
+                    (Verdict::Warning, "distance from the reference: without an integral part an error stays")
+                }
+                _ => (Verdict::Ok, "distance from the reference"),
+            };
+            report.judge("at rest", three_digits(100.0 * stepped.off), "%", verdict, note);
         }
-        for (j, name) in unit.controls.iter().enumerate() {
-            let [low, high] = stepped.control[j].map(|peak| three_digits(peak * self.size()));
-            let [min, max] = unit.limits.map(|limit| limit[j]);
-            let range = DMatrix::from_row_slice(1, 2, &[low, high]);
-            let value = format!("range of {name}");
-            let is_beyond = low < min.min(0.0) * (1.0 + 1e-6) || high > max.max(0.0) * (1.0 + 1e-6);
-            if !is_beyond {
-                report.tell(&value, &range, "", &format!("for a step of {}", digits(self.size())));
-                continue;
-            }
-            let room = |peak: f64, limit: f64| if peak * limit > 0.0 { limit / peak } else { 1.0 };
-            let stays = room(low, min).min(room(high, max)) * self.size();
-            let note = format!(
-                "for a step of {}, beyond the limits {} … {}: the loop is slower then than reported here. A step of {} stays within",
-                digits(self.size()),
-                digits(min),
-                digits(max),
-                digits(0.995 * stays)
-            );
-            let verdict = if which == "nominal" { Verdict::Warning } else { Verdict::Ok };
-            report.judge(&value, &range, "", verdict, note);
+        for j in 0..unit.controls.len() {
+            self.tell_range(j, stepped.control[j], if_wrong, unit, report);
         }
+    }
+
+    fn tell_range(&self, j: usize, range: [f64; 2], if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
+        let limit = unit.limits.map(|limit| limit[j]);
+        let [low, high] = limits::without_rounding(range).map(three_digits);
+        let (name, value) = (format!("range of {}", unit.controls[j]), DMatrix::from_row_slice(1, 2, &[low, high]));
+        let sizes = self.reference.iter().copied().map(digits).collect::<Vec<_>>().join(", ");
+        if !limits::is_beyond(range, limit) {
+            return report.tell(&name, &value, "", &format!("for a step of {sizes}"));
+        }
+        let allowed = 0.995 * limits::allowed(range, limit);
+        let smaller = self.reference.iter().map(|size| digits(size * allowed)).collect::<Vec<_>>().join(", ");
+        let note = format!(
+            "for a step of {sizes}, beyond the limits {} … {}: the loop is slower then than reported here. A step of {smaller} stays \
+             within",
+            digits(limit[0]),
+            digits(limit[1])
+        );
+        report.judge(&name, &value, "", if_wrong, note);
     }
 }

@@ -70,17 +70,17 @@ pub struct Course {
     pub end: f64,
     /// The lowest and the highest value.
     pub range: [f64; 2],
-    /// When it stays within 0.02 of its end, in 1/W.
+    /// When it stays within a band about its end, in 1/W.
     pub settling: f64,
     /// From 10 % to 90 % of its end, in 1/W.
     pub rise: f64,
 }
 
-/// A signal has settled within this of its end.
-const SETTLED: f64 = 0.02;
+/// A signal of size 1 has settled within this of its end.
+pub const SETTLED: f64 = 0.02;
 
-/// The signals C x + d of a step of one input of x' = A x + b, from rest. `None` where A isn't stable.
-pub fn step(A: &DMatrix<f64>, b: &DVector<f64>, C: &DMatrix<f64>, d: &DVector<f64>) -> Option<Vec<Course>> {
+/// The signals C x + d of a step of one input of x' = A x + b, from rest, settled within a band. `None` where A isn't stable.
+pub fn step(A: &DMatrix<f64>, b: &DVector<f64>, C: &DMatrix<f64>, d: &DVector<f64>, band: f64) -> Option<Vec<Course>> {
     let rest = -A.clone().lu().solve(b)?;
     let end = C * &rest + d;
     // What is left to the end decays.
@@ -89,7 +89,7 @@ pub fn step(A: &DMatrix<f64>, b: &DVector<f64>, C: &DMatrix<f64>, d: &DVector<f6
     let mut time = 0.0;
     follow(A, start, COARSE, |h, state| {
         time += h;
-        signals.iter_mut().zip((C * state).iter()).for_each(|(signal, left)| signal.is(time, *left));
+        signals.iter_mut().zip((C * state).iter()).for_each(|(signal, left)| signal.is(time, *left, band));
     })?;
     Some(signals.into_iter().map(|signal| signal.course).collect())
 }
@@ -109,11 +109,11 @@ impl Signal {
     }
 
     /// It is so far from its end.
-    fn is(&mut self, time: f64, left: f64) {
+    fn is(&mut self, time: f64, left: f64, band: f64) {
         let Course { end, range: [lowest, highest], settling, rise } = &mut self.course;
         let value = *end + left;
         (*lowest, *highest) = (lowest.min(value), highest.max(value));
-        if left.abs() > SETTLED {
+        if left.abs() > band {
             *settling = time;
         }
         let part = value / *end;

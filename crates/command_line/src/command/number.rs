@@ -12,7 +12,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
 /// Reads a part of 1, also in per cent: at least 0 and below 1.
 ///
 /// # Errors
-/// What is allowed; of a number that is meant in per cent, how to write it.
+/// The numbers that are allowed, or how to write one that is meant in per cent.
 pub fn part(text: &str) -> Result<f64, String> {
     let in_per_cent = text.trim().strip_suffix('%');
     let given: Option<f64> = in_per_cent.unwrap_or(text).trim().parse().ok();

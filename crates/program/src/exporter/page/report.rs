@@ -13,13 +13,12 @@ pub fn push(page: &mut String, report: &DesignReport) {
     let verdict = match report.verdict() {
         Verdict::Ok => "Sound: all checks pass with the start values.",
         Verdict::Warning => "Sound, with warnings about the start values.",
-        Verdict::NotSound => {
-            "Not sound with the start values: a condition of the design is not met or can't be shown. The condition \
-             is sufficient but not necessary, so the loop may still work."
-        }
+        Verdict::NotSound => "Not sound with the start values: a condition of the design is not met or can't be shown.",
     };
     let reason = report.reason().map_or(String::new(), |reason| format!(" Reasons: {}.", escaped(&reason)));
-    let _ = writeln!(page, "<h2 id=\"report\">Design report</h2>\n<p>{verdict}{reason}</p>");
+    let summary = report.summary.as_ref();
+    let summary = summary.map_or(String::new(), |summary| format!(" With the nominal plant: {}.", escaped(summary)));
+    let _ = writeln!(page, "<h2 id=\"report\">Design report</h2>\n<p>{verdict}{summary}{reason}</p>");
     let mut section = None;
     for finding in &report.findings {
         if section != Some(&finding.section) {
