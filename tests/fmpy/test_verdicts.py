@@ -9,7 +9,6 @@ from sample import ALL, NUMBER
 from verdicts import Said, design, is_true, loop, within
 
 KINDS = ["pid", "ladrc", "l1", "l1-limit", "l1-sampled"]
-SINGLE = [kind for kind in CLASSES if kind != "several channels"]
 # What is stable in continuous time with dead times of many steps: L1 takes none.
 OTHERS = 4 if ALL else 2
 EACH = 4 if ALL else 1
@@ -19,7 +18,7 @@ EACH = 4 if ALL else 1
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_check_says_of_uncertain_plants_is_so(kind: str, number: int, tmp_path: Path):
     random = Random(f"verdict {kind} {NUMBER} {number}")
-    nominal = plant(random.choice(SINGLE), random)
+    nominal = plant(random.choice(CLASSES), random)
     said = design(kind, nominal, tmp_path)
     if not isinstance(said, Said) or not said.sound:
         return

@@ -25,16 +25,16 @@ class Said:
     sound: bool
     settling: float
     overshoot: float
-    control: tuple[float, float]
+    control: list[tuple[float, float]]
 
 
 @dataclass
 class Had:
-    """What a loop had."""
+    """The worst of the steps of each reference in a loop."""
 
     settling: float
     overshoot: float
-    control: tuple[float, float]
+    control: list[tuple[float, float]]
 
 
 def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -42,7 +42,8 @@ def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
 
 
 def model(plant: Plant) -> dict:
-    names = {"states": [f"s{i}" for i in range(len(plant.A))], "inputs": ["force"], "outputs": ["tracked"]}
+    n, m = plant.B.shape
+    names = {key: [f"{name}{i}" for i in range(count)] for key, name, count in [("states", "s", n), ("inputs", "force", m), ("outputs", "tracked", m)]}
     return plant.json() | names
 
 
@@ -61,8 +62,8 @@ def design(kind: str, plant: Plant, folder: Path) -> Said | str:
     if "settling time" not in found:
         assert not report["sound"]
         return "not sound"
-    value = found["range of force"][0]
-    return Said(report["sound"], found["settling time"], found["overshoot"] / 100, (value[0], value[1]))
+    control = [tuple(found[f"range of force{j}"][0]) for j in range(plant.B.shape[1])]
+    return Said(report["sound"], found["settling time"], found["overshoot"] / 100, control)
 
 
 def within(plant: Plant, random: Random, corner: bool) -> Plant:
@@ -81,7 +82,7 @@ def within(plant: Plant, random: Random, corner: bool) -> Plant:
 
 
 def loop(plant: Plant, said: Said, folder: Path) -> Had:
-    """The step of the loop of C.toml with another plant."""
+    """The steps of the references, one after the other, of the loop of C.toml with another plant."""
     (folder / "other.json").write_text(json.dumps(model(plant)))
     for kind, name in [("state-space", "P"), ("reference", "R")]:
         made = program(folder, "new", kind, "--name", name, "--plant", "other.json", "--out", f"{name}.toml", "--no-schema", "--force")
@@ -89,24 +90,36 @@ def loop(plant: Plant, said: Said, folder: Path) -> Had:
     until = STEP_TIME + LONGER * said.settling
     made = program(folder, "new", "loop", "--units", "P.toml", "C.toml", "R.toml", "--until", f"{until:.9g}", "--out", ".", "--force")
     assert made.returncode == 0, made.stderr
-    ran = program(folder, "run", ".", "--out", "results", "-q", "--every", f"{LONGER * said.settling / 4000:.6g}")
-    assert ran.returncode == 0, ran.stderr
-    with next((folder / "results").rglob("result.csv")).open() as file:
+    m = plant.B.shape[1]
+    worst = Had(0.0, 0.0, [(0.0, 0.0)] * m)
+    for i in range(m):
+        others = [option for j in range(m) if j != i for option in ("--set", f"reference.step_height[{j + 1},1]=0")]
+        ran = program(folder, "run", ".", "--out", "results", "-q", "--every", f"{LONGER * said.settling / 4000:.6g}", *others)
+        assert ran.returncode == 0, ran.stderr
+        take(worst, i, folder / "results")
+    return worst
+
+
+def take(worst: Had, i: int, results: Path) -> None:
+    """The step of a reference."""
+    with next(results.rglob("result.csv")).open() as file:
         rows = list(csv.reader(file))
     columns = dict(zip(rows[0], np.array(rows[1:], float).T, strict=True))
-    t, y = columns["time"] - STEP_TIME, columns.get("plant.tracked_output", columns.get("plant.tracked"))
-    u = columns["controller.force"]
-    outside = np.flatnonzero(np.abs(y - y[-1]) > 0.02)
-    settling = max(0.0, float(t[outside[-1]])) if len(outside) else 0.0
-    return Had(settling, max(0.0, float(y.max()) - 1), (float(u.min()), float(u.max())))
+    t = columns["time"] - STEP_TIME
+    for j in range(len(worst.control)):
+        y, u = columns.get(f"plant.tracked{j}_output", columns.get(f"plant.tracked{j}")), columns[f"controller.force{j}"]
+        outside = np.flatnonzero(np.abs(y - y[-1]) > 0.02)
+        worst.settling = max(worst.settling, float(t[outside[-1]]) if len(outside) else 0.0)
+        worst.overshoot = max(worst.overshoot, float(y.max()) - 1 if j == i else 0.0)
+        low, high = worst.control[j]
+        worst.control[j] = (min(low, float(u.min())), max(high, float(u.max())))
 
 
 def is_true(said: Said, had: Had) -> bool:
     """True if nothing is more than 10 % beyond what was said, the overshoot 2 % of the step more."""
-    size = max(map(abs, said.control))
+    size = max(max(map(abs, control)) for control in said.control)
     return (
         had.settling <= 1.1 * said.settling
         and had.overshoot <= 1.1 * said.overshoot + 0.02
-        and had.control[0] >= said.control[0] - 0.1 * size
-        and had.control[1] <= said.control[1] + 0.1 * size
+        and all(low >= least - 0.1 * size and high <= most + 0.1 * size for (least, most), (low, high) in zip(said.control, had.control, strict=True))
     )
