@@ -170,8 +170,12 @@ impl Actuator {
 impl Catalogued for Actuator {
     const PAGE: Page = pages::ACTUATOR;
     const ROLE: Role = Role::Actuator;
-    const TEMPLATE: Option<Template> =
-        Some(Template { write: template, is_uncertain: false, tried: &[Sizes::inputs(1), Sizes::inputs(7)] });
+    const TEMPLATE: Option<Template> = Some(Template {
+        write: template,
+        is_uncertain: false,
+        needs: None,
+        tried: &[Sizes::inputs(1), Sizes::inputs(7)],
+    });
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "u",
         stimulus: Stimulus::Steps,

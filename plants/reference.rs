@@ -290,7 +290,8 @@ impl Reference {
 impl Catalogued for Reference {
     const PAGE: Page = pages::REFERENCE;
     const ROLE: Role = Role::Reference;
-    const TEMPLATE: Option<Template> = Some(Template { write: template, is_uncertain: false, tried: &[Sizes::NONE] });
+    const TEMPLATE: Option<Template> =
+        Some(Template { write: template, is_uncertain: false, needs: None, tried: &[Sizes::NONE] });
     const TRIAL: Trial = Trial {
         moving: "'offset[1]' = 1.0\n'slope[1]' = 0.5\n'cosine_amplitude[1]' = 2.0\n'cosine_frequency[1]' = 3.0",
         ..Trial::NONE

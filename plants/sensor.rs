@@ -152,7 +152,8 @@ fn quantised<S: Scalar>(value: S, resolution: S) -> S {
 impl Catalogued for Sensor {
     const PAGE: Page = pages::SENSOR;
     const ROLE: Role = Role::Sensor;
-    const TEMPLATE: Option<Template> = Some(Template { write: template, is_uncertain: false, tried: &[Sizes::NONE] });
+    const TEMPLATE: Option<Template> =
+        Some(Template { write: template, is_uncertain: false, needs: None, tried: &[Sizes::NONE] });
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "u",
         stimulus: Stimulus::Sine,

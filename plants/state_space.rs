@@ -312,6 +312,7 @@ impl Catalogued for StateSpace {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
         is_uncertain: false,
+        needs: None,
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),

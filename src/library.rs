@@ -8,7 +8,8 @@ use crate::controllers::watched::Watched;
 use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model};
-use crate::system::Registry;
+use crate::plants::state_space::StateSpace;
+use crate::system::{Registry, System};
 use crate::template::{Begun, MOST, Request, Sizes};
 use crate::{controllers, plants};
 
@@ -75,20 +76,47 @@ pub fn begun() -> impl Iterator<Item = &'static Entry> {
 /// # Errors
 /// Sizes that the kind doesn't have, or why there is no such unit for this plant.
 pub fn begin(request: &Request) -> Result<Begun, Invalid> {
+    match named_for_plants(request) {
+        Some((renamed, note)) => begin_own(&renamed).map(|begun| begun.with_note(note)),
+        None => begin_own(request),
+    }
+}
+
+/// A request with other names for signals whose names the FMU of a linear plant has for its own variables, and what they are; nothing
+/// where there are none. Signals have the same names in all units of a loop.
+pub fn named_for_plants<'a>(request: &Request<'a>) -> Option<(Request<'a>, String)> {
+    request.plant.as_ref()?;
+    let plain = Request { kind: <StateSpace as System>::NAME, uncertainty: None, ..request.clone() };
+    let (renamed, note) = plain.renamed(&made(&plain).err()?)?;
+    Some((Request { kind: request.kind, uncertainty: request.uncertainty, ..renamed }, note))
+}
+
+/// The same with names that no unit of a plant refuses.
+fn begin_own(request: &Request) -> Result<Begun, Invalid> {
     let Sizes { states, inputs, outputs } = request.sizes;
     let mut sizes = [states, inputs, outputs].into_iter().flatten();
     if let Some(size) = sizes.find(|size| !(1..=MOST as usize).contains(size)) {
         return Err(Invalid::new("size", size, format!("must be within 1 … {MOST}")));
     }
+    let uncertain = begun().filter(|entry| entry.template.is_some_and(|template| template.is_uncertain));
+    request.check_uncertainty(&uncertain.map(|entry| entry.kind.name).collect::<Vec<_>>())?;
+    match made(request) {
+        Ok((begun, model)) => Execution::new(model).initialise().map_err(Invalid::because).map(|()| begun),
+        // A name of the plant may be one that the model has for something else.
+        Err(reason) => match request.renamed(&reason) {
+            Some((renamed, note)) => begin_own(&renamed).map(|begun| begun.with_note(note)),
+            None => Err(reason),
+        },
+    }
+}
+
+/// A text and its model: only what can be exported is worth beginning with.
+fn made(request: &Request) -> Result<(Begun, Model), Invalid> {
     let Some(template) = find(request.kind).and_then(|entry| entry.template) else {
         let known: Vec<_> = begun().map(|entry| entry.kind.name).collect();
         return Err(Invalid::new("kind", request.kind, format!("must be one of {}", known.join(", "))));
     };
-    let uncertain = begun().filter(|entry| entry.template.is_some_and(|template| template.is_uncertain));
-    request.check_uncertainty(&uncertain.map(|entry| entry.kind.name).collect::<Vec<_>>())?;
     let begun = (template.write)(request)?;
-    // Only what can be exported is worth beginning with.
     let model = Model::from_description(Description::read(&begun.text)?, REGISTRY)?;
-    Execution::new(model).initialise().map_err(Invalid::because)?;
-    Ok(begun)
+    Ok((begun, model))
 }

@@ -14,16 +14,19 @@ from __future__ import annotations
 
 from importlib import metadata
 
+from ._checked import Checked, check
+from ._design import Designed, design
 from ._errors import ArgumentError, Error, Interrupted, LimitExceeded
 from ._linear import Linearisation
 from ._loop import Loop, Sweep, Tuned
 from ._program import program
 from ._result import Result
-from ._units import Checked, check, export, fmus, kinds, linearise, loops, new, simulate
+from ._units import export, fmus, kinds, linearise, loops, new, simulate
 
 __all__ = [
     "ArgumentError",
     "Checked",
+    "Designed",
     "Error",
     "Interrupted",
     "LimitExceeded",
@@ -33,6 +36,7 @@ __all__ = [
     "Sweep",
     "Tuned",
     "check",
+    "design",
     "export",
     "fmus",
     "kinds",

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from ._errors import ArgumentError, LimitExceeded
+from ._errors import ArgumentError
 from ._linear import Linearisation
+from ._plant import PathLike, plant_file
 from ._pool import ask, done
 from ._progress import shown
 from ._result import Result, result_of
 from ._values import Value, number, words
-
-#: Path of a file or folder.
-PathLike = Union[str, "os.PathLike[str]"]
 
 
 def fmus() -> pd.DataFrame:
@@ -56,59 +52,6 @@ def kinds() -> pd.DataFrame:
 def _listed(what: str, *further: str) -> pd.DataFrame:
     rows = done(["list", "--json"]).json()[what]
     return pd.DataFrame(rows, columns=["name", "description", *further]).set_index("name")
-
-
-class Checked:
-    """Report on the design of an FMU.
-
-    >>> import adaptive_fmu
-    >>> adaptive_fmu.check("L1CoupledMimo")
-    <L1CoupledMimo: sound>
-    """
-
-    def __init__(self, report: dict[str, Any]) -> None:
-        #: Name of the FMU.
-        self.name: str = report["name"]
-        #: True if the design satisfies all its conditions; warnings are allowed.
-        self.sound: bool = report["sound"]
-        #: Verdict of the worst finding: "ok", "warning" or "not_sound".
-        self.verdict: str = report["verdict"]
-        #: What the loop with the nominal plant does, in a line; None if the description has no nominal plant.
-        self.summary: str | None = report.get("summary")
-        #: Report as the program prints it.
-        self.text: str = report["text"]
-        #: Findings, one row each: section, name, value, unit (of measurement), verdict and note.
-        self.findings: pd.DataFrame = pd.DataFrame(
-            report["findings"], columns=["section", "name", "value", "unit", "verdict", "note"]
-        )
-
-    def check(self) -> Checked:
-        """Return the report itself, or raise `LimitExceeded` if the design is not sound.
-
-        >>> import adaptive_fmu
-        >>> adaptive_fmu.check("L1CoupledMimo").check().sound
-        True
-        """
-        if not self.sound:
-            raise LimitExceeded(self.text)
-        return self
-
-    def __repr__(self) -> str:
-        return f"<{self.name}: {'sound' if self.sound else self.verdict}>"
-
-
-def check(description: PathLike) -> Checked:
-    """Check the design of an FMU: poles, margins, and the conditions of its method.
-
-    description: description file (NAME.toml), or FMU of this package.
-
-    Raises `Error` if the description is refused.
-
-    >>> import adaptive_fmu
-    >>> adaptive_fmu.check("L1CoupledMimo").sound
-    True
-    """
-    return Checked(done(["check", "--json", "--", os.fspath(description)]).json())
 
 
 def export(
@@ -207,40 +150,10 @@ def new(
     request += ["--force"] if force else []
     if plant is None:
         done(request)
-    elif isinstance(plant, (str, os.PathLike)):
-        done([*request, f"--plant={os.fspath(plant)}"])
     else:
-        with tempfile.TemporaryDirectory() as folder:
-            matrices = Path(folder) / "plant.json"
-            matrices.write_text(json.dumps(_matrices(plant)))
-            done([*request, f"--plant={os.fspath(matrices)}"])
+        with plant_file(plant) as given:
+            done([*request, f"--plant={given}"])
     return file
-
-
-def _matrices(plant: Any) -> dict[str, Any]:
-    """Return the matrices of a plant by their names, as the program reads them."""
-    if hasattr(plant, "to_ss"):  # A system of scipy.signal.
-        plant = plant.to_ss()
-    elif hasattr(plant, "num") and hasattr(plant, "den") and not hasattr(plant, "A"):
-        try:
-            import control
-        except ImportError:
-            raise ArgumentError(
-                f"plant has the type {type(plant).__name__}, whose conversion needs python-control. Install it (pip install "
-                "control), or give matrices (A, B, C, D)"
-            ) from None
-        plant = control.ss(plant)
-    dt = getattr(plant, "dt", None) or 0.0
-    if dt is True:
-        raise ArgumentError("plant is in discrete time, but its sample time is unknown. Give dt in s")
-    parts = plant if isinstance(plant, (tuple, list)) else [getattr(plant, name, None) for name in "ABCD"]
-    if len(parts) != 4 or any(part is None for part in parts):
-        raise ArgumentError(
-            f"plant has the type {type(plant).__name__}. It must be a linear system of python-control or scipy.signal, matrices "
-            "(A, B, C, D), a Linearisation, or the path of a JSON file or an FMU"
-        )
-    matrices = {name: np.atleast_2d(np.asarray(part, dtype=float)).tolist() for name, part in zip("ABCD", parts)}
-    return matrices | ({"dt": float(dt)} if dt else {})
 
 
 def simulate(

@@ -25,7 +25,8 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from ._errors import ArgumentError
-from ._units import PathLike, export
+from ._plant import PathLike
+from ._units import export
 from ._values import Value, elements
 from ._vector import Vector
 

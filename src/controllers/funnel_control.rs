@@ -22,7 +22,7 @@ use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
     ScalarOf, Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
 };
-use crate::template::{Sizes, Template};
+use crate::template::{Needs, Sizes, Template};
 
 /// Largest relative degree.
 const MOST_DEGREE: usize = 3;
@@ -423,6 +423,7 @@ impl Catalogued for FunnelControl {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: true,
+        needs: Some(Needs::Derivatives),
         tried: &[
             Sizes::inputs(3),
             Sizes::plant(1, 1),

@@ -167,6 +167,7 @@ impl Catalogued for FuzzyL1 {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: true,
+        needs: None,
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),

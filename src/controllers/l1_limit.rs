@@ -27,7 +27,7 @@ use crate::system::{
     Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates,
     Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
 };
-use crate::template::{Sizes, Template};
+use crate::template::{Needs, Sizes, Template};
 pub use structure::L1LimitStructure;
 
 /// Parameters of an L1 controller that nothing is left of here.
@@ -428,6 +428,7 @@ impl Catalogued for L1Limit {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: true,
+        needs: Some(Needs::States),
         tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(2, 2), Sizes::plant(3, 1), Sizes::plant(6, 3)],
     });
 }

@@ -292,6 +292,7 @@ impl Catalogued for L1Ppf {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: true,
+        needs: None,
         tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 3), Sizes::plant(6, 3)],
     });
     const TRIAL: Trial = Trial { alone: funnel::OPEN, ..Trial::NONE };

@@ -27,7 +27,7 @@ use crate::system::{
     Parameter, Point, Prepared, Rates, Scalar, ScalarOf, Signal, Signals, Spec, System, Unit, Values, VectorOf,
     Warning, boolean, choice, integer, matrix, scalar, vector,
 };
-use crate::template::{Sizes, Template};
+use crate::template::{Needs, Sizes, Template};
 use filter::SampledFilter;
 pub use structure::{Estimate, L1SampledStructure};
 
@@ -360,6 +360,7 @@ impl Catalogued for L1Sampled {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: true,
+        needs: Some(Needs::States),
         tried: &[Sizes::inputs(3), Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(4, 2), Sizes::plant(6, 3)],
     });
 }

@@ -24,7 +24,7 @@ use crate::system::{
     Declaration, DesignReport, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals,
     State, System, Values, VectorOf, matrix, vector,
 };
-use crate::template::{Sizes, Template};
+use crate::template::{Needs, Sizes, Template};
 
 /// Largest order of a channel.
 const MOST_ORDER: usize = 3;
@@ -303,6 +303,7 @@ impl Catalogued for Ladrc {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: true,
+        needs: Some(Needs::Outputs),
         tried: &[
             Sizes::inputs(3),
             Sizes::plant(1, 1),

@@ -385,6 +385,7 @@ impl Catalogued for MracPpfUnmatched {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: false,
+        needs: None,
         tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 2), Sizes::plant(6, 3)],
     });
     const TRIAL: Trial = Trial {

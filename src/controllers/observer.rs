@@ -318,6 +318,7 @@ impl Catalogued for Observer {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
         is_uncertain: false,
+        needs: None,
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),
@@ -340,7 +341,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
         Invalid::because("A, C: every state must show in the output (A, C observable), through rows of C that differ")
     })?;
     let fastest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
-    let step = round_down((0.1 / fastest).min(1e-3));
+    let step = round_down(0.1 / fastest);
     let mut text = request.begin(&Observer::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     write_plant(&mut text, &plant, "what is measured");

@@ -21,7 +21,7 @@ use crate::system::{
     Declaration, DesignReport, Input, Invalid, MatrixOf, Number, Parameter, Point, Prepared, Rates, Scalar, Signal,
     Signals, State, System, Values, VectorOf, matrix, vector,
 };
-use crate::template::{Sizes, Template};
+use crate::template::{Needs, Sizes, Template};
 use units::{Symbols, Units};
 
 /// What `tracking_time` is where it follows from the gains.
@@ -273,6 +273,7 @@ impl Catalogued for Pid {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: true,
+        needs: Some(Needs::Outputs),
         tried: &[Sizes::inputs(3), Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 2), Sizes::plant(6, 3)],
     });
     const TRIAL: Trial = Trial {

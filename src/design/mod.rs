@@ -11,6 +11,7 @@ pub mod channels;
 pub mod controller;
 pub mod criteria;
 pub mod funnel;
+pub mod funnel_loop;
 pub mod l1;
 pub mod ladrc;
 pub mod limits;

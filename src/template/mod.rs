@@ -12,6 +12,7 @@ pub use text::{
 use crate::eigenvalues;
 use crate::error::{Invalid, Number};
 use crate::pages::Page;
+use crate::system::TAKEN;
 
 /// Largest number of states, inputs or outputs.
 pub const MOST: i64 = 50;
@@ -27,8 +28,21 @@ pub struct Template {
     pub write: fn(&Request) -> Result<Begun, Invalid>,
     /// True if its description has an uncertainty of the nominal plant.
     pub is_uncertain: bool,
+    /// Signals that a kind which `design` may propose needs; none of other kinds.
+    pub needs: Option<Needs>,
     /// Sizes that tests try.
     pub tried: &'static [Sizes],
+}
+
+/// Signals that a controller needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Needs {
+    /// The controlled outputs.
+    Outputs,
+    /// The controlled outputs and, for a relative degree above 1, derivatives of them.
+    Derivatives,
+    /// All states of the plant.
+    States,
 }
 
 /// Sizes that a user asks for.
@@ -114,6 +128,24 @@ impl Request<'_> {
             ));
         }
         Ok(plant)
+    }
+
+    /// The same with other names for signals of the plant that a model was refused for, since it has variables of these names,
+    /// and what they are; nothing where it was refused for another reason.
+    pub fn renamed(&self, reason: &Invalid) -> Option<(Self, String)> {
+        let (mut plant, reason) = (self.plant.clone()?, reason.to_string());
+        let mut renamed = Vec::new();
+        for (signals, behind) in [(&mut plant.x, "state"), (&mut plant.u, "input"), (&mut plant.y, "output")] {
+            for name in &mut signals.names {
+                if reason.contains(&format!("`{name}` {TAKEN}")) {
+                    let other = format!("{name}_{behind}");
+                    renamed.push(format!("{behind} `{name}` is called `{other}`"));
+                    *name = other;
+                }
+            }
+        }
+        let note = format!("This FMU has variables of its own with names of the plant: {}.", renamed.join(", "));
+        (!renamed.is_empty()).then_some((Request { plant: Some(plant), ..self.clone() }, note))
     }
 
     /// Refuses sizes that a kind doesn't have.

@@ -79,11 +79,11 @@ impl Plant {
         Ok(Plant { A, B, C, D: None, x, u, y, limits: None, delay: Vec::new() })
     }
 
-    /// Reads a plant.
+    /// Reads a plant with some of its inputs and outputs only, or all, as [`Plant::parse_for`].
     ///
     /// # Errors
     /// A file that can't be read, or what is wrong in it.
-    pub fn read(file: &Path) -> Result<Self, Error> {
+    pub fn read(file: &Path, chosen: [Option<&[String]>; 2]) -> Result<Self, Error> {
         let mut text = String::new();
         let opened = std::fs::File::open(file).map_err(Error::file(file))?;
         opened.take(LARGEST + 1).read_to_string(&mut text).map_err(Error::file(file))?;
@@ -91,7 +91,7 @@ impl Plant {
         if text.len() as u64 > LARGEST {
             return Err(refuse(format!("is longer than {LARGEST} bytes")));
         }
-        Plant::parse(&text).map_err(|invalid| refuse(invalid.to_string()))
+        Plant::parse_for(&text, chosen).map_err(|invalid| refuse(invalid.to_string()))
     }
 
     /// The plant of a JSON text: A, B, C and D, or num and den; with dt, it was sampled behind a zero-order hold. A matrix is a list
@@ -100,6 +100,25 @@ impl Plant {
     /// # Errors
     /// What is wrong.
     pub fn parse(text: &str) -> Result<Self, Invalid> {
+        Self::parse_for(text, [None, None])
+    }
+
+    /// The same with some of its inputs and outputs only, by their names and in that order.
+    ///
+    /// # Errors
+    /// What is wrong, or a name that it doesn't have.
+    pub fn parse_for(text: &str, [inputs, outputs]: [Option<&[String]>; 2]) -> Result<Self, Invalid> {
+        let mut plant = Self::whole(text)?.of_signals(inputs, outputs)?;
+        for signals in [&mut plant.x, &mut plant.u, &mut plant.y] {
+            // Names that tools give to signals that nobody has named are none.
+            if signals.names.iter().any(|name| name.is_empty() || name.contains('[')) {
+                signals.names.clear();
+            }
+        }
+        Ok(plant)
+    }
+
+    fn whole(text: &str) -> Result<Self, Invalid> {
         let value: Value =
             serde_json::from_str(text).map_err(|error| Invalid::because(format!("not valid JSON: {error}")))?;
         let needed = "must be an object with the matrices A, B, C, or with num and den";
@@ -126,11 +145,7 @@ impl Plant {
         Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)?, delay })
     }
 
-    /// The plant with some of its inputs and outputs only, by their names and in that order.
-    ///
-    /// # Errors
-    /// A name that it doesn't have.
-    pub fn of_signals(mut self, inputs: Option<&[String]>, outputs: Option<&[String]>) -> Result<Self, Invalid> {
+    fn of_signals(mut self, inputs: Option<&[String]>, outputs: Option<&[String]>) -> Result<Self, Invalid> {
         if let Some(names) = inputs {
             let places = self.u.places("--inputs", names)?;
             self.B = self.B.select_columns(&places);
@@ -278,14 +293,10 @@ impl Signals {
 
     fn read(table: &Map<String, Value>, key: &str, unit: &str, len: usize) -> Result<Self, Invalid> {
         let list = table.get(key).filter(|value| !value.is_null()).map(|value| texts(key, "name", value, len));
-        let mut names = list.transpose()?.unwrap_or_default();
+        let names = list.transpose()?.unwrap_or_default();
         let written = table.get(key).and_then(|value| texts(key, "description", value, len).ok());
         let written = written.filter(|_| table[key].as_array().is_some_and(|list| list.iter().all(Value::is_object)));
         let words = written.unwrap_or_default();
-        // What tools call signals that nobody has named is no name.
-        if names.iter().any(|name| name.is_empty() || name.contains('[')) {
-            names.clear();
-        }
         let units = match table.get("units") {
             None => None,
             Some(Value::Object(units)) => units.get(unit).map(|units| texts(&format!("units.{unit}"), "", units, len)),

@@ -25,6 +25,18 @@ pub struct Begun {
     pub notes: Vec<String>,
 }
 
+impl Begun {
+    /// With a further remark, at the end of the file.
+    #[must_use]
+    pub fn with_note(mut self, note: String) -> Self {
+        let mut more = Text::default();
+        more.wrap(&note);
+        self.text.push_str(&more.text);
+        self.notes.push(note);
+        self
+    }
+}
+
 impl Text {
     /// A comment of its own, in several lines where it is long.
     pub fn comment(&mut self, text: &str) {

@@ -25,3 +25,16 @@ def test_what_check_says_of_uncertain_plants_is_so(kind: str, number: int, tmp_p
     for k in range(OTHERS):
         had = loop(within(nominal, random, k % 2 == 0), said, tmp_path)
         assert is_true(said, had), f"{said} {had}"
+
+
+@pytest.mark.parametrize("number", range(EACH))
+def test_what_check_says_of_funnels_with_uncertain_plants_is_so(number: int, tmp_path: Path):
+    random = Random(f"verdict funnel {NUMBER} {number}")
+    nominal = plant("minimum phase", random)
+    said = design("funnel", nominal, tmp_path)
+    if not isinstance(said, Said) or not said.sound:
+        return
+    for k in range(OTHERS):
+        # An error that leaves its funnel ends the run.
+        had = loop(within(nominal, random, k % 2 == 0), said, tmp_path)
+        assert is_true(said, had), f"{said} {had}"

@@ -1,4 +1,5 @@
 //! Reports on a loop with the plant that a controller was designed for.
+#![allow(non_snake_case)] // matrices have the names of the field
 
 use adaptive_fmu::report::{Finding, Value};
 use adaptive_fmu::system::{DesignReport, Verdict};

@@ -37,6 +37,8 @@ enum Command {
     List(command::list::Arguments),
     /// Write a description of your own FMU to be filled in, or the structure of a loop
     New(command::new::Arguments),
+    /// From a plant to the recommended controller: design, simulate and compare controllers of several kinds
+    Design(command::design::Arguments),
     /// Print the JSON schema of descriptions
     Schema,
     /// Check the design in an FMU's description: poles, margins, and whether its conditions are met
@@ -160,6 +162,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
     match command {
         Command::List(arguments) => command::list::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::New(arguments) => command::new::execute(&arguments),
+        Command::Design(arguments) => command::design::execute(&arguments),
         Command::Schema => Ok(command::schema::execute()),
         Command::Check(arguments) => command::check::execute(&arguments),
         Command::Export(arguments) => command::export::execute(&arguments),

@@ -19,6 +19,7 @@ pub mod kernel;
 pub mod model;
 pub mod near;
 pub mod nominal;
+pub mod picture;
 pub mod recording;
 pub mod report;
 pub mod scalar;

@@ -379,6 +379,18 @@ impl Model {
         Recording::of(self.system(), method, &self.variables.layout())
     }
 
+    /// Number of arithmetic operations in its recorded equations: of an evaluation of signals and rates, of an event, and of
+    /// the end of a communication step.
+    pub fn operations(&self) -> usize {
+        let of = |method| {
+            let Recording { tape, reals, integers, .. } = self.recorded(method);
+            let wanted: Vec<_> = reals.into_iter().chain(integers).collect();
+            let is_work = |place: usize| tape.operations()[place].operands().next().is_some();
+            tape.needed(&wanted).into_iter().enumerate().filter(|(place, needed)| *needed && is_work(*place)).count()
+        };
+        [Method::Evaluate, Method::Event, Method::StepCompleted].map(of).iter().sum()
+    }
+
     /// The names of the parameters that its design is computed from.
     pub fn designed_names(&self) -> Vec<String> {
         let designed = self.designed();

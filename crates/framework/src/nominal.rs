@@ -3,7 +3,7 @@
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use nalgebra::DMatrix;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Invalid, Number};
 
@@ -26,6 +26,26 @@ pub struct NominalPlant {
     pub reference: Option<Vec<f64>>,
     /// Assumed distance of the real plant from this one.
     pub uncertainty: Uncertainty,
+    /// Number of plants within the uncertainty that a design report tries.
+    pub plants: usize,
+    /// Seed of the random ones among them.
+    pub seed: u64,
+}
+
+/// Number of plants that a description may ask for.
+pub const PLANTS: std::ops::RangeInclusive<usize> = 1..=100_000;
+/// Number of plants and seed where a description gives none.
+pub const USUAL: (usize, u64) = (200, 1);
+
+/// A plant within the uncertainty of a nominal one, of which a loop is the worst in some respect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WorstPlant {
+    /// In which respects: "settling time", "overshoot", "range of" a control.
+    pub respects: Vec<String>,
+    /// State matrix, n rows of n numbers.
+    pub A: Vec<Vec<f64>>,
+    /// Input matrix, n rows of m numbers.
+    pub B: Vec<Vec<f64>>,
 }
 
 /// Assumed distance of a real plant from the nominal one.
@@ -90,6 +110,11 @@ struct Written {
     level: Option<f64>,
     /// Factor by which its confidence region is enlarged.
     margin: Option<f64>,
+    /// Number of plants within the uncertainty that a design report tries; 200 where it isn't given.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 100_000)))]
+    plants: Option<usize>,
+    /// Seed of the random ones among them; 1 where it isn't given.
+    seed: Option<u32>,
 }
 
 /// A number for all, or a list of one each.
@@ -123,7 +148,13 @@ impl TryFrom<Written> for NominalPlant {
         let reference = written.reference.as_ref().map(|given| each("reference", given, (p, "output"), POSITIVE));
         let bandwidth = number("bandwidth", written.bandwidth, POSITIVE)?;
         let (delay, reference) = (delay.unwrap_or_else(|| vec![0.0; m]), reference.transpose()?);
-        Ok(NominalPlant { A, B, C, delay, bandwidth, reference, uncertainty: Uncertainty::read(written, (n, m))? })
+        let (plants, seed) = (written.plants.unwrap_or(USUAL.0), written.seed.map_or(USUAL.1, u64::from));
+        if !PLANTS.contains(&plants) {
+            let allowed = format!("must be within {} … {}", PLANTS.start(), PLANTS.end());
+            return Err(Invalid::new("nominal.plants", plants, allowed));
+        }
+        let uncertainty = Uncertainty::read(written, (n, m))?;
+        Ok(NominalPlant { A, B, C, delay, bandwidth, reference, uncertainty, plants, seed })
     }
 }
 
@@ -236,6 +267,9 @@ mod tests {
         assert_eq!(plant.A, DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -2.0, -3.5]));
         assert_eq!((plant.B.shape(), plant.C.shape(), plant.delay.as_slice()), ((2, 1), (2, 2), &[0.0][..]));
         assert_eq!((plant.bandwidth, plant.reference, plant.uncertainty), (None, None, Uncertainty::Unknown));
+        assert_eq!((plant.plants, plant.seed), (200, 1));
+        let plant = read("plants = 5000\nseed = 2").unwrap();
+        assert_eq!((plant.plants, plant.seed), (5000, 2));
         let plant = read("delay = 0.1\nbandwidth = 5\nreference = 10\nuncertainty = 0").unwrap();
         assert_eq!((plant.delay, plant.bandwidth), (vec![0.1], Some(5.0)));
         assert_eq!((plant.reference, plant.uncertainty), (Some(vec![10.0; 2]), Uncertainty::Part(0.0)));
@@ -269,6 +303,9 @@ mod tests {
             ("level = 0.9", "nominal.level: belongs to nominal.model, which isn't given"),
             ("model = \"m\"\nlevel = 1", "nominal.level = 1: must be above 0 and below 1"),
             ("model = \"m\"\nsha256 = \"0f\"", "nominal.sha256 = 0f: must be 64 hexadecimal digits"),
+            ("plants = 0", "nominal.plants = 0: must be within 1 … 100000"),
+            ("plants = 1.5", "plants"),
+            ("seed = -1", "seed"),
             ("bandwith = 1", "there is no key `bandwith`; did you mean `bandwidth`?"),
         ] {
             let refused = read(more).unwrap_err();

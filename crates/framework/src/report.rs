@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::eigenvalues::{Eigenvalue, eigenvalues};
-use crate::nominal::NominalPlant;
+use crate::nominal::{NominalPlant, WorstPlant};
+use crate::picture::Picture;
 
 /// How a finding is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -200,6 +201,12 @@ pub struct DesignReport {
     /// Summary of the loop with the nominal plant, in a line; none where no plant is known.
     #[serde(default)]
     pub summary: Option<String>,
+    /// Plants within the uncertainty of the nominal one with which the loop is worst; none where nothing is uncertain.
+    #[serde(default)]
+    pub worst: Vec<WorstPlant>,
+    /// Pictures of the loop with the nominal plant; none where no plant is known.
+    #[serde(default)]
+    pub pictures: Vec<Picture>,
     /// What the section of the next findings is called.
     #[serde(skip)]
     section: String,
@@ -267,6 +274,13 @@ impl DesignReport {
         for finding in &mut self.findings {
             finding.name = word(&finding.name);
             finding.note = word(&finding.note);
+        }
+        self.worst.iter_mut().flat_map(|plant| &mut plant.respects).for_each(|respect| *respect = word(respect));
+        for picture in &mut self.pictures {
+            for text in [&mut picture.title, &mut picture.y] {
+                *text = word(text);
+            }
+            picture.curves.iter_mut().for_each(|curve| curve.name = word(&curve.name));
         }
         self.summary = self.summary.take().map(|summary| word(&summary));
     }

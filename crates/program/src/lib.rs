@@ -11,7 +11,9 @@ pub mod begun;
 mod c_compiler;
 pub mod cache;
 mod decimal;
+pub mod designs;
 pub mod distribution;
+pub mod drawing;
 #[allow(unsafe_code)]
 mod dynamic;
 pub mod explore;
@@ -41,10 +43,10 @@ pub mod validation;
 
 pub use adaptive_fmu_framework as framework;
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, nominal, recording, report, scalar, system,
-    text_file,
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, nominal, picture, recording, report, scalar,
+    system, text_file,
 };
-pub use adaptive_fmu_models::{catalogue, controllers, library, mathematics, pages, plants, template, texts};
+pub use adaptive_fmu_models::{catalogue, controllers, design, library, mathematics, pages, plants, template, texts};
 
 /// Checksum of what the program is made of, beside its models.
 pub const SOURCE: &str = env!("ADAPTIVE_FMU_SOURCE");

@@ -1,14 +1,31 @@
-//! What a designer should know of a funnel controller: its bounds, how steep it is in the middle of them, and its limits.
+//! Design report of a funnel controller: how its plant follows, its bounds, how steep it is in the middle of
+//! them, and its limits.
+#![allow(non_snake_case)] // matrices have the names of the field
 
 use nalgebra::DMatrix;
 
 use super::{Bounds, Errors, FunnelControl};
+use crate::controllers::at_limit::unit;
+use crate::design::funnel_loop::{Channel, FOLLOWED, Followed, Loop, SMOOTH_START, smooth_start};
+use crate::design::robustness::report::{Described, Unit, tell_number};
+use crate::design::robustness::uncertain::{Place, Uncertain};
+use crate::design::{digits, percent};
 use crate::mathematics::limits::UNLIMITED;
 use crate::mathematics::performance;
+use crate::picture::{Curve, CurveOf, Picture};
 use crate::system::{DesignReport, Values, Verdict};
+use crate::template::three_digits;
+
+/// A run takes longer than a step of a linear loop: of so many plants that others try, one is.
+const LESS: usize = 4;
+/// So many samples of loops are computed.
+const MOST_SAMPLES: f64 = 1e6;
+/// Points of a bound in a picture.
+const POINTS: u32 = 120;
 
 impl FunnelControl {
     pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.tell_loop(v, report);
         report.section("Funnel");
         tell_bounds(&self.bounds, v, report);
         match &self.errors {
@@ -34,6 +51,170 @@ impl FunnelControl {
             let note = "without limits the error stays in its funnel, whatever the plant is; with them only where they don't act";
             report.judge(&format!("limits of {}", v.name(self.u.at(j))), "given", "", Verdict::Warning, note);
         }
+    }
+
+    /// The loop with the plant of the description, which follows a reference that starts smoothly.
+    fn tell_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let (m, degree) = (self.u.len(), self.r.len());
+        let Errors::Filtered { tau } = &self.errors else { return };
+        let Some(described) = report.nominal().and_then(|nominal| Described::new(nominal, m)) else { return };
+        let W = described.plant.bandwidth;
+        let channel = |i: usize| Channel {
+            reference: described.reference[i],
+            psi_0: v[self.bounds.start][i],
+            psi_inf: v[self.bounds.end][i],
+            decay_rate: v[self.bounds.decay_rate][i] / W,
+            tau: tau.map_or(0.0, |tau| v[tau][i] * W),
+            g: v[self.g][i],
+        };
+        let funnels = Funnels { channels: (0..m).map(channel).collect(), G: v.matrix(self.G).into_owned(), degree };
+        funnels.tell(&described, &unit(self.u, [self.u_min, self.u_max], v, report.step), report);
+    }
+}
+
+/// Numbers of the controller, in parts of the plant's bandwidth.
+struct Funnels {
+    channels: Vec<Channel>,
+    G: DMatrix<f64>,
+    degree: usize,
+}
+
+impl Funnels {
+    fn tell(&self, described: &Described, unit: &Unit, report: &mut DesignReport) {
+        let plant = &described.plant;
+        report.section("Nominal loop");
+        if plant.delay > 0.0 {
+            let note = "a funnel is guaranteed for plants without one. Use pid or ladrc";
+            return report.judge("dead time", plant.delay / plant.bandwidth, "s", Verdict::NotSound, note);
+        }
+        let nominal = Place::nominal(plant.size());
+        let followed = self.of(plant, &nominal).follow();
+        self.tell_followed(&followed, described, unit, report);
+        let mut summary = self.words(&followed, unit);
+        let mut shown = vec![(CurveOf::Nominal, nominal)];
+        if described.is_known && followed.stayed() {
+            let (worst, places) = self.tell_uncertain(described, unit, report);
+            summary.push_str(&worst);
+            shown.splice(0..0, places.into_iter().map(|place| (CurveOf::Worst, place)));
+        }
+        report.summarise(summary);
+        self.show(&shown, described, unit, report);
+    }
+
+    /// How uncertain plants follow: the worst in words, and those that are.
+    fn tell_uncertain(&self, described: &Described, unit: &Unit, report: &mut DesignReport) -> (String, Vec<Place>) {
+        let plant = &described.plant;
+        let (drawn, seed) = described.drawn;
+        let mut places = vec![Place::nominal(plant.size())];
+        places.extend(Place::drawn(plant, (drawn / LESS).max(1), seed));
+        tell_number(&places, report);
+        let all: Vec<_> = places.iter().map(|place| self.of(plant, place).follow()).collect();
+        let (worst, mut numbers) = Followed::worst(&all);
+        report.worst = described.worst_plants(&numbers, &places, &["largest error"], unit);
+        self.tell_followed(&worst, described, unit, report);
+        self.tell_sampled(plant, &places, &all, unit, report);
+        numbers.sort_unstable();
+        numbers.dedup();
+        let text = format!("; worst of {} plants: {}", places.len(), self.words(&worst, unit));
+        (text, numbers.into_iter().map(|number| places[number].clone()).collect())
+    }
+
+    /// Adds pictures of outputs and controls.
+    fn show(&self, shown: &[(CurveOf, Place)], described: &Described, unit: &Unit, report: &mut DesignReport) {
+        let (m, W) = (self.channels.len(), described.plant.bandwidth);
+        let numbered = |what: &str, i: usize| if m > 1 { format!("{what} {}", i + 1) } else { what.to_owned() };
+        let (mut outputs, mut controls) = (Vec::new(), Vec::new());
+        for (of, place) in shown {
+            let mut points = vec![Vec::new(); 2 * m];
+            self.of(&described.plant, place).watch(|t, y, u| {
+                for (points, value) in points.iter_mut().zip(y.iter().chain(u.iter())) {
+                    points.push([t / W, *value]);
+                }
+            });
+            for (k, points) in points.into_iter().enumerate() {
+                let name = if k < m { numbered("output", k) } else { unit.controls[k - m].clone() };
+                if k < m { &mut outputs } else { &mut controls }.push(Curve { name, of: *of, points });
+            }
+        }
+        let bounds = [("upper bound", 1.0), ("lower bound", -1.0)].into_iter();
+        outputs.extend(bounds.flat_map(|(what, sign)| {
+            self.channels.iter().enumerate().map(move |(i, channel)| {
+                let points = (0..=POINTS).map(|k| FOLLOWED * f64::from(k) / f64::from(POINTS));
+                let points = points.map(|t| [t / W, channel.reference * smooth_start(t)[0] + sign * channel.bound(t)]);
+                Curve { name: numbered(what, i), of: CurveOf::Bound, points: points.collect() }
+            })
+        }));
+        for (title, y, curves) in
+            [("Smooth start of the reference", "outputs", outputs), ("Controls", "controls", controls)]
+        {
+            let (title, x, y) = (title.to_owned(), "time in s".to_owned(), y.to_owned());
+            report.pictures.push(Picture { title, x, y, logarithmic: false, curves });
+        }
+    }
+
+    /// The loop of a plant within the bounds.
+    fn of(&self, plant: &Uncertain, place: &Place) -> Loop<'_> {
+        let [A, B] = plant.at(place);
+        Loop::new([&A, &B, &plant.C], self.degree, &self.G, &self.channels)
+    }
+
+    /// If those with the largest errors stay inside with a control that is constant within communication steps.
+    fn tell_sampled(
+        &self,
+        plant: &Uncertain,
+        places: &[Place],
+        all: &[Followed],
+        unit: &Unit,
+        report: &mut DesignReport,
+    ) {
+        let H = unit.step * plant.bandwidth;
+        if H <= 0.0 {
+            return;
+        }
+        let mut order: Vec<_> = (0..all.len()).collect();
+        order.sort_by(|&one, &other| all[other].largest_part.total_cmp(&all[one].largest_part));
+        order.truncate(((MOST_SAMPLES * H / FOLLOWED) as usize).max(1));
+        let stays = |&number: &usize| self.of(plant, &places[number]).sampled_part(H).is_some();
+        if !order.iter().all(stays) {
+            let note = "with plants within the uncertainty and a control that is constant within steps the error leaves its funnel. \
+                        Use a shorter step";
+            report.judge("communication step", unit.step, "s", Verdict::NotSound, note);
+        }
+    }
+
+    /// "follows within 0.55 of its funnel, 0.6 % left in the end, peak of voltage 5 of 24"
+    fn words(&self, followed: &Followed, unit: &Unit) -> String {
+        if !followed.stayed() {
+            return "the error leaves its funnel".to_owned();
+        }
+        format!(
+            "follows within {} of the funnel, {} % of the reference left in the end{}",
+            digits(followed.largest_part),
+            percent(100.0 * self.left(followed)),
+            unit.peaks(&followed.control)
+        )
+    }
+
+    /// The largest error in the end, in parts of the reference, if all channels have that part of their bounds.
+    fn left(&self, followed: &Followed) -> f64 {
+        let part = |channel: &Channel| channel.psi_inf / channel.reference;
+        followed.left * self.channels.iter().map(part).fold(0.0, f64::max)
+    }
+
+    fn tell_followed(&self, followed: &Followed, described: &Described, unit: &Unit, report: &mut DesignReport) {
+        let W = described.plant.bandwidth;
+        if !followed.stayed() {
+            let note = "when the error leaves its funnel, for a reference that starts smoothly. Use a larger g, or a shorter tau";
+            return report.judge("leaves the funnel", three_digits(followed.until / W), "s", Verdict::NotSound, note);
+        }
+        let note = format!(
+            "of all levels, in parts of its bound, for a reference that starts smoothly (smooth_start_rate = {} 1/s)",
+            digits(SMOOTH_START * W)
+        );
+        report.tell("largest error", three_digits(followed.largest_part), "", &note);
+        let note = format!("of the reference at most, after {} s", digits(FOLLOWED / W));
+        report.tell("error at the end", three_digits(100.0 * self.left(followed)), "%", &note);
+        described.tell_ranges(&followed.control, Verdict::Warning, unit, report);
     }
 }
 

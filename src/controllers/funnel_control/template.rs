@@ -4,7 +4,8 @@
 use super::FunnelControl;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, first, stop_time, write_nominal};
-use crate::design::funnel::{self, DECAY, Design, NARROW, SMOOTH_START, WIDE};
+use crate::design::funnel::{self, DECAY, Design, NARROW, WIDE};
+use crate::design::funnel_loop::SMOOTH_START;
 use crate::design::nominal::Nominal;
 use crate::design::{digits, percent};
 use crate::error::Invalid;

@@ -25,7 +25,7 @@ use crate::system::{
     Choice, Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride,
     System, Values, VectorOf, larger, vector,
 };
-use crate::template::{Begun, Request, Sizes, Template};
+use crate::template::{Begun, Needs, Request, Sizes, Template};
 pub(super) use design::{Dynamics, SETTLED};
 pub(super) use law::{Beside, Goal, Law};
 pub(super) use ports::Ports;
@@ -189,6 +189,7 @@ impl Catalogued for L1 {
     const TEMPLATE: Option<Template> = Some(Template {
         write: begun,
         is_uncertain: true,
+        needs: Some(Needs::States),
         tried: &[
             Sizes::plant(1, 1),
             Sizes::plant(2, 1),

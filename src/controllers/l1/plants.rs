@@ -31,7 +31,7 @@ pub(in crate::controllers) struct Numbers {
     pub is_inside: bool,
 }
 
-/// Warns where the plant of the structure, which the law has, isn't that of `[nominal]`, which the figures are for.
+/// Warns where the plant of the structure isn't that of `[nominal]`, which the figures are for.
 fn compare(own: &PlantMatrices, report: &mut DesignReport) {
     let Some(NominalPlant { A, B, C, .. }) = report.nominal() else { return };
     let differs = own.A.as_ref().is_some_and(|own| own != A) || own.B != *B || own.C != *C;
@@ -68,7 +68,7 @@ pub(in crate::controllers) fn tell(
     let laws: Option<Vec<_>> = numbers.K.iter().map(law).collect();
     let Some(laws) = laws else { return false };
     let H = unit.step * W;
-    let region = Region::new(plant, &laws[0]);
+    let region = Region::new(plant, &laws[0], described.drawn);
     described.tell(&laws[0], &region, unit, report);
     if !described.is_known {
         return false;

@@ -401,6 +401,7 @@ impl Catalogued for MracPpf {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: false,
+        needs: None,
         tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)],
     });
     const TRIAL: Trial = Trial {

@@ -278,6 +278,7 @@ impl Catalogued for NeuroPpf {
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
         is_uncertain: false,
+        needs: None,
         tried: &[Sizes::plant(1, 1), Sizes::plant(2, 1), Sizes::plant(3, 3), Sizes::plant(6, 3)],
     });
     const TRIAL: Trial = Trial {

@@ -17,6 +17,7 @@ use crate::design::{digits, four_digits};
 use crate::error::Invalid;
 use crate::mathematics::l1_adaptation::L1Adaptation;
 use crate::mathematics::lyapunov;
+use crate::nominal::USUAL;
 use crate::template::{Plant, round_down, round_up, three_digits};
 
 /// Gains of the filter that are tried, in W.
@@ -202,12 +203,13 @@ impl Laws<'_> {
         let mut laws = laws.ok_or_else(extreme)?;
         let steps = self.steps(desired, nominal);
         let certain = self.plant.with_bounds_times(0.0);
-        let alone = |k: usize, step: f64| Region::new(&certain, &laws[k]).is_stable(&certain, &laws[k], step * W);
+        let alone =
+            |k: usize, step: f64| Region::new(&certain, &laws[k], USUAL).is_stable(&certain, &laws[k], step * W);
         let mut tried = steps.iter().flat_map(|&step| (0..gains.len()).map(move |k| (k, step)));
         let (first, first_step) = tried.find(|&(k, step)| alone(k, step)).ok_or_else(|| self.unstable())?;
         let excess = excess(self.plant, self.K_m);
         let lambdas: Vec<_> = laws.iter().map(|law| lambda(self.plant, law, &excess).unwrap_or(0.0)).collect();
-        let mut regions: Vec<_> = laws.iter().map(|law| Region::new(self.plant, law)).collect();
+        let mut regions: Vec<_> = laws.iter().map(|law| Region::new(self.plant, law, USUAL)).collect();
         let is_stable =
             |k: usize, H: f64| self.varied(&laws[k]).iter().all(|law| regions[k].is_stable(self.plant, law, H * W));
         let stable = |step: f64| (0..gains.len()).filter(|&k| is_stable(k, step)).collect::<Vec<_>>();

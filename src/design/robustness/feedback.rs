@@ -28,7 +28,7 @@ pub fn tell(channels: usize, law: impl Fn(&Described) -> OutputFeedback, unit: &
     let law = law(&described);
     let plant = &described.plant;
     let H = unit.step * plant.bandwidth;
-    let region = Region::new(plant, &law);
+    let region = Region::new(plant, &law, described.drawn);
     described.tell(&law, &region, unit, report);
     if described.is_known {
         tell_region(&described, &law, &region, H, report);

@@ -30,7 +30,7 @@ pub fn late(delay: f64, H: f64) -> Option<usize> {
 
 /// A loop: the rate of its state q is `own q + entry (A_t x + B_t u) + reference r` with `u = control q + direct r`, where x,
 /// the state of the plant, is the first part of q.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Parts {
     /// N × N, without the plant's own rate.
     pub own: DMatrix<f64>,

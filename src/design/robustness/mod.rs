@@ -6,6 +6,7 @@
 pub mod feedback;
 pub mod linear;
 pub mod margins;
+pub mod pictures;
 pub mod region;
 pub mod report;
 pub mod respond;

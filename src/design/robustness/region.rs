@@ -13,8 +13,7 @@ const STARTS: usize = 5;
 const ROUNDS: usize = 5;
 /// With many states it goes from the nominal one only, once, by so many poles.
 const FEW_POLES: usize = 4;
-/// Plants that are drawn; fewer of more states than these.
-const PLANTS: usize = 200;
+/// Of more states than these fewer plants are drawn.
 const FEW_STATES: usize = 8;
 const FEWEST: usize = 8;
 /// Halvings in the search for the largest bounds.
@@ -29,12 +28,13 @@ pub struct Region {
 }
 
 impl Region {
-    /// Plants that are drawn, always the same ones, and the corners to which the poles of this law's loop move most.
-    pub fn new(plant: &Uncertain, law: &impl LinearLaw) -> Self {
+    /// So many plants that are drawn, always the same ones for a seed, and the corners to which the poles of this law's loop
+    /// move most.
+    pub fn new(plant: &Uncertain, law: &impl LinearLaw, (plants, seed): (usize, u64)) -> Self {
         let mut places = vec![Place::nominal(plant.size())];
         if plant.is_uncertain() {
             let work = plant.size().0.div_ceil(FEW_STATES).pow(2);
-            places.extend(Place::drawn(plant, (PLANTS / work).max(FEWEST), 1));
+            places.extend(Place::drawn(plant, (plants / work).max(FEWEST.min(plants)), seed));
             let worst = ascent(plant, law, &places);
             // What is most likely to be unstable comes first.
             places.splice(1..1, worst);

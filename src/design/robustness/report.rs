@@ -4,13 +4,14 @@
 use nalgebra::DMatrix;
 
 use super::linear::LinearLaw;
+use super::pictures::Shown;
 use super::region::{LARGEST, Region};
-use super::uncertain::{Uncertain, by_part};
+use super::uncertain::{Place, Uncertain, by_part};
 use super::worst::Stepped;
 use crate::design::{digits, limits, percent};
 use crate::eigenvalues;
 use crate::mathematics::limits::UNLIMITED;
-use crate::nominal::{NominalPlant, Uncertainty};
+use crate::nominal::{NominalPlant, Uncertainty, WorstPlant};
 use crate::system::{DesignReport, Verdict};
 use crate::template::three_digits;
 
@@ -28,6 +29,8 @@ pub struct Described {
     pub is_known: bool,
     /// Sizes of the references.
     pub reference: Vec<f64>,
+    /// Number of plants to be drawn, and the seed.
+    pub drawn: (usize, u64),
 }
 
 /// Controls of a unit, and its step.
@@ -41,11 +44,23 @@ pub struct Unit<'a> {
     pub step: f64,
 }
 
+impl Unit<'_> {
+    /// ", peak of voltage 10.2 of 24"
+    pub fn peaks(&self, ranges: &[[f64; 2]]) -> String {
+        let peaks = ranges.iter().enumerate().map(|(j, &[low, high])| {
+            let (peak, limit) = if high >= -low { (high, self.limits[1][j]) } else { (low, self.limits[0][j]) };
+            let of = if limit.abs() < UNLIMITED { format!(" of {}", digits(limit)) } else { String::new() };
+            format!(", peak of {} {}{of}", self.controls[j], digits(peak))
+        });
+        peaks.collect()
+    }
+}
+
 impl Described {
     /// The plant of a description for a law of so many references; `None` where it has other sizes, numbers that differ by too
     /// many powers of ten, or a model from records, whose region isn't looked at yet.
     pub fn new(nominal: &NominalPlant, channels: usize) -> Option<Self> {
-        let NominalPlant { A, B, C, delay, bandwidth, reference, uncertainty } = nominal;
+        let NominalPlant { A, B, C, delay, bandwidth, reference, uncertainty, plants, seed } = nominal;
         if C.nrows() != channels || B.ncols() != channels {
             return None;
         }
@@ -62,7 +77,7 @@ impl Described {
         let bandwidth = bandwidth.or_else(fastest)?;
         let plant = Uncertain::new([A, B, C], [&dA, &dB], delay, bandwidth)?;
         let reference = reference.clone().unwrap_or_else(|| vec![1.0; channels]);
-        Some(Described { plant, part, is_known, reference })
+        Some(Described { plant, part, is_known, reference, drawn: (*plants, *seed) })
     }
 
     /// Words for a share of the bounds.
@@ -89,23 +104,53 @@ impl Described {
             return report.summarise("the loop isn't stable".to_owned());
         };
         self.tell_steps(&nominal, Verdict::Warning, unit, report);
-        let of_nominal = self.words(&nominal, unit);
+        let (summary, worst) = self.tell_region(&nominal, law, region, unit, report);
+        report.summarise(summary);
+        let settling = worst.iter().map(|(stepped, _)| stepped.settling).fold(nominal.settling, f64::max);
+        let mut numbers = worst.map_or_else(Vec::new, |(_, numbers)| numbers);
+        numbers.sort_unstable();
+        numbers.dedup();
+        let worst = numbers.iter().map(|&number| region.places()[number].clone()).collect();
+        Shown { described: self, parts: law.parts(), unit, worst, settling }.add(report);
+    }
+
+    /// The steps of uncertain plants, where they are known: the summary, and the worst with their numbers.
+    fn tell_region(
+        &self,
+        nominal: &Stepped,
+        law: &impl LinearLaw,
+        region: &Region,
+        unit: &Unit,
+        report: &mut DesignReport,
+    ) -> (String, Option<(Stepped, Vec<usize>)>) {
+        let of_nominal = self.words(nominal, unit);
         if !self.is_known {
-            return report.summarise(of_nominal);
+            return (of_nominal, None);
         }
-        report.section("Uncertain plants");
-        report.tell(
-            "plants tried",
-            region.places().len() as f64,
-            "",
-            "the nominal one, corners of the bounds and others within",
-        );
-        let Some(worst) = Stepped::worst(law, &self.plant, region.places(), &self.reference) else {
-            return report.summarise(format!("{of_nominal}; some plants within the uncertainty are not stable"));
+        tell_number(region.places(), report);
+        let Some((worst, numbers)) = Stepped::worst(law, &self.plant, region.places(), &self.reference) else {
+            return (format!("{of_nominal}; some plants within the uncertainty are not stable"), None);
         };
         self.tell_steps(&worst, Verdict::Ok, unit, report);
+        report.worst = self.worst_plants(&numbers, region.places(), &["settling time", "overshoot"], unit);
         let more = self.words(&worst, unit);
-        report.summarise(format!("{of_nominal}; worst of {} plants: {more}", region.places().len()));
+        (format!("{of_nominal}; worst of {} plants: {more}", region.places().len()), Some((worst, numbers)))
+    }
+
+    /// The places with these numbers as plants, each once: the worst in these respects, and in those of the controls.
+    pub fn worst_plants(&self, numbers: &[usize], places: &[Place], respects: &[&str], unit: &Unit) -> Vec<WorstPlant> {
+        let of_controls = unit.controls.iter().map(|control| format!("range of {control}"));
+        let respects = respects.iter().map(|respect| (*respect).to_owned()).chain(of_controls);
+        let mut plants: Vec<(usize, WorstPlant)> = Vec::new();
+        for (respect, &number) in respects.zip(numbers) {
+            if let Some((_, plant)) = plants.iter_mut().find(|(other, _)| *other == number) {
+                plant.respects.push(respect);
+                continue;
+            }
+            let [A, B] = self.plant.in_file(&places[number]).map(|matrix| lists(&matrix));
+            plants.push((number, WorstPlant { respects: vec![respect], A, B }));
+        }
+        plants.into_iter().map(|(_, plant)| plant).collect()
     }
 
     /// "settles in 0.12 s, overshoot 4 %, peak of voltage 10.2 of 24"
@@ -116,16 +161,11 @@ impl Described {
         } else {
             String::new()
         };
-        let peaks = stepped.control.iter().enumerate().map(|(j, &[low, high])| {
-            let (peak, limit) = if high >= -low { (high, unit.limits[1][j]) } else { (low, unit.limits[0][j]) };
-            let of = if limit.abs() < UNLIMITED { format!(" of {}", digits(limit)) } else { String::new() };
-            format!(", peak of {} {}{of}", unit.controls[j], digits(peak))
-        });
         format!(
             "settles in {} s, overshoot {} %{rests}{}",
             digits(settling),
             percent(100.0 * stepped.overshoot.max(0.0)),
-            peaks.collect::<String>()
+            unit.peaks(&stepped.control)
         )
     }
 
@@ -152,9 +192,12 @@ impl Described {
             };
             report.judge("at rest", three_digits(100.0 * stepped.off), "%", verdict, note);
         }
-        for j in 0..unit.controls.len() {
-            self.tell_range(j, stepped.control[j], if_wrong, unit, report);
-        }
+        self.tell_ranges(&stepped.control, if_wrong, unit, report);
+    }
+
+    /// The range of each control, judged where it is beyond the limits.
+    pub fn tell_ranges(&self, ranges: &[[f64; 2]], if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
+        ranges.iter().enumerate().for_each(|(j, range)| self.tell_range(j, *range, if_wrong, unit, report));
     }
 
     fn tell_range(&self, j: usize, range: [f64; 2], if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
@@ -175,4 +218,16 @@ impl Described {
         );
         report.judge(&name, &value, "", if_wrong, note);
     }
+}
+
+/// Rows of numbers.
+fn lists(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}
+
+/// Begins what is found of uncertain plants.
+pub fn tell_number(places: &[Place], report: &mut DesignReport) {
+    report.section("Uncertain plants");
+    let note = "the nominal one, corners of the bounds and others within";
+    report.tell("plants tried", places.len() as f64, "", note);
 }

@@ -100,6 +100,15 @@ impl Uncertain {
         Uncertain { dA: &self.dA * factor, dB: &self.dB * factor, ..self.clone() }
     }
 
+    /// A and B of the plant at a place within the bounds, in the coordinates and units of the file.
+    pub fn in_file(&self, place: &Place) -> [DMatrix<f64>; 2] {
+        let [A, B] = self.at(place);
+        let scaled = |matrix: DMatrix<f64>| {
+            DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * self.scales[i] * self.bandwidth)
+        };
+        [self.in_units(&scaled(A)), scaled(B)]
+    }
+
     /// The plant at a place within the bounds, from −1 to 1 each.
     pub fn at(&self, place: &Place) -> [DMatrix<f64>; 2] {
         [&self.A + self.dA.component_mul(&place.A), &self.B + self.dB.component_mul(&place.B)]

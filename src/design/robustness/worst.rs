@@ -30,26 +30,79 @@ pub struct Stepped {
 impl Stepped {
     /// The steps of references of these sizes with the nominal plant; `None` where the loop isn't stable.
     pub fn nominal(law: &impl LinearLaw, plant: &Uncertain, sizes: &[f64]) -> Option<Self> {
-        Self::of(law, plant, &[Place::nominal(plant.size())], sizes, SETTLED)
+        Self::each(law, plant, &[Place::nominal(plant.size())], sizes, SETTLED, |_| ())
     }
 
-    /// The worst of plants at these places; `None` where one isn't stable.
-    pub fn worst(law: &impl LinearLaw, plant: &Uncertain, places: &[Place], sizes: &[f64]) -> Option<Self> {
-        Self::of(law, plant, places, sizes, NARROWER * SETTLED)
+    /// The worst of plants at these places, and the number of the place that is it in each [respect](Self::respects); `None`
+    /// where one isn't stable.
+    pub fn worst(
+        law: &impl LinearLaw,
+        plant: &Uncertain,
+        places: &[Place],
+        sizes: &[f64],
+    ) -> Option<(Self, Vec<usize>)> {
+        let mut places_of = vec![(f64::NEG_INFINITY, 0); 2 + plant.B.ncols()];
+        let mut number = 0;
+        let worst = Self::each(law, plant, places, sizes, NARROWER * SETTLED, |one| {
+            for (worst, value) in places_of.iter_mut().zip(one.respects()) {
+                if value > worst.0 {
+                    *worst = (value, number);
+                }
+            }
+            number += 1;
+        })?;
+        Some((worst, places_of.into_iter().map(|(_, number)| number).collect()))
     }
 
-    fn of(law: &impl LinearLaw, plant: &Uncertain, places: &[Place], sizes: &[f64], band: f64) -> Option<Self> {
-        let control = vec![[0.0; 2]; plant.B.ncols()];
-        let none = Stepped { rise: 0.0, overshoot: 0.0, undershoot: 0.0, settling: 0.0, off: 0.0, control };
+    /// Settling time, overshoot, and the largest size of each control.
+    pub fn respects(&self) -> impl Iterator<Item = f64> {
+        let control = self.control.iter().map(|[low, high]| high.max(-low));
+        [self.settling, self.overshoot].into_iter().chain(control)
+    }
+
+    /// The worst of the steps with each of these plants, which are looked at one by one too.
+    fn each(
+        law: &impl LinearLaw,
+        plant: &Uncertain,
+        places: &[Place],
+        sizes: &[f64],
+        band: f64,
+        mut look: impl FnMut(&Self),
+    ) -> Option<Self> {
         let parts = law.parts().for_references(sizes);
         let delayed = parts.delayed(&plant.delays);
         // Outputs in parts of their references.
         let C = DMatrix::from_fn(plant.C.nrows(), plant.C.ncols(), |i, j| plant.C[(i, j)] / sizes[i]);
-        places.iter().try_fold(none, |mut worst, place| {
+        places.iter().try_fold(Self::at_rest(plant.B.ncols()), |worst, place| {
             let all = delayed.steps(&plant.at(place), &C, &parts, band)?;
-            all.iter().enumerate().for_each(|(i, courses)| worst.take(i, courses));
-            Some(worst)
+            let mut one = Self::at_rest(plant.B.ncols());
+            all.iter().enumerate().for_each(|(i, courses)| one.take(i, courses));
+            look(&one);
+            Some(worst.or_worse(&one))
         })
+    }
+
+    /// Nothing moves.
+    fn at_rest(controls: usize) -> Self {
+        let control = vec![[0.0; 2]; controls];
+        Stepped { rise: 0.0, overshoot: 0.0, undershoot: 0.0, settling: 0.0, off: 0.0, control }
+    }
+
+    /// The worse of both in each respect.
+    fn or_worse(mut self, other: &Self) -> Self {
+        for (mine, theirs) in [
+            (&mut self.rise, other.rise),
+            (&mut self.overshoot, other.overshoot),
+            (&mut self.undershoot, other.undershoot),
+            (&mut self.settling, other.settling),
+            (&mut self.off, other.off),
+        ] {
+            *mine = mine.max(theirs);
+        }
+        for ([low, high], other) in self.control.iter_mut().zip(&other.control) {
+            (*low, *high) = (low.min(other[0]), high.max(other[1]));
+        }
+        self
     }
 
     /// A step of one reference.

@@ -1,12 +1,19 @@
 //! `check`: what a designer should know of a description before exporting it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use adaptive_fmu::designs::{Followed, WorstCase, report_page, worst_case};
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Library};
-use adaptive_fmu::report::{DesignReport, Finding, Verdict};
+use adaptive_fmu::exporter::{self, Library, Source};
+use adaptive_fmu::nominal::WorstPlant;
+use adaptive_fmu::output;
+use adaptive_fmu::report::{DesignReport, Finding, Verdict, number};
+use adaptive_fmu::template::three_digits;
+use adaptive_fmu::tuning::parameter_set;
 use serde_json::json;
+
+use super::number::positive;
 
 /// Columns of names, and of values where the note stands beside them.
 const NAME: usize = 34;
@@ -19,6 +26,25 @@ pub struct Arguments {
     /// Shared library that contains the model [default: the one built with this program]
     #[arg(long)]
     library: Option<PathBuf>,
+    /// Number of plants within the uncertainty of [nominal] to try [default: 200, half of them at corners]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    plants: Option<u32>,
+    /// Seed of the random ones among them, and of --worst-case [default: 1]
+    #[arg(long)]
+    seed: Option<u32>,
+    /// Search so long for the worst plant within the uncertainty, with runs of the FMUs, s
+    ///
+    /// A particle swarm looks for the largest integral of the squared error of a step of the reference.
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    worst_case: Option<f64>,
+    /// Write the plant with the longest settling time, or that of --worst-case, as a parameter set (.ssv)
+    ///
+    /// Its parameters are plant.A[i,j] and plant.B[i,j], as for `run LOOP --case FILE.ssv`.
+    #[arg(long, value_name = "FILE.ssv")]
+    worst: Option<PathBuf>,
+    /// Write the report as a page with pictures
+    #[arg(long, value_name = "FILE.html")]
+    page: Option<PathBuf>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -26,19 +52,95 @@ pub struct Arguments {
 
 /// Prints the report; the exit code tells whether the design is sound.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
-    let Arguments { name, library, json } = arguments;
+    let Arguments { name, library, json, .. } = arguments;
     let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
-    let (unit, _) = exporter::describe(&exporter::find_description(name)?, &library)?;
+    let source = exporter::find_description(name)?;
+    let drawn = [("plants", arguments.plants), ("seed", arguments.seed)];
+    let source = source.with_nominal(drawn.into_iter().filter_map(|(key, value)| Some((key, i64::from(value?)))))?;
+    let (unit, _) = exporter::describe(&source, &library)?;
+    let found = search(arguments, &source)?;
+    if let Some(file) = &arguments.worst {
+        write_worst(file, &unit.report, found.as_ref(), &source)?;
+    }
+    if let Some(file) = &arguments.page {
+        output::write(file, report_page(&unit.name, &unit.report))?;
+    }
     if *json {
-        let DesignReport { step, findings, .. } = &unit.report;
+        let DesignReport { step, findings, worst, pictures, .. } = &unit.report;
         let (verdict, sound) = (unit.report.verdict(), unit.report.is_sound());
         let report = json!({ "name": unit.name, "verdict": verdict, "sound": sound, "step": step, "findings": findings,
-                    "summary": unit.report.summary, "text": told(&unit.name, &unit.report) });
+                    "summary": unit.report.summary, "worst": worst, "pictures": pictures,
+                    "worst_case": found.as_ref().map(case_as_json), "text": told(&unit.name, &unit.report) });
         say!("{report}");
     } else {
         say!("{}", told(&unit.name, &unit.report));
+        if let Some(found) = &found {
+            say!("\n{}", case_lines(found).join("\n"));
+        }
     }
     Ok(exit_code(&unit.report))
+}
+
+/// The worst plant, where it is searched for.
+fn search(arguments: &Arguments, source: &Source) -> Result<Option<WorstCase>, Error> {
+    let seed = arguments.seed.map_or(1, u64::from);
+    let found = |seconds| worst_case(source, seconds, seed, &*super::ready::units()?);
+    arguments.worst_case.map(found).transpose()
+}
+
+/// Writes the worst plant as a parameter set.
+fn write_worst(file: &Path, report: &DesignReport, found: Option<&WorstCase>, source: &Source) -> Result<(), Error> {
+    let plant = found.map(|found| &found.plant).or(report.worst.first());
+    let refuse = || Error::Description {
+        file: source.file.clone(),
+        reason: "--worst needs a plant in [nominal] with its uncertainty, and a loop that is stable with all plants"
+            .to_owned(),
+    };
+    let plant = plant.ok_or_else(refuse)?;
+    let values: Vec<_> = entries(plant).collect();
+    let values: Vec<_> = values.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+    let remark = format!("Worst plant of {}: {}", source.file.display(), plant.respects.join(", "));
+    let text = parameter_set("worst", &remark, &values).map_err(Error::file(file))?;
+    output::write(file, text)
+}
+
+/// The entries of a plant, by their names in a loop.
+fn entries(plant: &WorstPlant) -> impl Iterator<Item = (String, f64)> {
+    [("A", &plant.A), ("B", &plant.B)].into_iter().flat_map(|(name, rows)| {
+        rows.iter().enumerate().flat_map(move |(i, row)| {
+            row.iter().enumerate().map(move |(j, value)| (format!("plant.{name}[{},{}]", i + 1, j + 1), *value))
+        })
+    })
+}
+
+fn case_lines(WorstCase { plant, followed, tried }: &WorstCase) -> Vec<String> {
+    let had = match followed {
+        Ok(Followed { settling, overshoot, peaks, .. }) => {
+            let settles =
+                settling.map_or("does not settle".to_owned(), |time| format!("settles in {} s", digits(time)));
+            let peaks = peaks.iter().copied().map(digits).collect::<Vec<_>>().join(", ");
+            format!("{settles}, overshoot {} %, peak of the control {peaks}", digits(100.0 * overshoot))
+        }
+        Err(reason) => format!("its loop fails: {reason}"),
+    };
+    let rows = |name: &str, rows: &[Vec<f64>]| {
+        let row = |row: &Vec<f64>| row.iter().copied().map(number).collect::<Vec<_>>().join(", ");
+        format!("  {name:3} {}", rows.iter().map(row).collect::<Vec<_>>().join("\n      "))
+    };
+    vec![format!("Worst case of {tried} plants: {had}"), rows("A", &plant.A), rows("B", &plant.B)]
+}
+
+fn case_as_json(WorstCase { plant, followed, tried }: &WorstCase) -> serde_json::Value {
+    let had = followed.as_ref().ok();
+    json!({
+        "tried": tried, "A": plant.A, "B": plant.B, "failure": followed.as_ref().err(),
+        "settling_time": had.and_then(|had| had.settling), "overshoot": had.map(|had| had.overshoot),
+        "peaks": had.map(|had| &had.peaks),
+    })
+}
+
+fn digits(value: f64) -> String {
+    number(three_digits(value))
 }
 
 /// 0 of a sound design, with warnings too; 3 of one that isn't.

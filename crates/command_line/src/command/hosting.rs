@@ -13,7 +13,7 @@ const PATIENCE: f64 = 60.0;
 const SHORTEST: f64 = 1e-3;
 const LONGEST: f64 = 3.2e7;
 
-#[derive(clap::Args, Clone)]
+#[derive(Debug, clap::Args, Clone)]
 pub struct HostingOptions {
     /// Run FMUs of other tools in this process [default: one process per instance]
     ///

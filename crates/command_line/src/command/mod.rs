@@ -4,6 +4,7 @@ mod again;
 pub mod check;
 pub mod compare;
 pub mod completions;
+pub mod design;
 pub mod dist;
 mod earlier;
 pub mod explore;

@@ -2,7 +2,7 @@
 //! the structure of a loop of given units.
 
 mod closed_loop;
-mod plant;
+pub mod plant;
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ enum Other {
 
 /// The kind and the name are there where no other form is asked for.
 #[derive(clap::Args)]
-struct UnitArguments {
+pub struct UnitArguments {
     /// Kind of FMU: controller, observer, plant (state-space), reference, sensor or actuator
     #[arg(required = true, value_parser = PossibleValuesParser::new(library::begun().map(|entry| entry.kind.name)))]
     kind: Option<String>,
@@ -117,7 +117,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitCode, Error> {
     let UnitArguments { bandwidth, reference, uncertainty, force, .. } = arguments;
     let (plant, sizes) = match &arguments.plant {
-        Some(file) => (Some(plant::find(arguments, file)?), Sizes::default()),
+        Some(file) => (Some(plant::find(&plant::Asked::of(arguments), file)?), Sizes::default()),
         None => (None, plant::sizes(arguments)?),
     };
     let (bandwidth, reference, uncertainty) = (*bandwidth, *reference, *uncertainty);
@@ -158,7 +158,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitC
 }
 
 /// Tells how a file that is there is written all the same.
-fn there_already(error: Error) -> Error {
+pub fn there_already(error: Error) -> Error {
     match error {
         Error::File { file, source } if source.kind() == ErrorKind::AlreadyExists => {
             let force = if console::serves() { "force=True" } else { "--force" };

@@ -114,7 +114,7 @@ mod variable;
 pub use composite::Structure as CompositeStructure;
 pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
 pub use erased::{Compiled, DynSystem, Equations, Kind, Registry};
-pub use names::{Described, Named, Names, Word, Words};
+pub use names::{Described, Named, Names, TAKEN, Word, Words};
 pub use point::Point;
 pub use quantity::{of_outputs, quantities};
 pub use record::Layout;

@@ -15,6 +15,8 @@ use crate::error::Invalid;
 use crate::near;
 use crate::scalar::REFERENCE;
 
+/// The reason for which a name of another variable is refused.
+pub const TAKEN: &str = "is the name of another variable already";
 /// Longest name.
 const LONGEST: usize = 100;
 
@@ -63,7 +65,8 @@ pub struct Described {
 }
 
 impl Word {
-    fn name(&self) -> Option<&str> {
+    /// Its name, where it has one.
+    pub fn name(&self) -> Option<&str> {
         match self {
             Word::Name(name) => Some(name),
             Word::Described(described) => described.name.as_deref(),
@@ -109,8 +112,7 @@ pub(super) fn apply(names: &Names, first: usize, part: Option<&str>, d: &mut Dec
     }
     for name in taken(&d.variables.list).into_iter().map(|name| name.strip_prefix(&prefix).unwrap_or(&name).to_owned())
     {
-        let allowed = "is the name of another variable already; each needs one of its own";
-        invalid.and(Invalid::because(format!("[names] `{name}` {allowed}")));
+        invalid.and(Invalid::because(format!("[names] `{name}` {TAKEN}; each needs one of its own")));
     }
     invalid.into_result()
 }

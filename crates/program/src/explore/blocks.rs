@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::parameters::role;
 use crate::catalogue::Role;
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 use crate::structure::{Component, Structure};
 
 /// Sizes in pixels.

@@ -7,8 +7,8 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use crate::base64;
+use crate::drawing::escaped;
 use crate::error::Error;
-use crate::exporter::escaped;
 use crate::figures::{DIAGRAMS, SCRIPT, STYLE};
 use crate::fmi2::build::Build;
 use crate::output;

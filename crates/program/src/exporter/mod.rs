@@ -23,7 +23,7 @@ pub use binaries::{Binary, programs};
 pub use held::{hold, tidy};
 pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library, SHARED, own_library};
-pub(crate) use page::escaped;
+pub(crate) use page::push_report;
 pub use platform::Platform;
 pub use source::{Content, Form, export_as};
 
@@ -32,7 +32,7 @@ pub use crate::texts::{Embedded, descriptions, league, loops};
 use crate::error::Error;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
-use crate::text_file;
+use crate::{model, text_file};
 
 /// Name of the file that every loop has.
 pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
@@ -62,6 +62,31 @@ impl Source {
         &self,
         values: impl IntoIterator<Item = (&'a str, V)>,
     ) -> Result<Self, Error> {
+        self.with("start", values)
+    }
+
+    /// The same system with other values of its nominal plant.
+    ///
+    /// # Errors
+    /// When the text is no description, or has no nominal plant.
+    pub fn with_nominal<'a, V: Into<toml_edit::Value>>(
+        &self,
+        values: impl IntoIterator<Item = (&'a str, V)>,
+    ) -> Result<Self, Error> {
+        let changed = self.with("nominal", values)?;
+        let has_plant = model::Description::read(&self.text).is_ok_and(|description| description.nominal.is_some());
+        if changed.as_written || has_plant {
+            return Ok(changed);
+        }
+        let reason = "there is no table [nominal] with the plant that it was designed for; `new --plant` writes one";
+        Err(Error::Description { file: self.file.clone(), reason: reason.to_owned() })
+    }
+
+    fn with<'a, V: Into<toml_edit::Value>>(
+        &self,
+        table: &str,
+        values: impl IntoIterator<Item = (&'a str, V)>,
+    ) -> Result<Self, Error> {
         let refuse = |reason: &str| Error::Description { file: self.file.clone(), reason: reason.to_owned() };
         let mut text: toml_edit::DocumentMut =
             self.text.parse().map_err(|error: toml_edit::TomlError| refuse(error.message()))?;
@@ -69,15 +94,15 @@ impl Source {
         if values.peek().is_none() {
             return Ok(self.clone());
         }
-        let start = text.entry("start").or_insert_with(toml_edit::table);
-        let start = start.as_table_like_mut().ok_or_else(|| refuse("start must be a table"))?;
+        let changed = text.entry(table).or_insert_with(toml_edit::table);
+        let changed = changed.as_table_like_mut().ok_or_else(|| refuse(&format!("{table} must be a table")))?;
         for (name, value) in values {
             let mut value = value.into();
-            if let Some(before) = start.get_mut(name).and_then(toml_edit::Item::as_value_mut) {
+            if let Some(before) = changed.get_mut(name).and_then(toml_edit::Item::as_value_mut) {
                 *value.decor_mut() = before.decor().clone();
                 *before = value;
             } else {
-                start.insert(name, toml_edit::value(value));
+                changed.insert(name, toml_edit::value(value));
             }
         }
         Ok(Source { file: self.file.clone(), text: text.to_string(), as_written: false })

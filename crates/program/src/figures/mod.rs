@@ -1,12 +1,9 @@
 //! Figures of runs: diagrams, pages that show them, sketches for a terminal.
 
-mod chart;
-pub(crate) mod colours;
 mod diagram;
 mod page;
 mod sketch;
 
-pub(crate) use chart::{Chart, Line};
 pub(crate) use diagram::diagrams;
 pub use diagram::{COLOURS, Diagram, Given, Part, Path, Peak, Shown, Style};
 pub use diagram::{bound, figure, labelled, of_plot, space, svg, thinned, time_label};

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::diagram::{Diagram, groups};
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 
 /// A browser that obeys this loads nothing from anywhere.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";

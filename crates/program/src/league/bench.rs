@@ -3,7 +3,6 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use super::study::Plant;
 use crate::error::Error;
 use crate::exporter::Source;
 use crate::model_description::{Affine, ModelDescription};
@@ -15,13 +14,13 @@ use crate::system::System;
 /// The most samples of a delay: a third of a second at the usual sample time.
 pub(super) const DELAY_SAMPLES: usize = 300;
 /// Names in the loop.
-pub(super) const SENSOR: &str = Sensor::NAME;
+pub(crate) const SENSOR: &str = Sensor::NAME;
 pub(super) const ACTUATOR: &str = Actuator::NAME;
 pub(super) const PLANT: &str = "plant";
 pub(super) const CONTROLLER: &str = "controller";
 
 /// A loop with sensors and actuators in it, and what goes through them.
-pub(super) struct Benched {
+pub(crate) struct Benched {
     pub structure: Structure,
     /// Outputs of the plant that are measured, a channel of the sensor each.
     pub measured: Vec<String>,
@@ -29,11 +28,11 @@ pub(super) struct Benched {
     pub commands: Vec<String>,
 }
 
-/// Puts sensors and actuators, which do nothing yet, into a loop of plant, controller and what else there is. Actuators have
-/// delay lines for so many samples.
-pub(super) fn benched(
+/// Puts sensors and actuators, which do nothing yet, into a loop of a plant with so many controls, controller and what else there
+/// is. Actuators have delay lines for so many samples.
+pub(crate) fn benched(
     plain: &Structure,
-    plant: &Plant,
+    channels: usize,
     described: &ModelDescription,
     delay_samples: usize,
 ) -> Result<Benched, Error> {
@@ -58,11 +57,10 @@ pub(super) fn benched(
         connection.from = (unit.to_owned(), format!("y[{channel}]"));
     }
     structure.connections.extend(added);
-    let channels = plant.bench.u_min.len();
     if commands.len() != channels || measured.is_empty() {
         return Err(refuse(format!(
             "the controller sends {} controls to the plant, and {} outputs are measured: there must be {channels} \
-             controls, the length of bench.u_min, and at least 1 measured output",
+             controls, one for each input of the plant, and at least 1 measured output",
             commands.len(),
             measured.len()
         )));

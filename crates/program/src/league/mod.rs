@@ -5,7 +5,7 @@
 //! is touched. What a pair came to is its [`Record`], a file of its own; [`Page`] shows them all.
 
 mod advice;
-mod bench;
+pub(crate) mod bench;
 mod condition;
 mod gains;
 mod judged;

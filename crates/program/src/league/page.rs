@@ -13,7 +13,7 @@ use super::quantity::under;
 use super::record::Record;
 use super::standing::{Rank, standings};
 use super::study::{Budget, Plant, Study};
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 use crate::figures::{still, still_ending};
 use crate::results::four_digits;
 

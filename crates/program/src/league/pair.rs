@@ -71,7 +71,7 @@ impl<'a> Pair<'a> {
         let unit = unit.ok_or_else(|| refuse(format!("there is no `{PLANT}`")))?;
         let described = units.fmu(&plain, unit)?;
         let [with_lines, benched] =
-            [DELAY_SAMPLES, 0].map(|samples| benched(&plain, plant, &described.description, samples));
+            [DELAY_SAMPLES, 0].map(|samples| benched(&plain, plant.bench.u_min.len(), &described.description, samples));
         let benched = benched?;
         let ((whole, is_one), (delayed, _)) = (units.load(&benched.structure)?, units.load(&with_lines?.structure)?);
         if whole.variables().map(|(name, ..)| name).ne(delayed.variables().map(|(name, ..)| name)) {

@@ -7,7 +7,7 @@ use super::margins::Bound;
 use super::quantity::under;
 use super::record::Record;
 use super::study::Plant;
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 use crate::results::four_digits;
 
 /// Sizes in pixels.

@@ -7,7 +7,7 @@ use super::claim::Judged;
 use super::figure::Drawing;
 use super::outcome::Outcome;
 use super::{Example, Study, Table};
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 use crate::figures::{still, still_ending};
 use crate::results::{Ending, Measured, Verdict, four_digits};
 

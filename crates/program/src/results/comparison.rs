@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::report::Report;
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 use crate::figures::{Diagram, Given, Part, Shown, beginning, bound, ending, push_diagrams, time_label};
 use crate::structure::{Metric, PerformanceFunction, Scale};
 

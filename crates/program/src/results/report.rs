@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::metrics::Measured;
 use super::table::TABLE;
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 use crate::figures::{Diagram, beginning, diagrams, ending, push_diagrams};
 use crate::simulation::Recording;
 use crate::structure::{Settings, Structure};

@@ -12,6 +12,7 @@ use adaptive_fmu::template::{MOST, Plant, Sizes};
 use serde_json::{Value, json};
 
 use super::UnitArguments;
+use crate::command::hosting::HostingOptions;
 use crate::command::linearise::{as_json, told};
 use crate::command::names::{Names, Which};
 
@@ -32,25 +33,52 @@ pub fn sizes(arguments: &UnitArguments) -> Result<Sizes, Error> {
     })
 }
 
+/// Options for a plant in a file.
+#[derive(Debug, Default)]
+pub struct Asked<'a> {
+    /// Names of the states of an FMU that declares none.
+    pub states: Option<&'a Which>,
+    /// Names of inputs and of outputs: not all of them.
+    pub inputs: Option<&'a Which>,
+    /// See `inputs`.
+    pub outputs: Option<&'a Which>,
+    /// When an FMU is linearised, s.
+    pub at: Option<f64>,
+    /// Its communication step, s.
+    pub step: Option<f64>,
+    /// Its start values.
+    pub set: &'a [(String, String)],
+    /// Where it runs.
+    pub hosting: HostingOptions,
+}
+
+impl<'a> Asked<'a> {
+    /// The options of `new`.
+    pub fn of(arguments: &'a UnitArguments) -> Self {
+        let UnitArguments { states, inputs, outputs, at, step, set, hosting, .. } = arguments;
+        let (states, inputs, outputs) = (states.as_ref(), inputs.as_ref(), outputs.as_ref());
+        Asked { states, inputs, outputs, at: *at, step: *step, set, hosting: hosting.clone() }
+    }
+}
+
 /// The plant of a file, with the signals that were asked for.
-pub fn find(arguments: &UnitArguments, file: &Path) -> Result<Plant, Error> {
+pub fn find(arguments: &Asked, file: &Path) -> Result<Plant, Error> {
     let is_fmu = file.extension().is_some_and(|extension| extension == "fmu");
-    let states = named("--states", &arguments.states)?;
-    let plant = if is_fmu {
-        linearised(arguments, file, states.unwrap_or_default())?
-    } else if states.is_some() || arguments.at.is_some() || arguments.step.is_some() || !arguments.set.is_empty() {
+    let states = named("--states", arguments.states)?;
+    let (inputs, outputs) = (named("--inputs", arguments.inputs)?, named("--outputs", arguments.outputs)?);
+    let chosen = [inputs.as_deref(), outputs.as_deref()];
+    if is_fmu {
+        return linearised(arguments, file, states.unwrap_or_default(), chosen);
+    }
+    if states.is_some() || arguments.at.is_some() || arguments.step.is_some() || !arguments.set.is_empty() {
         let reason =
             "--states, --at, --step and --set are for an FMU as the plant; a file of matrices is linear already";
         return Err(Error::Description { file: file.to_owned(), reason: reason.to_owned() });
-    } else {
-        Plant::read(file)?
-    };
-    let (inputs, outputs) = (named("--inputs", &arguments.inputs)?, named("--outputs", &arguments.outputs)?);
-    let wrong = |invalid: Invalid| Error::Description { file: file.to_owned(), reason: invalid.to_string() };
-    plant.of_signals(inputs.as_deref(), outputs.as_deref()).map_err(wrong)
+    }
+    Plant::read(file, chosen)
 }
 
-fn named(option: &str, which: &Option<Which>) -> Result<Option<Vec<String>>, Error> {
+fn named(option: &str, which: Option<&Which>) -> Result<Option<Vec<String>>, Error> {
     match which {
         None => Ok(None),
         Some(Which::Named(Names(names))) => Ok(Some(names.clone())),
@@ -65,12 +93,17 @@ fn refuse(option: &str, value: &str, allowed: &str) -> Error {
 }
 
 /// The linear plant that an FMU is like, with its inputs' limits where all have them.
-fn linearised(arguments: &UnitArguments, file: &Path, states: Vec<String>) -> Result<Plant, Error> {
+fn linearised(
+    arguments: &Asked,
+    file: &Path,
+    states: Vec<String>,
+    chosen: [Option<&[String]>; 2],
+) -> Result<Plant, Error> {
     let fmu = Arc::new(Fmu::open_any(file, &arguments.hosting.hosting()?)?);
     let point = OperatingPoint {
         time: arguments.at,
         steady_state: false,
-        start: arguments.set.clone(),
+        start: arguments.set.to_vec(),
         states,
         step: arguments.step,
     };
@@ -98,5 +131,5 @@ fn linearised(arguments: &UnitArguments, file: &Path, states: Vec<String>) -> Re
     };
     plant["units"] = json!({ "x": units("states"), "u": units("inputs"), "y": units("outputs") });
     let wrong = |invalid: Invalid| Error::Description { file: file.to_owned(), reason: invalid.to_string() };
-    Plant::parse(&plant.to_string()).map_err(wrong)
+    Plant::parse_for(&plant.to_string(), chosen).map_err(wrong)
 }

@@ -3,25 +3,19 @@
 use std::fmt::Write;
 
 use super::{Axis, Point, Sweep};
-use crate::exporter::escaped;
-use crate::figures::{Chart, Line, beginning, colours, ending};
+use crate::drawing::escaped;
+use crate::drawing::{CHARTS, Chart, Line, colours};
+use crate::figures::{beginning, ending};
 use crate::report::number;
 use crate::results::four_digits;
 use crate::structure::Plot;
 
 /// How the pictures and maps of this page look, beside what every page has.
-const STYLE: &str = "<style>
-  .chart { display: block; width: 100%; max-width: 60em; }
-  .chart text { font-size: 12px; fill: #444; }
-  .chart path { fill: none; }
-  .chart .grid { stroke: #e4e4e4; }
-  .chart .curve { stroke-width: 1.5; stroke-linejoin: round; }
-  .chart g:hover .curve { stroke-width: 4; }
+const STYLE: &str = "
   .map td { text-align: right; padding: .3em .7em; border: 1px solid #fff; font-variant-numeric: tabular-nums; }
   .map .failed { text-align: center; background: #fff; color: #b00020; border: 1px dashed #b00020; }
   .map .over { font-weight: bold; text-decoration: underline; }
   .ramp { display: inline-block; width: 12em; height: .8em; vertical-align: middle; margin: 0 .5em; }
-</style>
 ";
 /// Rows of the table beyond these are in the CSV only.
 const MOST_ROWS: usize = 1000;
@@ -43,7 +37,8 @@ impl SweepPage<'_> {
         let structure = self.sweep.structure();
         let names: Vec<_> = self.sweep.axes().iter().map(|axis| axis.name.as_str()).collect();
         let title = format!("{} over {}", structure.name, names.join(" and "));
-        let mut page = beginning(&title, &structure.description).replace("</head>", &format!("{STYLE}</head>"));
+        let mut page = beginning(&title, &structure.description)
+            .replace("</head>", &format!("<style>{CHARTS}{STYLE}</style>\n</head>"));
         let (made, failed) = (self.made().count(), self.made().filter(|(_, point)| point.failure.is_some()).count());
         let runs = self.sweep.runs();
         let _ = writeln!(page, "<p>{made} of {runs} runs, {failed} failed.</p>");

@@ -17,6 +17,7 @@ use std::fmt::Write;
 
 use super::pins::{Pin, pins};
 use crate::catalogue::{Entry, Role};
+use crate::drawing::escaped;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
 use crate::library;
@@ -24,6 +25,7 @@ use crate::model::Description;
 use crate::model_description::ModelDescription;
 use crate::pages;
 use markdown::rendered;
+pub use report::push as push_report;
 use wiring::Wiring;
 
 const STYLE: &str = include_str!("style.css");
@@ -137,19 +139,4 @@ fn about(xml: &ModelDescription) -> String {
     });
     let texts = texts.collect::<Vec<_>>().join(", ");
     if texts.is_empty() { texts } else { format!("<p>{texts}.</p>\n") }
-}
-
-/// Text that is no markup in HTML.
-pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn text_from_a_description_is_no_markup() {
-        assert_eq!(escaped("a<b>&\"c\""), "a&lt;b&gt;&amp;&quot;c&quot;");
-    }
 }

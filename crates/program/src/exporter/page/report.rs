@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::escaped;
+use crate::drawing::{KEY, push_pictures};
 use crate::report::{DesignReport, Finding, Verdict};
 
 /// Appends the report; nothing where there is nothing to report.
@@ -19,6 +20,10 @@ pub fn push(page: &mut String, report: &DesignReport) {
     let summary = report.summary.as_ref();
     let summary = summary.map_or(String::new(), |summary| format!(" With the nominal plant: {}.", escaped(summary)));
     let _ = writeln!(page, "<h2 id=\"report\">Design report</h2>\n<p>{verdict}{summary}{reason}</p>");
+    if !report.pictures.is_empty() {
+        page.push_str(KEY);
+        push_pictures(page, &report.pictures);
+    }
     let mut section = None;
     for finding in &report.findings {
         if section != Some(&finding.section) {

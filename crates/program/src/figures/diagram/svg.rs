@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::axis::Axis;
 use super::thinned::{simplified, thinned};
 use super::{Curve, Diagram, Style};
-use crate::exporter::escaped;
+use crate::drawing::escaped;
 
 /// How large a sheet and what is on it are, in pixels.
 #[derive(Debug, Clone, Copy)]

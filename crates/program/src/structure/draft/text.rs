@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 use super::smooth_start::Starts;
 use super::wiring::Input;
 use super::{Draft, Role, Signal};
-use crate::exporter;
 use crate::model_description::Affine;
 use crate::model_description::Variable;
 
@@ -266,7 +265,11 @@ fn plot(draft: &Draft, title: &str, signals: &[Signal]) -> String {
 
 /// A text in an attribute, also within a comment: two hyphens would end that.
 fn attribute(text: &str) -> String {
-    exporter::escaped(text).replace("--", "-&#45;").replace('\t', "&#9;").replace('\n', "&#10;").replace('\r', "&#13;")
+    crate::drawing::escaped(text)
+        .replace("--", "-&#45;")
+        .replace('\t', "&#9;")
+        .replace('\n', "&#10;")
+        .replace('\r', "&#13;")
 }
 
 /// A text in a comment.

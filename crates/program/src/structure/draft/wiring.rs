@@ -248,7 +248,7 @@ fn key(name: &str) -> String {
             other => Some(other),
         })
         .collect();
-    for end in ["_in", "_out", "_input", "_output"] {
+    for end in ["_in", "_out", "_input", "_output", "_state"] {
         text = text.strip_suffix(end).map_or(text.clone(), str::to_owned);
     }
     for start in ["in_", "out_", "input_", "output_"] {

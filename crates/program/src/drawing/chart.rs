@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::exporter::escaped;
+use super::escaped;
 use crate::report::number;
 
 const WIDTH: f64 = 900.0;
@@ -77,9 +77,24 @@ fn ends(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     (low <= high).then_some((low, high))
 }
 
+/// Style of charts.
+pub const CHARTS: &str = "
+  .chart { display: block; width: 100%; max-width: 60em; }
+  .chart text { font-size: 12px; fill: #444; }
+  .chart path { fill: none; }
+  .chart .grid { stroke: #e4e4e4; }
+  .chart .curve { stroke-width: 1.5; stroke-linejoin: round; }
+  .chart g:hover .curve { stroke-width: 4; }
+";
+
 impl Chart<'_> {
     /// The picture, with its title above it.
     pub fn svg(&self) -> String {
+        format!("<h2>{}</h2>\n{}", escaped(self.title), self.drawing())
+    }
+
+    /// The picture without its title.
+    pub fn drawing(&self) -> String {
         let points = || self.lines.iter().flat_map(|line| &line.points);
         let (left, right) = ends(points().map(|(x, _)| *x)).unwrap_or((0.0, 1.0));
         let (low, high) = ends(points().filter_map(|(_, y)| *y)).unwrap_or((-1.0, 1.0));
@@ -88,8 +103,7 @@ impl Chart<'_> {
         let x = Axis { low: left, high: right, logarithmic: self.logarithmic, from: LEFT, to: WIDTH - RIGHT };
         let y = Axis { low: low - apart, high: high + apart, logarithmic: false, from: HEIGHT - BOTTOM, to: TOP };
         let mut svg = format!(
-            "<h2>{}</h2>\n<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\n",
-            escaped(self.title),
+            "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\n",
             escaped(self.title)
         );
         self.push_axes(&mut svg, &x, &y);

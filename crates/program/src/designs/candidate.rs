@@ -1,0 +1,414 @@
+//! Candidates: a controller of each kind for a plant, as fast as it is asked to be, and what its loop does.
+
+use std::path::{Path, PathBuf};
+
+use super::series::{Course, Followed};
+use super::trial::{Noise, Trial};
+use super::written::Written;
+use crate::controllers::l1::L1;
+use crate::controllers::observer::Observer;
+use crate::error::{Error, Invalid};
+use crate::exporter::Source;
+use crate::fmu::Ready;
+use crate::library;
+use crate::model::{Description, Model};
+use crate::nominal::WorstPlant;
+use crate::plants::reference::Reference;
+use crate::plants::state_space::StateSpace;
+use crate::report::{DesignReport, Value};
+use crate::system::System;
+use crate::template::{Needs, Plant, Request, Sizes, number, three_digits};
+
+/// Names of the FMUs of plant and reference.
+pub const PLANT: &str = "Plant";
+/// See [`PLANT`].
+pub const REFERENCE: &str = "Reference";
+const OBSERVER: &str = "Observer";
+/// Sections and name in a design report.
+const NOMINAL: &str = "Nominal loop";
+const UNCERTAIN: &str = "Uncertain plants";
+const SETTLING: &str = "settling time";
+/// Bandwidths that are tried for a settling time: from `FIRST`/T on, each by `FACTOR` larger.
+const FIRST: f64 = 4.0;
+const STEPS: i32 = 24;
+/// A loop is run for so many of its settling times, or of 1/W where none is known.
+const LONGER: f64 = 3.0;
+const USUAL: f64 = 15.0;
+/// And at most for so many of the settling times that were asked for.
+const MOST: f64 = 5.0;
+
+/// A kind of controller, or of a controller with an observer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Kind {
+    /// The name of its kind, with `observer-` before it where it has one.
+    pub name: String,
+    controller: &'static str,
+    observer: Option<&'static str>,
+}
+
+impl Kind {
+    /// All that may be proposed for a plant of which all states are measured or not.
+    pub fn all() -> Vec<Self> {
+        let of = |needed: Needs| {
+            let entries = library::begun().filter(move |entry| entry.template.and_then(|t| t.needs) == Some(needed));
+            entries.map(|entry| Kind { name: entry.kind.name.to_owned(), controller: entry.kind.name, observer: None })
+        };
+        let (observer, controller) = (<Observer as System>::NAME, <L1 as System>::NAME);
+        let observed = Kind { name: format!("{observer}-{controller}"), controller, observer: Some(observer) };
+        let alone = [Needs::Outputs, Needs::Derivatives, Needs::States].into_iter().flat_map(of);
+        alone.chain([observed]).collect()
+    }
+
+    /// The signals that it needs.
+    fn needs(&self) -> Needs {
+        match self.observer {
+            Some(_) => Needs::Outputs,
+            None => library::find(self.controller).and_then(|entry| entry.template?.needs).unwrap_or(Needs::States),
+        }
+    }
+
+    /// The name of its FMU: `L1Limit`.
+    fn unit(&self) -> String {
+        let part = |part: &str| part[..1].to_uppercase() + &part[1..];
+        self.name.split('-').map(part).collect()
+    }
+}
+
+/// Plant and purpose of a controller.
+#[derive(Debug, Clone)]
+pub struct Task {
+    /// The nominal plant; its outputs are those that are to follow.
+    pub plant: Plant,
+    /// True if all states are measured, else only the outputs.
+    pub measures_states: bool,
+    /// When the nominal loop is to have settled to 2 %, s.
+    pub settling_time: Option<f64>,
+    /// Bandwidth, in place of one that follows from the settling time, rad/s.
+    pub bandwidth: Option<f64>,
+    /// Uncertainty of each entry of A and B, as a part of it.
+    pub uncertainty: f64,
+    /// Usual magnitude of the reference.
+    pub reference: f64,
+    /// Noise of what is measured.
+    pub noise: Vec<Noise>,
+}
+
+/// A controller, or why there is none.
+#[derive(Debug)]
+pub struct Candidate {
+    /// Its kind.
+    pub kind: Kind,
+    /// Its design, or the reason.
+    pub outcome: Result<Design, String>,
+}
+
+/// The results of runs of a loop, or why they failed.
+pub type Ran = Result<(Followed, Course), String>;
+
+/// A controller for the plant of a task.
+#[derive(Debug)]
+pub struct Design {
+    /// Descriptions of its units, by the names of their FMUs.
+    pub texts: Vec<(String, String)>,
+    /// Bandwidth that was asked for, rad/s.
+    pub bandwidth: f64,
+    /// Communication step, s.
+    pub step: f64,
+    /// Its design report.
+    pub report: DesignReport,
+    /// Notes of its template.
+    pub notes: Vec<String>,
+    /// Operations of an evaluation of its equations.
+    pub operations: usize,
+    /// With the nominal plant.
+    pub nominal: Ran,
+    /// With the plants within the uncertainty that are worst for it.
+    pub corners: Vec<(WorstPlant, Ran)>,
+    /// Standard deviation of each control at rest, where what is measured has noise.
+    pub noise: Option<Vec<f64>>,
+}
+
+/// A description with what is known of it.
+struct Begun {
+    text: String,
+    notes: Vec<String>,
+    report: DesignReport,
+    operations: usize,
+}
+
+/// A controller that was tried, with its observer where it has one.
+struct Attempt {
+    controller: Begun,
+    observer: Option<Begun>,
+    /// rad/s.
+    bandwidth: f64,
+}
+
+impl Task {
+    /// The task with names for the plant's signals that all FMUs of its loop can have, and a note where some are others.
+    #[must_use]
+    pub fn with_names(self) -> (Self, Option<String>) {
+        let request = Request {
+            kind: <StateSpace as System>::NAME,
+            name: PLANT,
+            sizes: Sizes::NONE,
+            plant: Some(self.plant.clone()),
+            bandwidth: None,
+            reference: self.reference,
+            uncertainty: None,
+        };
+        let renamed = library::named_for_plants(&request).and_then(|(renamed, note)| Some((renamed.plant?, note)));
+        match renamed {
+            Some((plant, note)) => (Task { plant, ..self }, Some(note)),
+            None => (self, None),
+        }
+    }
+
+    /// The candidate of a kind; its loops are made ready in a folder.
+    pub fn candidate(&self, kind: &Kind, folder: &Path, units: &Ready) -> Candidate {
+        let outcome = self.check(kind).and_then(|()| self.design(kind, &folder.join(kind.unit()), units));
+        Candidate { kind: kind.clone(), outcome: outcome.map_err(|reason| reason.to_string()) }
+    }
+
+    fn check(&self, kind: &Kind) -> Result<(), Error> {
+        let refuse = |what: &str| Err(Error::Argument(Invalid::because(format!("needs {what}, which isn't measured"))));
+        match kind.needs() {
+            Needs::States if !self.measures_states => refuse("every state of the plant"),
+            // CB is regular where no derivative is needed.
+            Needs::Derivatives if !self.measures_states && !self.is_of_degree_1() => {
+                refuse("derivatives of the outputs, or every state of the plant")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn is_of_degree_1(&self) -> bool {
+        let rows = &self.plant.C * &self.plant.B;
+        rows.row_iter().all(|row| row.iter().any(|&entry| entry != 0.0))
+    }
+
+    /// References of all outputs.
+    pub(super) fn sizes(&self) -> Vec<f64> {
+        vec![self.reference; self.plant.sizes().2]
+    }
+
+    fn begin(&self, kind: &str, name: &str, bandwidth: Option<f64>) -> Result<Begun, Error> {
+        let is_uncertain = library::find(kind).and_then(|entry| entry.template).is_some_and(|t| t.is_uncertain);
+        let request = Request {
+            kind,
+            name,
+            sizes: Sizes::NONE,
+            plant: Some(self.plant.clone()),
+            bandwidth,
+            reference: self.reference,
+            uncertainty: is_uncertain.then_some(self.uncertainty),
+        };
+        let begun = library::begin(&request).map_err(Error::Argument)?;
+        let model = Description::read(&begun.text).and_then(|own| Model::from_description(own, library::REGISTRY));
+        let model = model.map_err(Error::Argument)?;
+        Ok(Begun { text: begun.text, notes: begun.notes, report: model.report(), operations: model.operations() })
+    }
+
+    fn attempt(&self, kind: &Kind, bandwidth: Option<f64>) -> Result<Attempt, Error> {
+        let controller = self.begin(kind.controller, &kind.unit(), bandwidth)?;
+        let of_design = controller.report.nominal().and_then(|nominal| nominal.bandwidth);
+        let bandwidth = bandwidth.or(of_design).unwrap_or(1.0);
+        let observer = |observer| self.begin(observer, OBSERVER, Some(bandwidth));
+        let observer = kind.observer.map(observer).transpose()?;
+        Ok(Attempt { controller, observer, bandwidth })
+    }
+
+    /// The first controller whose nominal loop has settled in the time that is asked for, else the fastest.
+    fn fast_enough(
+        &self,
+        kind: &Kind,
+        time: f64,
+        settling: impl Fn(&Attempt) -> Result<f64, Error>,
+    ) -> Result<Attempt, Error> {
+        let mut fastest: Option<(f64, Attempt)> = None;
+        let mut last = f64::INFINITY;
+        for k in 0..=STEPS {
+            let attempt = self.attempt(kind, Some(three_digits(FIRST / time * 10_f64.powf(f64::from(k) / 8.0))));
+            let attempt = match (attempt, &fastest) {
+                (Ok(attempt), _) => attempt,
+                (Err(reason), None) => return Err(reason),
+                (Err(_), Some(_)) => break,
+            };
+            let settles = settling(&attempt)?;
+            if settles <= time {
+                return Ok(attempt);
+            }
+            let is_faster = fastest.as_ref().is_none_or(|(best, _)| settles < *best);
+            if is_faster {
+                fastest = Some((settles, attempt));
+            }
+            // A law whose margins end its speed has the same design for any further bandwidth.
+            if settles == last {
+                break;
+            }
+            last = settles;
+        }
+        let (settles, mut attempt) = fastest.ok_or_else(|| Error::Argument(Invalid::because("none was tried")))?;
+        let note = if settles.is_finite() {
+            format!("settles in {} s", number(three_digits(settles)))
+        } else {
+            "doesn't settle".to_owned()
+        };
+        attempt
+            .controller
+            .notes
+            .insert(0, format!("{} s was asked for; the fastest design found {note}.", number(time)));
+        Ok(attempt)
+    }
+
+    /// The descriptions of a loop of a controller.
+    fn written(&self, kind: &Kind, attempt: &Attempt, folder: &Path) -> Result<Written, Error> {
+        let own = surroundings(&self.plant, &self.sizes(), attempt.bandwidth, 0.0)?;
+        Written::new(folder, own.into_iter().chain(attempt.texts(kind)))
+    }
+
+    /// The loop of a controller.
+    fn trial(&self, kind: &Kind, attempt: &Attempt, folder: &Path, units: &Ready) -> Result<Trial, Error> {
+        let written = self.written(kind, attempt, folder)?;
+        Trial::new(&written, attempt.step(), &self.plant, &self.sizes(), units)
+    }
+
+    /// Standard deviations of the controls at rest, where there is noise.
+    fn noise(&self, kind: &Kind, attempt: &Attempt, folder: &Path, units: &Ready) -> Result<Option<Vec<f64>>, Error> {
+        if self.noise.is_empty() {
+            return Ok(None);
+        }
+        let written = (&self.written(kind, attempt, folder)?, attempt.step());
+        let trial = Trial::with_noise(written, &self.plant, &self.sizes(), units, &self.noise)?;
+        // No reference moves.
+        Ok(Some(trial.at_rest(USUAL / attempt.bandwidth)?.deviations()))
+    }
+
+    /// A controller of a kind that is fast enough, with what its loop does.
+    fn design(&self, kind: &Kind, folder: &Path, units: &Ready) -> Result<Design, Error> {
+        let settling = |attempt: &Attempt| {
+            if let Some(time) = found(&attempt.controller.report, NOMINAL, SETTLING) {
+                return Ok(time);
+            }
+            let trial = self.trial(kind, attempt, folder, units)?;
+            let (followed, _) = trial.steps(None, USUAL / attempt.bandwidth)?;
+            Ok(followed.settling.unwrap_or(f64::INFINITY))
+        };
+        let attempt = match (self.bandwidth, self.settling_time) {
+            (None, Some(time)) => self.fast_enough(kind, time, settling)?,
+            (bandwidth, _) => self.attempt(kind, bandwidth)?,
+        };
+        let trial = self.trial(kind, &attempt, folder, units)?;
+        let report = &attempt.controller.report;
+        let longest = found(report, UNCERTAIN, SETTLING).or_else(|| found(report, NOMINAL, SETTLING));
+        let longest = longest.map_or(USUAL / attempt.bandwidth, |time| LONGER * time);
+        let asked = self.settling_time.unwrap_or(FIRST / attempt.bandwidth);
+        let duration = longest.min(MOST * asked);
+        let ran = |other: Option<&WorstPlant>| trial.steps(other, duration).map_err(|reason| reason.to_string());
+        let corners = report.worst.iter().map(|other| (other.clone(), ran(Some(other)))).collect();
+        let noise = self.noise(kind, &attempt, folder, units)?;
+        let (nominal, texts) = (ran(None), attempt.texts(kind));
+        let Attempt { controller, observer, bandwidth } = attempt;
+        let operations = controller.operations + observer.map_or(0, |observer| observer.operations);
+        let (report, notes) = (controller.report, controller.notes);
+        Ok(Design { texts, bandwidth, step: trial.step, report, notes, operations, nominal, corners, noise })
+    }
+}
+
+/// Descriptions of a plant and of references that step to these sizes at a time, s.
+///
+/// # Errors
+/// When the plant isn't one that an FMU can have.
+pub(super) fn surroundings(
+    plant: &Plant,
+    sizes: &[f64],
+    bandwidth: f64,
+    step_time: f64,
+) -> Result<[(String, String); 2], Error> {
+    let plain = |unit: &str, name: &str| {
+        let request = Request {
+            kind: unit,
+            name,
+            sizes: Sizes::NONE,
+            plant: Some(plant.clone()),
+            bandwidth: Some(bandwidth),
+            reference: 1.0,
+            uncertainty: None,
+        };
+        library::begin(&request).map(|begun| begun.text).map_err(Error::Argument)
+    };
+    let plant = plain(<StateSpace as System>::NAME, PLANT)?;
+    let reference = Source::read(PathBuf::from(REFERENCE), plain(<Reference as System>::NAME, REFERENCE)?);
+    let of = |(i, size): (usize, &f64)| {
+        [(format!("step_time[{},1]", i + 1), step_time), (format!("step_height[{},1]", i + 1), *size)]
+    };
+    let values: Vec<_> = sizes.iter().enumerate().flat_map(of).collect();
+    let reference = reference.with_start(values.iter().map(|(name, value)| (name.as_str(), *value)))?;
+    Ok([(PLANT.to_owned(), plant), (REFERENCE.to_owned(), reference.text)])
+}
+
+impl Design {
+    /// True if its report finds it sound, and all its loops settle.
+    pub fn is_sound(&self) -> bool {
+        let settles = |ran: &Ran| ran.as_ref().is_ok_and(|(followed, _)| followed.settling.is_some());
+        self.report.is_sound() && settles(&self.nominal) && self.corners.iter().all(|(_, ran)| settles(ran))
+    }
+
+    /// The nominal loop.
+    pub fn followed(&self) -> Option<&Followed> {
+        self.nominal.as_ref().ok().map(|(followed, _)| followed)
+    }
+
+    /// The worst of its loops in each respect; `None` where one failed.
+    pub fn worst(&self) -> Option<Followed> {
+        let followed = |ran: &Ran| ran.as_ref().ok().map(|(followed, _)| followed.clone());
+        let nominal = followed(&self.nominal)?;
+        self.corners.iter().try_fold(nominal, |worst, (_, ran)| Some(worst.or_worse(&followed(ran)?)))
+    }
+
+    /// Why it isn't sound; nothing where it is.
+    pub fn reason(&self) -> Option<String> {
+        if self.is_sound() {
+            return None;
+        }
+        let failed = self.corners.iter().map(|(_, ran)| ran).chain([&self.nominal]).find_map(|ran| ran.as_ref().err());
+        let reason = self.report.reason().or_else(|| failed.cloned());
+        Some(reason.unwrap_or_else(|| "a loop within the uncertainty does not settle".to_owned()))
+    }
+
+    /// Its margins in words, as far as its report has them.
+    pub fn margins(&self) -> String {
+        let margin = |name: &str| {
+            let found = self.report.findings.iter().find(|finding| finding.name == name)?;
+            let Value::Number(value) = found.value else { return None };
+            Some(format!("{} {}", number(three_digits(value)), found.unit).trim_end().to_owned())
+        };
+        let named = [
+            ("maximum sensitivity M_s", "M_s"),
+            ("phase margin", "phase"),
+            ("delay margin", "delay"),
+            ("lambda*", "λ*"),
+            ("largest error", "funnel"),
+        ];
+        let all = named.iter().filter_map(|(name, short)| Some(format!("{short} {}", margin(name)?)));
+        all.collect::<Vec<_>>().join(", ")
+    }
+}
+
+impl Attempt {
+    /// Communication step, s.
+    fn step(&self) -> f64 {
+        self.observer.iter().map(|observer| observer.report.step).fold(self.controller.report.step, f64::min)
+    }
+
+    fn texts(&self, kind: &Kind) -> Vec<(String, String)> {
+        let observer = self.observer.iter().map(|observer| (OBSERVER.to_owned(), observer.text.clone()));
+        [(kind.unit(), self.controller.text.clone())].into_iter().chain(observer).collect()
+    }
+}
+
+/// A number of a design report.
+fn found(report: &DesignReport, section: &str, name: &str) -> Option<f64> {
+    let found = report.findings.iter().find(|finding| finding.section == section && finding.name == name)?;
+    if let Value::Number(number) = found.value { Some(number) } else { None }
+}

@@ -1,0 +1,127 @@
+//! The course of a loop while one of its references steps.
+
+/// A signal of size 1 has settled within this of its end.
+const SETTLED: f64 = 0.02;
+/// A loop whose outputs leave that band later than at this part of its run hasn't settled.
+const RESTING: f64 = 0.9;
+
+/// The course of a loop, all signals at the same times.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Course {
+    /// Times, s.
+    pub times: Vec<f64>,
+    /// Controlled outputs of the plant.
+    pub outputs: Vec<Vec<f64>>,
+    /// Controls as the controller gives them.
+    pub controls: Vec<Vec<f64>>,
+}
+
+/// How a reference is followed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Followed {
+    /// When all outputs stay within 2 % of the step about their ends, s; `None` where they do not.
+    pub settling: Option<f64>,
+    /// How far the output goes beyond its reference, in parts of the step.
+    pub overshoot: f64,
+    /// How far it ends from the reference, in parts of the step.
+    pub off: f64,
+    /// The largest size of each control.
+    pub peaks: Vec<f64>,
+}
+
+impl Course {
+    /// An empty one.
+    pub fn new(outputs: usize, controls: usize) -> Self {
+        Course { times: Vec::new(), outputs: vec![Vec::new(); outputs], controls: vec![Vec::new(); controls] }
+    }
+
+    /// How it follows a step of the reference of output `i`, where outputs have steps of these sizes.
+    pub fn followed(&self, i: usize, sizes: &[f64]) -> Followed {
+        let ends: Vec<_> = self.outputs.iter().map(|y| y.last().copied().unwrap_or(f64::NAN)).collect();
+        let stays = |k: usize| {
+            let each = self.outputs.iter().zip(&ends).zip(sizes);
+            each.clone().all(|((y, end), size)| (y[k] - end).abs() <= SETTLED * size)
+        };
+        let settled = (0..self.times.len()).rev().take_while(|&k| stays(k)).last();
+        let (first, last) = (self.times.first(), self.times.last());
+        let duration = first.zip(last).map_or(0.0, |(first, last)| last - first);
+        let since = |k: usize| if k == 0 { 0.0 } else { self.times[k] - self.times[0] };
+        let settling = settled.map(since).filter(|time| *time <= RESTING * duration);
+        let highest = self.outputs[i].iter().copied().fold(0.0, f64::max);
+        let size = |u: &Vec<f64>| u.iter().map(|value| value.abs()).fold(0.0, f64::max);
+        Followed {
+            settling,
+            // What rounding leaves is none.
+            overshoot: Some(highest / sizes[i] - 1.0).filter(|part| *part > 1e-6).unwrap_or(0.0),
+            off: (ends[i] / sizes[i] - 1.0).abs(),
+            peaks: self.controls.iter().map(size).collect(),
+        }
+    }
+
+    /// The standard deviation of each control in the last half.
+    pub fn deviations(&self) -> Vec<f64> {
+        let deviation = |u: &Vec<f64>| {
+            let late = &u[u.len() / 2..];
+            let mean = late.iter().sum::<f64>() / late.len() as f64;
+            (late.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / late.len() as f64).sqrt()
+        };
+        self.controls.iter().map(deviation).collect()
+    }
+}
+
+impl Followed {
+    /// The worse of both in each respect.
+    #[must_use]
+    pub fn or_worse(self, other: &Self) -> Self {
+        let worse = |(mine, theirs): (f64, &f64)| mine.max(*theirs);
+        Followed {
+            settling: self.settling.zip(other.settling).map(|(mine, theirs)| mine.max(theirs)),
+            overshoot: self.overshoot.max(other.overshoot),
+            off: self.off.max(other.off),
+            peaks: self.peaks.into_iter().zip(&other.peaks).map(worse).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 2 (1 − e^−t), and a control that falls from 3.
+    fn lag() -> Course {
+        let times: Vec<_> = (0..=10_000).map(|k| 1e-3 * f64::from(k)).collect();
+        let y = times.iter().map(|t| 2.0 * (1.0 - (-t).exp())).collect();
+        let u = times.iter().map(|t| 3.0 * (-t).exp()).collect();
+        Course { times, outputs: vec![y], controls: vec![u] }
+    }
+
+    #[test]
+    fn a_lag_settles_to_2_per_cent_in_3_9_of_its_time_constant() {
+        let followed = lag().followed(0, &[2.0]);
+        assert!((followed.settling.unwrap() - 50_f64.ln()).abs() < 0.01, "{followed:?}");
+        assert_eq!((followed.overshoot, followed.peaks.as_slice()), (0.0, &[3.0][..]));
+        assert!(followed.off < 1e-4);
+        // Of a step to 1 it ends at twice that.
+        let followed = lag().followed(0, &[1.0]);
+        assert!((followed.overshoot - 1.0).abs() < 1e-3 && (followed.off - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_still_moves_at_the_end_has_not_settled() {
+        let mut course = lag();
+        let last = course.times.len() - 1;
+        course.outputs[0][last - 10] = 3.0;
+        assert_eq!(course.followed(0, &[2.0]).settling, None);
+        course.outputs[0][last] = f64::NAN;
+        assert_eq!(course.followed(0, &[2.0]).settling, None);
+    }
+
+    #[test]
+    fn the_worse_of_two_is_worse_in_each_respect() {
+        let one = Followed { settling: Some(1.0), overshoot: 0.2, off: 0.0, peaks: vec![1.0, 5.0] };
+        let other = Followed { settling: Some(2.0), overshoot: 0.1, off: 0.1, peaks: vec![2.0, 4.0] };
+        let both = one.clone().or_worse(&other);
+        assert_eq!(both, Followed { settling: Some(2.0), overshoot: 0.2, off: 0.1, peaks: vec![2.0, 5.0] });
+        assert_eq!(both.or_worse(&Followed { settling: None, ..one }).settling, None);
+    }
+}

@@ -1,0 +1,224 @@
+//! The loop of a candidate and a linear plant, as FMUs that are stepped one after the other.
+
+use std::path::Path;
+
+use super::series::{Course, Followed};
+use super::written::Written;
+use crate::error::{Error, Invalid};
+use crate::fmu::Ready;
+use crate::league::bench::{Benched, SENSOR, benched};
+use crate::nominal::WorstPlant;
+use crate::simulation::{LoadedLoop, Place};
+use crate::structure::{Draft, Found, LoopFiles, Order, STRUCTURE, Settings, Structure, Wishes};
+use crate::template::Plant;
+
+/// Names in the loop.
+const PLANT: &str = "plant";
+const REFERENCE: &str = "reference";
+/// A loop of so many communication points isn't run: it would take minutes.
+const MOST_POINTS: f64 = 2e6;
+/// A run that goes so far beyond the reference is ended.
+const LOST: f64 = 1e6;
+
+/// Noise of a measured signal, or of all.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    /// The output or state of the plant; all where there is none.
+    pub signal: Option<String>,
+    /// Standard deviation, at each communication step.
+    pub deviation: f64,
+}
+
+/// True if an output of the plant is that of a name: one that is called like a state has another name.
+fn is_of(output: &str, name: &str) -> bool {
+    output.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest == "_output")
+}
+
+fn wishes(step: f64) -> Wishes {
+    Wishes { name: "design".to_owned(), step: Some(step), stop_time: None }
+}
+
+/// A loop of a controller, and perhaps an observer, with a linear plant and a reference.
+#[derive(Debug)]
+pub struct Trial {
+    loaded: LoadedLoop,
+    order: Order,
+    /// Communication step, s.
+    pub step: f64,
+    sizes: Vec<f64>,
+    /// Start values of sensors.
+    noise: Vec<(Place, f64)>,
+    /// Places of outputs and controls among the signals.
+    outputs: Vec<usize>,
+    controls: Vec<usize>,
+}
+
+impl Trial {
+    /// The loop of descriptions, with a communication step, s, for a plant with references of these sizes.
+    ///
+    /// # Errors
+    /// When it can't be closed.
+    pub fn new(written: &Written, step: f64, plant: &Plant, sizes: &[f64], units: &Ready) -> Result<Self, Error> {
+        Self::of(written.structure(wishes(step))?.0, plant, sizes, units)
+    }
+
+    /// The same with sensors between the plant and what measures it.
+    ///
+    /// # Errors
+    /// When it can't be closed, or what has noise isn't measured.
+    pub fn with_noise(
+        (written, step): (&Written, f64),
+        plant: &Plant,
+        sizes: &[f64],
+        units: &Ready,
+        noise: &[Noise],
+    ) -> Result<Self, Error> {
+        let (plain, _) = written.structure(wishes(step))?;
+        let unit = plain.components.iter().find(|unit| unit.name == PLANT);
+        let unit = unit.ok_or_else(|| plain.refuse(0, "there is no plant"))?;
+        let described = units.fmu(&plain.description_of(&unit.fmu)?)?;
+        let Benched { structure, measured, .. } = benched(&plain, plant.sizes().1, &described.description, 0)?;
+        let mut trial = Self::of(structure, plant, sizes, units)?;
+        let sensor = |what: String, value: f64| Some((trial.place(&format!("{SENSOR}.{what}"))?, value));
+        let deviation = |(k, name): (usize, &String)| {
+            let known = |noise: &&Noise| noise.signal.as_ref().is_none_or(|of| is_of(name, of));
+            let found = noise.iter().rfind(known)?;
+            sensor(format!("noise_deviation[{}]", k + 1), found.deviation)
+        };
+        let noisy = measured.iter().enumerate().filter_map(deviation);
+        trial.noise = noisy.chain(sensor("sample_time".to_owned(), step)).collect();
+        Ok(trial)
+    }
+
+    fn of(structure: Structure, plant: &Plant, sizes: &[f64], units: &Ready) -> Result<Self, Error> {
+        let loaded = LoadedLoop::of(&structure, |unit| units.fmu(&structure.description_of(&unit.fmu)?))?;
+        let names = loaded.instantiate(&[])?.names().to_vec();
+        let refuse = |what: String| Error::Loop { file: structure.file.clone(), reason: what };
+        let place = |name: &str| names.iter().position(|known| known == name);
+        let output = |i: usize| match plant.y.names.get(i) {
+            Some(name) => place(&format!("{PLANT}.{name}_output")).or_else(|| place(&format!("{PLANT}.{name}"))),
+            None => place(&format!("{PLANT}.y[{}]", i + 1)),
+        };
+        let control = |j: usize| {
+            let input = plant.u.names.get(j).cloned().unwrap_or_else(|| format!("u[{}]", j + 1));
+            let to = (PLANT.to_owned(), input);
+            let from = structure.connections.iter().find(|connection| connection.to == to).map(|found| &found.from);
+            from.and_then(|(unit, name)| place(&format!("{unit}.{name}")))
+        };
+        let (_, m, p) = plant.sizes();
+        let outputs: Option<Vec<_>> = (0..p).map(output).collect();
+        let controls: Option<Vec<_>> = (0..m).map(control).collect();
+        let outputs = outputs.ok_or_else(|| refuse("an output of the plant isn't in the loop".to_owned()))?;
+        let controls = controls.ok_or_else(|| refuse("an input of the plant isn't connected".to_owned()))?;
+        let (order, step, noise) = (structure.order, structure.step, Vec::new());
+        Ok(Trial { loaded, order, step, noise, sizes: sizes.to_vec(), outputs, controls })
+    }
+
+    /// Number of references.
+    pub(super) fn references(&self) -> usize {
+        self.sizes.len()
+    }
+
+    /// Size of a reference.
+    pub(super) fn size(&self, i: usize) -> f64 {
+        self.sizes[i]
+    }
+
+    fn place(&self, name: &str) -> Option<Place> {
+        self.loaded.variable(name).map(|(place, _)| place)
+    }
+
+    /// Start values of the plant's variables for another plant.
+    fn of_plant(&self, other: &WorstPlant) -> Vec<(Place, f64)> {
+        let matrices = [("A", &other.A), ("B", &other.B)].into_iter();
+        let entries = matrices.flat_map(|(name, rows)| {
+            rows.iter().enumerate().flat_map(move |(i, row)| {
+                row.iter().enumerate().map(move |(j, value)| (format!("{PLANT}.{name}[{},{}]", i + 1, j + 1), *value))
+            })
+        });
+        entries.filter_map(|(name, value)| Some((self.place(&name)?, value))).collect()
+    }
+
+    /// Start values for a step of the reference of one output at 0 s, or of none.
+    fn of_reference(&self, i: Option<usize>) -> Vec<(Place, f64)> {
+        let own = (0..self.sizes.len())
+            .filter(|&j| Some(j) != i)
+            .flat_map(|j| [format!("{REFERENCE}.step_height[{},1]", j + 1), format!("{REFERENCE}.offset[{}]", j + 1)]);
+        let others = own.map(|name| (name, 0.0));
+        let first = i.map(|i| (format!("{REFERENCE}.step_time[{},1]", i + 1), 0.0));
+        others.chain(first).filter_map(|(name, value)| Some((self.place(&name)?, value))).collect()
+    }
+
+    /// The course of the loop with a plant, the nominal one unless another is given, while the reference of output `i` steps.
+    ///
+    /// # Errors
+    /// When a unit fails, or what moves grows without bound.
+    pub fn course(&self, i: usize, other: Option<&WorstPlant>, duration: f64) -> Result<Course, Error> {
+        let start = other.map(|other| self.of_plant(other)).unwrap_or_default();
+        self.run(self.of_reference(Some(i)).into_iter().chain(start), duration)
+    }
+
+    /// The same with the nominal plant, while no reference moves.
+    ///
+    /// # Errors
+    /// When a unit fails.
+    pub fn at_rest(&self, duration: f64) -> Result<Course, Error> {
+        self.run(self.of_reference(None), duration)
+    }
+
+    fn run(&self, start: impl IntoIterator<Item = (Place, f64)>, duration: f64) -> Result<Course, Error> {
+        if duration / self.step > MOST_POINTS {
+            let reason = format!(
+                "a run of {duration} s needs more than {MOST_POINTS:e} communication steps of {} s, too many to be tried",
+                self.step
+            );
+            return Err(Error::Argument(Invalid::because(reason)));
+        }
+        let start: Vec<_> = start.into_iter().chain(self.noise.iter().copied()).collect();
+        let settings = Settings { start_time: 0.0, stop_time: duration, step: self.step, order: self.order };
+        let mut course = Course::new(self.outputs.len(), self.controls.len());
+        let largest = LOST * self.sizes.iter().copied().fold(0.0, f64::max);
+        let mut is_lost = false;
+        self.loaded.instantiate(&start)?.watch(settings, &[], |time, row| {
+            course.times.push(time);
+            for (values, &place) in course.outputs.iter_mut().zip(&self.outputs) {
+                values.push(row[place]);
+                is_lost |= row[place].is_nan() || row[place].abs() > largest;
+            }
+            course.controls.iter_mut().zip(&self.controls).for_each(|(values, &place)| values.push(row[place]));
+            !is_lost
+        })?;
+        if is_lost {
+            return Err(Error::Argument(Invalid::because("the output grows without bound")));
+        }
+        Ok(course)
+    }
+
+    /// The worst of the steps of all references, and the course of the first.
+    ///
+    /// # Errors
+    /// When a unit fails.
+    pub fn steps(&self, other: Option<&WorstPlant>, duration: f64) -> Result<(Followed, Course), Error> {
+        let first = self.course(0, other, duration)?;
+        let mut worst = first.followed(0, &self.sizes);
+        for i in 1..self.sizes.len() {
+            worst = worst.or_worse(&self.course(i, other, duration)?.followed(i, &self.sizes));
+        }
+        Ok((worst, first))
+    }
+}
+
+/// The structure of a loop of descriptions, by the names of their signals, with its text, as it is to lie in a folder.
+///
+/// # Errors
+/// When they can't be connected.
+pub(super) fn draft(folder: &Path, files: &[String], wishes: Wishes) -> Result<(Structure, String), Error> {
+    let mut found = Found::new(folder);
+    let units = files.iter().map(|file| found.unit(&folder.join(file).to_string_lossy())).collect::<Result<_, _>>()?;
+    let draft = Draft::new(units, wishes);
+    if let Some(open) = draft.open().first() {
+        return Err(Error::Loop { file: folder.join(STRUCTURE), reason: open.clone() });
+    }
+    let text = draft.text();
+    Ok((Structure::parse(&text, &LoopFiles::within(folder))?, text))
+}

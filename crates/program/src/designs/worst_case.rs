@@ -1,0 +1,190 @@
+//! The worst plant within the uncertainty of a description, searched for with runs of its loop as FMUs.
+#![allow(non_snake_case)] // matrices have the names of the field
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use super::candidate::{PLANT, REFERENCE, surroundings};
+use super::series::{Course, Followed};
+use super::trial::Trial;
+use super::written::Written;
+use crate::error::{Error, Invalid};
+use crate::exporter::{Source, describe};
+use crate::fmu::Ready;
+use crate::model::Description;
+use crate::model_description::ModelDescription;
+use crate::nominal::{NominalPlant, Uncertainty, WorstPlant};
+use crate::parallel;
+use crate::scratch::Scratch;
+use crate::system::Words;
+use crate::template::{Plant, Signals};
+use crate::tuning::{Motion, Swarm};
+
+/// Particles of the swarm.
+const PARTICLES: usize = 24;
+/// A loop is run for so long, in 1/W.
+const DURATION: f64 = 20.0;
+
+/// The result of a search.
+#[derive(Debug)]
+pub struct WorstCase {
+    /// The plant.
+    pub plant: WorstPlant,
+    /// How its loop follows, or why it fails.
+    pub followed: Result<Followed, String>,
+    /// Number of plants that were tried.
+    pub tried: usize,
+}
+
+/// Searches for some time, by a particle swarm, for the plant within the bounds of `[nominal]` with the largest integral of the
+/// squared error of steps of the references; one whose loop fails ends the search.
+///
+/// # Errors
+/// When the description has no uncertain plant, or its loop can't be closed by the names of its signals.
+pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Result<WorstCase, Error> {
+    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+    let description = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
+    let nominal = description.nominal.clone();
+    let nominal =
+        nominal.ok_or_else(|| refuse("there is no table [nominal] with the plant to be varied".to_owned()))?;
+    let bounds = bounds(&nominal).ok_or_else(|| refuse("[nominal] has no uncertainty".to_owned()))?;
+    let scratch = Scratch::new()?;
+    let trial = trial(&description, source, &nominal, scratch.path(), units)?;
+    let duration = DURATION / nominal.bandwidth.unwrap_or(1.0);
+    let swarm_bounds = bounds.iter().map(|(_, low, high)| (*low, *high)).collect();
+    let start = bounds.iter().map(|(_, low, high)| 0.5 * (low + high)).collect();
+    let mut swarm = Swarm::new(PARTICLES, swarm_bounds, Some(start), Motion::default(), seed);
+    let (begun, mut tried) = (Instant::now(), 0);
+    let threads = vec![(); parallel::cores()];
+    loop {
+        let positions = swarm.positions();
+        let plants: Vec<_> = positions.iter().map(|position| plant_at(&nominal, &bounds, position)).collect();
+        let values = parallel::each(&threads, plants.len(), |(), k| trial.squared_error(&plants[k], duration));
+        tried += values.len();
+        if let Some(k) = values.iter().position(Result::is_err) {
+            let followed = trial.steps(Some(&plants[k]), duration).map(|(followed, _)| followed);
+            return Ok(WorstCase {
+                plant: plants[k].clone(),
+                followed: followed.map_err(|error| error.to_string()),
+                tried,
+            });
+        }
+        let values: Vec<_> = values.into_iter().map(|value| value.ok().map(|error| -error)).collect();
+        swarm.tell(&values);
+        if begun.elapsed() >= Duration::from_secs_f64(seconds) {
+            break;
+        }
+    }
+    let best = swarm.best().map(|best| best.position.clone()).unwrap_or_default();
+    let plant = plant_at(&nominal, &bounds, &best);
+    let followed = trial.steps(Some(&plant), duration).map(|(followed, _)| followed);
+    Ok(WorstCase { plant, followed: followed.map_err(|error| error.to_string()), tried })
+}
+
+/// An entry of A or of B, by row and column.
+#[derive(Debug, Clone, Copy)]
+enum Entry {
+    A(usize, usize),
+    B(usize, usize),
+}
+
+/// The uncertain entries with their bounds; `None` where none is known.
+fn bounds(nominal: &NominalPlant) -> Option<Vec<(Entry, f64, f64)>> {
+    let NominalPlant { A, B, uncertainty, .. } = nominal;
+    let [dA, dB] = match uncertainty {
+        Uncertainty::Part(part) => crate::design::robustness::uncertain::by_part(A, B, *part),
+        Uncertainty::Elements { A: dA, B: dB } => [dA.clone(), dB.clone()],
+        Uncertainty::Unknown | Uncertainty::Model(_) => return None,
+    };
+    let of_A = (0..A.nrows()).flat_map(|i| (0..A.ncols()).map(move |j| (i, j)));
+    let of_A = of_A.map(|(i, j)| (Entry::A(i, j), A[(i, j)], dA[(i, j)]));
+    let of_B = (0..B.nrows()).flat_map(|i| (0..B.ncols()).map(move |j| (i, j)));
+    let of_B = of_B.map(|(i, j)| (Entry::B(i, j), B[(i, j)], dB[(i, j)]));
+    let uncertain = of_A.chain(of_B).filter(|(_, _, bound)| *bound > 0.0);
+    let all: Vec<_> = uncertain.map(|(entry, value, bound)| (entry, value - bound, value + bound)).collect();
+    (!all.is_empty()).then_some(all)
+}
+
+fn plant_at(nominal: &NominalPlant, bounds: &[(Entry, f64, f64)], position: &[f64]) -> WorstPlant {
+    let (mut A, mut B) = (nominal.A.clone(), nominal.B.clone());
+    for ((entry, ..), value) in bounds.iter().zip(position) {
+        match *entry {
+            Entry::A(i, j) => A[(i, j)] = *value,
+            Entry::B(i, j) => B[(i, j)] = *value,
+        }
+    }
+    let [A, B] = [A, B].map(|matrix| matrix.row_iter().map(|row| row.iter().copied().collect()).collect());
+    WorstPlant { respects: vec!["squared error".to_owned()], A, B }
+}
+
+/// The loop of a description with its nominal plant, whose signals have the names that the controller's have.
+fn trial(
+    description: &Description,
+    source: &Source,
+    nominal: &NominalPlant,
+    folder: &Path,
+    units: &Ready,
+) -> Result<Trial, Error> {
+    let names = |variable: &str| -> Option<Vec<String>> {
+        let Words::Each(words) = description.names.get(variable)? else { return None };
+        words.iter().map(|word| word.name().map(str::to_owned)).collect()
+    };
+    let (described, _) = describe(source, units.library())?;
+    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+    let xml = ModelDescription::read(&described.model_description).map_err(refuse)?;
+    let unit = |name: String| xml.variable(&name).and_then(|variable| variable.unit.clone()).unwrap_or_default();
+    let signals = |variable: &str, count: usize| {
+        let named = names(variable);
+        let own = named.clone().unwrap_or_else(|| (1..=count).map(|i| format!("{variable}[{i}]")).collect());
+        let units: Vec<_> = own.into_iter().map(unit).collect();
+        let is_known = units.iter().any(|unit| !unit.is_empty());
+        Signals {
+            names: named.unwrap_or_default(),
+            units: if is_known { units } else { Vec::new() },
+            texts: Vec::new(),
+        }
+    };
+    let outputs = |count: usize| {
+        let of_reference = signals("r", count);
+        let plain = |name: &String| name.strip_suffix("_reference").unwrap_or(name).to_owned();
+        let own = signals("y", count);
+        let names = if own.names.is_empty() { of_reference.names.iter().map(plain).collect() } else { own.names };
+        Signals { names, ..of_reference }
+    };
+    let ((n, m), p) = (nominal.B.shape(), nominal.C.nrows());
+    let reference = nominal.reference.clone().unwrap_or_else(|| vec![1.0; nominal.C.nrows()]);
+    let plant = Plant {
+        A: nominal.A.clone(),
+        B: nominal.B.clone(),
+        C: nominal.C.clone(),
+        D: None,
+        x: signals("x", n),
+        u: signals("u", m),
+        y: outputs(p),
+        limits: None,
+        delay: if nominal.is_delayed() { nominal.delay.clone() } else { Vec::new() },
+    };
+    let bandwidth = nominal.bandwidth.unwrap_or(1.0);
+    let surroundings = surroundings(&plant, &reference, bandwidth, 0.0)?;
+    let own = (description.name.clone(), source.text.clone());
+    if [PLANT, REFERENCE].contains(&own.0.as_str()) {
+        let reason = format!("{}: the name of another unit of the loop; give the controller another name", own.0);
+        return Err(Error::Argument(Invalid::because(reason)));
+    }
+    let written = Written::new(folder, surroundings.into_iter().chain([own]))?;
+    Trial::new(&written, description.experiment.step, &plant, &reference, units)
+}
+
+impl Trial {
+    /// The integral of the squared error of steps of all references, in parts of the steps.
+    fn squared_error(&self, plant: &WorstPlant, duration: f64) -> Result<f64, Error> {
+        let of = |i: usize| Ok(self.error_of(i, &self.course(i, Some(plant), duration)?));
+        (0..self.references()).map(of).sum()
+    }
+
+    fn error_of(&self, i: usize, course: &Course) -> f64 {
+        let size = self.size(i);
+        let errors = course.outputs[i].iter().map(|y| (y / size - 1.0).powi(2));
+        errors.sum::<f64>() * self.step
+    }
+}

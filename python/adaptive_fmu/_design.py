@@ -1,0 +1,133 @@
+"""From a plant to the recommended controller."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ._loop import Loop
+from ._plant import PathLike, plant_file
+from ._pool import done
+from ._values import number
+
+
+class Designed:
+    """Controllers for a plant, the recommended one first.
+
+    >>> import adaptive_fmu
+    >>> plant = [[-1.0]], [[2.0]], [[1.0]], [[0.0]]
+    >>> designed = adaptive_fmu.design(plant, settling_time=1.0, kinds=["pid", "ladrc"], out=folder / "first")
+    >>> designed.sound, sorted(designed.table.index)
+    (True, ['ladrc', 'pid'])
+    """
+
+    def __init__(self, told: dict[str, Any], folder: Path) -> None:
+        rows = [row(candidate) for candidate in told["candidates"]]
+        #: One row a kind of controller, the recommended one first: sound, settling_time (s), worst_settling_time, overshoot (a part
+        #: of the step), worst_overshoot, peak (largest size of a control with the worst plant), noise (largest standard deviation of
+        #: a control at rest, if `noise` is given), operations, file, and refused (why there is no controller).
+        self.table: pd.DataFrame = pd.DataFrame(rows).set_index("kind")
+        #: True if the recommended controller is sound.
+        self.sound: bool = bool(told["candidates"][0].get("sound"))
+        #: Folder with the descriptions, the loop and the page.
+        self.folder: Path = folder
+        #: Page with a table and step responses.
+        self.page: Path = folder / "index.html"
+
+    @property
+    def loop(self) -> Loop:
+        """Loop of the recommended controller with the linear plant.
+
+        >>> import adaptive_fmu
+        >>> plant = [[-1.0]], [[2.0]], [[1.0]], [[0.0]]
+        >>> designed = adaptive_fmu.design(plant, settling_time=1.0, kinds=["pid"], out=folder / "second")
+        >>> designed.loop.run().data.shape[1] > 2
+        True
+        """
+        return Loop(self.folder / "loop")
+
+    def __repr__(self) -> str:
+        first = self.table.index[0]
+        return f"<{first}: {'sound' if self.sound else 'not sound'}, {len(self.table)} kinds tried>"
+
+
+def row(candidate: dict[str, Any]) -> dict[str, Any]:
+    """Row of the table for a candidate."""
+    nominal, worst = candidate.get("nominal") or {}, candidate.get("worst") or {}
+    files = candidate.get("files") or [None]
+    return {
+        "kind": candidate["kind"],
+        "sound": candidate.get("sound", False),
+        "settling_time": nominal.get("settling_time"),
+        "worst_settling_time": worst.get("settling_time"),
+        "overshoot": nominal.get("overshoot"),
+        "worst_overshoot": worst.get("overshoot"),
+        "peak": max(worst.get("peaks") or [float("nan")]),
+        "noise": max(candidate.get("noise") or [float("nan")]),
+        "operations": candidate.get("operations"),
+        "file": files[0],
+        "refused": candidate.get("refused") or candidate.get("reason"),
+    }
+
+
+def design(
+    plant: Any,
+    *,
+    settling_time: float | None = None,
+    bandwidth: float | None = None,
+    output: Sequence[str] = (),
+    inputs: Sequence[str] = (),
+    measured: Sequence[str] | None = None,
+    uncertainty: float = 0.2,
+    kinds: Sequence[str] = (),
+    reference: float = 1.0,
+    noise: float | dict[str, float] | None = None,
+    out: PathLike = "design",
+    force: bool = False,
+) -> Designed:
+    """Design controllers of several kinds for a plant, simulate them as FMUs, and return them ranked.
+
+    Each is simulated with the nominal plant and with the plants within the uncertainty that are worst for it. The first is sound,
+    settles in time with the worst plant, and has the smallest peak of the control.
+
+    plant: as for `new`.
+    settling_time: time in which the nominal loop is to settle to 2 % of a step of the reference, s.
+    bandwidth: bandwidth of the loop, in place of one that follows from `settling_time`, rad/s. One of both must be given.
+    output: names of the outputs to control, as many as inputs. Default: all.
+    inputs: names of the inputs to use. Default: all.
+    measured: names of the states that are measured, in addition to the outputs. Default: None, all are measured.
+    uncertainty: uncertainty of each number of A and B as a part of it, 0.2 for 20 %.
+    kinds: kinds of controllers to try, such as "pid" or "l1". Default: all that `design` knows.
+    reference: usual magnitude of the reference, in the output's unit of measurement. Default: 1.
+    noise: standard deviation of the noise of all measured signals, or of some of them by name. Default: None, no noise.
+    out: folder for descriptions (NAME.toml), the loop of the recommended controller and a page. Default: "design".
+    force: True to overwrite existing files. Default: False.
+
+    Raises `Error` if no controller can be designed for the plant, or if a file exists and `force` is False.
+
+    >>> import adaptive_fmu, control
+    >>> plant = control.tf([1], [1, 1, 0])
+    >>> adaptive_fmu.design(plant, settling_time=5, kinds=["pid"], out=folder / "third")
+    <pid: sound, 1 kinds tried>
+    """
+    folder = Path(out)
+    request = [
+        "design",
+        "--json",
+        f"--out={os.fspath(folder)}",
+        f"--uncertainty={number(uncertainty)}",
+        f"--reference={number(reference)}",
+    ]
+    for option, value in (("--settling-time", settling_time), ("--bandwidth", bandwidth)):
+        request += [f"{option}={number(value)}"] if value is not None else []
+    for option, names in (("--output", output), ("--inputs", inputs), ("--measured", measured), ("--kinds", kinds)):
+        request += [f"{option}={','.join(names)}"] if names else []
+    every = noise if isinstance(noise, dict) else {"": noise}
+    request += [f"--noise={f'{name}=' if name else ''}{number(value)}" for name, value in every.items() if value is not None]
+    request += ["--force"] if force else []
+    with plant_file(plant) as given:
+        return Designed(done([*request, "--", given]).json(), folder)
