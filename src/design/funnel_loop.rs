@@ -53,7 +53,7 @@ pub struct Loop<'a> {
 }
 
 /// How a reference was followed.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Followed {
     /// The largest of all errors in parts of their bounds.
     pub largest_part: f64,
@@ -66,34 +66,35 @@ pub struct Followed {
 }
 
 impl Followed {
+    fn take(&mut self, now: &Answer) {
+        self.largest_part = self.largest_part.max(now.largest_part);
+        self.left = now.error_part;
+        for ([lowest, highest], &u) in self.control.iter_mut().zip(now.u.iter()) {
+            (*lowest, *highest) = (lowest.min(u), highest.max(u));
+        }
+    }
+
     /// True if all errors stayed inside.
     pub fn stayed(&self) -> bool {
         self.until >= FOLLOWED
     }
 
-    /// The worst of several in each respect, and the numbers of those that have the largest error and the largest size of each
-    /// control.
-    pub fn worst(all: &[Self]) -> (Self, Vec<usize>) {
-        let size = |[low, high]: [f64; 2]| high.max(-low);
-        let controls = all.first().map_or(0, |one| one.control.len());
-        let largest = |of: &dyn Fn(&Self) -> f64| {
-            (0..all.len()).max_by(|&one, &other| of(&all[one]).total_cmp(&of(&all[other]))).unwrap_or(0)
-        };
-        // Who leaves first is worst.
-        let error = largest(&|one| if one.stayed() { one.largest_part } else { 1.0 + FOLLOWED - one.until });
-        let of_controls = (0..controls).map(|j| largest(&|one| size(one.control[j])));
-        let numbers = [error].into_iter().chain(of_controls).collect();
-        let most = |of: fn(&Self) -> f64| all.iter().map(of).fold(0.0, f64::max);
-        let range = |j: usize| {
-            all.iter().fold([0.0_f64; 2], |[low, high], one| [low.min(one.control[j][0]), high.max(one.control[j][1])])
-        };
-        let worst = Followed {
-            largest_part: most(|one| one.largest_part),
-            left: most(|one| one.left),
-            control: (0..controls).map(range).collect(),
-            until: all.iter().map(|one| one.until).fold(FOLLOWED, f64::min),
-        };
-        (worst, numbers)
+    /// Size of the largest error, more than 1 of one that leaves, the sooner the more; the largest size of each control.
+    pub fn respects(&self) -> impl Iterator<Item = f64> {
+        let error = if self.stayed() { self.largest_part } else { 1.0 + FOLLOWED - self.until };
+        [error].into_iter().chain(self.control.iter().map(|[low, high]| high.max(-low)))
+    }
+
+    /// The worse of both in each respect.
+    #[must_use]
+    pub fn or_worse(mut self, other: &Self) -> Self {
+        self.largest_part = self.largest_part.max(other.largest_part);
+        self.left = self.left.max(other.left);
+        self.until = self.until.min(other.until);
+        for ([low, high], other) in self.control.iter_mut().zip(&other.control) {
+            (*low, *high) = (low.min(other[0]), high.max(other[1]));
+        }
+        self
     }
 }
 
@@ -161,25 +162,28 @@ impl<'a> Loop<'a> {
 
     /// True if the errors stay well inside with a control that is constant within such steps.
     fn stays_inside(&self, step: f64) -> bool {
-        self.sampled_part(step).is_some_and(|part| part <= MOST_SAMPLED)
+        let followed = self.follow_sampled(step);
+        followed.stayed() && followed.largest_part <= MOST_SAMPLED
     }
 
-    /// The largest of all errors in parts of their bounds, at the samples of a loop whose control is constant within such
-    /// steps; `None` where one leaves.
-    pub fn sampled_part(&self, step: f64) -> Option<f64> {
+    /// How the reference is followed, at the samples of a loop whose control is constant within such steps.
+    pub fn follow_sampled(&self, step: f64) -> Followed {
         let (n, m) = self.B.shape();
+        let mut followed = Followed { largest_part: 0.0, left: 0.0, control: vec![[0.0; 2]; m], until: 0.0 };
         let mut whole = DMatrix::zeros(n + m, n + m);
         whole.view_mut((0, 0), (n, n)).copy_from(&(&self.A * step));
         whole.view_mut((0, n), (n, m)).copy_from(&(&self.B * step));
-        let over = exponential(whole)?;
+        let Some(over) = exponential(whole) else { return followed };
         let (A, B) = (over.view((0, 0), (n, n)), over.view((0, n), (n, m)));
         let mut x = DVector::zeros(n);
-        let samples = (FOLLOWED / step) as usize;
-        (0..samples).try_fold(0.0_f64, |largest, k| {
-            let now = self.answer(k as f64 * step, &x)?;
+        for k in 0..(FOLLOWED / step) as usize {
+            followed.until = k as f64 * step;
+            let Some(now) = self.answer(followed.until, &x) else { return followed };
+            followed.take(&now);
             x = A * &x + B * now.u;
-            Some(largest.max(now.largest_part))
-        })
+        }
+        followed.until = FOLLOWED;
+        followed
     }
 
     fn rates(&self, t: f64, x: &DVector<f64>) -> Option<DVector<f64>> {
@@ -207,11 +211,7 @@ impl<'a> Loop<'a> {
             h = h.min(FOLLOWED - t).max(1e-12);
             let Some(now) = self.answer(t, &x) else { break };
             look(t, &self.outputs[0] * &x, &now.u);
-            followed.largest_part = followed.largest_part.max(now.largest_part);
-            followed.left = now.error_part;
-            for ([lowest, highest], &u) in followed.control.iter_mut().zip(now.u.iter()) {
-                (*lowest, *highest) = (lowest.min(u), highest.max(u));
-            }
+            followed.take(&now);
             let f0 = &self.A * &x + &self.B * &now.u;
             let jacobian = &self.A + &self.B * now.gradient;
             let dt = 1e-7 * h;

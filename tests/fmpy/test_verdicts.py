@@ -6,7 +6,7 @@ from random import Random
 import pytest
 from random_plants import CLASSES, plant
 from sample import ALL, NUMBER
-from verdicts import Said, design, is_true, loop, within
+from verdicts import Said, design, is_true, loop, part_of_funnel, within
 
 KINDS = ["pid", "ladrc", "l1", "l1-limit", "l1-sampled"]
 # What is stable in continuous time with dead times of many steps: L1 takes none.
@@ -38,3 +38,4 @@ def test_what_check_says_of_funnels_with_uncertain_plants_is_so(number: int, tmp
         # An error that leaves its funnel ends the run.
         had = loop(within(nominal, random, k % 2 == 0), said, tmp_path)
         assert is_true(said, had), f"{said} {had}"
+        assert part_of_funnel(tmp_path) <= 1.1 * said.part + 0.02

@@ -3,6 +3,7 @@
 import csv
 import json
 import subprocess
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -26,6 +27,8 @@ class Said:
     settling: float
     overshoot: float
     control: list[tuple[float, float]]
+    # Largest error in parts of its bound, of a funnel.
+    part: float = 1.0
 
 
 @dataclass
@@ -62,7 +65,7 @@ def design(kind: str, plant: Plant, folder: Path) -> Said | str:
     control = [tuple(found[f"range of force{j}"][0]) for j in range(plant.B.shape[1])] if "range of force0" in found else []
     if "largest error" in found and report["sound"]:
         # A reference that starts smoothly from 0 s on, which is followed for 15/W.
-        return Said(True, 15 / plant.bandwidth, 0.1, control)
+        return Said(True, 15 / plant.bandwidth, float("inf"), control, found["largest error"])
     if "settling time" not in found:
         assert not report["sound"]
         return "not sound"
@@ -103,11 +106,25 @@ def loop(plant: Plant, said: Said, folder: Path) -> Had:
     return worst
 
 
-def take(worst: Had, i: int, results: Path) -> None:
-    """The step of a reference."""
+def signals(results: Path) -> dict[str, np.ndarray]:
+    """The signals of a run."""
     with next(results.rglob("result.csv")).open() as file:
         rows = list(csv.reader(file))
-    columns = dict(zip(rows[0], np.array(rows[1:], float).T, strict=True))
+    return dict(zip(rows[0], np.array(rows[1:], float).T, strict=True))
+
+
+def part_of_funnel(folder: Path) -> float:
+    """The largest error of the last run of a loop of one channel, in parts of its bound."""
+    start, columns = tomllib.loads((folder / "C.toml").read_text())["start"], signals(folder / "results")
+    psi_0, psi_inf, rate = (start[name][0] for name in ("psi_0", "psi_inf", "decay_rate"))
+    y = columns.get("plant.tracked0_output", columns.get("plant.tracked0"))
+    psi = (psi_0 - psi_inf) * np.exp(-rate * columns["time"]) + psi_inf
+    return float(np.max(np.abs(y - columns["reference.tracked0_reference"]) / psi))
+
+
+def take(worst: Had, i: int, results: Path) -> None:
+    """The step of a reference."""
+    columns = signals(results)
     t = columns["time"] - STEP_TIME
     for j in range(len(worst.control)):
         y, u = columns.get(f"plant.tracked{j}_output", columns.get(f"plant.tracked{j}")), columns[f"controller.force{j}"]

@@ -5,6 +5,8 @@ use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
 
+/// Iterations for each eigenvalue in which most matrices have all of theirs: three are usual.
+const FEW_ITERATIONS: usize = 60;
 /// Iterations in which the eigenvalues of any matrix that is scaled well enough are found, many times over.
 const MOST_ITERATIONS: usize = 10_000;
 
@@ -55,8 +57,13 @@ pub fn complex(a: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     }
     // At multiple eigenvalues the iteration may circle within a few roundings; for the transpose it goes other ways.
     let tolerances = [1.0, 4.0, 16.0, 64.0].map(|roundings| roundings * f64::EPSILON);
-    let attempts = tolerances.into_iter().flat_map(|eps| [(a.clone(), eps), (a.transpose(), eps)]);
-    let schur = attempts.into_iter().find_map(|(a, eps)| Schur::try_new(a, eps, MOST_ITERATIONS))?;
+    let forms = tolerances.into_iter().flat_map(|eps| [(eps, false), (eps, true)]);
+    let counts = [FEW_ITERATIONS * a.nrows(), MOST_ITERATIONS];
+    let mut attempts = counts.into_iter().flat_map(|count| forms.clone().map(move |form| (form, count)));
+    let schur = attempts.find_map(|((eps, is_transposed), count)| {
+        let matrix = if is_transposed { a.transpose() } else { a.clone() };
+        Schur::try_new(matrix, eps, count)
+    })?;
     Some(schur.complex_eigenvalues().iter().copied().collect())
 }
 

@@ -22,11 +22,15 @@ use crate::begun;
 pub const FOLDER: &str = "ADAPTIVE_FMU_CACHE";
 /// So many files are kept; the oldest go.
 const MOST_KEPT: usize = 500;
+/// A library stays for so long after a program began that loads it.
+const RECENT: Duration = Duration::from_secs(3600);
 /// What a process that was killed left unfinished goes after this time.
 const UNFINISHED: Duration = Duration::from_secs(3600);
 /// Number of the form of the files; those of other forms have other names.
 const FORM: &[u8] = b"2";
 
+/// Extension of libraries, which other processes load while they run.
+pub(crate) const LIBRARY: &str = "library";
 /// Digits that the name of a file begins with.
 const NAME: usize = 32;
 /// Length of a SHA-256 checksum.
@@ -137,11 +141,22 @@ impl Entry {
             self.note_damage();
         }
         if is_there(found) {
+            self.note_use();
             return true;
         }
         self.place(&[bytes]);
         // A disk may be full.
         is_there(self.bytes())
+    }
+
+    /// The file is used: it isn't one of the oldest, which go first.
+    fn note_use(&self) {
+        let is_old = |time: SystemTime| time.elapsed().is_ok_and(|age| age > RECENT / 4);
+        let modified = fs::metadata(&self.file).and_then(|found| found.modified());
+        if modified.is_ok_and(is_old) {
+            // Where it can't be noted, it goes earlier, and is made anew.
+            let _ = File::options().write(true).open(&self.file).and_then(|file| file.set_modified(SystemTime::now()));
+        }
     }
 
     /// The bytes of the file, where it is there.
@@ -231,13 +246,37 @@ fn tidy(folder: &Path) {
     let surplus = files.len().saturating_sub(MOST_KEPT);
     let is_old = |time: &SystemTime| time.elapsed().is_ok_and(|age| age > UNFINISHED);
     let is_left = |time: &SystemTime, file: &Path| is_old(time) && file.to_string_lossy().contains(".tmp");
-    let gone = files.iter().enumerate().filter(|(k, (time, file))| *k < surplus || is_left(time, file));
+    let is_loaded = |time: &SystemTime, file: &Path| {
+        let is_library = file.extension().is_some_and(|extension| extension == LIBRARY);
+        is_library && time.elapsed().is_ok_and(|age| age < RECENT)
+    };
+    let goes = |k: usize, time: &SystemTime, file: &Path| k < surplus && !is_loaded(time, file) || is_left(time, file);
+    let gone = files.iter().enumerate().filter(|(k, (time, file))| goes(*k, time, file));
     gone.for_each(|(_, (_, file))| _ = fs::remove_file(file));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_library_that_a_program_loads_stays_however_many_newer_files_there_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let held = Entry { file: folder.path().join("held").with_extension(LIBRARY) };
+        let old = Entry { file: folder.path().join("old").with_extension(LIBRARY) };
+        assert!(held.holds(b"library") && old.holds(b"other"));
+        let hours_ago = SystemTime::now() - 2 * RECENT;
+        for entry in [&held, &old] {
+            File::options().write(true).open(entry.file()).unwrap().set_modified(hours_ago).unwrap();
+        }
+        // A program begins.
+        assert!(held.holds(b"library"));
+        for k in 0..MOST_KEPT + 2 {
+            fs::write(folder.path().join(format!("{k}.kernel")), b"").unwrap();
+        }
+        tidy(folder.path());
+        assert_eq!([held.file().exists(), old.file().exists()], [true, false]);
+    }
 
     #[test]
     fn a_library_that_is_loaded_from_here_is_whole_or_made_anew() {

@@ -2,7 +2,7 @@
 //! them, and its limits.
 #![allow(non_snake_case)] // matrices have the names of the field
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::{Bounds, Errors, FunnelControl};
 use crate::controllers::at_limit::unit;
@@ -16,10 +16,8 @@ use crate::picture::{Curve, CurveOf, Picture};
 use crate::system::{DesignReport, Values, Verdict};
 use crate::template::three_digits;
 
-/// A run takes longer than a step of a linear loop: of so many plants that others try, one is.
-const LESS: usize = 4;
 /// So many samples of loops are computed.
-const MOST_SAMPLES: f64 = 1e6;
+const MOST_SAMPLES: f64 = 2e6;
 /// Points of a bound in a picture.
 const POINTS: u32 = 120;
 
@@ -88,7 +86,7 @@ impl Funnels {
             return report.judge("dead time", plant.delay / plant.bandwidth, "s", Verdict::NotSound, note);
         }
         let nominal = Place::nominal(plant.size());
-        let followed = self.of(plant, &nominal).follow();
+        let followed = self.follow(plant, &nominal, 1, unit);
         self.tell_followed(&followed, described, unit, report);
         let mut summary = self.words(&followed, unit);
         let mut shown = vec![(CurveOf::Nominal, nominal)];
@@ -106,17 +104,28 @@ impl Funnels {
         let plant = &described.plant;
         let (drawn, seed) = described.drawn;
         let mut places = vec![Place::nominal(plant.size())];
-        places.extend(Place::drawn(plant, (drawn / LESS).max(1), seed));
+        places.extend(Place::drawn(plant, drawn, seed));
         tell_number(&places, report);
-        let all: Vec<_> = places.iter().map(|place| self.of(plant, place).follow()).collect();
-        let (worst, mut numbers) = Followed::worst(&all);
-        report.worst = described.worst_plants(&numbers, &places, &["largest error"], unit);
+        let follow = |place: &Place| self.follow(plant, place, places.len(), unit);
+        let all: Vec<_> = places.iter().map(follow).collect();
+        let mut worst = all.iter().fold(all[0].clone(), |worst, one| worst.or_worse(one));
+        let mut shown = Vec::new();
+        for respect in 0..=unit.controls.len() {
+            let value = |one: &Followed| one.respects().nth(respect).unwrap_or(0.0);
+            let largest = (0..all.len()).max_by(|&one, &other| value(&all[one]).total_cmp(&value(&all[other])));
+            let largest = largest.unwrap_or(0);
+            let (place, _) = plant.worse(places[largest].clone(), value(&all[largest]), |other| {
+                let followed = follow(other);
+                worst = worst.clone().or_worse(&followed);
+                Some(value(&followed))
+            });
+            shown.push(place);
+        }
+        report.worst = described.worst_plants(&shown, &["largest error"], unit);
         self.tell_followed(&worst, described, unit, report);
-        self.tell_sampled(plant, &places, &all, unit, report);
-        numbers.sort_unstable();
-        numbers.dedup();
+        shown.dedup();
         let text = format!("; worst of {} plants: {}", places.len(), self.words(&worst, unit));
-        (text, numbers.into_iter().map(|number| places[number].clone()).collect())
+        (text, shown)
     }
 
     /// Adds pictures of outputs and controls.
@@ -152,34 +161,48 @@ impl Funnels {
         }
     }
 
+    /// How one of so many plants follows, with a control that is constant within communication steps where these aren't too many.
+    fn follow(&self, plant: &Uncertain, place: &Place, count: usize, unit: &Unit) -> Followed {
+        let (loop_, H) = (self.of(plant, place), unit.step * plant.bandwidth);
+        let is_sampled = H > 0.0 && FOLLOWED / H * count as f64 <= MOST_SAMPLES;
+        let mut followed = if is_sampled { loop_.follow_sampled(H) } else { loop_.follow() };
+        // What the outputs hardly show may move for longer: the control that holds them at their references.
+        let Some(rest) = self.at_rest(plant, place) else { return followed };
+        for ([low, high], &end) in followed.control.iter_mut().zip(rest.iter()) {
+            (*low, *high) = (low.min(end), high.max(end));
+        }
+        followed.largest_part = followed.largest_part.max(self.part_at_rest(&rest).unwrap_or(0.0));
+        followed
+    }
+
+    /// The controls with which the outputs stay at their references.
+    fn at_rest(&self, plant: &Uncertain, place: &Place) -> Option<DVector<f64>> {
+        let ([A, B], (n, m)) = (plant.at(place), plant.size());
+        let mut whole = DMatrix::zeros(n + m, n + m);
+        whole.view_mut((0, 0), (n, n)).copy_from(&A);
+        whole.view_mut((0, n), (n, m)).copy_from(&B);
+        whole.view_mut((n, 0), (m, n)).copy_from(&plant.C);
+        let mut ends = DVector::zeros(n + m);
+        self.channels.iter().enumerate().for_each(|(i, channel)| ends[n + i] = channel.reference);
+        let rest = whole.lu().solve(&ends)?;
+        Some(rest.rows(n, m).into_owned()).filter(|u| u.iter().all(|u| u.is_finite()))
+    }
+
+    /// The largest error of all levels that asks for controls which stay as they are.
+    fn part_at_rest(&self, u: &DVector<f64>) -> Option<f64> {
+        let asked = self.G.clone().lu().solve(u)?;
+        // That of the last level, e/(1 − e²) = asked/g.
+        let last = |(asked, channel): (&f64, &Channel)| {
+            let v = (asked / channel.g).abs();
+            if v == 0.0 { 0.0 } else { 2.0 * v / (1.0 + (1.0 + 4.0 * v * v).sqrt()) }
+        };
+        asked.iter().zip(&self.channels).map(last).reduce(f64::max)
+    }
+
     /// The loop of a plant within the bounds.
     fn of(&self, plant: &Uncertain, place: &Place) -> Loop<'_> {
         let [A, B] = plant.at(place);
         Loop::new([&A, &B, &plant.C], self.degree, &self.G, &self.channels)
-    }
-
-    /// If those with the largest errors stay inside with a control that is constant within communication steps.
-    fn tell_sampled(
-        &self,
-        plant: &Uncertain,
-        places: &[Place],
-        all: &[Followed],
-        unit: &Unit,
-        report: &mut DesignReport,
-    ) {
-        let H = unit.step * plant.bandwidth;
-        if H <= 0.0 {
-            return;
-        }
-        let mut order: Vec<_> = (0..all.len()).collect();
-        order.sort_by(|&one, &other| all[other].largest_part.total_cmp(&all[one].largest_part));
-        order.truncate(((MOST_SAMPLES * H / FOLLOWED) as usize).max(1));
-        let stays = |&number: &usize| self.of(plant, &places[number]).sampled_part(H).is_some();
-        if !order.iter().all(stays) {
-            let note = "with plants within the uncertainty and a control that is constant within steps the error leaves its funnel. \
-                        Use a shorter step";
-            report.judge("communication step", unit.step, "s", Verdict::NotSound, note);
-        }
     }
 
     /// "follows within 0.55 of its funnel, 0.6 % left in the end, peak of voltage 5 of 24"
@@ -204,7 +227,7 @@ impl Funnels {
     fn tell_followed(&self, followed: &Followed, described: &Described, unit: &Unit, report: &mut DesignReport) {
         let W = described.plant.bandwidth;
         if !followed.stayed() {
-            let note = "when the error leaves its funnel, for a reference that starts smoothly. Use a larger g, or a shorter tau";
+            let note = "when the error leaves its funnel, for a reference that starts smoothly. Use a larger g, a shorter tau, or a shorter step";
             return report.judge("leaves the funnel", three_digits(followed.until / W), "s", Verdict::NotSound, note);
         }
         let note = format!(

@@ -107,11 +107,9 @@ impl Described {
         let (summary, worst) = self.tell_region(&nominal, law, region, unit, report);
         report.summarise(summary);
         let settling = worst.iter().map(|(stepped, _)| stepped.settling).fold(nominal.settling, f64::max);
-        let mut numbers = worst.map_or_else(Vec::new, |(_, numbers)| numbers);
-        numbers.sort_unstable();
-        numbers.dedup();
-        let worst = numbers.iter().map(|&number| region.places()[number].clone()).collect();
-        Shown { described: self, parts: law.parts(), unit, worst, settling }.add(report);
+        let mut places = worst.map_or_else(Vec::new, |(_, places)| places);
+        places.dedup();
+        Shown { described: self, parts: law.parts(), unit, worst: places, settling }.add(report);
     }
 
     /// The steps of uncertain plants, where they are known: the summary, and the worst with their numbers.
@@ -122,33 +120,33 @@ impl Described {
         region: &Region,
         unit: &Unit,
         report: &mut DesignReport,
-    ) -> (String, Option<(Stepped, Vec<usize>)>) {
+    ) -> (String, Option<(Stepped, Vec<Place>)>) {
         let of_nominal = self.words(nominal, unit);
         if !self.is_known {
             return (of_nominal, None);
         }
         tell_number(region.places(), report);
-        let Some((worst, numbers)) = Stepped::worst(law, &self.plant, region.places(), &self.reference) else {
+        let Some((worst, places)) = Stepped::worst(law, &self.plant, region.places(), &self.reference) else {
             return (format!("{of_nominal}; some plants within the uncertainty are not stable"), None);
         };
         self.tell_steps(&worst, Verdict::Ok, unit, report);
-        report.worst = self.worst_plants(&numbers, region.places(), &["settling time", "overshoot"], unit);
+        report.worst = self.worst_plants(&places, &["settling time", "overshoot"], unit);
         let more = self.words(&worst, unit);
-        (format!("{of_nominal}; worst of {} plants: {more}", region.places().len()), Some((worst, numbers)))
+        (format!("{of_nominal}; worst of {} plants: {more}", region.places().len()), Some((worst, places)))
     }
 
-    /// The places with these numbers as plants, each once: the worst in these respects, and in those of the controls.
-    pub fn worst_plants(&self, numbers: &[usize], places: &[Place], respects: &[&str], unit: &Unit) -> Vec<WorstPlant> {
+    /// The plants at these places, each once: the worst in these respects, and in those of the controls.
+    pub fn worst_plants(&self, places: &[Place], respects: &[&str], unit: &Unit) -> Vec<WorstPlant> {
         let of_controls = unit.controls.iter().map(|control| format!("range of {control}"));
         let respects = respects.iter().map(|respect| (*respect).to_owned()).chain(of_controls);
-        let mut plants: Vec<(usize, WorstPlant)> = Vec::new();
-        for (respect, &number) in respects.zip(numbers) {
-            if let Some((_, plant)) = plants.iter_mut().find(|(other, _)| *other == number) {
+        let mut plants: Vec<(&Place, WorstPlant)> = Vec::new();
+        for (respect, place) in respects.zip(places) {
+            if let Some((_, plant)) = plants.iter_mut().find(|(other, _)| *other == place) {
                 plant.respects.push(respect);
                 continue;
             }
-            let [A, B] = self.plant.in_file(&places[number]).map(|matrix| lists(&matrix));
-            plants.push((number, WorstPlant { respects: vec![respect], A, B }));
+            let [A, B] = self.plant.in_file(place).map(|matrix| lists(&matrix));
+            plants.push((place, WorstPlant { respects: vec![respect], A, B }));
         }
         plants.into_iter().map(|(_, plant)| plant).collect()
     }

@@ -9,6 +9,9 @@ use crate::design::step::exponential;
 /// Steps of the fastest mode that is left, in 1/|p|: for an integral, and for extremes.
 const FINE: f64 = 0.04;
 const COARSE: f64 = 0.1;
+/// For extremes, after so many steps of such a size: what still oscillates then had its extremes, and decays.
+const FIRST: f64 = 2_000.0;
+const LATE: f64 = 0.9;
 /// A mode is over when it has decayed by e to this power.
 const OVER: f64 = 18.0;
 /// Steps at most until the next mode is over.
@@ -17,12 +20,12 @@ const MOST_STEPS: f64 = 20_000.0;
 const NEGLIGIBLE: f64 = 1e-12;
 
 /// Follows the state matrix X' = A X from X(0) until all modes are over, in such steps of the fastest
-/// mode that is left, in 1/|p|: each new X with the time since the one before. `None` where A isn't
+/// mode that is left, in 1/|p|, the first ones and later ones: each new X with the time since the one before. `None` where A isn't
 /// stable, or its numbers are too large.
 pub fn follow(
     A: &DMatrix<f64>,
     start: DMatrix<f64>,
-    step: f64,
+    [step, late]: [f64; 2],
     mut look: impl FnMut(f64, &DMatrix<f64>),
 ) -> Option<()> {
     let mut poles = poles_of(A)?;
@@ -36,15 +39,24 @@ pub fn follow(
     while let Some(pole) = poles.pop() {
         let until = OVER / -pole.re;
         let fastest = poles.iter().map(|pole| pole.norm()).fold(pole.norm(), f64::max);
-        let steps = ((until - time) * fastest / step).ceil().min(MOST_STEPS);
-        if steps < 1.0 {
+        if until <= time {
             continue;
         }
-        let h = (until - time) / steps;
-        let over_h = exponential(A * h)?;
-        for _ in 0..steps as usize {
-            state = &over_h * &state;
-            look(h, &state);
+        let all = ((until - time) * fastest / step).ceil();
+        let first = if step < late { all.min(FIRST) } else { all };
+        let rest = ((all - first) * step / late).ceil();
+        // The steps of both parts, of which each is even.
+        let part = (until - time) * first / all;
+        for (duration, steps) in [(part, first.min(MOST_STEPS)), (until - time - part, rest.min(MOST_STEPS))] {
+            if steps < 1.0 {
+                continue;
+            }
+            let h = duration / steps;
+            let over_h = exponential(A * h)?;
+            for _ in 0..steps as usize {
+                state = &over_h * &state;
+                look(h, &state);
+            }
         }
         time = until;
     }
@@ -55,7 +67,7 @@ pub fn follow(
 pub fn absolute_integral(A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let mut last = (C * B).abs();
     let mut integral = DMatrix::zeros(last.nrows(), last.ncols());
-    follow(A, B.clone(), FINE, |h, state| {
+    follow(A, B.clone(), [FINE; 2], |h, state| {
         let now = (C * state).abs();
         integral += (&last + &now) * (0.5 * h);
         last.copy_from(&now);
@@ -87,7 +99,7 @@ pub fn step(A: &DMatrix<f64>, b: &DVector<f64>, C: &DMatrix<f64>, d: &DVector<f6
     let start = DMatrix::from_columns(&[-&rest]);
     let mut signals: Vec<_> = end.iter().zip(d.iter()).map(|(&end, &first)| Signal::new(end, first)).collect();
     let mut time = 0.0;
-    follow(A, start, COARSE, |h, state| {
+    follow(A, start, [COARSE, LATE], |h, state| {
         time += h;
         signals.iter_mut().zip((C * state).iter()).for_each(|(signal, left)| signal.is(time, *left, band));
     })?;

@@ -5,6 +5,9 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::mathematics::balanced::balance;
 
+/// Of so many uncertain entries the signs are changed one by one.
+const FEW_ENTRIES: usize = 30;
+
 /// x' = (A ± ΔA) x + (B ± ΔB) u, y = C x, entry by entry, in balanced coordinates with time in 1/W.
 #[derive(Debug, Clone)]
 pub struct Uncertain {
@@ -90,6 +93,31 @@ impl Uncertain {
         self.B.shape()
     }
 
+    /// From a place with a value on to others whose value is larger, by trying either sign of each uncertain entry in turn, where
+    /// these are few. `value` is none where a place doesn't count.
+    pub fn worse(
+        &self,
+        mut place: Place,
+        mut largest: f64,
+        mut value: impl FnMut(&Place) -> Option<f64>,
+    ) -> (Place, f64) {
+        let entries = self.uncertain_entries();
+        let few = if entries.len() <= FEW_ENTRIES { &entries[..] } else { &[] };
+        for (entry, sign) in few.iter().flat_map(|&entry| [(entry, -1.0), (entry, 1.0)]) {
+            let other = place.with(entry, sign);
+            if let Some(found) = value(&other).filter(|found| *found > largest) {
+                (place, largest) = (other, found);
+            }
+        }
+        (place, largest)
+    }
+
+    /// The uncertain entries: those of A, then those of B, by columns.
+    fn uncertain_entries(&self) -> Vec<usize> {
+        let bounds = self.dA.iter().chain(self.dB.iter());
+        bounds.enumerate().filter(|(_, bound)| **bound > 0.0).map(|(entry, _)| entry).collect()
+    }
+
     /// True if some entry is uncertain.
     pub fn is_uncertain(&self) -> bool {
         self.dA.iter().chain(self.dB.iter()).any(|&bound| bound > 0.0)
@@ -128,6 +156,17 @@ impl Place {
     /// The nominal plant.
     pub fn nominal((n, m): (usize, usize)) -> Self {
         Place { A: DMatrix::zeros(n, n), B: DMatrix::zeros(n, m) }
+    }
+
+    /// The same with another value of an entry: of A, then of B, by columns.
+    #[must_use]
+    fn with(&self, entry: usize, value: f64) -> Self {
+        let mut place = self.clone();
+        match entry.checked_sub(place.A.len()) {
+            None => place.A[entry] = value,
+            Some(entry) => place.B[entry] = value,
+        }
+        place
     }
 
     /// Corners of the bounds of a plant.

@@ -33,25 +33,35 @@ impl Stepped {
         Self::each(law, plant, &[Place::nominal(plant.size())], sizes, SETTLED, |_| ())
     }
 
-    /// The worst of plants at these places, and the number of the place that is it in each [respect](Self::respects); `None`
-    /// where one isn't stable.
+    /// The worst of plants at these places, and in each [respect](Self::respects) the place that is it: of few uncertain entries
+    /// one that no other sign of an entry makes worse. `None` where a plant at one of the places isn't stable.
     pub fn worst(
         law: &impl LinearLaw,
         plant: &Uncertain,
         places: &[Place],
         sizes: &[f64],
-    ) -> Option<(Self, Vec<usize>)> {
-        let mut places_of = vec![(f64::NEG_INFINITY, 0); 2 + plant.B.ncols()];
+    ) -> Option<(Self, Vec<Place>)> {
+        let band = NARROWER * SETTLED;
+        let mut found = vec![(f64::NEG_INFINITY, 0); 2 + plant.B.ncols()];
         let mut number = 0;
-        let worst = Self::each(law, plant, places, sizes, NARROWER * SETTLED, |one| {
-            for (worst, value) in places_of.iter_mut().zip(one.respects()) {
+        let mut worst = Self::each(law, plant, places, sizes, band, |one| {
+            for (worst, value) in found.iter_mut().zip(one.respects()) {
                 if value > worst.0 {
                     *worst = (value, number);
                 }
             }
             number += 1;
         })?;
-        Some((worst, places_of.into_iter().map(|(_, number)| number).collect()))
+        let mut all = Vec::with_capacity(found.len());
+        for (respect, (value, number)) in found.into_iter().enumerate() {
+            let (place, _) = plant.worse(places[number].clone(), value, |other| {
+                let stepped = Self::each(law, plant, std::slice::from_ref(other), sizes, band, |_| ())?;
+                worst = worst.clone().or_worse(&stepped);
+                stepped.respects().nth(respect)
+            });
+            all.push(place);
+        }
+        Some((worst, all))
     }
 
     /// Settling time, overshoot, and the largest size of each control.

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use adaptive_fmu::designs::{Followed, WorstCase, report_page, worst_case};
+use adaptive_fmu::designs::{Followed, WorstCase, report_page, steps, worst_case};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library, Source};
+use adaptive_fmu::model::Description;
 use adaptive_fmu::nominal::WorstPlant;
 use adaptive_fmu::output;
 use adaptive_fmu::report::{DesignReport, Finding, Verdict, number};
@@ -18,6 +19,8 @@ use super::number::positive;
 /// Columns of names, and of values where the note stands beside them.
 const NAME: usize = 34;
 const VALUE: usize = 30;
+/// An output that ends farther from its reference, in parts of it, is worth a word.
+const FAR: f64 = 0.01;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -57,7 +60,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let source = exporter::find_description(name)?;
     let drawn = [("plants", arguments.plants), ("seed", arguments.seed)];
     let source = source.with_nominal(drawn.into_iter().filter_map(|(key, value)| Some((key, i64::from(value?)))))?;
-    let (unit, _) = exporter::describe(&source, &library)?;
+    let (mut unit, _) = exporter::describe(&source, &library)?;
+    run_loop(&source, &mut unit.report);
     let found = search(arguments, &source)?;
     if let Some(file) = &arguments.worst {
         write_worst(file, &unit.report, found.as_ref(), &source)?;
@@ -79,6 +83,45 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         }
     }
     Ok(exit_code(&unit.report))
+}
+
+/// Adds what the loop of the FMUs does where the report can't tell: for kinds whose loop isn't linear, and where limits act.
+fn run_loop(source: &Source, report: &mut DesignReport) {
+    let is_beyond = |finding: &Finding| finding.name.starts_with("range of ") && finding.verdict == Verdict::Warning;
+    let acts = report.findings.iter().any(is_beyond);
+    let has_plant = Description::read(&source.text).is_ok_and(|description| description.nominal.is_some());
+    if !has_plant || report.summary.is_some() && !acts {
+        return;
+    }
+    let ran = super::ready::units().and_then(|units| steps(source, &units));
+    report.section("Loop of the FMUs");
+    let Followed { settling, overshoot, off, peaks } = match ran {
+        Ok(followed) => followed,
+        Err(reason) => {
+            let note = format!("with its limits and its communication step: {reason}");
+            return report.judge("nominal loop", "fails", "", Verdict::Warning, note);
+        }
+    };
+    let note = "with the nominal plant, the limits of the control and the communication step: to 2 % of a step of the reference";
+    match settling {
+        Some(time) => report.tell("settling time", three_digits(time), "s", note),
+        None => report.judge("settling time", "does not settle", "", Verdict::Warning, note),
+    }
+    report.tell("overshoot", three_digits(100.0 * overshoot), "%", "beyond the reference");
+    report.tell("at rest", three_digits(100.0 * off), "%", "distance from the reference");
+    for (j, peak) in peaks.iter().enumerate() {
+        report.tell(&format!("peak of control {}", j + 1), three_digits(*peak), "", "largest size");
+    }
+    let settles = settling.map_or("does not settle".to_owned(), |time| format!("settles in {} s", digits(time)));
+    let rests = if off > FAR { format!(", ends {} % from the reference", digits(100.0 * off)) } else { String::new() };
+    let words = format!("{settles}, overshoot {} %{rests}", digits(100.0 * overshoot));
+    let summary = match report.summary.take() {
+        Some(summary) => format!("{summary}; with the limits of the control: {words}"),
+        None => {
+            format!("{words}, peak of the control {}", peaks.iter().copied().map(digits).collect::<Vec<_>>().join(", "))
+        }
+    };
+    report.summarise(summary);
 }
 
 /// The worst plant, where it is searched for.

@@ -1,6 +1,7 @@
 //! Candidates: a controller of each kind for a plant, as fast as it is asked to be, and what its loop does.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use super::series::{Course, Followed};
 use super::trial::{Noise, Trial};
@@ -15,9 +16,9 @@ use crate::model::{Description, Model};
 use crate::nominal::WorstPlant;
 use crate::plants::reference::Reference;
 use crate::plants::state_space::StateSpace;
-use crate::report::{DesignReport, Value};
+use crate::report::{DesignReport, Value, number};
 use crate::system::System;
-use crate::template::{Needs, Plant, Request, Sizes, number, three_digits};
+use crate::template::{Needs, Plant, Request, Sizes, three_digits};
 
 /// Names of the FMUs of plant and reference.
 pub const PLANT: &str = "Plant";
@@ -34,6 +35,8 @@ const STEPS: i32 = 24;
 /// A loop is run for so many of its settling times, or of 1/W where none is known.
 const LONGER: f64 = 3.0;
 const USUAL: f64 = 15.0;
+/// The runs of a candidate may take so long: an adaptation that is a thousand times faster than its loop takes minutes.
+const PATIENCE: Duration = Duration::from_secs(5);
 /// And at most for so many of the settling times that were asked for.
 const MOST: f64 = 5.0;
 
@@ -270,7 +273,7 @@ impl Task {
     /// The loop of a controller.
     fn trial(&self, kind: &Kind, attempt: &Attempt, folder: &Path, units: &Ready) -> Result<Trial, Error> {
         let written = self.written(kind, attempt, folder)?;
-        Trial::new(&written, attempt.step(), &self.plant, &self.sizes(), units)
+        Ok(Trial::new(&written, attempt.step(), &self.plant, &self.sizes(), units)?.within(PATIENCE))
     }
 
     /// Standard deviations of the controls at rest, where there is noise.

@@ -14,7 +14,7 @@ pub use page::{page, report_page};
 pub use rank::ranked;
 pub use series::{Course, Followed};
 pub use trial::Noise;
-pub use worst_case::{WorstCase, worst_case};
+pub use worst_case::{WorstCase, steps, worst_case};
 
 use crate::error::Error;
 use crate::scratch::Scratch;

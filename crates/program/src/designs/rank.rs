@@ -1,16 +1,17 @@
 //! The order in which candidates are recommended.
 
 use super::candidate::{Candidate, Task};
+use super::series::Followed;
 use crate::system::NO_LIMIT;
 
 /// The worst corner may settle in so many of the times that are asked for.
 const LATER: f64 = 1.5;
-/// And its output may end so far from the reference, in parts of it.
+/// An output that ends farther from its reference than this part of it isn't controlled.
 const FAR: f64 = 0.05;
 
-/// The numbers of the candidates, the recommended one first: sound ones, of these those whose worst corner settles within 1.5
-/// of the time that is asked for within 5 % of the reference, of these the one with the smallest peak of the controls with the worst corner, in parts of
-/// their limits or of the largest peak of any candidate.
+/// The numbers of the candidates, the recommended one first: sound ones, of these those whose outputs end within 5 % of their
+/// references with the worst corner, of these those that settle within 1.5 of the time that is asked for then, of these the one with
+/// the smallest peak of the controls then, in parts of their limits or of the largest peak of any candidate.
 pub fn ranked(task: &Task, candidates: &[Candidate]) -> Vec<usize> {
     let worst: Vec<_> =
         candidates.iter().map(|one| one.outcome.as_ref().ok().and_then(|design| design.worst())).collect();
@@ -23,22 +24,21 @@ pub fn ranked(task: &Task, candidates: &[Candidate]) -> Vec<usize> {
     let scales: Vec<_> = (0..controls).map(scale).collect();
     let key = |number: &usize| {
         let is_sound = candidates[*number].outcome.as_ref().is_ok_and(|design| design.is_sound());
-        let is_in_time = || {
-            let followed = worst[*number].as_ref().filter(|followed| followed.off <= FAR)?;
-            let settles = followed.settling?;
-            Some(task.settling_time.is_none_or(|time| settles <= LATER * time))
-        };
-        let peak = |followed: &super::Followed| {
-            followed.peaks.iter().zip(&scales).map(|(u, scale)| u / scale).fold(0.0, f64::max)
-        };
+        let worst = worst[*number].as_ref();
+        let is_near = worst.is_some_and(|followed| followed.off <= FAR);
+        let is_in_time = worst
+            .and_then(|followed| followed.settling)
+            .is_some_and(|settles| task.settling_time.is_none_or(|time| settles <= LATER * time));
+        let peak =
+            |followed: &Followed| followed.peaks.iter().zip(&scales).map(|(u, scale)| u / scale).fold(0.0, f64::max);
         let has_design = candidates[*number].outcome.is_ok();
-        let peak = worst[*number].as_ref().map_or(f64::INFINITY, peak);
-        (!has_design, !is_sound, !is_in_time().unwrap_or(false), peak)
+        let peak = worst.map_or(f64::INFINITY, peak);
+        ([!has_design, !is_sound, !is_near, !is_in_time], peak)
     };
     let mut order: Vec<_> = (0..candidates.len()).collect();
     order.sort_by(|one, other| {
         let (one, other) = (key(one), key(other));
-        (one.0, one.1, one.2).cmp(&(other.0, other.1, other.2)).then(one.3.total_cmp(&other.3))
+        one.0.cmp(&other.0).then(one.1.total_cmp(&other.1))
     });
     order
 }

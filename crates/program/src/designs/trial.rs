@@ -1,6 +1,8 @@
 //! The loop of a candidate and a linear plant, as FMUs that are stepped one after the other.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use super::series::{Course, Followed};
 use super::written::Written;
@@ -42,6 +44,8 @@ fn wishes(step: f64) -> Wishes {
 #[derive(Debug)]
 pub struct Trial {
     loaded: LoadedLoop,
+    /// Time that its runs may still take; any where there is no limit.
+    left: Option<Mutex<Duration>>,
     order: Order,
     /// Communication step, s.
     pub step: f64,
@@ -111,7 +115,13 @@ impl Trial {
         let outputs = outputs.ok_or_else(|| refuse("an output of the plant isn't in the loop".to_owned()))?;
         let controls = controls.ok_or_else(|| refuse("an input of the plant isn't connected".to_owned()))?;
         let (order, step, noise) = (structure.order, structure.step, Vec::new());
-        Ok(Trial { loaded, order, step, noise, sizes: sizes.to_vec(), outputs, controls })
+        Ok(Trial { loaded, left: None, order, step, noise, sizes: sizes.to_vec(), outputs, controls })
+    }
+
+    /// The same, all runs of which together may take so long.
+    #[must_use]
+    pub(super) fn within(self, limit: Duration) -> Self {
+        Trial { left: Some(Mutex::new(limit)), ..self }
     }
 
     /// Number of references.
@@ -166,6 +176,10 @@ impl Trial {
         self.run(self.of_reference(None), duration)
     }
 
+    fn left(&self) -> Option<Duration> {
+        self.left.as_ref().map(|left| *left.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     fn run(&self, start: impl IntoIterator<Item = (Place, f64)>, duration: f64) -> Result<Course, Error> {
         if duration / self.step > MOST_POINTS {
             let reason = format!(
@@ -178,7 +192,8 @@ impl Trial {
         let settings = Settings { start_time: 0.0, stop_time: duration, step: self.step, order: self.order };
         let mut course = Course::new(self.outputs.len(), self.controls.len());
         let largest = LOST * self.sizes.iter().copied().fold(0.0, f64::max);
-        let mut is_lost = false;
+        let (begun, left) = (Instant::now(), self.left());
+        let (mut is_lost, mut is_late) = (false, false);
         self.loaded.instantiate(&start)?.watch(settings, &[], |time, row| {
             course.times.push(time);
             for (values, &place) in course.outputs.iter_mut().zip(&self.outputs) {
@@ -186,8 +201,16 @@ impl Trial {
                 is_lost |= row[place].is_nan() || row[place].abs() > largest;
             }
             course.controls.iter_mut().zip(&self.controls).for_each(|(values, &place)| values.push(row[place]));
-            !is_lost
+            is_late = left.is_some_and(|left| begun.elapsed() > left);
+            !is_lost && !is_late
         })?;
+        if let Some(left) = &self.left {
+            let mut left = left.lock().unwrap_or_else(PoisonError::into_inner);
+            *left = left.saturating_sub(begun.elapsed());
+        }
+        if is_late {
+            return Err(Error::Argument(Invalid::because("its runs take too long to be compared")));
+        }
         if is_lost {
             return Err(Error::Argument(Invalid::because("the output grows without bound")));
         }

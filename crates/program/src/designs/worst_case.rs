@@ -24,6 +24,8 @@ use crate::tuning::{Motion, Swarm};
 const PARTICLES: usize = 24;
 /// A loop is run for so long, in 1/W.
 const DURATION: f64 = 20.0;
+/// Runs that nobody asked for may take so long.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The result of a search.
 #[derive(Debug)]
@@ -79,6 +81,26 @@ pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Re
     let plant = plant_at(&nominal, &bounds, &best);
     let followed = trial.steps(Some(&plant), duration).map(|(followed, _)| followed);
     Ok(WorstCase { plant, followed: followed.map_err(|error| error.to_string()), tried })
+}
+
+/// How the loop of a description with its nominal plant follows steps of the references, by runs of the FMUs: with the limits of the
+/// control and its communication step.
+///
+/// # Errors
+/// When the description has no nominal plant, its loop can't be closed by the names of its signals, or a run fails.
+pub fn steps(source: &Source, units: &Ready) -> Result<Followed, Error> {
+    let (description, nominal) = nominal_of(source)?;
+    let scratch = Scratch::new()?;
+    let trial = trial(&description, source, &nominal, scratch.path(), units)?.within(PATIENCE);
+    trial.steps(None, DURATION / nominal.bandwidth.unwrap_or(1.0)).map(|(followed, _)| followed)
+}
+
+fn nominal_of(source: &Source) -> Result<(Description, NominalPlant), Error> {
+    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+    let description = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
+    let nominal = description.nominal.clone();
+    let nominal = nominal.ok_or_else(|| refuse("there is no table [nominal] with the plant".to_owned()))?;
+    Ok((description, nominal))
 }
 
 /// An entry of A or of B, by row and column.

@@ -21,7 +21,7 @@ pub fn hold(library: &'static [u8]) {
 pub(super) fn file() -> Option<PathBuf> {
     let bytes = *HELD.get()?;
     let checksum = cache::digest(bytes);
-    if let Some(kept) = Entry::of("library", &[&checksum]).filter(|kept| kept.holds(bytes)) {
+    if let Some(kept) = Entry::of(cache::LIBRARY, &[&checksum]).filter(|kept| kept.holds(bytes)) {
         cache::known_or(kept.file(), bytes.len(), || checksum);
         return Some(kept.file().to_owned());
     }
