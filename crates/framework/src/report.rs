@@ -316,6 +316,12 @@ impl DesignReport {
             verdict = Verdict::NotSound;
             note = format!("not a finite number, so it shows nothing: {note}");
         }
+        // JSON has no such numbers.
+        let value = match value {
+            Value::Text(_) | Value::Number(_) => value,
+            several if several.is_finite() => several,
+            _ => Value::Text(NOT_A_NUMBER.to_owned()),
+        };
         self.findings.push(Finding { section, name, value, unit, verdict, note });
     }
 
@@ -371,6 +377,7 @@ mod tests {
         report.tell_unlimited("delay margin", "s", "");
         report.tell("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, 1e300]), "1/s", "");
         report.tell("between", Value::Between { lower: 1.0, upper: 2.0 }, "", "");
+        report.tell("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, f64::NAN]), "1/s", "");
         report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, -2.0]), false);
         report.eigenvalues("A", &DMatrix::from_element(1, 1, f64::NAN), true);
         let back: DesignReport = serde_json::from_str(&serde_json::to_string(&report).unwrap()).unwrap();
