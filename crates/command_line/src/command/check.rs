@@ -29,7 +29,7 @@ pub struct Arguments {
     /// Shared library that contains the model [default: the one built with this program]
     #[arg(long)]
     library: Option<PathBuf>,
-    /// Number of plants within the uncertainty of [nominal] to try [default: 200, half of them at corners]
+    /// Number of plants within the uncertainty of the nominal one to try [default: 200, half of them at corners]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     plants: Option<u32>,
     /// Seed of the random ones among them, and of --worst-case [default: 1]
@@ -42,7 +42,7 @@ pub struct Arguments {
     worst_case: Option<f64>,
     /// Write the plant with the longest settling time, or that of --worst-case, as a parameter set (.ssv)
     ///
-    /// Its parameters are plant.A[i,j] and plant.B[i,j], as for `run LOOP --case FILE.ssv`.
+    /// Its parameters are the elements of plant.A and plant.B, as for `run LOOP --case FILE.ssv`.
     #[arg(long, value_name = "FILE.ssv")]
     worst: Option<PathBuf>,
     /// Write the report as a page with pictures
@@ -61,7 +61,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let drawn = [("plants", arguments.plants), ("seed", arguments.seed)];
     let source = source.with_nominal(drawn.into_iter().filter_map(|(key, value)| Some((key, i64::from(value?)))))?;
     let (mut unit, _) = exporter::describe(&source, &library)?;
-    run_loop(&source, &mut unit.report);
+    // Units of another library aren't known here.
+    if arguments.library.is_none() {
+        run_loop(&source, &mut unit.report);
+    }
     let found = search(arguments, &source)?;
     if let Some(file) = &arguments.worst {
         write_worst(file, &unit.report, found.as_ref(), &source)?;
@@ -97,6 +100,8 @@ fn run_loop(source: &Source, report: &mut DesignReport) {
     report.section("Loop of the FMUs");
     let Followed { settling, overshoot, off, peaks } = match ran {
         Ok(followed) => followed,
+        // Names of its own, by which nothing is connected.
+        Err(Error::Loop { .. }) => return,
         Err(reason) => {
             let note = format!("with its limits and its communication step: {reason}");
             return report.judge("nominal loop", "fails", "", Verdict::Warning, note);
