@@ -27,7 +27,8 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let found = first::find::<ladrc::Ladrc>(&nominal, "active disturbance rejection controller", MOST_INTEGRATORS)?;
     let steps = first::steps(&nominal, &found, &ladrc::entry(&found.gains, &found.S, nominal.bandwidth))?;
     let fastest = found.gains.iter().map(|gains| gains.omega_o).fold(0.0, f64::max);
-    let mut text = request.begin(&Ladrc::PAGE, stop_time(found.speed * nominal.bandwidth), round_down(0.1 / fastest));
+    let step = first::step_within_margin(&plant, nominal.bandwidth, &found.controller, round_down(0.1 / fastest));
+    let mut text = request.begin(&Ladrc::PAGE, stop_time(found.speed * nominal.bandwidth), step);
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
     text.set("order", found.gains[0].order, "each output is taken for a chain of this many integrators");

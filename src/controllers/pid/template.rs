@@ -29,7 +29,8 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     // Without a derivative nothing is as fast as its filter.
     let rate = |gains: &pid::Gains| if gains.K_d > 0.0 { gains.N } else { 0.2 * gains.N };
     let fastest = found.gains.iter().map(rate).fold(0.0, f64::max);
-    let mut text = request.begin(&Pid::PAGE, stop_time(found.speed * nominal.bandwidth), round_down(0.1 / fastest));
+    let step = first::step_within_margin(&plant, nominal.bandwidth, &found.controller, round_down(0.1 / fastest));
+    let mut text = request.begin(&Pid::PAGE, stop_time(found.speed * nominal.bandwidth), step);
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
     write_units(&mut text, &[("y", &plant.y, m), ("u", &plant.u, m)]);

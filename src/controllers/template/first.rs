@@ -1,12 +1,19 @@
 //! Figures of its nominal loop in the text of a first design.
 #![allow(non_snake_case)] // W and M_s have the names of the field
 
-use crate::design::nominal::Nominal;
+use nalgebra::DMatrix;
+
+use crate::design::controller::Controller;
+use crate::design::nominal::{Nominal, poles_of};
+use crate::design::robustness::feedback::STEPS;
+use crate::design::robustness::linear::{LinearLaw, OutputFeedback};
+use crate::design::robustness::margins::margins;
+use crate::design::robustness::uncertain::Uncertain;
 use crate::design::search::{Found, Law, factor, search};
 use crate::design::step::{Entry, Step, step};
 use crate::design::{digits, limits, percent, reasons};
 use crate::error::Invalid;
-use crate::template::{Plant, Text, three_digits};
+use crate::template::{Plant, Text, round_down, three_digits};
 
 /// The steps of all references in the nominal loop of a design.
 ///
@@ -98,6 +105,21 @@ pub fn beyond_limits(plant: &Plant, extremes: &[[f64; 2]]) -> Option<String> {
         format!("from {} to {}", digits(lowest), digits(highest))
     };
     is_beyond.then(|| extremes.iter().map(range).collect::<Vec<_>>().join(", "))
+}
+
+/// The step, s, or a shorter one, whose delay the loop tolerates.
+pub fn step_within_margin(plant: &Plant, W: f64, controller: &Controller, step: f64) -> f64 {
+    let longest = || {
+        let ((n, m, _), k) = (plant.sizes(), controller.A.nrows());
+        let [dA, dB] = [DMatrix::zeros(n, n), DMatrix::zeros(n, m)];
+        let certain = Uncertain::new([&plant.A, &plant.B, &plant.C], [&dA, &dB], &plant.delays(), W)?;
+        let entry = Entry { B: DMatrix::zeros(k, m), D: DMatrix::zeros(m, m) };
+        let law = OutputFeedback { controller: controller.clone(), entry, C: certain.C.clone() };
+        let poles = poles_of(&law.parts().delayed(&certain.delays).closed(&certain.A, &certain.B))?;
+        Some(margins(&certain, &law, &poles)?.delay? / W / STEPS)
+    };
+    // A little shorter: the gains are rounded.
+    longest().filter(|longest| *longest < 1.1 * step).map_or(step, |longest| round_down(longest / 1.1))
 }
 
 /// The design of a law, or why there is none.

@@ -20,7 +20,7 @@ const DAMPING: [f64; 2] = [0.1, 0.3];
 /// Slowest pole, in W.
 const SLOWEST: f64 = 0.2;
 /// Steps that a delay margin has at least.
-const STEPS: f64 = 1.5;
+pub const STEPS: f64 = 1.5;
 
 /// Reports on the loop of a law with the plant of the description, where it has one: `law` makes it for that plant.
 pub fn tell(channels: usize, law: impl Fn(&Described) -> OutputFeedback, unit: &Unit, report: &mut DesignReport) {
