@@ -99,7 +99,7 @@ impl Funnels {
         self.show(&shown, described, unit, report);
     }
 
-    /// How uncertain plants follow: the worst in words, and those that are.
+    /// The worst of the uncertain plants in words, and those that are worst.
     fn tell_uncertain(&self, described: &Described, unit: &Unit, report: &mut DesignReport) -> (String, Vec<Place>) {
         let plant = &described.plant;
         let (drawn, seed) = described.drawn;

@@ -99,9 +99,9 @@ fn run_loop(source: &Source, report: &mut DesignReport) {
     let ran = super::ready::units().and_then(|units| steps(source, &units));
     report.section("Loop of the FMUs");
     let Followed { settling, overshoot, off, peaks } = match ran {
-        Ok(followed) => followed,
-        // Names of its own, by which nothing is connected.
-        Err(Error::Loop { .. }) => return,
+        Ok(Some(followed)) => followed,
+        // It would take too long, or has names of its own, by which nothing is connected.
+        Ok(None) | Err(Error::Loop { .. }) => return,
         Err(reason) => {
             let note = format!("with its limits and its communication step: {reason}");
             return report.judge("nominal loop", "fails", "", Verdict::Warning, note);

@@ -3,12 +3,11 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use adaptive_fmu::designs::{Candidate, Design, Followed, Kind, Noise, Task, files, page, ranked};
+use adaptive_fmu::designs::{Candidate, Design, Followed, Kind, Noise, Task, figures, files, page, ranked, shortfall};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::output::{Files, make_folder};
-use adaptive_fmu::report::number;
 use adaptive_fmu::scratch::Scratch;
-use adaptive_fmu::template::{Plant, three_digits};
+use adaptive_fmu::template::Plant;
 use adaptive_fmu::{near, parallel};
 use serde_json::{Value, json};
 
@@ -208,57 +207,19 @@ fn write(
     written.place().map_err(there_already)
 }
 
-fn rounded(value: f64) -> String {
-    number(three_digits(value))
-}
-
-/// "0.12 s", or a dash where there is none.
-fn time(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".to_owned(), |value| format!("{} s", rounded(value)))
-}
-
 /// The columns of the table.
 const COLUMNS: [&str; 9] =
     ["", "settles", "worst", "overshoot", "worst", "peak of the control", "noise", "margins", "operations"];
-
-fn row(task: &Task, name: &str, design: &Design) -> [String; 9] {
-    let (nominal, worst) = (design.followed(), design.worst());
-    let percent = |followed: Option<&Followed>| {
-        followed.map_or_else(
-            || "–".to_owned(),
-            |followed| format!("{} %", number((1000.0 * followed.overshoot).round() / 10.0)),
-        )
-    };
-    let peaks = |followed: &Followed| {
-        let limit =
-            |j: usize| task.plant.limits.as_ref().map(|[min, max]| max[j].max(-min[j])).filter(|limit| *limit < 1e15);
-        let peak = |(j, peak): (usize, &f64)| {
-            limit(j).map_or(rounded(*peak), |limit| format!("{} of {}", rounded(*peak), rounded(limit)))
-        };
-        followed.peaks.iter().enumerate().map(peak).collect::<Vec<_>>().join(", ")
-    };
-    [
-        name.to_owned(),
-        time(nominal.and_then(|followed| followed.settling)),
-        time(worst.as_ref().and_then(|followed| followed.settling)),
-        percent(nominal),
-        percent(worst.as_ref()),
-        worst.as_ref().map_or_else(|| "–".to_owned(), peaks),
-        design
-            .noise
-            .as_ref()
-            .map_or_else(String::new, |all| all.iter().copied().map(rounded).collect::<Vec<_>>().join(", ")),
-        design.margins(),
-        design.operations.to_string(),
-    ]
-}
 
 fn print(task: &Task, candidates: &[Candidate], order: &[usize], arguments: &Arguments) {
     let designed =
         order.iter().filter_map(|&place| Some((&candidates[place].kind, candidates[place].outcome.as_ref().ok()?)));
     let rows: Vec<_> = [COLUMNS.map(str::to_owned)]
         .into_iter()
-        .chain(designed.clone().map(|(kind, design)| row(task, &kind.name, design)))
+        .chain(designed.clone().map(|(kind, design)| {
+            let [settles, worst, overshoot, more, peaks, noise, margins, operations] = figures(task, design);
+            [kind.name.clone(), settles, worst, overshoot, more, peaks, noise, margins, operations]
+        }))
         .collect();
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
     let widths: Vec<_> = (0..COLUMNS.len()).map(width).collect();
@@ -271,7 +232,10 @@ fn print(task: &Task, candidates: &[Candidate], order: &[usize], arguments: &Arg
     say!("");
     for (place, (kind, design)) in designed.enumerate() {
         match design.reason() {
-            None if place == 0 => say!("{}: recommended", kind.name),
+            None if place == 0 => {
+                let but = shortfall(task, design).map_or_else(String::new, |what| format!(", although {what}"));
+                say!("{}: recommended{but}", kind.name);
+            }
             None => {}
             Some(reason) => say!("{}: not sound: {reason}", kind.name),
         }

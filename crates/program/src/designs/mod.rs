@@ -10,8 +10,8 @@ mod worst_case;
 mod written;
 
 pub use candidate::{Candidate, Design, Kind, PLANT, REFERENCE, Ran, Task};
-pub use page::{page, report_page};
-pub use rank::ranked;
+pub use page::{figures, page, report_page};
+pub use rank::{ranked, shortfall};
 pub use series::{Course, Followed};
 pub use trial::Noise;
 pub use worst_case::{WorstCase, steps, worst_case};

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::candidate::{Candidate, Design, Ran, Task};
+use super::rank::shortfall;
 use super::series::{Course, Followed};
 use crate::drawing::escaped;
 use crate::drawing::{CHARTS, KEY, push_pictures};
@@ -43,12 +44,15 @@ pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str)
         number(three_digits(100.0 * task.uncertainty))
     );
     let mut page = still(&format!("Controllers for {plant}"), &about, &format!("{CHARTS}{STYLE}"));
-    push_table(&mut page, candidates, order);
+    push_table(&mut page, task, candidates, order);
     page.push_str(KEY);
     for &place in order {
         let Candidate { kind, outcome } = &candidates[place];
         let Ok(design) = outcome else { continue };
         let _ = writeln!(page, "<h2>{}</h2>", escaped(&kind.name));
+        if let Some(what) = shortfall(task, design).filter(|_| design.is_sound()) {
+            let _ = writeln!(page, "<p>{}{}.</p>", what[..1].to_uppercase(), escaped(&what[1..]));
+        }
         if let Some(reason) = design.reason() {
             let _ = writeln!(page, "<p class=\"bad\">Not sound: {}.</p>", escaped(reason.trim_end_matches('.')));
         }
@@ -61,16 +65,20 @@ pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str)
     page
 }
 
-fn push_table(page: &mut String, candidates: &[Candidate], order: &[usize]) {
+fn push_table(page: &mut String, task: &Task, candidates: &[Candidate], order: &[usize]) {
     page.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>controller<th>verdict<th>settling time in s<th>of the worst plant\
-         <th>overshoot in %<th>of the worst plant<th>peak of the control<th>noise of the control<th>margins<th>operations a step\n",
+        "<div class=\"scroll\"><table>\n<tr><th>controller<th>verdict<th>settling time<th>of the worst plant\
+         <th>overshoot<th>of the worst plant<th>peak of the control<th>noise of the control<th>margins<th>operations a step\n",
     );
     for (turn, &place) in order.iter().enumerate() {
         let Candidate { kind, outcome } = &candidates[place];
         let first = if turn == 0 { " class=\"first\"" } else { "" };
         let _ = match outcome {
-            Ok(design) => writeln!(page, "<tr{first}><td>{}{}", escaped(&kind.name), cells(design)),
+            Ok(design) => {
+                let verdict = if design.is_sound() { "sound" } else { "not sound" };
+                let cells = figures(task, design).map(|text| format!("<td>{}", escaped(&text))).concat();
+                writeln!(page, "<tr{first}><td>{}<td>{verdict}{cells}", escaped(&kind.name))
+            }
             Err(reason) => writeln!(page, "<tr><td>{}<td colspan=\"9\">{}", escaped(&kind.name), escaped(reason)),
         };
     }
@@ -79,33 +87,37 @@ fn push_table(page: &mut String, candidates: &[Candidate], order: &[usize]) {
     );
 }
 
-fn cells(design: &Design) -> String {
+/// The figures of a candidate in words: settling time and overshoot with the nominal and with the worst plant, peaks and noise of the
+/// controls, margins, operations.
+pub fn figures(task: &Task, design: &Design) -> [String; 8] {
     let rounded = |value: f64| number(three_digits(value));
     let (nominal, worst) = (design.followed().cloned(), design.worst());
+    let none = || "–".to_owned();
     let time = |followed: &Option<Followed>| {
-        followed.as_ref().and_then(|followed| followed.settling).map_or_else(|| "–".to_owned(), rounded)
+        let settling = followed.as_ref().and_then(|followed| followed.settling);
+        settling.map_or_else(none, |time| format!("{} s", rounded(time)))
     };
     let overshoot = |followed: &Option<Followed>| {
-        followed.as_ref().map_or_else(|| "–".to_owned(), |followed| rounded(100.0 * followed.overshoot))
+        let percent = |followed: &Followed| number((1000.0 * followed.overshoot).round() / 10.0);
+        followed.as_ref().map_or_else(none, |followed| format!("{} %", percent(followed)))
     };
-    let peaks = |followed: &Followed| followed.peaks.iter().copied().map(rounded).collect::<Vec<_>>().join(", ");
-    let peaks = worst.as_ref().map_or_else(|| "–".to_owned(), peaks);
-    let verdict = if design.is_sound() { "sound" } else { "not sound" };
-    let texts = [
-        verdict.to_owned(),
+    let limits = task.plant.limits.as_ref();
+    let limit = |j: usize| limits.map(|[min, max]| max[j].max(-min[j])).filter(|limit| *limit < NO_LIMIT);
+    let peak = |(j, peak): (usize, &f64)| {
+        limit(j).map_or_else(|| rounded(*peak), |limit| format!("{} of {}", rounded(*peak), rounded(limit)))
+    };
+    let list = |all: &Vec<f64>| all.iter().copied().map(rounded).collect::<Vec<_>>().join(", ");
+    let peaks = |followed: &Followed| followed.peaks.iter().enumerate().map(peak).collect::<Vec<_>>().join(", ");
+    [
         time(&nominal),
         time(&worst),
         overshoot(&nominal),
         overshoot(&worst),
-        peaks,
-        design
-            .noise
-            .as_ref()
-            .map_or_else(String::new, |all| all.iter().copied().map(rounded).collect::<Vec<_>>().join(", ")),
+        worst.as_ref().map_or_else(none, peaks),
+        design.noise.as_ref().map_or_else(String::new, list),
         design.margins(),
         design.operations.to_string(),
-    ];
-    texts.iter().map(|text| format!("<td>{}", escaped(text))).collect()
+    ]
 }
 
 /// Outputs and controls of the step of the first reference.

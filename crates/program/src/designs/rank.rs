@@ -1,13 +1,35 @@
 //! The order in which candidates are recommended.
 
-use super::candidate::{Candidate, Task};
+use super::candidate::{Candidate, Design, Task};
 use super::series::Followed;
+use crate::report::number;
 use crate::system::NO_LIMIT;
+use crate::template::three_digits;
 
 /// The worst corner may settle in so many of the times that are asked for.
 const LATER: f64 = 1.5;
 /// An output that ends farther from its reference than this part of it isn't controlled.
 const FAR: f64 = 0.05;
+
+/// A lack of a sound candidate with the worst plant, in words; nothing where it does what was asked for.
+pub fn shortfall(task: &Task, design: &Design) -> Option<String> {
+    let worst = design.worst()?;
+    if !is_near(&worst) {
+        let off = number(three_digits(100.0 * worst.off));
+        return Some(format!("its output ends {off} % from the reference with the worst plant"));
+    }
+    let settles = number(three_digits(worst.settling?));
+    (!is_in_time(task, &worst)).then(|| format!("it settles in {settles} s with the worst plant"))
+}
+
+fn is_near(worst: &Followed) -> bool {
+    worst.off <= FAR
+}
+
+fn is_in_time(task: &Task, worst: &Followed) -> bool {
+    let settles = |settles: f64| task.settling_time.is_none_or(|time| settles <= LATER * time);
+    worst.settling.is_some_and(settles)
+}
 
 /// The numbers of the candidates, the recommended one first: sound ones, of these those whose outputs end within 5 % of their
 /// references with the worst corner, of these those that settle within 1.5 of the time that is asked for then, of these the one with
@@ -25,10 +47,7 @@ pub fn ranked(task: &Task, candidates: &[Candidate]) -> Vec<usize> {
     let key = |number: &usize| {
         let is_sound = candidates[*number].outcome.as_ref().is_ok_and(|design| design.is_sound());
         let worst = worst[*number].as_ref();
-        let is_near = worst.is_some_and(|followed| followed.off <= FAR);
-        let is_in_time = worst
-            .and_then(|followed| followed.settling)
-            .is_some_and(|settles| task.settling_time.is_none_or(|time| settles <= LATER * time));
+        let (is_near, is_in_time) = (worst.is_some_and(is_near), worst.is_some_and(|worst| is_in_time(task, worst)));
         let peak =
             |followed: &Followed| followed.peaks.iter().zip(&scales).map(|(u, scale)| u / scale).fold(0.0, f64::max);
         let has_design = candidates[*number].outcome.is_ok();

@@ -16,14 +16,14 @@ pub struct Course {
     pub controls: Vec<Vec<f64>>,
 }
 
-/// How a reference is followed.
+/// Figures of a step of a reference.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Followed {
     /// When all outputs stay within 2 % of the step about their ends, s; `None` where they do not.
     pub settling: Option<f64>,
-    /// How far the output goes beyond its reference, in parts of the step.
+    /// Distance that the output goes beyond its reference, in parts of the step.
     pub overshoot: f64,
-    /// How far it ends from the reference, in parts of the step.
+    /// Distance of its end from the reference, in parts of the step.
     pub off: f64,
     /// The largest size of each control.
     pub peaks: Vec<f64>,
@@ -35,7 +35,7 @@ impl Course {
         Course { times: Vec::new(), outputs: vec![Vec::new(); outputs], controls: vec![Vec::new(); controls] }
     }
 
-    /// How it follows a step of the reference of output `i`, where outputs have steps of these sizes.
+    /// Figures of a step of the reference of output `i`, where outputs have steps of these sizes.
     pub fn followed(&self, i: usize, sizes: &[f64]) -> Followed {
         let ends: Vec<_> = self.outputs.iter().map(|y| y.last().copied().unwrap_or(f64::NAN)).collect();
         let stays = |k: usize| {

@@ -1,6 +1,5 @@
 //! The loop of a candidate and a linear plant, as FMUs that are stepped one after the other.
 
-use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -11,7 +10,7 @@ use crate::fmu::Ready;
 use crate::league::bench::{Benched, SENSOR, benched};
 use crate::nominal::WorstPlant;
 use crate::simulation::{LoadedLoop, Place};
-use crate::structure::{Draft, Found, LoopFiles, Order, STRUCTURE, Settings, Structure, Wishes};
+use crate::structure::{Order, Settings, Structure, Wishes};
 use crate::template::Plant;
 
 /// Names in the loop.
@@ -63,7 +62,7 @@ impl Trial {
     /// # Errors
     /// When it can't be closed.
     pub fn new(written: &Written, step: f64, plant: &Plant, sizes: &[f64], units: &Ready) -> Result<Self, Error> {
-        Self::of(written.structure(wishes(step))?.0, plant, sizes, units)
+        Self::of_structure(written.structure(wishes(step))?.0, plant, sizes, units)
     }
 
     /// The same with sensors between the plant and what measures it.
@@ -82,7 +81,7 @@ impl Trial {
         let unit = unit.ok_or_else(|| plain.refuse(0, "there is no plant"))?;
         let described = units.fmu(&plain.description_of(&unit.fmu)?)?;
         let Benched { structure, measured, .. } = benched(&plain, plant.sizes().1, &described.description, 0)?;
-        let mut trial = Self::of(structure, plant, sizes, units)?;
+        let mut trial = Self::of_structure(structure, plant, sizes, units)?;
         let sensor = |what: String, value: f64| Some((trial.place(&format!("{SENSOR}.{what}"))?, value));
         let deviation = |(k, name): (usize, &String)| {
             let known = |noise: &&Noise| noise.signal.as_ref().is_none_or(|of| is_of(name, of));
@@ -94,7 +93,7 @@ impl Trial {
         Ok(trial)
     }
 
-    fn of(structure: Structure, plant: &Plant, sizes: &[f64], units: &Ready) -> Result<Self, Error> {
+    fn of_structure(structure: Structure, plant: &Plant, sizes: &[f64], units: &Ready) -> Result<Self, Error> {
         let loaded = LoadedLoop::of(&structure, |unit| units.fmu(&structure.description_of(&unit.fmu)?))?;
         let names = loaded.instantiate(&[])?.names().to_vec();
         let refuse = |what: String| Error::Loop { file: structure.file.clone(), reason: what };
@@ -176,6 +175,11 @@ impl Trial {
         self.run(self.of_reference(None), duration)
     }
 
+    /// True if no time is left for runs.
+    pub(super) fn is_spent(&self) -> bool {
+        self.left().is_some_and(|left| left.is_zero())
+    }
+
     fn left(&self) -> Option<Duration> {
         self.left.as_ref().map(|left| *left.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -209,7 +213,9 @@ impl Trial {
             *left = left.saturating_sub(begun.elapsed());
         }
         if is_late {
-            return Err(Error::Argument(Invalid::because("its runs take too long to be compared")));
+            return Err(Error::Argument(Invalid::because(
+                "its runs take too long to be compared here. `check` judges its design, and `run` runs its loop",
+            )));
         }
         if is_lost {
             return Err(Error::Argument(Invalid::because("the output grows without bound")));
@@ -229,19 +235,4 @@ impl Trial {
         }
         Ok((worst, first))
     }
-}
-
-/// The structure of a loop of descriptions, by the names of their signals, with its text, as it is to lie in a folder.
-///
-/// # Errors
-/// When they can't be connected.
-pub(super) fn draft(folder: &Path, files: &[String], wishes: Wishes) -> Result<(Structure, String), Error> {
-    let mut found = Found::new(folder);
-    let units = files.iter().map(|file| found.unit(&folder.join(file).to_string_lossy())).collect::<Result<_, _>>()?;
-    let draft = Draft::new(units, wishes);
-    if let Some(open) = draft.open().first() {
-        return Err(Error::Loop { file: folder.join(STRUCTURE), reason: open.clone() });
-    }
-    let text = draft.text();
-    Ok((Structure::parse(&text, &LoopFiles::within(folder))?, text))
 }

@@ -8,7 +8,7 @@ use super::candidate::{PLANT, REFERENCE, surroundings};
 use super::series::{Course, Followed};
 use super::trial::Trial;
 use super::written::Written;
-use crate::error::{Error, Invalid};
+use crate::error::Error;
 use crate::exporter::{Source, describe};
 use crate::fmu::Ready;
 use crate::model::Description;
@@ -32,7 +32,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub struct WorstCase {
     /// The plant.
     pub plant: WorstPlant,
-    /// How its loop follows, or why it fails.
+    /// Steps of its loop, or why it fails.
     pub followed: Result<Followed, String>,
     /// Number of plants that were tried.
     pub tried: usize,
@@ -45,10 +45,7 @@ pub struct WorstCase {
 /// When the description has no uncertain plant, or its loop can't be closed by the names of its signals.
 pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Result<WorstCase, Error> {
     let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-    let description = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
-    let nominal = description.nominal.clone();
-    let nominal =
-        nominal.ok_or_else(|| refuse("there is no table [nominal] with the plant to be varied".to_owned()))?;
+    let (description, nominal) = nominal_of(source)?;
     let bounds = bounds(&nominal).ok_or_else(|| refuse("[nominal] has no uncertainty".to_owned()))?;
     let scratch = Scratch::new()?;
     let trial = trial(&description, source, &nominal, scratch.path(), units)?;
@@ -56,6 +53,8 @@ pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Re
     let swarm_bounds = bounds.iter().map(|(_, low, high)| (*low, *high)).collect();
     let start = bounds.iter().map(|(_, low, high)| 0.5 * (low + high)).collect();
     let mut swarm = Swarm::new(PARTICLES, swarm_bounds, Some(start), Motion::default(), seed);
+    // What fails with the nominal plant isn't a plant's fault.
+    trial.course(0, None, duration)?;
     let (begun, mut tried) = (Instant::now(), 0);
     let threads = vec![(); parallel::cores()];
     loop {
@@ -83,16 +82,19 @@ pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Re
     Ok(WorstCase { plant, followed: followed.map_err(|error| error.to_string()), tried })
 }
 
-/// How the loop of a description with its nominal plant follows steps of the references, by runs of the FMUs: with the limits of the
-/// control and its communication step.
+/// Steps of the references in the loop of a description and its nominal plant, by runs of the FMUs: with the limits of the
+/// control and its communication step. `None` where they take too long.
 ///
 /// # Errors
 /// When the description has no nominal plant, its loop can't be closed by the names of its signals, or a run fails.
-pub fn steps(source: &Source, units: &Ready) -> Result<Followed, Error> {
+pub fn steps(source: &Source, units: &Ready) -> Result<Option<Followed>, Error> {
     let (description, nominal) = nominal_of(source)?;
     let scratch = Scratch::new()?;
     let trial = trial(&description, source, &nominal, scratch.path(), units)?.within(PATIENCE);
-    trial.steps(None, DURATION / nominal.bandwidth.unwrap_or(1.0)).map(|(followed, _)| followed)
+    match trial.steps(None, DURATION / nominal.bandwidth.unwrap_or(1.0)) {
+        Err(_) if trial.is_spent() => Ok(None),
+        ran => ran.map(|(followed, _)| Some(followed)),
+    }
 }
 
 fn nominal_of(source: &Source) -> Result<(Description, NominalPlant), Error> {
@@ -190,8 +192,10 @@ fn trial(
     let surroundings = surroundings(&plant, &reference, bandwidth, 0.0)?;
     let own = (description.name.clone(), source.text.clone());
     if [PLANT, REFERENCE].contains(&own.0.as_str()) {
-        let reason = format!("{}: the name of another unit of the loop; give the controller another name", own.0);
-        return Err(Error::Argument(Invalid::because(reason)));
+        return Err(Error::Loop {
+            file: source.file.clone(),
+            reason: format!("{} is the name of another unit of the loop; give the controller another name", own.0),
+        });
     }
     let written = Written::new(folder, surroundings.into_iter().chain([own]))?;
     Trial::new(&written, description.experiment.step, &plant, &reference, units)

@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::trial::draft;
 use crate::error::Error;
-use crate::structure::{Structure, Wishes};
+use crate::structure::{Draft, Found, LoopFiles, STRUCTURE, Structure, Wishes};
 
 /// Files of a loop: descriptions of its units.
 #[derive(Debug, Clone)]
@@ -37,11 +36,18 @@ impl Written {
         self
     }
 
-    /// The loop that they make, and its text.
+    /// The loop that they make by the names of their signals, and its text.
     ///
     /// # Errors
     /// When they can't be connected.
     pub fn structure(&self, wishes: Wishes) -> Result<(Structure, String), Error> {
-        draft(&self.folder, &self.files, wishes)
+        let mut found = Found::new(&self.folder);
+        let unit = |file: &String| found.unit(&self.folder.join(file).to_string_lossy());
+        let draft = Draft::new(self.files.iter().map(unit).collect::<Result<_, _>>()?, wishes);
+        if let Some(open) = draft.open().first() {
+            return Err(Error::Loop { file: self.folder.join(STRUCTURE), reason: open.clone() });
+        }
+        let text = draft.text();
+        Ok((Structure::parse(&text, &LoopFiles::within(&self.folder))?, text))
     }
 }

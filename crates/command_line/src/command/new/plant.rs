@@ -48,7 +48,7 @@ pub struct Asked<'a> {
     pub step: Option<f64>,
     /// Its start values.
     pub set: &'a [(String, String)],
-    /// Where it runs.
+    /// Process in which it runs.
     pub hosting: HostingOptions,
 }
 
