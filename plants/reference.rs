@@ -9,7 +9,7 @@ use crate::system::{
     Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Parameter, Point, Scalar, Signal, Signals, System, Unit,
     Values, VectorOf, any, matrix, quantities, selection, smaller, vector,
 };
-use crate::template::{Begun, Plant, Request, Sizes, Template, all, experiment, named, number, write_names};
+use crate::template::{Begun, Plant, Request, Sizes, Template, all, experiment, list, named, number, write_names};
 
 /// Steps that each channel can have.
 const STEPS: usize = 4;
@@ -319,14 +319,14 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     write_names(&mut text, &[("r", named(&signals, "_reference"))]);
     text.table("start");
     text.comment("r = s(t) (offset + slope t + cosine + sine + square) + steps; what isn't set is 0.");
-    let height = request.reference;
-    for i in 1..=m {
+    let heights = request.references(m)?;
+    for (i, height) in (1..).zip(&heights) {
         text.set(&format!("\"step_time[{i},1]\""), "1.0", "s, when the first of four steps is taken");
-        text.set(&format!("\"step_height[{i},1]\""), number(height), "its height");
+        text.set(&format!("\"step_height[{i},1]\""), number(*height), "its height");
     }
     text.suggest("offset", all(0.0, m), "constant part");
-    text.suggest("sine_amplitude", all(height, m), "with sine_frequency (rad/s) and sine_phase (rad)");
-    text.suggest("square_amplitude", all(height, m), "with square_frequency (Hz) and square_phase (rad)");
+    text.suggest("sine_amplitude", list(&heights), "with sine_frequency (rad/s) and sine_phase (rad)");
+    text.suggest("square_amplitude", list(&heights), "with square_frequency (Hz) and square_phase (rad)");
     text.suggest("smooth_start_rate", all(1.0, m), "1/s, rate of the smooth start s(t); 0 is none");
     Ok(text.finish())
 }

@@ -12,7 +12,7 @@ import pandas as pd
 from ._loop import Loop
 from ._plant import PathLike, plant_file
 from ._pool import done
-from ._values import number
+from ._values import number, numbers
 
 
 class Designed:
@@ -84,7 +84,7 @@ def design(
     measured: Sequence[str] | None = None,
     uncertainty: float = 0.2,
     kinds: Sequence[str] = (),
-    reference: float = 1.0,
+    reference: float | Sequence[float] = 1.0,
     noise: float | dict[str, float] | None = None,
     out: PathLike = "design",
     force: bool = False,
@@ -102,7 +102,7 @@ def design(
     measured: names of the states that are measured, in addition to the outputs. Default: None, all are measured.
     uncertainty: uncertainty of each number of A and B as a part of it, 0.2 for 20 %.
     kinds: kinds of controllers to try, such as "pid" or "l1". Default: all that `design` knows.
-    reference: usual magnitude of the reference, in the output's unit of measurement. Default: 1.
+    reference: usual magnitude of the reference, in the output's unit of measurement, or of each reference. Default: 1.
     noise: standard deviation of the noise of all measured signals, or of some of them by name. Default: None, no noise.
     out: folder for descriptions (NAME.toml), the loop of the recommended controller and a page. Default: "design".
     force: True to overwrite existing files. Default: False.
@@ -120,7 +120,7 @@ def design(
         "--json",
         f"--out={os.fspath(folder)}",
         f"--uncertainty={number(uncertainty)}",
-        f"--reference={number(reference)}",
+        f"--reference={numbers(reference)}",
     ]
     for option, value in (("--settling-time", settling_time), ("--bandwidth", bandwidth)):
         request += [f"{option}={number(value)}"] if value is not None else []

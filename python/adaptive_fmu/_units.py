@@ -16,7 +16,7 @@ from ._plant import PathLike, plant_file
 from ._pool import ask, done
 from ._progress import shown
 from ._result import Result, result_of
-from ._values import Value, number, words
+from ._values import Value, number, numbers, words
 
 
 def fmus() -> pd.DataFrame:
@@ -113,7 +113,7 @@ def new(
     inputs: int | None = None,
     outputs: int | None = None,
     bandwidth: float | None = None,
-    reference: float = 1.0,
+    reference: float | Sequence[float] = 1.0,
     uncertainty: float | None = None,
     force: bool = False,
 ) -> Path:
@@ -129,9 +129,9 @@ def new(
     outputs: number of outputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1.
     bandwidth: minimum bandwidth of the controlled system, rad/s. Default: that of the plant's slowest pole not at 0; 2 rad/s if
         all poles are at 0, and for the kind "neuro-ppf".
-    reference: usual magnitude of the reference, in the output's unit of measurement. Default: 1.
-    uncertainty: uncertainty of the numbers of `plant` as a part of them, 0.2 for 20 %, which the description of a "pid", "ladrc" or
-        "funnel" keeps. Default: None, not given.
+    reference: usual magnitude of the reference, in the output's unit of measurement, or of each reference. Default: 1.
+    uncertainty: uncertainty of the numbers of `plant` as a part of them, 0.2 for 20 %. L1 controllers are designed for it, other
+        descriptions keep it for `check`. Default: None, not given.
     force: True to overwrite an existing file. Default: False.
 
     Raises `Error` if no controller can be designed for the plant, or if the file exists and `force` is False.
@@ -142,7 +142,7 @@ def new(
     'Motor.toml'
     """
     file = Path(file)
-    request = ["new", kind, f"--name={file.stem}", f"--out={os.fspath(file)}", f"--reference={number(reference)}"]
+    request = ["new", kind, f"--name={file.stem}", f"--out={os.fspath(file)}", f"--reference={numbers(reference)}"]
     for option, size in (("--states", states), ("--inputs", inputs), ("--outputs", outputs)):
         request += [f"{option}={size}"] if size is not None else []
     request += [f"--bandwidth={number(bandwidth)}"] if bandwidth is not None else []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any, Union
 
@@ -42,6 +42,13 @@ def number(value: Any) -> str:
     if isinstance(value, Real):
         return repr(float(value))
     raise ArgumentError(f"{value!r} is not allowed. It must be a number, e.g. 0.5")
+
+
+def numbers(values: Any) -> str:
+    """Return the texts of one number or several, with commas between them."""
+    if isinstance(values, (Sequence, np.ndarray)) and not isinstance(values, str):
+        return ",".join(number(value) for value in values)
+    return number(values)
 
 
 def of_units(values: Mapping[str, Value] | None, units: Mapping[str, Mapping[str, Value]]) -> dict[str, Value]:

@@ -5,14 +5,14 @@
 
 use crate::mathematics::performance::{self, Bounds, Performance};
 use crate::system::{
-    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, Parameter, Point, Scalar,
-    Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, larger, vector,
+    BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, DiscreteSpec, IntegerOf, Invalid, Parameter,
+    Point, Scalar, Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, larger, vector,
 };
 
 /// Where the funnel re-opens, in parts of the distance of its bounds.
-const EDGE: f64 = 1e-6;
+pub(super) const EDGE: f64 = 1e-6;
 /// How wide it re-opens, in parts of the error.
-const WIDER: f64 = 1.25;
+pub(super) const WIDER: f64 = 1.25;
 
 /// Start values of a funnel that is wide, to both sides, and stays so.
 pub(super) const OPEN: &str = "rho_0 = 10.0\nrho_inf = 9.0\ndecay_rate = 0.0\nfunnel = 'symmetric'\novershoot = 1.0\n";
@@ -38,7 +38,7 @@ impl Choice for Shape {
 
 /// What happens when an error leaves its funnel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum OnExit {
+pub(super) enum OnExit {
     Error,
     Reopen,
 }
@@ -49,6 +49,13 @@ impl Choice for OnExit {
         (Self::Error, "error", "the step is an error: the law is not defined outside"),
         (Self::Reopen, "reopen", "the channel's funnel opens to 1.25 times the error, and closes again at its rate"),
     ];
+}
+
+impl OnExit {
+    /// The parameter of that.
+    pub fn parameter() -> DiscreteSpec<Self> {
+        choice("on_funnel_exit", "answer to an error that leaves its funnel")
+    }
 }
 
 /// One funnel a channel.
@@ -125,7 +132,7 @@ impl Funnel {
                 .max(1.0)
                 .fixed(),
             ),
-            on_exit: d.parameter(choice::<OnExit>("on_funnel_exit", "answer to an error that leaves its funnel")),
+            on_exit: d.parameter(OnExit::parameter()),
             opened_to: d.discrete(vector("#opened_to", m, "").hidden()),
             opened_at: d.discrete(vector("#opened_at", m, "").hidden()),
             is_positive: (0..m)

@@ -5,12 +5,14 @@
 //! Automatica 87 (2018) 345–357.
 #![allow(non_snake_case)] // matrices have the names of the field
 
+mod leaving;
 mod report;
 mod template;
 
 use serde::{Deserialize, Serialize};
 
-use super::at_limit::{Guarantee, Limited, manual, unlimited};
+use super::at_limit::{Guarantee, Limited, REOPENED_OR_AT_LIMIT, manual, unlimited};
+use super::funnel::OnExit;
 use super::in_command::InCommand;
 use super::supervised::Supervised;
 use super::units::{OutputUnits, Quantities, check_channels, of_matrix, with_derivatives};
@@ -19,8 +21,9 @@ use crate::mathematics::limits::{self, within};
 use crate::mathematics::performance::Performance;
 use crate::pages::{self, Page};
 use crate::system::{
-    BooleanOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Rates, Scalar,
-    ScalarOf, Signal, Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
+    BooleanOf, ChoiceOf, Declaration, DesignReport, Discrete, Input, IntegerOf, Invalid, MatrixOf, Parameter, Point,
+    Rates, Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, Warning, boolean, integer, matrix,
+    scalar, vector,
 };
 use crate::template::{Needs, Sizes, Template};
 
@@ -65,6 +68,9 @@ struct Bounds {
     end: VectorOf<Parameter>,
     decay_rate: VectorOf<Parameter>,
     psi: VectorOf<Signal>,
+    /// What ψ was when it opened, and when that was, s.
+    opened_to: VectorOf<Discrete>,
+    opened_at: VectorOf<Discrete>,
 }
 
 impl Bounds {
@@ -81,6 +87,8 @@ impl Bounds {
             end: d.parameter(bound("psi_inf", "in the end").start(0.1).positive()),
             decay_rate: d.parameter(vector(&format!("decay_rate{end}"), m, &rate).unit("1/s").start(1.0).min(0.0)),
             psi: d.local(bound("psi", "in force")),
+            opened_to: d.discrete(vector(&format!("#opened_to{end}"), m, "").hidden()),
+            opened_at: d.discrete(vector(&format!("#opened_at{end}"), m, "").hidden()),
         }
     }
 
@@ -88,9 +96,15 @@ impl Bounds {
         (0..self.start.len()).for_each(|i| v.require_at_most(self.end.at(i), self.start.at(i)));
     }
 
-    /// At a time after they opened.
-    fn at<S: Scalar>(&self, i: usize, since: S, v: &Values<S>) -> S {
-        Performance::at(since, v[self.start][i], v[self.end][i], v[self.decay_rate][i]).rho
+    /// They open at a time.
+    fn open<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        v.copy(self.start, self.opened_to);
+        v[self.opened_at].fill(t);
+    }
+
+    fn at<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> S {
+        let since = t - v[self.opened_at][i];
+        Performance::at(since, v[self.opened_to][i], v[self.end][i], v[self.decay_rate][i]).rho
     }
 }
 
@@ -127,12 +141,15 @@ pub struct FunnelControl {
     /// u before its limits.
     unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
-    /// When the bounds opened.
-    opened_at: ScalarOf<Discrete>,
-    /// True if every error was inside then.
+    /// True if every error was inside when the bounds opened.
     began_inside: BooleanOf<Discrete>,
     supervised: Supervised,
     guarantee: Guarantee,
+    on_exit: ChoiceOf<Parameter, OnExit>,
+    reopened: IntegerOf<Discrete>,
+    left: Warning,
+    /// The first of its event indicators, one a channel.
+    indicator: usize,
 }
 
 impl System for FunnelControl {
@@ -206,11 +223,14 @@ impl System for FunnelControl {
             ),
             in_command: InCommand::declare(d, takes_over, manual(&u_units, &of_u)),
             asked: d.local(vector("#asked", m, "").hidden()),
-            opened_at: d.discrete(scalar("#opened_at", "").hidden()),
             began_inside: d.discrete(boolean("#began_inside", "").hidden()),
             unlimited,
             supervised: Supervised::declare(d, limited),
-            guarantee: Guarantee::declare(d, limited, "a control at its limit, where the funnel isn't guaranteed"),
+            guarantee: Guarantee::declare(d, limited, REOPENED_OR_AT_LIMIT),
+            on_exit: d.parameter(OnExit::parameter()),
+            reopened: d.discrete(integer("funnel_reopened", "how often a funnel was re-opened").output()),
+            left: d.warning("logFunnel", REOPENED_OR_AT_LIMIT),
+            indicator: d.indicators(vec![""; m]),
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
@@ -230,7 +250,8 @@ impl System for FunnelControl {
     /// The bounds open.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let enabled = self.in_command.begin(v);
-        v[self.opened_at] = t;
+        v.put(self.reopened, S::integer(0));
+        self.open(t, v);
         v[self.u_b].fill(S::from(0.0));
         let inside = self.all_inside(t, &v.values());
         v.put(self.began_inside, inside | !enabled);
@@ -238,16 +259,16 @@ impl System for FunnelControl {
 
     /// u = −G g e_ρ/(1 − e_ρ²) + u_b, or the manual control, within the limits.
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
-        let (since, active) = (t - v[self.opened_at], self.in_command.is_active(v));
+        let active = self.in_command.is_active(v);
         let acts = active & v.get(self.began_inside);
         for i in 0..self.u.len() {
             y[self.e][i] = self.error(0, i, v);
-            y[self.bounds.psi][i] = self.bounds.at(i, since, v);
+            y[self.bounds.psi][i] = self.bounds.at(i, t, v);
             if let Errors::TwoFunnels { second, .. } = &self.errors {
-                y[second.psi][i] = second.at(i, since, v);
+                y[second.psi][i] = second.at(i, t, v);
             }
-            let levels = self.levels(i, since, v);
-            y[self.asked][i] = S::branch(acts, || self.asked(i, &levels, since, v), || S::from(0.0));
+            let levels = self.levels(i, t, v);
+            y[self.asked][i] = S::branch(acts, || self.asked(i, &levels, t, v), || S::from(0.0));
             for (level, part) in levels.into_iter().enumerate().take(self.parts.shape().1) {
                 // Outside, where the law isn't in force, what follows from the first is no number.
                 y[self.parts.at(i, level)] = if level == 0 { part } else { S::select(acts, part, S::from(0.0)) };
@@ -277,13 +298,18 @@ impl System for FunnelControl {
         });
     }
 
-    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
         self.in_command.event_indicators(v, z);
+        let reopens = self.reopens(v);
+        for i in 0..self.u.len() {
+            z[self.indicator + i] = S::branch(reopens, || self.distance(i, t, v), || S::from(1.0));
+        }
     }
 
-    /// Takes over, or hands over, where `enabled` has changed.
+    /// Takes over, or hands over, where `enabled` has changed; re-opens what errors have left.
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.in_command.event(v, |v| self.take_over(t, v));
+        self.reopen_left(t, v);
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
@@ -304,9 +330,21 @@ impl FunnelControl {
         v[self.y[derivative]][i] - v[self.r[derivative]][i]
     }
 
+    /// The bounds open.
+    fn open<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.bounds.open(t, v);
+        if let Errors::TwoFunnels { second, .. } = &self.errors {
+            second.open(t, v);
+        }
+    }
+
     /// The errors of a channel in parts of their bounds, level by level; as many as there are, then zeros.
-    fn levels<S: Scalar>(&self, i: usize, since: S, v: &Values<S>) -> [S; MOST_DEGREE] {
-        let psi = self.bounds.at(i, since, v);
+    fn levels<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> [S; MOST_DEGREE] {
+        self.levels_within(self.bounds.at(i, t, v), i, t, v)
+    }
+
+    /// The same with ψ as if it were this.
+    fn levels_within<S: Scalar>(&self, psi: S, i: usize, t: S, v: &Values<S>) -> [S; MOST_DEGREE] {
         let mut levels = [S::from(0.0); MOST_DEGREE];
         levels[0] = self.error(0, i, v) / psi;
         match &self.errors {
@@ -320,19 +358,23 @@ impl FunnelControl {
             }
             // e_1 = e' + g_0 e/(1 − (e/ψ)²)
             Errors::TwoFunnels { g_0, second } => {
-                let e_1 = self.error(1, i, v) + v[*g_0][i] * psi * barrier(levels[0]);
-                levels[1] = e_1 / second.at(i, since, v);
+                levels[1] = self.second_error(*g_0, psi, i, v) / second.at(i, t, v);
             }
         }
         levels
     }
 
+    /// e_1 = e' + g_0 e/(1 − (e/ψ)²)
+    fn second_error<S: Scalar>(&self, g_0: VectorOf<Parameter>, psi: S, i: usize, v: &Values<S>) -> S {
+        self.error(1, i, v) + v[g_0][i] * psi * barrier(self.error(0, i, v) / psi)
+    }
+
     /// What a channel asks for: g times the last error, over 1 less its square in parts of its bound.
-    fn asked<S: Scalar>(&self, i: usize, levels: &[S; MOST_DEGREE], since: S, v: &Values<S>) -> S {
+    fn asked<S: Scalar>(&self, i: usize, levels: &[S; MOST_DEGREE], t: S, v: &Values<S>) -> S {
         let last = barrier(levels[self.parts.shape().1 - 1]);
         match &self.errors {
             Errors::Filtered { .. } => v[self.g][i] * last,
-            Errors::TwoFunnels { second, .. } => v[self.g][i] * second.at(i, since, v) * last,
+            Errors::TwoFunnels { second, .. } => v[self.g][i] * second.at(i, t, v) * last,
         }
     }
 
@@ -342,10 +384,9 @@ impl FunnelControl {
     }
 
     fn all_inside<S: Scalar>(&self, t: S, v: &Values<S>) -> S::Flag {
-        let since = t - v[self.opened_at];
         let mut inside = S::Flag::from(true);
         for i in 0..self.u.len() {
-            for part in self.levels(i, since, v).into_iter().take(self.parts.shape().1) {
+            for part in self.levels(i, t, v).into_iter().take(self.parts.shape().1) {
                 inside = inside & part.abs().below(S::from(1.0));
             }
         }
@@ -354,60 +395,16 @@ impl FunnelControl {
 
     /// The funnel opens anew, and u_b := u_manual − the law: the control stays where the manual one is, within the limits.
     fn take_over<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        v[self.opened_at] = t;
+        self.open(t, v);
         let inside = self.all_inside(t, &v.values());
         v.put(self.began_inside, inside);
         for j in 0..self.u.len() {
             let manual = within(v[self.in_command.u_manual][j], v[self.u_min][j], v[self.u_max][j]);
             let (values, start) = (v.values(), S::from(0.0));
-            let asked = |i: usize| self.asked(i, &self.levels(i, start, &values), start, &values);
+            let asked = |i: usize| self.asked(i, &self.levels(i, t, &values), t, &values);
             let law = S::branch(inside, || self.law(j, asked, &values), || start);
             v[self.u_b][j] = manual - law;
         }
-    }
-
-    /// Refuses an error of a channel that is outside: the first of its levels that is.
-    fn check_channel<S: Scalar>(&self, i: usize, t: S, v: &mut Point<S>) {
-        let since = t - v[self.opened_at];
-        let levels = self.levels(i, since, &v.values());
-        let is_start = since.equals(S::from(0.0));
-        let mut others_inside = S::Flag::from(true);
-        for (level, part) in levels.into_iter().enumerate().take(self.parts.shape().1) {
-            let inside = part.abs().below(S::from(1.0));
-            for (when, begins) in [(is_start, true), (!is_start, false)] {
-                v.refuse(others_inside & !inside & when, |v| self.refusal((i, level), part, begins, v));
-            }
-            others_inside = others_inside & inside;
-        }
-    }
-
-    /// What is wrong with an error of a channel and level that is outside, and what helps.
-    fn refusal<S: Scalar>(&self, (i, level): (usize, usize), part: S, begins: bool, v: &Values<S>) -> Invalid {
-        let [psi_0, psi_inf, psi] =
-            [v.name(self.bounds.start.at(i)), v.name(self.bounds.end.at(i)), v.name(self.bounds.psi.at(i))];
-        let bound = v[self.bounds.psi][i];
-        let error = v[self.e][i];
-        let gain = v.name(self.g.at(i));
-        let helps = match (begins, level) {
-            (true, 0) => format!("{psi_0} above {} would do", error.abs().rounded_at_least()),
-            (true, _) => format!("a larger {psi_0} would do, or a start nearer to the reference and its rate"),
-            (false, _) => format!(
-                "a smaller communication step helps where it is sampled too rarely, a larger {gain} or {psi_inf} where the \
-                 control is too weak, wider limits where it is at one"
-            ),
-        };
-        let place = if begins { "starts outside its funnel" } else { "has left its funnel" };
-        if level == 0 {
-            let allowed = format!("{place}: must lie between -{0} and {0}, {psi}; {helps}", bound.rounded_at_most());
-            return Invalid::new(v.name(self.e.at(i)), error.told(), allowed);
-        }
-        let allowed = format!(
-            "{place}: must lie between -1 and 1 (with {} = {} and {psi} = {}); {helps}",
-            v.name(self.e.at(i)),
-            error.told(),
-            bound.rounded()
-        );
-        Invalid::new(v.name(self.parts.at(i, level)), part.told(), allowed)
     }
 }
 

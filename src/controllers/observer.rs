@@ -1,11 +1,13 @@
 //! Robust adaptive observer: the state of an uncertain plant from its output (thesis, chapter 7).
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
+mod report;
+
 use nalgebra::{Complex, DMatrix, DMatrixView};
 use serde::{Deserialize, Serialize};
 
-use super::l1::{controllability, dot, input_and_output, nominal_dynamics, of_motion, squared};
-use super::template::{design, stop_time, write_plant, write_poles};
+use super::l1::{dot, input_and_output, nominal_dynamics, of_motion, squared};
+use super::template::{design, stop_time, write_nominal, write_plant, write_poles};
 use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::{lyapunov, pole_placement};
 use crate::pages::{self, Page};
@@ -197,22 +199,7 @@ impl System for Observer {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        let k_l = self.k_l.matrix(v).into_owned();
-        report.section("Observer");
-        report.eigenvalues("eigenvalues of A", &self.A, false);
-        report.eigenvalues("eigenvalues of A - k_l C", &(&self.A - &k_l * &self.C), true);
-        controllability(["observability", "A", "C"], [&self.A.transpose(), &self.C.transpose()], report);
-        report.tell("k_l", &k_l, "", "gain of the output error");
-        report.section("Adaptation");
-        let leak = v[self.Gamma_l] * v[self.sigma_l];
-        let (beta, delta) = (v.name(self.beta), v.name(self.delta));
-        let (gain, leakage, error) = (v.name(self.Gamma_l), v.name(self.sigma_l), v.name(self.y_tilde));
-        let note = format!("{gain} {leakage}: rate at which {beta} falls where {error} is 0");
-        report.tell(&format!("leakage of {beta}"), leak, "1/s", &note);
-        let rest = v[self.d_0] / v[self.lambda_0];
-        let note = format!("{}/{}, where {} is 0", v.name(self.d_0), v.name(self.lambda_0), v.name(self.y));
-        report.tell(&format!("{delta} at rest"), rest, "", &note);
-        report.tell(&format!("decay of {delta}"), v[self.lambda_0], "1/s", "");
+        self.tell_design(v, report);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
@@ -317,7 +304,7 @@ impl Catalogued for Observer {
     const ROLE: Role = Role::Observer;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template,
-        is_uncertain: false,
+        is_uncertain: true,
         needs: None,
         tried: &[
             Sizes::plant(1, 1),
@@ -359,5 +346,6 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.set("sigma_l", "1e-4", "its leakage");
     text.set("unmodeled_gain", "0.0", "1/s, from |y|^4 to the bound on unmodeled dynamics, as 1.0");
     text.set("x_obs0", all(0.0, n), "estimate at the start");
+    write_nominal(&mut text, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }

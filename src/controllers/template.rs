@@ -1,9 +1,26 @@
 //! What the texts of new controllers share.
+#![allow(non_snake_case)] // matrices have the names of the field
 
 pub mod design;
 pub mod first;
 
+use nalgebra::DMatrix;
+
+use crate::error::Invalid;
 use crate::template::{Plant, Request, Text, all, list, number, round_up, rows, three_digits};
+
+/// Refuses a plant with dead times, for a law with funnels.
+///
+/// # Errors
+/// A dead time.
+pub fn require_no_delay(plant: &Plant) -> Result<(), Invalid> {
+    if plant.delay.iter().all(|&delay| delay == 0.0) {
+        return Ok(());
+    }
+    Err(Invalid::because(
+        "delay: a law that keeps errors within funnels takes no dead time. `new pid` or `new ladrc` may find a controller",
+    ))
+}
 
 /// How long a master simulates by default: until what is that slow is over, s.
 pub fn stop_time(bandwidth: f64) -> f64 {
@@ -20,6 +37,12 @@ pub fn write_plant(text: &mut Text, plant: &Plant, outputs: &str) {
 
 /// The user's plant that a design of this speed, rad/s, is for, with what was asked for; nothing where no plant was given.
 pub fn write_nominal(text: &mut Text, request: &Request, speed: f64, uncertainty: Option<f64>) {
+    let C = request.plant.as_ref().map(|plant| plant.C.clone());
+    C.iter().for_each(|C| write_nominal_with(text, C, request, speed, uncertainty));
+}
+
+/// The same where other combinations of the states, by the rows of C, follow the references.
+pub fn write_nominal_with(text: &mut Text, C: &DMatrix<f64>, request: &Request, speed: f64, uncertainty: Option<f64>) {
     let Some(plant) = &request.plant else { return };
     text.table("nominal");
     text.comment(
@@ -27,14 +50,15 @@ pub fn write_nominal(text: &mut Text, request: &Request, speed: f64, uncertainty
     );
     text.set("A", rows(&plant.A), "");
     text.set("B", rows(&plant.B), "");
-    text.set("C", rows(&plant.C), "");
+    text.set("C", rows(C), "");
     if let [first, rest @ ..] = &plant.delay[..] {
         let is_one = rest.iter().all(|delay| delay == first);
         let delay = if is_one { number(*first) } else { list(&plant.delay) };
         text.set("delay", delay, "s, dead time of the inputs");
     }
     text.set("bandwidth", number(speed), "rad/s, speed that the design is for");
-    text.set("reference", number(request.reference), "usual magnitude of the reference");
+    let reference = if let [one] = request.reference { number(*one) } else { list(request.reference) };
+    text.set("reference", reference, "usual magnitude of the reference");
     if let Some(uncertainty) = uncertainty {
         text.set("uncertainty", number(uncertainty), "of each entry of A and B, as a part of it: 0.2 is 20 %");
     }
@@ -48,9 +72,10 @@ pub fn write_poles(text: &mut Text, prefix: &str, poles: &[nalgebra::Complex<f64
 }
 
 /// The funnel of a law with prescribed performance.
-pub fn write_funnel(text: &mut Text, reference: f64, bandwidth: f64, channels: usize) {
-    text.set("rho_0", all(2.0 * reference, channels), "bound of the error at the start: it must begin inside");
-    text.set("rho_inf", all(three_digits(0.1 * reference), channels), "and in the end");
-    text.set("decay_rate", all(three_digits(0.5 * bandwidth), channels), "1/s, how fast the bound narrows");
+pub fn write_funnel(text: &mut Text, references: &[f64], bandwidth: f64) {
+    let parts = |part: f64| list(&references.iter().map(|size| three_digits(part * size)).collect::<Vec<_>>());
+    text.set("rho_0", parts(2.0), "bound of the error at the start: it must begin inside");
+    text.set("rho_inf", parts(0.1), "and in the end");
+    text.set("decay_rate", all(three_digits(0.5 * bandwidth), references.len()), "1/s, how fast the bound narrows");
     text.set("on_funnel_exit", "\"reopen\"", "\"error\": a step in which the error leaves is refused");
 }

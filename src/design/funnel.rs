@@ -38,8 +38,8 @@ pub struct Design {
     pub degree: usize,
     /// Direction: from the outputs of the channels to the controls.
     pub G: DMatrix<f64>,
-    /// Gain of every channel.
-    pub g: f64,
+    /// Gain of each channel.
+    pub g: Vec<f64>,
     /// Time constant of the error's filter, s.
     pub tau: f64,
     /// The largest error in parts of its bound.
@@ -54,11 +54,11 @@ pub struct Design {
     pub left: f64,
 }
 
-/// A funnel for references of one size.
+/// A funnel for references of these sizes.
 ///
 /// # Errors
 /// Why there is none.
-pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
+pub fn design(plant: &Nominal, references: &[f64]) -> Result<Design, Invalid> {
     if plant.delay.iter().any(|&delay| delay > 0.0) {
         return Err(Invalid::because(
             "delay: a funnel controller takes no dead time. `new pid` or `new ladrc` may find a controller",
@@ -75,21 +75,25 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
     let W = plant.bandwidth;
     for k in 0..=GAINS {
         for tau in FILTERS {
-            let g = reference * 10_f64.powf(f64::from(k) / 2.0);
-            let (psi_0, psi_inf) = (WIDE * reference, NARROW * reference);
-            let channel = Channel { reference, psi_0, psi_inf, decay_rate: DECAY, tau, g };
-            let channels = vec![channel; plant.channels()];
+            let g = 10_f64.powf(f64::from(k) / 2.0);
+            let of = |&reference: &f64| Channel {
+                reference,
+                psi_0: WIDE * reference,
+                psi_inf: NARROW * reference,
+                decay_rate: DECAY,
+                tau,
+                g: g * reference,
+            };
+            let channels: Vec<_> = references.iter().map(of).collect();
             let loop_ = Loop::new([&plant.A, &plant.B, &plant.C], degree, &G, &channels);
             let followed = loop_.follow();
             if followed.largest_part <= MOST_PART && followed.left <= MOST_LEFT && followed.stayed() {
-                let speed = g * tau.powi(degree as i32 - 1);
-                let fitted = four_digits(g * W.powi(degree as i32));
-                let longest = STEP * NARROW * reference / speed;
+                let longest = STEP * NARROW / (g * tau.powi(degree as i32 - 1));
                 let sampled = loop_.sampled(longest);
                 return Ok(Design {
                     degree,
                     G: (&G / W.powi(degree as i32)).map(four_digits),
-                    g: fitted,
+                    g: references.iter().map(|size| four_digits(size * g * W.powi(degree as i32))).collect(),
                     tau: four_digits(tau / W),
                     largest_part: followed.largest_part,
                     control: followed.control,
@@ -103,8 +107,9 @@ pub fn design(plant: &Nominal, reference: f64) -> Result<Design, Invalid> {
             }
         }
     }
+    let sizes = references.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
     Err(Invalid::because(format!(
-        "no gain keeps the error of the nominal plant within {MOST_PART} of its funnel while it follows a reference of {reference} \
+        "no gain keeps the error of the nominal plant within {MOST_PART} of its funnel while it follows a reference of {sizes} \
          at {W} rad/s. Give a lower --bandwidth, or try `new pid` or `new ladrc`"
     )))
 }

@@ -84,8 +84,8 @@ pub struct Request<'a> {
     pub plant: Option<Plant>,
     /// How fast the controlled system is to be at least, rad/s.
     pub bandwidth: Option<f64>,
-    /// Usual magnitude of the reference.
-    pub reference: f64,
+    /// Usual magnitude of the references: one for all, or one for each.
+    pub reference: &'a [f64],
     /// Assumed uncertainty of the plant, as a part of each of its numbers: 0.2 is 20 %; none where the user gave none.
     pub uncertainty: Option<f64>,
 }
@@ -97,6 +97,25 @@ impl Request<'_> {
     /// Uncertainty of each entry of A and B, in parts of it.
     pub fn uncertainty(&self) -> f64 {
         self.uncertainty.unwrap_or(USUAL_UNCERTAINTY)
+    }
+
+    /// Usual magnitudes of so many references.
+    ///
+    /// # Errors
+    /// Neither one for all nor one for each.
+    pub fn references(&self, count: usize) -> Result<Vec<f64>, Invalid> {
+        match self.reference {
+            [one] => Ok(vec![*one; count]),
+            each if each.len() == count => Ok(each.to_vec()),
+            others => {
+                let given = others.iter().copied().map(number).collect::<Vec<_>>().join(", ");
+                Err(Invalid::new(
+                    "--reference",
+                    given,
+                    format!("must be one number, or {count}, one for each reference"),
+                ))
+            }
+        }
     }
 
     /// The plant that was given, or integrators of the sizes asked for.
@@ -124,7 +143,8 @@ impl Request<'_> {
         }
         if outputs_are_inputs && plant.D.is_some() {
             return Err(Invalid::because(
-                "D: must be zero: direct feedthrough from the control to the output is not supported",
+                "D: must be zero: output and control would follow each other without delay. Every actuator and sensor has \
+                 a lag: put the fastest of them into the plant",
             ));
         }
         Ok(plant)

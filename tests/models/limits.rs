@@ -120,7 +120,7 @@ fn motor(matrices: [&str; 3], bandwidth: f64, tracking_time: f64) -> Run {
             sizes,
             plant,
             bandwidth: Some(bandwidth),
-            reference: 100.0,
+            reference: &[100.0],
             uncertainty: None,
         };
         adaptive_fmu::library::begin(&request).unwrap().text

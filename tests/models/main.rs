@@ -6,6 +6,7 @@ mod catalogue;
 mod descriptions;
 mod design_report;
 mod funnel_control;
+mod funnel_reopened;
 mod fuzzy_channels;
 mod fuzzy_l1;
 mod hostile_descriptions;

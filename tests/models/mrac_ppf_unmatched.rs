@@ -373,7 +373,7 @@ fn a_new_controller_keeps_the_speed_of_a_motor_whose_load_no_voltage_reaches() {
         sizes,
         plant,
         bandwidth: Some(10.0),
-        reference: 100.0,
+        reference: &[100.0],
         uncertainty: None,
     };
     let text = begin(&request).unwrap().text;

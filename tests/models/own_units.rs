@@ -13,7 +13,7 @@ use common::described::model;
 
 fn request(kind: &str, states: Option<usize>, inputs: Option<usize>) -> Request<'_> {
     let sizes = Sizes { states, inputs, outputs: None };
-    Request { kind, name: "Mine", sizes, plant: None, bandwidth: None, reference: 1.0, uncertainty: None }
+    Request { kind, name: "Mine", sizes, plant: None, bandwidth: None, reference: &[1.0], uncertainty: None }
 }
 
 fn begun_for(kind: &str, json: &str) -> Result<String, String> {
@@ -109,7 +109,7 @@ fn a_design_for_a_plant_has_that_plant_in_its_description() {
     };
     for kind in ["pid", "ladrc"] {
         let asked =
-            Request { plant: Some(plant()), bandwidth: Some(20.0), reference: 100.0, ..request(kind, None, None) };
+            Request { plant: Some(plant()), bandwidth: Some(20.0), reference: &[100.0], ..request(kind, None, None) };
         let found = nominal(&asked).unwrap().unwrap();
         let Plant { A, B, C, delay, .. } = plant();
         assert_eq!((found.A, found.B, found.C, found.delay), (A, B, C, delay), "{kind}");
@@ -133,10 +133,13 @@ fn a_design_for_a_plant_has_that_plant_in_its_description() {
         let found = nominal(&Request { uncertainty: Some(0.1), ..asked }).unwrap().unwrap();
         assert_eq!(found.uncertainty, Uncertainty::Part(0.1), "{kind}");
     }
-    let refused = nominal(&Request { uncertainty: Some(0.0), plant: Some(plant()), ..request("observer", None, None) });
+    let plant_of = Request { plant: Some(Plant::parse(MOTOR).unwrap()), ..request("observer", None, None) };
+    assert_eq!(nominal(&plant_of).unwrap().unwrap().uncertainty, Uncertainty::Unknown);
+    let refused =
+        nominal(&Request { uncertainty: Some(0.0), plant: Some(plant()), ..request("state-space", None, None) });
     let allowed = "the kinds that do are l1, fuzzy-l1, l1-ppf, l1-limit, l1-sampled";
     assert!(
-        refused.unwrap_err().starts_with(&format!("--uncertainty = 0: observer doesn't use it; {}", &allowed[..20]))
+        refused.unwrap_err().starts_with(&format!("--uncertainty = 0: state-space doesn't use it; {}", &allowed[..20]))
     );
 }
 

@@ -10,7 +10,7 @@ use crate::design::nominal::Nominal;
 use crate::design::{digits, percent};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Plant, Request, Text, all, named, round_down, rows, three_digits, write_limits, write_names,
+    Begun, Plant, Request, Text, all, list, named, round_down, rows, three_digits, write_limits, write_names,
     write_quantities, write_units,
 };
 
@@ -21,9 +21,9 @@ const SHORT: f64 = 1e-3;
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
-    let (bandwidth, reference) = (design::bandwidth(&plant, request)?, request.reference);
+    let (bandwidth, references) = (design::bandwidth(&plant, request)?, request.references(m)?);
     let nominal = Nominal::new(&plant, bandwidth)?;
-    let design = funnel::design(&nominal, reference)?;
+    let design = funnel::design(&nominal, &references)?;
     let mut text = request.begin(&FunnelControl::PAGE, stop_time(bandwidth), round_down(design.step));
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
@@ -33,23 +33,25 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    tell(&mut text, &plant, &nominal, &design, reference);
-    text.set("psi_0", all(WIDE * reference, m), "bound of the error at the start, which the error must not exceed");
-    text.set("psi_inf", all(three_digits(NARROW * reference), m), "bound of the error in the end");
+    tell(&mut text, &plant, &nominal, &design, &references);
+    let parts = |part: f64| list(&references.iter().map(|size| three_digits(part * size)).collect::<Vec<_>>());
+    text.set("psi_0", parts(WIDE), "bound of the error at the start, which the error must not exceed");
+    text.set("psi_inf", parts(NARROW), "bound of the error in the end");
     text.set("decay_rate", all(three_digits(DECAY * bandwidth), m), "1/s, rate at which the bound narrows");
     if design.degree > 1 {
         text.set("tau", all(design.tau, m), "s, time constant of the error's filter");
     }
-    text.set("g", all(design.g, m), "gain; larger keeps the error nearer to the middle");
+    text.set("g", list(&design.g), "gain; larger keeps the error nearer to the middle");
     text.set("G", rows(&design.G), "from the outputs of the channels to the controls: the inverse of the input gain");
+    text.set("on_funnel_exit", "\"reopen\"", "\"error\": a step in which an error leaves is refused");
     write_limits(&mut text, Some(&plant), m);
     write_nominal(&mut text, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }
 
 /// Writes for which references this is, and what the nominal loop needs.
-fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, reference: f64) {
-    let W = nominal.bandwidth;
+fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, references: &[f64]) {
+    let (W, sizes) = (nominal.bandwidth, first::told(references));
     let rate = digits(SMOOTH_START * W);
     let derivatives = if design.degree > 1 { ", with its derivatives as inputs" } else { "" };
     text.comment(&format!(
@@ -57,16 +59,12 @@ fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, refe
         digits(design.largest_part),
         percent(100.0 * design.left)
     ));
-    text.comment(&format!(
-        "reference of {} that starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}.",
-        digits(reference)
-    ));
+    text.comment(&format!("reference of {sizes} that starts smoothly, smooth_start_rate = {rate} 1/s{derivatives}."));
     text.comment("A reference that steps leaves the funnel: `new loop` lets it start smoothly.");
     if let Some(needed) = first::beyond_limits(plant, &design.control) {
         text.note(&format!(
-            "Following a reference of {} needs controls {needed}, beyond u_min and u_max, where the funnel isn't guaranteed. Give a \
-             smaller --reference or a lower --bandwidth.",
-            digits(reference)
+            "Following a reference of {sizes} needs controls {needed}, beyond u_min and u_max, where the funnel isn't guaranteed. Give a \
+             smaller --reference or a lower --bandwidth."
         ));
     }
     if !design.is_sampled {

@@ -20,14 +20,15 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let own = [WEIGHTS[0], "\"own\"", "\"shared\": one k_p, k_d and k_e for all channels"];
     let mut started = l1::template::begin(request, &FuzzyL1::PAGE, VARIES, &[own])?;
     let (bandwidth, gain, text) = (started.bandwidth, started.design.feedback_gain, &mut started.text);
-    let reference = request.reference;
+    let references = request.references(m)?;
     // As many as there are channels; of one, the number itself.
     let each = |values: &[f64]| if let [value] = values { number(*value) } else { list(values) };
     let all = |value: f64| each(&vec![value; m]);
-    text.set("k_e", all(three_digits(0.1 * reference)), "error above which the gain is fuzzy");
-    text.set("k_p", all(three_digits(1.0 / reference)), "factor of |e| in the inference: 1 is `very large`");
-    let k_d = three_digits(0.5 / (reference * bandwidth));
-    let weights: Vec<_> = entered.iter().map(|&entered| if entered { 0.0 } else { k_d }).collect();
+    let of = |value: &dyn Fn(f64) -> f64| references.iter().map(|&size| three_digits(value(size))).collect::<Vec<_>>();
+    text.set("k_e", each(&of(&|size| 0.1 * size)), "error above which the gain is fuzzy");
+    text.set("k_p", each(&of(&|size| 1.0 / size)), "factor of |e| in the inference: 1 is `very large`");
+    let k_d = of(&|size| 0.5 / (size * bandwidth));
+    let weights: Vec<_> = entered.iter().zip(&k_d).map(|(&entered, &k_d)| if entered { 0.0 } else { k_d }).collect();
     if entered.contains(&false) {
         text.set("k_d", each(&weights), "s, factor of |e'| in the inference");
     }

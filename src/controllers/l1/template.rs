@@ -43,10 +43,10 @@ impl Started {
 /// # Errors
 /// Why there is no design for the plant.
 pub fn found(request: &Request, plant: &Plant, adapts: bool, varies: [f64; 2]) -> Result<(Design, f64), Invalid> {
-    let asked = design::bandwidth(plant, request)?;
+    let (asked, references) = (design::bandwidth(plant, request)?, request.references(plant.sizes().2)?);
     let at = |bandwidth: f64| {
-        let (reference, uncertainty) = (request.reference, request.uncertainty());
-        design(plant, &Asked { bandwidth, reference, uncertainty, adapts, varies })
+        let (references, uncertainty) = (&references[..], request.uncertainty());
+        design(plant, &Asked { bandwidth, references, uncertainty, adapts, varies })
     };
     if plant.delay.is_empty() {
         return Ok((at(asked)?, asked));
@@ -169,5 +169,5 @@ pub fn tell(text: &mut Text, (plant, bandwidth): (&Plant, f64), design: &Design,
     if let Some(reason) = design.found.at_rest() {
         text.note(&reason);
     }
-    first::tell_limits(text, plant, &design.steps, request.reference);
+    first::tell_limits(text, plant, &design.steps, &design.references);
 }

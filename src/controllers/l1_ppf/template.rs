@@ -5,7 +5,7 @@ use crate::catalogue::Catalogued;
 use crate::controllers::l1;
 use crate::controllers::template::write_funnel;
 use crate::error::Invalid;
-use crate::template::{Begun, Plant, Request, all, counted, three_digits};
+use crate::template::{Begun, Plant, Request, all, counted, list, three_digits};
 
 /// Stiffness of the barrier in the middle of the funnel, in parts of the bandwidth.
 const STIFFNESS: f64 = 4.0;
@@ -28,10 +28,14 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     }
     let mut started = l1::template::begin(request, &L1Ppf::PAGE, [1.0, 1.0], &[])?;
     let (bandwidth, text) = (started.bandwidth, &mut started.text);
-    write_funnel(text, request.reference, bandwidth, m);
-    let rho_inf = 0.1 * request.reference;
-    let gain = three_digits(STIFFNESS * bandwidth * rho_inf * rho_inf);
-    text.set("barrier_gain", all(gain, m), "how hard the barrier pushes an error back");
+    let references = request.references(m)?;
+    write_funnel(text, &references, bandwidth);
+    let gain = |size: &f64| three_digits(STIFFNESS * bandwidth * (0.1 * size).powi(2));
+    text.set(
+        "barrier_gain",
+        list(&references.iter().map(gain).collect::<Vec<_>>()),
+        "how hard the barrier pushes an error back",
+    );
     if degree == 2 {
         text.set("error_weight", all(three_digits(bandwidth), m), "1/s, weight of the error beside its rate");
     }

@@ -400,7 +400,7 @@ impl Catalogued for MracPpf {
     const ROLE: Role = Role::Controller;
     const TEMPLATE: Option<Template> = Some(Template {
         write: template::write,
-        is_uncertain: false,
+        is_uncertain: true,
         needs: None,
         tried: &[Sizes::plant(1, 1), Sizes::plant(3, 3), Sizes::plant(6, 6)],
     });

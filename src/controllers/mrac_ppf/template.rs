@@ -1,13 +1,19 @@
 //! The text of a new MRAC.
+#![allow(non_snake_case)] // W and R have the names of the field
+
+use nalgebra::DMatrix;
 
 use super::MracPpf;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, stop_time, write_funnel};
+use crate::controllers::template::{design, require_no_delay, stop_time, write_funnel, write_nominal_with};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Plant, Request, all, counted, diagonal, named, round_down, rows, write_limits, write_names,
-    write_quantities, write_units,
+    Begun, Plant, Request, all, counted, diagonal, list, named, round_down, rows, three_digits, write_limits,
+    write_names, write_quantities, write_units,
 };
+
+/// Communication step, in 1/W.
+const STEP: f64 = 2e-3;
 
 /// Robust MRAC with prescribed performance: each state follows a reference of its own.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
@@ -38,8 +44,10 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
             counted(m, "input")
         )));
     }
+    require_no_delay(plant)?;
     let bandwidth = design::bandwidth(plant, request)?;
-    let step = round_down((0.01 / bandwidth).min(1e-3));
+    let (references, W) = (request.references(n)?, bandwidth);
+    let step = round_down(STEP / W);
     let mut text = request.begin(&MracPpf::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     text.comment(
@@ -54,11 +62,19 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
     text.table("start");
     text.set("A_m", diagonal(-bandwidth, n), "1/s, reference model x_m' = A_m (x_m - r)");
     text.set("x_m0", all(0.0, n), "its state at the start; best where the plant is");
-    write_funnel(&mut text, request.reference, bandwidth, n);
-    text.set("gamma_1", all(5e4, n), "adaptation gain of theta_hat");
-    text.set("gamma_2", all(5e4, n), "adaptation gain of sigma_hat");
-    text.set("K_epsilon", all(0.1, n), "gain of the transformed error");
-    text.set("alpha_bar", all(10.0, n), "gain of its smoothed sign");
+    write_funnel(&mut text, &references, bandwidth);
+    // The thesis' numbers are for a plant and errors of about 1, in s: these do the same in any unit and at any speed.
+    let largest = references.iter().copied().fold(0.0, f64::max);
+    let each =
+        |value: &dyn Fn(f64) -> f64| list(&references.iter().map(|&R| three_digits(value(R))).collect::<Vec<_>>());
+    text.set("gamma_1", each(&|R| 5e4 * (W * R / largest).powi(2)), "adaptation gain of theta_hat");
+    text.set("gamma_2", each(&|R| 5e4 * (W * R).powi(2)), "adaptation gain of sigma_hat");
+    text.set("beta", each(&|R| 2.0 / (W * R)), "its proportional part");
+    text.set("upsilon", each(&|R| 0.05 / (W * R)), "its leakage");
+    text.set("K_epsilon", each(&|R| 0.1 * W * R), "gain of the transformed error");
+    text.set("alpha_bar", each(&|R| 10.0 * W * R), "gain of its smoothed sign");
     write_limits(&mut text, Some(plant), m);
+    let states = DMatrix::identity(n, n);
+    write_nominal_with(&mut text, &states, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }

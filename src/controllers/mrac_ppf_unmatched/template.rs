@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use super::MracPpfUnmatched;
 use super::structure::reached_rows;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, stop_time, write_plant};
+use crate::controllers::template::{design, require_no_delay, stop_time, write_nominal, write_plant};
 use crate::error::Invalid;
 use crate::mathematics::pole_placement;
 use crate::template::{
@@ -26,15 +26,16 @@ const SLOWER: f64 = 30.0;
 /// A funnel about each state.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
+    require_no_delay(&plant)?;
     let (n, m, _) = plant.sizes();
-    let (bandwidth, reference) = (design::bandwidth(&plant, request)?, request.reference);
+    let (bandwidth, references) = (design::bandwidth(&plant, request)?, request.references(m)?);
     let driven = driven(&plant)?;
     let poles = design::poles(&plant.A, &plant.B, bandwidth)?;
     let A_m = &plant.A - &plant.B * pole_placement::place(&plant.A, &plant.B, &poles)?;
     let A_m = exact(&A_m, &plant.A, &driven);
-    let numbers = Numbers::of([&plant.A, &A_m], &driven, [bandwidth, reference]);
+    let numbers = Numbers::of([&plant.A, &A_m], &driven, bandwidth, &sizes(&plant, &references));
     let fastest = numbers.rates.iter().copied().fold(bandwidth, f64::max);
-    let step = round_down((0.3 / fastest).min(1e-3));
+    let step = round_down(0.3 / fastest);
     let mut text = request.begin(&MracPpfUnmatched::PAGE, stop_time(bandwidth), step);
     text.table("structure");
     write_plant(&mut text, &plant, "what is to follow the reference");
@@ -61,7 +62,19 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("theta_bound", list(&numbers.theta), "bounds of the estimates");
     text.set("sigma_bound", list(&numbers.sigma), "and of those of disturbances");
     write_limits(&mut text, Some(&plant), m);
+    write_nominal(&mut text, request, bandwidth, request.uncertainty);
     Ok(text.finish())
+}
+
+/// Usual magnitudes of the states: of those that outputs show by the references, of others the largest.
+fn sizes(plant: &Plant, references: &[f64]) -> Vec<f64> {
+    let largest = references.iter().copied().fold(0.0, f64::max);
+    let of = |i: usize| {
+        let column = plant.C.column(i);
+        let shown = column.iter().zip(references).filter(|(entry, _)| **entry != 0.0);
+        shown.map(|(entry, size)| size / entry.abs()).reduce(f64::max).unwrap_or(largest)
+    };
+    (0..plant.A.nrows()).map(of).collect()
 }
 
 /// The unmatched rows, each with the state that drives it most and no other row.
@@ -103,16 +116,16 @@ struct Numbers {
 }
 
 impl Numbers {
-    fn of([A, A_m]: [&DMatrix<f64>; 2], driven: &[(usize, usize)], [bandwidth, reference]: [f64; 2]) -> Self {
+    fn of([A, A_m]: [&DMatrix<f64>; 2], driven: &[(usize, usize)], bandwidth: f64, sizes: &[f64]) -> Self {
         let n = A.nrows();
         let of_row = |i: usize| driven.iter().find(|(row, _)| *row == i).copied();
         let by = |i: usize| driven.iter().find(|(_, by)| *by == i).copied();
         // A state that drives a row is as large as that row needs it.
         let size = |i: usize| {
             let (row, by) = by(i)?;
-            Some(reference * (bandwidth + A[(row, row)].abs()) / A[(row, by)].abs())
+            Some(sizes[row] * (bandwidth + A[(row, row)].abs()) / A[(row, by)].abs())
         };
-        let size = |i: usize| size(i).unwrap_or(reference);
+        let size = |i: usize| size(i).unwrap_or(sizes[i]);
         let rate = |i: usize| if by(i).is_some() { 0 } else { 2 - usize::from(of_row(i).is_some()) };
         let rates: Vec<_> = (0..n).map(|i| BARRIERS[rate(i)] * bandwidth).collect();
         let end: Vec<_> = (0..n).map(|i| three_digits(0.1 * size(i))).collect();

@@ -1,13 +1,21 @@
 //! The text of a new neuro-adaptive controller.
+#![allow(non_snake_case)] // W and R have the names of the field
+
+use nalgebra::DMatrix;
 
 use super::NeuroPpf;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::write_funnel;
+use crate::controllers::template::{design, require_no_delay, stop_time, write_funnel, write_nominal_with};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Plant, Request, Signals, all, counted, diagonal, named, three_digits, write_limits, write_names,
-    write_quantities, write_units,
+    Begun, Plant, Request, Signals, all, counted, diagonal, named, number, round_down, three_digits, write_limits,
+    write_names, write_quantities, write_units,
 };
+
+/// Bandwidth where there is no plant, rad/s.
+const USUAL_BANDWIDTH: f64 = 2.0;
+/// Communication step, in 1/W.
+const STEP: f64 = 2e-4;
 
 /// Neuro-adaptive control with prescribed performance: it needs sizes, and no model.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
@@ -32,7 +40,15 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     if let Some(i) = request.plant.as_ref().filter(|_| degree == 2).and_then(|plant| without_rate(plant, m)) {
         return Err(needed(format!("state {} isn't the rate of state {}", m + i + 1, i + 1)));
     }
-    let mut text = request.begin(&NeuroPpf::PAGE, 10.0, 1e-4);
+    let (W, gain) = match &request.plant {
+        Some(plant) => {
+            require_no_delay(plant)?;
+            (design::bandwidth(plant, request)?, input_gain(plant, m, degree)?)
+        }
+        None => (request.bandwidth.unwrap_or(USUAL_BANDWIDTH), 1.0),
+    };
+    let references = request.references(m)?;
+    let mut text = request.begin(&NeuroPpf::PAGE, stop_time(W), round_down(STEP / W));
     text.table("structure");
     text.set("relative_degree", degree, "after how many derivatives of a tracked variable the control shows: 1 or 2");
     text.set("channels", m, "tracked variables, each with a control of its own");
@@ -44,20 +60,38 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     write_quantities(&mut text, &[("r", r.quantities()), ("u", u.quantities())]);
     write_names(&mut text, &[("r", named(&r, "_reference")), ("x", named(&x, "")), ("u", named(&u, ""))]);
     text.table("start");
-    let bandwidth = request.bandwidth.unwrap_or(2.0);
-    write_funnel(&mut text, request.reference, bandwidth, m);
+    write_funnel(&mut text, &references, W);
     if degree == 1 {
-        text.set("A_m", diagonal(-bandwidth, m), "1/s, reference model x_m' = A_m (x_m - r)");
+        text.set("A_m", diagonal(-W, m), "1/s, reference model x_m' = A_m (x_m - r)");
     } else {
-        text.set("lambda", all(three_digits(0.5 * bandwidth), m), "1/s, weight of the error beside its rate");
+        text.set("lambda", all(three_digits(0.5 * W), m), "1/s, weight of the error beside its rate");
     }
-    text.set("k", "1.0", "1/s, gain of the filtered error");
-    text.set("n_f", "0.2", "gain of the robust term for the estimate of the dynamics");
-    text.set("eta_Gb", "0.2", "gain of the robust term for the control");
-    text.set("network_gain", "0.1", "adaptation gain of the networks");
-    text.set("sigma", "7.5", "leakage of the networks' weights");
+    // Numbers that do the same in any unit and at any speed.
+    let size = references.iter().copied().fold(f64::INFINITY, f64::min);
+    let robust = 0.2 * (USUAL_BANDWIDTH / W).powi(2 * degree as i32 - 1) / gain;
+    let learning = 0.025 * (size * W).powi(2);
+    let of = |value: f64| number(three_digits(value));
+    text.set("k", of(0.5 * W), "1/s, gain of the filtered error");
+    text.set("n_f", of(0.1 * size * size * W), "gain of the robust term for the estimate of the dynamics");
+    text.set("eta_Gb", of(robust), "gain of the robust term for the control");
+    text.set("network_gain", of(learning), "adaptation gain of the networks");
+    text.set("sigma", of(0.375 * W / learning), "leakage of the networks' weights");
     write_limits(&mut text, request.plant.as_ref(), m);
+    write_nominal_with(&mut text, &DMatrix::identity(m, n), request, W, request.uncertainty);
     Ok(text.finish())
+}
+
+/// The least input gain in any direction: the law takes the sign of its control from the error only.
+fn input_gain(plant: &Plant, m: usize, degree: usize) -> Result<f64, Invalid> {
+    let gain = plant.B.rows(m * (degree - 1), m);
+    let least = ((gain + gain.transpose()) * 0.5).symmetric_eigenvalues().min();
+    if least > 1e-6 * gain.amax() {
+        return Ok(least);
+    }
+    Err(Invalid::because(
+        "B: this law needs an input gain B_2 with B_2 + B_2ᵀ positive definite, where B_2 are the rows of B that the controls enter: \
+         each control must move its own state most, and upwards. Choose the order and the sign of the inputs so, or take `new l1`",
+    ))
 }
 
 /// A coordinate of the first half of the states whose rate isn't the state of the second half at its place.

@@ -33,7 +33,7 @@ pub fn tell<L: Law>(
     (plant, nominal): (&Plant, &Nominal),
     found: &Found<L::Gains>,
     steps: &[Step],
-    reference: f64,
+    references: &[f64],
 ) {
     let (W, v) = (nominal.bandwidth, found.speed * nominal.bandwidth);
     tell_steps(text, W, steps, &format!(", maximum sensitivity M_s {}", digits(found.has.modulus)));
@@ -58,7 +58,7 @@ pub fn tell<L: Law>(
             digits(L::MODULUS[0] * factor(nominal))
         ));
     }
-    tell_limits(text, plant, steps, reference);
+    tell_limits(text, plant, steps, references);
 }
 
 /// Writes what the steps of all references do, with W, rad/s, and what else the nominal loop has.
@@ -72,28 +72,39 @@ pub fn tell_steps(text: &mut Text, W: f64, steps: &[Step], further: &str) {
     text.comment(&format!("Nominal loop: {settles}overshoot {} %{each}{further}.", percent(overshoot)));
 }
 
-/// Notes which steps the limits of the controls allow.
-pub fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference: f64) {
+/// Notes which steps of references of these sizes the limits of the controls allow.
+pub fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], references: &[f64]) {
     let Some([min, max]) = &plant.limits else { return };
     let mut extremes = vec![[0.0_f64; 2]; min.len()];
-    for step in steps {
+    for (step, size) in steps.iter().zip(references) {
         for (extremes, control) in extremes.iter_mut().zip(&step.control) {
-            *extremes = [extremes[0].min(control[0]), extremes[1].max(control[1])];
+            *extremes = [extremes[0].min(control[0] * size), extremes[1].max(control[1] * size)];
         }
     }
-    let scaled: Vec<_> = extremes.iter().map(|extremes| extremes.map(|peak| peak * reference)).collect();
-    let Some(needed) = beyond_limits(plant, &scaled) else { return };
+    let Some(needed) = beyond_limits(plant, &extremes) else { return };
     let of = |(j, extremes): (usize, &[f64; 2])| limits::allowed(*extremes, [min[j], max[j]]);
     let allowed = extremes.iter().enumerate().map(of).fold(f64::INFINITY, f64::min);
-    let rounded = three_digits(allowed);
-    let stays = match if rounded > allowed { three_digits(0.995 * allowed) } else { rounded } {
-        0.0 => "No step stays within them.".to_owned(),
-        allowed => format!("A step to {} stays within them.", digits(allowed)),
+    let within = |size: &f64| {
+        let rounded = three_digits(size * allowed);
+        if rounded > size * allowed { three_digits(0.995 * size * allowed) } else { rounded }
+    };
+    let stays = if allowed > 0.0 {
+        format!("A step to {} stays within them.", told(&references.iter().map(within).collect::<Vec<_>>()))
+    } else {
+        "No step stays within them.".to_owned()
     };
     text.note(&format!(
         "A step of the reference to {} needs controls {needed}, beyond u_min and u_max. {stays}",
-        digits(reference)
+        told(references)
     ));
+}
+
+/// Sizes of the references in words, one where all are the same.
+pub fn told(sizes: &[f64]) -> String {
+    match sizes {
+        [first, rest @ ..] if rest.iter().all(|size| size == first) => digits(*first),
+        each => each.iter().copied().map(digits).collect::<Vec<_>>().join(", "),
+    }
 }
 
 /// The range of each control, in words, where one of them goes beyond the plant's limits.

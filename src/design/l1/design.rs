@@ -32,11 +32,11 @@ const OWN_SPEED: f64 = 5.0;
 
 /// Requirements of a design.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked {
+pub struct Asked<'a> {
     /// W, rad/s.
     pub bandwidth: f64,
-    /// Size of references.
-    pub reference: f64,
+    /// Size of each reference.
+    pub references: &'a [f64],
     /// Deviation of each entry, in parts of it.
     pub uncertainty: f64,
     /// True for a law that adapts.
@@ -70,8 +70,10 @@ pub struct Design {
     pub step: f64,
     /// Assessment for uncertain plants.
     pub found: Found,
-    /// A step of each reference.
+    /// Steps of the references by 1.
     pub steps: Vec<Step>,
+    /// Sizes of the references that it is for.
+    pub references: Vec<f64>,
 }
 
 /// The design for a plant, in units of the file.
@@ -86,7 +88,7 @@ pub fn design(plant: &Plant, asked: &Asked) -> Result<Design, Invalid> {
     let uncertain = uncertain.ok_or_else(extreme)?;
     let (desired, K_m) = desired(&uncertain, &nominal)?;
     let A_m = &uncertain.A - &uncertain.B * &K_m;
-    let weights = Weights::new(&uncertain, &A_m, asked.reference).ok_or_else(extreme)?;
+    let weights = Weights::new(&uncertain, &A_m, asked.references).ok_or_else(extreme)?;
     let laws = Laws { plant: &uncertain, asked, K_m: &K_m, A_m: &A_m, weights: &weights };
     let chosen = laws.choose(&desired, &nominal)?;
     let law = &chosen.law;
@@ -99,8 +101,8 @@ pub fn design(plant: &Plant, asked: &Asked) -> Result<Design, Invalid> {
     let spread = &matched * &dB;
     let identity = DMatrix::identity(m, m);
     let peak = |j: usize| {
-        let of_step = |step: &Step| step.control[j][1].max(-step.control[j][0]);
-        asked.reference * steps.iter().map(of_step).fold(0.0, f64::max)
+        let of_step = |(step, size): (&Step, &f64)| size * step.control[j][1].max(-step.control[j][0]);
+        steps.iter().zip(asked.references).map(of_step).fold(0.0, f64::max)
     };
     let limit = |j: usize| plant.limits.as_ref().map(|[min, max]| min[j].abs().max(max[j].abs()));
     let sigma = |j: usize| round_up(limit(j).unwrap_or(2.0 * peak(j)).max(peak(j)));
@@ -121,6 +123,7 @@ pub fn design(plant: &Plant, asked: &Asked) -> Result<Design, Invalid> {
         desired,
         found,
         steps,
+        references: asked.references.to_vec(),
     })
 }
 
@@ -142,14 +145,14 @@ struct Weights {
 
 impl Weights {
     /// 1/X² for the peak X of each state in the steps of all references.
-    fn new(plant: &Uncertain, A_m: &DMatrix<f64>, reference: f64) -> Option<Self> {
+    fn new(plant: &Uncertain, A_m: &DMatrix<f64>, references: &[f64]) -> Option<Self> {
         let (n, m) = plant.size();
         let at_rest = A_m.clone().lu().solve(&plant.B)?;
-        let entry = &plant.B * -(&plant.C * at_rest).try_inverse()? * reference;
+        let entry = &plant.B * -(&plant.C * at_rest).try_inverse()?;
         let states = DMatrix::identity(n, n);
         let mut peaks = DVector::zeros(n);
         for i in 0..m {
-            let courses = step(A_m, &entry.column(i).into_owned(), &states, &DVector::zeros(n), SETTLED)?;
+            let courses = step(A_m, &(entry.column(i) * references[i]), &states, &DVector::zeros(n), SETTLED)?;
             peaks.iter_mut().zip(&courses).for_each(|(peak, course)| {
                 *peak = course.range[1].max(-course.range[0]).max(*peak);
             });
@@ -168,7 +171,7 @@ impl Weights {
 /// Laws of all gains of the filter.
 struct Laws<'a> {
     plant: &'a Uncertain,
-    asked: &'a Asked,
+    asked: &'a Asked<'a>,
     K_m: &'a DMatrix<f64>,
     A_m: &'a DMatrix<f64>,
     weights: &'a Weights,
@@ -293,7 +296,7 @@ impl Laws<'_> {
         let gain = match sigma_bound {
             [sigma_bound] => {
                 let fastest = law.with_gain(&law.K * self.asked.varies[1]);
-                near_limit(self.plant, &fastest, P, start, self.asked.reference, *sigma_bound)
+                near_limit(self.plant, &fastest, P, start, self.asked.references[0], *sigma_bound)
             }
             _ => start,
         };

@@ -21,7 +21,7 @@ macro_rules! zoo {
 }
 
 fn of(plant: &Plant, bandwidth: f64, reference: f64, adapts: bool) -> Design {
-    let asked = Asked { bandwidth, reference, uncertainty: 0.2, adapts, varies: [1.0, 1.0] };
+    let asked = Asked { bandwidth, references: &[reference], uncertainty: 0.2, adapts, varies: [1.0, 1.0] };
     design(plant, &asked).unwrap()
 }
 

@@ -86,7 +86,7 @@ fn request(json: &str) -> Request<'static> {
         sizes: Sizes::NONE,
         plant,
         bandwidth: None,
-        reference: 1.0,
+        reference: &[1.0],
         uncertainty: None,
     }
 }

@@ -21,6 +21,8 @@ const NAME: usize = 34;
 const VALUE: usize = 30;
 /// An output that ends farther from its reference, in parts of it, is worth a word.
 const FAR: f64 = 0.01;
+/// And one that ends even farther is worth a warning.
+const MOST_OFF: f64 = 0.05;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -100,8 +102,13 @@ fn run_loop(source: &Source, report: &mut DesignReport) {
     report.section("Loop of the FMUs");
     let Followed { settling, overshoot, off, peaks } = match ran {
         Ok(Some(followed)) => followed,
-        // It would take too long, or has names of its own, by which nothing is connected.
-        Ok(None) | Err(Error::Loop { .. }) => return,
+        // Names of its own, by which nothing is connected.
+        Err(Error::Loop { .. }) => return,
+        Ok(None) if report.summary.is_some() => return,
+        Ok(None) => {
+            let note = "it takes too long to be run here. `new loop` and `run` run it";
+            return report.tell("nominal loop", "not run", "", note);
+        }
         Err(reason) => {
             let note = format!("with its limits and its communication step: {reason}");
             return report.judge("nominal loop", "fails", "", Verdict::Warning, note);
@@ -110,10 +117,20 @@ fn run_loop(source: &Source, report: &mut DesignReport) {
     let note = "with the nominal plant, the limits of the control and the communication step: to 2 % of a step of the reference";
     match settling {
         Some(time) => report.tell("settling time", three_digits(time), "s", note),
-        None => report.judge("settling time", "does not settle", "", Verdict::Warning, note),
+        // Limits make a loop slow; without them one that doesn't settle isn't stable, or has no rest.
+        None => {
+            let verdict = if acts { Verdict::Warning } else { Verdict::NotSound };
+            report.judge("settling time", "does not settle", "", verdict, note);
+        }
     }
     report.tell("overshoot", three_digits(100.0 * overshoot), "%", "beyond the reference");
-    report.tell("at rest", three_digits(100.0 * off), "%", "distance from the reference");
+    let rest = three_digits(100.0 * off);
+    if off > MOST_OFF {
+        let note = "distance from the reference: an error stays, or a control is at its limit";
+        report.judge("at rest", rest, "%", Verdict::Warning, note);
+    } else {
+        report.tell("at rest", rest, "%", "distance from the reference");
+    }
     for (j, peak) in peaks.iter().enumerate() {
         report.tell(&format!("peak of control {}", j + 1), three_digits(*peak), "", "largest size");
     }

@@ -51,9 +51,9 @@ pub struct Arguments {
     /// Kinds of controllers to try [default: all that `design` knows]
     #[arg(long, value_name = "KIND,…")]
     kinds: Option<Names>,
-    /// Usual magnitude of the reference, in the output's unit of measurement
-    #[arg(long, default_value = "1", value_parser = positive)]
-    reference: f64,
+    /// Usual magnitude of the reference, in the output's unit of measurement, or of each reference
+    #[arg(long, value_name = "NUMBER,…", default_value = "1", value_delimiter = ',', value_parser = positive)]
+    reference: Vec<f64>,
     /// Standard deviation of the noise of the measured signals, or of one of them (repeatable)
     #[arg(long, value_name = "[NAME=]DEVIATION", value_parser = noise)]
     noise: Vec<Noise>,
@@ -139,6 +139,14 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
         );
         return Err(Error::Argument(Invalid::new("--output", given, allowed)));
     }
+    let references = match &arguments.reference[..] {
+        [one] => vec![*one; p],
+        each if each.len() == p => each.to_vec(),
+        others => {
+            let allowed = format!("must be one number, or {p}, one for each output");
+            return Err(Error::Argument(Invalid::new("--reference", format!("{} numbers", others.len()), allowed)));
+        }
+    };
     let signals: Vec<_> = arguments.noise.iter().filter_map(|noise| noise.signal.clone()).collect();
     known("--noise", &plant, &signals)?;
     Ok(Task {
@@ -147,7 +155,7 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
         settling_time: arguments.settling_time,
         bandwidth: arguments.bandwidth,
         uncertainty: arguments.uncertainty,
-        reference: arguments.reference,
+        references,
         noise: arguments.noise.clone(),
     })
 }

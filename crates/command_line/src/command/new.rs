@@ -85,10 +85,10 @@ pub struct UnitArguments {
     /// Without a plant, and for neuro-ppf, it is 2 rad/s.
     #[arg(long, value_parser = positive)]
     bandwidth: Option<f64>,
-    /// Usual magnitude of the reference, in the output's unit of measurement
-    #[arg(long, default_value = "1", value_parser = positive)]
-    reference: f64,
-    /// Uncertainty of the numbers of --plant, as 20% or 0.2, which the description of a pid, ladrc or funnel keeps
+    /// Usual magnitude of the reference, in the output's unit of measurement, or of each reference
+    #[arg(long, value_name = "NUMBER,…", default_value = "1", value_delimiter = ',', value_parser = positive)]
+    reference: Vec<f64>,
+    /// Uncertainty of the numbers of --plant, as 20% or 0.2: L1 controllers are designed for it, other descriptions keep it for `check`
     #[arg(long, value_name = "PART", value_parser = part)]
     uncertainty: Option<f64>,
     /// File to write [default: NAME.toml]
@@ -120,7 +120,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitC
         Some(file) => (Some(plant::find(&plant::Asked::of(arguments), file)?), Sizes::default()),
         None => (None, plant::sizes(arguments)?),
     };
-    let (bandwidth, reference, uncertainty) = (*bandwidth, *reference, *uncertainty);
+    let (bandwidth, uncertainty) = (*bandwidth, *uncertainty);
     let request = Request { kind, name, sizes, plant, bandwidth, reference, uncertainty };
     let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };

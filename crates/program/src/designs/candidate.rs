@@ -90,8 +90,8 @@ pub struct Task {
     pub bandwidth: Option<f64>,
     /// Uncertainty of each entry of A and B, as a part of it.
     pub uncertainty: f64,
-    /// Usual magnitude of the reference.
-    pub reference: f64,
+    /// Usual magnitude of the reference of each output.
+    pub references: Vec<f64>,
     /// Noise of what is measured.
     pub noise: Vec<Noise>,
 }
@@ -157,7 +157,7 @@ impl Task {
             sizes: Sizes::NONE,
             plant: Some(self.plant.clone()),
             bandwidth: None,
-            reference: self.reference,
+            reference: &self.references,
             uncertainty: None,
         };
         let renamed = library::named_for_plants(&request).and_then(|(renamed, note)| Some((renamed.plant?, note)));
@@ -190,11 +190,6 @@ impl Task {
         rows.row_iter().all(|row| row.iter().any(|&entry| entry != 0.0))
     }
 
-    /// References of all outputs.
-    pub(super) fn sizes(&self) -> Vec<f64> {
-        vec![self.reference; self.plant.sizes().2]
-    }
-
     fn begin(&self, kind: &str, name: &str, bandwidth: Option<f64>) -> Result<Begun, Error> {
         let is_uncertain = library::find(kind).and_then(|entry| entry.template).is_some_and(|t| t.is_uncertain);
         let request = Request {
@@ -203,7 +198,7 @@ impl Task {
             sizes: Sizes::NONE,
             plant: Some(self.plant.clone()),
             bandwidth,
-            reference: self.reference,
+            reference: &self.references,
             uncertainty: is_uncertain.then_some(self.uncertainty),
         };
         let begun = library::begin(&request).map_err(Error::Argument)?;
@@ -266,14 +261,14 @@ impl Task {
 
     /// The descriptions of a loop of a controller.
     fn written(&self, kind: &Kind, attempt: &Attempt, folder: &Path) -> Result<Written, Error> {
-        let own = surroundings(&self.plant, &self.sizes(), attempt.bandwidth, 0.0)?;
+        let own = surroundings(&self.plant, &self.references, attempt.bandwidth, 0.0)?;
         Written::new(folder, own.into_iter().chain(attempt.texts(kind)))
     }
 
     /// The loop of a controller.
     fn trial(&self, kind: &Kind, attempt: &Attempt, folder: &Path, units: &Ready) -> Result<Trial, Error> {
         let written = self.written(kind, attempt, folder)?;
-        Ok(Trial::new(&written, attempt.step(), &self.plant, &self.sizes(), units)?.within(PATIENCE))
+        Ok(Trial::new(&written, attempt.step(), &self.plant, &self.references, units)?.within(PATIENCE))
     }
 
     /// Standard deviations of the controls at rest, where there is noise.
@@ -282,7 +277,7 @@ impl Task {
             return Ok(None);
         }
         let written = (&self.written(kind, attempt, folder)?, attempt.step());
-        let trial = Trial::with_noise(written, &self.plant, &self.sizes(), units, &self.noise)?;
+        let trial = Trial::with_noise(written, &self.plant, &self.references, units, &self.noise)?;
         // No reference moves.
         Ok(Some(trial.at_rest(USUAL / attempt.bandwidth)?.deviations()))
     }
@@ -335,7 +330,7 @@ pub(super) fn surroundings(
             sizes: Sizes::NONE,
             plant: Some(plant.clone()),
             bandwidth: Some(bandwidth),
-            reference: 1.0,
+            reference: &[1.0],
             uncertainty: None,
         };
         library::begin(&request).map(|begun| begun.text).map_err(Error::Argument)

@@ -40,7 +40,7 @@ pub fn files(task: &Task, candidates: &[Candidate], best: &Design, name: &str) -
     Written::new(scratch.path(), texts.iter().cloned())?;
     let settles = best.worst().or_else(|| best.followed().cloned()).and_then(|followed| followed.settling);
     let time = settles.unwrap_or(4.0 / best.bandwidth);
-    let surroundings = candidate::surroundings(&task.plant, &task.sizes(), best.bandwidth, round_up(BEFORE * time))?;
+    let surroundings = candidate::surroundings(&task.plant, &task.references, best.bandwidth, round_up(BEFORE * time))?;
     let written = Written::new(&scratch.path().join(LOOP), surroundings.clone())?;
     let written = written.beside(best.texts.iter().map(|(name, _)| name.as_str()));
     let stop_time = Some(round_up((BEFORE + AFTER) * time));

@@ -31,6 +31,13 @@ pub fn report_page(name: &str, report: &DesignReport) -> String {
     page
 }
 
+/// Sizes of references, one where all are the same.
+fn references(sizes: &[f64]) -> String {
+    let is_one = sizes.iter().all(|size| *size == sizes[0]);
+    let told = if is_one { &sizes[..1] } else { sizes };
+    told.iter().copied().map(number).collect::<Vec<_>>().join(", ")
+}
+
 /// The page of candidates in an order, for a plant of a name.
 pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str) -> String {
     let asked = match (task.bandwidth, task.settling_time) {
@@ -40,7 +47,7 @@ pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str)
     };
     let about = format!(
         "Asked for: {asked}, a step of the reference to {}, {} % of uncertainty of each number of A and B.",
-        number(task.reference),
+        references(&task.references),
         number(three_digits(100.0 * task.uncertainty))
     );
     let mut page = still(&format!("Controllers for {plant}"), &about, &format!("{CHARTS}{STYLE}"));
@@ -146,7 +153,7 @@ fn steps(task: &Task, design: &Design) -> [Picture; 2] {
         points: vec![[0.0, value], [end, value]],
     };
     let mut outputs = curves(p, &task.plant.y.names, "y", |course| &course.outputs);
-    outputs.push(level("reference", task.reference));
+    outputs.push(level("reference", task.references[0]));
     let mut controls = curves(m, &task.plant.u.names, "u", |course| &course.controls);
     let limits = task.plant.limits.iter().flatten().flatten();
     controls.extend(limits.filter(|limit| limit.abs() < NO_LIMIT).map(|&limit| level("limit", limit)));

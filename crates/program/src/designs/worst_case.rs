@@ -25,7 +25,7 @@ const PARTICLES: usize = 24;
 /// A loop is run for so long, in 1/W.
 const DURATION: f64 = 20.0;
 /// Runs that nobody asked for may take so long.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The result of a search.
 #[derive(Debug)]

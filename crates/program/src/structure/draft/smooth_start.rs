@@ -1,10 +1,13 @@
-//! A reference that steps leaves the funnel of a funnel controller at once: in its loop it starts smoothly.
+//! A reference that steps leaves a funnel about y - r at once: in its loop it starts smoothly.
 
 use super::{Draft, Signal};
 use crate::model_description::Variable;
 
 /// The kinds of the units that this is about.
 const FUNNEL: &str = "funnel";
+/// A law with prescribed performance of the difference itself has both of these parameters, one with a reference model has only
+/// the first.
+const PRESCRIBED: [&str; 2] = ["rho_0[1]", "lambda[1]"];
 const REFERENCE: &str = "reference";
 /// Rate of the smooth start, in parts of the rate at which the funnel narrows: what `new funnel` designs for.
 const RATE: f64 = 4.0;
@@ -25,11 +28,18 @@ pub fn of(draft: &Draft) -> Vec<Starts> {
     let model = |unit: usize| draft.units[unit].model.as_deref();
     let references = (0..draft.units.len()).filter(|&unit| model(unit) == Some(REFERENCE));
     let starts = references.filter_map(|unit| {
-        let leads = |(from, to): &(Signal, Signal)| from.0 == unit && model(to.0) == Some(FUNNEL);
+        let leads = |(from, to): &(Signal, Signal)| from.0 == unit && has_funnel(draft, to.0);
         let funnel = draft.connections().find(leads)?.1.0;
         smooth(draft, unit, funnel)
     });
     starts.collect()
+}
+
+/// True for a unit that keeps the difference from the reference itself within a funnel.
+fn has_funnel(draft: &Draft, unit: usize) -> bool {
+    let unit = &draft.units[unit];
+    let is_prescribed = || PRESCRIBED.iter().all(|name| unit.description.variable(name).is_some());
+    unit.model.as_ref().is_some_and(|model| model == FUNNEL || is_prescribed())
 }
 
 /// Every step as an offset that comes in smoothly.
