@@ -5,7 +5,7 @@
    3  derivatives end in an error behind .3 s
    4  a ball: x'' = -9.81, bounces by half its speed
    5  it integrates its input
-   6  a mass on a spring that is three times as stiff from 1 on, as an event switches it: x'' = u - k x - x' */
+   6  a mass on a spring that is three times as stiff from 1 on, as an event switches it: x'' = u - f(x) - x' */
 #include <stddef.h>
 #include <stdlib.h>
 
@@ -68,7 +68,7 @@ EXPORT int fmi2GetDerivatives(Unit *c, double *dx, size_t n) {
     case 3: if (c->t > 0.3) return ERROR; dx[0] = 1; break;
     case 4: dx[0] = c->x[1]; dx[1] = -9.81; break;
     case 5: dx[0] = c->u; break;
-    case 6: dx[0] = c->x[1]; dx[1] = c->u - c->direction * c->x[0] - c->x[1]; break;
+    case 6: dx[0] = c->x[1]; dx[1] = c->u - c->direction * (c->x[0] - 1) - 1 - c->x[1]; break;
     }
     return OK;
 }
