@@ -283,9 +283,7 @@ class Loop:
         True
         """
         together = of_units(values, units)
-        return linearise(
-            self.name, at=at, steady_state=steady_state, free=free, want=want, hold=hold, values=together, step=step
-        )
+        return linearise(self.name, at=at, steady_state=steady_state, free=free, want=want, hold=hold, values=together, step=step)
 
 
 def _give_up(waiting: Sequence[tuple[Any, Future[Any]]]) -> None:

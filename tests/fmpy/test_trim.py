@@ -111,7 +111,9 @@ def test_a_quadrotor_leans_into_the_wind(seed: int) -> None:
     x, y, z = needed / thrust
     roll, pitch = asin(x * sin(yaw) - y * cos(yaw)), atan2(x * cos(yaw) + y * sin(yaw), z)
     np.testing.assert_allclose(rotation(np.array([roll, pitch, yaw]))[:, 2] * thrust, needed, atol=1e-12)
-    assert [point[name] for name in ("u[1]", "x[7]", "x[8]", "x[9]", "x[3]")] == pytest.approx([thrust, roll, pitch, yaw, height], abs=1e-8)
+    assert [point[name] for name in ("u[1]", "x[7]", "x[8]", "x[9]", "x[3]")] == pytest.approx(
+        [thrust, roll, pitch, yaw, height], abs=1e-8
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -155,7 +157,10 @@ def test_a_twin_rotor_is_where_another_solver_finds_it(seed: int) -> None:
 
 def bounded(fmu: Fmu, folder: Path, least: float, most: float) -> Path:
     """The quadrotor with limits of its thrust in its description."""
-    limits = (r'(name="u\[1\]".*?<Real unit="N") nominal="5.0" start="4.905"', rf'\1 nominal="5.0" min="{least}" max="{most}" start="4.905"')
+    limits = (
+        r'(name="u\[1\]".*?<Real unit="N") nominal="5.0" start="4.905"',
+        rf'\1 nominal="5.0" min="{least}" max="{most}" start="4.905"',
+    )
     return edited(fmu, folder, limits)
 
 
@@ -252,7 +257,9 @@ def test_the_text_says_how_many_operating_points_there_are() -> None:
 
 def test_without_model_exchange_there_is_no_search(fmu, tmp_path: Path) -> None:
     other = edited(fmu("TwinRotor"), tmp_path, (r"<ModelExchange.*?(/>|</ModelExchange>)", ""))
-    assert "does not support model exchange, which --steady-state, --free, --want and --hold need" in fails(other, "--free", "u[1]")
+    assert "does not support model exchange, which --steady-state, --free, --want and --hold need" in fails(
+        other, "--free", "u[1]"
+    )
 
 
 def test_inputs_of_a_loop_have_their_names_there() -> None:
@@ -269,7 +276,19 @@ def test_new_and_design_take_the_operating_point_of_an_fmu(fmu, tmp_path: Path) 
     found = package.linearise(file)
     np.testing.assert_allclose(found.A, linear["A"], atol=1e-12)
     np.testing.assert_allclose(found.B[:, :2], linear["B"], atol=1e-12)
-    told = adaptive_fmu("design", fmu("TwinRotor").path, *words, "--output", "y[1],y[2]", "--bandwidth", "2", "--kinds", "pid", "--out", tmp_path / "d")
+    told = adaptive_fmu(
+        "design",
+        fmu("TwinRotor").path,
+        *words,
+        "--output",
+        "y[1],y[2]",
+        "--bandwidth",
+        "2",
+        "--kinds",
+        "pid",
+        "--out",
+        tmp_path / "d",
+    )
     assert told.returncode in (0, 3) and "u[1] = 0.8218528 V" in told.stderr, told
 
 
@@ -285,7 +304,9 @@ def test_matrices_have_no_operating_point(command: list[str], tmp_path: Path) ->
 
 
 def test_python_takes_the_operating_point_and_hands_it_over() -> None:
-    linear = package.linearise("Quadrotor", free=[f"u[{k}]" for k in range(1, 5)], want={"y[3]": 1}, hold=["x[9]"], values={"m": 0.6})
+    linear = package.linearise(
+        "Quadrotor", free=[f"u[{k}]" for k in range(1, 5)], want={"y[3]": 1}, hold=["x[9]"], values={"m": 0.6}
+    )
     assert linear.operating_point.loc["u[1]", "value"] == pytest.approx(5.886, abs=1e-9)
     assert linear.trim is not None and linear.trim["can_move"] == ["x[1]", "x[2]"] and linear.trim["held"] == ["x[9]"]
     assert package.linearise("Quadrotor").trim is None
@@ -296,3 +317,11 @@ def test_python_takes_the_operating_point_and_hands_it_over() -> None:
     both = package.linearise("TwinRotor", free=["u[1]", "u[2]"], want={"y": [0.3, 0.2]})
     assert both.operating_point.loc["u[1]", "value"] == pytest.approx(0.8218528, abs=6e-8)
     assert names([{"name": name} for name in both.inputs]) == ["u[1]", "u[2]"]
+
+
+def test_the_json_of_an_operating_point_is_a_plant_for_new(tmp_path: Path) -> None:
+    linear = linearise("TwoLinkRobot", *inputs("TwoLinkRobot"), *wants(**{"y[1]": 0.5, "y[2]": -0.6}))
+    (tmp_path / "plant.json").write_text(json.dumps(linear))
+    made = adaptive_fmu("new", "state-space", "--name", "Robot", "--plant", "plant.json", folder=tmp_path)
+    assert made.returncode == 0, made
+    np.testing.assert_allclose(package.linearise(tmp_path / "Robot.toml").A, linear["A"], atol=1e-12)
