@@ -48,6 +48,9 @@ class Linearisation:
         self.outputs: list[str] = [quantity["name"] for quantity in outputs]
         #: Method by which the matrices were computed, and its settings; the key `by` has its name.
         self.method: Any = told["method"]
+        #: Search for the operating point, if there was one, else None: `wanted`, `steps`, number of `equations` and `unknowns`,
+        #: `rank`, `can_move` (states and inputs that can change, so that the operating point is one of many), `at_bound`.
+        self.trim: dict[str, Any] | None = told["trim"]
         self._told = told
 
     @property

@@ -267,6 +267,9 @@ class Loop:
         at: float | None = None,
         *,
         steady_state: bool = False,
+        free: Sequence[str] = (),
+        want: Mapping[str, Value] | None = None,
+        hold: Sequence[str] = (),
         values: Mapping[str, Value] | None = None,
         step: float | None = None,
         **units: OfUnit,
@@ -280,7 +283,7 @@ class Loop:
         True
         """
         together = of_units(values, units)
-        return linearise(self.name, at=at, steady_state=steady_state, values=together, step=step)
+        return linearise(self.name, at=at, steady_state=steady_state, free=free, want=want, hold=hold, values=together, step=step)
 
 
 def _give_up(waiting: Sequence[tuple[Any, Future[Any]]]) -> None:

@@ -74,9 +74,9 @@ def require_unicode(*words: str) -> None:
 # Keyword arguments whose names differ from those of the options that they become.
 KEYWORDS = {"set": "values", "parameter": "parameters", "steady-state": "steady_state"}
 OPTION = re.compile(
-    r"--(at|bandwidth|case|compile|composite|fmus|force|generations|input|inputs|interface|metric|order|out|outputs|parameter|"
+    r"--(at|bandwidth|case|compile|composite|fmus|force|free|generations|hold|input|inputs|interface|metric|order|out|outputs|parameter|"
     r"particles|plant|platforms|record|reference|seed|separate|set|source|square|ssp|states|steady-state|step|tag|terminals|"
-    r"uncertainty|until|values|without)\b(?![\w-])(?: <[^>]+>)?"
+    r"uncertainty|until|values|want|without)\b(?![\w-])(?: <[^>]+>)?"
 )
 
 

@@ -208,6 +208,9 @@ def linearise(
     *,
     at: float | None = None,
     steady_state: bool = False,
+    free: Sequence[str] = (),
+    want: Mapping[str, Value] | None = None,
+    hold: Sequence[str] = (),
     values: Mapping[str, Value] | None = None,
     step: float | None = None,
 ) -> Linearisation:
@@ -215,8 +218,12 @@ def linearise(
 
     name: FMU archive (NAME.fmu), FMU of this package, description file (NAME.toml), or loop of FMUs of this package.
     at: time of the operating point, s. The states are those of a simulation up to this time with constant inputs, unless
-        `steady_state` is True. Default: start time.
+        `steady_state` is True or one of `free`, `want` and `hold` is given. Default: start time.
     steady_state: True to linearise at states whose derivatives are zero at the time of the operating point. Default: False.
+    free: names of inputs to adjust such that an operating point is reached: states at which all derivatives are zero or have
+        the values of `want`. The search starts from the start values.
+    want: values at the operating point by the names of outputs, local variables and derivatives: {"y[3]": 1, "der(x[1])": 1.5}.
+    hold: names of states that keep their start values at the operating point.
     values: start values of parameters, or constant values of inputs, by name.
     step: communication step of simulations and experiments, s. Default: the one the FMU proposes, or 0.001.
 
@@ -225,8 +232,15 @@ def linearise(
     >>> import adaptive_fmu
     >>> adaptive_fmu.linearise("3.2.1-cosine", at=0.5).A.shape[0] > 2
     True
+    >>> hover = adaptive_fmu.linearise("Quadrotor", free=["u[1]"], want={"y[3]": 1}, values={"m": 0.6})
+    >>> round(float(hover.operating_point.loc["u[1]", "value"]), 6)
+    5.886
     """
-    request = ["linearise", "--json", *words("--set", values or {})]
+    request = ["linearise", "--json", *words("--set", values or {}), *words("--want", want or {})]
+    for option, names in (("--free", free), ("--hold", hold)):
+        if isinstance(names, str):
+            raise ArgumentError(f"{option[2:]} = {names!r} is not allowed. It must be a list of names, e.g. [{names!r}]")
+        request += [f"{option}={name}" for name in names]
     request += [f"--at={number(at)}"] if at is not None else []
     request += ["--steady-state"] if steady_state else []
     request += [f"--step={number(step)}"] if step is not None else []

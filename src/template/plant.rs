@@ -20,7 +20,7 @@ const LARGEST: u64 = 1 << 22;
 /// Keys of a file; the last line is what `linearise --json` writes too.
 const KEYS: [&str; 14] =
     ["A", "B", "C", "D", "num", "den", "dt", "delay", "states", "inputs", "outputs", "units", "u_min", "u_max"];
-const IGNORED: [&str; 6] = ["fmu", "time", "method", "steady_state", "unique", "eigenvalues"];
+const IGNORED: [&str; 7] = ["fmu", "time", "method", "steady_state", "unique", "trim", "eigenvalues"];
 
 /// x' = A x + B u, y = C x + D u, with names and units where they are known.
 #[derive(Debug, Clone, PartialEq)]

@@ -121,7 +121,7 @@ def test_noise_passes_through_a_linear_controller_in_proportion(tmp_path: Path) 
         (["--settling-time", "1", "--noise", "x=1"], "--noise = x: is no state or output of the plant"),
         (["--settling-time", "1", "--kinds", "pdi"], "there is no kind for `design` named `pdi`; did you mean `pid`?"),
         (["--settling-time", "1", "--output", "torque"], "torque"),
-        (["--settling-time", "1", "--set", "a=1"], "--at and --set are for an FMU"),
+        (["--settling-time", "1", "--set", "a=1"], "--at, --set, --free, --want and --hold are for an FMU"),
     ],
 )
 def test_what_is_wrong_is_said_and_nothing_is_written(words: list[str], reason: str, tmp_path: Path) -> None:

@@ -183,7 +183,7 @@ def test_where_there_is_no_steady_state_what_remains_is_told() -> None:
     assert "der(x[2])" in (told := fails(PLANT, "--steady-state", "--set", "u[1]=1")) and "steady state" in told
     # The controller's reference asks for another output than the one that its inputs hold.
     told = fails(CONTROLLER, "--steady-state", "--set", "r[1]=1", "--set", "x[1]=0.5")
-    assert "remains" in told and "A is singular" in told and "of 7" in told
+    assert "remain" in told and "A is singular" in told and "of 7" in told
 
 
 @pytest.mark.parametrize("name", sample.FMUS)

@@ -4,7 +4,8 @@
    2  a relay that chatters: x' = -1 above 0, else 1
    3  derivatives end in an error behind .3 s
    4  a ball: x'' = -9.81, bounces by half its speed
-   5  it integrates its input */
+   5  it integrates its input
+   6  a mass on a spring that is three times as stiff from 1 on, as an event switches it: x'' = u - f(x) - x' */
 #include <stddef.h>
 #include <stdlib.h>
 
@@ -67,6 +68,7 @@ EXPORT int fmi2GetDerivatives(Unit *c, double *dx, size_t n) {
     case 3: if (c->t > 0.3) return ERROR; dx[0] = 1; break;
     case 4: dx[0] = c->x[1]; dx[1] = -9.81; break;
     case 5: dx[0] = c->u; break;
+    case 6: dx[0] = c->x[1]; dx[1] = c->u - c->direction * (c->x[0] - 1) - 1 - c->x[1]; break;
     }
     return OK;
 }
@@ -85,6 +87,7 @@ EXPORT int fmi2NewDiscreteStates(Unit *c, Info *info) {
     }
     if (c->behaviour == 1) { info->has_time = 1; info->time = c->t; }
     if (c->behaviour == 2) c->direction = c->x[0] > 0 ? -1 : 1;
+    if (c->behaviour == 6) c->direction = c->x[0] > 1 ? 3 : 1;
     if (c->behaviour == 4 && c->x[0] <= 0 && c->x[1] < 0) {
         c->x[0] = 0;
         c->x[1] *= -0.5;

@@ -12,12 +12,13 @@ use adaptive_fmu::{near, parallel};
 use serde_json::{Value, json};
 
 use super::hosting::HostingOptions;
-use super::linearise::{assignment, finite};
+use super::linearise::assignment;
 use super::names::{Names, Which};
 use super::new::plant::{Asked, find};
 use super::new::there_already;
-use super::number::{part, positive};
+use super::number::{finite, part, positive};
 use super::open::OpenOption;
+use super::trim::TrimOptions;
 use crate::console;
 
 /// The page, in the folder.
@@ -63,6 +64,8 @@ pub struct Arguments {
     /// Start value of a parameter, or constant value of an input, of an FMU (repeatable)
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
+    #[command(flatten)]
+    trim: TrimOptions,
     #[command(flatten)]
     hosting: HostingOptions,
     /// Folder for descriptions, a loop and the page
@@ -118,8 +121,9 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
     let named = |names: &Option<Names>| names.clone().map(Which::Named);
     let (inputs, outputs) = (named(&arguments.inputs), named(&arguments.output));
     let is_fmu = arguments.plant.extension().is_some_and(|extension| extension == "fmu");
-    if !is_fmu && (arguments.at.is_some() || !arguments.set.is_empty()) {
-        let reason = "--at and --set are for an FMU as the plant; a file of matrices is linear already";
+    if !is_fmu && (arguments.at.is_some() || !arguments.set.is_empty() || !arguments.trim.is_empty()) {
+        let reason =
+            "--at, --set, --free, --want and --hold are for an FMU as the plant; a file of matrices is linear already";
         return Err(Error::Description { file: arguments.plant.clone(), reason: reason.to_owned() });
     }
     let asked = Asked {
@@ -127,6 +131,7 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
         outputs: outputs.as_ref(),
         at: arguments.at,
         set: &arguments.set,
+        trim: arguments.trim.clone(),
         hosting: arguments.hosting.clone(),
         ..Asked::default()
     };

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use adaptive_fmu::analysis::{Linearisation, Method, OperatingPoint, Quantity, linearise};
+use adaptive_fmu::analysis::{AtBound, Linearisation, Method, OperatingPoint, Quantity, Trim, linearise};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
 use adaptive_fmu::fmu::{Fmu, Hosting};
@@ -15,8 +15,9 @@ use serde_json::{Value, json};
 use super::export::warn_of;
 use super::hosting::HostingOptions;
 use super::names::Names;
-use super::number::positive;
+use super::number::{finite, positive};
 use super::ready;
+use super::trim::TrimOptions;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -26,12 +27,14 @@ pub struct Arguments {
     name: String,
     /// Time of the operating point, s [default: start time]
     ///
-    /// The states are those of a simulation up to this time, unless --steady-state is given.
+    /// The states are those of a simulation up to this time, unless --steady-state, --free, --want or --hold is given.
     #[arg(long, value_name = "TIME", value_parser = finite)]
     at: Option<f64>,
     /// Linearise at states whose derivatives are zero at the time of the operating point
     #[arg(long)]
     steady_state: bool,
+    #[command(flatten)]
+    trim: TrimOptions,
     /// Start value of a parameter, or constant value of an input (repeatable)
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
@@ -50,10 +53,6 @@ pub struct Arguments {
     json: bool,
 }
 
-pub fn finite(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "must be a finite number".to_owned())
-}
-
 pub fn assignment(text: &str) -> Result<(String, String), String> {
     // A name may hold `=`; a value never does.
     let (name, value) = text.rsplit_once('=').ok_or("must be NAME=VALUE")?;
@@ -65,8 +64,9 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let fmu = open_unit(&arguments.name, &arguments.hosting.hosting()?)?;
     let Arguments { at: time, steady_state, set, states, step, .. } = arguments;
     let states = states.clone().map_or_else(Vec::new, |Names(names)| names);
-    let point = OperatingPoint { time: *time, steady_state: *steady_state, start: set.clone(), states, step: *step };
-    let linear = linearise(&fmu, &point)?;
+    let (time, steady_state, start, step) = (*time, *steady_state, set.clone(), *step);
+    let point = OperatingPoint { time, steady_state, start, states, step, ..OperatingPoint::default() };
+    let linear = linearise(&fmu, &arguments.trim.apply(point))?;
     if arguments.json {
         say!("{}", as_json(&linear));
     } else {
@@ -110,22 +110,25 @@ fn find_loop(name: &str, fmus: &[String]) -> Result<Structure, Error> {
 
 /// What a script wants of it, and `new` takes for a plant.
 pub fn as_json(linear: &Linearisation) -> Value {
-    let Linearisation { name, time, method, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
+    let Linearisation { name, time, method, trim, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
+    let (steady, unique) = (trim.as_ref().is_some_and(|trim| trim.is_steady), trim.as_ref().map(Trim::is_unique));
     let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
         matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
     };
-    json!({ "fmu": name, "time": time, "method": method, "steady_state": unique.is_some(), "unique": unique,
+    json!({ "fmu": name, "time": time, "method": method, "steady_state": steady, "unique": unique, "trim": trim,
             "states": states, "inputs": inputs, "outputs": outputs,
             "A": rows(a), "B": rows(b), "C": rows(c), "D": rows(d), "eigenvalues": eigenvalues })
 }
 
 fn print(linear: &Linearisation) {
-    let Linearisation { name, time, method, unique, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
-    let what = if unique.is_some() { "steady state" } else { "state" };
+    let Linearisation { name, time, method, trim, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
+    let what = match trim {
+        None => "state",
+        Some(trim) if trim.is_steady => "steady state",
+        Some(_) => "operating point",
+    };
     say!("{name}, {what} at t = {time} s, {}", told(*method));
-    if *unique == Some(false) {
-        say!("A is singular: this steady state, the one near the start values, is one of many");
-    }
+    trim.iter().flat_map(remarks).for_each(|line| say!("{line}"));
     say!();
     for (kind, quantities) in [("state", states), ("input", inputs), ("output", outputs)] {
         for Quantity { name, unit, value, .. } in quantities {
@@ -146,6 +149,30 @@ fn print(linear: &Linearisation) {
         let [real, imaginary, frequency] = [value.real, value.imaginary, value.frequency].map(number);
         say!("{real:>14} {imaginary:>14} {damping:>10} {frequency:>16}");
     }
+}
+
+/// Properties of an operating point that was sought, a line each.
+pub fn remarks(trim: &Trim) -> Vec<String> {
+    let Trim { equations, unknowns, rank, can_move, at_bound, .. } = trim;
+    let is_plain = trim.free.is_empty() && trim.wanted.is_empty() && trim.held.is_empty();
+    let mut lines = Vec::new();
+    if !is_plain {
+        let steps = if trim.steps == 1 { "step" } else { "steps" };
+        lines.push(format!(
+            "{equations} equations in {unknowns} unknowns, of rank {rank}, solved in {} Newton {steps}",
+            trim.steps
+        ));
+    }
+    if !trim.is_unique() {
+        let singular = if is_plain { "A is singular: this steady state" } else { "This operating point" };
+        let moves = can_move.join(", ");
+        lines.push(format!("{singular}, the one near the start values, is one of many; these can move: {moves}"));
+    }
+    for AtBound { name, value, unit, is_largest } in at_bound {
+        let which = if *is_largest { "largest" } else { "smallest" };
+        lines.push(format!("{name} is at its {which} value, {} {}", number(*value), unit.as_deref().unwrap_or("")));
+    }
+    lines.into_iter().map(|line| line.trim_end().to_owned()).collect()
 }
 
 /// How it was found, in words.

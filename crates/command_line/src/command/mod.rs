@@ -34,6 +34,7 @@ pub mod serve;
 pub mod simulate;
 mod specification;
 pub mod sweep;
+mod trim;
 pub mod tune;
 mod tuned;
 pub mod validate;

@@ -17,9 +17,10 @@ use clap::builder::PossibleValuesParser;
 
 use super::check;
 use super::hosting::HostingOptions;
-use super::linearise::{assignment, finite};
+use super::linearise::assignment;
 use super::names::Which;
-use super::number::{part, positive};
+use super::number::{finite, part, positive};
+use super::trim::TrimOptions;
 use crate::console;
 
 #[derive(clap::Args)]
@@ -77,6 +78,8 @@ pub struct UnitArguments {
     /// Communication step to linearise the FMU of --plant, s [default: the one it proposes, or 0.001]
     #[arg(long, requires = "plant", value_parser = positive)]
     step: Option<f64>,
+    #[command(flatten)]
+    trim: TrimOptions,
     #[command(flatten)]
     hosting: HostingOptions,
     /// Bandwidth of the controlled system, rad/s [default: twice that of the plant's slowest stable pole not at 0]

@@ -9,6 +9,14 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "must be a finite number above 0".to_owned())
 }
 
+/// Reads a finite number.
+///
+/// # Errors
+/// The numbers that are allowed.
+pub fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "must be a finite number".to_owned())
+}
+
 /// Reads a part of 1, also in per cent: at least 0 and below 1.
 ///
 /// # Errors

@@ -16,6 +16,7 @@ const DESCRIPTION: &str = "<?xml version='1.0'?>
 <TypeDefinitions><SimpleType name='Behaviour'><Enumeration>
 <Item name='samples' value='0'/><Item name='now' value='1'/><Item name='chatters' value='2'/>
 <Item name='fails' value='3'/><Item name='ball' value='4'/><Item name='integrates' value='5'/>
+<Item name='spring' value='6'/>
 </Enumeration></SimpleType></TypeDefinitions>
 <ModelVariables>
 <ScalarVariable name='x' valueReference='0' causality='output'><Real/></ScalarVariable>
@@ -115,8 +116,23 @@ fn an_error_is_no_matter_of_the_step() {
 fn items_have_the_numbers_that_the_description_gives_them() {
     let other = Other::new();
     assert_eq!(other.last("ball", &["--until", "0.1"]), other.last("4", &["--until", "0.1"]));
-    let error = other.error("6", &[]);
+    let error = other.error("7", &[]);
     assert!(error.contains("samples (0)") && error.contains("integrates (5)"), "{error}");
+}
+
+#[test]
+fn an_operating_point_holds_with_the_events_on_the_way_to_it() {
+    let other = Other::new();
+    for (wanted, stiffness) in [(0.5, 1.0), (2.0, 3.0), (-4.0, 1.0)] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_adaptive-fmu"));
+        command.args(["linearise", "Other.fmu", "--json", "--set", "behaviour=spring", "--free", "u", "--want"]);
+        let output = command.arg(format!("x={wanted}")).current_dir(other.0.path()).output().unwrap();
+        let linear: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"));
+        assert_eq!(linear["method"]["by"], "differences");
+        let force = linear["inputs"][0]["value"].as_f64().unwrap();
+        assert!((force - stiffness * (wanted - 1.0) - 1.0).abs() < 1e-8, "{linear}");
+        assert!((linear["A"][1][0].as_f64().unwrap() + stiffness).abs() < 1e-6, "{linear}");
+    }
 }
 
 #[test]

@@ -8,7 +8,8 @@ use serde::Serialize;
 
 use super::operating_point::{Method, OperatingPoint, prepared, simulated};
 use super::plan::{DIFFERENCE, Derivatives, Plan, references};
-use super::{responses, steady_state};
+use super::responses;
+use super::trim::{self, Trim};
 use crate::eigenvalues::{Eigenvalue, eigenvalues};
 use crate::error::{Error, Invalid};
 use crate::fmu::{Fmu, Instance, SHOWS_VARIABLES};
@@ -39,8 +40,8 @@ pub struct Linearisation {
     pub time: f64,
     /// How it was found.
     pub method: Method,
-    /// True if the steady state is the only one near; none where none was asked for.
-    pub unique: Option<bool>,
+    /// How the operating point was found, where it was sought.
+    pub trim: Option<Trim>,
     /// States.
     pub states: Vec<Quantity>,
     /// Inputs.
@@ -71,13 +72,13 @@ pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation
         let allowed = format!("must be at or after the start time, {} s", structure.start_time);
         return Err(Error::Argument(Invalid::new("--at", time, allowed)));
     }
-    let Found { instance, plan, method, unique, matrices } = found(fmu, &structure, point, time)?;
+    let Found { instance, plan, method, trim, matrices } = found(fmu, &structure, point, time)?;
     let [a, b, c, d] = matrices;
     let eigenvalues = eigenvalues(&a).map_err(|message| refuse(format!("t = {time} s: A {message}")))?;
     let values = |variables: &[&Variable]| quantities(&instance, variables);
     let (states, inputs, outputs) = (values(&plan.states)?, values(&plan.inputs)?, values(&plan.outputs)?);
     let name = fmu.description.name.clone();
-    Ok(Linearisation { name, time, method, unique, states, inputs, outputs, a, b, c, d, eigenvalues })
+    Ok(Linearisation { name, time, method, trim, states, inputs, outputs, a, b, c, d, eigenvalues })
 }
 
 /// The matrices, and an instance at the operating point.
@@ -85,7 +86,7 @@ struct Found<'a> {
     instance: Instance,
     plan: Plan<'a>,
     method: Method,
-    unique: Option<bool>,
+    trim: Option<Trim>,
     matrices: [DMatrix<f64>; 4],
 }
 
@@ -111,14 +112,15 @@ fn found<'a>(
     if !point.states.is_empty() && !plan.states.is_empty() {
         return Err(refuse("declares its states, so --states can't be used. Remove --states"));
     }
-    if point.steady_state {
+    if point.is_sought() {
         if exchange.is_none() {
-            return Err(refuse("does not support model exchange, which --steady-state needs"));
+            let reason = "does not support model exchange, which --steady-state, --free, --want and --hold need";
+            return Err(refuse(reason));
         }
         let instance = prepared(fmu.instantiate_for_exchange(&description.name)?, point, time, time)?;
-        let unique = Some(steady_state::find(&instance, &plan, time)?);
+        let trim = Some(trim::find(&instance, &plan, point, time)?);
         let matrices = matrices(&plan, &instance)?;
-        return Ok(Found { instance, plan, method, unique, matrices });
+        return Ok(Found { instance, plan, method, trim, matrices });
     }
     let start = structure.start_time;
     if description.co_simulation && exact() && point.states.is_empty() {
@@ -126,12 +128,12 @@ fn found<'a>(
         let instance = prepared(fmu.instantiate(&description.name)?, point, start, time)?;
         let instance = simulated(instance, start, time, point.step_of(fmu))?;
         let matrices = matrices(&plan, &instance)?;
-        return Ok(Found { instance, plan, method: Method::Derivatives, unique: None, matrices });
+        return Ok(Found { instance, plan, method: Method::Derivatives, trim: None, matrices });
     }
     if exchange.is_some() && !plan.states.is_empty() {
         let instance = exchanged(fmu, &plan, structure, point, time)?;
         let matrices = matrices(&plan, &instance)?;
-        return Ok(Found { instance, plan, method, unique: None, matrices });
+        return Ok(Found { instance, plan, method, trim: None, matrices });
     }
     if plan.states.is_empty() {
         plan.states = named_states(fmu, &plan, point)?;
@@ -139,7 +141,7 @@ fn found<'a>(
     let (method, matrices) = responses::find(fmu, &plan, point, (start, time))?;
     let instance = prepared(fmu.instantiate(&description.name)?, point, start, time)?;
     let instance = simulated(instance, start, time, point.step_of(fmu))?;
-    Ok(Found { instance, plan, method, unique: None, matrices })
+    Ok(Found { instance, plan, method, trim: None, matrices })
 }
 
 /// An instance for model exchange at the states of a simulation until a time.

@@ -15,8 +15,15 @@ pub(super) const LONGEST: usize = 2 * STEPS + 1;
 pub struct OperatingPoint {
     /// Time, s; the start time where none is given.
     pub time: Option<f64>,
-    /// True if states are sought whose derivatives are zero then. Else they are those of a simulation until then.
+    /// True if states are sought whose derivatives are zero then, as they are where inputs are free or values are wanted.
+    /// Else they are those of a simulation until then.
     pub steady_state: bool,
+    /// Inputs whose values are sought, too.
+    pub free: Vec<String>,
+    /// Wanted values of outputs, local variables and derivatives; other derivatives are zero.
+    pub want: Vec<(String, f64)>,
+    /// States that keep their start values.
+    pub hold: Vec<String>,
     /// Start values of parameters and inputs; inputs keep them.
     pub start: Vec<(String, String)>,
     /// The variables that are its states, where its description names none; all Real outputs where none are given.
@@ -26,6 +33,16 @@ pub struct OperatingPoint {
 }
 
 impl OperatingPoint {
+    /// True if an operating point is sought, not simulated.
+    pub fn is_sought(&self) -> bool {
+        self.steady_state || !self.is_plain()
+    }
+
+    /// True if nothing is wanted but that derivatives are zero.
+    pub(super) fn is_plain(&self) -> bool {
+        self.free.is_empty() && self.want.is_empty() && self.hold.is_empty()
+    }
+
     /// Communication step of a unit's simulations and experiments, s.
     pub(super) fn step_of(&self, fmu: &Fmu) -> f64 {
         self.step.unwrap_or_else(|| fmu.step())

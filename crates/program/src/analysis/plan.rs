@@ -21,7 +21,7 @@ pub(super) enum Derivatives {
 pub(super) const DIFFERENCE: f64 = 6e-6;
 
 /// The variables of the matrices.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Plan<'a> {
     pub states: Vec<&'a Variable>,
     pub derivatives: Vec<&'a Variable>,
@@ -58,6 +58,11 @@ impl<'a> Plan<'a> {
             },
             by,
         }
+    }
+
+    /// The same with other inputs.
+    pub fn with_inputs(&self, inputs: &[&'a Variable]) -> Self {
+        Plan { inputs: inputs.to_vec(), ..self.clone() }
     }
 
     /// How they change with the states.

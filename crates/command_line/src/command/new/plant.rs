@@ -3,21 +3,27 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use adaptive_fmu::analysis::{OperatingPoint, Quantity, linearise};
+use adaptive_fmu::analysis::{Linearisation, OperatingPoint, Quantity, linearise};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::fmu::Fmu;
 use adaptive_fmu::model_description::Variable;
+use adaptive_fmu::report::number;
 use adaptive_fmu::system::NO_LIMIT;
 use adaptive_fmu::template::{MOST, Plant, Sizes};
 use serde_json::{Value, json};
 
 use super::UnitArguments;
 use crate::command::hosting::HostingOptions;
-use crate::command::linearise::{as_json, told};
+use crate::command::linearise::{as_json, remarks, told};
 use crate::command::names::{Names, Which};
+use crate::command::trim::TrimOptions;
 
 /// The sizes that were asked for where there is no plant.
 pub fn sizes(arguments: &UnitArguments) -> Result<Sizes, Error> {
+    if !arguments.trim.is_empty() {
+        let reason = "--free, --want and --hold are for an FMU as the plant: give it with --plant FILE.fmu";
+        return Err(Error::Argument(Invalid::because(reason)));
+    }
     let size = |option: &str, which: &Option<Which>| match which {
         None => Ok(None),
         Some(Which::Count(count)) => Ok(Some(*count)),
@@ -48,6 +54,8 @@ pub struct Asked<'a> {
     pub step: Option<f64>,
     /// Its start values.
     pub set: &'a [(String, String)],
+    /// Its operating point, if one is sought.
+    pub trim: TrimOptions,
     /// Process in which it runs.
     pub hosting: HostingOptions,
 }
@@ -55,9 +63,9 @@ pub struct Asked<'a> {
 impl<'a> Asked<'a> {
     /// The options of `new`.
     pub fn of(arguments: &'a UnitArguments) -> Self {
-        let UnitArguments { states, inputs, outputs, at, step, set, hosting, .. } = arguments;
+        let UnitArguments { states, inputs, outputs, at, step, set, trim, hosting, .. } = arguments;
         let (states, inputs, outputs) = (states.as_ref(), inputs.as_ref(), outputs.as_ref());
-        Asked { states, inputs, outputs, at: *at, step: *step, set, hosting: hosting.clone() }
+        Asked { states, inputs, outputs, at: *at, step: *step, set, trim: trim.clone(), hosting: hosting.clone() }
     }
 }
 
@@ -70,9 +78,10 @@ pub fn find(arguments: &Asked, file: &Path) -> Result<Plant, Error> {
     if is_fmu {
         return linearised(arguments, file, states.unwrap_or_default(), chosen);
     }
-    if states.is_some() || arguments.at.is_some() || arguments.step.is_some() || !arguments.set.is_empty() {
-        let reason =
-            "--states, --at, --step and --set are for an FMU as the plant; a file of matrices is linear already";
+    let has_time = arguments.at.is_some() || arguments.step.is_some();
+    if states.is_some() || has_time || !arguments.set.is_empty() || !arguments.trim.is_empty() {
+        let reason = "--states, --at, --step, --set, --free, --want and --hold are for an FMU as the plant; a file of \
+            matrices is linear already";
         return Err(Error::Description { file: file.to_owned(), reason: reason.to_owned() });
     }
     Plant::read(file, chosen)
@@ -92,6 +101,17 @@ fn refuse(option: &str, value: &str, allowed: &str) -> Error {
     Error::Argument(Invalid::new(option, value, allowed))
 }
 
+/// The free inputs with the values that were found.
+fn inputs_there(linear: &Linearisation) -> String {
+    let is_free = |name: &String| linear.trim.iter().any(|trim| trim.free.contains(name));
+    let told = |input: &Quantity| {
+        let unit = input.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
+        format!("{} = {}{unit}", input.name, number(input.value))
+    };
+    let inputs: Vec<_> = linear.inputs.iter().filter(|input| is_free(&input.name)).map(told).collect();
+    if inputs.is_empty() { String::new() } else { format!(" and {}", inputs.join(", ")) }
+}
+
 /// The linear plant that an FMU is like, with its inputs' limits where all have them.
 fn linearised(
     arguments: &Asked,
@@ -102,13 +122,20 @@ fn linearised(
     let fmu = Arc::new(Fmu::open_any(file, &arguments.hosting.hosting()?)?);
     let point = OperatingPoint {
         time: arguments.at,
-        steady_state: false,
         start: arguments.set.to_vec(),
         states,
         step: arguments.step,
+        ..OperatingPoint::default()
     };
-    let linear = linearise(&fmu, &point)?;
-    remark!("{} was linearised at t = {} s, {}", linear.name, linear.time, told(linear.method));
+    let linear = linearise(&fmu, &arguments.trim.apply(point))?;
+    remark!(
+        "{} was linearised at t = {} s{}, {}",
+        linear.name,
+        linear.time,
+        inputs_there(&linear),
+        told(linear.method)
+    );
+    linear.trim.iter().flat_map(remarks).for_each(|line| remark!("{line}"));
     let mut plant = as_json(&linear);
     // An input without a limit among others that have one has one that is never reached.
     let limit = |bound: fn(&Variable) -> &Option<String>, none: f64| -> Vec<f64> {
