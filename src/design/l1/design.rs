@@ -146,13 +146,13 @@ struct Weights {
 impl Weights {
     /// 1/X² for the peak X of each state in the steps of all references.
     fn new(plant: &Uncertain, A_m: &DMatrix<f64>, references: &[f64]) -> Option<Self> {
-        let (n, m) = plant.size();
+        let (n, _) = plant.size();
         let at_rest = A_m.clone().lu().solve(&plant.B)?;
         let entry = &plant.B * -(&plant.C * at_rest).try_inverse()?;
         let states = DMatrix::identity(n, n);
         let mut peaks = DVector::zeros(n);
-        for i in 0..m {
-            let courses = step(A_m, &(entry.column(i) * references[i]), &states, &DVector::zeros(n), SETTLED)?;
+        for (column, size) in entry.column_iter().zip(references) {
+            let courses = step(A_m, &(column * *size), &states, &DVector::zeros(n), SETTLED)?;
             peaks.iter_mut().zip(&courses).for_each(|(peak, course)| {
                 *peak = course.range[1].max(-course.range[0]).max(*peak);
             });
