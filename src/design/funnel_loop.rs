@@ -79,10 +79,10 @@ impl Followed {
         self.until >= FOLLOWED
     }
 
-    /// Size of the largest error, more than 1 of one that leaves, the sooner the more; the largest size of each control.
+    /// Size of the largest error, more than 1 of one that leaves, the sooner the more; how far each control goes up and down.
     pub fn respects(&self) -> impl Iterator<Item = f64> {
         let error = if self.stayed() { self.largest_part } else { 1.0 + FOLLOWED - self.until };
-        [error].into_iter().chain(self.control.iter().map(|[low, high]| high.max(-low)))
+        [error].into_iter().chain(self.control.iter().flat_map(|[low, high]| [*high, -low]))
     }
 
     /// The worse of both in each respect.

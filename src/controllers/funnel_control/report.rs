@@ -110,7 +110,7 @@ impl Funnels {
         let all: Vec<_> = places.iter().map(follow).collect();
         let mut worst = all.iter().fold(all[0].clone(), |worst, one| worst.or_worse(one));
         let mut shown = Vec::new();
-        for respect in 0..=unit.controls.len() {
+        for respect in 0..=2 * unit.controls.len() {
             let value = |one: &Followed| one.respects().nth(respect).unwrap_or(0.0);
             let largest = (0..all.len()).max_by(|&one, &other| value(&all[one]).total_cmp(&value(&all[other])));
             let largest = largest.unwrap_or(0);

@@ -100,7 +100,8 @@ impl Described {
         report.section("Nominal loop");
         let closed = law.parts().delayed(&self.plant.delays).closed(&self.plant.A, &self.plant.B) * W;
         report.eigenvalues("poles", &closed, true);
-        let Some(nominal) = Stepped::nominal(law, &self.plant, &self.reference) else {
+        let plant = self.plant.with_later_controls(unit.step * W);
+        let Some(nominal) = Stepped::nominal(law, &plant, &self.reference) else {
             return report.summarise("the loop isn't stable".to_owned());
         };
         self.tell_steps(&nominal, Verdict::Warning, unit, report);
@@ -126,7 +127,8 @@ impl Described {
             return (of_nominal, None);
         }
         tell_number(region.places(), report);
-        let Some((worst, places)) = Stepped::worst(law, &self.plant, region.places(), &self.reference) else {
+        let plant = self.plant.with_later_controls(unit.step * self.plant.bandwidth);
+        let Some((worst, places)) = Stepped::worst(law, &plant, region.places(), &self.reference) else {
             return (format!("{of_nominal}; some plants within the uncertainty are not stable"), None);
         };
         self.tell_steps(&worst, Verdict::Ok, unit, report);
@@ -137,7 +139,8 @@ impl Described {
 
     /// The plants at these places, each once: the worst in these respects, and in those of the controls.
     pub fn worst_plants(&self, places: &[Place], respects: &[&str], unit: &Unit) -> Vec<WorstPlant> {
-        let of_controls = unit.controls.iter().map(|control| format!("range of {control}"));
+        let of_controls =
+            unit.controls.iter().flat_map(|control| ["largest", "smallest"].map(|size| format!("{size} {control}")));
         let respects = respects.iter().map(|respect| (*respect).to_owned()).chain(of_controls);
         let mut plants: Vec<(&Place, WorstPlant)> = Vec::new();
         for (respect, place) in respects.zip(places) {

@@ -6,7 +6,11 @@ use nalgebra::{DMatrix, DVector};
 use crate::mathematics::balanced::balance;
 
 /// Of so many uncertain entries the signs are changed one by one.
-const FEW_ENTRIES: usize = 30;
+const FEW_ENTRIES: usize = 60;
+/// A sampled control is late by so many of its steps: half of one as it is constant, half of one as what it measures is.
+const LATE: f64 = 1.0;
+/// So many times at most.
+const PASSES: usize = 3;
 
 /// x' = (A ± ΔA) x + (B ± ΔB) u, y = C x, entry by entry, in balanced coordinates with time in 1/W.
 #[derive(Debug, Clone)]
@@ -103,10 +107,20 @@ impl Uncertain {
     ) -> (Place, f64) {
         let entries = self.uncertain_entries();
         let few = if entries.len() <= FEW_ENTRIES { &entries[..] } else { &[] };
-        for (entry, sign) in few.iter().flat_map(|&entry| [(entry, -1.0), (entry, 1.0)]) {
-            let other = place.with(entry, sign);
-            if let Some(found) = value(&other).filter(|found| *found > largest) {
-                (place, largest) = (other, found);
+        // What one entry does may depend on the sign of another that was looked at later.
+        for _ in 0..PASSES {
+            let before = largest;
+            for (entry, sign) in few.iter().flat_map(|&entry| [(entry, -1.0), (entry, 1.0)]) {
+                if place.at(entry) == sign {
+                    continue;
+                }
+                let other = place.with(entry, sign);
+                if let Some(found) = value(&other).filter(|found| *found > largest) {
+                    (place, largest) = (other, found);
+                }
+            }
+            if largest == before {
+                break;
             }
         }
         (place, largest)
@@ -121,6 +135,13 @@ impl Uncertain {
     /// True if some entry is uncertain.
     pub fn is_uncertain(&self) -> bool {
         self.dA.iter().chain(self.dB.iter()).any(|&bound| bound > 0.0)
+    }
+
+    /// The same plant with each dead time longer by that of a control that is constant within communication steps, 1/W. Where there is
+    /// no dead time, the loop has margins for that.
+    pub fn with_later_controls(&self, step: f64) -> Self {
+        let later = |&delay: &f64| if delay > 0.0 { delay + LATE * step } else { delay };
+        Uncertain { delays: self.delays.iter().map(later).collect(), ..self.clone() }
     }
 
     /// The same plant with all bounds times a factor.
@@ -158,7 +179,12 @@ impl Place {
         Place { A: DMatrix::zeros(n, n), B: DMatrix::zeros(n, m) }
     }
 
-    /// The same with another value of an entry: of A, then of B, by columns.
+    /// An entry: of A, then of B, by columns.
+    fn at(&self, entry: usize) -> f64 {
+        entry.checked_sub(self.A.len()).map_or_else(|| self.A[entry], |entry| self.B[entry])
+    }
+
+    /// The same with another value of an entry.
     #[must_use]
     fn with(&self, entry: usize, value: f64) -> Self {
         let mut place = self.clone();

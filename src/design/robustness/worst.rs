@@ -42,7 +42,7 @@ impl Stepped {
         sizes: &[f64],
     ) -> Option<(Self, Vec<Place>)> {
         let band = NARROWER * SETTLED;
-        let mut found = vec![(f64::NEG_INFINITY, 0); 2 + plant.B.ncols()];
+        let mut found = vec![(f64::NEG_INFINITY, 0); 2 + 2 * plant.B.ncols()];
         let mut number = 0;
         let mut worst = Self::each(law, plant, places, sizes, band, |one| {
             for (worst, value) in found.iter_mut().zip(one.respects()) {
@@ -64,9 +64,9 @@ impl Stepped {
         Some((worst, all))
     }
 
-    /// Settling time, overshoot, and the largest size of each control.
+    /// Settling time, overshoot, and how far each control goes up and down.
     pub fn respects(&self) -> impl Iterator<Item = f64> {
-        let control = self.control.iter().map(|[low, high]| high.max(-low));
+        let control = self.control.iter().flat_map(|[low, high]| [*high, -low]);
         [self.settling, self.overshoot].into_iter().chain(control)
     }
 
