@@ -4,8 +4,9 @@ use super::MracPpf;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, stop_time, write_funnel};
 use crate::error::Invalid;
+use crate::report::no_less;
 use crate::template::{
-    Begun, Plant, Request, all, counted, diagonal, named, round_down, rows, write_limits, write_names,
+    Begun, Plant, Request, all, counted, diagonal, list, named, round_down, rows, write_limits, write_names,
     write_quantities, write_units,
 };
 
@@ -26,6 +27,20 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         return write_for(request, &plant);
     };
     write_for(request, plant)
+}
+
+/// Leakage of θ̂.
+const LEAKAGE: f64 = 0.05;
+/// Bound of θ̂: at least so much, and so many times the largest entry of A − A_m in a row.
+const LEAST_BOUND: f64 = 2.0;
+const OF_DIFFERENCE: f64 = 2.0;
+
+/// The bounds of θ̂, rounded up to two digits, for A_m = −bandwidth I.
+fn bounds(plant: &Plant, bandwidth: f64) -> Vec<f64> {
+    let entry = |i: usize, j: usize| (plant.A[(i, j)] + if i == j { bandwidth } else { 0.0 }).abs();
+    let n = plant.A.nrows();
+    let largest = |i: usize| (0..n).map(|j| entry(i, j)).fold(0.0, f64::max);
+    (0..n).map(|i| no_less(LEAST_BOUND.max(OF_DIFFERENCE * largest(i)), 2)).collect()
 }
 
 fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
@@ -56,6 +71,8 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
     text.set("x_m0", all(0.0, n), "its state at the start; best where the plant is");
     write_funnel(&mut text, request.reference, bandwidth, n);
     text.set("gamma_1", all(5e4, n), "adaptation gain of theta_hat");
+    text.set("theta_bound", list(&bounds(plant, bandwidth)), "bound of theta_hat: how far the plant may be from A");
+    text.set("theta_leakage", all(LEAKAGE, n), "so that noise doesn't drive theta_hat");
     text.set("gamma_2", all(5e4, n), "adaptation gain of sigma_hat");
     text.set("K_epsilon", all(0.1, n), "gain of the transformed error");
     text.set("alpha_bar", all(10.0, n), "gain of its smoothed sign");
