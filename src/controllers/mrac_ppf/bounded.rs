@@ -17,7 +17,7 @@ pub(super) struct Bounded {
     pub theta_bound: VectorOf<Parameter>,
     /// υ_θ
     pub theta_leakage: VectorOf<Parameter>,
-    projection_tolerance: ScalarOf<Parameter>,
+    pub projection_tolerance: ScalarOf<Parameter>,
     projection_active: IntegerOf<Discrete>,
     at_bounds: Warning,
 }
