@@ -110,6 +110,7 @@ impl System for Mrac {
         let text = "that the actuator can give; the reference model knows of it";
         let limited = Limited::declare(d, (&units.u, of_u), text, "Lavretsky and Wise (2013), chapter 9");
         let unlimited = unlimited(d, m);
+        let supervised = Supervised::declare(d, limited);
         let kappa = "estimate of kappa, what the input gain takes away from the control";
         let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
         Ok(Mrac {
@@ -156,12 +157,12 @@ impl System for Mrac {
                 d.local(scalar("adaptation_frequency", text).unit("rad/s").in_own_unit())
             },
             samples: Samples::declare(d, (n, m), columns),
-            is_stepped: d.is_stepped(),
+            is_stepped: supervised.is_stepped(),
             projection_active: d.discrete(
                 integer("projection_active", "number of estimates that projection keeps within their bounds").output(),
             ),
             at_bounds: d.warning("logProjection", "estimates at their bounds"),
-            supervised: Supervised::declare(d, limited),
+            supervised,
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,

@@ -12,6 +12,7 @@ use crate::design::digits;
 use crate::design::l1::design::{Design, is_full};
 use crate::error::Invalid;
 use crate::mathematics::{feedforward, lyapunov};
+use crate::report::{no_less, no_more};
 use crate::template::{Begun, Plant, Request, Text, list, number, round_down, rows, three_digits, write_limits};
 
 /// How many times as fast as the desired dynamics the adaptation turns, with usual signals.
@@ -56,12 +57,12 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
 /// Bounds that are wider than the assumed uncertainty, so that it lies where projection doesn't act.
 fn write_bounds(text: &mut Text, design: &Design, spread: &DMatrix<f64>) {
     let wider = (1.0 + LAYER).sqrt();
-    let up = |value: f64| three_digits(1.005 * wider * value);
+    let up = |value: f64| no_less(wider * value, 3);
     let of_gain = |k: usize| {
         let [low, high] = [&design.omega[0], &design.omega[1]].map(|omega| 1.0 - 1.0 / omega[(k, k)].max(LEAST_GAIN));
         let (middle, half) = (0.5 * (low + high), 0.5 * wider * (high - low));
-        let gain = |kappa: f64| three_digits((1.0 / (1.0 - kappa).max(1.0 / LARGEST_GAIN)).max(LEAST_GAIN));
-        [gain(middle - half).min(1.0), gain(middle + half).max(1.0)]
+        let gain = |kappa: f64| (1.0 / (1.0 - kappa).max(1.0 / LARGEST_GAIN)).max(LEAST_GAIN);
+        [no_more(gain(middle - half), 3).min(1.0), no_less(gain(middle + half), 3).max(1.0)]
     };
     let gains: Vec<_> = (0..spread.nrows()).map(of_gain).collect();
     let side = |side: usize| list(&gains.iter().map(|gain| gain[side]).collect::<Vec<_>>());
