@@ -136,7 +136,7 @@ fn sampled_it_follows_the_same_model_and_tells_of_steps_that_are_too_long() {
         let [rms, largest] = separate(&unit, 20.0, 1e-3, |unit| ever |= unit.get_boolean("step_too_long"));
         let exact = Example { gain }.metrics(20.0, 1e-3);
         // The sampled law takes x as constant for a sample: half of what x_m moves in it.
-        assert!((rms - exact[0]).abs() < 1.2e-4, "{gain}: {rms}, {}", exact[0]);
+        assert!((rms - exact[0]).abs() < 2e-4, "{gain}: {rms}, {}", exact[0]);
         near("largest control", largest, exact[2], 0.01);
         // Half of the tolerated dead time is 1.1 ms at 25 rad/s, and .11 ms at 80 rad/s.
         assert_eq!((ever, told(&unit)), (flagged, usize::from(flagged)), "{gain}");
