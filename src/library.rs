@@ -21,6 +21,7 @@ const ENTRIES: &[Entry] = &[
     Entry::of::<Watched<controllers::l1_limit::L1Limit>>(),
     Entry::of::<Watched<controllers::l1_sampled::L1Sampled>>(),
     Entry::of::<controllers::l1_ppf::L1Ppf>(),
+    Entry::of::<Watched<controllers::mrac::Mrac>>(),
     Entry::of::<controllers::mrac_ppf::MracPpf>(),
     Entry::of::<controllers::mrac_ppf_unmatched::MracPpfUnmatched>(),
     Entry::of::<controllers::neuro_ppf::NeuroPpf>(),

@@ -15,6 +15,7 @@ pub mod l1_quadrotor;
 pub mod l1_sampled;
 pub mod ladrc;
 mod moves;
+pub mod mrac;
 pub mod mrac_ppf;
 pub mod mrac_ppf_unmatched;
 pub mod neuro_ppf;

@@ -58,6 +58,8 @@ pub struct MracPpfUnmatched {
     theta_bound: VectorOf<Parameter>,
     sigma_bound: VectorOf<Parameter>,
     projection_tolerance: ScalarOf<Parameter>,
+    /// υ_θ
+    theta_leakage: VectorOf<Parameter>,
     x_m_start: ChoiceOf<Parameter, ModelStart>,
     x_m0: VectorOf<Parameter>,
     takeover_rate: ScalarOf<Parameter>,
@@ -165,6 +167,11 @@ impl System for MracPpfUnmatched {
             unlimited,
             supervised: Supervised::declare(d, limited),
             at_bounds: d.warning("logProjection", "estimates at their bounds"),
+            theta_leakage: {
+                let text =
+                    "leakage of theta_hat, which vanishes with the error: it keeps noise from driving the estimates";
+                d.parameter(gain("theta_leakage", text, 0.0))
+            },
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
@@ -228,8 +235,8 @@ impl System for MracPpfUnmatched {
         }
     }
 
-    /// x_m' = A_m x_m + B K_g r; θ̂_i' = Proj(γ_i ε_i R_i x), σ̂_i' = Proj(γ_i R_i (ε_i − υ_i |ε_i| σ̂_i)). Under manual control the
-    /// model follows the plant, and the estimates rest.
+    /// x_m' = A_m x_m + B K_g r; θ̂_i' = Proj(γ_i R_i (ε_i x − υ_θ,i |ε_i| θ̂_i)), σ̂_i' = Proj(γ_i R_i (ε_i − υ_i |ε_i| σ̂_i)).
+    /// Under manual control the model follows the plant, and the estimates rest.
     fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let (active, tolerance) = (self.in_command.is_active(v), v[self.projection_tolerance]);
         for i in 0..self.x.len() {
@@ -239,9 +246,11 @@ impl System for MracPpfUnmatched {
                 S::branch(active, || projection(estimate, rate, -bound, bound, tolerance), || S::from(0.0))
             };
             let gain = v[self.gamma][i] * R;
+            let leaks = gain * v[self.theta_leakage][i] * epsilon.abs();
             for j in 0..self.x.len() {
-                let rate = gain * epsilon * v[self.x][j];
-                dx[self.theta_hat.at(j, i)] = projected(v[self.theta_hat.at(j, i)], rate, v[self.theta_bound][i]);
+                let theta_hat = v[self.theta_hat.at(j, i)];
+                let rate = gain * epsilon * v[self.x][j] - leaks * theta_hat;
+                dx[self.theta_hat.at(j, i)] = projected(theta_hat, rate, v[self.theta_bound][i]);
             }
             let sigma_hat = v[self.sigma_hat][i];
             let rate = gain * (epsilon - v[self.upsilon][i] * epsilon.abs() * sigma_hat);

@@ -34,6 +34,11 @@ impl Supervised {
         }
     }
 
+    /// True if a master of co-simulation steps the unit: one flag of a unit is set so, this one.
+    pub fn is_stepped(&self) -> BooleanOf<Memory> {
+        self.is_stepped
+    }
+
     /// Looks at the control at t after a step. A control that has stood at its limit as long as the loop takes to settle is
     /// warned of; infinity where no desired dynamics say how long that is. Under manual control nothing is judged.
     pub fn look<S: Scalar>(&self, (t, step): (S, S), settling_time: S, active: S::Flag, v: &mut Point<S>) {

@@ -23,7 +23,7 @@ CONTROLLERS = {  # There is no error; one that no plant answers would take their
     "L1PpfTwoLinkRobot",
     "L1SampledNonlinearSiso", "L1SampledTwoLinkRobot", "L1SampledUnmatchedMimo", "L1TwinRotor", "L1TwoLinkRobot",
     "L1UnmatchedMimo",
-    "LadrcNonlinearSiso", "LadrcTwoLinkRobot", "MracPpfUnmatchedMimo",
+    "LadrcNonlinearSiso", "LadrcTwoLinkRobot", "MracNonlinearSiso", "MracPpfUnmatchedMimo", "MracTwoLinkRobot",
 }
 HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The same, but their thrust is the weight.
 BALANCED = {"ActuatedSiso", "MaresAuv", "StateSpace", "TwinRotor"}  # Without a control these plants rest where they start.

@@ -135,7 +135,7 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 def test_bash_completes_commands_options_loops_and_fmus(tmp_path: Path) -> None:
     (script := tmp_path / "script").write_text(adaptive_fmu("completions", "bash").stdout)
     assert completed(script, "adaptive-fmu", "lin") == {"linearise"}
-    assert completed(script, "adaptive-fmu", "run", "3.2.1") == {"3.2.1-cosine", "3.2.1-square"}
+    assert completed(script, "adaptive-fmu", "run", "3.2.1") == {"3.2.1-cosine", "3.2.1-mrac", "3.2.1-square"}
     assert completed(script, "adaptive-fmu", "export", "L1Nonl") == {"L1NonlinearSiso"}
     assert completed(script, "adaptive-fmu", "export", "--run", "3.2.1-c") == {"3.2.1-cosine"}
     assert completed(script, "adaptive-fmu", "run", "--unt") == {"--until"}
@@ -165,7 +165,7 @@ def test_powershell_offers_what_fits(tmp_path: Path) -> None:
         command = ["pwsh", "-NoProfile", "-Command", f". {script}; {asked}"]
         return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
 
-    assert offered("adaptive-fmu run 3.2.1") == {"3.2.1-cosine", "3.2.1-square"}
+    assert offered("adaptive-fmu run 3.2.1") == {"3.2.1-cosine", "3.2.1-mrac", "3.2.1-square"}
     assert offered("adaptive-fmu export Quadrotor L1Nonl") == {"L1NonlinearSiso"}
     assert offered("adaptive-fmu export --run 3.2.1-c") == {"3.2.1-cosine"}
 

@@ -174,7 +174,7 @@ pub(super) fn squared<S: Scalar>(x: &[S]) -> S {
     dot(x.iter(), x)
 }
 
-fn infinity_norm<S: Scalar>(x: &[S]) -> S {
+pub(super) fn infinity_norm<S: Scalar>(x: &[S]) -> S {
     x[1..].iter().fold(x[0].abs(), |norm, x| larger(norm, x.abs()))
 }
 

@@ -78,12 +78,12 @@ pub struct L1Structure {
     /// Output matrix C, m rows of n numbers: as many outputs as inputs.
     C: Vec<Vec<f64>>,
     /// What multiplies the estimates of theta.
-    pub(super) regressor: Regressor,
+    pub(in crate::controllers) regressor: Regressor,
     /// Usual magnitudes of the states, n numbers: with `regressor = "state"`, theta multiplies x/state_scale. 1 where they aren't
     /// given.
     state_scale: Option<Vec<f64>>,
     /// Which entries of the input gain omega are estimated.
-    pub(super) input_gain: InputGain,
+    pub(in crate::controllers) input_gain: InputGain,
     /// Where the static state feedback stands that gives the plant its desired dynamics.
     #[serde(default)]
     pub(in crate::controllers) baseline: Baseline,
@@ -241,7 +241,7 @@ impl L1Structure {
     ///
     /// # Errors
     /// Magnitudes that are none, or another regressor.
-    pub(super) fn regressor_gains(&self, n: usize) -> Result<Vec<f64>, Invalid> {
+    pub(in crate::controllers) fn regressor_gains(&self, n: usize) -> Result<Vec<f64>, Invalid> {
         let Some(scale) = &self.state_scale else { return Ok(Vec::new()) };
         if self.regressor != Regressor::State {
             let allowed = "belongs to regressor = \"state\"; leave it out with the largest element of x";

@@ -1,6 +1,7 @@
 //! Robust model reference adaptive control with prescribed performance (thesis, chapter 6).
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
+mod bounded;
 mod report;
 mod sampled;
 mod samples;
@@ -23,6 +24,7 @@ use crate::system::{
     boolean, larger, matrix, quantities, scalar, vector,
 };
 use crate::template::{Sizes, Template};
+use bounded::Bounded;
 use samples::Samples;
 
 /// Nominal matrices: n states, of which each is controlled by its channel.
@@ -102,6 +104,7 @@ pub struct MracPpf {
     moves: Moves,
     step_too_long: BooleanOf<Discrete>,
     long_step: Warning,
+    bounded: Bounded,
 }
 
 /// How small e is where the law works, against x and x_m.
@@ -169,6 +172,7 @@ impl System for MracPpf {
                 .output(),
             ),
             long_step: d.warning("logStepTooLong", "communication step too long for the law or the control"),
+            bounded: Bounded::declare(d, n),
             A,
             B_inverse,
             x,
@@ -224,7 +228,7 @@ impl System for MracPpf {
         }
     }
 
-    /// x_m' = A_m (x_m − r); θ̂' = γ_1 ε R x; I' = γ_2 R (ε ψ − |ε| υ σ̂).
+    /// x_m' = A_m (x_m − r); θ̂' = γ_1 Proj(ε R x − υ_θ R |ε| θ̂); I' = γ_2 R (ε ψ − |ε| υ σ̂).
     fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let n = self.x.len();
         let is_sampled = self.is_sampled(v);
@@ -232,7 +236,10 @@ impl System for MracPpf {
             dx[self.x_m.at(i)] = self.model_rate(i, v);
             let Inside { epsilon, R, .. } = self.inside(i, t, v);
             for j in 0..n {
-                let adaptation = || self.adaptation(i, j, (epsilon, R), v[self.sigma_hat.at(j, i)], v);
+                let adaptation = || {
+                    let integral = self.integral_rate(i, j, (epsilon, R), v[self.sigma_hat.at(j, i)], v);
+                    (self.theta_rate(i, j, (epsilon, R), v), integral)
+                };
                 let (theta, integral) = S::branch(is_sampled, || (S::from(0.0), S::from(0.0)), adaptation);
                 dx[self.theta_hat.at(j, i)] = theta;
                 dx[self.integral.at(j, i)] = integral;
@@ -269,6 +276,7 @@ impl System for MracPpf {
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let is_sampled = self.is_sampled(&v.values());
         let is_continuous = v.get(self.is_stepped) & !is_sampled;
+        self.count_projections(v);
         v.when(is_sampled, |v| self.keep_to_communication_points(t, step, v));
         v.when(is_continuous, |v| self.warn_of_long_step(step, v));
     }
@@ -290,11 +298,10 @@ impl MracPpf {
             / (gain * v[self.upsilon][i] * epsilon.abs() + 1.0)
     }
 
-    /// θ̂' and I' of an element, but for the gains that a sampled law has at another time.
-    fn adaptation<S: Scalar>(&self, i: usize, j: usize, (epsilon, R): (S, S), sigma_hat: S, v: &Values<S>) -> (S, S) {
-        let theta = v[self.gamma_1][i] * epsilon * R * v[self.x][j];
+    /// I' of an element.
+    fn integral_rate<S: Scalar>(&self, i: usize, j: usize, (epsilon, R): (S, S), sigma_hat: S, v: &Values<S>) -> S {
         let leakage = epsilon.abs() * v[self.upsilon][i] * sigma_hat;
-        (theta, v[self.gamma_2][i] * R * (epsilon * v[self.psi][j] - leakage))
+        v[self.gamma_2][i] * R * (epsilon * v[self.psi][j] - leakage)
     }
 
     /// A_m (x_m − r)

@@ -1,5 +1,7 @@
-//! What a designer should know of a robust MRAC law.
+//! Design report of a robust MRAC.
 #![allow(non_snake_case)] // matrices have the names of the thesis
+
+use nalgebra::DMatrix;
 
 use super::MracPpf;
 use crate::controllers::sampling::Evaluation;
@@ -18,9 +20,51 @@ impl MracPpf {
         report.tell("k_g", &(-&self.B_inverse * &A_m), "", "gain of the reference, B k_g = -A_m");
         report.section("Funnel");
         self.funnel.report(v, report);
+        self.tell_estimates(v, report);
         if report.step > 0.0 {
             self.tell_step(v, report);
         }
+    }
+
+    /// The bounds of θ̂, and where noise of x takes it.
+    fn tell_estimates(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let [bound, leakage] = [self.bounded.theta_bound, self.bounded.theta_leakage].map(|it| v.name(it));
+        let row = |value: &dyn Fn(usize) -> f64| DMatrix::from_fn(1, self.x.len(), |_, i| value(i));
+        report.section("Estimates");
+        let tolerance = v.name(self.bounded.projection_tolerance);
+        let note =
+            format!("bound of theta_hat. The proof needs a theta of at most this divided by sqrt(1 + {tolerance})");
+        report.tell(&bound, &row(&|i| v[self.bounded.theta_bound][i]), "", &note);
+        let leaks = |i: usize| v[self.bounded.theta_leakage][i];
+        if (0..self.x.len()).all(|i| leaks(i) > 0.0) {
+            let note = format!("mean of theta_hat with {leakage}, times the standard deviation of the noise of x");
+            // s² over s √(2/π), the mean magnitude of what is normally distributed.
+            let bias = row(&|i| (0.5 * std::f64::consts::PI).sqrt() / leaks(i));
+            return report.tell("bias of theta_hat by noise", &bias, "", &note);
+        }
+        let helps = format!("Use {leakage} = 0.05, or a small {bound}, where x is measured with noise");
+        if report.step > 0.0 && !v.get(self.law).is(Evaluation::Continuous) {
+            let note = format!("times the variance of the noise of x, about, until {bound} stops it. {helps}");
+            report.tell("drift of theta_hat by noise", &row(&|i| self.drift(i, report.step, v)), "1/s", &note);
+        } else {
+            let note = format!("noise of x drives theta_hat on and on, until {bound} stops it. {helps}");
+            report.tell("drift of theta_hat by noise", "bounded", "", &note);
+        }
+    }
+
+    /// How fast noise of x drives an element of θ̂ of the sampled law, in parts of its variance: ε and the regressor have the
+    /// same noise. Where the funnel is narrow, and for the small ε of an error that is followed.
+    fn drift(&self, i: usize, step: f64, v: &Values<f64>) -> f64 {
+        let asked = v[self.samples.sampling.sample_time];
+        let period = if asked > 0.0 { asked } else { step };
+        let h = period * f64::from(v.get(self.prediction_steps));
+        let rho = self.funnel.narrowest(i, v);
+        let psi: f64 = v[self.psi].iter().map(|psi| psi * psi).sum();
+        let gain = psi * v[self.gamma_2][i] * (v[self.beta][i] + h / rho)
+            + v[self.alpha_bar][i] / v[self.switching_width]
+            + v[self.K_epsilon][i];
+        let kept = if v[self.bounded.theta_leakage][i] > 0.0 { 0.0 } else { v[self.gamma_1][i] };
+        kept / (rho * (rho + h * gain))
     }
 
     fn tell_step(&self, v: &Values<f64>, report: &mut DesignReport) {

@@ -114,8 +114,8 @@ impl MracPpf {
         for j in 0..self.x.len() {
             let element = (v[self.psi][j], v[self.integral.at(j, i)]);
             let (sigma_hat, _) = ahead.sigma_hat(epsilon, &at, element);
-            let (theta, integral) = self.adaptation(i, j, (epsilon, at.R), sigma_hat, &v.values());
-            v[self.theta_hat.at(j, i)] += period * theta;
+            let integral = self.integral_rate(i, j, (epsilon, at.R), sigma_hat, &v.values());
+            v[self.theta_hat.at(j, i)] = self.theta_after(i, j, (epsilon, at.R), period, &v.values());
             v[self.integral.at(j, i)] += period * integral;
         }
     }

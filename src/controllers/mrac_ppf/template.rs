@@ -7,6 +7,7 @@ use super::MracPpf;
 use crate::catalogue::Catalogued;
 use crate::controllers::template::{design, require_no_delay, stop_time, write_funnel, write_nominal_with};
 use crate::error::Invalid;
+use crate::report::no_less;
 use crate::template::{
     Begun, Plant, Request, all, counted, diagonal, list, named, round_down, rows, three_digits, write_limits,
     write_names, write_quantities, write_units,
@@ -32,6 +33,20 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         return write_for(request, &plant);
     };
     write_for(request, plant)
+}
+
+/// Leakage of θ̂.
+const LEAKAGE: f64 = 0.05;
+/// Bound of θ̂: at least so many times W, and so many times the largest entry of A − A_m in a row.
+const LEAST_BOUND: f64 = 2.0;
+const OF_DIFFERENCE: f64 = 2.0;
+
+/// The bounds of θ̂, rounded up to two digits, for A_m = −bandwidth I.
+fn bounds(plant: &Plant, bandwidth: f64) -> Vec<f64> {
+    let entry = |i: usize, j: usize| (plant.A[(i, j)] + if i == j { bandwidth } else { 0.0 }).abs();
+    let n = plant.A.nrows();
+    let largest = |i: usize| (0..n).map(|j| entry(i, j)).fold(0.0, f64::max);
+    (0..n).map(|i| no_less((LEAST_BOUND * bandwidth).max(OF_DIFFERENCE * largest(i)), 2)).collect()
 }
 
 fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
@@ -68,6 +83,12 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
     let each =
         |value: &dyn Fn(f64) -> f64| list(&references.iter().map(|&R| three_digits(value(R))).collect::<Vec<_>>());
     text.set("gamma_1", each(&|R| 5e4 * (W * R / largest).powi(2)), "adaptation gain of theta_hat");
+    text.set("theta_bound", list(&bounds(plant, W)), "bound of theta_hat: how far the plant may be from A");
+    text.set(
+        "theta_leakage",
+        each(&|R| LEAKAGE * largest * largest / (W * R)),
+        "so that noise doesn't drive theta_hat",
+    );
     text.set("gamma_2", each(&|R| 5e4 * (W * R).powi(2)), "adaptation gain of sigma_hat");
     text.set("beta", each(&|R| 2.0 / (W * R)), "its proportional part");
     text.set("upsilon", each(&|R| 0.05 / (W * R)), "its leakage");

@@ -1,6 +1,8 @@
 //! What a designer should know of an MRAC for unmatched uncertainty.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
+use nalgebra::DMatrix;
+
 use super::MracPpfUnmatched;
 use super::structure::Driven;
 use crate::report::{DIGITS, at_most, no_more, number};
@@ -22,12 +24,30 @@ impl MracPpfUnmatched {
         let sizes = self.plant.inverse.singular_values();
         let note = "the proof covers any input gain B (I + D) if the largest singular value of D is below this";
         report.tell("error of the input gain", sizes.min() / sizes.max(), "", note);
+        self.tell_noise(v, report);
         for &driven in &self.plant.unmatched {
             self.tell_unmatched(driven, v, report);
         }
         self.tell_limits(v, report);
         if report.step > 0.0 {
             self.tell_step(v, report);
+        }
+    }
+
+    /// Where noise of x takes θ̂.
+    fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let [bound, leakage] = [self.theta_bound, self.theta_leakage].map(|it| v.name(it));
+        let leaks = &v[self.theta_leakage];
+        report.section("Estimates");
+        if leaks.iter().all(|&leaks| leaks > 0.0) {
+            let note = format!("mean of theta_hat with {leakage}, times the standard deviation of the noise of x");
+            // s² over s √(2/π), the mean magnitude of what is normally distributed.
+            let bias = DMatrix::from_fn(1, leaks.len(), |_, i| (0.5 * std::f64::consts::PI).sqrt() / leaks[i]);
+            report.tell("bias of theta_hat by noise", &bias, "", &note);
+        } else {
+            let helps = format!("Use {leakage} = 0.05, or a small {bound}, where x is measured with noise");
+            let note = format!("noise of x drives theta_hat on and on, until {bound} stops it. {helps}");
+            report.tell("drift of theta_hat by noise", "bounded", "", &note);
         }
     }
 

@@ -32,11 +32,29 @@ impl NeuroPpf {
         let (gain, sigma) = (v.name(self.network_gain), v.name(self.sigma));
         let note = format!("rate at which unexcited weights decay, {gain} {sigma}");
         report.tell("leakage", leak, "1/s", &note);
+        self.tell_bound(v, report);
         if let Some(input_gain) = &self.input_gain {
             input_gain.report(v, report);
         }
         report.section("Funnel");
         self.funnel.report(v, report);
+    }
+
+    /// How far the weights may go: 0 < Z < 1, and the leakage is constant.
+    fn tell_bound(&self, v: &Values<f64>, report: &mut DesignReport) {
+        let (sigma, name) = (v[self.sigma], "largest weight for |R E| = 1");
+        if sigma > 0.0 {
+            let note = format!(
+                "1/{}: noise biases the weights, at most by this times the mean of |R E|, and they do not drift",
+                v.name(self.sigma)
+            );
+            return report.tell(name, 1.0 / sigma, "", &note);
+        }
+        let sigma = v.name(self.sigma);
+        let note = format!(
+            "{sigma} is 0: nothing bounds the weights, and noise may drive them on and on. Use {sigma} above 0"
+        );
+        report.judge(name, "infinite", "", Verdict::Warning, note);
     }
 
     /// E' = −(k + n_f R²) E where the networks are right, with R = 1/ρ in the middle of a symmetric funnel.

@@ -23,6 +23,7 @@ struct Case {
     K_epsilon: [f64; N],
     gamma: [f64; N],
     upsilon: [f64; N],
+    theta_leakage: [f64; N],
     bounds: [[f64; N]; 2],
     tolerance: f64,
     limit: [f64; M],
@@ -59,6 +60,7 @@ impl Case {
             K_epsilon: row(1.0, 0.5),
             gamma: row(3.0, 1.0),
             upsilon: row(0.3, 0.2),
+            theta_leakage: row(1.5, 1.5),
             bounds: [row(0.12, 0.1), row(0.2, 0.15)],
             tolerance: any(0.2, 0.1),
             limit: [any(0.8, 0.3), any(0.8, 0.3)],
@@ -80,8 +82,8 @@ impl Case {
         format!(
             "name = 'Test'\nmodel = 'mrac-ppf-unmatched'\ndescription = ''\n[structure]\nA = {}\nB = {}\nC = {}\nunmatched = \
              [{unmatched}]\n[start]\nA_m = {}\nrho_0 = {rho_0:?}\nrho_inf = {rho_inf:?}\ndecay_rate = {decay_rate:?}\nK_epsilon \
-             = {:?}\ngamma = {:?}\nupsilon = {:?}\ntheta_bound = {:?}\nsigma_bound = {:?}\nprojection_tolerance = {:?}\nx_m_start \
-             = 'given'\nx_m0 = {:?}\nu_min = {:?}\nu_max = {:?}\nrelative_tolerance = 1e-10",
+             = {:?}\ngamma = {:?}\nupsilon = {:?}\ntheta_bound = {:?}\nsigma_bound = {:?}\nprojection_tolerance = {:?}\ntheta_leakage = \
+             {:?}\nx_m_start = 'given'\nx_m0 = {:?}\nu_min = {:?}\nu_max = {:?}\nrelative_tolerance = 1e-10",
             dynamic(&self.A),
             rows(&DMatrix::from_fn(N, M, |i, j| self.B[(i, j)])),
             rows(&DMatrix::from_fn(M, N, |i, j| self.C[(i, j)])),
@@ -92,6 +94,7 @@ impl Case {
             self.bounds[0],
             self.bounds[1],
             self.tolerance,
+            self.theta_leakage,
             self.x_m0,
             self.limit.map(|limit| -limit),
             self.limit
@@ -128,8 +131,9 @@ impl Case {
         for i in 0..N {
             let (epsilon, R, b) = of_error(i, e[i]);
             for j in 0..N {
-                rate[N + i * N + j] =
-                    self.projected(theta(i, j), self.gamma[i] * epsilon * R * x[j], self.bounds[0][i]);
+                let of_theta =
+                    self.gamma[i] * R * (epsilon * x[j] - self.theta_leakage[i] * epsilon.abs() * theta(i, j));
+                rate[N + i * N + j] = self.projected(theta(i, j), of_theta, self.bounds[0][i]);
             }
             let of_sigma = self.gamma[i] * R * (epsilon - self.upsilon[i] * epsilon.abs() * sigma(i));
             rate[N + N * N + i] = self.projected(sigma(i), of_sigma, self.bounds[1][i]);
