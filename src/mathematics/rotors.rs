@@ -6,7 +6,7 @@
 
 use crate::system::{Choice, Chosen, Scalar, larger, smaller};
 
-/// What gives way where the rotors can't give thrust, roll and pitch at the same time.
+/// Demand that gives way where the rotors can't give thrust, roll and pitch at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RotorPriority {
     /// The thrust, up and down.
@@ -37,7 +37,7 @@ pub struct Rotors<S> {
     pub limits: [S; 2],
 }
 
-/// What the rotors give.
+/// Thrusts of the rotors, and their sum and torques.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allocation<S> {
     /// Thrust of each rotor.
@@ -73,7 +73,7 @@ impl<S: Scalar> Shares<S> {
 }
 
 impl<S: Scalar> Rotors<S> {
-    /// What the rotors give of a thrust and torques of roll, pitch and yaw.
+    /// Divides a thrust and torques of roll, pitch and yaw among the rotors, as far as their limits allow.
     pub fn allocate(&self, demand: [S; 4], priority: Chosen<S, RotorPriority>) -> Allocation<S> {
         let asked = Shares::of(demand, self.arm_length, self.drag_to_thrust);
         let (quarter, part) = self.thrust_and_part(&asked, priority);
@@ -104,7 +104,7 @@ impl<S: Scalar> Rotors<S> {
         (S::select(gives_way, moved, kept), S::select(gives_way, part, part_of_kept))
     }
 
-    /// Magnitude of yaw's share that the rotors have room for beside the others.
+    /// Largest magnitude of yaw's share that the rotors have room for in addition to the others.
     fn room_of_yaw(&self, given: Shares<S>) -> S {
         let [min, max] = self.limits;
         let Shares { quarter, roll, pitch, yaw } = given;
