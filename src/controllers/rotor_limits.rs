@@ -44,13 +44,16 @@ impl RotorParameters {
         v.require_below(self.rotor_min, self.rotor_max);
     }
 
-    pub fn allocate<S: Scalar>(&self, demand: [S; 4], v: &Values<S>) -> Allocation<S> {
-        let rotors = Rotors {
+    pub fn rotors<S: Scalar>(&self, v: &Values<S>) -> Rotors<S> {
+        Rotors {
             arm_length: v[self.arm_length],
             drag_to_thrust: v[self.drag_to_thrust],
             limits: [v[self.rotor_min], v[self.rotor_max]],
-        };
-        rotors.allocate(demand, v.get(self.priority))
+        }
+    }
+
+    pub fn allocate<S: Scalar>(&self, demand: [S; 4], v: &Values<S>) -> Allocation<S> {
+        self.rotors(v).allocate(demand, v.get(self.priority))
     }
 
     /// Refuses a demand, of this variable, that no rotors could mean.
@@ -116,7 +119,7 @@ impl RotorLimits {
     pub fn limit<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
         let demand: [S; 4] = std::array::from_fn(|i| y[self.limited.u][i]);
         let limited = || {
-            let Allocation { forces, achieved } = self.parameters.allocate(demand, v);
+            let Allocation { forces, achieved } = self.allocate(demand, v);
             (forces, achieved)
         };
         let unlimited = || {
@@ -128,10 +131,18 @@ impl RotorLimits {
         y.set(self.limited.u, achieved);
     }
 
+    fn allocate<S: Scalar>(&self, demand: [S; 4], v: &Values<S>) -> Allocation<S> {
+        let (is_on, one) = (self.is_on(v), S::from(1.0));
+        let Rotors { arm_length, drag_to_thrust, limits } = self.parameters.rotors(v);
+        // While the limits are off, no derivative has anything of the rotors, whatever their numbers are.
+        let [arm_length, drag_to_thrust] = [arm_length, drag_to_thrust].map(|size| S::select(is_on, size, one));
+        Rotors { arm_length, drag_to_thrust, limits }.allocate(demand, v.get(self.parameters.priority))
+    }
+
     /// Torques that act under manual control.
     pub fn torques_by_hand<S: Scalar>(&self, v: &Values<S>) -> [S; 3] {
         let demand = self.demand(|i| v[self.u_manual][i], v);
-        let [_, torques @ ..] = S::branch(self.is_on(v), || self.parameters.allocate(demand, v).achieved, || demand);
+        let [_, torques @ ..] = S::branch(self.is_on(v), || self.allocate(demand, v).achieved, || demand);
         torques
     }
 
