@@ -112,7 +112,7 @@ impl<S: Scalar> Rotors<S> {
         let is_left = yaw.at_least(S::from(0.0));
         // Rotors 1 and 3 push more to the left, 2 and 4 to the right.
         let (more, less) = (S::select(is_left, along, across), S::select(is_left, across, along));
-        larger(smaller(max - (quarter + more), quarter - less - min), S::from(0.0))
+        smaller(max - (quarter + more), quarter - less - min)
     }
 
     fn clipped(&self, force: S) -> S {
@@ -121,9 +121,9 @@ impl<S: Scalar> Rotors<S> {
     }
 }
 
-/// The largest part of an amount, 1 at most, for which there is room; neither is negative.
+/// The largest part of an amount, which isn't negative, for which there is room, 1 at most.
 fn part_within<S: Scalar>(room: S, amount: S) -> S {
-    let one = S::from(1.0);
+    let (room, one) = (larger(room, S::from(0.0)), S::from(1.0));
     let is_more = amount.above(room);
     // Nothing is divided by 0, on neither way.
     S::select(is_more, room / S::select(is_more, amount, one), one)
