@@ -3,6 +3,7 @@
 use super::attitude::{Attitude, require_regular};
 use crate::catalogue::{Catalogued, Trial};
 use crate::mathematics::limits::within;
+use crate::mathematics::rotors;
 use crate::pages::{self, Page};
 use crate::system::{
     BooleanOf, Declaration, Input, Invalid, MatrixOf, NoStructure, Parameter, Point, Rates, Scalar, ScalarOf, Signal,
@@ -183,14 +184,7 @@ impl Rotors {
     /// What is left of the controls (T, τ): each rotor lacks a part of the thrust that it would give, and of its torques.
     fn acting<S: Scalar>(&self, [thrust, roll, pitch, yaw]: [S; 4], v: &Values<S>) -> [S; 4] {
         let (arm, drag) = (v[self.arm], v[self.drag_to_thrust]);
-        let (quarter, by_yaw) = (thrust / 4.0, yaw / (drag * 4.0));
-        let (by_roll, by_pitch) = (roll / (arm * 2.0), pitch / (arm * 2.0));
-        let would = [
-            quarter - by_pitch + by_yaw,
-            quarter + by_roll - by_yaw,
-            quarter + by_pitch + by_yaw,
-            quarter - by_roll - by_yaw,
-        ];
+        let would = rotors::forces([thrust, roll, pitch, yaw], arm, drag);
         let [front, left, rear, right] = std::array::from_fn(|i| (S::from(1.0) - v[self.effect.at(i)]) * would[i]);
         let (along, across) = (front + rear, left + right);
         [

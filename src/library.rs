@@ -41,6 +41,7 @@ const ENTRIES: &[Entry] = &[
     Entry::of::<plants::reference::Reference>(),
     Entry::of::<plants::sensor::Sensor>(),
     Entry::of::<plants::actuator::Actuator>(),
+    Entry::of::<controllers::quadrotor_mixer::QuadrotorMixer>(),
     Entry::COMPOSITE,
 ];
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::at_limit::Limited;
 use super::l1::{L1Structure, Law, Ports};
 use super::position_loop::PositionLoop;
+use super::rotor_limits::{NOMINALS, RotorLimits, UNITS};
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits::{self, UNLIMITED, within};
@@ -27,6 +28,7 @@ pub struct L1Quadrotor<const OBSERVED: bool> {
     u: VectorOf<Signal>,
     u_min: VectorOf<Parameter>,
     u_max: VectorOf<Parameter>,
+    rotors: RotorLimits,
 }
 
 impl<const OBSERVED: bool> Tracking for L1Quadrotor<OBSERVED> {
@@ -57,14 +59,10 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         }
         let position = PositionLoop::declare(d);
         let controls = ["thrust along the body's z axis", "torque of roll", "torque of pitch", "torque of yaw"];
-        let units = ["N", "N.m", "N.m", "N.m"];
         let control = |name: &str, text: &str| {
             let each =
                 controls.map(|control| if text.is_empty() { control.into() } else { format!("{text} {control}") });
-            vector(name, 4, "")
-                .each(&each.each_ref().map(String::as_str))
-                .units(&units)
-                .nominals(&[5.0, 0.01, 0.01, 0.01])
+            vector(name, 4, "").each(&each.each_ref().map(String::as_str)).units(&UNITS).nominals(&NOMINALS)
         };
         let x = d.input(state("x", "measured", 0..if OBSERVED { 9 } else { 12 }));
         let attitude_state = if OBSERVED { d.input(state("x_obs", "estimated", 6..12)) } else { x.part(6..12) };
@@ -77,6 +75,8 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         let max = [15.0, UNLIMITED, UNLIMITED, UNLIMITED];
         let u_min = d.parameter(control("u_min", "lower limit:").no_lower_limit().starts(&min));
         let u_max = d.parameter(control("u_max", "upper limit:").no_upper_limit().starts(&max));
+        let limited = Limited { u, u_min, u_max };
+        let rotors = RotorLimits::declare(d, limited, unlimited, u_manual);
         let ports = Ports {
             x: attitude_state,
             enabled,
@@ -85,10 +85,11 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
             unlimited: unlimited.part(1..4),
             u_min: u_min.part(1..4),
             u_max: u_max.part(1..4),
-            limited: Limited { u, u_min, u_max },
+            limited,
+            rotors: Some(rotors),
         };
         let attitude = Law::declare(&structure, ports, d)?;
-        Ok(L1Quadrotor { position, attitude, x, u_manual, u, unlimited, u_min, u_max })
+        Ok(L1Quadrotor { position, attitude, x, u_manual, u, unlimited, u_min, u_max, rotors })
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
@@ -97,6 +98,7 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
 
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         limits::require_room(self.u_min, self.u_max, v);
+        self.rotors.relate(v);
         self.attitude.relate(v);
     }
 
@@ -121,6 +123,10 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         self.attitude.derivatives(v.matrix(self.attitude.feedback_gain()), v, dx);
+    }
+
+    fn check<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        self.rotors.check(v);
     }
 
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
@@ -150,11 +156,13 @@ impl<const OBSERVED: bool> OwnStep for L1Quadrotor<OBSERVED> {
     }
 
     fn pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
-        self.attitude.closed_form_pays(h, relative_tolerance, v)
+        !self.rotors.cut(v) && self.attitude.closed_form_pays(h, relative_tolerance, v)
     }
 
+    /// Not where the rotors cut the torques: what they leave of one moves with the others and with the thrust.
     fn advance(&self, stride: Stride, v: &mut Point) -> bool {
-        self.attitude.closed_form(self.position.angles, self.attitude.feedback_gain(), stride, v)
+        !self.rotors.cut(&v.values())
+            && self.attitude.closed_form(self.position.angles, self.attitude.feedback_gain(), stride, v)
     }
 
     fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate {

@@ -22,6 +22,8 @@ pub mod neuro_ppf;
 pub mod observer;
 pub mod pid;
 mod position_loop;
+pub mod quadrotor_mixer;
+mod rotor_limits;
 mod sampling;
 mod supervised;
 mod template;

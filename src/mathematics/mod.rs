@@ -20,3 +20,4 @@ pub mod pole_placement;
 pub mod prediction_error;
 pub mod projection;
 pub mod root;
+pub mod rotors;

@@ -7,12 +7,11 @@ use super::design::Design;
 use super::ports::Ports;
 use super::structure::{Baseline, L1Structure, PlantMatrices, Regressor};
 use super::unmatched::Unmatched;
-use super::{AdaptiveStart, add_product, commanded, dot, infinity_norm, squared};
+use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
 use crate::controllers::at_limit::AtLimit;
 use crate::controllers::in_command::InCommand;
 use crate::controllers::moves::Moves;
 use crate::mathematics::filter::Filter;
-use crate::mathematics::limits::within;
 use crate::mathematics::projection::projection;
 use crate::system::{
     BooleanOf, ChoiceOf, Declaration, Discrete, IntegerOf, Invalid, MatrixOf, Memory, Parameter, Point, Rates, Scalar,
@@ -337,45 +336,6 @@ impl Law {
             y[self.s][i] = -x_tilde.zip(column.as_slice()).fold(S::from(0.0), |sum, (x, &p)| sum + x * p);
         }
         self.frequency(v, y);
-    }
-
-    /// The control, and what the estimates see of it.
-    fn control<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
-        let active = self.in_command.is_active(v);
-        y[self.feedback].fill(S::from(0.0));
-        if let Some(K_m) = self.design.K_m(v) {
-            add_product(&mut y[self.feedback], K_m, v[self.ports.x].iter().copied());
-        }
-        self.filtered(v, y);
-        let inertias = self.design.inertias(v);
-        for i in 0..self.u_ad.len() {
-            let (u_ad, feedback) = (y[self.u_ad][i], y[self.feedback][i]);
-            let inertia = inertias.get(i).copied().unwrap_or(S::from(1.0));
-            let beside = self.beside.map(|beside| y[beside.now][i]);
-            let law = || commanded(u_ad, feedback, beside) * inertia;
-            let wanted = S::branch(active, law, || v[self.in_command.u_manual][i]);
-            let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
-            (y[self.ports.unlimited][i], y[self.ports.u][i]) = (wanted, u);
-            y[self.v][i] = match self.baseline {
-                Baseline::None | Baseline::Inside => beside.map_or(u / inertia, |beside| u / inertia - beside),
-                Baseline::Outside => S::branch(active, || u_ad + (u - wanted) / inertia, || u / inertia + feedback),
-            };
-        }
-    }
-
-    /// u_ad: what the filter gives, with what it has of η̂_2 at once.
-    fn filtered<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
-        for (i, states) in v[self.f].chunks_exact(self.filter.order()).enumerate() {
-            y[self.u_ad][i] = states.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
-        }
-        if let Some(unmatched) = &self.unmatched {
-            unmatched.add_at_once(self.u_ad, v, y);
-        }
-    }
-
-    /// What u_ad of a channel has of η̂_2 at once.
-    pub(super) fn at_once<S: Scalar>(&self, i: usize, v: &Values<S>, eta_hat: impl Fn(&Unmatched, usize) -> S) -> S {
-        self.unmatched.as_ref().map_or(S::from(0.0), |unmatched| unmatched.at_once(i, v, |k| eta_hat(unmatched, k)))
     }
 
     /// ω_a of the signals as they stand.

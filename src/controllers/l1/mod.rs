@@ -3,6 +3,7 @@
 
 mod adaptation;
 mod closed_form;
+mod control;
 mod design;
 mod estimates;
 mod law;

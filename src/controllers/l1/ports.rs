@@ -2,6 +2,7 @@
 
 use super::structure::Symbols;
 use crate::controllers::at_limit::{Limited, manual, unlimited};
+use crate::controllers::rotor_limits::RotorLimits;
 use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, boolean, vector};
 
 /// The measured state, the control with its limits, and manual control.
@@ -17,6 +18,8 @@ pub(in crate::controllers) struct Ports {
     pub u_max: VectorOf<Parameter>,
     /// The whole control of the unit, with its limits.
     pub limited: Limited,
+    /// Limits of the whole control together, where rotors give it.
+    pub rotors: Option<RotorLimits>,
 }
 
 impl Ports {
@@ -32,6 +35,6 @@ impl Ports {
             Limited::declare(d, (u, &units.of_u), "that the actuator can give; the predictor knows of it", "");
         let Limited { u, u_min, u_max } = limited;
         let unlimited = unlimited(d, u.len());
-        Ports { x, enabled, u_manual, u, unlimited, u_min, u_max, limited }
+        Ports { x, enabled, u_manual, u, unlimited, u_min, u_max, limited, rotors: None }
     }
 }

@@ -31,11 +31,13 @@ impl Law {
 
     /// Puts the adaptive control where the control is the manual one.
     pub fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
+        let by_hand = self.ports.rotors.map(|rotors| rotors.torques_by_hand(&v.values()));
         for i in 0..self.u_ad.len() {
             let values = v.values();
             let of_state = |K_m: DMatrixView<S>| dot(K_m.row(i).iter(), &v[self.ports.x]);
             let feedback = self.design.K_m(&values).map_or(S::from(0.0), of_state);
-            let u = within(v[self.in_command.u_manual][i], v[self.ports.u_min][i], v[self.ports.u_max][i]);
+            let manual = || within(v[self.in_command.u_manual][i], v[self.ports.u_min][i], v[self.ports.u_max][i]);
+            let u = by_hand.map_or_else(manual, |torques| torques[i]);
             let u_ad = u / self.design.inertia(i, &values) + feedback;
             let u_ad = self.beside.map_or(u_ad, |beside| u_ad - v[beside.at_takeover][i]);
             // From the estimates: at the start no signals stand yet.

@@ -75,7 +75,9 @@ impl Law {
     /// Of channels that have limits.
     pub(super) fn report_limits(&self, K: &DMatrix<f64>, v: &Values<f64>, report: &mut DesignReport) {
         let (u_min, u_max) = (&v[self.ports.u_min], &v[self.ports.u_max]);
-        let limited: Vec<_> = (0..u_min.len()).filter(|&i| u_min[i] > -UNLIMITED || u_max[i] < UNLIMITED).collect();
+        let together = self.ports.rotors.is_some_and(|rotors| rotors.is_on(v));
+        let is_limited = |i: &usize| together || u_min[*i] > -UNLIMITED || u_max[*i] < UNLIMITED;
+        let limited: Vec<_> = (0..u_min.len()).filter(is_limited).collect();
         if limited.is_empty() {
             return;
         }

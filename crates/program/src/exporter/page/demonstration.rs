@@ -176,7 +176,9 @@ impl Recorded {
                 let at = short(BEFORE * duration);
                 write!(how, ": {input} steps from {} to {} at {at} s", short(about), short(about + size))
             }
-            Stimulus::Steps => write!(how, ": {input} steps to {} and to {}", short(size), short(-0.5 * size)),
+            Stimulus::Steps => {
+                write!(how, ": {input} steps to {} and to {}", short(about + size), short(about - 0.5 * size))
+            }
             Stimulus::Sine => write!(how, ": {input} is a sine of amplitude {}", short(size)),
         };
         if !example.is_empty() {
