@@ -64,6 +64,9 @@ pub struct Transformed<T> {
 /// Beyond this ε the transformation is flat in every digit.
 const FLAT: f64 = 300.0;
 
+/// Beyond this ε, R is computed without a reciprocal.
+const FAR: f64 = 100.0;
+
 /// Bounds −δ_lo < z < δ_up of the error in parts of ρ, z = e/ρ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds<T> {
@@ -125,7 +128,9 @@ impl<T: Scalar> Bounds<T> {
         let limited = T::select(is_flat, sign * FLAT, epsilon);
         let small = (-limited.abs() * 2.0).exp();
         let slope = small * ((self.lower + self.upper) * 2.0) / (small + 1.0).powi(2);
-        let R = (slope * rho).recip();
+        // The derivative of a reciprocal has the square of what it is of, which would be 0 far out.
+        let far = || (limited.abs() * 2.0).exp() * (small + 1.0).powi(2) / ((self.lower + self.upper) * 2.0 * rho);
+        let R = T::branch(limited.abs().above(T::from(FAR)), far, || (slope * rho).recip());
         // With tanh ε: the slope's derivative is −2 tanh ε of it.
         let steeper = || R * sign * ((-small + 1.0) / (small + 1.0)) * 2.0;
         Transformed {
@@ -180,7 +185,7 @@ mod tests {
                 let at = recorded(lower, upper).at(epsilon, 0.3.into());
                 [at.z, at.dz, at.R, at.dR]
             };
-            for epsilon in [-100.0, -20.0, -1.0, -0.003, 1e-9, 0.02, 0.7, 5.0] {
+            for epsilon in [-299.0, -180.0, -100.0, -20.0, -1.0, -0.003, 1e-9, 0.02, 0.7, 5.0, 101.0, 250.0] {
                 let [z, dz, R, dR] = slopes(functions, epsilon);
                 for ((value, exact), (slope, _)) in [(z, dz), (R, dR)] {
                     let size = slope.abs() + 1e-3 * value.abs();
@@ -196,6 +201,10 @@ mod tests {
         let (edge, beyond) = (bounds.at(300.0, 0.3), bounds.at(1e9, 0.3));
         assert_eq!((beyond.z, beyond.R, beyond.dz, beyond.dR), (edge.z, edge.R, 0.0, 0.0));
         assert!(beyond.R.is_finite() && bounds.at(-1e9, 0.3).z == -beyond.z);
+        let slopes = slopes(|epsilon| [recorded(1.0, 1.0).at(epsilon, 0.3.into()).R], 500.0);
+        assert_eq!(slopes, [(beyond.R, 0.0)], "a derivative that is a number");
+        let near = [100.0_f64, 100.0 * (1.0 + f64::EPSILON)].map(|epsilon| bounds.at(epsilon, 0.3).R);
+        assert!((near[1] / near[0] - 1.0).abs() < 1e-12, "{near:?}");
     }
 
     #[test]

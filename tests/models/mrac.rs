@@ -256,7 +256,7 @@ fn a_new_controller_turns_ten_times_as_fast_as_asked_for_and_covers_the_uncertai
         sizes: Sizes::NONE,
         plant: Some(Plant::parse(plant).unwrap()),
         bandwidth: Some(4.0),
-        reference: 2.0,
+        reference: &[2.0],
         uncertainty: Some(0.2),
     };
     let text = begin(&request).unwrap().text;

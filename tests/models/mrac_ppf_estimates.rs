@@ -349,6 +349,7 @@ fn a_new_law_leaks_and_is_bounded_by_how_far_its_model_is_from_the_plant() {
         C: matrix([[1.0, 0.0], [0.0, 1.0]]),
         ..Plant::integrators(2, 2, 2).unwrap()
     };
+    // In any unit of time and state: twice W at least, and 0.05 times R/W.
     let bounds = |bandwidth: f64| {
         let request = Request {
             kind: "mrac-ppf",
@@ -356,7 +357,7 @@ fn a_new_law_leaks_and_is_bounded_by_how_far_its_model_is_from_the_plant() {
             sizes: Sizes::NONE,
             plant: Some(plant.clone()),
             bandwidth: Some(bandwidth),
-            reference: 1.0,
+            reference: &[1.0],
             uncertainty: None,
         };
         let text: toml::Table = begin(&request).unwrap().text.parse().unwrap();
@@ -364,10 +365,12 @@ fn a_new_law_leaks_and_is_bounded_by_how_far_its_model_is_from_the_plant() {
             let list = text["start"][name].as_array().unwrap();
             list.iter().map(|value| value.as_float().unwrap()).collect::<Vec<_>>()
         };
-        assert_eq!(list("theta_leakage"), [0.05, 0.05]);
+        for leakage in list("theta_leakage") {
+            assert!((leakage - 0.05 / bandwidth).abs() < 5e-3 * leakage, "{leakage}");
+        }
         list("theta_bound")
     };
-    // Twice 1.02, and twice 19 and 18.77.
+    // Twice 0.98 and 1.02, and twice 20.77.
     assert_eq!(bounds(0.98), [2.0, 2.1]);
-    assert_eq!(bounds(20.77), [40.0, 38.0]);
+    assert_eq!(bounds(20.77), [42.0, 42.0]);
 }

@@ -129,6 +129,7 @@ fn names_that_are_none_or_taken_are_refused_with_the_reason() {
         ("x = [\"speed\", { description = \"\\u0001\" }]", &["control character"]),
         ("\"der(u_ad[1])\" = \"rate\"", &["no such variable"]),
         ("adaptation_gain = [\"Gamma\"]", &["[names] adaptation_gain", "one name"]),
+        ("x = [\"speed\", \"rate\"]\n\"x[2]\" = \"slope\"", &["[names] x[2]", "`x` gives this variable a name, too"]),
     ] {
         refused(&controller(names), named);
     }

@@ -14,7 +14,7 @@ use crate::template::{
 };
 
 /// Communication step, in 1/W.
-const STEP: f64 = 2e-3;
+const STEP: f64 = 1e-3;
 
 /// Robust MRAC with prescribed performance: each state follows a reference of its own.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {

@@ -105,6 +105,11 @@ pub(super) fn apply(names: &Names, first: usize, part: Option<&str>, d: &mut Dec
     let list = &mut d.variables.list[first..];
     // All are looked for before any has a new name, which may be the name of another until then.
     let found: Vec<_> = names.keys().map(|key| find(&format!("{prefix}{key}"), list)).collect();
+    for (key, other) in given_twice(names, &found) {
+        invalid.and(Invalid::because(format!(
+            "[names] {key}: `{other}` gives this variable a name, too; keep one of both"
+        )));
+    }
     for ((key, words), found) in names.iter().zip(found) {
         if let Err(reason) = give(key, words, &prefix, found, list) {
             invalid.and(Invalid::because(format!("[names] {key}: {reason}")));
@@ -119,6 +124,19 @@ pub(super) fn apply(names: &Names, first: usize, part: Option<&str>, d: &mut Dec
 
 /// A variable by its place, and which of its elements.
 type Place = (usize, Vec<usize>);
+
+/// Keys that name an element which an earlier key names, too, with that key.
+fn given_twice<'a>(names: &'a Names, found: &[Option<Place>]) -> Vec<(&'a str, &'a str)> {
+    let mut named: BTreeMap<(usize, usize), &str> = BTreeMap::new();
+    let mut twice = Vec::new();
+    for ((key, words), found) in names.iter().zip(found) {
+        let Some((index, offsets)) = found else { continue };
+        let places = offsets.iter().zip(words.each()).filter(|(_, word)| word.name().is_some());
+        let earlier = places.filter_map(|(&offset, _)| named.insert((*index, offset), key)).next();
+        twice.extend(earlier.map(|earlier| (key.as_str(), earlier)));
+    }
+    twice
+}
 
 /// Gives the words for one key, to what it stands for.
 fn give(key: &str, words: &Words, prefix: &str, found: Option<Place>, list: &mut [Variable]) -> Result<(), String> {

@@ -251,18 +251,21 @@ impl<'a> Compared<'a> {
     }
 }
 
-/// Compares a model's methods; how many conditions there are, and how many never went one of both ways.
-fn compare(model: &Model, random: &mut Random, (points, tries): (usize, usize)) -> (usize, usize) {
-    let (mut all, mut missed) = (0, 0);
+/// Compares a model's methods; how many conditions there are, how many never went one of both ways, and how many of these follow
+/// from changed parameters.
+fn compare(model: &Model, random: &mut Random, (points, tries): (usize, usize)) -> (usize, usize, usize) {
+    let (mut all, mut missed, mut of_parameters) = (0, 0, 0);
     let draws: Vec<_> = (0..points).map(|_| Draw::new(model, random)).collect();
     for method in Method::ALL {
         let mut compared = Compared::new(model, method);
         draws.iter().for_each(|draw| compared.at(draw));
         compared.at_what_is_missed(&draws, tries, random);
         all += compared.branches.0.len();
-        missed += compared.branches.missed().len();
+        let one_way = compared.branches.missed().len();
+        missed += one_way;
+        of_parameters += if method == Method::ParametersChanged { one_way } else { 0 };
     }
-    (all, missed)
+    (all, missed, of_parameters)
 }
 
 #[test]
@@ -271,10 +274,12 @@ fn recordings_of_all_units_give_the_bits_of_the_equations_in_every_branch() {
         // Of its own, so that what one unit draws doesn't depend on others.
         let mut random = Random::new(24);
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
-        let (all, missed) = compare(&model, &mut random, (400, TRIES[0]));
+        let (all, missed, of_parameters) = compare(&model, &mut random, (400, TRIES[0]));
         println!("{name}: {missed} of {all} conditions went one way only");
-        // What is left can't go the other way: the start within its limits, an item that a law doesn't have.
-        assert!(missed <= 10.max(all / 10), "{name}: {missed} of {all}");
+        // What is left can't go the other way: the start within its limits, an item that a law doesn't have; pivots of the matrix
+        // exponential of a sampled model, which stand in three methods.
+        let others = missed - missed.min(3 * of_parameters);
+        assert!(others <= 10.max(all / 10), "{name}: {others} of {all}, {of_parameters} of parameters");
     }
 }
 
@@ -282,7 +287,7 @@ fn recordings_of_all_units_give_the_bits_of_the_equations_in_every_branch() {
 fn recordings_of_all_whole_loops_give_the_bits_of_the_equations() {
     let mut random = Random::new(25);
     for model in whole_loops() {
-        let (all, missed) = compare(&model, &mut random, (60, TRIES[1]));
+        let (all, missed, _) = compare(&model, &mut random, (60, TRIES[1]));
         println!("{}: {missed} of {all} conditions went one way only", model.description().name);
     }
 }

@@ -164,11 +164,12 @@ fn the_source_of_all_whole_loops_gives_the_bits_of_the_equations() {
 }
 
 /// Laws by how the names of their units begin, and how what they cite does.
-const LAWS: [(&str, &str); 8] = [
+const LAWS: [(&str, &str); 9] = [
     ("L1Sampled", "Hovakimyan and Cao"),
     ("L1", "Hashim ("),
     ("Fuzzy", "Hashim ("),
-    ("Mrac", "Hashim ("),
+    ("MracPpf", "Hashim ("),
+    ("Mrac", "Lavretsky and Wise"),
     ("Neuro", "Hashim ("),
     ("Observer", "Hashim ("),
     ("Ladrc", "Herbst"),

@@ -65,7 +65,7 @@ fn no_two_curves_of_a_loop_s_figures_look_the_same_and_references_are_dashed() {
             }
         }
     }
-    assert_eq!(exporter::loops().len(), 28);
+    assert_eq!(exporter::loops().len(), 32);
     assert!(dashed > 60, "{dashed}");
 }
 
