@@ -250,6 +250,14 @@ impl General {
         filtered - self.at_once(law, channel, v)
     }
 
+    /// Adds to ζ of a channel, by the least change of its states.
+    pub fn add<S: Scalar>(&self, channel: usize, added: S, v: &mut Point<S>) {
+        let C_f = &self.filter.C_f;
+        for (place, &c) in C_f.iter().enumerate() {
+            v[self.q][channel * self.filter.order() + place] += added * (c / C_f.norm_squared());
+        }
+    }
+
     /// What of σ̂_2 shows in ζ at once.
     fn at_once<S: Scalar>(&self, law: &L1Sampled, channel: usize, v: &Values<S>) -> S {
         let m = self.K.shape().0;
