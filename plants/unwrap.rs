@@ -30,7 +30,7 @@ pub struct Angles {
 pub struct Unwrap {
     u: VectorOf<Input>,
     y: VectorOf<Signal>,
-    /// What y was at the last communication point or completed step.
+    /// y at the last communication point or completed step.
     last: VectorOf<Discrete>,
 }
 

@@ -60,13 +60,13 @@ pub(super) struct Jumps {
     measured: VectorOf<Input>,
     /// Elements of the measured signal that are watched.
     watched: Vec<usize>,
-    /// What they were when they were looked at last.
+    /// Their values at the last look.
     last: VectorOf<Discrete>,
     seen: Warning,
 }
 
 impl Jumps {
-    /// Of a measured signal with these units; none where nothing is to be watched.
+    /// The watch on a measured signal with these units; none where nothing is to be watched.
     pub fn declare(
         d: &mut Declaration,
         measured: VectorOf<Input>,

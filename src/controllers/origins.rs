@@ -1,10 +1,9 @@
 //! Angles of a state, counted from origins that move along with them.
 //!
 //! A vehicle may turn without end, and an angle that is measured may wrap: what differs by whole turns is the same. So an angle is
-//! read nearest to the law's own state, which no memory of measurements is needed for, and counted from an origin. The laws aren't
-//! the same for all angles (norms and feedback grow with them), so the origin moves to the reference as soon as that is far from
-//! it, and all that depends on the angle moves along.
-
+//! read nearest to a state of the controller, which needs no memory of measurements, and counted from an origin. Norms and feedback
+//! grow with an angle. So the origin moves to the reference as soon as that is far from it, and all that depends on the angle
+//! moves along.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use std::f64::consts::FRAC_PI_4;
@@ -42,7 +41,7 @@ pub(super) struct Origins {
 }
 
 impl Origins {
-    /// Of these angles, which move by what `of` says, at events of their own; none where there are none.
+    /// Origins of these angles, which move by what `of` names, at events of their own; none where there are none.
     pub fn declare(d: &mut Declaration, angles: Vec<Angle>, of: &str) -> Option<Self> {
         Self::sampled(d, angles, of).map(|origins| {
             let names = (1..=origins.angles.len()).map(|k| format!("origin of angle {k}"));
@@ -50,7 +49,7 @@ impl Origins {
         })
     }
 
-    /// The same where a law moves them at its samples.
+    /// The same where they move at samples.
     pub fn sampled(d: &mut Declaration, angles: Vec<Angle>, of: &str) -> Option<Self> {
         let many = angles.len();
         let range = format!("magnitude of {of}, counted from its origin, from which on the origin moves there");
@@ -66,12 +65,12 @@ impl Origins {
         self.angles.iter().position(|angle| angle.state == state)
     }
 
-    /// An element of the state as the law counts it: of an angle, what is nearest to a value that the law has.
+    /// An element of the state: of an angle, counted from its origin, the one nearest to a value.
     pub fn local<S: Scalar>(&self, state: usize, x: S, near: S, v: &Values<S>) -> S {
         self.place(state).map_or(x, |k| angle::nearest(x - v[self.origin][k], near))
     }
 
-    /// A reference as the law counts it: of an angle, what is nearest to that angle as the law counts it.
+    /// A reference: of an angle, counted from its origin, the one nearest to that angle.
     pub fn local_reference<S: Scalar>(&self, channel: usize, r: S, psi: impl Fn(usize) -> S, v: &Values<S>) -> S {
         let k = self.angles.iter().position(|angle| angle.channel == channel);
         k.map_or(r, |k| angle::nearest(r - v[self.origin][k], psi(self.angles[k].state)))
@@ -126,7 +125,7 @@ impl Origins {
 /// The angles of a state that outputs C x are, one an output.
 ///
 /// # Errors
-/// An angle that no output is, alone and in full.
+/// An angle that is no output.
 pub(super) fn shown(named: &Angles, C: &DMatrix<f64>, moves: impl Fn(usize) -> bool) -> Result<Vec<Angle>, Invalid> {
     let of = |state: usize| {
         let is_output = |row: usize| (0..C.ncols()).all(|k| C[(row, k)] == if k == state { 1.0 } else { 0.0 });

@@ -167,5 +167,5 @@ def test_a_pid_controller_answers_angles_as_its_equations_say(tmp_path, c: float
             u = 64 * wrapped(r - psi) + own[0] + 1500 * wrapped(c * r - psi - own[1])
             assert abs(unit["u[1]"] - u) < 1e-6 * (1 + abs(u)), t
             psi, rate = psi + H * (rate + H / 2 * u), rate + H * u
-    assert abs(wrapped(r - psi)) < 0.2
+    assert abs(wrapped(r - psi)) < 0.5
     assert psi > pi + 0.5

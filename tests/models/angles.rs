@@ -55,6 +55,7 @@ fn any_jumps_by_whole_turns_are_removed_in_each_channel() {
         run.set(&format!("u[{}]", i + 1), *angle);
     }
     run.0.initialise().unwrap();
+    run.step(0.01);
     for step in 0..2000 {
         for (i, angle) in angles.iter_mut().enumerate() {
             *angle += 3.1 * random.next();

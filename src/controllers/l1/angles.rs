@@ -1,6 +1,6 @@
 //! Angles in an L1 law: which they are, and how they and their references are read.
 //!
-//! ψ_l = x̂_ψ + wrap(ψ − c − x̂_ψ) with the origin c stands in place of ψ, r_l = ψ_l + wrap(r − c − ψ_l) in place of its reference.
+//! ψ_l = x̂_ψ + wrap(ψ − c − x̂_ψ) with the origin c takes the place of ψ, r_l = ψ_l + wrap(r − c − ψ_l) that of its reference.
 //! Where |r_l| is beyond the range, c += r_l, x̂_ψ −= r_l and u_ad −= K_m[:, ψ] r_l: the control doesn't jump.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
@@ -15,7 +15,7 @@ impl L1Structure {
     /// The states that are angles, by the units of all states.
     ///
     /// # Errors
-    /// What can't be one.
+    /// A state that can't be one.
     pub(in crate::controllers) fn angles(
         &self,
         plant: &PlantMatrices,
@@ -32,24 +32,24 @@ impl L1Structure {
 }
 
 impl Law {
-    /// An element of the measured state as the law counts it.
+    /// An element of the measured state, angles counted from their origins.
     pub(super) fn x<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
         let x = v[self.ports.x][k];
         self.origins.as_ref().map_or(x, |origins| origins.local(k, x, v[self.x_hat][k], v))
     }
 
-    /// The measured state as the law counts it.
+    /// The measured state, angles counted from their origins.
     pub(super) fn state<'a, S: Scalar>(&'a self, v: &'a Values<'a, S>) -> impl Iterator<Item = S> + 'a {
         (0..self.x_hat.len()).map(move |k| self.x(k, v))
     }
 
-    /// The reference of a channel as the law counts it.
+    /// The reference of a channel, counted as its output is.
     pub(super) fn reference<S: Scalar>(&self, channel: usize, r: S, v: &Values<S>) -> S {
         let psi = |state: usize| self.x(state, v);
         self.origins.as_ref().map_or(r, |origins| origins.local_reference(channel, r, psi, v))
     }
 
-    /// References as the law counts them.
+    /// References, counted as their outputs are.
     pub(super) fn references<'a, S: Scalar>(
         &'a self,
         r: &'a [S],
@@ -82,7 +82,7 @@ impl Law {
         }
     }
 
-    /// The predictor stands at the measured state, where the law takes over.
+    /// Puts the predictor at the measured state, for a take-over.
     pub(super) fn put_predictor<S: Scalar>(&self, v: &mut Point<S>) {
         for k in 0..self.x_hat.len() {
             let x = self.x(k, &v.values());
@@ -90,7 +90,7 @@ impl Law {
         }
     }
 
-    /// What the origin of an angle goes by: its reference, as the law counts it.
+    /// The angle that its origin goes by: the reference.
     fn counts<S: Scalar>(&self, angle: Angle, v: &Values<S>) -> S {
         self.reference(angle.channel, v[self.ports.r][angle.channel], v)
     }
@@ -125,17 +125,16 @@ impl Law {
         }
     }
 
-    /// What u_ad of a channel has of η̂_2 at once, by the estimates as they are.
+    /// The direct part of η̂_2 in u_ad of a channel, by the estimates as they are.
     fn at_once_of_estimates<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let norm = infinity_norm(self.state(v));
         self.at_once(i, v, |unmatched, k| unmatched.estimate(k, norm, v))
     }
 
-    /// Adds to what the filter of a channel gives, by the least change of its states.
+    /// Adds to what the filter of a channel gives, along the state in which it rests: it goes on as if it had always given that.
     fn add_to_filter<S: Scalar>(&self, i: usize, added: S, v: &mut Point<S>) {
-        let C_f = &self.filter.C_f;
-        for (k, &c) in C_f.iter().enumerate() {
-            v[self.f][i * self.filter.order() + k] += added * (c / C_f.norm_squared());
+        for (k, &rest) in self.filter_at_rest.iter().enumerate() {
+            v[self.f][i * self.filter.order() + k] += added * rest;
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, 
 #[derive(Debug, Clone, Copy)]
 pub(in crate::controllers) struct Ports {
     pub x: VectorOf<Input>,
-    /// References of the outputs; where others stand in their place, those of outputs that are angles.
+    /// References of the outputs. A unit that computes some of them has inputs only for outputs that are angles.
     pub r: VectorOf<Input>,
     pub enabled: BooleanOf<Input>,
     pub u_manual: VectorOf<Input>,

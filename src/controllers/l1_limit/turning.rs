@@ -7,7 +7,7 @@ use crate::controllers::angles::{Angles, Jumps};
 use crate::controllers::origins::Angle;
 use crate::system::{Declaration, Invalid, Point, Scalar, Values};
 
-/// Refuses angles whose origin must stay: without a predictor nothing says by which turn they are to be read.
+/// Refuses angles whose origin must stay: without a predictor their turn isn't known.
 pub(super) fn require_moving(angles: &[Angle]) -> Result<(), Invalid> {
     match angles.iter().find(|angle| !angle.moves) {
         Some(angle) => {
@@ -30,13 +30,13 @@ impl L1Limit {
         self.origins.iter().flat_map(|origins| origins.angles()).any(|angle| angle.channel == channel)
     }
 
-    /// An element of the state as the law counts it.
+    /// An element of the state, angles counted from their origins.
     pub(super) fn state<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
         let x = v[self.x][k];
         self.origins.as_ref().map_or(x, |origins| origins.local(k, x, S::from(0.0), v))
     }
 
-    /// A reference as the law counts it.
+    /// A reference, counted as its output is.
     pub(super) fn reference<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         let r = v[self.r][channel];
         self.origins.as_ref().map_or(r, |origins| origins.local_reference(channel, r, |k| self.state(k, v), v))
@@ -71,11 +71,11 @@ impl L1Limit {
             let of_state = v[self.L_in_force.at(k, angle.state)];
             v[self.w][k] += of_state * by;
         }
-        let (order, C_f) = (self.filter.order(), &self.filter.C_f);
+        let order = self.filter.order();
         for i in 0..self.u.len() {
             let feedback = v[K_m.at(i, angle.state)] * by;
-            for (place, &c) in C_f.iter().enumerate() {
-                v[self.w][i * order + place] -= feedback * (c / C_f.norm_squared());
+            for (place, &rest) in self.filter_at_rest.iter().enumerate() {
+                v[self.w][i * order + place] -= feedback * rest;
             }
         }
         origins.shift(angle, by, v);

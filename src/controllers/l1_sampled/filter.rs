@@ -250,11 +250,10 @@ impl General {
         filtered - self.at_once(law, channel, v)
     }
 
-    /// Adds to ζ of a channel, by the least change of its states.
+    /// Adds to ζ of a channel, along the state in which its filter rests.
     pub fn add<S: Scalar>(&self, channel: usize, added: S, v: &mut Point<S>) {
-        let C_f = &self.filter.C_f;
-        for (place, &c) in C_f.iter().enumerate() {
-            v[self.q][channel * self.filter.order() + place] += added * (c / C_f.norm_squared());
+        for (place, &rest) in self.at_rest.iter().enumerate() {
+            v[self.q][channel * self.filter.order() + place] += added * rest;
         }
     }
 

@@ -19,13 +19,13 @@ impl L1Sampled {
         self.origins.iter().flat_map(|origins| origins.angles()).any(|angle| angle.channel == channel)
     }
 
-    /// An element of the measured state as the law counts it.
+    /// An element of the measured state, angles counted from their origins.
     pub(super) fn state<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
         let x = v[self.x][k];
         self.origins.as_ref().map_or(x, |origins| origins.local(k, x, v[self.x_before][k], v))
     }
 
-    /// A reference as the law counts it, beside the state of the last sample.
+    /// A reference, counted as its output was at the last sample.
     pub(super) fn reference<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         let (r, near) = (v[self.r][channel], |k: usize| v[self.x_before][k]);
         self.origins.as_ref().map_or(r, |origins| origins.local_reference(channel, r, near, v))
