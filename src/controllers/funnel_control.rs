@@ -327,7 +327,7 @@ impl System for FunnelControl {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when the loop should have settled: the time is told, without a warning.
+        // No desired dynamics say when the loop should have settled: the time is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
         v.when(active, |v| self.guarantee.look(t, self.e, v));

@@ -261,7 +261,7 @@ impl System for Ladrc {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when a loop that has met its limits should have settled: the time is told, without a warning.
+        // No desired dynamics say when a loop that has met its limits should have settled: the time is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
         self.jumps.iter().for_each(|jumps| jumps.look(t, v));
