@@ -12,7 +12,9 @@ use super::{head, made, refusal, wrapped};
 const DEGREE: f64 = PI / 180.0;
 
 /// How measurement and reference come to the law.
-const READS: [[fn(f64) -> f64; 2]; 4] =
+type Read = [fn(f64) -> f64; 2];
+
+const READS: [Read; 4] =
     [[wrapped, wrapped], [|y| y - 8.0 * PI, |r| r], [wrapped, |r| r + 2.0 * PI], [|y| y + 4.0 * PI, wrapped]];
 
 /// What became of a quadrotor's yaw.
@@ -28,7 +30,7 @@ struct Turned {
 }
 
 /// A quadrotor that hovers and turns about its vertical axis: I ψ'' = τ, held over steps of 1 ms and solved exactly.
-fn turned(seconds: f64, r: impl Fn(f64) -> f64, read: [fn(f64) -> f64; 2]) -> Turned {
+fn turned(seconds: f64, r: impl Fn(f64) -> f64, read: Read) -> Turned {
     let mut run = made(&format!("{}u_ad_start = 'bumpless'\n", description("L1Quadrotor")));
     let (start, h, inertia) = (170.0 * DEGREE, 1e-3, 8.81e-3);
     let (mut psi, mut rate) = (start, 0.0);
@@ -177,7 +179,7 @@ fn laws() -> Vec<String> {
 }
 
 /// ψ'' = 1.2 u + 0.3 sin t under a law, in steps of 2 ms.
-fn closed(text: &str, start: f64, seconds: f64, r: impl Fn(f64) -> f64, read: [fn(f64) -> f64; 2]) -> Vec<[f64; 2]> {
+fn closed(text: &str, start: f64, seconds: f64, r: impl Fn(f64) -> f64, read: Read) -> Vec<[f64; 2]> {
     let (mut run, h) = (made(text), 2e-3);
     let (mut psi, mut rate, mut found) = (start, 0.0, Vec::new());
     for k in 0..(seconds / h).round() as i32 {
