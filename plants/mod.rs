@@ -17,3 +17,4 @@ mod template;
 pub mod twin_rotor;
 pub mod two_link_robot;
 pub mod unmatched_mimo;
+pub mod unwrap;

@@ -86,6 +86,8 @@ pub enum Stimulus {
     Steps,
     /// A sine.
     Sine,
+    /// An angle that turns evenly and wraps.
+    Turns,
 }
 
 /// How large a stimulus is.

@@ -40,6 +40,7 @@ const ENTRIES: &[Entry] = &[
     Entry::of::<plants::mares_auv::MaresAuv>(),
     Entry::of::<plants::reference::Reference>(),
     Entry::of::<plants::sensor::Sensor>(),
+    Entry::of::<plants::unwrap::Unwrap>(),
     Entry::of::<plants::actuator::Actuator>(),
     Entry::of::<controllers::quadrotor_mixer::QuadrotorMixer>(),
     Entry::COMPOSITE,

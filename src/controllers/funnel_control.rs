@@ -11,6 +11,7 @@ mod template;
 
 use serde::{Deserialize, Serialize};
 
+use super::angles::{Angles, Jumps, require_below_half_a_turn};
 use super::at_limit::{Guarantee, Limited, REOPENED_OR_AT_LIMIT, manual, unlimited};
 use super::funnel::OnExit;
 use super::in_command::InCommand;
@@ -53,6 +54,9 @@ pub struct FunnelStructure {
     /// How the errors are built up.
     #[serde(default)]
     form: Form,
+    /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.
+    #[serde(default)]
+    angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     units: OutputUnits,
@@ -130,6 +134,8 @@ pub struct FunnelControl {
     /// r and y with their derivatives.
     r: Vec<VectorOf<Input>>,
     y: Vec<VectorOf<Input>>,
+    angles: Angles,
+    jumps: Option<Jumps>,
     in_command: InCommand,
     u_b: VectorOf<State>,
     /// e = y − r
@@ -158,7 +164,7 @@ impl System for FunnelControl {
     const DOCUMENTATION: &'static str = pages::FUNNEL.text;
 
     fn declare(structure: FunnelStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let FunnelStructure { channels: m, relative_degree, form, units, quantities } = structure;
+        let FunnelStructure { channels: m, relative_degree, form, angles, units, quantities } = structure;
         check_channels(m)?;
         if !(1..=MOST_DEGREE).contains(&relative_degree) {
             let allowed = format!("must be within 1 … {MOST_DEGREE}");
@@ -169,6 +175,7 @@ impl System for FunnelControl {
             return Err(Invalid::new("relative_degree", relative_degree, allowed));
         }
         let ([y_units, u_units], [of_y, of_u]) = (units.symbols(m)?, quantities.of_signals(m)?);
+        let angles = Angles::of(&angles, "y", &y_units)?;
         let derivatives = with_derivatives(&y_units, relative_degree);
         let limit = "that the actuator can give, on which the guarantee ends";
         let takes_over = "it takes over without a jump, and its funnel opens anew";
@@ -234,6 +241,8 @@ impl System for FunnelControl {
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
+            jumps: Jumps::declare(d, y[0], &y_units, &angles),
+            angles,
             r,
             y,
         })
@@ -245,6 +254,10 @@ impl System for FunnelControl {
         if let Errors::TwoFunnels { second, .. } = &self.errors {
             second.relate(v);
         }
+        for i in self.angles.each() {
+            let start = self.bounds.start.at(i);
+            require_below_half_a_turn(v[start], |v| v.name(start), v);
+        }
     }
 
     /// The bounds open.
@@ -255,6 +268,7 @@ impl System for FunnelControl {
         v[self.u_b].fill(S::from(0.0));
         let inside = self.all_inside(t, &v.values());
         v.put(self.began_inside, inside | !enabled);
+        self.jumps.iter().for_each(|jumps| jumps.begin(v));
     }
 
     /// u = −G g e_ρ/(1 − e_ρ²) + u_b, or the manual control, within the limits.
@@ -313,10 +327,11 @@ impl System for FunnelControl {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when the loop should have settled: the time is told, without a warning.
+        // No desired dynamics say when the loop should have settled: the time is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
         v.when(active, |v| self.guarantee.look(t, self.e, v));
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -325,9 +340,10 @@ impl System for FunnelControl {
 }
 
 impl FunnelControl {
-    /// The error y − r of a channel, or a derivative of it.
+    /// The error y − r of a channel, within half a turn where that is an angle, or a derivative of it.
     fn error<S: Scalar>(&self, derivative: usize, i: usize, v: &Values<S>) -> S {
-        v[self.y[derivative]][i] - v[self.r[derivative]][i]
+        let error = v[self.y[derivative]][i] - v[self.r[derivative]][i];
+        if derivative == 0 { self.angles.difference(i, error) } else { error }
     }
 
     /// The bounds open.

@@ -46,7 +46,7 @@ impl Tracking for FuzzyL1 {
 impl FuzzyL1 {
     /// e = r − y of a channel.
     fn error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.r][channel] - self.law.output(channel, v)
+        self.law.error(channel, v[self.r][channel], v)
     }
 
     /// e' = r' − y' of a channel; 0 where no rate is known.
@@ -80,7 +80,7 @@ impl System for FuzzyL1 {
         let dr = || vector("dr", m, "time derivative of the reference");
         let dr = needs_rate
             .then(|| d.input(dr().about(&units.of_r, "time derivative of the reference of {}").units(&rates)));
-        let ports = Ports::declare(d, &units);
+        let ports = Ports::declare(d, r, &units);
         let law = Law::declare(&structure, ports, d)?;
         law.allows_scheduling()?;
         if sharing.weights == Held::Shared {

@@ -9,13 +9,16 @@
 mod report;
 mod structure;
 mod template;
+mod turning;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::angles::Jumps;
 use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::l1::tracking::{self, BY_GAIN};
 use super::l1::{Cancellation, Commands, Dynamics, L1, PlantMatrices, SETTLED, Symbols, Zeros, add_product, dot};
+use super::origins::Origins;
 use super::supervised::Supervised;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
@@ -24,8 +27,8 @@ use crate::mathematics::limits::{self, within};
 use crate::mathematics::{feedforward, lyapunov};
 use crate::pages::{self, Page};
 use crate::system::{
-    Choice, ChoiceOf, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates,
-    Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
+    Choice, ChoiceOf, Class, Declaration, DesignReport, Discrete, Input, Invalid, MatrixOf, Parameter, Point, Prepared,
+    Rates, Scalar, ScalarOf, Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
 };
 use crate::template::{Needs, Sizes, Template};
 pub use structure::L1LimitStructure;
@@ -89,6 +92,8 @@ pub struct L1Limit {
     units_of_r: Vec<&'static str>,
     of_r: Vec<String>,
     x: VectorOf<Input>,
+    origins: Option<Origins>,
+    jumps: Option<Jumps>,
     in_command: InCommand,
     /// f − L x
     w: VectorOf<State>,
@@ -119,7 +124,8 @@ impl Tracking for L1Limit {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.r][channel] - self.plant.output(channel, &v[self.x])
+        let error = v[self.r][channel] - self.plant.output(channel, &v[self.x]);
+        if self.is_angle(channel) { error.wrap() } else { error }
     }
 }
 
@@ -134,6 +140,8 @@ impl System for L1Limit {
         let inverse = structure::inverse(&plant)?;
         let ((n, m), k) = (plant.B.shape(), plant.B_um.ncols());
         let units = structure.units((n, m))?;
+        let (angles, turning) = structure.angles(&plant, &units.x)?;
+        turning::require_moving(&turning)?;
         let dynamics = Dynamics::declare(d, &plant, &structure);
         let cancellation = if k > 0 { Some(Cancellation::declare(d, &plant, &filter)?) } else { None };
         let is_direct = cancellation.as_ref().is_some_and(|cancellation| cancellation.direct.is_some());
@@ -171,6 +179,8 @@ impl System for L1Limit {
             L_in_force: d.discrete(matrix("#L in force", order, n, "").hidden()),
             r: d.input(vector("r", m, "reference").about(of_r, "reference of {}").units(r)),
             x: d.input(vector("x", n, "measured state of the plant").about(of_x, "measured {}").units(x)),
+            origins: Origins::declare(d, turning, "a reference"),
+            jumps: None,
             in_command: InCommand::declare(d, "it takes over without a jump", manual(u, of_u)),
             w: d.state(
                 vector("w", order, "state of the controller: that of its filters, less L x")
@@ -198,7 +208,8 @@ impl System for L1Limit {
             filter,
             dynamics,
             cancellation,
-        })
+        }
+        .watching(&units.x, &angles, d))
     }
 
     /// K_m, A_m, K_g, and H_m⁻¹ H_um.
@@ -224,6 +235,7 @@ impl System for L1Limit {
     /// The filters start at zero, f = 0, or where the manual control has them.
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         let enabled = self.in_command.begin(v);
+        self.start_origins(v);
         v.copy(self.L, self.L_in_force);
         for k in 0..self.w.len() {
             v[self.w][k] = -self.of_state(k, &v.values());
@@ -236,7 +248,7 @@ impl System for L1Limit {
     fn parameters_changed<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         for k in 0..self.w.len() {
             let f = v[self.w][k] + self.of_state(k, &v.values());
-            v[self.w][k] = f - dot(v.matrix(self.L).row(k).iter(), &v[self.x]);
+            v[self.w][k] = f - self.times_state(self.L, k, &v.values());
         }
         v.copy(self.L, self.L_in_force);
     }
@@ -246,12 +258,10 @@ impl System for L1Limit {
         for k in 0..self.w.len() {
             y[self.f][k] = v[self.w][k] + self.of_state(k, v);
         }
-        for (signal, matrix, along) in
-            [(self.drift, self.dynamics.A_m(v), &v[self.x]), (self.command, v.matrix(self.K_g), &v[self.r])]
-        {
-            y[signal].fill(S::from(0.0));
-            add_product(&mut y[signal], matrix, along.iter().copied());
-        }
+        y[self.drift].fill(S::from(0.0));
+        add_product(&mut y[self.drift], self.dynamics.A_m(v), (0..self.x.len()).map(|k| self.state(k, v)));
+        y[self.command].fill(S::from(0.0));
+        add_product(&mut y[self.command], v.matrix(self.K_g), (0..self.r.len()).map(|i| self.reference(i, v)));
         let active = self.in_command.is_active(v);
         for i in 0..self.u.len() {
             let (u_ad, feedback) = (self.filtered(i, &y[self.f], v), self.feedback(i, v));
@@ -277,16 +287,19 @@ impl System for L1Limit {
 
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
         self.in_command.event_indicators(v, z);
+        self.origin_indicators(v, z);
     }
 
-    /// Takes over, or hands over, where `enabled` has changed.
+    /// Takes over, or hands over, where `enabled` has changed; moves origins of angles.
     fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.in_command.event(v, |v| self.take_over(v));
+        self.move_origins(v);
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let (active, settling_time) = (self.in_command.is_active(&v.values()), v[self.settling_time]);
         self.supervised.look((t, step), settling_time, active, v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -312,7 +325,12 @@ impl L1Limit {
 
     /// L in force, times x.
     fn of_state<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
-        dot(v.matrix(self.L_in_force).row(k).iter(), &v[self.x])
+        self.times_state(self.L_in_force, k, v)
+    }
+
+    /// A row of a matrix times x.
+    fn times_state<S: Scalar, C: Class>(&self, matrix: MatrixOf<C>, row: usize, v: &Values<S>) -> S {
+        (0..self.x.len()).fold(S::from(0.0), |sum, k| sum + v[matrix.at(row, k)] * self.state(k, v))
     }
 
     /// L, by which f' = … + L (x' − A_m x): what (η, η_2) = B̄⁺ (x' − A_m x) drives.
@@ -393,7 +411,7 @@ impl L1Limit {
 
     /// K_m x of a channel.
     fn feedback<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        self.dynamics.gain().map_or(S::from(0.0), |K_m| dot(v.matrix(K_m).row(i).iter(), &v[self.x]))
+        self.dynamics.gain().map_or(S::from(0.0), |K_m| self.times_state(K_m, i, v))
     }
 
     /// What turns the command of a channel into its control.

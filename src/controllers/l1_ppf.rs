@@ -71,7 +71,7 @@ impl System for L1Ppf {
         d.without_effect(OF_CLOSED_FORM);
         let r = d.input(vector("r", m, "reference").about(&units.of_r, "reference of {}").units(&units.r));
         let order = Order::declare(d, plant, &units)?;
-        let ports = Ports::declare(d, &units);
+        let ports = Ports::declare(d, r, &units);
         let gain = "gain of the barrier, in the square of the error's unit per second; 0: the L1 law alone";
         let added = vector("u_barrier", m, "what the barrier adds to the control").units(&units.command);
         let beside = Beside {

@@ -15,6 +15,9 @@ use crate::system::{
     Signals, Spec, Stride, System, Values, VectorOf, boolean, vector,
 };
 
+/// The one angle that may turn without end, by its place in the state of the attitude, counted from 1.
+const YAW: usize = 3;
+
 /// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques. Where it is `OBSERVED`, the law takes the angles and
 /// their rates from an observer; the position loop takes the measured angles all the same.
 #[derive(Debug)]
@@ -42,7 +45,8 @@ impl<const OBSERVED: bool> Tracking for L1Quadrotor<OBSERVED> {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.position.r][channel] - v[self.x][[0, 1, 2, 8][channel]]
+        let error = v[self.position.r][channel] - v[self.x][[0, 1, 2, 8][channel]];
+        if channel == 3 { error.wrap() } else { error }
     }
 }
 
@@ -52,6 +56,7 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
     const DOCUMENTATION: &'static str = pages::L1_QUADROTOR.text;
 
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
+        let structure = structure.with_angles(&[YAW])?;
         let size = structure.size()?;
         if size != (6, 3) {
             let allowed = "must be 6 x 3: three angles and their rates, and a torque for each";
@@ -79,6 +84,7 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
         let rotors = RotorLimits::declare(d, limited, unlimited, u_manual);
         let ports = Ports {
             x: attitude_state,
+            r: position.r.part(1..4),
             enabled,
             u_manual: u_manual.part(1..4),
             u: u.part(1..4),

@@ -12,11 +12,14 @@ mod report;
 mod sample;
 mod structure;
 mod template;
+mod turning;
 
+use super::angles::Jumps;
 use super::at_limit::{AtLimit, Limited, manual};
 use super::clock::{Clock, SHORTEST};
 use super::in_command::InCommand;
 use super::l1::{Dynamics, PlantMatrices, SETTLED, Symbols, dot};
+use super::origins::Origins;
 use super::watched::Tracking;
 use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits::{self, within};
@@ -93,6 +96,8 @@ pub struct L1Sampled {
     units_of_r: Vec<&'static str>,
     of_r: Vec<String>,
     x: VectorOf<Input>,
+    origins: Option<Origins>,
+    jumps: Option<Jumps>,
     in_command: InCommand,
     clock: Clock,
     zeta: VectorOf<Discrete>,
@@ -155,7 +160,8 @@ impl Tracking for L1Sampled {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.r][channel] - self.plant.output(channel, &v[self.x])
+        let error = v[self.r][channel] - self.plant.output(channel, &v[self.x]);
+        if self.is_angle(channel) { error.wrap() } else { error }
     }
 }
 
@@ -168,6 +174,7 @@ impl System for L1Sampled {
         let plant = structure.plant()?;
         let (n, m) = plant.B.shape();
         let units = structure.of_l1.units((n, m))?;
+        let (angles, turning) = structure.of_l1.angles(&plant, &units.x)?;
         let dynamics = Dynamics::declare(d, &plant, &structure.of_l1);
         d.without_effect(OF_ADAPTATION);
         let Symbols { r, x, u, of_r, of_x, of_u, .. } = &units;
@@ -211,6 +218,8 @@ impl System for L1Sampled {
                     .units(&rates),
             ),
             x: d.input(vector("x", n, "measured state of the plant").about(of_x, "measured {}").units(x)),
+            origins: Origins::sampled(d, turning, "a reference"),
+            jumps: None,
             in_command: InCommand::declare(d, "it takes over without a jump", manual(u, of_u)),
             clock: {
                 let period = d.discrete(scalar("#sample period", "").hidden());
@@ -257,7 +266,8 @@ impl System for L1Sampled {
             predictor,
             plant,
             dynamics,
-        })
+        }
+        .watching(&units.x, &angles, d))
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
@@ -315,6 +325,7 @@ impl System for L1Sampled {
         let settling_time = v[self.settling_time];
         let active = self.in_command.is_active(&v.values());
         self.at_limit.look(t, settling_time, active, v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         v.when(v.get(self.is_stepped), |v| {
             self.clock.follow(t, step, v);
             let too_long = self.clock.is_overrun(step, &v.values());

@@ -10,6 +10,7 @@ mod template;
 
 use serde::{Deserialize, Serialize};
 
+use super::angles::{Angles, Jumps};
 use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::inverse;
@@ -55,6 +56,9 @@ pub struct LadrcStructure {
     /// What the law knows of the reference beside its value.
     #[serde(default)]
     feedforward: Feedforward,
+    /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.
+    #[serde(default)]
+    angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     units: OutputUnits,
@@ -82,6 +86,8 @@ pub struct Ladrc {
     y: VectorOf<Input>,
     units_of_y: Vec<&'static str>,
     of_y: Vec<String>,
+    angles: Angles,
+    jumps: Option<Jumps>,
     in_command: InCommand,
     /// Estimates of y and its derivatives, and of f: a row a channel.
     z: MatrixOf<State>,
@@ -103,7 +109,7 @@ impl Tracking for Ladrc {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.r[0]][channel] - v[self.y][channel]
+        self.angles.difference(channel, v[self.r[0]][channel] - v[self.y][channel])
     }
 }
 
@@ -113,12 +119,13 @@ impl System for Ladrc {
     const DOCUMENTATION: &'static str = pages::LADRC.text;
 
     fn declare(structure: LadrcStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let LadrcStructure { channels: m, order: n, feedforward, units, quantities } = structure;
+        let LadrcStructure { channels: m, order: n, feedforward, angles, units, quantities } = structure;
         check_channels(m)?;
         if !(1..=MOST_ORDER).contains(&n) {
             return Err(Invalid::new("order", n, format!("must be within 1 … {MOST_ORDER}")));
         }
         let ([y, u], [of_y, of_u]) = (units.symbols(m)?, quantities.of_signals(m)?);
+        let angles = Angles::of(&angles, "y", &y)?;
         let derivatives = with_derivatives(&y, n);
         let highest = &derivatives[n];
         let of_gain = of_matrix(highest, &u)?;
@@ -178,7 +185,10 @@ impl System for Ladrc {
             u_max: limited.u_max,
             units_of_y: y,
             of_y,
-        })
+            jumps: None,
+            angles,
+        }
+        .watching(d))
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
@@ -207,6 +217,7 @@ impl System for Ladrc {
         for i in 0..self.u.len() {
             v[self.z.at(i, 0)] = v[self.y][i];
         }
+        self.jumps.iter().for_each(|jumps| jumps.begin(v));
     }
 
     /// u = B_0⁻¹ (u_0 − z_{n+1}) + u_b, or the manual control, within the limits.
@@ -228,7 +239,7 @@ impl System for Ladrc {
         let (n, z) = (self.order, self.z);
         for ch in 0..self.u.len() {
             let omega_o = v[self.omega_o_in_force][ch];
-            let left = v[self.y][ch] - v[z.at(ch, 0)];
+            let left = self.angles.difference(ch, v[self.y][ch] - v[z.at(ch, 0)]);
             let mut power = S::from(1.0);
             for i in 1..=n {
                 power *= omega_o;
@@ -250,9 +261,10 @@ impl System for Ladrc {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when a loop that has met its limits should have settled: the time is told, without a warning.
+        // No desired dynamics say when a loop that has met its limits should have settled: the time is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -261,6 +273,12 @@ impl System for Ladrc {
 }
 
 impl Ladrc {
+    /// With a watch on angles that aren't declared.
+    fn watching(self, d: &mut Declaration) -> Self {
+        let jumps = Jumps::declare(d, self.y, &self.units_of_y, &self.angles);
+        Ladrc { jumps, ..self }
+    }
+
     /// u_0 = Σ C(n, i − 1) ω_c^(n−i+1) (r^(i−1) − z_i) + r^(n) of a channel, i = 1 … n; a derivative that isn't given is 0.
     fn wanted<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         let (n, omega_c) = (self.order, v[self.omega_c][channel]);
@@ -269,6 +287,8 @@ impl Ladrc {
             .rev()
             .fold((r(n), omega_c), |(sum, power), i| {
                 let left = r(i - 1) - v[self.z.at(channel, i - 1)];
+                // The reference and the output of an angle are read nearest to z_1: nothing else depends on the turn.
+                let left = if i == 1 { self.angles.difference(channel, left) } else { left };
                 (sum + power * left * binomial(n, i - 1), power * omega_c)
             })
             .0

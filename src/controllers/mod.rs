@@ -1,5 +1,6 @@
 //! The adaptive controllers: one file each, in the notation of the thesis.
 
+mod angles;
 mod at_limit;
 mod clock;
 mod funnel;
@@ -20,6 +21,7 @@ pub mod mrac_ppf;
 pub mod mrac_ppf_unmatched;
 pub mod neuro_ppf;
 pub mod observer;
+mod origins;
 pub mod pid;
 mod position_loop;
 pub mod quadrotor_mixer;

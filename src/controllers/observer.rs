@@ -2,11 +2,14 @@
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 mod report;
+mod turning;
 
 use nalgebra::{Complex, DMatrix, DMatrixView};
 use serde::{Deserialize, Serialize};
 
+use super::angles::{Angles, Jumps};
 use super::l1::{dot, input_and_output, nominal_dynamics, of_motion, squared};
+use super::origins::Origins;
 use super::template::{design, stop_time, write_nominal, write_plant, write_poles};
 use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::{lyapunov, pole_placement};
@@ -44,6 +47,10 @@ pub struct ObserverStructure {
     /// How the gain is given.
     #[serde(default)]
     observer_dynamics: ObserverDynamics,
+    /// Measured outputs that are angles, counted from 1: values that differ by whole turns are the same. Their unit is rad, and each
+    /// is a state.
+    #[serde(default)]
+    angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     units: Units,
@@ -103,7 +110,12 @@ pub struct Observer {
     delta0: ScalarOf<Parameter>,
     y: VectorOf<Input>,
     u: VectorOf<Input>,
+    /// x̆, angles counted from their origins.
     x_obs: VectorOf<State>,
+    /// x̆ as it is put out, where it has angles.
+    whole: Option<VectorOf<Signal>>,
+    origins: Option<Origins>,
+    jumps: Option<Jumps>,
     beta: ScalarOf<State>,
     delta: ScalarOf<State>,
     /// ỹ
@@ -130,6 +142,10 @@ impl System for Observer {
             [] => of_outputs(&C, &of_x),
             given => quantities("y", given, m)?,
         };
+        let angles = Angles::of(&structure.angles, "y", &y)?;
+        let turning = turning::turning(&angles, &A, &C, &x)?;
+        let has_angles = !turning.is_empty();
+        let estimate = |name: &str, text: &str| vector(name, n, text).about(&of_x, "estimated {}").units(&x).output();
         let number = |name: &str, text: &str, start: f64| scalar(name, text).start(start).min(0.0);
         let output_error = "error of the estimated {}, estimated minus measured";
         Ok(Observer {
@@ -165,13 +181,15 @@ impl System for Observer {
                     .about(&of_u, "commanded {}, used with known_input")
                     .units(&u),
             ),
-            x_obs: d.state(
-                vector("x_obs", n, "estimate of the plant's state")
-                    .about(&of_x, "estimated {}")
-                    .units(&x)
-                    .output()
-                    .source("Hashim (7.7)"),
-            ),
+            x_obs: if has_angles {
+                let text = "estimate of the plant's state, angles counted from their origins";
+                d.state(vector("x_obs_local", n, text).units(&x).source("Hashim (7.7)"))
+            } else {
+                d.state(estimate("x_obs", "estimate of the plant's state").source("Hashim (7.7)"))
+            },
+            whole: has_angles.then(|| d.output(estimate("x_obs", "estimate of the plant's state"))),
+            jumps: None,
+            origins: Origins::declare(d, turning, "an estimated angle"),
             beta: d.state(scalar("beta", "adaptive gain of the output error").output().source("Hashim (7.9)")),
             delta: d
                 .state(scalar("delta", "bound on the effect of unmodeled dynamics").output().source("Hashim (7.11)")),
@@ -184,7 +202,8 @@ impl System for Observer {
             A,
             B,
             C,
-        })
+        }
+        .watching(&y, &angles, d))
     }
 
     /// A − k_l C must be Hurwitz.
@@ -203,18 +222,19 @@ impl System for Observer {
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
-        v.copy(self.x_obs0, self.x_obs);
+        self.start_estimate(v);
         v.copy(self.beta0, self.beta);
         v.copy(self.delta0, self.delta);
     }
 
     /// ỹ = C x̆ − y; β_l = 1 + ‖y‖⁴ + ‖x̆‖² ‖y‖⁴ + 2 δ.
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
-        let (measured, x_obs) = (&v[self.y], &v[self.x_obs]);
-        for (i, &measured) in measured.iter().enumerate() {
-            y[self.y_tilde][i] = times(&self.C, i, x_obs) - measured;
+        let x_obs = &v[self.x_obs];
+        for i in 0..self.y.len() {
+            y[self.y_tilde][i] = times(&self.C, i, x_obs) - self.measured(i, v);
         }
-        y[self.beta_l] = fourth_power(measured) * (squared(x_obs) + 1.0) + v[self.delta] * 2.0 + 1.0;
+        y[self.beta_l] = self.fourth_power(v) * (squared(x_obs) + 1.0) + v[self.delta] * 2.0 + 1.0;
+        self.put_out(v, y);
     }
 
     /// x̆' = A x̆ − k_l ỹ − β̆ β_l B ỹ + g(y, u); β̆' = Γ_l ‖ỹ‖^q β_l − Γ_l σ_l β̆; δ' = −λ_0 δ + c ‖y‖⁴ + d_0.
@@ -229,12 +249,32 @@ impl System for Observer {
         }
         let error = power(squared(y_tilde), v[self.beta_error_power] * 0.5);
         dx[self.beta] = v[self.Gamma_l] * (error * beta_l - v[self.sigma_l] * beta);
-        let delta_l = v[self.unmodeled_gain] * fourth_power(&v[self.y]) + v[self.d_0];
+        let delta_l = v[self.unmodeled_gain] * self.fourth_power(v) + v[self.d_0];
         dx[self.delta] = delta_l - v[self.lambda_0] * v[self.delta];
+    }
+
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        self.origin_indicators(v, z);
+    }
+
+    /// Moves origins of angles.
+    fn event<S: Scalar>(&self, _t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
+        self.move_origins(v);
+    }
+
+    fn step_completed<S: Scalar>(&self, t: S, _step: S, v: &mut Point<S>) {
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
     }
 }
 
 impl Observer {
+    /// ‖y‖⁴
+    fn fourth_power<S: Scalar>(&self, v: &Values<S>) -> S {
+        let measured = (0..self.y.len()).map(|i| self.measured(i, v));
+        let squared = measured.fold(S::from(0.0), |sum, y| sum + y * y);
+        squared * squared
+    }
+
     /// Row i of g(y, u) = B u, with u in parts of the nominal inertia.
     fn nominal_input<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let inputs = v[self.u].iter().zip(&v[self.nominal_inertia]);
@@ -287,11 +327,6 @@ fn placed(A: &DMatrix<f64>, C: &DMatrix<f64>, poles: &[Complex<f64>]) -> Result<
 /// Row i of a constant matrix times a vector.
 fn times<S: Scalar>(matrix: &DMatrix<f64>, i: usize, vector: &[S]) -> S {
     matrix.row(i).iter().zip(vector).fold(S::from(0.0), |sum, (&entry, &x)| sum + x * entry)
-}
-
-/// ‖y‖⁴
-fn fourth_power<S: Scalar>(y: &[S]) -> S {
-    squared(y) * squared(y)
 }
 
 /// base^exponent of a base that isn't negative. At zero the derivative is none for small exponents, and taken as zero.

@@ -7,6 +7,7 @@ mod units;
 
 use serde::Deserialize;
 
+use super::angles::{Angles, Jumps};
 use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::inverse;
@@ -35,6 +36,9 @@ const LEAST_TIME: f64 = 1e-9;
 pub struct PidStructure {
     /// How many tracked variables, each with a control of its own.
     channels: usize,
+    /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.
+    #[serde(default)]
+    angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     units: Units,
@@ -63,6 +67,8 @@ pub struct Pid {
     y: VectorOf<Input>,
     units_of_y: Vec<&'static str>,
     of_y: Vec<String>,
+    angles: Angles,
+    jumps: Option<Jumps>,
     in_command: InCommand,
     I: VectorOf<State>,
     w: VectorOf<State>,
@@ -87,7 +93,7 @@ impl Tracking for Pid {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.r][channel] - v[self.y][channel]
+        self.angles.difference(channel, v[self.r][channel] - v[self.y][channel])
     }
 }
 
@@ -101,6 +107,7 @@ impl System for Pid {
         check_channels(m)?;
         let units = structure.units.symbols(m)?;
         let Symbols { y, v, u, .. } = &units;
+        let angles = Angles::of(&structure.angles, "y", y)?;
         let gain = |name: &str, text: &str| vector(name, m, text).min(0.0);
         let weight = |name: &str, text: &str| vector(name, m, text).start(1.0);
         let [of_y, of_u] = structure.quantities.of_signals(m)?;
@@ -108,6 +115,7 @@ impl System for Pid {
                         the gains, 0: off";
         let limited = Limited::declare(d, (u, &of_u), "that the actuator can give", "");
         let unlimited = unlimited(d, m);
+        let measured = vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(y);
         Ok(Pid {
             K_p: d.parameter(gain("K_p", "proportional gain").start(1.0).units(&units.K_p)),
             K_i: d.parameter(gain("K_i", "integral gain").units(&units.K_i)),
@@ -130,7 +138,7 @@ impl System for Pid {
             tracking_time: d.parameter(vector("tracking_time", m, tracking).unit("s").start(BY_GAINS).min(BY_GAINS)),
             T_t: d.prepared(vector("T_t", m, "tracking time in force; 0 where the integral doesn't track").unit("s")),
             r: d.input(vector("r", m, "reference").about(&of_y, "reference of {}").units(y)),
-            y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(y)),
+            y: d.input(measured),
             in_command: InCommand::declare(d, "it takes over without a jump", manual(u, &of_u)),
             I: d.state(vector("I", m, "integral part").units(v)),
             w: d.state(vector("w", m, "c r - y behind the derivative's filter").units(y)),
@@ -145,7 +153,10 @@ impl System for Pid {
             u_max: limited.u_max,
             units_of_y: units.y,
             of_y,
-        })
+            jumps: None,
+            angles,
+        }
+        .watching(d))
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
@@ -156,6 +167,7 @@ impl System for Pid {
         limits::require_room(self.u_min, self.u_max, v);
         for i in 0..self.I.len() {
             self.check_time(i, v);
+            self.check_weights(i, v);
             v[self.T_t][i] = self.time_in_force(i, &v.values());
         }
     }
@@ -163,6 +175,7 @@ impl System for Pid {
     /// I = 0, and the filter at rest: the derivative begins without a kick.
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         self.in_command.begin(v);
+        self.jumps.iter().for_each(|jumps| jumps.begin(v));
         for i in 0..self.I.len() {
             v[self.I][i] = S::from(0.0);
             v[self.w][i] = self.weighted(self.c, i, &v.values());
@@ -190,7 +203,7 @@ impl System for Pid {
         for i in 0..self.I.len() {
             let integral = || v[self.K_i][i] * self.tracking_error(i, v) + self.tracked(i, v);
             dx[self.I][i] = S::branch(active, integral, || S::from(0.0));
-            dx[self.w][i] = v[self.N][i] * (self.weighted(self.c, i, v) - v[self.w][i]);
+            dx[self.w][i] = v[self.N][i] * self.unfiltered(i, v);
         }
     }
 
@@ -204,9 +217,10 @@ impl System for Pid {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when a loop should have settled: the time is told, without a warning.
+        // No desired dynamics say when a loop should have settled: the time is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -215,15 +229,26 @@ impl System for Pid {
 }
 
 impl Pid {
+    /// With a watch on angles that aren't declared.
+    fn watching(self, d: &mut Declaration) -> Self {
+        let jumps = Jumps::declare(d, self.y, &self.units_of_y, &self.angles);
+        Pid { jumps, ..self }
+    }
+
     /// The reference with a weight, minus the output.
     fn weighted<S: Scalar>(&self, weight: VectorOf<Parameter>, i: usize, v: &Values<S>) -> S {
         v[weight][i] * v[self.r][i] - v[self.y][i]
     }
 
-    /// P and D of a channel.
+    /// (c r − y) − w; of an angle, with the c r − y nearest to w.
+    fn unfiltered<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
+        self.angles.difference(i, self.weighted(self.c, i, v) - v[self.w][i])
+    }
+
+    /// P and D of a channel. P of an angle follows from the error within half a turn, b being 1.
     fn parts<S: Scalar>(&self, i: usize, v: &Values<S>) -> [S; 2] {
-        let P = v[self.K_p][i] * self.weighted(self.b, i, v);
-        let D = v[self.K_d][i] * v[self.N][i] * (self.weighted(self.c, i, v) - v[self.w][i]);
+        let P = v[self.K_p][i] * self.angles.difference(i, self.weighted(self.b, i, v));
+        let D = v[self.K_d][i] * v[self.N][i] * self.unfiltered(i, v);
         [P, D]
     }
 
@@ -254,6 +279,19 @@ impl Pid {
         let by_gains = || S::branch(K_d.above(none), || (K_d / K_i).sqrt(), without_derivative);
         let in_force = || S::branch(given.equals(S::from(BY_GAINS)), by_gains, || given);
         S::branch(K_i.equals(none), || none, in_force)
+    }
+
+    /// Refuses weights of an angle's reference: parts of an angle aren't the same for angles that differ by whole turns.
+    fn check_weights<S: Scalar>(&self, i: usize, v: &mut Point<S>) {
+        if !self.angles.has(i) {
+            return;
+        }
+        let (b, c, one) = (v[self.b][i], v[self.c][i], S::from(1.0));
+        let why = format!("channel {} is an angle (angles)", i + 1);
+        v.refuse(!b.equals(one), |v| Invalid::new(v.name(self.b.at(i)), b.told(), format!("must be 1: {why}")));
+        v.refuse(!(c.equals(S::from(0.0)) | c.equals(one)), |v| {
+            Invalid::new(v.name(self.c.at(i)), c.told(), format!("must be 0 or 1: {why}"))
+        });
     }
 
     /// Refuses a given tracking time that is none.

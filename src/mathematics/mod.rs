@@ -1,5 +1,6 @@
 //! Mathematics that controllers and plants share: limits, the projection operator, fuzzy inference, and what designs are made of.
 
+pub mod angle;
 pub mod balanced;
 pub mod delay_margin;
 pub mod exponential;

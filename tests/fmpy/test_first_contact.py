@@ -27,7 +27,7 @@ CONTROLLERS = {  # There is no error; one that no plant answers would take their
 }
 HOVERING = {"L1Quadrotor", "L1QuadrotorObserved"}  # The same, but their thrust is the weight.
 BALANCED = {"ActuatedSiso", "MaresAuv", "StateSpace", "TwinRotor"}  # Without a control these plants rest where they start.
-HANDED_ON = {"Actuator", "ActuatorTwoLinkRobot", "QuadrotorMixer", "Sensor"}  # They hand on what they are given.
+HANDED_ON = {"Actuator", "ActuatorTwoLinkRobot", "QuadrotorMixer", "Sensor", "Unwrap"}  # They hand on what they are given.
 UNSHAPED = {"Reference"}  # The general reference is 0 until a shape is set.
 AT_REST = CONTROLLERS | HOVERING | BALANCED | HANDED_ON | UNSHAPED
 # Inputs that start with something, and what they would be without sense at 0: the thrust that carries the vehicle, and what

@@ -2,6 +2,7 @@
 
 mod actuated_siso;
 mod actuator;
+mod angles;
 mod catalogue;
 mod descriptions;
 mod design_report;

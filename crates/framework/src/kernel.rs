@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::system::{Section, Variables};
 
 /// The version of what a kernel is, and of what it is made from; another is refused.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// Writes signals, or signals and rates, of a block: time, reals, integers.
 pub type Evaluate = unsafe extern "C" fn(f64, *mut f64, *const i32);

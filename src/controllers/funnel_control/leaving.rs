@@ -1,6 +1,7 @@
 //! An error that leaves its funnel: the law isn't defined outside, so the step is refused, or the funnel re-opens.
 
 use super::{Errors, FunnelControl, MOST_DEGREE};
+use crate::controllers::angles::require_below_half_a_turn;
 use crate::controllers::funnel::{EDGE, OnExit, WIDER};
 use crate::system::{Invalid, Point, Scalar, Values, larger};
 
@@ -87,6 +88,10 @@ impl FunnelControl {
 
     /// Refuses an error of a channel that is outside: the first of its levels that is.
     pub(super) fn check_channel<S: Scalar>(&self, i: usize, t: S, v: &mut Point<S>) {
+        if self.angles.has(i) {
+            let (opened_to, psi) = (v[self.bounds.opened_to][i], self.bounds.psi.at(i));
+            require_below_half_a_turn(opened_to, |v| v.name(psi), v);
+        }
         let levels = self.levels(i, t, &v.values());
         let is_start = t.equals(v[self.bounds.opened_at][i]);
         let mut others_inside = S::Flag::from(true);

@@ -186,7 +186,7 @@ impl Law {
 
     /// (x̃, a, f, z, t, 1) at the stride's beginning.
     fn linear_state(&self, v: &Values<f64>, at: Places, state: &mut [f64]) {
-        for (x_tilde, (x_hat, x)) in state.iter_mut().zip(v[self.x_hat].iter().zip(&v[self.ports.x])) {
+        for (x_tilde, (x_hat, x)) in state.iter_mut().zip(v[self.x_hat].iter().zip(self.state(v))) {
             *x_tilde = x_hat - x;
         }
         for (i, a) in state[at.a..at.f].iter_mut().enumerate() {
@@ -212,7 +212,7 @@ impl Law {
     ) {
         let (at, slope) = (self.places(), &slopes[self.ports.x.span().range()]);
         for (k, x_hat) in states[self.x_hat.span().range()].iter_mut().enumerate() {
-            *x_hat = v[self.ports.x][k] + slope[k] * h + end[k];
+            *x_hat = self.x(k, v) + slope[k] * h + end[k];
         }
         states[self.f.span().range()].copy_from_slice(&end[at.f..at.z]);
         if let Some(z) = self.z() {
@@ -340,15 +340,16 @@ impl Linear<'_> {
     /// x̃' = A_m x̃ + (A_m x − x') …
     fn prediction_error(&mut self) {
         let (l1, v) = (self.l1, self.v);
-        let (A_m, x) = (l1.design.A_m(&v), &v[l1.ports.x]);
+        let (A_m, n) = (l1.design.A_m(&v), l1.x_hat.len());
         let rates = &self.slopes[l1.ports.x.span().range()];
-        for i in 0..x.len() {
-            for j in 0..x.len() {
+        for i in 0..n {
+            for j in 0..n {
                 *self.entry(i, j) = A_m[(i, j)];
             }
-            let along = |values: &[f64]| A_m.row(i).iter().zip(values).map(|(a, x)| a * x).sum::<f64>();
-            *self.entry(i, self.at.one) = along(x) - rates[i];
-            *self.entry(i, self.at.time) = along(rates);
+            let along_state = A_m.row(i).iter().zip(l1.state(&v)).map(|(a, x)| a * x).sum::<f64>();
+            let along_rates = A_m.row(i).iter().zip(rates).map(|(a, x)| a * x).sum::<f64>();
+            *self.entry(i, self.at.one) = along_state - rates[i];
+            *self.entry(i, self.at.time) = along_rates;
         }
     }
 
@@ -427,9 +428,10 @@ impl Linear<'_> {
                         let eta = self.eta[j * self.at.order + column];
                         *self.entry(row, column) -= gain * eta;
                     }
-                    let along = |values: &[f64]| K_g.row(j).iter().zip(values).map(|(k, r)| k * r).sum::<f64>();
-                    *self.entry(row, self.at.one) += gain * along(r);
-                    *self.entry(row, self.at.time) += gain * along(rates);
+                    let along_r = K_g.row(j).iter().zip(l1.references(r, &v)).map(|(k, r)| k * r).sum::<f64>();
+                    let along_rates = K_g.row(j).iter().zip(rates).map(|(k, r)| k * r).sum::<f64>();
+                    *self.entry(row, self.at.one) += gain * along_r;
+                    *self.entry(row, self.at.time) += gain * along_rates;
                 }
             }
         }
@@ -483,7 +485,6 @@ fn regressor_rate(l1: &Law, v: &Values<f64>, slopes: &[f64], channel: usize) -> 
 
 /// Rate of ‖x‖∞, as x moves.
 fn norm_rate(l1: &Law, v: &Values<f64>, slopes: &[f64]) -> f64 {
-    let x = &v[l1.ports.x];
-    let k = largest(x);
-    slopes[l1.ports.x.span().range()][k] * x[k].signum()
+    let (k, x) = largest(l1.state(v));
+    slopes[l1.ports.x.span().range()][k] * x.signum()
 }

@@ -14,7 +14,7 @@ impl Law {
         let active = self.in_command.is_active(v);
         y[self.feedback].fill(S::from(0.0));
         if let Some(K_m) = self.design.K_m(v) {
-            add_product(&mut y[self.feedback], K_m, v[self.ports.x].iter().copied());
+            add_product(&mut y[self.feedback], K_m, self.state(v));
         }
         self.filtered(v, y);
         for i in 0..self.u_ad.len() {

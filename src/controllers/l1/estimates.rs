@@ -92,7 +92,7 @@ impl Law {
         })
     }
 
-    /// Brings estimates back to tightened bounds, and says so.
+    /// Brings estimates back to tightened bounds, and logs it.
     pub(in crate::controllers) fn clip_estimates<S: Scalar>(&self, v: &mut Point<S>) {
         let clipped = self.bring_within_bounds(v);
         v.when(clipped.above(S::from(0.0)), |v| {

@@ -8,9 +8,11 @@ use super::ports::Ports;
 use super::structure::{Baseline, L1Structure, PlantMatrices, Regressor};
 use super::unmatched::Unmatched;
 use super::{AdaptiveStart, add_product, dot, infinity_norm, squared};
+use crate::controllers::angles::Jumps;
 use crate::controllers::at_limit::AtLimit;
 use crate::controllers::in_command::InCommand;
 use crate::controllers::moves::Moves;
+use crate::controllers::origins::Origins;
 use crate::mathematics::filter::Filter;
 use crate::mathematics::projection::projection;
 use crate::system::{
@@ -53,6 +55,8 @@ pub(in crate::controllers) struct Law {
     pub(super) design: Design,
     u_ad_start: ChoiceOf<Parameter, AdaptiveStart>,
     pub(super) ports: Ports,
+    pub(super) origins: Option<Origins>,
+    pub(super) jumps: Option<Jumps>,
     pub(super) x_hat: VectorOf<State>,
     pub(super) omega_hat: VectorOf<State>,
     pub(super) theta_hat: MatrixOf<State>,
@@ -109,6 +113,7 @@ impl Law {
         let (plant, filter) = (structure.plant()?, structure.filter()?);
         let (n, m) = plant.B.shape();
         let units = structure.units((n, m))?;
+        let (angles, turning) = structure.angles(&plant, &units.x)?;
         let full = structure.is_full();
         let omega_entries: Vec<_> =
             if full { (0..m * m).map(|k| (k % m, k / m)).collect() } else { (0..m).map(|i| (i, i)).collect() };
@@ -176,6 +181,8 @@ impl Law {
                 Moves::declare(d, m, is_stepped)
             },
             at_limit: AtLimit::declare(d, ports.limited),
+            origins: Origins::declare(d, turning, "a reference"),
+            jumps: Jumps::declare(d, ports.x, &units.x, &angles),
             projection_active: d.discrete(
                 integer("projection_active", "number of estimates that are kept within their bounds").output(),
             ),
@@ -214,7 +221,7 @@ impl Law {
     /// at zero.
     pub fn initialise<S: Scalar>(&self, v: &mut Point<S>) {
         let enabled = self.in_command.begin(v);
-        v.copy(self.ports.x, self.x_hat);
+        self.start_predictor(v);
         v[self.f].fill(S::from(0.0));
         let takes_over = !enabled | v.get(self.u_ad_start).is(AdaptiveStart::Bumpless);
         v.when(takes_over, |v| self.take_over(v));
@@ -301,14 +308,13 @@ impl Law {
 
     /// The same, with this goal; where a unit adds to the control, u and wanted hold it, and η̂ doesn't.
     pub fn outputs_towards<S: Scalar>(&self, goal: Goal<S>, v: &Values<S>, y: &mut Signals<S>) {
-        let (x, x_hat) = (&v[self.ports.x], &v[self.x_hat]);
-        let norm = [infinity_norm(x)];
-        let unscaled = if self.regressor == Regressor::State { x } else { &norm };
-        let scaled = |(j, &x): (usize, &S)| self.regressor_gain(j).map_or(x, |gain| x * gain);
-        let phi = || unscaled.iter().enumerate().map(scaled);
+        let norm = infinity_norm(self.state(v));
+        let unscaled = |j: usize| if self.regressor == Regressor::State { self.x(j, v) } else { norm };
+        let scaled = |j: usize| self.regressor_gain(j).map_or(unscaled(j), |gain| unscaled(j) * gain);
+        let phi = || (0..self.phi.len()).map(scaled);
         y[self.phi].iter_mut().zip(phi()).for_each(|(signal, phi)| *signal = phi);
         if let Some(unmatched) = &self.unmatched {
-            unmatched.outputs(norm[0], v, y);
+            unmatched.outputs(norm, v, y);
         }
         self.control(v, y);
         y.set(self.eta_hat, &v[self.sigma_hat]);
@@ -325,14 +331,14 @@ impl Law {
         }
         y[self.excess].fill(S::from(0.0));
         match goal {
-            Goal::Reference(r) => add_product(&mut y[self.excess], v.matrix(self.design.K_g), r.iter().copied()),
+            Goal::Reference(r) => add_product(&mut y[self.excess], v.matrix(self.design.K_g), self.references(r, v)),
             Goal::Command(command) => (0..self.excess.len()).for_each(|i| y[self.excess][i] = y[command][i]),
         }
         for i in 0..self.excess.len() {
             y[self.excess][i] = y[self.eta_hat][i] - y[self.excess][i];
         }
         for (i, column) in v.matrix(self.design.PB).column_iter().enumerate() {
-            let x_tilde = x_hat.iter().zip(x).map(|(&x_hat, &x)| x_hat - x);
+            let x_tilde = v[self.x_hat].iter().zip(self.state(v)).map(|(&x_hat, x)| x_hat - x);
             y[self.s][i] = -x_tilde.zip(column.as_slice()).fold(S::from(0.0), |sum, (x, &p)| sum + x * p);
         }
         self.frequency(v, y);
@@ -372,8 +378,8 @@ impl Law {
 
     /// x̂' = A_m x̂ + B η̂ + B_um η̂_2; while not enabled, x̂' = A_m (x̂ − x).
     fn predictor<S: Scalar>(&self, v: &Values<S>, dx: &mut Rates<S>) {
-        let (x, x_hat, active) = (&v[self.ports.x], &v[self.x_hat], self.in_command.is_active(v));
-        let followed = x_hat.iter().zip(x).map(|(&x_hat, &x)| S::branch(active, || x_hat, || x_hat - x));
+        let (x_hat, active) = (&v[self.x_hat], self.in_command.is_active(v));
+        let followed = x_hat.iter().zip(self.state(v)).map(|(&x_hat, x)| S::branch(active, || x_hat, || x_hat - x));
         dx[self.x_hat].fill(S::from(0.0));
         add_product(&mut dx[self.x_hat], self.design.A_m(v), followed);
         dx.when(active, |dx| {

@@ -2,6 +2,7 @@
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 mod adaptation;
+mod angles;
 mod closed_form;
 mod control;
 mod design;
@@ -73,7 +74,7 @@ impl Tracking for L1 {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.r][channel] - self.law.output(channel, v)
+        self.law.error(channel, v[self.r][channel], v)
     }
 }
 
@@ -86,7 +87,7 @@ impl System for L1 {
         let plant = structure.plant()?;
         let units = structure.units(plant.B.shape())?;
         let r = d.input(vector("r", units.r.len(), "reference").about(&units.of_r, "reference of {}").units(&units.r));
-        let law = Law::declare(&structure, Ports::declare(d, &units), d)?;
+        let law = Law::declare(&structure, Ports::declare(d, r, &units), d)?;
         Ok(L1 { r, units_of_r: units.r, of_r: units.of_r, law })
     }
 
@@ -175,13 +176,15 @@ pub(super) fn squared<S: Scalar>(x: &[S]) -> S {
     dot(x.iter(), x)
 }
 
-pub(super) fn infinity_norm<S: Scalar>(x: &[S]) -> S {
-    x[1..].iter().fold(x[0].abs(), |norm, x| larger(norm, x.abs()))
+pub(super) fn infinity_norm<S: Scalar>(mut x: impl Iterator<Item = S>) -> S {
+    let first = x.next().map_or(S::from(0.0), |x| x.abs());
+    x.fold(first, |norm, x| larger(norm, x.abs()))
 }
 
-/// The place of the element of the largest magnitude.
-fn largest(x: &[f64]) -> usize {
-    (1..x.len()).fold(0, |best, k| if x[k].abs() > x[best].abs() { k } else { best })
+/// The place of the element of the largest magnitude, and that.
+fn largest(x: impl Iterator<Item = f64>) -> (usize, f64) {
+    let larger = |best: (usize, f64), other: (usize, f64)| if other.1.abs() > best.1.abs() { other } else { best };
+    x.enumerate().reduce(larger).unwrap_or((0, 0.0))
 }
 
 impl Catalogued for L1 {

@@ -9,6 +9,8 @@ use crate::system::{BooleanOf, Declaration, Input, Parameter, Signal, VectorOf, 
 #[derive(Debug, Clone, Copy)]
 pub(in crate::controllers) struct Ports {
     pub x: VectorOf<Input>,
+    /// References of the outputs. A unit that computes some of them has inputs only for outputs that are angles.
+    pub r: VectorOf<Input>,
     pub enabled: BooleanOf<Input>,
     pub u_manual: VectorOf<Input>,
     pub u: VectorOf<Signal>,
@@ -24,7 +26,7 @@ pub(in crate::controllers) struct Ports {
 
 impl Ports {
     /// Of a unit that is the law alone.
-    pub fn declare(d: &mut Declaration, units: &Symbols) -> Self {
+    pub fn declare(d: &mut Declaration, r: VectorOf<Input>, units: &Symbols) -> Self {
         let (x, u) = (&units.x, &units.u);
         let enabled =
             boolean("enabled", "whether the controller is in command; it takes over without a jump").start(true);
@@ -35,6 +37,6 @@ impl Ports {
             Limited::declare(d, (u, &units.of_u), "that the actuator can give; the predictor knows of it", "");
         let Limited { u, u_min, u_max } = limited;
         let unlimited = unlimited(d, u.len());
-        Ports { x, enabled, u_manual, u, unlimited, u_min, u_max, limited, rotors: None }
+        Ports { x, r, enabled, u_manual, u, unlimited, u_min, u_max, limited, rotors: None }
     }
 }

@@ -100,6 +100,9 @@ pub struct L1Structure {
     unmatched: Option<bool>,
     /// Where unmatched uncertainty enters, n rows of k numbers, orthogonal to B; all that B leaves, where it isn't given.
     B_um: Option<Vec<Vec<f64>>>,
+    /// States that are angles, counted from 1: values that differ by whole turns are the same. Their unit is rad, and each is an output.
+    #[serde(default)]
+    angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     units: Units,
@@ -230,6 +233,23 @@ impl L1Structure {
             required.retain(|key| OF_ESTIMATES.iter().all(|(known, _)| key.as_str() != Some(known)));
         }
         schema
+    }
+
+    /// The key `angles`.
+    pub(super) fn named_angles(&self) -> &[usize] {
+        &self.angles
+    }
+
+    /// The same with angles that a kind knows by itself, and no others.
+    ///
+    /// # Errors
+    /// Where the description names others.
+    pub(in crate::controllers) fn with_angles(mut self, known: &[usize]) -> Result<Self, Invalid> {
+        if let Some(other) = self.angles.iter().find(|angle| !known.contains(angle)) {
+            return Err(Invalid::new("angles", other, format!("must be {known:?}, or left out")));
+        }
+        self.angles = known.to_vec();
+        Ok(self)
     }
 
     /// True if all entries of ω are estimated.

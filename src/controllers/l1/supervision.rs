@@ -5,7 +5,7 @@ use nalgebra::DMatrixView;
 
 use super::law::Law;
 use super::unmatched::Unmatched;
-use super::{commanded, dot, infinity_norm};
+use super::{commanded, infinity_norm};
 use crate::mathematics::limits::within;
 use crate::system::{Point, Scalar, Values};
 
@@ -13,6 +13,7 @@ impl Law {
     /// Negative when `enabled` has changed.
     pub fn event_indicators<S: Scalar>(&self, v: &Values<S>, z: &mut [S]) {
         self.in_command.event_indicators(v, z);
+        self.origin_indicators(v, z);
     }
 
     /// Takes over, or hands over, where `enabled` has changed.
@@ -24,9 +25,10 @@ impl Law {
     pub fn event_after<S: Scalar>(&self, before: impl FnOnce(&mut Point<S>), v: &mut Point<S>) {
         self.in_command.event(v, |v| {
             before(v);
-            v.copy(self.ports.x, self.x_hat);
+            self.put_predictor(v);
             self.take_over(v);
         });
+        self.move_origins(v);
     }
 
     /// Puts the adaptive control where the control is the manual one.
@@ -34,14 +36,16 @@ impl Law {
         let by_hand = self.ports.rotors.map(|rotors| rotors.torques_by_hand(&v.values()));
         for i in 0..self.u_ad.len() {
             let values = v.values();
-            let of_state = |K_m: DMatrixView<S>| dot(K_m.row(i).iter(), &v[self.ports.x]);
+            let of_state = |K_m: DMatrixView<S>| {
+                K_m.row(i).iter().zip(self.state(&values)).fold(S::from(0.0), |sum, (&k, x)| sum + k * x)
+            };
             let feedback = self.design.K_m(&values).map_or(S::from(0.0), of_state);
             let manual = || within(v[self.in_command.u_manual][i], v[self.ports.u_min][i], v[self.ports.u_max][i]);
             let u = by_hand.map_or_else(manual, |torques| torques[i]);
             let u_ad = u / self.design.inertia(i, &values) + feedback;
             let u_ad = self.beside.map_or(u_ad, |beside| u_ad - v[beside.at_takeover][i]);
             // From the estimates: at the start no signals stand yet.
-            let norm = infinity_norm(&v[self.ports.x]);
+            let norm = infinity_norm(self.state(&values));
             let eta_hat = |unmatched: &Unmatched, k: usize| unmatched.estimate(k, norm, &values);
             let filtered = u_ad - self.at_once(i, &values, eta_hat);
             for (k, &rest) in self.filter_at_rest.iter().enumerate() {
@@ -61,6 +65,7 @@ impl Law {
         let (active, settling_time) = (self.in_command.is_active(&v.values()), v[self.design.settling_time]);
         self.at_limit.look(t, settling_time, active, v);
         self.count_projections(v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         v.when(active, |v| self.judge_step(step, v));
         v.when(!active, |v| {
             self.moves.begin(v);

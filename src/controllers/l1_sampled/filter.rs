@@ -250,6 +250,13 @@ impl General {
         filtered - self.at_once(law, channel, v)
     }
 
+    /// Adds to ζ of a channel, along the state in which its filter rests.
+    pub fn add<S: Scalar>(&self, channel: usize, added: S, v: &mut Point<S>) {
+        for (place, &rest) in self.at_rest.iter().enumerate() {
+            v[self.q][channel * self.filter.order() + place] += added * rest;
+        }
+    }
+
     /// What of σ̂_2 shows in ζ at once.
     fn at_once<S: Scalar>(&self, law: &L1Sampled, channel: usize, v: &Values<S>) -> S {
         let m = self.K.shape().0;

@@ -17,10 +17,10 @@ impl L1Sampled {
         if let Some(other) = self.sigma_other {
             v[other].fill(none);
         }
-        v.copy(self.x, self.x_before);
-        v.copy(self.x, self.x_ahead);
+        self.start_state(v);
+        v.copy(self.x_before, self.x_ahead);
         if let Some(predictor) = &self.predictor {
-            v.copy(self.x, predictor.x_hat);
+            v.copy(self.x_before, predictor.x_hat);
         }
         // Where nothing is late, the start is a sample.
         let is_sample = self.delay(&v.values()).equals(none);
@@ -41,8 +41,9 @@ impl L1Sampled {
     pub(super) fn sample<S: Scalar>(&self, v: &mut Point<S>) {
         let measured = v[self.clock.count] + 1.0 - self.delay(&v.values());
         self.remember_control(v);
+        self.move_origins(v);
         v.when(measured.at_least(S::from(1.0)), |v| self.estimate(v));
-        v.copy(self.x, self.x_before);
+        self.keep_state(v);
         self.look_ahead(v);
         let follows = !self.in_command.is_active(&v.values()) | v.get(self.takes_over);
         v.when(follows, |v| {
@@ -97,7 +98,7 @@ impl L1Sampled {
             }
             for i in 0..n {
                 v[predictor.x_hat][i] = v[self.between][i];
-                let error = v[self.between][i] - v[self.x][i];
+                let error = v[self.between][i] - self.state(i, &v.values());
                 v[self.between][i] = error;
             }
         } else {
@@ -106,7 +107,7 @@ impl L1Sampled {
                 let values = &v.values();
                 let nominal = product(self.A_d, i, |j| values[self.x_before][j], values)
                     + product(self.B_d, i, |j| self.acted(j, values), values);
-                v[self.between][i] = v[self.x][i] - nominal;
+                v[self.between][i] = self.state(i, values) - nominal;
             }
         }
         let by = self.predictor.as_ref().map_or(self.L_inverse, |predictor| predictor.S);
@@ -132,7 +133,7 @@ impl L1Sampled {
     /// The measured state, advanced over the controls that are under way, with σ̂.
     fn look_ahead<S: Scalar>(&self, v: &mut Point<S>) {
         let (n, m) = self.plant.B.shape();
-        v.copy(self.x, self.x_ahead);
+        v.copy(self.x_before, self.x_ahead);
         for late in (0..MOST_DELAY).rev() {
             let is_under_way = self.delay(&v.values()).above(S::from(late as f64));
             v.when(is_under_way, |v| {
@@ -153,7 +154,7 @@ impl L1Sampled {
     fn filter<S: Scalar>(&self, v: &mut Point<S>) {
         let ahead = self.delay(&v.values()) * v[self.sample_time];
         let wanted = |i: usize, values: &Values<S>| {
-            product(self.K_gd, i, |j| values[self.r][j] + ahead * values[self.dr][j], values)
+            product(self.K_gd, i, |j| self.reference(j, values) + ahead * values[self.dr][j], values)
                 - product(self.W_0, i, |j| values[self.sigma_hat][j], values)
         };
         match &self.filter {

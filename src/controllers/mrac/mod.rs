@@ -298,7 +298,7 @@ impl Mrac {
     fn regressor<S: Scalar>(&self, j: usize, v: &Values<S>) -> S {
         match self.regressor {
             Regressor::State => self.regressor_gains.get(j).map_or(v[self.x][j], |&gain| v[self.x][j] * gain),
-            Regressor::InfinityNorm => infinity_norm(&v[self.x]),
+            Regressor::InfinityNorm => infinity_norm(v[self.x].iter().copied()),
         }
     }
 

@@ -87,7 +87,7 @@ impl Callees {
         extern "C" fn noise(seed: f64, channel: f64, sample: f64) -> f64 {
             Opaque::Noise.of([seed, channel, sample].into_iter())
         }
-        let unary = callees!(Sin Cos Tan Cosh Sinh Tanh Exp Ln Ln1p Atan Signum Floor Round);
+        let unary = callees!(Sin Cos Tan Cosh Sinh Tanh Exp Ln Ln1p Atan Signum Floor Round Wrap);
         Callees { unary, power: address(power as *const ()), noise: address(noise as *const ()) }
     }
 

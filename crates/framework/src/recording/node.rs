@@ -192,7 +192,7 @@ impl Scalar for Recorded {
 
     functions!(
         sin Sin, cos Cos, tan Tan, cosh Cosh, tanh Tanh, exp Exp, ln Ln, ln_1p Ln1p, sqrt Sqrt, atan Atan, recip Recip,
-        abs Abs, signum Signum, floor Floor, round Round
+        abs Abs, signum Signum, floor Floor, round Round, wrap Wrap
     );
     fn powi(self, exponent: i32) -> Self {
         Recorded::of(Operation::Powi(self.0, exponent))

@@ -138,6 +138,7 @@ impl Tape {
                 self.times(minus, y)
             }
             Unary::Abs => unary(self, Unary::Signum, x),
+            Unary::Wrap => one,
             Unary::Signum | Unary::Floor | Unary::Round => return None,
         })
     }
@@ -323,6 +324,13 @@ mod tests {
                     "{number} at {x}: {slope} {other}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn an_angle_changes_as_fast_wrapped_as_unwrapped() {
+        for x in [-40.0, -3.0, 0.0, 3.2, 1e6] {
+            assert_eq!(slopes(|x| [Scalar::wrap(x * 2.0)], x), [(Scalar::wrap(x * 2.0), 2.0)]);
         }
     }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::iteration::Body;
 use crate::error::Invalid;
-use crate::scalar::Opaque;
+use crate::scalar::{Opaque, wrapped};
 
 /// An operation's place on its tape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -69,6 +69,7 @@ pub enum Unary {
     Signum,
     Floor,
     Round,
+    Wrap,
 }
 
 /// An operation on two numbers.
@@ -243,6 +244,7 @@ impl Unary {
             Unary::Signum => x.signum(),
             Unary::Floor => x.floor(),
             Unary::Round => x.round(),
+            Unary::Wrap => wrapped(x),
         }
     }
 }

@@ -6,6 +6,7 @@
 mod messages;
 mod opaque;
 
+use std::f64::consts::{PI, TAU};
 use std::ops::{Add, AddAssign, BitAnd, BitOr, Div, DivAssign, Mul, MulAssign, Neg, Not, Sub, SubAssign};
 
 pub use messages::{Message, MessageLog};
@@ -105,6 +106,9 @@ pub trait Scalar:
     fn floor(self) -> Self;
     /// The nearest whole number, halves away from zero.
     fn round(self) -> Self;
+    /// The angle in (−π, π] that differs from this one by whole turns, rad: the remainder of IEEE 754 by 2π, with π for −π. It is
+    /// exact, and as a function of the angle it has slope 1 everywhere.
+    fn wrap(self) -> Self;
 
     /// True if it is below another; so with the others. Where one of both is no number, no comparison holds.
     fn below(self, other: Self) -> Self::Flag;
@@ -251,6 +255,20 @@ pub fn any<S: Scalar>(flags: impl IntoIterator<Item = S::Flag>) -> S::Flag {
     flags.into_iter().fold(false.into(), |any, flag| any | flag)
 }
 
+/// The angle in (−π, π] that differs from one by whole turns.
+#[inline]
+pub(crate) fn wrapped(angle: f64) -> f64 {
+    // Exact: a remainder always is, and so is the difference of two numbers of which one is at most twice the other.
+    let rest = angle % TAU;
+    if rest > PI {
+        rest - TAU
+    } else if rest <= -PI {
+        rest + TAU
+    } else {
+        rest
+    }
+}
+
 macro_rules! functions_of_numbers {
     ($($name:ident)*) => {$(
         #[inline]
@@ -265,6 +283,10 @@ impl Scalar for f64 {
     type Integer = i32;
 
     functions_of_numbers!(sin cos tan cosh tanh exp ln ln_1p sqrt atan recip abs signum floor round);
+    #[inline]
+    fn wrap(self) -> f64 {
+        wrapped(self)
+    }
     #[inline]
     fn powi(self, exponent: i32) -> f64 {
         f64::powi(self, exponent)
@@ -365,6 +387,53 @@ impl Scalar for f64 {
     fn refuse(flag: bool, log: &mut MessageLog, reason: impl FnOnce() -> Invalid) {
         if flag {
             log.refuse(reason());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_angle_is_wrapped_exactly() {
+        let (before, after) = (f64::next_down, f64::next_up);
+        for (angle, wrapped) in [
+            (0.0, 0.0),
+            (-0.0, -0.0),
+            (1.0, 1.0),
+            (PI, PI),
+            (-PI, PI),
+            (after(PI), after(PI) - TAU),
+            (before(-PI), before(-PI) + TAU),
+            (after(-PI), after(-PI)),
+            (TAU, 0.0),
+            (-TAU, -0.0),
+            (2.0 * TAU + 0.5, (2.0 * TAU + 0.5) - 2.0 * TAU),
+        ] {
+            assert_eq!(Scalar::wrap(angle).to_bits(), f64::to_bits(wrapped), "{angle}");
+        }
+        assert!(Scalar::wrap(f64::NAN).is_nan() && Scalar::wrap(f64::INFINITY).is_nan());
+    }
+
+    /// Whole numbers of any size are added without rounding: what is wrapped is what is left of a double by an integer division
+    /// of its bits.
+    #[test]
+    fn a_wrapped_angle_is_the_remainder_of_whole_numbers() {
+        let unit = 2_f64.powi(-51);
+        let turn = (TAU / unit) as i128;
+        assert_eq!(turn as f64 * unit, TAU);
+        let mut angle = (0.37 / unit).round() * unit;
+        while angle < 1e20 {
+            for angle in [angle, -angle] {
+                let whole = (angle / unit) as i128;
+                assert_eq!(whole as f64 * unit, angle);
+                let rest = whole.rem_euclid(turn);
+                let rest = if 2 * rest > turn { rest - turn } else { rest };
+                assert_eq!(Scalar::wrap(angle), rest as f64 * unit, "{angle}");
+                assert!(Scalar::wrap(angle) > -PI && Scalar::wrap(angle) <= PI);
+            }
+            angle = (angle * 1.37 / unit).round() * unit;
         }
     }
 }

@@ -158,6 +158,7 @@ impl Expression {
             Unary::Abs => of_library("fabs"),
             Unary::Floor => of_library("floor"),
             Unary::Round => of_library("round"),
+            Unary::Wrap => call("wrapped"),
         }
     }
 

@@ -155,6 +155,7 @@ fn along(stimulus: Stimulus, point: usize) -> f64 {
         Stimulus::Steps if (DOWN..OVER).contains(&part) => -0.5,
         Stimulus::Steps => 0.0,
         Stimulus::Sine => (std::f64::consts::TAU * PERIODS * part).sin(),
+        Stimulus::Turns => 1.0 - 2.0 * (0.5 - PERIODS * part).rem_euclid(1.0),
     }
 }
 
@@ -180,6 +181,7 @@ impl Recorded {
                 write!(how, ": {input} steps to {} and to {}", short(about + size), short(about - 0.5 * size))
             }
             Stimulus::Sine => write!(how, ": {input} is a sine of amplitude {}", short(size)),
+            Stimulus::Turns => write!(how, ": {input} turns evenly and wraps at {}", short(size)),
         };
         if !example.is_empty() {
             let values: Vec<_> = example.lines().map(|line| format!("<code>{}</code>", escaped(line))).collect();
