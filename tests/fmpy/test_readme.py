@@ -208,10 +208,8 @@ def test_every_test_that_a_page_names_is_there() -> None:
 def test_pages_count_the_fmus_and_loops_that_list_shows() -> None:
     told = json.loads(run([PROGRAM, "list", "--json"], ROOT).stdout)
     fmus, loops = len(told["fmus"]), len(told["loops"])
-    counted = {page: (DOCS / page).read_text() for page in ["index.md", "reliability.md", "source_units.md", "speed.md"]}
-    assert f"- {fmus} [FMUs]" in counted["index.md"] and f"- {loops} [loops]" in counted["index.md"]
-    assert f"{fmus} FMUs and {loops} loops" in counted["reliability.md"] and f"{fmus} of {fmus}" in counted["reliability.md"]
-    assert f"all {fmus} FMUs" in counted["source_units.md"] and f"of {fmus} FMUs" in counted["speed.md"]
+    index = (DOCS / "index.md").read_text()
+    assert f"- {fmus} [FMUs]" in index and f"- {loops} [loops]" in index
     # Nowhere is another number of FMUs or loops told, but in a study of a user's own (1,000 loops).
     texts = [README, *((ROOT / f"{name}.md").read_text() for name in ["ARCHITECTURE", "CONTRIBUTING"])]
     texts += [file.read_text() for file in DOCS.rglob("*.md")]

@@ -1,4 +1,4 @@
-//! An error that leaves its funnel: the law isn't defined outside, so the step is refused, or the funnel re-opens.
+//! An error that leaves its funnel: it isn't defined outside, so the step is refused, or the funnel re-opens.
 
 use super::{Errors, FunnelControl, MOST_DEGREE};
 use crate::controllers::angles::require_below_half_a_turn;

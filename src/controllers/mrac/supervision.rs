@@ -36,7 +36,7 @@ impl Mrac {
         let too_long = acts.above(at_once) & !overrun;
         self.supervised.judge(too_long, v, |v: &Values<S>| {
             format!(
-                "a control is held for {} s, too long for the adaptation, which turns at {} rad/s with these signals. Use {} s or \
+                "a control is constant for {} s, too long for the adaptation, which turns at {} rad/s with these signals. Use {} s or \
                  less, {} s where the plant is stepped first, a smaller {}, or the loop as one unit",
                 acts.scientific(3),
                 frequency.scientific(3),

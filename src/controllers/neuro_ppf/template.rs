@@ -81,7 +81,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     Ok(text.finish())
 }
 
-/// The least input gain in any direction: the law takes the sign of its control from the error only.
+/// The least input gain in any direction: the control has its sign from the error only.
 fn input_gain(plant: &Plant, m: usize, degree: usize) -> Result<f64, Invalid> {
     let gain = plant.B.rows(m * (degree - 1), m);
     let least = ((gain + gain.transpose()) * 0.5).symmetric_eigenvalues().min();

@@ -1,4 +1,4 @@
-//! A reference that steps leaves a funnel about y - r at once: in its loop it starts smoothly.
+//! A reference that steps leaves a funnel about y - r: in its loop it starts smoothly.
 
 use super::{Draft, Signal};
 use crate::model_description::Variable;
