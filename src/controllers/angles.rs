@@ -135,10 +135,10 @@ mod tests {
         assert_eq!(angles.each().collect::<Vec<_>>(), [2]);
         assert_eq!([angles.difference(2, 6.0), angles.difference(0, 6.0)], [6.0 - std::f64::consts::TAU, 6.0]);
         for (named, part) in [
-            (&[0][..], "angles = 0 must be within 1 … 3"),
-            (&[4], "angles = 4 must be within 1 … 3"),
-            (&[2], "angles = 2 must be an element with the unit rad; y[2] has `m`"),
-            (&[1, 1], "angles = 1 must be there once"),
+            (&[0][..], "angles = 0: must be within 1 … 3"),
+            (&[4], "angles = 4: must be within 1 … 3"),
+            (&[2], "angles = 2: must be an element with the unit rad; y[2] has `m`"),
+            (&[1, 1], "angles = 1: must be there once"),
         ] {
             let error = Angles::of(named, "y", &units).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
