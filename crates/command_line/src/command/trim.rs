@@ -16,7 +16,7 @@ pub struct TrimOptions {
     free: Vec<Names>,
     /// Value at the operating point, of an output, a local variable or a derivative (repeatable)
     ///
-    /// For example --want "y[3]=1" or --want "der(x[1])=1.5". Derivatives without a wanted value are zero.
+    /// For example --want height=1 or --want "der(speed)=1.5". Derivatives without a wanted value are zero.
     #[arg(long, value_name = "NAME=VALUE", value_parser = wanted)]
     want: Vec<(String, f64)>,
     /// States that keep their start values at the operating point (repeatable)
