@@ -18,7 +18,7 @@ const MOST_CHANNELS: usize = 1000;
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Angles {
-    /// How many angles, 1 … 1000. Their unit is rad.
+    /// Number of angles, 1 … 1000. Their unit is rad.
     channels: usize,
     /// Quantities of the channels in words, one each, as "yaw angle"; descriptions count channels where none are given.
     #[serde(default)]

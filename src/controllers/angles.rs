@@ -6,10 +6,10 @@ use crate::system::{Declaration, Discrete, Input, Invalid, Number, Point, Scalar
 
 /// The only unit of angles.
 const UNIT: &str = "rad";
-/// How far a jump may be from a whole turn, rad, to be taken for one.
+/// Distance of a jump from a whole turn, rad, within which it is taken for one.
 const NEAR_A_TURN: f64 = 0.5;
 
-/// Which channels a description names as angles.
+/// The channels that a description names as angles.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Angles {
     is_angle: Vec<bool>,

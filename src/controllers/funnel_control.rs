@@ -72,7 +72,7 @@ struct Bounds {
     end: VectorOf<Parameter>,
     decay_rate: VectorOf<Parameter>,
     psi: VectorOf<Signal>,
-    /// What ψ was when it opened, and when that was, s.
+    /// ψ at the time when it opened, and that time, s.
     opened_to: VectorOf<Discrete>,
     opened_at: VectorOf<Discrete>,
 }

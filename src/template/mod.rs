@@ -93,6 +93,29 @@ pub struct Request<'a> {
 /// Uncertainty of each entry of A and B where none is given.
 const USUAL_UNCERTAINTY: f64 = 0.2;
 
+/// Magnitudes of so many references, from one for all or one for each.
+///
+/// # Errors
+/// Another number of them.
+pub fn references(given: &[f64], count: usize) -> Result<Vec<f64>, Invalid> {
+    match given {
+        [one] => Ok(vec![*one; count]),
+        each if each.len() == count => Ok(each.to_vec()),
+        others => {
+            let given = others.iter().copied().map(number).collect::<Vec<_>>().join(", ");
+            let allowed = format!("must be one number, or {count}, one for each reference");
+            Err(Invalid::new("--reference", given, allowed))
+        }
+    }
+}
+
+/// Numbers in words, as one where all are the same.
+pub fn one_or_each(numbers: &[f64]) -> String {
+    let is_one = numbers.windows(2).all(|pair| pair[0] == pair[1]);
+    let told = if is_one { &numbers[..numbers.len().min(1)] } else { numbers };
+    told.iter().map(|&value| crate::report::number(three_digits(value))).collect::<Vec<_>>().join(", ")
+}
+
 impl Request<'_> {
     /// Uncertainty of each entry of A and B, in parts of it.
     pub fn uncertainty(&self) -> f64 {
@@ -104,18 +127,7 @@ impl Request<'_> {
     /// # Errors
     /// Neither one for all nor one for each.
     pub fn references(&self, count: usize) -> Result<Vec<f64>, Invalid> {
-        match self.reference {
-            [one] => Ok(vec![*one; count]),
-            each if each.len() == count => Ok(each.to_vec()),
-            others => {
-                let given = others.iter().copied().map(number).collect::<Vec<_>>().join(", ");
-                Err(Invalid::new(
-                    "--reference",
-                    given,
-                    format!("must be one number, or {count}, one for each reference"),
-                ))
-            }
-        }
+        references(self.reference, count)
     }
 
     /// The plant that was given, or integrators of the sizes asked for.

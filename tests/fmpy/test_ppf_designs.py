@@ -58,7 +58,7 @@ def test_a_design_does_the_same_in_other_units_and_at_another_speed(kind: str, t
     scaled = made(tmp_path, kind, other, f"--bandwidth={2 * speed!r}", f"--reference={size!r}")
     times = [number(report, "settling time") for report in (first, scaled)]
     assert times[1] * speed == pytest.approx(times[0], rel=tolerance)
-    for name in ("peak of control 1", "peak of control 2"):
+    for name in ("peak of u[1]", "peak of u[2]"):
         assert number(scaled, name) == pytest.approx(number(first, name), rel=tolerance)
 
 

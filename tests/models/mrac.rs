@@ -138,7 +138,7 @@ fn sampled_it_follows_the_same_model_and_tells_of_steps_that_are_too_long() {
         // The sampled law takes x as constant for a sample: half of what x_m moves in it.
         assert!((rms - exact[0]).abs() < 2e-4, "{gain}: {rms}, {}", exact[0]);
         near("largest control", largest, exact[2], 0.01);
-        // Half of the tolerated dead time is 1.1 ms at 25 rad/s, and .11 ms at 80 rad/s.
+        // Half of the tolerated dead time is 1.1 ms at 25 rad/s, and 0.11 ms at 80 rad/s.
         assert_eq!((ever, told(&unit)), (flagged, usize::from(flagged)), "{gain}");
     }
 }
@@ -272,7 +272,7 @@ fn a_new_controller_turns_ten_times_as_fast_as_asked_for_and_covers_the_uncertai
     for (low, high) in list("omega_min").into_iter().zip(list("omega_max")) {
         let [low, high] = [low, high].map(|omega| 1.0 - 1.0 / omega);
         let (middle, inner) = (0.5 * (low + high), 0.5 * (high - low) / 1.1_f64.sqrt());
-        // Of input gains of .8 and 1.2.
+        // Of input gains of 0.8 and 1.2.
         assert!(middle - inner <= 1.0 - 1.0 / 0.8 + 2e-3 && middle + inner >= 1.0 - 1.0 / 1.2 - 2e-3, "{low}, {high}");
     }
     let step = table["experiment"]["step"].as_float().unwrap();

@@ -14,7 +14,7 @@ impl FunnelControl {
         v.get(self.on_exit).is(OnExit::Reopen) & v.get(self.began_inside) & self.in_command.is_active(v)
     }
 
-    /// How far the errors of a channel are from where its funnel re-opens, in parts of their bounds.
+    /// Distance of the errors of a channel from where its funnel re-opens, in parts of their bounds.
     pub(super) fn distance<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> S {
         let (mut nearest, mut is_inside) = (S::from(1.0), S::Flag::from(true));
         for part in self.levels(i, t, v).into_iter().take(self.parts.shape().1) {

@@ -10,8 +10,8 @@ use crate::design::nominal::Nominal;
 use crate::design::{digits, percent};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Plant, Request, Text, all, list, named, round_down, rows, three_digits, write_limits, write_names,
-    write_quantities, write_units,
+    Begun, Plant, Request, Text, all, list, named, one_or_each, round_down, rows, three_digits, write_limits,
+    write_names, write_quantities, write_units,
 };
 
 /// A communication step that is so short, in 1/W, is worth a word.
@@ -51,7 +51,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
 
 /// Writes for which references this is, and what the nominal loop needs.
 fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, references: &[f64]) {
-    let (W, sizes) = (nominal.bandwidth, first::told(references));
+    let (W, sizes) = (nominal.bandwidth, one_or_each(references));
     let rate = digits(SMOOTH_START * W);
     let derivatives = if design.degree > 1 { ", with its derivatives as inputs" } else { "" };
     text.comment(&format!(

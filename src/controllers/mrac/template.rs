@@ -13,7 +13,9 @@ use crate::design::l1::design::{Design, is_full};
 use crate::error::Invalid;
 use crate::mathematics::{feedforward, lyapunov};
 use crate::report::{no_less, no_more};
-use crate::template::{Begun, Plant, Request, Text, list, number, round_down, rows, three_digits, write_limits};
+use crate::template::{
+    Begun, Plant, Request, Text, list, number, one_or_each, round_down, rows, three_digits, write_limits,
+};
 
 /// How many times as fast as the desired dynamics the adaptation turns, with usual signals.
 const FASTER: f64 = 10.0;
@@ -145,7 +147,7 @@ impl Adaptation {
             text.note(&format!(
                 "A step of the reference to {} needs controls {needed} immediately, beyond u_min and u_max: the reference model waits \
                  for them.",
-                first::told(references)
+                one_or_each(references)
             ));
         }
     }

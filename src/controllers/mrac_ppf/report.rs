@@ -42,7 +42,9 @@ impl MracPpf {
             let bias = row(&|i| (0.5 * std::f64::consts::PI).sqrt() / leaks(i));
             return report.tell("bias of theta_hat by noise", &bias, "", &note);
         }
-        let helps = format!("Use {leakage} = 0.05, or a small {bound}, where x is measured with noise");
+        let helps = format!(
+            "Use {leakage} above 0 (`new` writes 0.05 R/W), or a small {bound}, where x is measured with noise"
+        );
         if report.step > 0.0 && !v.get(self.law).is(Evaluation::Continuous) {
             let note = format!("times the variance of the noise of x, about, until {bound} stops it. {helps}");
             report.tell("drift of theta_hat by noise", &row(&|i| self.drift(i, report.step, v)), "1/s", &note);

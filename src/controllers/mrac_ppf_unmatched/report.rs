@@ -45,7 +45,7 @@ impl MracPpfUnmatched {
             let bias = DMatrix::from_fn(1, leaks.len(), |_, i| (0.5 * std::f64::consts::PI).sqrt() / leaks[i]);
             report.tell("bias of theta_hat by noise", &bias, "", &note);
         } else {
-            let helps = format!("Use {leakage} = 0.05, or a small {bound}, where x is measured with noise");
+            let helps = format!("Use {leakage} above 0, or a small {bound}, where x is measured with noise");
             let note = format!("noise of x drives theta_hat on and on, until {bound} stops it. {helps}");
             report.tell("drift of theta_hat by noise", "bounded", "", &note);
         }

@@ -12,8 +12,6 @@ use crate::template::{
     write_names, write_quantities, write_units,
 };
 
-/// Bandwidth where there is no plant, rad/s.
-const USUAL_BANDWIDTH: f64 = 2.0;
 /// Communication step, in 1/W.
 const STEP: f64 = 2e-4;
 
@@ -45,7 +43,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
             require_no_delay(plant)?;
             (design::bandwidth(plant, request)?, input_gain(plant, m, degree)?)
         }
-        None => (request.bandwidth.unwrap_or(USUAL_BANDWIDTH), 1.0),
+        None => (request.bandwidth.unwrap_or(design::USUAL_BANDWIDTH), 1.0),
     };
     let references = request.references(m)?;
     let mut text = request.begin(&NeuroPpf::PAGE, stop_time(W), round_down(STEP / W));
@@ -68,7 +66,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     }
     // Numbers that do the same in any unit and at any speed.
     let size = references.iter().copied().fold(f64::INFINITY, f64::min);
-    let robust = 0.2 * (USUAL_BANDWIDTH / W).powi(2 * degree as i32 - 1) / gain;
+    let robust = 0.2 * (design::USUAL_BANDWIDTH / W).powi(2 * degree as i32 - 1) / gain;
     let learning = 0.025 * (size * W).powi(2);
     let of = |value: f64| number(three_digits(value));
     text.set("k", of(0.5 * W), "1/s, gain of the filtered error");

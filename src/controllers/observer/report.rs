@@ -8,6 +8,7 @@ use crate::controllers::l1::controllability;
 use crate::design::digits;
 use crate::design::robustness::report::{Described, tell_number};
 use crate::design::robustness::uncertain::{Place, Uncertain};
+use crate::eigenvalues;
 use crate::system::{DesignReport, Values};
 use crate::template::three_digits;
 
@@ -42,7 +43,8 @@ impl Observer {
         let plant = &described.plant;
         let k_l = self.k_l.matrix(v).into_owned();
         let closed = &self.A - &k_l * &self.C;
-        let slowest = closed.complex_eigenvalues().iter().map(|pole| -pole.re).fold(f64::INFINITY, f64::min);
+        let Some(poles) = eigenvalues::complex(&closed) else { return };
+        let slowest = poles.iter().map(|pole| -pole.re).fold(f64::INFINITY, f64::min);
         report.section("Nominal plant");
         let time = three_digits(TO_2_PERCENT / slowest);
         report.tell(

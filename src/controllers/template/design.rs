@@ -13,7 +13,7 @@ const DAMPING: f64 = 0.8;
 /// How much faster than the one before a pole of the same chain and speed is.
 const SPREAD: f64 = 1.2;
 /// Speed where there is no plant, rad/s.
-const USUAL_BANDWIDTH: f64 = 2.0;
+pub const USUAL_BANDWIDTH: f64 = 2.0;
 
 /// Bandwidth of a controlled plant, rad/s: that of the request; else twice the plant's slowest stable pole that isn't at
 /// 0, or its largest one.

@@ -13,7 +13,7 @@ use crate::design::search::{Found, Law, factor, search};
 use crate::design::step::{Entry, Step, step};
 use crate::design::{digits, limits, percent, reasons};
 use crate::error::Invalid;
-use crate::template::{Plant, Text, round_down, three_digits};
+use crate::template::{Plant, Text, one_or_each, round_down, three_digits};
 
 /// The steps of all references in the nominal loop of a design.
 ///
@@ -89,22 +89,14 @@ pub fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], references: &
         if rounded > size * allowed { three_digits(0.995 * size * allowed) } else { rounded }
     };
     let stays = if allowed > 0.0 {
-        format!("A step to {} stays within them.", told(&references.iter().map(within).collect::<Vec<_>>()))
+        format!("A step to {} stays within them.", one_or_each(&references.iter().map(within).collect::<Vec<_>>()))
     } else {
         "No step stays within them.".to_owned()
     };
     text.note(&format!(
         "A step of the reference to {} needs controls {needed}, beyond u_min and u_max. {stays}",
-        told(references)
+        one_or_each(references)
     ));
-}
-
-/// Sizes of the references in words, one where all are the same.
-pub fn told(sizes: &[f64]) -> String {
-    match sizes {
-        [first, rest @ ..] if rest.iter().all(|size| size == first) => digits(*first),
-        each => each.iter().copied().map(digits).collect::<Vec<_>>().join(", "),
-    }
 }
 
 /// The range of each control, in words, where one of them goes beyond the plant's limits.

@@ -105,7 +105,7 @@ impl Described {
             return report.summarise("the loop isn't stable".to_owned());
         };
         self.tell_steps(&nominal, Verdict::Warning, unit, report);
-        let (summary, worst) = self.tell_region(&nominal, law, region, unit, report);
+        let (summary, worst) = self.tell_region(&nominal, law, (region, &plant), unit, report);
         report.summarise(summary);
         let settling = worst.iter().map(|(stepped, _)| stepped.settling).fold(nominal.settling, f64::max);
         let mut places = worst.map_or_else(Vec::new, |(_, places)| places);
@@ -118,7 +118,7 @@ impl Described {
         &self,
         nominal: &Stepped,
         law: &impl LinearLaw,
-        region: &Region,
+        (region, plant): (&Region, &Uncertain),
         unit: &Unit,
         report: &mut DesignReport,
     ) -> (String, Option<(Stepped, Vec<Place>)>) {
@@ -127,8 +127,7 @@ impl Described {
             return (of_nominal, None);
         }
         tell_number(region.places(), report);
-        let plant = self.plant.with_later_controls(unit.step * self.plant.bandwidth);
-        let Some((worst, places)) = Stepped::worst(law, &plant, region.places(), &self.reference) else {
+        let Some((worst, places)) = Stepped::worst(law, plant, region.places(), &self.reference) else {
             return (format!("{of_nominal}; some plants within the uncertainty are not stable"), None);
         };
         self.tell_steps(&worst, Verdict::Ok, unit, report);

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use adaptive_fmu::designs::{Followed, WorstCase, report_page, steps, worst_case};
+use adaptive_fmu::designs::{Followed, Steps, WorstCase, report_page, steps, worst_case};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library, Source};
 use adaptive_fmu::model::Description;
 use adaptive_fmu::nominal::WorstPlant;
 use adaptive_fmu::output;
 use adaptive_fmu::report::{DesignReport, Finding, Verdict, number};
+use adaptive_fmu::system::NO_LIMIT;
 use adaptive_fmu::template::three_digits;
 use adaptive_fmu::tuning::parameter_set;
 use serde_json::json;
@@ -98,50 +99,86 @@ fn run_loop(source: &Source, report: &mut DesignReport) {
     if !has_plant || report.summary.is_some() && !acts {
         return;
     }
+    // The nominal verdict of a kind whose loop isn't linear is this one.
+    let if_wrong = if report.summary.is_some() { Verdict::Warning } else { Verdict::NotSound };
     let ran = super::ready::units().and_then(|units| steps(source, &units));
     report.section("Loop of the FMUs");
-    let Followed { settling, overshoot, off, peaks } = match ran {
-        Ok(Some(followed)) => followed,
+    match ran {
+        Ok(Some(steps)) => tell_steps(&steps, if_wrong, report),
         // Names of its own, by which nothing is connected.
-        Err(Error::Loop { .. }) => return,
-        Ok(None) if report.summary.is_some() => return,
+        Err(Error::Loop { .. }) => {}
+        Ok(None) if report.summary.is_some() => {}
         Ok(None) => {
             let note = "it takes too long to be run here. `new loop` and `run` run it";
-            return report.tell("nominal loop", "not run", "", note);
+            report.tell("nominal loop", "not run", "", note);
         }
         Err(reason) => {
             let note = format!("with its limits and its communication step: {reason}");
-            return report.judge("nominal loop", "fails", "", Verdict::Warning, note);
+            report.judge("nominal loop", "fails", "", if_wrong, note);
         }
-    };
-    let note = "with the nominal plant, the limits of the control and the communication step: to 2 % of a step of the reference";
+    }
+}
+
+fn tell_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
+    let Steps { followed: Followed { settling, overshoot, off, peaks }, controls, duration, .. } = steps;
+    let at_limit: Vec<_> = controls.iter().zip(peaks).filter(|((_, limit), peak)| **peak >= 0.999 * limit).collect();
+    let limited = at_limit.iter().map(|((name, _), _)| name.as_str()).collect::<Vec<_>>().join(", ");
     match settling {
-        Some(time) => report.tell("settling time", three_digits(time), "s", note),
-        // Limits make a loop slow; without them one that doesn't settle isn't stable, or has no rest.
+        Some(time) => {
+            let note = "with the nominal plant, the limits of the control and the communication step: to 2 % of a step of the reference";
+            report.tell("settling time", three_digits(*time), "s", note);
+        }
+        // A control at its limit makes a loop slow; without that, it isn't stable or has no rest.
+        None if !limited.is_empty() => {
+            let note = format!(
+                "within {} s, with {limited} at a limit: give a smaller --reference or a lower --bandwidth",
+                digits(*duration)
+            );
+            report.judge("settling time", "does not settle", "", Verdict::Warning, note);
+        }
         None => {
-            let verdict = if acts { Verdict::Warning } else { Verdict::NotSound };
-            report.judge("settling time", "does not settle", "", verdict, note);
+            let note = format!(
+                "within {} s with the nominal plant: give another --bandwidth, or take another kind",
+                digits(*duration)
+            );
+            report.judge("settling time", "does not settle", "", if_wrong, note);
         }
     }
     report.tell("overshoot", three_digits(100.0 * overshoot), "%", "beyond the reference");
     let rest = three_digits(100.0 * off);
-    if off > MOST_OFF {
-        let note = "distance from the reference: an error stays, or a control is at its limit";
-        report.judge("at rest", rest, "%", Verdict::Warning, note);
-    } else {
-        report.tell("at rest", rest, "%", "distance from the reference");
+    match limited.as_str() {
+        _ if *off <= MOST_OFF => report.tell("at rest", rest, "%", "distance from the reference"),
+        "" => report.judge("at rest", rest, "%", Verdict::Warning, "distance from the reference: an error stays"),
+        limited => {
+            let note = format!("distance from the reference, with {limited} at a limit: give a smaller --reference");
+            report.judge("at rest", rest, "%", Verdict::Warning, note);
+        }
     }
-    for (j, peak) in peaks.iter().enumerate() {
-        report.tell(&format!("peak of control {}", j + 1), three_digits(*peak), "", "largest size");
-    }
+    let peak = |((name, limit), peak): (&(String, f64), &f64)| {
+        let of = if *limit < NO_LIMIT { format!(" of {}", digits(*limit)) } else { String::new() };
+        format!("peak of {name} {}{of}", digits(*peak))
+    };
+    let words = controls.iter().zip(peaks).map(peak).collect::<Vec<_>>().join(", ");
+    controls.iter().zip(peaks).for_each(|((name, _), peak)| {
+        report.tell(&format!("peak of {name}"), three_digits(*peak), "", "largest size");
+    });
+    summarise(steps, &words, report);
+}
+
+/// The first line: what the loop does, and that other plants weren't tried where there are any.
+fn summarise(steps: &Steps, peaks: &str, report: &mut DesignReport) {
+    let Followed { settling, overshoot, off, .. } = &steps.followed;
     let settles = settling.map_or("does not settle".to_owned(), |time| format!("settles in {} s", digits(time)));
-    let rests = if off > FAR { format!(", ends {} % from the reference", digits(100.0 * off)) } else { String::new() };
+    let rests = if *off > FAR { format!(", ends {} % from the reference", digits(100.0 * off)) } else { String::new() };
     let words = format!("{settles}, overshoot {} %{rests}", digits(100.0 * overshoot));
     let summary = match report.summary.take() {
         Some(summary) => format!("{summary}; with the limits of the control: {words}"),
-        None => {
-            format!("{words}, peak of the control {}", peaks.iter().copied().map(digits).collect::<Vec<_>>().join(", "))
+        None if steps.has_others => {
+            let note = "this kind's loop is run with the nominal plant; --worst-case SECONDS runs it with others";
+            report.tell("uncertain plants", "not tried", "", note);
+            format!("{words}, {peaks}; other plants not tried")
         }
+        None => format!("{words}, {peaks}"),
     };
     report.summarise(summary);
 }

@@ -7,7 +7,7 @@ use adaptive_fmu::designs::{Candidate, Design, Followed, Kind, Noise, Task, figu
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::output::{Files, make_folder};
 use adaptive_fmu::scratch::Scratch;
-use adaptive_fmu::template::Plant;
+use adaptive_fmu::template::{Plant, references};
 use adaptive_fmu::{near, parallel};
 use serde_json::{Value, json};
 
@@ -144,14 +144,7 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
         );
         return Err(Error::Argument(Invalid::new("--output", given, allowed)));
     }
-    let references = match &arguments.reference[..] {
-        [one] => vec![*one; p],
-        each if each.len() == p => each.to_vec(),
-        others => {
-            let allowed = format!("must be one number, or {p}, one for each output");
-            return Err(Error::Argument(Invalid::new("--reference", format!("{} numbers", others.len()), allowed)));
-        }
-    };
+    let references = references(&arguments.reference, p).map_err(Error::Argument)?;
     let signals: Vec<_> = arguments.noise.iter().filter_map(|noise| noise.signal.clone()).collect();
     known("--noise", &plant, &signals)?;
     Ok(Task {

@@ -2,6 +2,7 @@
 
 use adaptive_fmu::analysis::OperatingPoint;
 
+use super::linearise::assignment;
 use super::names::Names;
 use super::number::finite;
 
@@ -26,8 +27,7 @@ pub struct TrimOptions {
 
 /// A name and a number.
 fn wanted(text: &str) -> Result<(String, f64), String> {
-    // A name may hold `=`; a value never does.
-    let (name, value) = text.rsplit_once('=').ok_or("must be NAME=VALUE")?;
+    let (name, value) = assignment(text)?;
     Ok((name.trim().to_owned(), finite(value.trim()).map_err(|allowed| format!("VALUE {allowed}"))?))
 }
 

@@ -40,7 +40,7 @@ pub struct Linearisation {
     pub time: f64,
     /// How it was found.
     pub method: Method,
-    /// How the operating point was found, where it was sought.
+    /// The search for the operating point, if there was one.
     pub trim: Option<Trim>,
     /// States.
     pub states: Vec<Quantity>,

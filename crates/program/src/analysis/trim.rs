@@ -21,7 +21,7 @@ const LONGEST_TURN: f64 = 0.5;
 /// Base units of an angle.
 const ANGLE: [i32; 8] = [0, 0, 0, 0, 0, 0, 0, 1];
 
-/// How an operating point was found.
+/// The result of a search for an operating point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trim {
     /// Inputs that were free.
@@ -82,8 +82,8 @@ impl Trim {
 
 /// Moves an instance for model exchange, just initialised, to an operating point.
 ///
-/// Where there are many, each step is the shortest one of those that solve the linear equations: one near the start
-/// values is found.
+/// Several points may solve the equations: each step is the shortest one that solves the linear equations, so that one near the
+/// start values is found.
 ///
 /// # Errors
 /// When there is none near the start values, with the residuals that remain.

@@ -12,7 +12,7 @@ use crate::figures::{still, still_ending};
 use crate::picture::{Curve, CurveOf, Picture};
 use crate::report::{DesignReport, number};
 use crate::system::NO_LIMIT;
-use crate::template::three_digits;
+use crate::template::{one_or_each, three_digits};
 
 /// Additional style of this page.
 const STYLE: &str = "
@@ -31,13 +31,6 @@ pub fn report_page(name: &str, report: &DesignReport) -> String {
     page
 }
 
-/// Sizes of references, one where all are the same.
-fn references(sizes: &[f64]) -> String {
-    let is_one = sizes.iter().all(|size| *size == sizes[0]);
-    let told = if is_one { &sizes[..1] } else { sizes };
-    told.iter().copied().map(number).collect::<Vec<_>>().join(", ")
-}
-
 /// The page of candidates in an order, for a plant of a name.
 pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str) -> String {
     let asked = match (task.bandwidth, task.settling_time) {
@@ -47,7 +40,7 @@ pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str)
     };
     let about = format!(
         "Asked for: {asked}, a step of the reference to {}, {} % of uncertainty of each number of A and B.",
-        references(&task.references),
+        one_or_each(&task.references),
         number(three_digits(100.0 * task.uncertainty))
     );
     let mut page = still(&format!("Controllers for {plant}"), &about, &format!("{CHARTS}{STYLE}"));

@@ -184,8 +184,13 @@ impl Trial {
         self.left.as_ref().map(|left| *left.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
+    /// True if a run of this duration, s, hasn't too many communication points.
+    pub(super) fn is_short(&self, duration: f64) -> bool {
+        duration / self.step <= MOST_POINTS
+    }
+
     fn run(&self, start: impl IntoIterator<Item = (Place, f64)>, duration: f64) -> Result<Course, Error> {
-        if duration / self.step > MOST_POINTS {
+        if !self.is_short(duration) {
             let reason = format!(
                 "a run of {duration} s needs more than {MOST_POINTS:e} communication steps of {} s, too many to be tried",
                 self.step

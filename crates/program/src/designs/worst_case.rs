@@ -38,6 +38,19 @@ pub struct WorstCase {
     pub tried: usize,
 }
 
+/// What the loop of a description does.
+#[derive(Debug)]
+pub struct Steps {
+    /// Steps of the references.
+    pub followed: Followed,
+    /// Name of each control, and the larger of its limits.
+    pub controls: Vec<(String, f64)>,
+    /// How long the loop was run, s.
+    pub duration: f64,
+    /// True if the description has bounds of its plant's entries.
+    pub has_others: bool,
+}
+
 /// Searches for some time, by a particle swarm, for the plant within the bounds of `[nominal]` with the largest integral of the
 /// squared error of steps of the references; one whose loop fails ends the search.
 ///
@@ -48,7 +61,7 @@ pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Re
     let (description, nominal) = nominal_of(source)?;
     let bounds = bounds(&nominal).ok_or_else(|| refuse("[nominal] has no uncertainty".to_owned()))?;
     let scratch = Scratch::new()?;
-    let trial = trial(&description, source, &nominal, scratch.path(), units)?;
+    let (trial, _) = closed(&description, source, &nominal, scratch.path(), units)?;
     let duration = DURATION / nominal.bandwidth.unwrap_or(1.0);
     let swarm_bounds = bounds.iter().map(|(_, low, high)| (*low, *high)).collect();
     let start = bounds.iter().map(|(_, low, high)| 0.5 * (low + high)).collect();
@@ -87,13 +100,18 @@ pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Re
 ///
 /// # Errors
 /// When the description has no nominal plant, its loop can't be closed by the names of its signals, or a run fails.
-pub fn steps(source: &Source, units: &Ready) -> Result<Option<Followed>, Error> {
+pub fn steps(source: &Source, units: &Ready) -> Result<Option<Steps>, Error> {
     let (description, nominal) = nominal_of(source)?;
     let scratch = Scratch::new()?;
-    let trial = trial(&description, source, &nominal, scratch.path(), units)?.within(PATIENCE);
-    match trial.steps(None, DURATION / nominal.bandwidth.unwrap_or(1.0)) {
+    let (trial, controls) = closed(&description, source, &nominal, scratch.path(), units)?;
+    let (trial, duration) = (trial.within(PATIENCE), DURATION / nominal.bandwidth.unwrap_or(1.0));
+    let has_others = bounds(&nominal).is_some();
+    if !trial.is_short(duration) {
+        return Ok(None);
+    }
+    match trial.steps(None, duration) {
         Err(_) if trial.is_spent() => Ok(None),
-        ran => ran.map(|(followed, _)| Some(followed)),
+        ran => ran.map(|(followed, _)| Some(Steps { followed, controls, duration, has_others })),
     }
 }
 
@@ -141,14 +159,15 @@ fn plant_at(nominal: &NominalPlant, bounds: &[(Entry, f64, f64)], position: &[f6
     WorstPlant { respects: vec!["squared error".to_owned()], A, B }
 }
 
-/// The loop of a description with its nominal plant, whose signals have the names that the controller's have.
-fn trial(
+/// The loop of a description with its nominal plant, whose signals have the names that the controller's have; the controls with
+/// the larger of their limits.
+fn closed(
     description: &Description,
     source: &Source,
     nominal: &NominalPlant,
     folder: &Path,
     units: &Ready,
-) -> Result<Trial, Error> {
+) -> Result<(Trial, Vec<(String, f64)>), Error> {
     let names = |variable: &str| -> Option<Vec<String>> {
         let Words::Each(words) = description.names.get(variable)? else { return None };
         words.iter().map(|word| word.name().map(str::to_owned)).collect()
@@ -198,7 +217,15 @@ fn trial(
         });
     }
     let written = Written::new(folder, surroundings.into_iter().chain([own]))?;
-    Trial::new(&written, description.experiment.step, &plant, &reference, units)
+    let limit =
+        |name: String| xml.variable(&name).and_then(|variable| variable.start.as_ref()?.parse().ok()).map(f64::abs);
+    let control = |j: usize| {
+        let name = plant.u.names.get(j).cloned().unwrap_or_else(|| format!("u[{}]", j + 1));
+        let limits = ["u_min", "u_max"].map(|which| limit(format!("{which}[{}]", j + 1)).unwrap_or(f64::INFINITY));
+        (name, limits[0].max(limits[1]))
+    };
+    let controls = (0..m).map(control).collect();
+    Ok((Trial::new(&written, description.experiment.step, &plant, &reference, units)?, controls))
 }
 
 impl Trial {
