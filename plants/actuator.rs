@@ -1,7 +1,7 @@
 //! An actuator: what a plant gets of what a controller commands.
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
-use super::template::{channels, write_channels};
+use super::template::{channels, write_channels, write_sizes};
 use crate::catalogue::{Catalogued, Demonstration, Role, Scale, Stimulus};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::pages::{self, Page};
@@ -209,5 +209,6 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.set("dead_zone", all(0.0, m), "commands up to this magnitude do nothing");
     text.set("delay", all(0.0, m), "s, a multiple of sample_time");
     text.set("sample_time", "0.001", "s, of the delay");
+    write_sizes(&mut text, request, |of, _| vec![("x", (&of.u).into()), ("y", (&of.u).into())])?;
     Ok(text.finish())
 }

@@ -1,7 +1,7 @@
 //! A sensor: what a controller gets of what it measures.
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
-use super::template::{channels, write_channels};
+use super::template::{channels, write_channels, write_sizes};
 use crate::catalogue::{Catalogued, Demonstration, Role, Scale, Stimulus};
 use crate::pages::{self, Page};
 use crate::recording::Opaque;
@@ -186,5 +186,6 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.set("delay", all(0.0, m), "s, a multiple of sample_time");
     text.set("sample_time", "0.001", "s, of noise, delay and resolution");
     text.set("seed", "1", "which noise it is");
+    write_sizes(&mut text, request, |of, _| vec![("x", (&of.x).into()), ("y", (&of.x).into())])?;
     Ok(text.finish())
 }

@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use serde::Deserialize;
 
 use super::dead_time::DeadTime;
+use super::template::write_sizes;
 use crate::catalogue::{Catalogued, Demonstration, Scale, Stimulus};
 use crate::mathematics::limits::{self, UNLIMITED, within};
 use crate::mathematics::matrices::rows;
@@ -370,6 +371,12 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.set("x0", all(0.0, n), "state at the start");
     write_limits(&mut text, Some(&plant), m);
     text.suggest("x_op", all(0.0, n), "operating point about which A, B, C, D hold; also u_op, y_op");
+    let known = (1..).zip(&NAMES).take(derivatives(&plant));
+    write_sizes(&mut text, request, |of, bandwidth| {
+        let rates = |k: i32| template::Values::List(of.y.iter().map(|y| y * bandwidth.powi(k)).collect());
+        let derivatives = known.map(|(k, &(name, _))| (name, rates(k)));
+        [("x", (&of.x).into()), ("y", (&of.y).into())].into_iter().chain(derivatives).collect()
+    })?;
     Ok(text.finish())
 }
 

@@ -1,6 +1,7 @@
-//! What the texts of new references, sensors and actuators share.
+//! What the texts of new plants, references, sensors and actuators share.
 
-use crate::template::{Plant, Request, Signals, Text, texts};
+use crate::error::Invalid;
+use crate::template::{Magnitudes, Plant, Request, Signals, Text, Values, texts, write_magnitudes};
 
 /// Number of channels, and their signals where a plant has them.
 pub fn channels(request: &Request, size: Option<usize>, of: fn(&Plant) -> (usize, &Signals)) -> (usize, Signals) {
@@ -20,4 +21,20 @@ pub fn write_channels(text: &mut Text, m: usize, signals: &Signals) {
     if !signals.quantities().is_empty() {
         text.set("quantities", texts(&signals.quantities()), "what the channels are, for descriptions of variables");
     }
+}
+
+/// Usual magnitudes of variables by those of the plant's signals and its bandwidth, rad/s, where that is known.
+///
+/// # Errors
+/// References that aren't as many as outputs.
+pub fn write_sizes(
+    text: &mut Text,
+    request: &Request,
+    of: impl FnOnce(&Magnitudes, f64) -> Vec<(&'static str, Values)>,
+) -> Result<(), Invalid> {
+    let Some(plant) = &request.plant else { return Ok(()) };
+    let Ok(bandwidth) = request.speed(plant) else { return Ok(()) };
+    let references = request.references(plant.sizes().2)?;
+    write_magnitudes(text, Some(plant), (&references, bandwidth), |sizes| of(sizes, bandwidth));
+    Ok(())
 }

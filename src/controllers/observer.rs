@@ -20,7 +20,8 @@ use crate::system::{
     vector,
 };
 use crate::template::{
-    Begun, Request, Sizes, Template, all, named, round_down, write_names, write_quantities, write_units,
+    Begun, Request, Sizes, Template, all, named, round_down, write_magnitudes, write_names, write_quantities,
+    write_units,
 };
 
 /// How the gain k_l is given.
@@ -357,7 +358,7 @@ impl Catalogued for Observer {
 fn template(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();
-    let bandwidth = design::bandwidth(&plant, request)?;
+    let bandwidth = request.speed(&plant)?;
     // Four times as fast as a controller of that bandwidth.
     let poles = design::poles(&plant.A.transpose(), &plant.C.transpose(), 4.0 * bandwidth).map_err(|_| {
         Invalid::because("A, C: every state must show in the output (A, C observable), through rows of C that differ")
@@ -381,6 +382,8 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.set("sigma_l", "1e-4", "its leakage");
     text.set("unmodeled_gain", "0.0", "1/s, from |y|^4 to the bound on unmodeled dynamics, as 1.0");
     text.set("x_obs0", all(0.0, n), "estimate at the start");
+    let references = request.references(m)?;
+    write_magnitudes(&mut text, request.plant.as_ref(), (&references, bandwidth), |of| vec![("x_obs", (&of.x).into())]);
     write_nominal(&mut text, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }

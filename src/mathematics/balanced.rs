@@ -4,6 +4,8 @@
 
 use nalgebra::DMatrix;
 
+use crate::eigenvalues;
+
 /// Another scale is taken only where it leaves less than this part of the sum of a row and its column.
 const GAINED: f64 = 0.95;
 /// Passes over all states; more than any plant of finite numbers needs.
@@ -21,6 +23,14 @@ pub fn far_from_balanced(A: &DMatrix<f64>) -> Option<(DMatrix<f64>, Vec<f64>)> {
     }
     let (balanced, _, _, scales) = balance(A, &DMatrix::zeros(n, 0), &DMatrix::zeros(0, n));
     (FAR * balanced.norm() < A.norm()).then_some((balanced, scales))
+}
+
+/// The least row-sum norm that A has in any units of the states: the spectral radius of |A|, or NaN where that isn't found.
+pub fn least_norm(A: &DMatrix<f64>) -> f64 {
+    let (n, magnitudes) = (A.nrows(), A.abs());
+    let (balanced, _, _, _) = balance(&magnitudes, &DMatrix::zeros(n, 0), &DMatrix::zeros(0, n));
+    let magnitudes = eigenvalues::complex(&balanced);
+    magnitudes.map_or(f64::NAN, |all| all.iter().map(|value| value.norm()).fold(0.0, f64::max))
 }
 
 /// A, B and C with x = S z for a diagonal S of powers of two; and that diagonal.
@@ -57,4 +67,20 @@ pub fn balance(
         }
     }
     (A, B, C, scales)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_norm_is_that_in_the_best_units() {
+        // Through both states and back the product of the entries stays: √(8 · 2).
+        for scale in [1e-9, 1.0, 1e6] {
+            let A = DMatrix::from_row_slice(2, 2, &[0.0, 8.0 * scale, -2.0 / scale, 0.0]);
+            assert!((least_norm(&A) / 4.0 - 1.0).abs() < 1e-12);
+        }
+        let chain = DMatrix::from_row_slice(2, 2, &[-3.0, 1e9, 0.0, -5.0]);
+        assert!((least_norm(&chain) / 5.0 - 1.0).abs() < 1e-12);
+    }
 }

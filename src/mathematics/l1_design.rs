@@ -16,7 +16,7 @@ use crate::mathematics::lyapunov::require_hurwitz;
 const GRID: usize = 128;
 
 /// Entries of the input gain at most whose every corner is tried.
-const ENTRIES: usize = 10;
+const ENTRIES: usize = 7;
 
 /// Work of all norms over ω at most, in multiplications of an impulse response's step: beyond, fewer input gains are tried,
 /// but never fewer than these.
@@ -252,7 +252,7 @@ impl L1Design {
     }
 
     /// The largest λ over ω: on a grid of its bounds for up to three entries with distinct bounds, at the corners and
-    /// the centre for up to ten, at 1024 corners spread over all and the centre for more; at fewer in large systems.
+    /// the centre for up to seven, at 128 corners spread over all and the centre for more; at fewer in large systems.
     ///
     /// Between the points it may be larger; corners and centre are where it is usually largest.
     ///

@@ -1,9 +1,11 @@
 //! New descriptions: what a user starts a unit of their own with, ready to be exported as it stands. The text of each kind
 //! stands beside its model; here is what they share.
 
+mod magnitudes;
 mod plant;
 mod text;
 
+pub use magnitudes::{Magnitudes, Values, write_magnitudes};
 pub use plant::{Plant, Signals};
 pub use text::{
     Begun, Text, all, counted, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits,
@@ -90,6 +92,8 @@ pub struct Request<'a> {
     pub uncertainty: Option<f64>,
 }
 
+/// Bandwidth where there is no plant, rad/s.
+pub const USUAL_BANDWIDTH: f64 = 2.0;
 /// Uncertainty of each entry of A and B where none is given.
 const USUAL_UNCERTAINTY: f64 = 0.2;
 
@@ -120,6 +124,28 @@ impl Request<'_> {
     /// Uncertainty of each entry of A and B, in parts of it.
     pub fn uncertainty(&self) -> f64 {
         self.uncertainty.unwrap_or(USUAL_UNCERTAINTY)
+    }
+
+    /// Bandwidth of a controlled plant, rad/s: that of the request; else twice the plant's slowest stable pole that isn't at 0, or
+    /// its largest one.
+    ///
+    /// # Errors
+    /// A plant whose poles can't be found, or one with all poles at 0 where the request has no bandwidth.
+    pub fn speed(&self, plant: &Plant) -> Result<f64, Invalid> {
+        if let Some(wanted) = self.bandwidth {
+            return Ok(wanted);
+        }
+        if self.plant.is_none() {
+            return Ok(USUAL_BANDWIDTH);
+        }
+        let badly_scaled = || Invalid::because("A is too badly scaled: its eigenvalues can't be found");
+        let poles = eigenvalues::complex(&plant.A).ok_or_else(badly_scaled)?;
+        let largest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+        let stable = poles.iter().filter(|pole| pole.re < 0.0 && pole.norm() > 1e-6 * largest).map(|pole| pole.norm());
+        let found = stable.reduce(f64::min).map_or(largest, |slowest| 2.0 * slowest);
+        let unknown =
+            || Invalid::because("all poles of the plant are at 0: give --bandwidth, the speed of the loop in rad/s");
+        (found > 0.0).then(|| three_digits(found)).ok_or_else(unknown)
     }
 
     /// Usual magnitudes of so many references.

@@ -1,189 +1,28 @@
 //! A model: a system made from its description, with all its variables, ready to be run.
 
+mod description;
 mod preparing;
 mod stored;
+
+#[cfg(feature = "schema")]
+pub(crate) use description::Magnitude;
+pub use description::{Description, Experiment};
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
-use serde::{Deserialize, Serialize};
-
 use crate::controls::Controls;
 use crate::designed::designed;
 use crate::differentiation::{self, Direction};
-use crate::error::{Invalid, Number};
+use crate::error::Invalid;
 use crate::integrator::{Sparsity, Work, Workspace, Workspaces};
-use crate::near;
-use crate::nominal::NominalPlant;
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
 use crate::structure::{Place, Structure};
 use crate::system::{
     Data, Declaration, DynSystem, Equations, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variable,
-    Variables, Word, Words,
+    Variables,
 };
-
-/// What a person writes about an FMU (`modelDescription/NAME.toml`).
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
-pub struct Description {
-    /// Name of the FMU: a C identifier.
-    pub name: String,
-    /// Which system it is made of.
-    pub model: String,
-    /// What it is, in a line.
-    pub description: String,
-    /// Who made the unit.
-    #[serde(default)]
-    pub author: Option<String>,
-    /// Its version, as its author counts.
-    #[serde(default)]
-    pub version: Option<String>,
-    /// Under which terms it may be used: a name, or an SPDX expression, as "MIT OR Apache-2.0".
-    #[serde(default)]
-    pub license: Option<String>,
-    /// Whose the rights are: "Copyright 2026 …".
-    #[serde(default)]
-    pub copyright: Option<String>,
-    /// What a simulation of it takes by default.
-    #[serde(default)]
-    pub experiment: Experiment,
-    /// What the system's variables depend on.
-    #[serde(default)]
-    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
-    pub structure: toml::Table,
-    /// Names of one's own for variables, by the system's names of them.
-    #[serde(default)]
-    pub names: Names,
-    /// Start values that differ from the system's own.
-    #[serde(default)]
-    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, StartValue>"))]
-    pub start: toml::Table,
-    /// The plant that the controller was designed for. It makes no variables; the design report and the page read it.
-    #[serde(default)]
-    #[cfg_attr(feature = "schema", schemars(with = "NominalPlant"))]
-    pub nominal: Option<NominalPlant>,
-    /// Parameters that are constants of this unit: those that its design was computed from. Written by an export with sources.
-    #[serde(default)]
-    pub designed: Option<Vec<String>>,
-}
-
-/// What a start value may be.
-#[cfg(feature = "schema")]
-#[derive(schemars::JsonSchema)]
-#[schemars(untagged)]
-#[allow(dead_code)] // for the schema alone: what fits a variable is decided where it is declared
-enum StartValue {
-    /// Of a scalar, or of one element.
-    Number(f64),
-    /// True or false.
-    Boolean(bool),
-    /// An item of a choice.
-    Text(String),
-    /// Of a vector.
-    Numbers(Vec<f64>),
-    /// Of a matrix: its rows.
-    Rows(Vec<Vec<f64>>),
-}
-
-/// The default experiment.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-pub struct Experiment {
-    /// Stop time, s.
-    pub stop_time: f64,
-    /// Communication step, s.
-    pub step: f64,
-}
-
-impl Default for Experiment {
-    fn default() -> Self {
-        Experiment { stop_time: 10.0, step: 1e-3 }
-    }
-}
-
-impl Description {
-    /// Reads a description.
-    ///
-    /// # Errors
-    /// One line: what is wrong, where, and what is allowed.
-    pub fn read(text: &str) -> Result<Self, Invalid> {
-        let description: Description = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
-            let quoted: String = text.lines().nth(line).unwrap_or("").trim().chars().take(80).collect();
-            Invalid::because(format!("line {}, `{quoted}`: {}", line + 1, near::reworded(error.message())))
-        })?;
-        let mut invalid = Invalid::none();
-        for table in [&description.structure, &description.start] {
-            table.values().for_each(|value| check_texts(value, &mut invalid));
-        }
-        check_text(&description.description, &mut invalid);
-        for (key, text) in description.about() {
-            text.into_iter().for_each(|text| check_line(key, text, &mut invalid));
-        }
-        let words = description.names.values().flat_map(Words::each);
-        words.filter_map(Word::description).for_each(|text| check_text(text, &mut invalid));
-        let name = &description.name;
-        let starts_well = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
-        if !starts_well || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') || name.len() > 100 {
-            let allowed = "must be a C identifier of at most 100 characters (letters, digits, _)";
-            invalid.and(Invalid::new("name", format!("`{}`", name.escape_debug()), allowed));
-        }
-        let Experiment { stop_time, step } = description.experiment;
-        for (key, value) in [("experiment.stop_time", stop_time), ("experiment.step", step)] {
-            if !(value.is_finite() && value > 0.0) {
-                invalid.and(Invalid::new(key, Number(value), "must be a finite number above 0"));
-            }
-        }
-        invalid.into_result()?;
-        Ok(description)
-    }
-
-    /// Whose unit it is, by the attributes of the XML, which are the keys.
-    pub fn about(&self) -> impl Iterator<Item = (&'static str, Option<&str>)> {
-        let Description { author, version, license, copyright, .. } = self;
-        let texts = [("author", author), ("version", version), ("license", license), ("copyright", copyright)];
-        texts.into_iter().map(|(key, text)| (key, text.as_deref()))
-    }
-}
-
-/// The longest text about a unit, in characters.
-const LONGEST_LINE: usize = 200;
-
-/// Refuses what is no line of text.
-fn check_line(key: &str, text: &str, invalid: &mut Invalid) {
-    let bad = |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}');
-    if text.trim().is_empty() || text.trim() != text || text.contains(bad) || text.chars().count() > LONGEST_LINE {
-        let shown: String = text.escape_debug().take(80).collect();
-        let allowed = format!(
-            "must be one line of 1 … {LONGEST_LINE} characters without leading or trailing spaces; leave the key out \
-             if it is not needed"
-        );
-        invalid.and(Invalid::new(key, format!("`{shown}`"), allowed));
-    }
-}
-
-/// Refuses texts that XML can't hold: control characters and noncharacters.
-fn check_text(text: &str, invalid: &mut Invalid) {
-    let bad = |c: &char| c.is_control() && !matches!(c, '\t' | '\n' | '\r') || matches!(c, '\u{fffe}' | '\u{ffff}');
-    if text.chars().any(|c| bad(&c)) {
-        let shown: String = text.escape_default().take(80).collect();
-        invalid.and(Invalid::because(format!(
-            "the text `{shown}` contains a control character, which XML does not allow"
-        )));
-    }
-}
-
-fn check_texts(value: &toml::Value, invalid: &mut Invalid) {
-    match value {
-        toml::Value::String(text) => check_text(text, invalid),
-        toml::Value::Array(values) => values.iter().for_each(|value| check_texts(value, invalid)),
-        toml::Value::Table(table) => table.values().for_each(|value| check_texts(value, invalid)),
-        _ => {}
-    }
-}
 
 /// The values of one instance. A copy of it is a copy of the instance.
 #[derive(Debug, Clone, PartialEq)]
@@ -255,6 +94,7 @@ impl Model {
             structure: toml::Table::new(),
             names: Names::new(),
             start: start.clone(),
+            magnitudes: toml::Table::new(),
             nominal: None,
             designed: None,
         };
@@ -280,7 +120,8 @@ impl Model {
         let mut documentation = declaration.documentation();
         let controls = Controls::declare(&mut declaration);
         let mut variables = declaration.finish()?;
-        set_start_values(&mut variables, &description.start)?;
+        set_each("start", &description.start, |name, value| variables.set_start(name, value))?;
+        set_each("magnitudes", &description.magnitudes, |name, value| variables.set_magnitude(name, value))?;
         variables.make_constant(description.designed.as_deref().unwrap_or_default())?;
         if variables.states() > 0 {
             documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
@@ -472,12 +313,16 @@ fn start_block(variables: &Variables, controls: &Controls) -> Block {
 /// The most reasons that a person wants to read at a time.
 const MOST_REASONS: usize = 20;
 
-/// Puts the `[start]` table of a description in place of a system's own start values.
-fn set_start_values(variables: &mut Variables, start: &toml::Table) -> Result<(), Invalid> {
+/// Gives variables the values of a table of a description.
+fn set_each(
+    table: &str,
+    values: &toml::Table,
+    mut set: impl FnMut(&str, &toml::Value) -> Result<(), String>,
+) -> Result<(), Invalid> {
     let mut invalid = Invalid::none();
-    for (name, value) in start {
-        if let Err(reason) = variables.set_start(name, value) {
-            invalid.and(Invalid::new(format!("[start] {name}"), value, reason));
+    for (name, value) in values {
+        if let Err(reason) = set(name, value) {
+            invalid.and(Invalid::new(format!("[{table}] {name}"), value, reason));
         }
         if invalid.reasons().len() == MOST_REASONS {
             break;

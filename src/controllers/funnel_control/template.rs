@@ -3,7 +3,7 @@
 
 use super::FunnelControl;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, first, stop_time, write_nominal};
+use crate::controllers::template::{first, stop_time, write_nominal};
 use crate::design::funnel::{self, DECAY, Design, NARROW, WIDE};
 use crate::design::funnel_loop::SMOOTH_START;
 use crate::design::nominal::Nominal;
@@ -11,7 +11,7 @@ use crate::design::{digits, percent};
 use crate::error::Invalid;
 use crate::template::{
     Begun, Plant, Request, Text, all, list, named, one_or_each, round_down, rows, three_digits, write_limits,
-    write_names, write_quantities, write_units,
+    write_magnitudes, write_names, write_quantities, write_units,
 };
 
 /// A communication step that is so short, in 1/W, is worth a word.
@@ -21,7 +21,7 @@ const SHORT: f64 = 1e-3;
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
-    let (bandwidth, references) = (design::bandwidth(&plant, request)?, request.references(m)?);
+    let (bandwidth, references) = (request.speed(&plant)?, request.references(m)?);
     let nominal = Nominal::new(&plant, bandwidth)?;
     let design = funnel::design(&nominal, &references)?;
     let mut text = request.begin(&FunnelControl::PAGE, stop_time(bandwidth), round_down(design.step));
@@ -45,6 +45,9 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("G", rows(&design.G), "from the outputs of the channels to the controls: the inverse of the input gain");
     text.set("on_funnel_exit", "\"reopen\"", "\"error\": a step in which an error leaves is refused");
     write_limits(&mut text, Some(&plant), m);
+    write_magnitudes(&mut text, request.plant.as_ref(), (&references, bandwidth), |of| {
+        vec![("u_b", (&of.u).into()), ("u", (&of.u).into())]
+    });
     write_nominal(&mut text, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }

@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::controllers::template::{design, first, stop_time, write_nominal, write_plant, write_poles};
+use crate::controllers::template::{first, stop_time, write_nominal, write_plant, write_poles};
 use crate::design::l1::assess::Found;
 use crate::design::l1::design::{Asked, Design, design, is_full};
 use crate::design::l1::desired::Desired;
@@ -12,8 +12,8 @@ use crate::error::Invalid;
 use crate::pages::Page;
 use crate::system::Verdict;
 use crate::template::{
-    Begun, Plant, Request, Text, all, diagonal, list, named, number, rows, three_digits, write_limits, write_names,
-    write_quantities, write_units,
+    Begun, Plant, Request, Text, all, diagonal, list, named, number, rows, three_digits, write_limits,
+    write_magnitudes, write_names, write_quantities, write_units,
 };
 
 /// Speeds in a decade, and how many slower ones are tried for a plant with a dead time.
@@ -33,6 +33,12 @@ pub struct Started {
 impl Started {
     /// The whole text, with the plant that it is for.
     pub fn finish(mut self, request: &Request) -> Begun {
+        let Design { theta_bound, sigma_bound, references, .. } = &self.design;
+        write_magnitudes(&mut self.text, request.plant.as_ref(), (references, self.bandwidth), |of| {
+            let estimates = [("theta_hat", theta_bound.into()), ("sigma_hat", sigma_bound.into())];
+            let others = [("x_hat", (&of.x).into()), ("u_ad", (&of.u).into()), ("u", (&of.u).into())];
+            estimates.into_iter().chain(others).collect()
+        });
         write_nominal(&mut self.text, request, self.bandwidth, Some(request.uncertainty()));
         self.text.finish()
     }
@@ -43,7 +49,7 @@ impl Started {
 /// # Errors
 /// Why there is no design for the plant.
 pub fn found(request: &Request, plant: &Plant, adapts: bool, varies: [f64; 2]) -> Result<(Design, f64), Invalid> {
-    let (asked, references) = (design::bandwidth(plant, request)?, request.references(plant.sizes().2)?);
+    let (asked, references) = (request.speed(plant)?, request.references(plant.sizes().2)?);
     let at = |bandwidth: f64| {
         let (references, uncertainty) = (&references[..], request.uncertainty());
         design(plant, &Asked { bandwidth, references, uncertainty, adapts, varies })

@@ -5,7 +5,7 @@ use crate::catalogue::Catalogued;
 use crate::controllers::l1::template::{found, tell, write_dynamics, write_structure};
 use crate::controllers::template::{stop_time, write_nominal};
 use crate::error::Invalid;
-use crate::template::{Begun, Request, all, diagonal, write_limits};
+use crate::template::{Begun, Request, all, diagonal, write_limits, write_magnitudes};
 
 /// The design of an L1 controller for the plant, of which adaptation is left out.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
@@ -21,6 +21,9 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("feedback_gain", gain, "1/s, K: bandwidth with which uncertainty is cancelled");
     write_limits(&mut text, Some(&plant), m);
     text.set("tracking_time", all(-1.0, m), "s, u_ad follows what the limits leave; -1: 1/K, 0: off, it winds up");
+    write_magnitudes(&mut text, request.plant.as_ref(), (&design.references, bandwidth), |of| {
+        vec![("w", (&of.u).into()), ("u", (&of.u).into())]
+    });
     write_nominal(&mut text, request, bandwidth, Some(request.uncertainty()));
     Ok(text.finish())
 }

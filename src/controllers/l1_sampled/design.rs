@@ -7,14 +7,14 @@ use super::L1Sampled;
 use super::filter::SampledFilter;
 use crate::controllers::inverse::{inverse, refused};
 use crate::controllers::l1::orthogonal_complement;
-use crate::mathematics::balanced::far_from_balanced;
+use crate::mathematics::balanced::{far_from_balanced, least_norm};
 use crate::mathematics::{feedforward, pole_placement};
 use crate::report::at_most;
 use crate::system::{Invalid, Number, Point, Values};
 
 /// Entries of a gain that are smaller, in parts of the largest, are zeros.
 const ROUNDING: f64 = 1e-14;
-/// How far the nominal plant may move in a sample time, as the norm of A T.
+/// How far the nominal plant may move in a sample time, as the least norm of A T in any units.
 const MOST_MOTION: f64 = 50.0;
 
 impl L1Sampled {
@@ -26,8 +26,7 @@ impl L1Sampled {
         let (n, m) = self.plant.B.shape();
         let T = v[self.sample_time];
         let A = self.nominal(A_m);
-        let size = |A: &DMatrix<f64>| far_from_balanced(A).map_or(A.norm(), |(balanced, _)| balanced.norm());
-        let motion = size(&A).max(size(A_m)) * T;
+        let motion = least_norm(&A).max(least_norm(A_m)) * T;
         if motion.is_nan() || motion > MOST_MOTION {
             let allowed = format!(
                 "must be at most {}: the nominal plant moves too far within it",

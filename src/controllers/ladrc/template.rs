@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Ladrc;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, first, stop_time, write_nominal};
+use crate::controllers::template::{first, stop_time, write_nominal};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, modulus_of};
 
@@ -13,7 +13,8 @@ use crate::design::{four_digits, ladrc};
 use crate::error::Invalid;
 use crate::mathematics::matrices;
 use crate::template::{
-    Begun, Request, list, named, round_down, rows, write_limits, write_names, write_quantities, write_units,
+    Begun, Request, Values, list, named, round_down, rows, write_limits, write_magnitudes, write_names,
+    write_quantities, write_units,
 };
 
 /// Poles at 0 that it can stabilise.
@@ -23,11 +24,12 @@ const MOST_INTEGRATORS: usize = 3;
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
-    let nominal = Nominal::new(&plant, design::bandwidth(&plant, request)?)?;
+    let nominal = Nominal::new(&plant, request.speed(&plant)?)?;
     let found = first::find::<ladrc::Ladrc>(&nominal, "active disturbance rejection controller", MOST_INTEGRATORS)?;
     let steps = first::steps(&nominal, &found, &ladrc::entry(&found.gains, &found.S, nominal.bandwidth))?;
     let fastest = found.gains.iter().map(|gains| gains.omega_o).fold(0.0, f64::max);
     let step = first::step_within_margin(&plant, nominal.bandwidth, &found.controller, round_down(0.1 / fastest));
+    let references = request.references(m)?;
     let mut text = request.begin(&Ladrc::PAGE, stop_time(found.speed * nominal.bandwidth), step);
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
@@ -38,13 +40,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    first::tell::<ladrc::Ladrc>(
-        &mut text,
-        (&plant, &nominal),
-        &found,
-        &steps,
-        &request.references(nominal.channels())?,
-    );
+    first::tell::<ladrc::Ladrc>(&mut text, (&plant, &nominal), &found, &steps, &references);
     let each = |gain: fn(&ladrc::Gains) -> f64| list(&found.gains.iter().map(gain).collect::<Vec<_>>());
     text.set("omega_c", each(|gains| gains.omega_c), "rad/s, poles of the loop; larger is faster, with more control");
     text.set(
@@ -58,6 +54,12 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         "input gain: from the controls to the highest derivatives of the outputs",
     );
     write_limits(&mut text, Some(&plant), m);
+    write_magnitudes(&mut text, request.plant.as_ref(), (&references, nominal.bandwidth), |of| {
+        let order = found.gains[0].order;
+        let state = |i: usize, k: usize| of.y[i] * found.gains[i].omega_c.powi(k as i32);
+        let states = DMatrix::from_fn(m, order + 1, state);
+        vec![("z", Values::Rows(states)), ("u_b", (&of.u).into()), ("u", (&of.u).into())]
+    });
     write_nominal(&mut text, request, found.speed * nominal.bandwidth, request.uncertainty);
     Ok(text.finish())
 }

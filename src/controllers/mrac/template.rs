@@ -15,6 +15,7 @@ use crate::mathematics::{feedforward, lyapunov};
 use crate::report::{no_less, no_more};
 use crate::template::{
     Begun, Plant, Request, Text, list, number, one_or_each, round_down, rows, three_digits, write_limits,
+    write_magnitudes,
 };
 
 /// How many times as fast as the desired dynamics the adaptation turns, with usual signals.
@@ -52,6 +53,10 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("Q", rows(&Q), "1/(peak of x)^2 in a step of the reference");
     write_bounds(&mut text, &design, &spread);
     write_limits(&mut text, Some(&plant), plant.sizes().1);
+    write_magnitudes(&mut text, request.plant.as_ref(), (&design.references, bandwidth), |of| {
+        let estimates = [("theta_hat", (&design.theta_bound).into()), ("sigma_hat", (&design.sigma_bound).into())];
+        estimates.into_iter().chain([("x_m", (&of.x).into()), ("u", (&of.u).into())]).collect()
+    });
     write_nominal(&mut text, request, bandwidth, Some(request.uncertainty()));
     Ok(text.finish())
 }

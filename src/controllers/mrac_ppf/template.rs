@@ -5,12 +5,12 @@ use nalgebra::DMatrix;
 
 use super::MracPpf;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, require_no_delay, stop_time, write_funnel, write_nominal_with};
+use crate::controllers::template::{require_no_delay, stop_time, write_funnel, write_nominal_with};
 use crate::error::Invalid;
 use crate::report::no_less;
 use crate::template::{
-    Begun, Plant, Request, all, counted, diagonal, list, named, round_down, rows, three_digits, write_limits,
-    write_names, write_quantities, write_units,
+    Begun, Plant, Request, Values, all, counted, diagonal, list, named, round_down, rows, three_digits, write_limits,
+    write_magnitudes, write_names, write_quantities, write_units,
 };
 
 /// Communication step, in 1/W.
@@ -60,7 +60,7 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
         )));
     }
     require_no_delay(plant)?;
-    let bandwidth = design::bandwidth(plant, request)?;
+    let bandwidth = request.speed(plant)?;
     let (references, W) = (request.references(n)?, bandwidth);
     let step = round_down(STEP / W);
     let mut text = request.begin(&MracPpf::PAGE, stop_time(bandwidth), step);
@@ -96,6 +96,12 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
     text.set("alpha_bar", each(&|R| 10.0 * W * R), "gain of its smoothed sign");
     write_limits(&mut text, Some(plant), m);
     let states = DMatrix::identity(n, n);
+    let of_states = request.plant.as_ref().map(|plant| Plant { C: states.clone(), ..plant.clone() });
+    write_magnitudes(&mut text, of_states.as_ref(), (&references, W), |of| {
+        let theta = Values::Rows(DMatrix::from_element(n, n, W));
+        let sigma = Values::Rows(DMatrix::from_fn(n, n, |i, _| W * references[i]));
+        vec![("x_m", (&of.x).into()), ("theta_hat", theta), ("sigma_integral", sigma), ("u", (&of.u).into())]
+    });
     write_nominal_with(&mut text, &states, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }

@@ -12,8 +12,8 @@ use crate::controllers::template::{design, require_no_delay, stop_time, write_no
 use crate::error::Invalid;
 use crate::mathematics::pole_placement;
 use crate::template::{
-    Begun, Plant, Request, all, list, named, round_down, rows, three_digits, write_limits, write_names,
-    write_quantities, write_units,
+    Begun, Plant, Request, Values, all, list, named, round_down, rows, three_digits, write_limits, write_magnitudes,
+    write_names, write_quantities, write_units,
 };
 
 /// Rates of the barriers, in parts of the bandwidth: of a state that drives an unmatched row, of that row, and of the others.
@@ -28,7 +28,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     require_no_delay(&plant)?;
     let (n, m, _) = plant.sizes();
-    let (bandwidth, references) = (design::bandwidth(&plant, request)?, request.references(m)?);
+    let (bandwidth, references) = (request.speed(&plant)?, request.references(m)?);
     let driven = driven(&plant)?;
     let poles = design::poles(&plant.A, &plant.B, bandwidth)?;
     let A_m = &plant.A - &plant.B * pole_placement::place(&plant.A, &plant.B, &poles)?;
@@ -62,6 +62,12 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("theta_bound", list(&numbers.theta), "bounds of the estimates");
     text.set("sigma_bound", list(&numbers.sigma), "and of those of disturbances");
     write_limits(&mut text, Some(&plant), m);
+    write_magnitudes(&mut text, request.plant.as_ref(), (&references, bandwidth), |of| {
+        let theta = Values::Rows(DMatrix::from_fn(n, n, |i, _| numbers.theta[i]));
+        let estimates = [("theta_hat", theta), ("sigma_hat", (&numbers.sigma).into())];
+        let others = [("x_m", (&of.x).into()), ("u_b", (&of.u).into()), ("u", (&of.u).into())];
+        estimates.into_iter().chain(others).collect()
+    });
     write_nominal(&mut text, request, bandwidth, request.uncertainty);
     Ok(text.finish())
 }

@@ -5,15 +5,17 @@ use nalgebra::DMatrix;
 
 use super::NeuroPpf;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, require_no_delay, stop_time, write_funnel, write_nominal_with};
+use crate::controllers::template::{require_no_delay, stop_time, write_funnel, write_nominal_with};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Plant, Request, Signals, all, counted, diagonal, named, number, round_down, three_digits, write_limits,
-    write_names, write_quantities, write_units,
+    Begun, Plant, Request, Signals, USUAL_BANDWIDTH, Values, all, counted, diagonal, named, number, round_down,
+    three_digits, write_limits, write_magnitudes, write_names, write_quantities, write_units,
 };
 
 /// Communication step, in 1/W.
 const STEP: f64 = 2e-4;
+/// Number of neurons.
+const NEURONS: usize = 30;
 
 /// Neuro-adaptive control with prescribed performance: it needs sizes, and no model.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
@@ -41,9 +43,9 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (W, gain) = match &request.plant {
         Some(plant) => {
             require_no_delay(plant)?;
-            (design::bandwidth(plant, request)?, input_gain(plant, m, degree)?)
+            (request.speed(plant)?, input_gain(plant, m, degree)?)
         }
-        None => (request.bandwidth.unwrap_or(design::USUAL_BANDWIDTH), 1.0),
+        None => (request.bandwidth.unwrap_or(USUAL_BANDWIDTH), 1.0),
     };
     let references = request.references(m)?;
     let mut text = request.begin(&NeuroPpf::PAGE, stop_time(W), round_down(STEP / W));
@@ -51,7 +53,11 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("relative_degree", degree, "after how many derivatives of a tracked variable the control shows: 1 or 2");
     text.set("channels", m, "tracked variables, each with a control of its own");
     text.set("input_gain_network", "false", "true: the input gain is estimated, too");
-    text.set("network", "{ rule = \"quasi_random\", neurons = 30 }", "sigmoid neurons over the state");
+    text.set(
+        "network",
+        format!("{{ rule = \"quasi_random\", neurons = {NEURONS} }}"),
+        "sigmoid neurons over the state",
+    );
     let tracked = |list: &[String]| list.iter().take(m).cloned().collect::<Vec<_>>();
     let r = Signals { names: tracked(&x.names), units: tracked(&x.units), texts: tracked(&x.texts) };
     write_units(&mut text, &[("r", &r, m), ("u", &u, m)]);
@@ -66,7 +72,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     }
     // Numbers that do the same in any unit and at any speed.
     let size = references.iter().copied().fold(f64::INFINITY, f64::min);
-    let robust = 0.2 * (design::USUAL_BANDWIDTH / W).powi(2 * degree as i32 - 1) / gain;
+    let robust = 0.2 * (USUAL_BANDWIDTH / W).powi(2 * degree as i32 - 1) / gain;
     let learning = 0.025 * (size * W).powi(2);
     let of = |value: f64| number(three_digits(value));
     text.set("k", of(0.5 * W), "1/s, gain of the filtered error");
@@ -75,7 +81,13 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("network_gain", of(learning), "adaptation gain of the networks");
     text.set("sigma", of(0.375 * W / learning), "leakage of the networks' weights");
     write_limits(&mut text, request.plant.as_ref(), m);
-    write_nominal_with(&mut text, &DMatrix::identity(m, n), request, W, request.uncertainty);
+    let tracked = DMatrix::identity(m, n);
+    let of_tracked = request.plant.as_ref().map(|plant| Plant { C: tracked.clone(), ..plant.clone() });
+    write_magnitudes(&mut text, of_tracked.as_ref(), (&references, W), |of| {
+        let weights = DMatrix::from_fn(NEURONS, m, |_, j| W.powi(degree as i32) * references[j]);
+        vec![("x_m", (&of.x).into()), ("theta_f", Values::Rows(weights)), ("u", (&of.u).into())]
+    });
+    write_nominal_with(&mut text, &tracked, request, W, request.uncertainty);
     Ok(text.finish())
 }
 

@@ -3,14 +3,15 @@
 
 use super::Pid;
 use crate::catalogue::Catalogued;
-use crate::controllers::template::{design, first, stop_time, write_nominal};
+use crate::controllers::template::{first, stop_time, write_nominal};
 use crate::design::nominal::Nominal;
 use crate::design::search::{Found, search};
 use crate::design::step::Step;
 use crate::design::{ladrc, pid};
 use crate::error::Invalid;
 use crate::template::{
-    Begun, Request, all, list, named, round_down, rows, write_limits, write_names, write_quantities, write_units,
+    Begun, Request, Values, all, list, named, round_down, rows, write_limits, write_magnitudes, write_names,
+    write_quantities, write_units,
 };
 
 /// Poles at 0 that a PID controller can stabilise.
@@ -23,13 +24,14 @@ const OVERSHOOT: f64 = 0.1;
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();
-    let nominal = Nominal::new(&plant, design::bandwidth(&plant, request)?)?;
+    let nominal = Nominal::new(&plant, request.speed(&plant)?)?;
     let found = find(&nominal)?;
     let (b, steps) = weights(&nominal, &found)?;
     // Without a derivative nothing is as fast as its filter.
     let rate = |gains: &pid::Gains| if gains.K_d > 0.0 { gains.N } else { 0.2 * gains.N };
     let fastest = found.gains.iter().map(rate).fold(0.0, f64::max);
     let step = first::step_within_margin(&plant, nominal.bandwidth, &found.controller, round_down(0.1 / fastest));
+    let references = request.references(m)?;
     let mut text = request.begin(&Pid::PAGE, stop_time(found.speed * nominal.bandwidth), step);
     text.table("structure");
     text.set("channels", m, "outputs, each with a control of its own");
@@ -38,7 +40,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    first::tell::<pid::Pid>(&mut text, (&plant, &nominal), &found, &steps, &request.references(nominal.channels())?);
+    first::tell::<pid::Pid>(&mut text, (&plant, &nominal), &found, &steps, &references);
     let each = |gain: fn(&pid::Gains) -> f64| list(&found.gains.iter().map(gain).collect::<Vec<_>>());
     text.set("K_p", each(|gains| gains.K_p), "proportional gains");
     text.set("K_i", each(|gains| gains.K_i), "1/s, integral gains");
@@ -49,6 +51,12 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("S", rows(&found.S), "from the outputs of the channels to the controls: decoupling, and the sign of each");
     write_limits(&mut text, Some(&plant), m);
     text.set("tracking_time", all(-1.0, m), "s, time constant of anti-windup; -1: from the gains, 0: off");
+    let W = nominal.bandwidth;
+    write_magnitudes(&mut text, request.plant.as_ref(), (&references, W), |of| {
+        let part = |(gains, y): (&pid::Gains, &f64)| (gains.K_p.abs() + gains.K_i.abs() / W) * y;
+        let integral = Values::List(found.gains.iter().zip(&of.y).map(part).collect());
+        vec![("I", integral), ("w", (&of.y).into()), ("u", (&of.u).into())]
+    });
     write_nominal(&mut text, request, found.speed * nominal.bandwidth, request.uncertainty);
     Ok(text.finish())
 }

@@ -1,4 +1,4 @@
-//! The speed of a new controlled plant, and poles that are as fast.
+//! Poles of a new controlled plant, which are as fast as its bandwidth.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use nalgebra::{Complex, DMatrix};
@@ -6,35 +6,12 @@ use nalgebra::{Complex, DMatrix};
 use crate::eigenvalues;
 use crate::error::Invalid;
 use crate::mathematics::pole_placement;
-use crate::template::{Plant, Request, three_digits};
+use crate::template::three_digits;
 
 /// Damping of poles at least.
 const DAMPING: f64 = 0.8;
 /// How much faster than the one before a pole of the same chain and speed is.
 const SPREAD: f64 = 1.2;
-/// Speed where there is no plant, rad/s.
-pub const USUAL_BANDWIDTH: f64 = 2.0;
-
-/// Bandwidth of a controlled plant, rad/s: that of the request; else twice the plant's slowest stable pole that isn't at
-/// 0, or its largest one.
-///
-/// # Errors
-/// A plant whose poles can't be found, or one with all poles at 0 where the request has no bandwidth.
-pub fn bandwidth(plant: &Plant, request: &Request) -> Result<f64, Invalid> {
-    if let Some(wanted) = request.bandwidth {
-        return Ok(wanted);
-    }
-    if request.plant.is_none() {
-        return Ok(USUAL_BANDWIDTH);
-    }
-    let poles = eigenvalues(&plant.A)?;
-    let largest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
-    let stable = poles.iter().filter(|pole| pole.re < 0.0 && pole.norm() > 1e-6 * largest).map(|pole| pole.norm());
-    let found = stable.reduce(f64::min).map_or(largest, |slowest| 2.0 * slowest);
-    let unknown =
-        || Invalid::because("all poles of the plant are at 0: give --bandwidth, the speed of the loop in rad/s");
-    (found > 0.0).then(|| three_digits(found)).ok_or_else(unknown)
-}
 
 fn eigenvalues(A: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, Invalid> {
     eigenvalues::complex(A).ok_or_else(|| Invalid::because("A is too badly scaled: its eigenvalues can't be found"))

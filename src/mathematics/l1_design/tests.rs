@@ -161,7 +161,7 @@ fn a_model_that_is_not_stable_is_refused() {
 }
 
 #[test]
-fn every_corner_is_tried_up_to_ten_entries() {
+fn every_corner_is_tried_up_to_seven_entries() {
     let corners = |m: usize, free: usize| {
         let K = DMatrix::identity(m, m);
         let (low, mut high) = (DMatrix::from_element(m, m, 1.0), DMatrix::from_element(m, m, 1.0));
@@ -179,12 +179,12 @@ fn every_corner_is_tried_up_to_ten_entries() {
         assert!(centred && gains.len() <= (1 << ENTRIES) + 1);
         corners.len()
     };
-    for free in 0..=10 {
+    for free in 0..=7 {
         assert_eq!(corners(4, free), 1 << free, "{free} entries");
     }
     // Beyond, many different ones.
-    assert!(corners(4, 16) > 900, "{}", corners(4, 16));
-    assert!(corners(6, 36) > 900, "{}", corners(6, 36));
+    assert!(corners(4, 16) > 115, "{}", corners(4, 16));
+    assert!(corners(6, 36) > 115, "{}", corners(6, 36));
 }
 
 #[test]

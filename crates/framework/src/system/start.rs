@@ -1,4 +1,4 @@
-//! Start values from a description.
+//! Start values and usual magnitudes from a description.
 
 use super::declaration::Declaration;
 use super::variable::{Causality, Data, Naming, Section, Variable, Variables};
@@ -40,11 +40,13 @@ impl Variables {
             matches!(v.section, Section::Parameter | Section::Input) && v.causality != Causality::Hidden
         };
         if let Some((variable, offset)) = self.list.iter_mut().filter(settable).find_map(|v| element(v, name)) {
-            return set_element(variable, offset, number(value)?);
+            let (len, value) = (variable.len(), number(value)?);
+            if let Data::Real { start, .. } = &mut variable.data {
+                set_element(start, len, offset, value);
+            }
+            return Ok(());
         }
-        // A scalar goes by its own name and by the user's.
-        let is_it = |v: &&mut Variable| v.name == name || v.naming == Naming::Scalar && v.element(0).name() == name;
-        let Some(variable) = self.list.iter_mut().filter(settable).find(is_it) else {
+        let Some(variable) = self.list.iter_mut().filter(settable).find(|v| goes_by(v, name)) else {
             if self.without_effect.iter().any(|known| is_of(known, name)) {
                 return Ok(());
             }
@@ -63,9 +65,33 @@ impl Variables {
         }
         Ok(())
     }
-}
 
-impl Variables {
+    /// Sets the usual magnitude of a whole variable of real numbers, or of one element: FMI's nominal value.
+    ///
+    /// # Errors
+    /// What is allowed, when there is no such variable of real numbers, or the value doesn't fit.
+    pub(crate) fn set_magnitude(&mut self, name: &str, value: &toml::Value) -> Result<(), String> {
+        let has_one = |v: &&mut Variable| v.is_real() && v.causality != Causality::Hidden;
+        if let Some((variable, offset)) = self.list.iter_mut().filter(has_one).find_map(|v| element(v, name)) {
+            let (len, value) = (variable.len(), positive(number(value)?)?);
+            if let Data::Real { nominal, .. } = &mut variable.data {
+                set_element(nominal, len, offset, value);
+            }
+            return Ok(());
+        }
+        let Some(variable) = self.list.iter_mut().filter(has_one).find(|v| goes_by(v, name)) else {
+            let reals = self.list.iter().filter(|v| v.is_real() && v.causality != Causality::Hidden);
+            let known: Vec<_> = reals.map(|v| v.name.clone()).collect();
+            return Err(format!("there is no such variable of real numbers; {}", near::choice(name, &known, "")));
+        };
+        let given = reals(variable.naming, value)?;
+        given.iter().try_for_each(|&value| positive(value).map(drop))?;
+        if let Data::Real { nominal, .. } = &mut variable.data {
+            *nominal = given;
+        }
+        Ok(())
+    }
+
     /// The names by which parameters can be set: of whole ones, a user's own, and of the elements of one whose name it begins
     /// with.
     fn parameters_near(&self, name: &str) -> Vec<String> {
@@ -97,15 +123,21 @@ fn is_of(known: &str, name: &str) -> bool {
     name.strip_prefix(known).is_some_and(|indices| indices.is_empty() || indices.starts_with('['))
 }
 
-fn set_element(variable: &mut Variable, offset: usize, value: f64) -> Result<(), String> {
-    let len = variable.len();
-    if let Data::Real { start, .. } = &mut variable.data {
-        if start.len() == 1 {
-            *start = vec![start[0]; len];
-        }
-        start[offset] = value;
+/// True if this is the variable's own name; a scalar goes by the user's, too.
+fn goes_by(variable: &Variable, name: &str) -> bool {
+    variable.name == name || variable.naming == Naming::Scalar && variable.element(0).name() == name
+}
+
+/// Sets one of as many values as the variable has elements, where there may be one for all.
+fn set_element(values: &mut Vec<f64>, len: usize, offset: usize, value: f64) {
+    if values.len() == 1 {
+        *values = vec![values[0]; len];
     }
-    Ok(())
+    values[offset] = value;
+}
+
+fn positive(value: f64) -> Result<f64, String> {
+    if value > 0.0 && value.is_normal() { Ok(value) } else { Err("must be above 0".to_owned()) }
 }
 
 fn integer(value: &toml::Value) -> Result<i32, String> {

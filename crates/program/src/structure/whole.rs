@@ -308,6 +308,7 @@ impl PreparedUnit<'_> {
         let names = Value::try_from(&description.names).map_err(|error| refuse(Invalid::because(error)))?;
         part.insert("names".to_owned(), names);
         part.insert("start".to_owned(), Value::Table(start));
+        part.insert("magnitudes".to_owned(), Value::Table(description.magnitudes));
         Ok(part)
     }
 }

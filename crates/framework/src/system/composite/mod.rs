@@ -59,6 +59,10 @@ pub(crate) struct PartDescription {
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     start: toml::Table,
+    /// Usual magnitudes of its variables that differ from its own.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, crate::model::Magnitude>"))]
+    magnitudes: toml::Table,
 }
 
 /// A part, and where its values lie.
@@ -129,6 +133,12 @@ pub(super) fn declare(
             let full = format!("{}.{name}", part.name);
             if let Err(reason) = d.variables.set_start(&full, value) {
                 invalid.and(Invalid::new(format!("[start] {full}"), value, reason));
+            }
+        }
+        for (name, value) in &part.magnitudes {
+            let full = format!("{}.{name}", part.name);
+            if let Err(reason) = d.variables.set_magnitude(&full, value) {
+                invalid.and(Invalid::new(format!("[magnitudes] {full}"), value, reason));
             }
         }
     }
