@@ -1,6 +1,7 @@
 //! Angles that wrap: laws that know them take wrapped and unwrapped ones for the same, and go the short way.
 
 mod laws;
+mod models;
 mod turning;
 
 use std::f64::consts::{PI, TAU};
