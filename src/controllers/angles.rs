@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::mathematics::angle;
 use crate::system::{Declaration, Discrete, Input, Invalid, Number, Point, Scalar, Values, VectorOf, Warning, vector};
 
 /// The only unit of angles.
@@ -38,6 +39,13 @@ impl Angles {
         Ok(Angles { is_angle })
     }
 
+    /// These of so many channels.
+    pub fn at(channels: impl Iterator<Item = usize>, many: usize) -> Self {
+        let mut is_angle = vec![false; many];
+        channels.for_each(|channel| is_angle[channel] = true);
+        Angles { is_angle }
+    }
+
     /// True if a channel is an angle.
     pub fn has(&self, channel: usize) -> bool {
         self.is_angle.get(channel).copied().unwrap_or(false)
@@ -51,6 +59,11 @@ impl Angles {
     /// A difference of two values of a channel: of angles, the one within half a turn.
     pub fn difference<S: Scalar>(&self, channel: usize, difference: S) -> S {
         if self.has(channel) { difference.wrap() } else { difference }
+    }
+
+    /// A value of a channel: of an angle, the one nearest to another value.
+    pub fn nearest<S: Scalar>(&self, channel: usize, value: S, to: S) -> S {
+        if self.has(channel) { angle::nearest(value, to) } else { value }
     }
 }
 

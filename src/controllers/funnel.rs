@@ -3,6 +3,7 @@
 
 #![allow(non_snake_case)] // R is the thesis' name
 
+use super::angles::{Angles, require_below_half_a_turn};
 use crate::mathematics::performance::{self, Bounds, Performance};
 use crate::system::{
     BooleanOf, Choice, ChoiceOf, Declaration, DesignReport, Discrete, DiscreteSpec, IntegerOf, Invalid, Parameter,
@@ -81,6 +82,8 @@ pub(super) struct Funnel {
     lower: VectorOf<Signal>,
     upper: VectorOf<Signal>,
     left: Warning,
+    /// Channels whose errors are those of angles.
+    angles: Angles,
     /// The first of its event indicators, one a channel.
     indicator: usize,
 }
@@ -149,13 +152,23 @@ impl Funnel {
             lower: d.local(signal("funnel_lower", "lower bound of the error").source("Hashim (5.4), (5.5)")),
             upper: d.local(signal("funnel_upper", "upper bound of the error").source("Hashim (5.4), (5.5)")),
             left: d.warning("logFunnel", "an error that left its funnel, which re-opened"),
+            angles: Angles::default(),
             indicator: d.indicators(vec![""; m]),
         }
     }
 
-    /// Refuses bounds that widen.
+    /// The same where the errors of these channels are those of angles, within half a turn.
+    pub fn of_angles(self, angles: Angles) -> Self {
+        Funnel { angles, ..self }
+    }
+
+    /// Refuses bounds that widen, and those of an angle that are no bounds.
     pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         (0..self.rho_0.len()).for_each(|i| v.require_below(self.rho_inf.at(i), self.rho_0.at(i)));
+        for i in self.angles.each() {
+            let start = self.rho_0.at(i);
+            require_below_half_a_turn(v[start], |v| v.name(start), v);
+        }
     }
 
     /// Tells of the funnels.
@@ -279,8 +292,17 @@ impl Funnel {
         y[self.upper.at(i)] = bounds.upper * rho;
     }
 
+    /// Refuses a funnel of an angle that has opened to half a turn.
+    pub fn check_angles<S: Scalar>(&self, v: &mut Point<S>) {
+        for i in self.angles.each() {
+            let (opened_to, rho) = (v[self.opened_to][i], self.rho.at(i));
+            require_below_half_a_turn(opened_to, |v| v.name(rho), v);
+        }
+    }
+
     /// Refuses errors that are outside, and says what helps.
     pub fn check<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
+        self.check_angles(v);
         for i in 0..self.e.len() {
             let values = v.values();
             let (e, rho, bounds) = (e(i, &values), self.performance(i, t, &values).rho, self.bounds(i, &values));

@@ -14,6 +14,7 @@ mod template;
 
 use nalgebra::DMatrix;
 
+use super::angles::Angles;
 use super::at_limit::{Guarantee, REOPENED_OR_AT_LIMIT};
 use super::funnel::{self, Funnel, Inside};
 use super::l1::{Beside, Law, Ports};
@@ -67,10 +68,13 @@ impl System for L1Ppf {
         let m = plant.B.ncols();
         let is_first = plant.B.nrows() == m;
         let units = structure.of_l1.units(plant.B.shape())?;
+        let (_, turning) = structure.of_l1.angles(&plant, &units.x)?;
+        let of_errors = turning.iter().map(|angle| if is_first { angle.state } else { angle.channel });
+        let angles = Angles::at(of_errors, m);
         let inverse = L1PpfStructure::inverse_gain(&plant)?;
         d.without_effect(OF_CLOSED_FORM);
         let r = d.input(vector("r", m, "reference").about(&units.of_r, "reference of {}").units(&units.r));
-        let order = Order::declare(d, plant, &units)?;
+        let order = Order::declare(d, plant, &units, angles.clone())?;
         let ports = Ports::declare(d, r, &units);
         let gain = "gain of the barrier, in the square of the error's unit per second; 0: the L1 law alone";
         let added = vector("u_barrier", m, "what the barrier adds to the control").units(&units.command);
@@ -86,7 +90,7 @@ impl System for L1Ppf {
             order,
             barrier_gain: d.parameter(vector("barrier_gain", m, gain).start(0.1).min(0.0)),
             guarantee: Guarantee::declare(d, ports.limited, REOPENED_OR_AT_LIMIT),
-            funnel: Funnel::declare(d, (errors.0, errors.1), FUNNEL),
+            funnel: Funnel::declare(d, (errors.0, errors.1), FUNNEL).of_angles(angles),
             beside,
             stiffness: d.local(scalar("barrier_stiffness", rate).unit("1/s")),
             ports,
@@ -118,14 +122,15 @@ impl System for L1Ppf {
         if self.samples.is_some() {
             Evaluation::require_steps(self.evaluation, self.law.is_stepped(), v);
         }
-        self.order.initialise(v);
+        self.law.start_predictor(v);
+        self.order.initialise(&self.law, v);
         self.funnel.open(t, |i, v| self.error(i, v), v);
         self.begin_sampling(t, v);
         self.note_barrier(t, v);
         self.law.initialise(v);
         let active = self.law.is_active(&v.values());
         v.when(!active, |v| {
-            self.order.follow(self.ports.x, v);
+            self.order.follow(&self.law, v);
             v[self.beside.at_takeover].fill(S::from(0.0));
             self.law.take_over(v);
             self.funnel.close(v);
@@ -156,17 +161,18 @@ impl System for L1Ppf {
                 y[self.beside.now][j] = S::branch(self.is_sampled(v), held, || continuous);
             }
         }
-        let goal = self.order.goal(self.r, &self.inverse, v, y);
+        let goal = self.order.goal(&self.law, self.r, &self.inverse, v, y);
         self.law.outputs_towards(goal, v, y);
     }
 
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         self.law.derivatives(v.matrix(self.law.feedback_gain()), v, dx);
-        self.order.derivatives(&self.law, [self.r, self.ports.x], v, dx);
+        self.order.derivatives(&self.law, self.r, v, dx);
     }
 
     /// Tells of an error that has left its funnel: the law is not defined there.
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
+        self.funnel.check_angles(v);
         let active = self.law.is_active(&v.values()) & !self.waits_for_sample(t, &v.values());
         v.when(active, |v| self.funnel.check(t, |i, v| self.error(i, v), v));
     }
@@ -185,7 +191,7 @@ impl System for L1Ppf {
     }
 
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        self.law.event_after(|v| self.open_anew(t, v), v);
+        self.law.event_with(|v| self.open_anew(t, v), |angle, by, v| self.order.move_along(angle, by, v), v);
         let active = self.law.is_active(&v.values());
         v.when(!active, |v| self.funnel.close(v));
         let is_continuous = !self.is_sampled(&v.values());
@@ -208,6 +214,7 @@ impl System for L1Ppf {
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         self.tell_design(v, report);
+        self.law.report_angles(v, report);
         self.law.report(&[("", v.matrix(self.law.feedback_gain()).into_owned())], v, report);
     }
 }
@@ -215,7 +222,7 @@ impl System for L1Ppf {
 impl L1Ppf {
     /// The error of a channel.
     fn error<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        self.order.error(i, [self.r, self.ports.x], v)
+        self.order.error(i, &self.law, [self.r, self.ports.x], v)
     }
 
     fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
@@ -233,7 +240,7 @@ impl L1Ppf {
 
     /// −K_ε R E of a channel: the rate, of the error or of its rate, that the barrier asks for.
     fn asked<S: Scalar>(&self, i: usize, inside: &Inside<S>, v: &Values<S>) -> S {
-        -v[self.barrier_gain][i] * inside.R * self.order.driven(i, inside, self.ports.x, v)
+        -v[self.barrier_gain][i] * inside.R * self.order.driven(i, inside, &self.law, v)
     }
 
     /// s: how fast the barrier alone brings the error of a channel back, or its rate, where the plant's input gain is the
@@ -265,7 +272,7 @@ impl L1Ppf {
 
     /// The funnels open anew, a reference model starts at the measured state.
     fn open_anew<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        self.order.follow(self.ports.x, v);
+        self.order.follow(&self.law, v);
         self.funnel.open_anew(t, |i, v| self.error(i, v), v);
         self.note_barrier(t, v);
     }

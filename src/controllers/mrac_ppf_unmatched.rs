@@ -10,11 +10,14 @@ mod report;
 mod structure;
 mod supervision;
 mod template;
+mod turning;
 
+use super::angles::Jumps;
 use super::at_limit::{Guarantee, Limited, REOPENED_OR_AT_LIMIT, manual, unlimited};
 use super::funnel::{Funnel, Inside};
 use super::in_command::InCommand;
 use super::l1::{SETTLED, dot};
+use super::origins::Origins;
 use super::supervised::Supervised;
 use super::units::of_matrix;
 use crate::catalogue::{Catalogued, Role, Trial};
@@ -89,6 +92,8 @@ pub struct MracPpfUnmatched {
     supervised: Supervised,
     guarantee: Guarantee,
     at_bounds: Warning,
+    origins: Option<Origins>,
+    jumps: Option<Jumps>,
 }
 
 impl System for MracPpfUnmatched {
@@ -101,6 +106,7 @@ impl System for MracPpfUnmatched {
         let (n, m) = plant.B.shape();
         let [r_units, x_units, u_units] = structure.units.symbols((n, m))?;
         let [of_r, of_x, of_u] = structure.quantities.of_signals((n, m), &plant.C)?;
+        let (angles, turning) = structure.angles(&plant, &x_units)?;
         let rates: Vec<_> = x_units.iter().map(|unit| Unit::per_second(unit)).collect();
         let gain = |name: &str, text: &str, start: f64| vector(name, n, text).start(start).min(0.0);
         let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
@@ -109,7 +115,7 @@ impl System for MracPpfUnmatched {
         let unlimited = unlimited(d, m);
         let takes_over = "it takes over without a jump, and begins anew: from the measured state, without estimates";
         let of_state = |name: &str, text: &str, about: &str| vector(name, n, text).about(&of_x, about).units(&x_units);
-        Ok(MracPpfUnmatched {
+        let law = MracPpfUnmatched {
             A_m: d.parameter(
                 matrix("A_m", n, n, "state matrix of the reference model; its unmatched rows are those of A")
                     .starts(plant.A.as_slice())
@@ -148,7 +154,7 @@ impl System for MracPpfUnmatched {
             x: d.input(of_state("x", "measured state of the plant", "measured {}")),
             in_command: InCommand::declare(d, takes_over, manual(&u_units, &of_u)),
             guarantee: Guarantee::declare(d, limited, REOPENED_OR_AT_LIMIT),
-            funnel: Funnel::declare(d, (&x_units, &of_x), [0.5, 0.05, 1.0]),
+            funnel: Funnel::declare(d, (&x_units, &of_x), [0.5, 0.05, 1.0]).of_angles(angles.clone()),
             x_m: d.state(
                 of_state("x_m", "state of the reference model", "{} of the reference model").source("Hashim (6.2)"),
             ),
@@ -176,7 +182,10 @@ impl System for MracPpfUnmatched {
             u_min: limited.u_min,
             u_max: limited.u_max,
             plant,
-        })
+            origins: None,
+            jumps: None,
+        };
+        Ok(law.turning((turning, angles), &x_units, d))
     }
 
     /// K_g, and how long the reference model takes to settle.
@@ -206,9 +215,10 @@ impl System for MracPpfUnmatched {
     /// The reference model starts where the plant is, or where it is told; the estimates at 0.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let enabled = self.in_command.begin(v);
+        self.start_origins(v);
         self.begin(v);
         let is_given = v.get(self.x_m_start).is(ModelStart::Given);
-        v.when(is_given, |v| v.copy(self.x_m0, self.x_m));
+        v.when(is_given, |v| self.give_model(v));
         self.open(t, enabled, v);
     }
 
@@ -249,7 +259,7 @@ impl System for MracPpfUnmatched {
             let leaks = gain * v[self.theta_leakage][i] * epsilon.abs();
             for j in 0..self.x.len() {
                 let theta_hat = v[self.theta_hat.at(j, i)];
-                let rate = gain * epsilon * v[self.x][j] - leaks * theta_hat;
+                let rate = gain * epsilon * self.state(j, v) - leaks * theta_hat;
                 dx[self.theta_hat.at(j, i)] = projected(theta_hat, rate, v[self.theta_bound][i]);
             }
             let sigma_hat = v[self.sigma_hat][i];
@@ -269,12 +279,14 @@ impl System for MracPpfUnmatched {
     fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
         let active = self.in_command.is_active(v);
         self.in_command.event_indicators(v, z);
+        self.origin_indicators(v, z);
         self.funnel.event_indicators(t, |i, v| self.error(i, t, active, v), v, z);
     }
 
-    /// Takes over, or hands over, where `enabled` has changed; re-opens funnels.
+    /// Takes over, or hands over, where `enabled` has changed; moves origins; re-opens funnels.
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.in_command.event(v, |v| self.take_over(t, v));
+        self.move_origins(v);
         let active = self.in_command.is_active(&v.values());
         // The second time for a state that follows another α as the funnel of the row that it drives re-opens.
         for _ in 0..2 {
@@ -294,7 +306,7 @@ impl System for MracPpfUnmatched {
 impl MracPpfUnmatched {
     /// The model where the plant is, and nothing estimated.
     fn begin<S: Scalar>(&self, v: &mut Point<S>) {
-        v.copy(self.x, self.x_m);
+        self.put_model(v);
         for states in [self.theta_hat.elements(), self.sigma_hat, self.u_b] {
             v[states].fill(S::from(0.0));
         }
@@ -323,7 +335,7 @@ impl MracPpfUnmatched {
     /// outside, and nothing while a person is in command.
     fn error<S: Scalar>(&self, i: usize, t: S, active: S::Flag, v: &Values<S>) -> S {
         let nothing = || S::from(0.0);
-        let of_model = || v[self.x][i] - v[self.x_m][i];
+        let of_model = || self.state(i, v) - v[self.x_m][i];
         let Some(&driven) = self.plant.unmatched.iter().find(|driven| driven.by == i) else {
             return S::branch(active, of_model, nothing);
         };
@@ -364,14 +376,15 @@ impl MracPpfUnmatched {
 
     /// A x of a row.
     fn nominal<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        v[self.x].iter().enumerate().fold(S::from(0.0), |sum, (j, &x)| sum + x * self.plant.A[(i, j)])
+        self.states(v).enumerate().fold(S::from(0.0), |sum, (j, x)| sum + x * self.plant.A[(i, j)])
     }
 
     /// A_m x_m + B K_g r of a row.
     fn model_rate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let of_model = dot(v.matrix(self.A_m).row(i).iter(), &v[self.x_m]);
         if self.plant.reached.contains(&i) {
-            return of_model + dot(v.matrix(self.command).row(i).iter(), &v[self.r]);
+            let references = (0..self.r.len()).map(|channel| self.reference(channel, v));
+            return of_model + product(v.matrix(self.command).row(i).iter(), references);
         }
         of_model
     }
@@ -379,13 +392,17 @@ impl MracPpfUnmatched {
     /// A_m (x_m − x) of a row.
     fn following<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let A_m = v.matrix(self.A_m);
-        dot(A_m.row(i).iter(), &v[self.x_m]) - dot(A_m.row(i).iter(), &v[self.x])
+        dot(A_m.row(i).iter(), &v[self.x_m]) - product(A_m.row(i).iter(), self.states(v))
     }
 
     /// θ̂ᵀx + σ̂ of a row.
     fn estimate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        dot(v.matrix(self.theta_hat).column(i).iter(), &v[self.x]) + v[self.sigma_hat][i]
+        product(v.matrix(self.theta_hat).column(i).iter(), self.states(v)) + v[self.sigma_hat][i]
     }
+}
+
+fn product<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: impl Iterator<Item = S>) -> S {
+    row.zip(column).fold(S::from(0.0), |sum, (&a, b)| sum + a * b)
 }
 
 impl Catalogued for MracPpfUnmatched {

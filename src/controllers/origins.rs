@@ -13,7 +13,8 @@ use nalgebra::DMatrix;
 use super::angles::Angles;
 use crate::mathematics::angle;
 use crate::system::{
-    Declaration, Discrete, Invalid, Parameter, Point, Scalar, ScalarOf, Values, VectorOf, scalar, vector,
+    Declaration, DesignReport, Discrete, Input, Invalid, Parameter, Point, Scalar, ScalarOf, Values, VectorOf, scalar,
+    vector,
 };
 
 /// An event is located to rounding: from here on, in parts of the range, an angle counts as beyond it.
@@ -79,6 +80,22 @@ impl Origins {
     /// The angles.
     pub fn angles(&self) -> impl Iterator<Item = Angle> + '_ {
         self.angles.iter().copied()
+    }
+
+    /// Reports how the angles of the measured state x are counted.
+    pub fn report(&self, x: VectorOf<Input>, v: &Values<f64>, report: &mut DesignReport) {
+        report.section("Angles");
+        for angle in &self.angles {
+            let name = format!("origin of {}", v.name(x.at(angle.state)));
+            if angle.moves {
+                let note = format!("it moves to the reference where that is beyond {} from it", v.name(self.range));
+                report.tell(&name, "moves", "", &note);
+            } else {
+                let note = "the nominal dynamics follow from the angle itself, or there is no baseline: what the control law \
+                            multiplies by the angle grows with its turns";
+                report.tell(&name, "stays at 0", "", note);
+            }
+        }
     }
 
     /// The origin of an angle, 0 of what is none.

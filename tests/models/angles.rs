@@ -1,6 +1,8 @@
 //! Angles that wrap: laws that know them take wrapped and unwrapped ones for the same, and go the short way.
 
 mod laws;
+mod loops;
+mod models;
 mod turning;
 
 use std::f64::consts::{PI, TAU};

@@ -9,7 +9,7 @@ use super::law::Law;
 use super::structure::{Baseline, L1Structure, PlantMatrices};
 use crate::controllers::angles::Angles;
 use crate::controllers::origins::{self, Angle};
-use crate::system::{Invalid, Point, Scalar, Values};
+use crate::system::{DesignReport, Invalid, Point, Scalar, Values};
 
 impl L1Structure {
     /// The states that are angles, by the units of all states.
@@ -33,13 +33,12 @@ impl L1Structure {
 
 impl Law {
     /// An element of the measured state, angles counted from their origins.
-    pub(super) fn x<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
-        let x = v[self.ports.x][k];
-        self.origins.as_ref().map_or(x, |origins| origins.local(k, x, v[self.x_hat][k], v))
+    pub fn x<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
+        self.counted(k, v[self.ports.x][k], v)
     }
 
     /// The measured state, angles counted from their origins.
-    pub(super) fn state<'a, S: Scalar>(&'a self, v: &'a Values<'a, S>) -> impl Iterator<Item = S> + 'a {
+    pub fn state<'a, S: Scalar>(&'a self, v: &'a Values<'a, S>) -> impl Iterator<Item = S> + 'a {
         (0..self.x_hat.len()).map(move |k| self.x(k, v))
     }
 
@@ -50,11 +49,7 @@ impl Law {
     }
 
     /// References, counted as their outputs are.
-    pub(super) fn references<'a, S: Scalar>(
-        &'a self,
-        r: &'a [S],
-        v: &'a Values<'a, S>,
-    ) -> impl Iterator<Item = S> + 'a {
+    pub fn references<'a, S: Scalar>(&'a self, r: &'a [S], v: &'a Values<'a, S>) -> impl Iterator<Item = S> + 'a {
         r.iter().enumerate().map(move |(channel, &r)| self.reference(channel, r, v))
     }
 
@@ -67,7 +62,7 @@ impl Law {
 
     /// The predictor starts at the measured state. Angles are counted from 0, or from their reference where they or that are far
     /// from 0.
-    pub(super) fn start_predictor<S: Scalar>(&self, v: &mut Point<S>) {
+    pub fn start_predictor<S: Scalar>(&self, v: &mut Point<S>) {
         v.copy(self.ports.x, self.x_hat);
         if let Some(jumps) = &self.jumps {
             jumps.begin(v);
@@ -101,11 +96,24 @@ impl Law {
         }
     }
 
-    /// Moves origins to references that are far from them.
-    pub(super) fn move_origins<S: Scalar>(&self, v: &mut Point<S>) {
-        if let Some(origins) = &self.origins {
-            origins.event(|angle, v| self.counts(angle, v), |angle, by, v| self.move_along(angle, by, v), v);
-        }
+    /// Moves origins to references that are far from them, with what a unit has beside the law.
+    pub(super) fn move_origins<S: Scalar>(&self, beside: impl Fn(Angle, S, &mut Point<S>), v: &mut Point<S>) {
+        let Some(origins) = &self.origins else { return };
+        let move_along = |angle: Angle, by: S, v: &mut Point<S>| {
+            self.move_along(angle, by, v);
+            beside(angle, by, v);
+        };
+        origins.event(|angle, v| self.counts(angle, v), move_along, v);
+    }
+
+    /// A value of a state, counted as the measured one is: of an angle, the one nearest to the predicted one.
+    pub fn counted<S: Scalar>(&self, k: usize, value: S, v: &Values<S>) -> S {
+        self.origins.as_ref().map_or(value, |origins| origins.local(k, value, v[self.x_hat][k], v))
+    }
+
+    /// Reports how angles are counted.
+    pub fn report_angles(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.origins.iter().for_each(|origins| origins.report(self.ports.x, v, report));
     }
 
     /// x̂_ψ −= Δ and u_ad −= K_m[:, ψ] Δ.

@@ -6,6 +6,7 @@ use nalgebra::DMatrixView;
 use super::law::Law;
 use super::unmatched::Unmatched;
 use super::{commanded, infinity_norm};
+use crate::controllers::origins::Angle;
 use crate::mathematics::limits::within;
 use crate::system::{Point, Scalar, Values};
 
@@ -18,17 +19,22 @@ impl Law {
 
     /// Takes over, or hands over, where `enabled` has changed.
     pub fn event<S: Scalar>(&self, v: &mut Point<S>) {
-        self.event_after(|_| {}, v);
+        self.event_with(|_| {}, |_, _, _| {}, v);
     }
 
-    /// The same, with what a unit does where the law is about to take over.
-    pub fn event_after<S: Scalar>(&self, before: impl FnOnce(&mut Point<S>), v: &mut Point<S>) {
+    /// The same, with what a unit does where the law is about to take over, and where the origin of an angle has moved.
+    pub fn event_with<S: Scalar>(
+        &self,
+        before: impl FnOnce(&mut Point<S>),
+        moved: impl Fn(Angle, S, &mut Point<S>),
+        v: &mut Point<S>,
+    ) {
         self.in_command.event(v, |v| {
             before(v);
             self.put_predictor(v);
             self.take_over(v);
         });
-        self.move_origins(v);
+        self.move_origins(moved, v);
     }
 
     /// Puts the adaptive control where the control is the manual one.

@@ -4,8 +4,10 @@
 
 use nalgebra::DMatrix;
 
+use crate::controllers::angles::Angles;
 use crate::controllers::funnel::Inside;
 use crate::controllers::l1::{Goal, Law, PlantMatrices, Symbols, add_product};
+use crate::controllers::origins::Angle;
 use crate::mathematics::matrices;
 use crate::system::{
     Declaration, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals, State, Unit,
@@ -19,7 +21,7 @@ const LEAST: f64 = 1e-12;
 #[derive(Debug)]
 pub(super) enum Order {
     /// e = x − x_m with the reference model x_m' = A_m x_m + B K_g r.
-    First { B: DMatrix<f64>, x_m0: VectorOf<Parameter>, x_m: VectorOf<State> },
+    First { B: DMatrix<f64>, x_m0: VectorOf<Parameter>, x_m: VectorOf<State>, angles: Angles },
     /// e = C x − r, e' = C A x − r'.
     Second {
         C: DMatrix<f64>,
@@ -31,13 +33,19 @@ pub(super) enum Order {
         /// From r and r' to the control that keeps the desired dynamics on them.
         feedforward: MatrixOf<Prepared>,
         command: VectorOf<Signal>,
+        angles: Angles,
     },
 }
 
 impl Order {
     /// # Errors
     /// An output matrix that doesn't show the whole state together with its rate.
-    pub fn declare(d: &mut Declaration, plant: PlantMatrices, units: &Symbols) -> Result<Self, Invalid> {
+    pub fn declare(
+        d: &mut Declaration,
+        plant: PlantMatrices,
+        units: &Symbols,
+        angles: Angles,
+    ) -> Result<Self, Invalid> {
         let m = plant.B.ncols();
         let A = match plant.A.as_ref() {
             Some(A) if plant.B.nrows() > m => A,
@@ -49,6 +57,7 @@ impl Order {
                     B: plant.B,
                     x_m0: d.parameter(vector("x_m0", m, "initial state of the reference model").units(x).fixed()),
                     x_m: d.state(vector("x_m", m, text).about(of_x, about).units(x)),
+                    angles,
                 });
             }
         };
@@ -68,6 +77,7 @@ impl Order {
             command: d.local(vector("#command", m, "").hidden()),
             C: plant.C,
             CA,
+            angles,
         };
         order.shown()?;
         Ok(order)
@@ -99,34 +109,45 @@ impl Order {
     }
 
     /// A reference model starts where it is said.
-    pub fn initialise<S: Scalar>(&self, v: &mut Point<S>) {
-        if let Order::First { x_m0, x_m, .. } = *self {
-            v.copy(x_m0, x_m);
+    pub fn initialise<S: Scalar>(&self, law: &Law, v: &mut Point<S>) {
+        let Order::First { x_m0, x_m, .. } = *self else { return };
+        for k in 0..x_m.len() {
+            let start = law.counted(k, v[x_m0][k], &v.values());
+            v[x_m][k] = start;
         }
     }
 
     /// A reference model stands at the measured state.
-    pub fn follow<S: Scalar>(&self, x: VectorOf<Input>, v: &mut Point<S>) {
-        if let Order::First { x_m, .. } = *self {
-            v.copy(x, x_m);
+    pub fn follow<S: Scalar>(&self, law: &Law, v: &mut Point<S>) {
+        let Order::First { x_m, .. } = *self else { return };
+        for k in 0..x_m.len() {
+            let x = law.x(k, &v.values());
+            v[x_m][k] = x;
         }
     }
 
-    /// The error of a channel.
-    pub fn error<S: Scalar>(&self, i: usize, [r, x]: [VectorOf<Input>; 2], v: &Values<S>) -> S {
+    /// A reference model moves with the origin of an angle.
+    pub fn move_along<S: Scalar>(&self, angle: Angle, by: S, v: &mut Point<S>) {
+        if let Order::First { x_m, .. } = *self {
+            v[x_m][angle.state] -= by;
+        }
+    }
+
+    /// The error of a channel: of an angle, within half a turn.
+    pub fn error<S: Scalar>(&self, i: usize, law: &Law, [r, x]: [VectorOf<Input>; 2], v: &Values<S>) -> S {
         match self {
-            Order::First { x_m, .. } => v[x][i] - v[*x_m][i],
-            Order::Second { C, .. } => row_times(C, i, &v[x]) - v[r][i],
+            Order::First { x_m, angles, .. } => angles.difference(i, law.x(i, v) - v[*x_m][i]),
+            Order::Second { C, angles, .. } => angles.difference(i, row_times(C, i, v[x].iter().copied()) - v[r][i]),
         }
     }
 
     /// E of a channel: ε, or R w + λ ε with w = e' − z ρ'.
-    pub fn driven<S: Scalar>(&self, i: usize, inside: &Inside<S>, x: VectorOf<Input>, v: &Values<S>) -> S {
+    pub fn driven<S: Scalar>(&self, i: usize, inside: &Inside<S>, law: &Law, v: &Values<S>) -> S {
         let Inside { performance, z, epsilon, R, .. } = *inside;
         match self {
             Order::First { .. } => epsilon,
             Order::Second { CA, dr, lambda, .. } => {
-                let w = row_times(CA, i, &v[x]) - v[*dr][i] - z * performance.rate;
+                let w = row_times(CA, i, law.state(v)) - v[*dr][i] - z * performance.rate;
                 R * w + v[*lambda][i] * epsilon
             }
         }
@@ -144,6 +165,7 @@ impl Order {
     /// What the L1 law is to follow.
     pub fn goal<'a, S: Scalar>(
         &self,
+        law: &Law,
         r: VectorOf<Input>,
         inverse: &DMatrix<f64>,
         v: &'a Values<S>,
@@ -151,25 +173,27 @@ impl Order {
     ) -> Goal<'a, S> {
         let Order::Second { dr, ddr, feedforward, command, .. } = self else { return Goal::Reference(&v[r]) };
         y[*command].fill(S::from(0.0));
-        add_product(&mut y[*command], v.matrix(*feedforward), v[r].iter().chain(&v[*dr]).copied());
+        add_product(&mut y[*command], v.matrix(*feedforward), law.references(&v[r], v).chain(v[*dr].iter().copied()));
         for i in 0..command.len() {
-            let accelerated = row_times(inverse, i, &v[*ddr]);
+            let accelerated = row_times(inverse, i, v[*ddr].iter().copied());
             y[*command][i] += accelerated;
         }
         Goal::Command(*command)
     }
 
     /// x_m' = A_m x_m + B K_g r; while a person is in command, x_m' = A_m (x_m − x).
-    pub fn derivatives<S: Scalar>(&self, law: &Law, [r, x]: [VectorOf<Input>; 2], v: &Values<S>, dx: &mut Rates<S>) {
+    pub fn derivatives<S: Scalar>(&self, law: &Law, r: VectorOf<Input>, v: &Values<S>, dx: &mut Rates<S>) {
         let Order::First { B, x_m, .. } = self else { return };
         let active = law.is_active(v);
-        let followed = v[*x_m].iter().zip(&v[x]).map(|(&x_m, &x)| S::branch(active, || x_m, || x_m - x));
+        let followed = v[*x_m].iter().zip(law.state(v)).map(|(&x_m, x)| S::branch(active, || x_m, || x_m - x));
         dx[*x_m].fill(S::from(0.0));
         add_product(&mut dx[*x_m], law.desired_dynamics(v), followed);
         let K_g = law.reference_gain(v);
         dx.when(active, |dx| {
             for (j, direction) in B.column_iter().enumerate() {
-                let asked = K_g.row(j).iter().zip(&v[r]).fold(S::from(0.0), |sum, (&k, &r)| sum + k * r);
+                let row = K_g.row(j);
+                let terms = row.iter().zip(law.references(&v[r], v));
+                let asked = terms.fold(S::from(0.0), |sum, (&k, r)| sum + k * r);
                 let moved = dx[*x_m].iter_mut().zip(direction.iter()).filter(|(_, b)| **b != 0.0);
                 moved.for_each(|(rate, &b)| *rate += asked * b);
             }
@@ -178,8 +202,8 @@ impl Order {
 }
 
 /// A row of a constant matrix times a vector.
-fn row_times<S: Scalar>(matrix: &DMatrix<f64>, row: usize, x: &[S]) -> S {
+fn row_times<S: Scalar>(matrix: &DMatrix<f64>, row: usize, x: impl Iterator<Item = S>) -> S {
     let terms = matrix.row(row);
     let terms = terms.iter().zip(x).filter(|(entry, _)| **entry != 0.0);
-    terms.fold(S::from(0.0), |sum, (&entry, &x)| sum + x * entry)
+    terms.fold(S::from(0.0), |sum, (&entry, x)| sum + x * entry)
 }

@@ -19,11 +19,7 @@ pub struct L1PpfStructure {
 /// The least singular value of an input gain, in parts of the largest one.
 const LEAST: f64 = 1e-12;
 /// Keys of an L1 controller's structure that this law has no use for, each with the reason.
-const NOT_HERE: [(&str, &str); 4] = [
-    (
-        "angles",
-        "this law keeps errors of angles that don't wrap; leave it out, and unwrap them before (model = \"unwrap\")",
-    ),
+const NOT_HERE: [(&str, &str); 3] = [
     ("filter", "this law has the filter D(s) = 1/s alone; leave it out, or take model = \"l1\""),
     ("unmatched", "this law cancels matched uncertainty alone; leave it out, or take model = \"l1\""),
     ("B_um", "this law cancels matched uncertainty alone; leave it out, or take model = \"l1\""),

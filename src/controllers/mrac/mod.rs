@@ -12,10 +12,13 @@ mod sampled;
 mod structure;
 mod supervision;
 mod template;
+mod turning;
 
+use super::angles::Jumps;
 use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
 use super::l1::{InputGain, PlantMatrices, Regressor, dot, infinity_norm, squared};
+use super::origins::Origins;
 use super::sampling::Evaluation;
 use super::supervised::Supervised;
 use super::watched::Tracking;
@@ -74,6 +77,8 @@ pub struct Mrac {
     projection_active: IntegerOf<Discrete>,
     at_bounds: Warning,
     supervised: Supervised,
+    origins: Option<Origins>,
+    jumps: Option<Jumps>,
 }
 
 impl Tracking for Mrac {
@@ -86,7 +91,8 @@ impl Tracking for Mrac {
     }
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
-        v[self.r][channel] - self.plant.output(channel, &v[self.x])
+        let error = v[self.r][channel] - self.plant.output(channel, &v[self.x]);
+        if self.is_angle(channel) { error.wrap() } else { error }
     }
 }
 
@@ -100,6 +106,7 @@ impl System for Mrac {
         let plant = of_l1.plant()?;
         let (n, m) = plant.B.shape();
         let units = of_l1.units((n, m))?;
+        let (angles, turning) = of_l1.angles(&plant, &units.x)?;
         let columns = if of_l1.regressor == Regressor::State { n } else { 1 };
         let is_full = of_l1.input_gain == InputGain::Full;
         let design = Design::declare(d, &plant, of_l1, columns);
@@ -166,6 +173,8 @@ impl System for Mrac {
             u: limited.u,
             u_min: limited.u_min,
             u_max: limited.u_max,
+            origins: Origins::declare(d, turning, "a reference"),
+            jumps: Jumps::declare(d, x, &units.x, &angles),
             units_of_r: units.r,
             of_r: units.of_r,
             plant,
@@ -191,7 +200,7 @@ impl System for Mrac {
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         Evaluation::require_steps(self.law, self.is_stepped, v);
         self.in_command.begin(v);
-        v.copy(self.x, self.x_m);
+        self.start_model(v);
         for states in [self.kappa_hat, self.theta_hat.elements(), self.sigma_hat] {
             v[states].fill(S::from(0.0));
         }
@@ -206,7 +215,7 @@ impl System for Mrac {
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         let (active, is_sampled) = (self.in_command.is_active(v), self.is_sampled(v));
         for i in 0..self.x.len() {
-            y[self.e.at(i)] = v[self.x][i] - v[self.x_m][i];
+            y[self.e.at(i)] = self.state(i, v) - v[self.x_m][i];
         }
         for (i, column) in v.matrix(self.design.PB).column_iter().enumerate() {
             y[self.s.at(i)] = dot(column.iter(), &y[self.e]);
@@ -271,11 +280,13 @@ impl System for Mrac {
 
     fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
         self.in_command.event_indicators(v, z);
+        self.origin_indicators(v, z);
     }
 
-    /// Takes over, or hands over, where `enabled` has changed; takes a sample that is due.
+    /// Takes over, or hands over, where `enabled` has changed; moves origins; takes a sample that is due.
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.in_command.event(v, |v| self.take_over(v));
+        self.move_origins(v);
         let is_due = self.samples.sampling.clock.next(&v.values()).at_most(t);
         v.when(is_due, |v| self.sample(v));
     }
@@ -297,29 +308,34 @@ impl Mrac {
     /// φ_j(x)
     fn regressor<S: Scalar>(&self, j: usize, v: &Values<S>) -> S {
         match self.regressor {
-            Regressor::State => self.regressor_gains.get(j).map_or(v[self.x][j], |&gain| v[self.x][j] * gain),
-            Regressor::InfinityNorm => infinity_norm(v[self.x].iter().copied()),
+            Regressor::State => self.regressor_gains.get(j).map_or(self.state(j, v), |&gain| self.state(j, v) * gain),
+            Regressor::InfinityNorm => infinity_norm(self.states(v)),
         }
     }
 
     /// K_g r of a control.
     fn command<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        dot(v.matrix(self.design.K_g).row(i).iter(), &v[self.r])
+        let references = (0..self.r.len()).map(|channel| self.reference(channel, v));
+        let terms = v.matrix(self.design.K_g);
+        terms.row(i).iter().zip(references).fold(S::from(0.0), |sum, (&k, r)| sum + k * r)
     }
 
     /// K_g r − K_m x
     fn nominal_control<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let command = self.command(i, v);
         match self.design.dynamics.gain() {
-            Some(K_m) => command - dot(v.matrix(K_m).row(i).iter(), &v[self.x]),
+            Some(K_m) => {
+                let terms = v.matrix(K_m);
+                command - terms.row(i).iter().zip(self.states(v)).fold(S::from(0.0), |sum, (&k, x)| sum + k * x)
+            }
             None => command,
         }
     }
 
     /// The model where the plant is, and σ̂ by which the control stays where the manual one is, as far as its bound allows.
     fn take_over<S: Scalar>(&self, v: &mut Point<S>) {
-        v.copy(self.x, self.x_m);
-        v.copy(self.x, self.samples.x_m_before);
+        self.put_model(v);
+        v.copy(self.x_m, self.samples.x_m_before);
         self.look(v);
         for i in 0..self.u.len() {
             let by_hand = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);

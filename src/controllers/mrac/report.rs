@@ -31,6 +31,7 @@ impl Mrac {
         let frequency = self.frequency_for(&R, v);
         self.tell_adaptation(&A_m, (frequency, &R), v, report);
         self.tell_noise(v, report);
+        self.origins.iter().for_each(|origins| origins.report(self.x, v, report));
         if report.step > 0.0 {
             self.tell_step(frequency, v, report);
         }

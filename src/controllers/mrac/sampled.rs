@@ -53,7 +53,7 @@ impl Mrac {
     pub(super) fn begin_sampling<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let is_sampled = self.is_sampled(&v.values());
         self.samples.sampling.begin(t, is_sampled, v);
-        v.copy(self.x, self.samples.x_m_before);
+        v.copy(self.x_m, self.samples.x_m_before);
         v.when(is_sampled, |v| self.discretise(v));
         self.look(v);
         self.hold(v);
@@ -126,7 +126,7 @@ impl Mrac {
             self.advance_model(v);
             self.adapt(v);
         });
-        v.when(!active, |v| v.copy(self.x, self.x_m));
+        v.when(!active, |v| self.put_model(v));
         v.copy(self.x_m, self.samples.x_m_before);
         self.hold(v);
         self.samples.sampling.clock.tick(v);
@@ -154,7 +154,7 @@ impl Mrac {
             let (moved, integral) = (along(0), along(n));
             let rest = v[self.samples.rest][i];
             v[self.x_m][i] = rest + moved;
-            v[self.samples.integral][i] = period * (v[self.x][i] - rest) - integral;
+            v[self.samples.integral][i] = period * (self.state(i, &v.values()) - rest) - integral;
         }
     }
 
@@ -162,7 +162,7 @@ impl Mrac {
     fn adapt<S: Scalar>(&self, v: &mut Point<S>) {
         let (gain, period, n) = (v[self.design.adaptation_gain], v[self.samples.sampling.clock.period], self.x.len());
         for i in 0..n {
-            v[self.samples.away][i] = v[self.x][i] - v[self.x_m][i];
+            v[self.samples.away][i] = self.state(i, &v.values()) - v[self.x_m][i];
         }
         let leak = gain * v[self.design.leakage] * period * magnitude(&v[self.samples.away]);
         for k in 0..self.estimates() {

@@ -12,6 +12,7 @@ impl Mrac {
         let (active, settling_time) = (self.in_command.is_active(&v.values()), v[self.design.settling_time]);
         self.supervised.look((t, step), settling_time, active, v);
         self.count_projections(v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         v.when(active, |v| self.judge_step(step, v));
     }
 

@@ -48,7 +48,7 @@ impl MracPpf {
     /// γ_1 ε R x_j, and γ_1 υ_θ R |ε|, the rate at which an element of θ̂ leaks.
     fn adapting<S: Scalar>(&self, i: usize, j: usize, (epsilon, R): (S, S), v: &Values<S>) -> (S, S) {
         let gain = v[self.gamma_1][i];
-        (gain * epsilon * R * v[self.x][j], gain * R * epsilon.abs() * v[self.bounded.theta_leakage][i])
+        (gain * epsilon * R * self.state(j, v), gain * R * epsilon.abs() * v[self.bounded.theta_leakage][i])
     }
 
     /// θ̂' of an element.

@@ -6,13 +6,16 @@ mod report;
 mod sampled;
 mod samples;
 mod template;
+mod turning;
 
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
+use super::angles::{Angles, Jumps};
 use super::at_limit::unlimited;
 use super::funnel::{self, Funnel, Inside};
 use super::moves::Moves;
+use super::origins::Origins;
 use super::sampling::{Evaluation, prediction_steps};
 use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::limits::{self, within};
@@ -35,6 +38,9 @@ pub struct MracStructure {
     A: Vec<Vec<f64>>,
     /// Input matrix of rank n: n rows of n numbers or more.
     B: Vec<Vec<f64>>,
+    /// States that are angles, counted from 1: values that differ by whole turns are the same. Their unit is rad.
+    #[serde(default)]
+    angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     units: Symbols,
@@ -105,6 +111,9 @@ pub struct MracPpf {
     step_too_long: BooleanOf<Discrete>,
     long_step: Warning,
     bounded: Bounded,
+    angles: Angles,
+    origins: Option<Origins>,
+    jumps: Option<Jumps>,
 }
 
 /// How small e is where the law works, against x and x_m.
@@ -136,6 +145,7 @@ impl System for MracPpf {
             ),
         );
         let is_stepped = d.is_stepped();
+        let angles = Angles::of(&structure.angles, "x", &unit_x)?;
         Ok(MracPpf {
             A_m: d.parameter(matrix("A_m", n, n, "state matrix of the reference model").unit("1/s").identity()),
             gamma_1: d.parameter(gain("gamma_1", "adaptation gain of theta_hat", 5e4)),
@@ -153,7 +163,7 @@ impl System for MracPpf {
             prediction_steps: d.parameter(prediction_steps()),
             u_min: d.parameter(limit("u_min", "smallest").no_lower_limit()),
             u_max: d.parameter(limit("u_max", "largest").no_upper_limit()),
-            funnel: Funnel::declare(d, (&unit_x, &of_x), [2.0, 0.05, 1.5]),
+            funnel: Funnel::declare(d, (&unit_x, &of_x), [2.0, 0.05, 1.5]).of_angles(angles.clone()),
             r: d.input(vector("r", n, "reference").about(&of_x, "reference of {}").units(&unit_x)),
             theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each channel").source("Hashim (6.20)")),
             integral: d.state(matrix("sigma_integral", n, n, "integral part of sigma_hat, a column for each channel").source("Hashim (6.21)")),
@@ -173,6 +183,9 @@ impl System for MracPpf {
             ),
             long_step: d.warning("logStepTooLong", "communication step too long for the law or the control"),
             bounded: Bounded::declare(d, n),
+            origins: Origins::declare(d, turning::turning(&angles, &A), "a reference"),
+            jumps: Jumps::declare(d, x, &unit_x, &angles),
+            angles,
             A,
             B_inverse,
             x,
@@ -195,7 +208,8 @@ impl System for MracPpf {
         v.copy(self.x_m0, self.x_m);
         v[self.theta_hat.elements()].fill(S::from(0.0));
         v[self.integral.elements()].fill(S::from(0.0));
-        self.funnel.open(t, |i, v| v.difference(self.e, i), v);
+        self.start_origins(v);
+        self.funnel.open(t, |i, v| self.error(i, v), v);
         self.begin_sampling(t, v);
         self.hold_nominal_control(t, v);
     }
@@ -248,11 +262,12 @@ impl System for MracPpf {
     }
 
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        self.funnel.check(t, |i, v| v.difference(self.e, i), v);
+        self.funnel.check(t, |i, v| self.error(i, v), v);
     }
 
     fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
-        self.funnel.event_indicators(t, |i, v| v.difference(self.e, i), v, z);
+        self.funnel.event_indicators(t, |i, v| self.error(i, v), v, z);
+        self.origin_indicators(v, z);
     }
 
     fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
@@ -260,12 +275,13 @@ impl System for MracPpf {
     }
 
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
-        self.funnel.event(t, |i, v| v.difference(self.e, i), v);
+        self.move_origins(v);
+        self.funnel.event(t, |i, v| self.error(i, v), v);
         let is_due = self.samples.sampling.clock.next(&v.values()).at_most(t);
         v.when(is_due, |v| {
             self.sample(v);
             // x_m is set at a sample: where that takes an error out of its funnel, this is the event of it.
-            self.funnel.event(t, |i, v| v.difference(self.e, i), v);
+            self.funnel.event(t, |i, v| self.error(i, v), v);
         });
     }
 
@@ -277,6 +293,7 @@ impl System for MracPpf {
         let is_sampled = self.is_sampled(&v.values());
         let is_continuous = v.get(self.is_stepped) & !is_sampled;
         self.count_projections(v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         v.when(is_sampled, |v| self.keep_to_communication_points(t, step, v));
         v.when(is_continuous, |v| self.warn_of_long_step(step, v));
     }
@@ -288,7 +305,7 @@ impl MracPpf {
     }
 
     fn inside<S: Scalar>(&self, i: usize, t: S, v: &Values<S>) -> Inside<S> {
-        self.funnel.inside(i, t, v.difference(self.e, i), v)
+        self.funnel.inside(i, t, self.error(i, v), v)
     }
 
     /// σ̂ = (I + β γ_2 ε ψ)/(1 + β γ_2 υ |ε|)
@@ -307,19 +324,17 @@ impl MracPpf {
     /// A_m (x_m − r)
     fn model_rate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let A_m = v.matrix(self.A_m);
-        let terms = v[self.x_m].iter().zip(&v[self.r]).enumerate();
-        terms.fold(S::from(0.0), |sum, (j, (&x_m, &r))| sum + A_m[(i, j)] * (x_m - r))
+        (0..self.x.len()).fold(S::from(0.0), |sum, j| sum + A_m[(i, j)] * (v[self.x_m][j] - self.reference(j, v)))
     }
 
     /// −A x
     fn against_nominal<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        v[self.x].iter().enumerate().fold(S::from(0.0), |sum, (j, &x)| sum - x * self.A[(i, j)])
+        (0..self.x.len()).fold(S::from(0.0), |sum, j| sum - self.state(j, v) * self.A[(i, j)])
     }
 
     /// θ̂ᵀx
     fn estimated<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        let terms = v[self.x].iter().enumerate();
-        terms.fold(S::from(0.0), |sum, (j, &x)| sum + v[self.theta_hat.at(j, i)] * x)
+        (0..self.x.len()).fold(S::from(0.0), |sum, j| sum + v[self.theta_hat.at(j, i)] * self.state(j, v))
     }
 
     /// B u of a channel, from σ̂ᵀψ.

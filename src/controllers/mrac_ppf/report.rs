@@ -21,6 +21,7 @@ impl MracPpf {
         report.section("Funnel");
         self.funnel.report(v, report);
         self.tell_estimates(v, report);
+        self.origins.iter().for_each(|origins| origins.report(self.x, v, report));
         if report.step > 0.0 {
             self.tell_step(v, report);
         }

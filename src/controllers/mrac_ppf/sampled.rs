@@ -46,7 +46,7 @@ impl MracPpf {
         let clock = &self.samples.sampling.clock;
         let (period, before) = (v[clock.period], clock.latest(&v.values()));
         let h = period * S::from_integer(v.get(self.prediction_steps));
-        self.samples.advance_model(self.r, self.x_m, v);
+        self.samples.advance_model((self.r, &self.angles), self.x_m, v);
         self.hold(v, |i, v| {
             // The model moves alike as long as the reference is held: its mean rate is taken from the time that ended.
             let mean_rate = (v[self.x_m][i] - v[self.samples.x_m_before][i]) / period;
@@ -81,7 +81,7 @@ impl MracPpf {
             h,
             performance: self.funnel.performance(i, t + h, v),
             bounds: self.funnel.bounds(i, v),
-            e: v[self.x][i] - v[self.samples.x_m_before][i],
+            e: self.angles.difference(i, v[self.x][i] - v[self.samples.x_m_before][i]),
             beta: v[self.beta][i],
             gamma_2: v[self.gamma_2][i],
             upsilon: v[self.upsilon][i],

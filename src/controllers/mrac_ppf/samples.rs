@@ -2,6 +2,7 @@
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::MracPpf;
+use crate::controllers::angles::Angles;
 use crate::controllers::sampling::Sampling;
 use crate::mathematics::exponential::{exponential, workspace};
 use crate::system::{
@@ -44,11 +45,17 @@ impl Samples {
     }
 
     /// x_m as it is a sample time after the latest sample, with the reference held: r + e^(A_m T) (x_m − r).
-    pub fn advance_model<S: Scalar>(&self, r: VectorOf<Input>, x_m: VectorOf<State>, v: &mut Point<S>) {
+    pub fn advance_model<S: Scalar>(
+        &self,
+        (r, angles): (VectorOf<Input>, &Angles),
+        x_m: VectorOf<State>,
+        v: &mut Point<S>,
+    ) {
         let n = x_m.len();
         for i in 0..n {
-            let away = |j: usize| v[self.x_m_before][j] - v[r][j];
-            v[x_m][i] = (0..n).fold(v[r][i], |sum, j| sum + v[self.transition][i + j * n] * away(j));
+            let reference = |j: usize| angles.nearest(j, v[r][j], v[self.x_m_before][j]);
+            let away = |j: usize| v[self.x_m_before][j] - reference(j);
+            v[x_m][i] = (0..n).fold(reference(i), |sum, j| sum + v[self.transition][i + j * n] * away(j));
         }
     }
 }

@@ -25,6 +25,7 @@ impl MracPpfUnmatched {
         let note = "the proof covers any input gain B (I + D) if the largest singular value of D is below this";
         report.tell("error of the input gain", sizes.min() / sizes.max(), "", note);
         self.tell_noise(v, report);
+        self.origins.iter().for_each(|origins| origins.report(self.x, v, report));
         for &driven in &self.plant.unmatched {
             self.tell_unmatched(driven, v, report);
         }

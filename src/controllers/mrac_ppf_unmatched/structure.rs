@@ -25,6 +25,9 @@ pub struct UnmatchedStructure {
     /// Unmatched rows: the numbers of each and of the state that drives it, the derivative of which the controls reach.
     #[serde(default)]
     unmatched: Vec<DrivenBy>,
+    /// States that are angles, counted from 1: values that differ by whole turns are the same. Their unit is rad, and each is an output.
+    #[serde(default)]
+    pub(super) angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     pub(super) units: Units,

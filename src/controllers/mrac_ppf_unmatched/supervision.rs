@@ -11,6 +11,7 @@ impl MracPpfUnmatched {
         let (active, settling_time) = (self.in_command.is_active(&v.values()), v[self.settling_time]);
         self.supervised.look((t, step), settling_time, active, v);
         self.count_projections(active, v);
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         v.when(active, |v| {
             self.guarantee.look(t, self.funnel.error(), v);
             self.judge_step(step, v);

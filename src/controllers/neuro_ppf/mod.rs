@@ -9,6 +9,7 @@ mod template;
 
 use serde::Deserialize;
 
+use super::angles::{Angles, Jumps};
 use super::at_limit::unlimited;
 use super::funnel::{self, Funnel};
 use super::moves::Moves;
@@ -42,6 +43,10 @@ pub struct NeuroPpfStructure {
     input_gain_network: bool,
     /// The neurons.
     network: NetworkStructure,
+    /// Channels whose tracked variable is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad,
+    /// and the neurons see an angle's sine and cosine.
+    #[serde(default)]
+    angles: Vec<usize>,
     /// Units of the signals.
     #[serde(default)]
     units: Units,
@@ -104,6 +109,7 @@ pub struct NeuroPpf {
     moves: Moves,
     step_too_long: BooleanOf<Discrete>,
     long_step: Warning,
+    jumps: Option<Jumps>,
 }
 
 impl System for NeuroPpf {
@@ -113,9 +119,10 @@ impl System for NeuroPpf {
 
     fn declare(structure: NeuroPpfStructure, d: &mut Declaration) -> Result<Self, Invalid> {
         let (m, degree) = structure.size()?;
-        let network = Network::new(&structure.network, m * degree)?;
-        let neurons = network.neurons();
         let r = Unit::symbols("r", &structure.units.r, m)?;
+        let angles = Angles::of(&structure.angles, "r", &r)?;
+        let network = Network::new(&structure.network, m * degree, &angles)?;
+        let neurons = network.neurons();
         let u = Unit::symbols("u", &structure.units.u, m)?;
         let x: Vec<_> = r.iter().copied().chain(r.iter().map(|unit| Unit::per_second(unit))).take(m * degree).collect();
         let state = if degree == 1 { "measured state of the plant" } else { "measured coordinates, then their rates" };
@@ -130,8 +137,8 @@ impl System for NeuroPpf {
             let about = format!("{size} {{}} {text}");
             vector(name, m, &format!("{size} control {text}")).about(&of_u, &about).units(&u)
         };
-        Ok(NeuroPpf {
-            funnel: Funnel::declare(d, (&r, &of_r), FUNNEL),
+        let law = NeuroPpf {
+            funnel: Funnel::declare(d, (&r, &of_r), FUNNEL).of_angles(angles.clone()),
             k: d.parameter(number("k", "gain of the filtered error", 0.5).unit("1/s")),
             n_f: d.parameter(number("n_f", "gain of the robust term for the estimate of the dynamics", 0.2)),
             eta_Gb: d.parameter(number("eta_Gb", "gain of the robust term for nu_b", 0.2)),
@@ -140,7 +147,11 @@ impl System for NeuroPpf {
             u_min: d.parameter(limit("u_min", "smallest").no_lower_limit()),
             u_max: d.parameter(limit("u_max", "largest").no_upper_limit()),
             r: d.input(vector("r", m, "reference").about(&of_r, "reference of {}").units(&r)),
-            order: if degree == 1 { Order::first(d, (&r, &of_r)) } else { Order::second(d, (&r, &of_r)) },
+            order: if degree == 1 {
+                Order::first(d, (&r, &of_r), &angles)
+            } else {
+                Order::second(d, (&r, &of_r), &angles)
+            },
             x: d.input(vector("x", x.len(), state).about(&of_x, "measured {}").units(&x)),
             theta_f: d.state(matrix("theta_f", neurons, m, weight).source("Hashim (5.26)")),
             input_gain: structure.input_gain_network.then(|| InputGainNetwork::declare(d, neurons, &u)),
@@ -163,7 +174,10 @@ impl System for NeuroPpf {
             ),
             long_step: d.warning("logStepTooLong", "communication step too long for the control"),
             network,
-        })
+            jumps: None,
+        };
+        let jumps = Jumps::declare(d, law.x, &x, &angles);
+        Ok(NeuroPpf { jumps, ..law })
     }
 
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {
@@ -177,6 +191,7 @@ impl System for NeuroPpf {
             input_gain.initialise(&self.network, self.x, v);
         }
         self.funnel.open(t, |i, v| self.error(i, v), v);
+        self.jumps.iter().for_each(|jumps| jumps.begin(v));
     }
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -228,7 +243,8 @@ impl System for NeuroPpf {
         self.funnel.event(t, |i, v| self.error(i, v), v);
     }
 
-    fn step_completed<S: Scalar>(&self, _t: S, step: S, v: &mut Point<S>) {
+    fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
+        self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         let moved = self.moves.look(self.u, step, v);
         v.put(self.step_too_long, moved.flag);
         v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));

@@ -3,12 +3,16 @@
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
+use super::input_gain::MOST_CHANNELS;
+use crate::controllers::angles::Angles;
 use crate::system::{Invalid, Scalar};
 
 /// The most neurons.
 const MOST: usize = 1000;
+/// The most inputs: coordinates, each as sine and cosine, and their rates.
+const MOST_INPUTS: usize = 3 * MOST_CHANNELS;
 /// As many as there are inputs at most, and one for the bias.
-const PRIMES: [f64; 7] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
+const PRIMES: [f64; MOST_INPUTS + 1] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0];
 
 /// How the weights of the neurons are given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
@@ -40,22 +44,25 @@ pub struct NetworkStructure {
     biases: Vec<f64>,
 }
 
-/// Z_j(x) = 1/(1 + e^(−w_jᵀ x − b_j)).
+/// Z_j(x) = 1/(1 + e^(−w_jᵀ x − b_j)), with sine and cosine of an angle in its place.
 #[derive(Debug)]
 pub(super) struct Network {
     /// By columns: w_j in column j.
     weights: DMatrix<f64>,
     biases: Vec<f64>,
+    angles: Angles,
 }
 
 impl Network {
-    /// Of so many inputs.
+    /// Of a state of so many elements, some of them angles.
     ///
     /// # Errors
     /// Numbers of neurons and weights that contradict each other.
-    pub fn new(structure: &NetworkStructure, inputs: usize) -> Result<Self, Invalid> {
+    pub fn new(structure: &NetworkStructure, states: usize, angles: &Angles) -> Result<Self, Invalid> {
+        let angles = angles.clone();
+        let inputs = states + angles.each().count();
         if structure.rule == WeightRule::Given {
-            return Network::given(structure, inputs);
+            return Network::given(structure, inputs, angles);
         }
         let g = ratio(inputs + 1);
         let rule = |j: usize, k: usize| {
@@ -72,10 +79,11 @@ impl Network {
         Ok(Network {
             weights: DMatrix::from_fn(inputs, neurons, |k, j| rule(j + 1, k)),
             biases: (1..=neurons).map(|j| rule(j, inputs)).collect(),
+            angles,
         })
     }
 
-    fn given(structure: &NetworkStructure, inputs: usize) -> Result<Self, Invalid> {
+    fn given(structure: &NetworkStructure, inputs: usize, angles: Angles) -> Result<Self, Invalid> {
         let NetworkStructure { weights, biases, .. } = structure;
         let neurons = size(structure.neurons.unwrap_or(weights.len()))?;
         let mut invalid = Invalid::none();
@@ -83,7 +91,8 @@ impl Network {
             invalid.and(Invalid::new("weights", format!("{} rows", weights.len()), format!("must be {neurons}")));
         }
         if let Some((j, row)) = weights.iter().enumerate().find(|(_, row)| row.len() != inputs) {
-            let allowed = format!("must be {inputs}, one an input of the network");
+            let sines = if angles.each().next().is_some() { " (two an angle: its sine and cosine)" } else { "" };
+            let allowed = format!("must be {inputs}, one an input of the network{sines}");
             invalid.and(Invalid::new(format!("weights, row {}", j + 1), format!("{} numbers", row.len()), allowed));
         }
         if biases.len() != neurons {
@@ -94,19 +103,40 @@ impl Network {
         }
         invalid.into_result()?;
         let weights = DMatrix::from_fn(inputs, neurons, |k, j| weights[j][k]);
-        Ok(Network { weights, biases: biases.clone() })
+        Ok(Network { weights, biases: biases.clone(), angles })
     }
 
     pub fn neurons(&self) -> usize {
         self.biases.len()
     }
 
+    /// Number of inputs of each neuron.
+    pub fn width(&self) -> usize {
+        self.weights.nrows()
+    }
+
     /// Writes Z(x).
     pub fn outputs<S: Scalar>(&self, x: &[S], Z: &mut [S]) {
+        let inputs = self.inputs(x);
         for (j, Z) in Z.iter_mut().enumerate() {
             let weights = self.weights.column(j);
-            *Z = sigmoid(x.iter().zip(weights.iter()).fold(S::from(self.biases[j]), |sum, (&x, &w)| sum + x * w));
+            *Z = sigmoid(inputs.iter().zip(weights.iter()).fold(S::from(self.biases[j]), |sum, (&x, &w)| sum + x * w));
         }
+    }
+
+    /// The neurons' inputs, of which there are as many as weights: a turn of an angle changes none.
+    fn inputs<S: Scalar>(&self, x: &[S]) -> [S; MOST_INPUTS] {
+        let (mut inputs, mut place) = ([S::from(0.0); MOST_INPUTS], 0);
+        for (k, &x) in x.iter().enumerate() {
+            if self.angles.has(k) {
+                (inputs[place], inputs[place + 1]) = (x.sin(), x.cos());
+                place += 2;
+            } else {
+                inputs[place] = x;
+                place += 1;
+            }
+        }
+        inputs
     }
 }
 
@@ -147,12 +177,12 @@ mod tests {
 
     #[test]
     fn the_rules_give_the_weights_of_the_examples() {
-        let robot = Network::new(&of(WeightRule::SquareRoots, 30), 4).unwrap();
+        let robot = Network::new(&of(WeightRule::SquareRoots, 30), 4, &Angles::default()).unwrap();
         // 30 √7 = 79.372539…, 2 √11 = 6.633249…
         assert!((robot.weights[(3, 29)] - (2.0 * 0.372_539_331_937_7 - 1.0)).abs() < 1e-11);
         assert!((robot.biases[1] - (2.0 * 0.633_249_580_710_8 - 1.0)).abs() < 1e-11);
         assert!((ratio(4) - 1.167_303_978_261_418_7).abs() < 1e-15);
-        let coupled = Network::new(&of(WeightRule::QuasiRandom, 80), 3).unwrap();
+        let coupled = Network::new(&of(WeightRule::QuasiRandom, 80), 3, &Angles::default()).unwrap();
         let expected = |j: f64, k: i32| 4.0 * (j * 1.167_303_978_261_418_7_f64.powi(-k)).fract() - 2.0;
         assert!((coupled.weights[(2, 79)] - expected(80.0, 3)).abs() < 1e-11);
         assert!((coupled.biases[6] - expected(7.0, 4)).abs() < 1e-12);

@@ -1,5 +1,6 @@
 //! What the law knows of the motion of its errors, by the channels' relative degree.
 
+use crate::controllers::angles::Angles;
 use crate::controllers::funnel::Inside;
 use crate::system::{
     Declaration, Input, MatrixOf, Parameter, Point, Rates, Scalar, State, Unit, Values, VectorOf, matrix, vector,
@@ -9,9 +10,9 @@ use crate::system::{
 #[derive(Debug)]
 pub(super) enum Order {
     /// e = x − x_m with the reference model x_m' = A_m (x_m − r).
-    First { A_m: MatrixOf<Parameter>, x_m0: VectorOf<Parameter>, x_m: VectorOf<State> },
+    First { A_m: MatrixOf<Parameter>, x_m0: VectorOf<Parameter>, x_m: VectorOf<State>, angles: Angles },
     /// e = q − r of x = (q, q').
-    Second { dr: VectorOf<Input>, ddr: VectorOf<Input>, lambda: VectorOf<Parameter> },
+    Second { dr: VectorOf<Input>, ddr: VectorOf<Input>, lambda: VectorOf<Parameter>, angles: Angles },
 }
 
 /// The law's view of a channel.
@@ -24,7 +25,7 @@ pub(super) struct Motion<S> {
 }
 
 impl Order {
-    pub fn first(d: &mut Declaration, (units, of_r): (&[&'static str], &[String])) -> Self {
+    pub fn first(d: &mut Declaration, (units, of_r): (&[&'static str], &[String]), angles: &Angles) -> Self {
         let m = units.len();
         let start: Vec<f64> = (0..m * m).map(|k| if k % m == k / m { -1.0 } else { 0.0 }).collect();
         Order::First {
@@ -35,10 +36,11 @@ impl Order {
                     .about(of_r, "{} of the reference model, which the plant is to follow")
                     .units(units),
             ),
+            angles: angles.clone(),
         }
     }
 
-    pub fn second(d: &mut Declaration, (units, of_r): (&[&'static str], &[String])) -> Self {
+    pub fn second(d: &mut Declaration, (units, of_r): (&[&'static str], &[String]), angles: &Angles) -> Self {
         let m = units.len();
         let rates: Vec<_> = units.iter().map(|unit| Unit::per_second(unit)).collect();
         let second_rates: Vec<_> = rates.iter().map(|unit| Unit::per_second(unit)).collect();
@@ -55,14 +57,15 @@ impl Order {
                     .start(0.75)
                     .positive(),
             ),
+            angles: angles.clone(),
         }
     }
 
-    /// The error of a channel.
+    /// The error of a channel: of an angle, within half a turn.
     pub fn error<S: Scalar>(&self, i: usize, [r, x]: [VectorOf<Input>; 2], v: &Values<S>) -> S {
-        match *self {
-            Order::First { x_m, .. } => v[x][i] - v[x_m][i],
-            Order::Second { .. } => v[x][i] - v[r][i],
+        match self {
+            Order::First { x_m, angles, .. } => angles.difference(i, v[x][i] - v[*x_m][i]),
+            Order::Second { angles, .. } => angles.difference(i, v[x][i] - v[r][i]),
         }
     }
 
@@ -77,7 +80,7 @@ impl Order {
         let Inside { performance, bounds, z, epsilon, R, .. } = *inside;
         match *self {
             Order::First { .. } => Motion { E: epsilon, V: R * (-self.model_rate(i, r, v) - z * performance.rate) },
-            Order::Second { dr, ddr, lambda } => {
+            Order::Second { dr, ddr, lambda, .. } => {
                 let (rho, rate) = (performance.rho, performance.rate);
                 let w = v[x][r.len() + i] - v[dr][i] - z * rate;
                 let dz = w / rho;
@@ -90,9 +93,10 @@ impl Order {
 
     /// x_m' = A_m (x_m − r) of a channel; zero without a model.
     fn model_rate<S: Scalar>(&self, i: usize, r: VectorOf<Input>, v: &Values<S>) -> S {
-        let Order::First { A_m, x_m, .. } = *self else { return S::from(0.0) };
-        let away = v[x_m].iter().zip(&v[r]);
-        v.matrix(A_m).row(i).iter().zip(away).fold(S::from(0.0), |sum, (&a, (&x_m, &r))| sum + a * (x_m - r))
+        let Order::First { A_m, x_m, angles, .. } = self else { return S::from(0.0) };
+        let away = v[*x_m].iter().zip(&v[r]).enumerate();
+        let away = away.map(|(j, (&x_m, &r))| x_m - angles.nearest(j, r, x_m));
+        v.matrix(*A_m).row(i).iter().zip(away).fold(S::from(0.0), |sum, (&a, away)| sum + a * away)
     }
 
     pub fn initialise<S: Scalar>(&self, v: &mut Point<S>) {

@@ -25,7 +25,7 @@ impl NeuroPpf {
         report.section("Networks");
         let (neurons, channels) = (self.network.neurons() as f64, self.r.len() as f64);
         report.tell("neurons", neurons, "", "sigmoids in the common layer, with fixed weights");
-        report.tell("inputs", self.x.len() as f64, "", "of each neuron");
+        report.tell("inputs", self.network.width() as f64, "", "of each neuron");
         let gains = if self.input_gain.is_some() { channels * channels } else { 0.0 };
         report.tell("adapted weights", neurons * (channels + gains), "", "each of them a state");
         let leak = v[self.network_gain] * v[self.sigma];

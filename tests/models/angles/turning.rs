@@ -272,7 +272,6 @@ fn angles_that_laws_can_not_have_are_refused() {
             law("l1", "baseline = 'outside'\nangles = [1]", L1).replace("[[1.0, 0.0]]", "[[2.0, 0.0]]"),
             ["angles = 1", "one of the outputs"],
         ),
-        (law("l1-ppf", "baseline = 'outside'\nangles = [1]", ""), ["angles", "unwrap them"]),
         (
             law("l1-limit", "baseline = 'outside'\nangles = [1]", "")
                 .replace("[[0.0, 1.0], [0.0, 0.0]]", "[[0.0, 1.0], [-1.0, 0.0]]"),
