@@ -1,4 +1,5 @@
-"""PID and ADRC controllers that know what the actuators achieve: behind a mixer, beside equations that are typed without any FMU."""
+"""PID and ADRC controllers that know what the actuators achieve: behind a mixer, beside equations that are typed without any FMU.
+A league's mixer."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,7 +7,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from conftest import adaptive_fmu
+from conftest import ROOT, adaptive_fmu
 from independent_rotors import INERTIA, Rotors
 
 THRUST, UNTIL, STEP = 4.905, 1.5, 1e-3
@@ -147,7 +148,7 @@ def test_the_input_is_there_where_the_description_says_so(law: str, tmp_path: Pa
     order = "order = 2\n" if law == "ladrc" else ""
     file = tmp_path / "One.toml"
     text = f'name = "One"\nmodel = "{law}"\ndescription = "One"\n[structure]\nchannels = 1\n{order}'
-    inputs: Callable[[], list[str]] = lambda: [  # noqa: E731
+    inputs: Callable[[], list[str]] = lambda: [
         variable.name for variable in fmpy.read_model_description(str(tmp_path / "One.fmu")).modelVariables if variable.causality == "input"
     ]
     file.write_text(text + "achieved = true\n")
@@ -159,3 +160,35 @@ def test_the_input_is_there_where_the_description_says_so(law: str, tmp_path: Pa
     file.write_text(text + "achieved = 1\n")
     refused = adaptive_fmu("export", file, "--out", tmp_path)
     assert refused.returncode == 1 and "achieved" in refused.stderr, refused.stderr
+
+
+ROTORS = """
+[plant.bench.mixer]
+unit = "{unit}"
+set = {{ {name} = 0.0, rotor_max = 3.75 }}
+without = {{ rotor_min = -1e9, rotor_max = 1e9 }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("unit", "name", "told"),
+    [
+        ("QuadrotorMixer", "rotor_min", None),
+        ("Rotors.toml", "rotor_min", None),
+        ("QuadrotorMixer", "rotors_min", "no variable `mixer.rotors_min`"),
+        ("QuadrotorMixers", "rotor_min", "QuadrotorMixers"),
+        ("TwoLinkRobot", "rotor_min", "TwoLinkRobot has no such variable"),
+    ],
+)
+def test_a_mixer_is_a_unit_with_these_parameters(unit: str, name: str, told: str | None, tmp_path: Path) -> None:
+    text = (ROOT / "examples" / "league" / "league.toml").read_text()
+    start = text.index('[[plant]]\nname = "quadrotor"')
+    plant = text[start : text.index("[plant.bench.mixer]", start)]
+    entry = '[[plant.controller]]\nname = "l1"\nunit = "L1Quadrotor"\n'
+    file = tmp_path / "study.toml"
+    file.write_text(f'title = "One"\nabout = ""\n{plant}{ROTORS.format(unit=unit, name=name)}{entry}')
+    mixer = (ROOT / "modelDescription" / "QuadrotorMixer.toml").read_text()
+    (tmp_path / "Rotors.toml").write_text(mixer.replace("QuadrotorMixer", "Rotors"))
+    answer = adaptive_fmu("league", "--list", "--study", file, "--out", tmp_path / "out")
+    assert (answer.returncode == 0) == (told is None), answer.stderr
+    assert told is None or told in answer.stderr, answer.stderr

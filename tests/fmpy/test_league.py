@@ -362,38 +362,6 @@ def test_the_quadrotors_rotors_keep_their_limits_whoever_controls(results: dict)
     assert max(conditions["nominal"]["outcome"]["peak"][3] for conditions in records.values()) > 0.3
 
 
-ROTORS = """
-[plant.bench.mixer]
-unit = "{unit}"
-set = {{ {name} = 0.0, rotor_max = 3.75 }}
-without = {{ rotor_min = -1e9, rotor_max = 1e9 }}
-"""
-
-
-@pytest.mark.parametrize(
-    ("unit", "name", "told"),
-    [
-        ("QuadrotorMixer", "rotor_min", None),
-        ("Rotors.toml", "rotor_min", None),
-        ("QuadrotorMixer", "rotors_min", "no variable `mixer.rotors_min`"),
-        ("QuadrotorMixers", "rotor_min", "QuadrotorMixers"),
-        ("TwoLinkRobot", "rotor_min", "TwoLinkRobot has no such variable"),
-    ],
-)
-def test_a_mixer_is_a_unit_with_these_parameters(unit: str, name: str, told: str | None, tmp_path: Path) -> None:
-    text = (ROOT / "examples" / "league" / "league.toml").read_text()
-    start = text.index('[[plant]]\nname = "quadrotor"')
-    plant = text[start : text.index("[plant.bench.mixer]", start)]
-    entry = '[[plant.controller]]\nname = "l1"\nunit = "L1Quadrotor"\n'
-    file = tmp_path / "study.toml"
-    file.write_text(f'title = "One"\nabout = ""\n{plant}{ROTORS.format(unit=unit, name=name)}{entry}')
-    mixer = (ROOT / "modelDescription" / "QuadrotorMixer.toml").read_text()
-    (tmp_path / "Rotors.toml").write_text(mixer.replace("QuadrotorMixer", "Rotors"))
-    answer = adaptive_fmu("league", "--list", "--study", file, "--out", tmp_path / "out")
-    assert (answer.returncode == 0) == (told is None), answer.stderr
-    assert told is None or told in answer.stderr, answer.stderr
-
-
 def test_plain_mrac_is_as_the_documentation_tells(results: dict) -> None:
     """The gains that the search found, the margins, and the largest torques of the nominal robot."""
     records = {f"{record['plant']}/{record['controller']}": record for record in results["pairs"]}
