@@ -6,7 +6,7 @@ use crate::mathematics::angle;
 use crate::system::{Declaration, Discrete, Input, Invalid, Number, Point, Scalar, Values, VectorOf, Warning, vector};
 
 /// The only unit of angles.
-const UNIT: &str = "rad";
+pub(super) const UNIT: &str = "rad";
 /// Distance of a jump from a whole turn, rad, within which it is taken for one.
 const NEAR_A_TURN: f64 = 0.5;
 

@@ -2,8 +2,8 @@
 
 use crate::design::robustness::report::Unit;
 use crate::system::{
-    Declaration, Discrete, Many, Parameter, Point, Scalar, ScalarOf, Signal, Spec, Values, VectorOf, Warning, larger,
-    scalar, vector,
+    Declaration, Discrete, Input, Many, Parameter, Point, Scalar, ScalarOf, Signal, Spec, Values, VectorOf, Warning,
+    larger, scalar, vector,
 };
 
 /// A control, and the limits that keep it.
@@ -38,6 +38,19 @@ impl Limited {
 /// The control of so many channels that was declared last, before its limits cut it.
 pub(super) fn unlimited(d: &mut Declaration, channels: usize) -> VectorOf<Signal> {
     d.behind_output(vector("#u without limits", channels, ""))
+}
+
+/// What is there of the control, of these units and quantities, where something behind the controller limits it further: an
+/// input of a controller that is to know of it.
+pub(super) fn achieved(
+    d: &mut Declaration,
+    is_known: bool,
+    (units, of_u): (&[&'static str], &[String]),
+) -> Option<VectorOf<Input>> {
+    let text = "control that the actuators achieve of u";
+    let spec =
+        || vector("u_achieved", units.len(), text).about(of_u, "{} that the actuators achieve of u").units(units);
+    is_known.then(|| d.input(spec()))
 }
 
 /// The control by hand, of these units and quantities.

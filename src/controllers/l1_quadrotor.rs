@@ -56,12 +56,12 @@ impl<const OBSERVED: bool> System for L1Quadrotor<OBSERVED> {
     const DOCUMENTATION: &'static str = pages::L1_QUADROTOR.text;
 
     fn declare(structure: L1Structure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let structure = structure.with_angles(&[YAW])?;
         let size = structure.size()?;
         if size != (6, 3) {
             let allowed = "must be 6 x 3: three angles and their rates, and a torque for each";
             return Err(Invalid::new("B", format!("{} x {}", size.0, size.1), allowed));
         }
+        let structure = structure.with_angles(&[YAW])?;
         let position = PositionLoop::declare(d);
         let controls = ["thrust along the body's z axis", "torque of roll", "torque of pitch", "torque of yaw"];
         let control = |name: &str, text: &str| {

@@ -11,7 +11,7 @@ mod template;
 use serde::{Deserialize, Serialize};
 
 use super::angles::{Angles, Jumps};
-use super::at_limit::{Limited, manual, unlimited};
+use super::at_limit::{Limited, achieved, manual, unlimited};
 use super::in_command::InCommand;
 use super::inverse;
 use super::l1::dot;
@@ -59,6 +59,9 @@ pub struct LadrcStructure {
     /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.
     #[serde(default)]
     angles: Vec<usize>,
+    /// True if what the actuators achieve of the control is an input, `u_achieved`: where they limit several controls together.
+    #[serde(default)]
+    achieved: bool,
     /// Units of the signals.
     #[serde(default)]
     units: OutputUnits,
@@ -89,6 +92,8 @@ pub struct Ladrc {
     angles: Angles,
     jumps: Option<Jumps>,
     in_command: InCommand,
+    /// What the actuators achieve of u, where that is known.
+    u_achieved: Option<VectorOf<Input>>,
     /// Estimates of y and its derivatives, and of f: a row a channel.
     z: MatrixOf<State>,
     u_b: VectorOf<State>,
@@ -119,7 +124,8 @@ impl System for Ladrc {
     const DOCUMENTATION: &'static str = pages::LADRC.text;
 
     fn declare(structure: LadrcStructure, d: &mut Declaration) -> Result<Self, Invalid> {
-        let LadrcStructure { channels: m, order: n, feedforward, angles, units, quantities } = structure;
+        let LadrcStructure { channels: m, order: n, feedforward, angles, achieved: is_known, units, quantities } =
+            structure;
         check_channels(m)?;
         if !(1..=MOST_ORDER).contains(&n) {
             return Err(Invalid::new("order", n, format!("must be within 1 … {MOST_ORDER}")));
@@ -169,6 +175,7 @@ impl System for Ladrc {
             },
             y: d.input(vector("y", m, "measured output of the plant").about(&of_y, "measured {}").units(&y)),
             in_command: InCommand::declare(d, "it takes over without a jump", manual(&u, &of_u)),
+            u_achieved: achieved(d, is_known, (&u, &of_u)),
             z: d.state(
                 matrix("z", m, n + 1, "estimates of the output, its derivatives, and what drives the last of them")
                     .units(&derivatives.concat())
@@ -234,8 +241,9 @@ impl System for Ladrc {
     }
 
     /// z_i' = z_{i+1} + C(n+1, i) ω_o^i (y − z_1), and + (B_0 u) of the channel for i = n;
-    /// z_{n+1}' = ω_o^(n+1) (y − z_1); u_b' = −ω_c u_b.
+    /// z_{n+1}' = ω_o^(n+1) (y − z_1); u_b' = −ω_c u_b. u is what the actuators achieve of it, where that is known.
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let acting = self.u_achieved.map_or(&v[self.u], |u| &v[u]);
         let (n, z) = (self.order, self.z);
         for ch in 0..self.u.len() {
             let omega_o = v[self.omega_o_in_force][ch];
@@ -245,7 +253,7 @@ impl System for Ladrc {
                 power *= omega_o;
                 dx[z.at(ch, i - 1)] = v[z.at(ch, i)] + power * left * binomial(n + 1, i);
             }
-            dx[z.at(ch, n - 1)] += dot(v.matrix(self.B_0).row(ch).iter(), &v[self.u]);
+            dx[z.at(ch, n - 1)] += dot(v.matrix(self.B_0).row(ch).iter(), acting);
             dx[z.at(ch, n)] = power * omega_o * left;
             dx[self.u_b][ch] = -v[self.omega_c][ch] * v[self.u_b][ch];
         }

@@ -8,7 +8,7 @@ mod units;
 use serde::Deserialize;
 
 use super::angles::{Angles, Jumps};
-use super::at_limit::{Limited, manual, unlimited};
+use super::at_limit::{Limited, achieved, manual, unlimited};
 use super::in_command::InCommand;
 use super::inverse;
 use super::l1::dot;
@@ -39,6 +39,9 @@ pub struct PidStructure {
     /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.
     #[serde(default)]
     angles: Vec<usize>,
+    /// True if what the actuators achieve of the control is an input, `u_achieved`: where they limit several controls together.
+    #[serde(default)]
+    achieved: bool,
     /// Units of the signals.
     #[serde(default)]
     units: Units,
@@ -70,6 +73,8 @@ pub struct Pid {
     angles: Angles,
     jumps: Option<Jumps>,
     in_command: InCommand,
+    /// What the actuators achieve of u, where that is known.
+    u_achieved: Option<VectorOf<Input>>,
     I: VectorOf<State>,
     w: VectorOf<State>,
     P: VectorOf<Signal>,
@@ -140,6 +145,7 @@ impl System for Pid {
             r: d.input(vector("r", m, "reference").about(&of_y, "reference of {}").units(y)),
             y: d.input(measured),
             in_command: InCommand::declare(d, "it takes over without a jump", manual(u, &of_u)),
+            u_achieved: achieved(d, structure.achieved, (u, &of_u)),
             I: d.state(vector("I", m, "integral part").units(v)),
             w: d.state(vector("w", m, "c r - y behind the derivative's filter").units(y)),
             P: d.local(vector("P", m, "proportional part").units(v)),
@@ -252,10 +258,18 @@ impl Pid {
         [P, D]
     }
 
-    /// [S⁻¹ (u − S v)]_i/T_t: exactly 0 within the limits.
+    /// [S⁻¹ (u − S v)]_i/T_t: exactly 0 within the limits. u is what the actuators achieve of it, where that is known.
     fn tracked<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let time = v[self.T_t][i];
-        let left = || dot(v.matrix(self.S_inverse).row(i).iter(), &v[self.cut]) / time;
+        let shares = v.matrix(self.S_inverse);
+        let further = |u: VectorOf<Input>| {
+            let cut = |j: usize| shares[(i, j)] * (v[u][j] - v[self.u][j]);
+            (0..self.u.len()).fold(S::from(0.0), |sum, j| sum + cut(j))
+        };
+        let left = || {
+            let by_own_limits = dot(shares.row(i).iter(), &v[self.cut]);
+            self.u_achieved.map_or(by_own_limits, |u| by_own_limits + further(u)) / time
+        };
         S::branch(time.above(S::from(0.0)), left, || S::from(0.0))
     }
 

@@ -1,5 +1,6 @@
 """The league: a loop whose margins are known, the same numbers as a run of the loop, work that is resumed, and wrong names."""
 
+import datetime
 import json
 import math
 import re
@@ -345,6 +346,68 @@ def test_l1_beside_its_linear_limit_is_as_the_documentation_tells(results: dict)
     assert "on the vehicle `l1` is 3 % behind, on 6.5.1 8 %." in page
 
 
+def test_the_quadrotors_rotors_keep_their_limits_whoever_controls(results: dict) -> None:
+    """On the bench no control is beyond what four rotors give, which some controllers ask for where nothing limits them."""
+    records = {record["controller"]: record["conditions"] for record in results["pairs"] if record["plant"] == "quadrotor"}
+    assert len(records) == 6
+    thrust = 4 * 3.75
+    # Roll by two rotors that differ by all of 3.75 N, at an arm of 0.225 m; yaw by two pairs that do, at 0.038 m.
+    most = [thrust, 0.225 * 3.75, 0.225 * 3.75, 0.038 * 2 * 3.75]
+    for law, conditions in records.items():
+        outcome = conditions["bench"]["outcome"]
+        assert outcome["failure"] is None, law
+        assert all(peak <= limit * (1 + 1e-9) for peak, limit in zip(outcome["peak"], most, strict=True)), (law, outcome["peak"])
+        # At 4.905 N, the weight, two rotors that rest leave less yaw; only with more thrust there is more.
+        assert outcome["peak"][3] <= 0.038 * min(outcome["peak"][0], thrust - 4.905) * (1 + 1e-9), law
+    assert max(conditions["nominal"]["outcome"]["peak"][3] for conditions in records.values()) > 0.3
+
+
+def test_plain_mrac_is_as_the_documentation_tells(results: dict) -> None:
+    """The gains that the search found, the margins, and the largest torques of the nominal robot."""
+    records = {f"{record['plant']}/{record['controller']}": record for record in results["pairs"]}
+    assert [name for name in records if name.endswith("/mrac")] == ["siso/mrac", "robot/mrac", "coupled/mrac"]
+    page = " ".join((ROOT / "docs" / "league.md").read_text().split())
+    factors = {plant: dict(records[f"{plant}/mrac"]["gains"]["factors"]) for plant in ["siso", "robot", "coupled"]}
+    assert factors["siso"]["adaptation_gain"] == pytest.approx(0.2)
+    for plant in ["robot", "coupled"]:
+        assert f"{factors[plant]['adaptation_gain']:.2f} times" in page, factors
+
+    def outcome(pair: str, condition: str) -> dict:
+        return records[pair]["conditions"][condition]["outcome"]
+
+    for law, end in [("mrac", "N·m"), ("l1", "with `l1`")]:
+        first, second = outcome(f"robot/{law}", "nominal")["peak"]
+        assert f"{first:.0f} and {second:.0f} {end}" in page, (law, first, second)
+    moved = outcome("siso/mrac", "bench")["variation"][0] / outcome("siso/mrac", "nominal")["variation"][0]
+    assert f"moves {moved:.1f} times as much on the bench" in page, moved
+    dead_time = {pair: records[pair]["margins"]["dead_time"]["value"] for pair in records}
+    assert f"{dead_time['siso/l1'] / dead_time['siso/mrac']:.0f} times longer dead time" in page
+    assert round(dead_time["robot/l1"] / dead_time["robot/mrac"], 1) == 2.2 and "on the robot twice as long" in page
+    assert round(3 * dead_time["coupled/mrac"] / dead_time["coupled/l1"]) == 4 and "on 6.5.1 `mrac` tolerates a third more" in page
+
+    def median(pair: str) -> float:
+        return sorted(math.inf if error is None else error for error in records[pair]["spread"]["errors"])[49]
+
+    for plant, told in [("siso", "{} times that of `l1` on 3.2.1"), ("robot", "{} times on the robot"), ("coupled", "{} times on 6.5.1")]:
+        assert all(error is not None for error in records[f"{plant}/mrac"]["spread"]["errors"]), plant
+        ratio = median(f"{plant}/mrac") / median(f"{plant}/l1")
+        assert told.format(f"{ratio:.2f}") in page, (plant, ratio)
+
+
+def test_each_result_says_when_it_was_computed(results: dict, tmp_path: Path) -> None:
+    dated = {f"{record['plant']}/{record['controller']}": record.get("computed") for record in results["pairs"]}
+    new = [pair for pair, day in dated.items() if day is not None]
+    assert new == [pair for pair in dated if pair.startswith("quadrotor/") or pair.endswith("/mrac")]
+    (record,) = league("--study", study(tmp_path), "--out", tmp_path / "out")
+    page = (tmp_path / "out" / "index.html").read_text()
+    day = datetime.date.fromisoformat(record["computed"])
+    assert abs(day - datetime.datetime.now(datetime.UTC).date()) <= datetime.timedelta(days=1)
+    assert f"computed by version {record['version']} on {day}" in page
+    text = " ".join((ROOT / "docs" / "league.md").read_text().split())
+    shown = {f"{day.day} {day:%B %Y}" for day in map(datetime.date.fromisoformat, {dated[pair] for pair in new})}
+    assert all(day in text for day in shown), shown
+
+
 def test_a_rotor_that_fails_is_borne_as_the_documentation_tells(results: dict) -> None:
     faults = {
         record["controller"]: record["conditions"]["fault"]["outcome"] for record in results["pairs"] if record["plant"] == "quadrotor"
@@ -352,7 +415,7 @@ def test_a_rotor_that_fails_is_borne_as_the_documentation_tells(results: dict) -
     assert [law for law, outcome in faults.items() if outcome["failure"]] == ["pid"]
     errors = {law: max(outcome["rms"][:2]) for law, outcome in faults.items() if law != "pid"}
     best = sorted(errors, key=errors.get)[:2]
-    assert set(best) == {"l1-limit", "l1-sampled"} and all(0.012 < errors[law] < 0.0135 for law in best), errors
+    assert set(best) == {"l1-limit", "l1-sampled"} and all(0.0055 < errors[law] < 0.007 for law in best), errors
 
 
 @pytest.mark.parametrize("pair", ["siso/ladrc"])

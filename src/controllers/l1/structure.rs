@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use crate::controllers::angles::UNIT as OF_ANGLES;
 use crate::mathematics::filter::{Filter, FilterDescription};
 use crate::mathematics::matrices::rows;
 use crate::system::{Invalid, Number, Scalar, Unit, of_outputs, quantities};
@@ -240,7 +241,8 @@ impl L1Structure {
         &self.angles
     }
 
-    /// The same with angles that a kind knows by itself, and no others.
+    /// The same with angles that a kind knows by itself, and no others. Unless the description names them, those of another unit
+    /// than an angle's aren't taken for any.
     ///
     /// # Errors
     /// Where the description names others.
@@ -248,7 +250,11 @@ impl L1Structure {
         if let Some(other) = self.angles.iter().find(|angle| !known.contains(angle)) {
             return Err(Invalid::new("angles", other, format!("must be {known:?}, or left out")));
         }
-        self.angles = known.to_vec();
+        if self.angles.is_empty() {
+            let [_, units, _] = self.units.symbols(self.size()?)?;
+            let is_angle = |&&angle: &&usize| units.get(angle - 1).is_some_and(|unit| *unit == OF_ANGLES);
+            self.angles = known.iter().filter(is_angle).copied().collect();
+        }
         Ok(self)
     }
 

@@ -91,8 +91,9 @@ impl Pid {
 
     /// Of a controller that has limits.
     fn tell_limits(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
-        let limited =
-            v[self.u_min].iter().any(|&min| min > -UNLIMITED) || v[self.u_max].iter().any(|&max| max < UNLIMITED);
+        let limited = v[self.u_min].iter().any(|&min| min > -UNLIMITED)
+            || v[self.u_max].iter().any(|&max| max < UNLIMITED)
+            || self.u_achieved.is_some();
         if !limited || v[self.K_i][i] == 0.0 {
             return;
         }

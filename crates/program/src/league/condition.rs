@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::bench::{ACTUATOR, CONTROLLER, SENSOR};
+use super::mixer::MIXER;
 use super::pair::Pair;
-use super::study::{Plant, Shift};
+use super::study::{Mixer, Plant, Shift};
 use crate::fmu::Value;
 use crate::simulation::{Change, Place};
 
@@ -161,6 +162,9 @@ impl Pair<'_> {
             }
             deviation.set(self.place(&format!("{ACTUATOR}.time_constant[{k}]"))?, bench.lag);
         }
+        if let Some(mixer) = &bench.mixer {
+            self.mix(deviation, mixer)?;
+        }
         for (k, output) in self.measured.iter().enumerate() {
             let of = |map: &std::collections::BTreeMap<String, f64>| {
                 let base = output.split('[').next().unwrap_or_default();
@@ -172,6 +176,19 @@ impl Pair<'_> {
         }
         deviation.set(self.place(&format!("{SENSOR}.sample_time"))?, bench.sample_time);
         deviation.start.push((self.place(&format!("{SENSOR}.seed"))?, Value::Integer(seed)));
+        Ok(())
+    }
+
+    /// With the limits that the mixer puts on all controls together, of which a controller that can know does.
+    fn mix(&self, deviation: &mut Deviation, mixer: &Mixer) -> Result<(), String> {
+        for (name, value) in &mixer.set {
+            deviation.set(self.place(&format!("{MIXER}.{name}"))?, *value);
+            if let Ok(place) = self.place(&format!("{CONTROLLER}.{name}")) {
+                deviation.set(place, *value);
+            }
+        }
+        let switch = mixer.switch.as_ref().and_then(|name| self.place(&format!("{CONTROLLER}.{name}")).ok());
+        deviation.start.extend(switch.map(|place| (place, Value::Boolean(true))));
         Ok(())
     }
 

@@ -115,6 +115,9 @@ fn push_laws(page: &mut String, laws: &[Law]) {
 fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
     let (name, title) = (escaped(&plant.name), escaped(&plant.title));
     let _ = writeln!(page, "<h2 id=\"{name}\">{title}</h2>");
+    if let Some(about) = &plant.about {
+        let _ = writeln!(page, "<p>{}</p>", escaped(about));
+    }
     page.push_str(&panels(plant, records));
     page.push_str("<h3>Random plants, bench and margins</h3>\n");
     push_results(page, plant, records);
@@ -126,7 +129,9 @@ fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
         let told = if gains.values.is_empty() { "as it is".to_owned() } else { gains.told() };
         let (before, after) = (four_digits(gains.before), four_digits(gains.after));
         let told = escaped(&format!("{told} (cost {before} before, {after} after {} runs)", gains.runs));
-        let _ = writeln!(page, "<dt>{}<dd>{told}", escaped(&record.controller));
+        let computed = record.computed.as_ref().map_or(String::new(), |day| format!(" on {}", escaped(day)));
+        let computed = format!("<small>computed by version {}{computed}</small>", escaped(&record.version));
+        let _ = writeln!(page, "<dt>{}<dd>{told} {computed}", escaped(&record.controller));
     }
     page.push_str("</dl>\n");
 }

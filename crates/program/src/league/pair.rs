@@ -6,6 +6,7 @@ use std::path::Path;
 use super::bench::{CONTROLLER, DELAY_SAMPLES, PLANT, benched};
 use super::condition::{Condition, Deviation};
 use super::judged::{Judged, Outcome, Signals, Watch};
+use super::mixer;
 use super::study::{Budget, Entry, Plant};
 use super::units::Units;
 use crate::error::Error;
@@ -72,17 +73,24 @@ impl<'a> Pair<'a> {
         let described = units.fmu(&plain, unit)?;
         let [with_lines, benched] =
             [DELAY_SAMPLES, 0].map(|samples| benched(&plain, plant.bench.u_min.len(), &described.description, samples));
-        let benched = benched?;
-        let ((whole, is_one), (delayed, _)) = (units.load(&benched.structure)?, units.load(&with_lines?.structure)?);
+        let (mut benched, mut with_lines) = (benched?, with_lines?);
+        if let Some(mixer) = &plant.bench.mixer {
+            for structure in [&mut benched.structure, &mut with_lines.structure] {
+                mixer::put(structure, mixer, folder)?;
+            }
+        }
+        let ((whole, is_one), (delayed, _)) = (units.load(&benched.structure)?, units.load(&with_lines.structure)?);
         if whole.variables().map(|(name, ..)| name).ne(delayed.variables().map(|(name, ..)| name)) {
             return Err(refuse("a delay line changes the variables of the loop".to_owned()));
         }
         let separate = units.load_apart(&plain)?;
         let checksum = units.checksum(&benched.structure)?;
-        let signals = |loaded: &LoadedLoop| signals(loaded, plant, &benched.commands).map_err(refuse);
+        let asked: Vec<_> = benched.commands.iter().map(|name| format!("{CONTROLLER}.{name}")).collect();
+        // Controls are judged as what is possible of them, whoever limits them.
+        let possible = plant.bench.mixer.as_ref().map(|_| (1..=asked.len()).map(mixer::possible).collect::<Vec<_>>());
         let pair = Pair {
-            signals: signals(&whole)?,
-            apart: signals(&separate)?,
+            signals: signals(&whole, plant, possible.as_ref().unwrap_or(&asked)).map_err(refuse)?,
+            apart: signals(&separate, plant, &asked).map_err(refuse)?,
             measured: benched.measured,
             gains: Vec::new(),
             gains_apart: Vec::new(),
@@ -315,7 +323,7 @@ fn signals(loaded: &LoadedLoop, plant: &Plant, commands: &[String]) -> Result<Si
     let outputs = closed.names().iter().enumerate().filter(|(_, name)| name.starts_with(&format!("{PLANT}.")));
     Ok(Signals {
         errors: plant.errors.iter().map(pair).collect::<Result<_, _>>()?,
-        commands: commands.iter().map(|name| place(&format!("{CONTROLLER}.{name}"))).collect::<Result<_, _>>()?,
+        commands: commands.iter().map(|name| place(name)).collect::<Result<_, _>>()?,
         outputs: outputs.map(|(place, _)| place).collect(),
     })
 }

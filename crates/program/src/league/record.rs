@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -28,6 +29,9 @@ pub struct Record {
     pub controller: String,
     /// The version of this package that computed it.
     pub version: String,
+    /// The day, by UTC, on which the last part of it was computed. An earlier version of this package noted none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub computed: Option<String>,
     /// Checksum of what the study says of the pair.
     pub question: String,
     /// What the study says of the pair, by which differences are named. An earlier version of this package noted nothing.
@@ -83,7 +87,7 @@ impl Record {
     pub fn new(pair: &Pair) -> Self {
         let (plant, controller) = (pair.plant.name.clone(), pair.entry.name.clone());
         let question = Record::question(pair.plant, pair.entry, &pair.budget);
-        let of_plant = Plant { controller: Vec::new(), ..pair.plant.clone() };
+        let of_plant = Plant { controller: Vec::new(), about: None, ..pair.plant.clone() };
         let asked = Some(json!({ "plant": of_plant, "controller": pair.entry, "budget": pair.budget }));
         let (version, units) = (VERSION.to_owned(), pair.checksum.clone());
         Record { plant, controller, version, question, asked, units, as_one: pair.is_one_unit(), ..Record::default() }
@@ -92,7 +96,7 @@ impl Record {
     /// Checksum of what a study says of a pair.
     pub fn question(plant: &Plant, entry: &Entry, budget: &Budget) -> String {
         // Other controllers of the plant have no part in it.
-        let plant = Plant { controller: vec![entry.clone()], ..plant.clone() };
+        let plant = Plant { controller: vec![entry.clone()], about: None, ..plant.clone() };
         sealed::checksum(serde_json::to_string(&(&plant, budget)).unwrap_or_default())
     }
 
@@ -168,6 +172,7 @@ impl Pair<'_> {
             }
             Some(Stage::Spread) => record.spread = self.spread(is_interrupted)?,
         }
+        record.computed = day(SystemTime::now());
         Ok(!is_interrupted())
     }
 
@@ -181,5 +186,50 @@ impl Pair<'_> {
         let judged = crate::parallel::each(&workers, all.len(), |(), k| self.judged(&all[k].1, is_interrupted));
         let done = all.iter().map(|(condition, _)| *condition).zip(judged).collect();
         Ok((!is_interrupted()).then_some(done))
+    }
+}
+
+/// The day of a time, by UTC, as YYYY-MM-DD; none before 1970.
+fn day(time: SystemTime) -> Option<String> {
+    let days = time.duration_since(UNIX_EPOCH).ok()?.as_secs() / 86400;
+    // Counted from a first of March, so that a leap day is the last one of its year: 400 years are 146097 days.
+    let counted = days + 719_468;
+    let (era, of_era) = (counted / 146_097, counted % 146_097);
+    let year = (of_era - of_era / 1460 + of_era / 36524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year + year / 4 - year / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let (year, month) = (era * 400 + year + u64::from(month >= 10), (month + 2) % 12 + 1);
+    Some(format!("{year:04}-{month:02}-{day:02}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    /// Against counting: each day of 400 years, by the lengths of months.
+    #[test]
+    fn days_follow_each_other_as_in_the_calendar() {
+        let (mut year, mut month, mut date) = (1970, 1, 1);
+        for count in 0..146_097 {
+            let time = UNIX_EPOCH + Duration::from_secs(86400 * count + 86399 * (count % 2));
+            assert_eq!(day(time).unwrap(), format!("{year:04}-{month:02}-{date:02}"));
+            let is_leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+            let length = match month {
+                2 => 28 + i32::from(is_leap),
+                4 | 6 | 9 | 11 => 30,
+                _ => 31,
+            };
+            date += 1;
+            if date > length {
+                (month, date) = (month + 1, 1);
+            }
+            if month > 12 {
+                (year, month) = (year + 1, 1);
+            }
+        }
+        assert_eq!(day(UNIX_EPOCH - Duration::from_secs(1)), None);
     }
 }

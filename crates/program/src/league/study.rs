@@ -117,6 +117,9 @@ pub struct Plant {
     pub name: String,
     /// What it is, in a few words.
     pub title: String,
+    /// What a reader of its results must know. It changes none of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub about: Option<String>,
     /// Its description: a unit of this package, or a file beside the study.
     pub unit: String,
     /// The description of its reference.
@@ -212,6 +215,25 @@ pub struct Bench {
     /// Resolution of measured outputs, by name.
     #[serde(default)]
     pub resolution: BTreeMap<String, f64>,
+    /// FMU before the actuators that limits their controls together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mixer: Option<Mixer>,
+}
+
+/// An FMU between a controller and the actuators, which limits their controls together: its inputs `u` are what the controller
+/// asks for, its outputs `achieved` what is possible of that.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mixer {
+    /// Its description: a unit of this package, or a file beside the study.
+    pub unit: String,
+    /// Its limits on the bench, by their names in the unit. A controller that has parameters of these names gets them too.
+    pub set: BTreeMap<String, f64>,
+    /// The same where it is to limit nothing.
+    pub without: BTreeMap<String, f64>,
+    /// Boolean parameter of a controller that turns its knowledge of these limits on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub switch: Option<String>,
 }
 
 /// A controller of a plant.
