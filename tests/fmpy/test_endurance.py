@@ -34,8 +34,11 @@ COUPLED = {
 }
 NOISE = 0.01  # of the reference, which is 1
 GROWS = 1.05
-# The largest error after the start, in parts of the reference: for laws with a funnel its width.
-SETTLED, WIDTH = 0.02, 0.1
+# The largest error after the start, in parts of the reference: for laws with a funnel its width; the funnel of `funnel` is left about
+# ten times in 5000 s with the noise of the rate, and opens.
+SETTLED, WIDTH, REOPENED = 0.02, 0.1, 0.3
+# What noise drives estimates to at most where they leak by 0.05.
+DRIVEN = 1.25 * NOISE / 0.05
 USERS = [
     *[(kind, plant) for kind in ("pid", "ladrc", "l1", "l1-limit", "l1-sampled", "mrac") for plant in ("SPRING", "FALLING")],
     *[(kind, "SPRING") for kind in ("fuzzy-l1", "l1-ppf", "funnel")],
@@ -84,8 +87,6 @@ def made(folder: Path, kind: str, plant: dict, noise: float = NOISE) -> list[str
         port = f'<ssd:Connector name="{plant["outputs"][0]}_measured" kind="output"><ssc:Real/></ssd:Connector>'
         assert port in text
         text = text.replace(port, port + port.replace(plant["outputs"][0], plant["states"][1]))
-    if kind == "mrac-ppf":
-        names += [f"controller.x_m[{i + 1}]" for i in range(size)]
     if names:
         text = text.replace("</ClosedLoop>", f'<Plot title="watched" signals="{" ".join(names)}"/></ClosedLoop>')
     file.write_text(text)
@@ -118,10 +119,18 @@ def test_a_loop_that_a_user_makes_goes_on_for_5000_s_with_noise(kind: str, plant
     names = made(tmp_path, kind, globals()[plant])
     table = ran(tmp_path, 5000.0, 10_000)
     assert table["time"][-1] == 5000.0
-    assert error(table, globals()[plant], 100, 5000) < (WIDTH if kind in HELD else SETTLED)
+    most = REOPENED if kind == "funnel" else WIDTH if kind in HELD else SETTLED
+    assert error(table, globals()[plant], 100, 5000) < most
     if names:
         before, last = (largest(table, names, *span) for span in ((3000, 4000), (4000, 5000)))
-        assert last <= GROWS * before, (before, last)
+        assert last <= max(GROWS * before, DRIVEN if kind == "mrac-ppf-unmatched" else 0.0), (before, last)
+
+
+@pytest.mark.slow
+def test_a_wider_funnel_is_never_left(tmp_path: Path) -> None:
+    made(tmp_path, "funnel", SPRING)
+    table = ran(tmp_path, 5000.0, 10_000, "--set=controller.psi_inf[1]=0.15")
+    assert table["controller.funnel_reopened"][-1] == 0 and error(table, SPRING, 100, 5000) < 0.05
 
 
 @pytest.mark.parametrize(("kind", "plant"), [pair for k, pair in enumerate(USERS) if k % 6 == NUMBER % 6])
@@ -160,16 +169,19 @@ def test_noise_drives_estimates_on_and_on_unless_they_are_bounded_or_leak(
     values = [f"reference.step_time[2,2]={time}", "reference.step_height[2,2]=-2"]
     for name, value in (("theta_bound", bound), ("theta_leakage", leakage)):
         values += [f"controller.{name}[{i}]={value}" for i in (1, 2) if value is not None]
-    until = time + 20
+    file, until = tmp_path / "SystemStructure.ssd", time + 20
+    away = "".join(
+        f'<Metric label="away {i}" statistic="max" of="plant.{name}" minus="controller.x_m[{i}]" from="{time + 0.0005}"/>'
+        for i, name in ((1, "first"), (2, "second"))
+    )
+    file.write_text(re.sub(r"(<Metric|<Plot)", rf"{away}\1", file.read_text(), count=1))
     table = ran(tmp_path, until, int(until / 0.02), *(f"--set={value}" for value in values))
     found = largest(table, ["controller.theta_hat[1,1]"], 0, time)
     # One seed each.
     assert found == pytest.approx(estimate, rel=0.15), found
     if after is not None:
-        of = table["time"] > time
-        away = max(
-            np.abs(table[f"plant.{name}"] - table[f"controller.x_m[{i}]"])[of].max() for i, name in ((1, "first"), (2, "second"))
-        )
+        metrics = json.loads(next(tmp_path.glob("results/*/metrics.json")).read_text())["metrics"]
+        away = max(metric["value"] for metric in metrics if metric["label"].startswith("away"))
         assert away == pytest.approx(after, rel=0.15), away
 
 
