@@ -16,8 +16,9 @@ const MOST_DEGREE: usize = 3;
 const MOST_CONDITION: f64 = 1e6;
 /// The error may take up so much of each funnel.
 const MOST_PART: f64 = 0.7;
-/// And in the end the error itself takes up so much of its own.
-const MOST_LEFT: f64 = 0.45;
+/// And in the end the error itself takes up so much of its own, by the relative degree: the rest is for noise, which each level
+/// hands on to the next larger than it is.
+const MOST_LEFT: [f64; MOST_DEGREE] = [0.45, 0.25, 0.2];
 /// Gains in parts of R Wʳ that are tried: 10^(k/2).
 const GAINS: i32 = 12;
 /// Time constants of the error's filter, in 1/W.
@@ -87,7 +88,7 @@ pub fn design(plant: &Nominal, references: &[f64]) -> Result<Design, Invalid> {
             let channels: Vec<_> = references.iter().map(of).collect();
             let loop_ = Loop::new([&plant.A, &plant.B, &plant.C], degree, &G, &channels);
             let followed = loop_.follow();
-            if followed.largest_part <= MOST_PART && followed.left <= MOST_LEFT && followed.stayed() {
+            if followed.largest_part <= MOST_PART && followed.left <= MOST_LEFT[degree - 1] && followed.stayed() {
                 let longest = STEP * NARROW / (g * tau.powi(degree as i32 - 1));
                 let sampled = loop_.sampled(longest);
                 return Ok(Design {

@@ -17,11 +17,16 @@ use crate::template::{
 };
 
 /// Rates of the barriers, in parts of the bandwidth: of a state that drives an unmatched row, of that row, and of the others.
-const BARRIERS: [f64; 3] = [300.0, 30.0, 30.0];
+const BARRIERS: [f64; 3] = [30.0, 10.0, 30.0];
+/// Widths of their funnels in the end, in parts of the state's usual magnitude. The barrier of an unmatched row hands noise on to
+/// the state that drives it, so many times as large as its rate is: noise of 1 % of the output is a tenth of that state.
+const WIDTHS: [f64; 3] = [1.0, 0.1, 0.1];
 /// Bounds of the estimates of an unmatched row, in parts of what drives it: below 1, so that it drives it the same way.
 const OF_DRIVE: f64 = 0.5;
 /// How much slower than the barrier that answers it an adaptation is.
 const SLOWER: f64 = 30.0;
+/// Leakage of theta_hat for states of 1 and a bandwidth of 1 rad/s.
+const LEAKAGE: f64 = 0.05;
 
 /// A funnel about each state.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
@@ -60,6 +65,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("K_epsilon", list(&numbers.K), "gain of the barriers");
     text.set("gamma", list(&numbers.gamma), "adaptation gains; in unmatched rows check tells how large");
     text.set("theta_bound", list(&numbers.theta), "bounds of the estimates");
+    text.set("theta_leakage", list(&numbers.leakage), "so that noise doesn't drive theta_hat");
     text.set("sigma_bound", list(&numbers.sigma), "and of those of disturbances");
     write_limits(&mut text, Some(&plant), m);
     write_magnitudes(&mut text, request.plant.as_ref(), (&references, bandwidth), |of| {
@@ -118,6 +124,7 @@ struct Numbers {
     K: Vec<f64>,
     gamma: Vec<f64>,
     theta: Vec<f64>,
+    leakage: Vec<f64>,
     sigma: Vec<f64>,
 }
 
@@ -132,11 +139,12 @@ impl Numbers {
             Some(sizes[row] * (bandwidth + A[(row, row)].abs()) / A[(row, by)].abs())
         };
         let size = |i: usize| size(i).unwrap_or(sizes[i]);
-        let rate = |i: usize| if by(i).is_some() { 0 } else { 2 - usize::from(of_row(i).is_some()) };
-        let rates: Vec<_> = (0..n).map(|i| BARRIERS[rate(i)] * bandwidth).collect();
-        let end: Vec<_> = (0..n).map(|i| three_digits(0.1 * size(i))).collect();
+        let part = |i: usize| if by(i).is_some() { 0 } else { 2 - usize::from(of_row(i).is_some()) };
+        let rates: Vec<_> = (0..n).map(|i| BARRIERS[part(i)] * bandwidth).collect();
+        let end: Vec<_> = (0..n).map(|i| three_digits(WIDTHS[part(i)] * size(i))).collect();
         let answered = |i: usize| rates[of_row(i).map_or(i, |(_, by)| by)];
         let largest = 1.0 + (0..n).map(|i| size(i).powi(2)).sum::<f64>();
+        let greatest = (0..n).map(size).fold(0.0, f64::max);
         let unknown = A.amax().max(A_m.amax()).max(bandwidth);
         let theta = |i: usize| of_row(i).map_or(unknown, |(row, by)| OF_DRIVE * A[(row, by)].abs());
         let numbers = |of: &dyn Fn(usize) -> f64| (0..n).map(|i| three_digits(of(i))).collect::<Vec<_>>();
@@ -145,6 +153,7 @@ impl Numbers {
             K: numbers(&|i| rates[i] * end[i] * end[i]),
             gamma: numbers(&|i| (end[i] * answered(i) / SLOWER).powi(2) / largest),
             theta: numbers(&theta),
+            leakage: numbers(&|i| LEAKAGE * greatest * greatest / (bandwidth * size(i))),
             sigma: numbers(&|i| unknown * size(i)),
             rates,
             end,
