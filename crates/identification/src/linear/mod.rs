@@ -6,7 +6,7 @@ mod quantiles;
 
 pub use exponential::exponential;
 pub use logarithm::logarithm;
-pub use quantiles::{chi_squared, normal};
+pub use quantiles::chi_squared;
 
 use nalgebra::linalg::Schur;
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
