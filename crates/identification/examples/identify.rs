@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::BufReader;
 
 use adaptive_fmu_identification::csv::Table;
-use adaptive_fmu_identification::{LABEL, Options, Record, Signals, identify_states};
+use adaptive_fmu_identification::{LABEL, Options, Record, Signals, identify_outputs, identify_states};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -17,7 +17,10 @@ struct Request {
     #[serde(default)]
     held_out: Vec<String>,
     inputs: Vec<String>,
+    #[serde(default)]
     states: Vec<String>,
+    #[serde(default)]
+    outputs: Vec<String>,
     #[serde(default)]
     options: Options,
 }
@@ -36,8 +39,14 @@ fn answer(argument: &str) -> Result<Value, String> {
     let request: Request = serde_json::from_str(argument).map_err(|error| error.to_string())?;
     let (records, held_out) = (read(&request.files)?, read(&request.held_out)?);
     let held_out = (!held_out.is_empty()).then_some(&held_out[..]);
-    let signals = Signals { inputs: request.inputs, measured: request.states };
-    match identify_states(&records, held_out, &signals, &request.options) {
+    let found = if request.outputs.is_empty() {
+        let signals = Signals { inputs: request.inputs, measured: request.states };
+        identify_states(&records, held_out, &signals, &request.options)
+    } else {
+        let signals = Signals { inputs: request.inputs, measured: request.outputs };
+        identify_outputs(&records, held_out, &signals, &request.options)
+    };
+    match found {
         Ok(identified) => serde_json::to_value(identified).map_err(|error| error.to_string()),
         Err(refusal) => Ok(json!({ "refusal": refusal.text, "cause": refusal.cause })),
     }

@@ -1,7 +1,8 @@
 //! Single wrong cells of a record.
 
 use crate::data::Data;
-use crate::marquardt::{Fit, Problem};
+use crate::marquardt::Fit;
+use crate::problem::Problem;
 
 /// A residual beyond this many standard deviations, computed from its median amount, is of a wrong cell.
 const FAR: f64 = 6.0;

@@ -6,7 +6,8 @@ use crate::data::Data;
 use crate::finding::{Cause, Refusal};
 use crate::layout::Layout;
 use crate::linear::{exponential, spectral_radius};
-use crate::marquardt::{Fit, MOST_GROWTH, Problem};
+use crate::marquardt::{Fit, MOST_GROWTH, Objective, search};
+use crate::problem::Problem;
 use crate::sampled::Hold;
 use crate::starts::starts;
 
@@ -78,7 +79,7 @@ pub(crate) fn estimate(data: &Data, layout: &Layout, hold: Hold, longest: usize)
     let (output_error, longest) = output_error(data, layout, hold, longest, &first.unknowns);
     let again = output_error.as_ref().and_then(|fit| {
         let start = [&fit.unknowns[..], &vec![0.0; data.n * data.n]].concat();
-        innovation.search(&start, MORE_STEPS)
+        search(&innovation, &start, MORE_STEPS)
     });
     let innovation = again.filter(|again| again.value.loss < first.value.loss).unwrap_or(first);
     let method = choose(data, layout, hold, (output_error.as_ref(), longest), &innovation);
@@ -91,12 +92,12 @@ fn from_starts(problem: &Problem) -> Option<Fit> {
     let begun = |unknowns: Vec<f64>| {
         let f = transition(problem.layout, &unknowns)?;
         let gain = (f * 0.5).transpose();
-        problem.search(&[&unknowns[..], gain.as_slice()].concat(), FIRST_STEPS)
+        search(problem, &[&unknowns[..], gain.as_slice()].concat(), FIRST_STEPS)
     };
     let mut fits: Vec<Fit> = starts(problem.data, problem.layout).into_iter().filter_map(begun).collect();
     fits.retain(|fit| fit.unknowns.len() == problem.layout.count() + n * n);
     fits.sort_by(|p, q| p.value.loss.total_cmp(&q.value.loss));
-    let go_on = fits.iter().take(GO_ON).filter_map(|fit| problem.search(&fit.unknowns, MORE_STEPS));
+    let go_on = fits.iter().take(GO_ON).filter_map(|fit| search(problem, &fit.unknowns, MORE_STEPS));
     go_on.min_by(|p, q| p.value.loss.total_cmp(&q.value.loss))
 }
 
@@ -104,11 +105,11 @@ fn from_starts(problem: &Problem) -> Option<Fit> {
 fn output_error(data: &Data, layout: &Layout, hold: Hold, longest: usize, start: &[f64]) -> (Option<Fit>, usize) {
     let start = &start[..layout.count()];
     let window = longest_window(layout, start, FIRST_WINDOW.min(longest));
-    let Some(first) = Problem::new(data, layout, hold, window, false).search(start, MORE_STEPS) else {
+    let Some(first) = search(&Problem::new(data, layout, hold, window, false), start, MORE_STEPS) else {
         return (None, window);
     };
     let whole = longest_window(layout, &first.unknowns, longest);
-    match Problem::new(data, layout, hold, whole, false).search(&first.unknowns, MORE_STEPS) {
+    match search(&Problem::new(data, layout, hold, whole, false), &first.unknowns, MORE_STEPS) {
         Some(fit) => (Some(fit), whole),
         None => (Some(first), window),
     }

@@ -5,8 +5,9 @@ use nalgebra::{DMatrix, DVector};
 use crate::data::Data;
 use crate::layout::{Continuous, Layout};
 use crate::linear::{eigenvalues, pseudoinverse};
-use crate::marquardt::Problem;
+use crate::marquardt::Objective;
 use crate::predictor::{Prediction, Window, windows};
+use crate::problem::Problem;
 use crate::sampled::Hold;
 
 /// A signal that moves by less than this many noises isn't judged.
@@ -128,26 +129,27 @@ pub(crate) fn disturbance(
     noise: &[f64],
 ) -> Option<Disturbance> {
     let longest = FEWEST_ROWS.max((1.0 / bandwidth).ceil() as usize);
-    let rows: Vec<usize> = (0..data.n).collect();
+    let n = data.states();
+    let rows: Vec<usize> = (0..n).collect();
     let layout = Layout::offsets(model, &rows, data.records);
     let weights: Vec<f64> = noise.iter().map(|noise| 1.0 / noise.max(1e-10)).collect();
     let start = vec![0.0; layout.count()];
     // In units of the data: a pseudoinverse depends on them.
-    let physical = model.physical(&data.scaling).b;
+    let scaling = data.state_scaling();
+    let physical = model.physical(scaling).b;
     let inverse = pseudoinverse(&physical);
-    let per_second = DVector::from_fn(data.n, |i, _| data.scaling.x[i] / data.scaling.h);
+    let per_second = DVector::from_fn(n, |i, _| scaling.x[i] / scaling.h);
     let per_second = DMatrix::from_diagonal(&per_second);
-    let rest = (DMatrix::identity(data.n, data.n) - physical * &inverse) * &per_second;
+    let rest = (DMatrix::identity(n, n) - physical * &inverse) * &per_second;
     let gain = inverse * per_second;
     let (mut inputs, mut others, mut course) = (Vec::new(), Vec::new(), Vec::new());
     for window in windows(data, longest) {
         let one = Problem { windows: vec![window], ..Problem::new(data, &layout, hold, longest, false) };
         let record = data.segments[window.segment].record;
         let (information, gradient, _) = one.normal_equations(&start, &weights)?;
-        let own =
-            |matrix: &DMatrix<f64>| matrix.view((record * data.n, record * data.n), (data.n, data.n)).into_owned();
+        let own = |matrix: &DMatrix<f64>| matrix.view((record * n, record * n), (n, n)).into_owned();
         let covariance = pseudoinverse(&own(&information));
-        let d = &covariance * -gradient.rows(record * data.n, data.n);
+        let d = &covariance * -gradient.rows(record * n, n);
         let with_error = |map: &DMatrix<f64>| {
             let errors = (map * &covariance * map.transpose()).diagonal().map(|variance| variance.max(0.0).sqrt());
             (map * &d, errors)

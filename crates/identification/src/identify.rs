@@ -67,7 +67,11 @@ pub fn identify_states(
 }
 
 /// Signals without the inputs that are left out.
-fn without_fixed(signals: &Signals, options: &Options, findings: &mut Vec<Finding>) -> Result<Signals, Refusal> {
+pub(crate) fn without_fixed(
+    signals: &Signals,
+    options: &Options,
+    findings: &mut Vec<Finding>,
+) -> Result<Signals, Refusal> {
     let mut kept = signals.clone();
     for fixed in &options.fixed {
         if !signals.inputs.contains(fixed) {
@@ -371,7 +375,7 @@ struct Built<'a> {
     disturbed: &'a Disturbance,
 }
 
-fn free(place: Place) -> Free {
+pub(crate) fn free(place: Place) -> Free {
     match place {
         Place::A(i, j) => Free("A".to_owned(), i + 1, j + 1),
         Place::B(i, j) => Free("B".to_owned(), i + 1, j + 1),
@@ -379,7 +383,7 @@ fn free(place: Place) -> Free {
     }
 }
 
-fn estimated(estimates: &Estimates) -> Vec<Estimated> {
+pub(crate) fn estimated(estimates: &Estimates) -> Vec<Estimated> {
     let errors = estimates.uncertainty.errors();
     let of = |k: usize| Estimated {
         entry: free(estimates.layout.unknowns[k].place),

@@ -69,8 +69,8 @@ pub struct Estimated {
 pub struct OrderFit {
     /// Number of states.
     pub order: usize,
-    /// Mean fit of the outputs over the held-out part, %.
-    pub held_out: f64,
+    /// Mean fit of the outputs over the held-out part, %; none where nothing is held out.
+    pub held_out: Option<f64>,
     /// Bayesian information criterion; less is better.
     pub bic: f64,
     /// True if the sampled model belongs to a continuous one.

@@ -4,7 +4,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::layout::{Layout, Place};
-use crate::linear::eigenvalues;
+use crate::linear::{eigenvalues, null_vector};
 
 /// A pole with its covariance, first order.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -45,22 +45,6 @@ pub(crate) fn poles(a: &DMatrix<f64>, layout: &Layout, covariance: &DMatrix<f64>
         covariance: covariance_of(a, *value, layout, covariance).unwrap_or([f64::INFINITY; 3]),
     };
     found.iter().map(of).collect()
-}
-
-/// A vector that a nearly singular matrix makes small, by inverse iteration.
-fn null_vector(matrix: &DMatrix<Complex<f64>>) -> Option<DVector<Complex<f64>>> {
-    let lu = matrix.clone().lu();
-    let start = |i: usize| Complex::new(1.0 + 0.3 * (i as f64 * 1.7).sin(), 0.2 * (i as f64 * 0.9).cos());
-    let mut v = DVector::from_fn(matrix.nrows(), |i, _| start(i));
-    for _ in 0..3 {
-        v = lu.solve(&v)?;
-        let length = v.norm();
-        if !length.is_finite() || length == 0.0 {
-            return None;
-        }
-        v.unscale_mut(length);
-    }
-    Some(v)
 }
 
 /// ∂λ/∂A = w vᵀ / (wᵀ v) of right and left eigenvectors v and w.

@@ -23,7 +23,7 @@ pub(crate) struct Window {
 /// All segments of data, each in so few windows of equal length that none is longer.
 pub(crate) fn windows(data: &Data, longest: usize) -> Vec<Window> {
     let of = |(segment, whole): (usize, &Segment)| {
-        let count = whole.len().div_ceil(longest.max(data.n + 2)).max(1);
+        let count = whole.len().div_ceil(longest.max(data.states() + 2)).max(1);
         let at = move |k: usize, len: usize| k * len / count;
         let len = whole.len();
         (0..count).map(move |k| Window { segment, first: at(k, len), len: at(k + 1, len) - at(k, len) })
@@ -42,7 +42,7 @@ pub(crate) struct Predictor<'a> {
 
 /// The prediction of a window.
 pub(crate) struct Prediction {
-    /// Predicted signals, a column a row.
+    /// Predicted states, a column a row.
     pub x: DMatrix<f64>,
     /// Measured minus predicted, 0 where a cell doesn't count; a column a row.
     pub e: DMatrix<f64>,
@@ -58,7 +58,7 @@ impl Predictor<'_> {
 
     /// Prediction from the best initial state by these weights of the signals.
     pub fn predict(&self, window: Window, weights: &[f64]) -> Prediction {
-        let n = self.data.n;
+        let n = self.data.states();
         let segment = &self.data.segments[window.segment];
         let gains: Vec<_> = self.sampled.steps.iter().map(|step| self.gain_of(step)).collect();
         // Column 0 is the response to the rest, the others that to the initial state.
@@ -93,7 +93,7 @@ impl Predictor<'_> {
             let mut first = state.column_mut(0);
             first += self.forcing(segment, row);
         }
-        project_initial_state(segment, window, weights, &responses)
+        project_initial_state(self.data, window, weights, &responses)
     }
 
     /// What the inputs and the constant add in a step.
@@ -139,19 +139,22 @@ impl Predictor<'_> {
         layout: &Layout,
         free_gain: bool,
     ) -> DMatrix<f64> {
-        let n = self.data.n;
+        let n = self.data.states();
         let segment = &self.data.segments[window.segment];
         let count = layout.count() + if free_gain { n * n } else { 0 };
         let gains: Vec<_> = self.sampled.steps.iter().map(|step| self.gain_of(step)).collect();
         let mut s = DMatrix::<f64>::zeros(n, count);
         let mut next = s.clone();
-        let mut jacobian = DMatrix::zeros(n * window.len, count);
+        let signals = self.data.n;
+        let mut jacobian = DMatrix::zeros(signals * window.len, count);
         for k in 0..window.len {
             let row = window.first + k;
-            for i in 0..n {
+            let seen = self.data.observed.as_ref().map(|observed| &observed.c * &s);
+            let seen = seen.as_ref().unwrap_or(&s);
+            for i in 0..signals {
                 let weight = -weights[i] * segment.mask[(i, row)];
                 if weight != 0.0 {
-                    jacobian.row_mut(k * n + i).zip_apply(&s.row(i), |to, from| *to = weight * from);
+                    jacobian.row_mut(k * signals + i).zip_apply(&seen.row(i), |to, from| *to = weight * from);
                 }
             }
             if k + 1 == window.len {
@@ -249,7 +252,7 @@ impl Predictor<'_> {
             self.add_special(tangents, slope.as_ref(), e, &mut sum);
             sum
         });
-        let mut of_a = by_a.iter().flat_map(|sum| sum.as_slice().chunks_exact(self.data.n));
+        let mut of_a = by_a.iter().flat_map(|sum| sum.as_slice().chunks_exact(x.len()));
         for (mut column, unknown) in s.column_iter_mut().zip(&layout.unknowns) {
             match unknown.place {
                 Place::A(..) => {
@@ -300,24 +303,33 @@ fn add_gain(step: &Step, before: usize, e: &DVector<f64>, s: &mut DMatrix<f64>) 
 }
 
 /// The best initial state of a window, and what is left.
-fn project_initial_state(segment: &Segment, window: Window, weights: &[f64], responses: &DMatrix<f64>) -> Prediction {
-    let n = segment.y.nrows();
-    let mut q = responses.columns(1, n).into_owned();
-    let mut r = DVector::zeros(n * window.len);
+fn project_initial_state(data: &Data, window: Window, weights: &[f64], responses: &DMatrix<f64>) -> Prediction {
+    let (n, signals, segment) = (data.states(), data.n, &data.segments[window.segment]);
+    let seen = data.observed.as_ref().map(|observed| {
+        let mut seen = DMatrix::zeros(signals * window.len, 1 + n);
+        for k in 0..window.len {
+            seen.rows_mut(k * signals, signals).copy_from(&(&observed.c * responses.rows(k * n, n)));
+        }
+        seen
+    });
+    let seen = seen.as_ref().unwrap_or(responses);
+    let mut q = seen.columns(1, n).into_owned();
+    let mut r = DVector::zeros(signals * window.len);
     for k in 0..window.len {
-        for i in 0..n {
+        for i in 0..signals {
             let row = window.first + k;
             let weight = weights[i] * segment.mask[(i, row)];
-            q.row_mut(k * n + i).scale_mut(weight);
-            r[k * n + i] = weight * (segment.y[(i, row)] - responses[(k * n + i, 0)]);
+            q.row_mut(k * signals + i).scale_mut(weight);
+            r[k * signals + i] = weight * (segment.y[(i, row)] - seen[(k * signals + i, 0)]);
         }
     }
     let triangle = orthonormalise(&mut q);
     let start = back_substitute(&triangle, &(q.transpose() * &r));
     let mut with = DVector::from_element(1 + n, 1.0);
     with.rows_mut(1, n).copy_from(&start);
-    let x = DMatrix::from_column_slice(n, window.len, (responses * with).as_slice());
-    let mut e = segment.y.columns(window.first, window.len) - &x;
+    let x = DMatrix::from_column_slice(n, window.len, (responses * &with).as_slice());
+    let predicted = DMatrix::from_column_slice(signals, window.len, (seen * with).as_slice());
+    let mut e = segment.y.columns(window.first, window.len) - predicted;
     e.component_mul_assign(&segment.mask.columns(window.first, window.len));
     Prediction { x, e, q }
 }

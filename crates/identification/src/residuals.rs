@@ -3,7 +3,8 @@
 use nalgebra::DMatrix;
 
 use crate::data::Data;
-use crate::marquardt::{Fit, Problem};
+use crate::marquardt::Fit;
+use crate::problem::Problem;
 
 /// Lags at which residuals are looked at.
 pub(crate) const LAGS: usize = 20;

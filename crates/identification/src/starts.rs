@@ -17,7 +17,7 @@ pub(crate) fn starts(data: &Data, layout: &Layout) -> Vec<Vec<f64>> {
 }
 
 /// Signals of a segment without holes: a cell that doesn't count is as that before.
-fn filled(segment: &Segment) -> DMatrix<f64> {
+pub(crate) fn filled(segment: &Segment) -> DMatrix<f64> {
     let mut y = segment.y.clone();
     for i in 0..y.nrows() {
         let first = (0..y.ncols()).find(|k| segment.mask[(i, *k)] != 0.0).unwrap_or(0);

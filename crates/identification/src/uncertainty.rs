@@ -4,7 +4,8 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::layout::{Layout, Place};
 use crate::linear::{gram, symmetric};
-use crate::marquardt::{Fit, Problem, weighted};
+use crate::marquardt::{Fit, Objective, weighted};
+use crate::problem::Problem;
 
 /// Blocks of consecutive rows, from which the robust covariance is computed.
 const BLOCKS: usize = 24;
@@ -137,7 +138,7 @@ fn noise(problem: &Problem, fit: &Fit, rows: usize) -> Option<DMatrix<f64>> {
         }
         sum += &e * e.transpose();
     }
-    let unknowns = problem.count() + n * problem.windows.len();
+    let unknowns = problem.count() + problem.data.states() * problem.windows.len();
     Some(sum / (rows as f64 - unknowns as f64 / n as f64).max(1.0))
 }
 

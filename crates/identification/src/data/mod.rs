@@ -52,6 +52,7 @@ impl Segment {
 /// Records, prepared.
 #[derive(Debug, Clone)]
 pub(crate) struct Data {
+    /// The number of measured signals.
     pub n: usize,
     pub m: usize,
     pub segments: Vec<Segment>,
@@ -59,9 +60,30 @@ pub(crate) struct Data {
     pub scaling: Scaling,
     /// The number of records.
     pub records: usize,
+    /// How states show in the measured signals, where these aren't the states themselves.
+    pub observed: Option<Observed>,
+}
+
+/// Outputs of states that aren't measured.
+#[derive(Debug, Clone)]
+pub(crate) struct Observed {
+    /// Scaled outputs of scaled states.
+    pub c: DMatrix<f64>,
+    /// Units of the states.
+    pub scaling: Scaling,
 }
 
 impl Data {
+    /// The number of states.
+    pub fn states(&self) -> usize {
+        self.observed.as_ref().map_or(self.n, |observed| observed.c.ncols())
+    }
+
+    /// Units of the states and inputs.
+    pub fn state_scaling(&self) -> &Scaling {
+        self.observed.as_ref().map_or(&self.scaling, |observed| &observed.scaling)
+    }
+
     /// The number of rows in segments.
     pub fn rows(&self) -> usize {
         self.segments.iter().map(Segment::len).sum()
@@ -227,7 +249,7 @@ impl<'a> Source<'a> {
             self.segment(*record, range, &scaling, step, rest)
         });
         let (n, m) = (self.measured[0].len(), self.inputs[0].len());
-        Ok(Data { n, m, segments: segments.collect(), steps, scaling, records: self.records.len() })
+        Ok(Data { n, m, segments: segments.collect(), steps, scaling, records: self.records.len(), observed: None })
     }
 
     fn segment(

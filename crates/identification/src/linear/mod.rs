@@ -112,6 +112,22 @@ pub fn symmetric(a: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
     (sorted, eigenvectors.select_columns(&order))
 }
 
+/// A vector that a nearly singular matrix makes small, by inverse iteration.
+pub fn null_vector(matrix: &DMatrix<Complex<f64>>) -> Option<DVector<Complex<f64>>> {
+    let lu = matrix.clone().lu();
+    let start = |i: usize| Complex::new(1.0 + 0.3 * (i as f64 * 1.7).sin(), 0.2 * (i as f64 * 0.9).cos());
+    let mut v = DVector::from_fn(matrix.nrows(), |i, _| start(i));
+    for _ in 0..3 {
+        v = lu.solve(&v)?;
+        let length = v.norm();
+        if !length.is_finite() || length == 0.0 {
+            return None;
+        }
+        v.unscale_mut(length);
+    }
+    Some(v)
+}
+
 /// JᵀJ through the fast product.
 pub fn gram(j: &DMatrix<f64>) -> DMatrix<f64> {
     j.transpose() * j
