@@ -9,6 +9,10 @@ const FAR: f64 = 6.0;
 /// Standard deviation over median amount, of Gaussian noise.
 const OVER_MEDIAN: f64 = 1.4826;
 
+/// The most wrong cells of a signal within so many rows of each other.
+const MOST_NEAR: usize = 3;
+const NEAR: usize = 10;
+
 /// A cell: segment, row in it, signal.
 pub(crate) type Cell = (usize, usize, usize);
 
@@ -53,7 +57,14 @@ pub(crate) fn wrong_cells(problem: &Problem, fit: &Fit) -> Vec<Cell> {
             }
         }
     }
-    wrong
+    single(wrong)
+}
+
+/// Cells with few others near them: where there are many, the model lacks something.
+fn single(cells: Vec<Cell>) -> Vec<Cell> {
+    let near = |one: &Cell, other: &Cell| one.0 == other.0 && one.2 == other.2 && one.1.abs_diff(other.1) <= NEAR;
+    let is_single = |cell: &&Cell| cells.iter().filter(|other| near(cell, other)).count() <= MOST_NEAR;
+    cells.iter().filter(is_single).copied().collect()
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -19,7 +19,9 @@ const UNSEEN_OF_POLES: f64 = 0.03;
 /// Share of an entry's variance above which one direction is named.
 const MOSTLY: f64 = 0.9;
 /// Largest condition number of good records, with reserve.
-const CONDITION: f64 = 1e8;
+pub(crate) const CONDITION: f64 = 1e8;
+/// The same in companion form, whose coordinates alone make it large.
+pub(crate) const CONDITION_OF_COMPANION: f64 = 1e12;
 /// A pole faster than this over a sample isn't seen.
 const FAST: f64 = 1.5;
 /// Factor from which residuals are called coloured.
@@ -137,8 +139,8 @@ impl Estimates<'_> {
     }
 
     /// What the information and the factors for coloured residuals show.
-    pub fn information(&self, poles: &[Pole], h: f64, findings: &mut Vec<Finding>) {
-        if self.uncertainty.condition > CONDITION {
+    pub fn information(&self, poles: &[Pole], h: f64, most: f64, findings: &mut Vec<Finding>) {
+        if self.uncertainty.condition > most {
             let fast = poles.iter().filter(|pole| pole.imaginary >= 0.0 && pole.frequency() > FAST / h);
             let fast: Vec<String> =
                 fast.map(|pole| format!("pole {} is faster than this record shows", pole_text(pole))).collect();

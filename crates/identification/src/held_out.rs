@@ -12,6 +12,9 @@ use crate::sampled::Hold;
 
 /// A signal that moves by less than this many noises isn't judged.
 const STILL: f64 = 2.0;
+/// A model that follows less of the held-out motion, %, with residuals that aren't white, is none.
+const LEAST_FIT: f64 = 50.0;
+const WHITE: f64 = 3.7;
 /// The fewest rows from which a disturbance is computed.
 const FEWEST_ROWS: usize = 50;
 /// A disturbance counts beyond this many standard errors.
@@ -26,8 +29,21 @@ pub(crate) struct HeldOut {
     pub windows: Vec<f64>,
     /// The best that noise lets a model have.
     pub ceiling: Vec<f64>,
+    /// Standard deviation of each signal, scaled.
+    pub deviation: Vec<f64>,
     /// True for signals that move.
     pub is_judged: Vec<bool>,
+}
+
+impl HeldOut {
+    /// The signal of which a model follows less than half, though its residuals aren't noise; and the best fit of it, %. Noise is that
+    /// of one step: output error's contains what the model lacks.
+    pub fn not_followed(&self, noise: &[f64], whiteness: &[f64]) -> Option<(usize, f64)> {
+        let best = |i: usize| self.whole.as_ref().map_or(self.windows[i], |whole| whole[i].max(self.windows[i]));
+        let moves = |i: usize| self.deviation[i] >= STILL * noise[i];
+        let bad = (0..noise.len()).filter(|&i| moves(i) && best(i) < LEAST_FIT && whiteness[i] > WHITE);
+        bad.map(|i| (i, best(i))).min_by(|p, q| p.1.total_cmp(&q.1))
+    }
 }
 
 /// What a plant does that its model doesn't say.
@@ -66,8 +82,11 @@ fn simulate(
     let weights: Vec<f64> = noise.iter().map(|noise| 1.0 / noise.max(1e-10)).collect();
     let start = vec![0.0; layout.count()];
     // Linear in the offset: one step is exact.
-    let (information, gradient, _) = problem.normal_equations(&start, &weights)?;
-    let offsets = pseudoinverse(&information) * -gradient;
+    let mut offsets = DVector::zeros(start.len());
+    if !start.is_empty() {
+        let (information, gradient, _) = problem.normal_equations(&start, &weights)?;
+        offsets = pseudoinverse(&information) * -gradient;
+    }
     let predictor = problem.predictor(offsets.as_slice(), false)?;
     let predictions = problem.windows.iter().map(|window| (*window, predictor.predict(*window, &weights)));
     let predictions = predictions.collect();
@@ -116,6 +135,7 @@ pub(crate) fn held_out(
         whole: whole.map(|(_, _, predictions)| fits(data, &predictions)),
         windows: fits(data, &in_windows),
         ceiling: ceiling.collect(),
+        deviation: deviation.clone(),
         is_judged: deviation.iter().zip(noise).map(|(deviation, noise)| *deviation >= STILL * noise).collect(),
     })
 }
@@ -129,6 +149,10 @@ pub(crate) fn disturbance(
     noise: &[f64],
 ) -> Option<Disturbance> {
     let longest = FEWEST_ROWS.max((1.0 / bandwidth).ceil() as usize);
+    // A constant of an output in each window would hide the disturbance.
+    let mut data = data.clone();
+    data.observed.iter_mut().for_each(|observed| observed.has_constants = false);
+    let data = &data;
     let n = data.states();
     let rows: Vec<usize> = (0..n).collect();
     let layout = Layout::offsets(model, &rows, data.records);

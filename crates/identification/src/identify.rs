@@ -25,9 +25,6 @@ use crate::uncertainty::{Uncertainty, physical};
 const ROUNDS: usize = 3;
 /// Part of the rows with wrong cells above which that is a finding.
 const MANY: f64 = 0.02;
-/// A model that follows less of the held-out motion, with residuals that aren't white, is none.
-const LEAST_FIT: f64 = 50.0;
-const WHITE: f64 = 3.7;
 
 /// Identifies x' = A x + B u + d from records in which all states are measured. Without records that are held out as a whole, the last
 /// part of each record is.
@@ -53,7 +50,13 @@ pub fn identify_states(
     faults::inputs(&data, &names, options.offsets, true)?;
     faults::warnings(&data, &names, &mut findings);
     known_rows::check(&data, &entries, options.hold, &names, &mut findings);
-    let found = Found::new(data, layout, options)?;
+    // A known row that is wrong is the reason for a model that isn't found.
+    let wrong_row = findings.iter().find(|finding| finding.kind == Kind::WrongRow).map(|finding| finding.text.clone());
+    let with_reason = |refusal: Refusal| match &wrong_row {
+        Some(row) if refusal.cause == Cause::NoModel => Refusal::new(Cause::NoModel, format!("{row} {}", refusal.text)),
+        _ => refusal,
+    };
+    let found = Found::new(data, layout, options).map_err(with_reason)?;
     found.report(records, &names, &mut findings);
     let tested = match held_out {
         Some(records) => {
@@ -63,7 +66,9 @@ pub fn identify_states(
         }
         None => source.data(&last, Some(&found.data.scaling), None).ok(),
     };
-    Request { records, names: &names, entries: &entries, options }.identified(found, tested, findings)
+    Request { records, names: &names, entries: &entries, options }
+        .identified(found, tested, findings)
+        .map_err(with_reason)
 }
 
 /// Signals without the inputs that are left out.
@@ -227,7 +232,7 @@ impl Request<'_> {
         let tested = tested.as_ref();
         let fits = tested.and_then(|data| held_out(&model, data, hold, (&free, band), noise));
         let whiteness = residuals.whiteness(data.n);
-        self.refuse_bad(fits.as_ref(), &whiteness)?;
+        self.refuse_bad(fits.as_ref(), &found.estimate.innovation.value.rms, &whiteness)?;
         let disturbed = tested.and_then(|data| disturbance(&model, data, hold, band, noise)).unwrap_or_default();
         let pole_list: Vec<Pole> =
             poles(&model.a, layout, &uncertainty.covariance).into_iter().map(|pole| pole.scaled(1.0 / h)).collect();
@@ -262,16 +267,12 @@ impl Request<'_> {
     }
 
     /// Refuses a model that doesn't follow the record.
-    fn refuse_bad(&self, fits: Option<&HeldOut>, whiteness: &[f64]) -> Result<(), Refusal> {
-        let Some(fits) = fits else { return Ok(()) };
-        let best = |i: usize| fits.whole.as_ref().map_or(fits.windows[i], |whole| whole[i].max(fits.windows[i]));
-        let judged: Vec<usize> = (0..whiteness.len()).filter(|i| fits.is_judged[*i]).collect();
-        let bad = judged.iter().filter(|i| best(**i) < LEAST_FIT && whiteness[**i] > WHITE);
-        let Some(worst) = bad.min_by(|p, q| best(**p).total_cmp(&best(**q))) else { return Ok(()) };
+    fn refuse_bad(&self, fits: Option<&HeldOut>, noise: &[f64], whiteness: &[f64]) -> Result<(), Refusal> {
+        let Some((signal, best)) = fits.and_then(|fits| fits.not_followed(noise, whiteness)) else { return Ok(()) };
         let text = format!(
             "no model of these states follows the record (best: {} % of the held-out motion of {}): is a state missing?",
-            number(best(*worst)),
-            self.names.signals.measured[*worst]
+            number(best),
+            self.names.signals.measured[signal]
         );
         Err(Refusal::new(Cause::NoModel, text))
     }
@@ -286,7 +287,7 @@ impl Request<'_> {
     ) {
         let (data, h) = (&found.data, found.data.scaling.h);
         let duration: f64 = self.records.iter().map(|record| record.time[record.len() - 1] - record.time[0]).sum();
-        estimates.information(pole_list, h, findings);
+        estimates.information(pole_list, h, checks::CONDITION, findings);
         estimates.unseen(&found.model_of(found.estimate.fit()).a, findings);
         estimates.kinematics(findings);
         let others = found.estimate.output_error.as_ref().filter(|_| found.estimate.method == Method::Innovation);

@@ -302,7 +302,7 @@ fn add_gain(step: &Step, before: usize, e: &DVector<f64>, s: &mut DMatrix<f64>) 
     }
 }
 
-/// The best initial state of a window, and what is left.
+/// The best initial state of a window, with constants where outputs have them, and what is left.
 fn project_initial_state(data: &Data, window: Window, weights: &[f64], responses: &DMatrix<f64>) -> Prediction {
     let (n, signals, segment) = (data.states(), data.n, &data.segments[window.segment]);
     let seen = data.observed.as_ref().map(|observed| {
@@ -313,22 +313,30 @@ fn project_initial_state(data: &Data, window: Window, weights: &[f64], responses
         seen
     });
     let seen = seen.as_ref().unwrap_or(responses);
-    let mut q = seen.columns(1, n).into_owned();
+    let has_constants = data.observed.as_ref().is_some_and(|observed| observed.has_constants);
+    let mut q = DMatrix::zeros(signals * window.len, n + if has_constants { signals } else { 0 });
+    q.columns_mut(0, n).copy_from(&seen.columns(1, n));
     let mut r = DVector::zeros(signals * window.len);
     for k in 0..window.len {
         for i in 0..signals {
-            let row = window.first + k;
+            let (at, row) = (k * signals + i, window.first + k);
+            if has_constants {
+                q[(at, n + i)] = 1.0;
+            }
             let weight = weights[i] * segment.mask[(i, row)];
-            q.row_mut(k * signals + i).scale_mut(weight);
-            r[k * signals + i] = weight * (segment.y[(i, row)] - seen[(k * signals + i, 0)]);
+            q.row_mut(at).scale_mut(weight);
+            r[at] = weight * (segment.y[(i, row)] - seen[(at, 0)]);
         }
     }
     let triangle = orthonormalise(&mut q);
-    let start = back_substitute(&triangle, &(q.transpose() * &r));
+    let best = back_substitute(&triangle, &(q.transpose() * &r));
     let mut with = DVector::from_element(1 + n, 1.0);
-    with.rows_mut(1, n).copy_from(&start);
+    with.rows_mut(1, n).copy_from(&best.rows(0, n));
     let x = DMatrix::from_column_slice(n, window.len, (responses * &with).as_slice());
-    let predicted = DMatrix::from_column_slice(signals, window.len, (seen * with).as_slice());
+    let mut predicted = DMatrix::from_column_slice(signals, window.len, (seen * with).as_slice());
+    if has_constants {
+        predicted.column_iter_mut().for_each(|mut column| column += best.rows(n, signals));
+    }
     let mut e = segment.y.columns(window.first, window.len) - predicted;
     e.component_mul_assign(&segment.mask.columns(window.first, window.len));
     Prediction { x, e, q }

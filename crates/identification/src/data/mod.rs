@@ -71,6 +71,8 @@ pub(crate) struct Observed {
     pub c: DMatrix<f64>,
     /// Units of the states.
     pub scaling: Scaling,
+    /// True if each output has a constant in each window, which is projected out with the initial state.
+    pub has_constants: bool,
 }
 
 impl Data {

@@ -14,6 +14,8 @@ pub(crate) struct Steps {
     pub common: usize,
     extremes: [f64; 2],
     is_single: bool,
+    /// True where steps are known by nodes only.
+    is_dense: bool,
 }
 
 /// Means of groups of steps that are the same, and how many there are in each.
@@ -53,7 +55,8 @@ impl Steps {
         let mut found: Vec<f64> = groups(&scaled).into_iter().map(|(length, _)| length).collect();
         let extremes = [found[0], found[found.len() - 1]];
         let is_single = found.len() == 1;
-        if found.len() > MOST {
+        let is_dense = found.len() > MOST;
+        if is_dense {
             let [least, most] = extremes;
             let ratio = (most / least).ln() / (MOST - 1) as f64;
             found = (0..MOST).map(|k| least * (ratio * k as f64).exp()).collect();
@@ -65,7 +68,7 @@ impl Steps {
             place
         });
         found[common] = 1.0;
-        Steps { lengths: found, common, extremes, is_single }
+        Steps { lengths: found, common, extremes, is_single, is_dense }
     }
 
     /// The nearest step to a length in samples, and what it lacks.
@@ -75,7 +78,7 @@ impl Steps {
         let distance = |place: usize| (self.lengths[place] - length).abs();
         let place = if distance(before) < distance(after) { before } else { after };
         let rest = length - self.lengths[place];
-        (place, if rest.abs() <= 4.0 * SAME * length { 0.0 } else { rest })
+        (place, if !self.is_dense && rest.abs() <= 4.0 * SAME * length { 0.0 } else { rest })
     }
 
     /// True if all steps are the same.

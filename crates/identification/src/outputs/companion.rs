@@ -69,11 +69,6 @@ impl Companion {
         self.states.contains(&(output, order + 1))
     }
 
-    /// Rows that are free, the last of each output.
-    pub fn last_rows(&self) -> Vec<usize> {
-        (0..self.states.len()).filter(|row| !self.is_chain(*row)).collect()
-    }
-
     /// Its structure, in units of the data.
     pub fn entries(&self) -> Entries {
         let (n, m) = self.b.shape();
@@ -82,8 +77,7 @@ impl Companion {
             let known = |j: usize| Entry::Known(f64::from(next(j)));
             (0..n).map(|j| if self.is_chain(i) { known(j) } else { Entry::Free }).collect()
         };
-        let d = (0..n).map(|i| if self.is_chain(i) { Entry::Known(0.0) } else { Entry::Free });
-        Entries { a: (0..n).map(row).collect(), b: vec![vec![Entry::Free; m]; n], d: d.collect() }
+        Entries { a: (0..n).map(row).collect(), b: vec![vec![Entry::Free; m]; n], d: vec![Entry::Known(0.0); n] }
     }
 
     /// Units in which states are estimated: derivatives over powers of a frequency of the model.
@@ -100,7 +94,7 @@ impl Companion {
         let size =
             |j: usize| scaling.x[j] / outputs.scaling.x[self.states[j].0] * scaling.h.powi(self.states[j].1 as i32);
         let c = DMatrix::from_fn(p, n, |i, j| self.c[(i, j)] * size(j));
-        Data { observed: Some(Observed { c, scaling: scaling.clone() }), ..outputs.clone() }
+        Data { observed: Some(Observed { c, scaling: scaling.clone(), has_constants: true }), ..outputs.clone() }
     }
 
     /// Outputs of the states in units of the data.

@@ -31,10 +31,6 @@ use order::Choice;
 
 /// Steps of the search in the companion form's own unknowns, from where the sampled model's ended.
 const STEPS: usize = 10;
-/// A model that follows less of the held-out motion, with residuals that aren't white, is none.
-const LEAST_FIT: f64 = 50.0;
-const WHITE: f64 = 3.7;
-
 /// Identifies a model from records in which outputs alone are measured: its order, and x' = A x + B u + d, y = C x in observable
 /// companion form. [`Signals::measured`] are the outputs.
 ///
@@ -145,11 +141,10 @@ impl Request<'_> {
         let band = self.options.bandwidth.map_or_else(|| bandwidth(&model.a, data.rows()), |wanted| wanted * h);
         let noise = &found.fit.value.rms;
         let tested = tested.map(|tested| found.companion.data(tested, data.state_scaling()));
-        let offsets = found.companion.last_rows();
         let hold = Hold::ZeroOrder;
-        let fits = tested.as_ref().and_then(|data| held_out(&model, data, hold, (&offsets, band), noise));
+        let fits = tested.as_ref().and_then(|data| held_out(&model, data, hold, (&[], band), noise));
         let whiteness = residuals.whiteness(data.n);
-        self.refuse_bad(fits.as_ref(), &whiteness)?;
+        self.refuse_bad(fits.as_ref(), &whiteness, noise)?;
         let disturbed =
             tested.as_ref().and_then(|data| disturbance(&model, data, hold, band, noise)).unwrap_or_default();
         let pole_list: Vec<_> =
@@ -157,7 +152,7 @@ impl Request<'_> {
         let factors = layout.unknowns.iter().map(|unknown| factor(unknown.place, data.state_scaling())).collect();
         let unknowns = &found.fit.unknowns;
         let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &uncertainty, factors };
-        estimates.information(&pole_list, h, &mut findings);
+        estimates.information(&pole_list, h, checks::CONDITION_OF_COMPANION, &mut findings);
         let duration: f64 = self.records.iter().map(|record| record.time[record.len() - 1] - record.time[0]).sum();
         checks::unstable(&pole_list, None, duration, &mut findings);
         checks::duration(&pole_list, duration / self.records.len() as f64, &mut findings);
@@ -182,15 +177,12 @@ impl Request<'_> {
         })
     }
 
-    fn refuse_bad(&self, fits: Option<&HeldOut>, whiteness: &[f64]) -> Result<(), Refusal> {
-        let Some(fits) = fits else { return Ok(()) };
-        let best = |i: usize| fits.whole.as_ref().map_or(fits.windows[i], |whole| whole[i].max(fits.windows[i]));
-        let bad = (0..whiteness.len()).filter(|i| fits.is_judged[*i] && best(*i) < LEAST_FIT && whiteness[*i] > WHITE);
-        let Some(worst) = bad.min_by(|p, q| best(*p).total_cmp(&best(*q))) else { return Ok(()) };
+    fn refuse_bad(&self, fits: Option<&HeldOut>, whiteness: &[f64], noise: &[f64]) -> Result<(), Refusal> {
+        let Some((signal, best)) = fits.and_then(|fits| fits.not_followed(noise, whiteness)) else { return Ok(()) };
         let text = format!(
             "no model of these outputs follows the record (best: {} % of the held-out motion of {}): is an input missing?",
-            number(best(worst)),
-            self.names.signals.measured[worst]
+            number(best),
+            self.names.signals.measured[signal]
         );
         Err(Refusal::new(Cause::NoModel, text))
     }
