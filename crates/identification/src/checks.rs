@@ -61,8 +61,8 @@ impl Estimates<'_> {
     pub fn unseen(&self, a: &DMatrix<f64>, findings: &mut Vec<Finding>) {
         let largest = eigenvalues(a).unwrap_or_default().iter().map(|pole| pole.norm()).fold(0.0, f64::max);
         let errors = self.uncertainty.errors();
-        for k in 0..self.layout.count() {
-            let (value, error) = (self.unknowns[k], errors[k]);
+        for (k, &error) in errors.iter().enumerate() {
+            let value = self.unknowns[k];
             let is_constant = matches!(self.layout.unknowns[k].place, Place::D(..));
             if is_constant || error <= UNSEEN * value.abs() || error <= UNSEEN_OF_POLES * largest {
                 continue;

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use crate::data::Data;
 use crate::finding::{Cause, Finding, Kind, Refusal};
 use crate::linear::least_squares;
-use crate::record::Signals;
+use crate::record::{Record, Signals};
 use crate::text::{combination, number};
 
 /// Numbers that a record must have for each unknown.
@@ -23,6 +23,17 @@ pub(crate) struct Names<'a> {
     pub signals: &'a Signals,
     pub input_units: Vec<String>,
     pub measured_units: Vec<String>,
+}
+
+impl<'a> Names<'a> {
+    pub fn new(signals: &'a Signals, record: &Record) -> Self {
+        let unit = |name: &String| record.column(name).and_then(|column| column.unit.clone()).unwrap_or_default();
+        Names {
+            signals,
+            input_units: signals.inputs.iter().map(unit).collect(),
+            measured_units: signals.measured.iter().map(unit).collect(),
+        }
+    }
 }
 
 /// A value with its unit.

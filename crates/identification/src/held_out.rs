@@ -69,14 +69,14 @@ pub(crate) fn bandwidth(a: &DMatrix<f64>, rows: usize) -> f64 {
     if wanted > 0.0 { wanted.min(1.0 / 3.0) } else { 1.0 / 3.0 }
 }
 
-/// A model on data, its offset fitted in these rows of d, over windows; the offset and the predictions.
+/// Predictions of a model on data over windows, its offset fitted in these rows of d.
 fn simulate(
     model: &Continuous,
     data: &Data,
     hold: Hold,
     (rows, longest): (&[usize], usize),
     noise: &[f64],
-) -> Option<(Layout, Vec<f64>, Vec<(Window, Prediction)>)> {
+) -> Option<Vec<Prediction>> {
     let layout = Layout::offsets(model, rows, data.records);
     let problem = Problem::new(data, &layout, hold, longest, false);
     let weights: Vec<f64> = noise.iter().map(|noise| 1.0 / noise.max(1e-10)).collect();
@@ -88,16 +88,14 @@ fn simulate(
         offsets = pseudoinverse(&information) * -gradient;
     }
     let predictor = problem.predictor(offsets.as_slice(), false)?;
-    let predictions = problem.windows.iter().map(|window| (*window, predictor.predict(*window, &weights)));
-    let predictions = predictions.collect();
-    Some((layout.clone(), offsets.as_slice().to_vec(), predictions))
+    Some(problem.windows.iter().map(|window| predictor.predict(*window, &weights)).collect())
 }
 
 /// Fit of each signal, %: 100 (1 − ‖y − ŷ‖/‖y − ȳ‖).
-fn fits(data: &Data, predictions: &[(Window, Prediction)]) -> Vec<f64> {
+fn fits(data: &Data, predictions: &[Prediction]) -> Vec<f64> {
     let (motion, _) = motion(data);
     let of = |i: usize| {
-        let error: f64 = predictions.iter().map(|(_, prediction)| prediction.e.row(i).norm_squared()).sum();
+        let error: f64 = predictions.iter().map(|prediction| prediction.e.row(i).norm_squared()).sum();
         100.0 * (1.0 - (error / motion[i].max(f64::MIN_POSITIVE)).sqrt())
     };
     (0..data.n).map(of).collect()
@@ -127,12 +125,12 @@ pub(crate) fn held_out(
 ) -> Option<HeldOut> {
     let whole = simulate(model, data, hold, (offsets, usize::MAX), noise);
     let longest = (5.0 / bandwidth).ceil() as usize;
-    let (_, _, in_windows) = simulate(model, data, hold, (offsets, longest), noise)?;
+    let in_windows = simulate(model, data, hold, (offsets, longest), noise)?;
     let (_, deviation) = motion(data);
     let ceiling =
         deviation.iter().zip(noise).map(|(deviation, noise)| 100.0 * (1.0 - noise / deviation.max(f64::MIN_POSITIVE)));
     Some(HeldOut {
-        whole: whole.map(|(_, _, predictions)| fits(data, &predictions)),
+        whole: whole.map(|predictions| fits(data, &predictions)),
         windows: fits(data, &in_windows),
         ceiling: ceiling.collect(),
         deviation: deviation.clone(),

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::cells::{Cell, take_out, wrong_cells};
 use crate::checks::{self, Estimates};
-use crate::data::{Data, Part, Source};
+use crate::data::{Data, Source};
 use crate::estimate::{Estimate, Method, estimate};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
@@ -12,14 +12,16 @@ use crate::held_out::{Disturbance, HeldOut, bandwidth, disturbance, held_out};
 use crate::known_rows;
 use crate::layout::{Continuous, Layout, Place, factor};
 use crate::marquardt::Fit;
-use crate::model::{Fits, Free, Model, RecordOf, Units, rows};
-use crate::options::{Estimated, Identified, Options, WrongCell};
+use crate::model::{Fits, Model, rows};
+use crate::options::{Identified, Options, WrongCell};
 use crate::poles::{Pole, poles};
 use crate::record::{Record, Signals};
+use crate::request::{parts, without_fixed};
 use crate::residuals::Residuals;
 use crate::structure::Entries;
 use crate::text::{number, ranges};
 use crate::uncertainty::{Uncertainty, physical};
+use crate::written::{estimated, free, record_of, units};
 
 /// Rounds in which wrong cells are looked for.
 const ROUNDS: usize = 3;
@@ -69,50 +71,6 @@ pub fn identify_states(
     Request { records, names: &names, entries: &entries, options }
         .identified(found, tested, findings)
         .map_err(with_reason)
-}
-
-/// Signals without the inputs that are left out.
-pub(crate) fn without_fixed(
-    signals: &Signals,
-    options: &Options,
-    findings: &mut Vec<Finding>,
-) -> Result<Signals, Refusal> {
-    let mut kept = signals.clone();
-    for fixed in &options.fixed {
-        if !signals.inputs.contains(fixed) {
-            let text = format!("`{fixed}` is no input; there are: {}", signals.inputs.join(", "));
-            return Err(Refusal::new(Cause::Request, text));
-        }
-        kept.inputs.retain(|input| input != fixed);
-        findings.push(Finding::note(
-            Kind::FixedInput,
-            format!("{fixed} is left out: the model holds where it is as it was"),
-        ));
-    }
-    Ok(kept)
-}
-
-/// Rows of each record that are estimated from, and those held out.
-pub(crate) fn parts(records: &[Record], all: bool, options: &Options) -> Result<(Part, Part), Refusal> {
-    if !(0.0..0.9).contains(&options.hold_out) {
-        let text = format!("{} of each record can't be held out: at least 0 and less than 0.9", options.hold_out);
-        return Err(Refusal::new(Cause::Request, text));
-    }
-    let fraction = if all { 0.0 } else { options.hold_out };
-    let split = |record: &Record| record.len() - (fraction * record.len() as f64).round() as usize;
-    let first = records.iter().map(|record| 0..split(record)).collect();
-    Ok((first, records.iter().map(|record| split(record)..record.len()).collect()))
-}
-
-impl<'a> Names<'a> {
-    pub(crate) fn new(signals: &'a Signals, record: &Record) -> Self {
-        let unit = |name: &String| record.column(name).and_then(|column| column.unit.clone()).unwrap_or_default();
-        Names {
-            signals,
-            input_units: signals.inputs.iter().map(unit).collect(),
-            measured_units: signals.measured.iter().map(unit).collect(),
-        }
-    }
 }
 
 /// An estimate with the data that it is of.
@@ -331,7 +289,8 @@ impl Request<'_> {
     fn file(&self, built: &Built, whiteness: Vec<f64>) -> Model {
         let Built { found, model, uncertainty, fits, disturbed } = built;
         let (data, layout, signals) = (&found.data, &found.layout, self.names.signals);
-        let model = model.physical(&data.scaling);
+        let mut model = model.physical(&data.scaling);
+        self.entries.restore(&mut model.a, &mut model.b);
         let covariance = physical(&uncertainty.covariance, layout, |place| factor(place, &data.scaling));
         let rms = &found.estimate.fit().value.rms;
         Model {
@@ -376,25 +335,6 @@ struct Built<'a> {
     disturbed: &'a Disturbance,
 }
 
-pub(crate) fn free(place: Place) -> Free {
-    match place {
-        Place::A(i, j) => Free("A".to_owned(), i + 1, j + 1),
-        Place::B(i, j) => Free("B".to_owned(), i + 1, j + 1),
-        Place::D(i, record) => Free("d".to_owned(), i + 1, record + 1),
-    }
-}
-
-pub(crate) fn estimated(estimates: &Estimates) -> Vec<Estimated> {
-    let errors = estimates.uncertainty.errors();
-    let of = |k: usize| Estimated {
-        entry: free(estimates.layout.unknowns[k].place),
-        value: estimates.unknowns[k] * estimates.factors[k],
-        error: errors[k] * estimates.factors[k],
-        kappa: estimates.uncertainty.kappa[k],
-    };
-    (0..estimates.layout.count()).map(of).collect()
-}
-
 /// K in units of the data.
 fn gain(found: &Found, fit: &Fit) -> Option<Vec<Vec<f64>>> {
     if found.estimate.method == Method::OutputError {
@@ -403,18 +343,4 @@ fn gain(found: &Found, fit: &Fit) -> Option<Vec<Vec<f64>>> {
     let (n, scale) = (found.data.n, &found.data.scaling.x);
     let scaled = DMatrix::from_row_slice(n, n, &fit.unknowns[found.layout.count()..]);
     Some(rows(&DMatrix::from_fn(n, n, |i, j| scaled[(i, j)] * scale[i] / scale[j])))
-}
-
-pub(crate) fn units(names: &Names) -> Option<Units> {
-    let all = names.input_units.iter().chain(&names.measured_units);
-    if all.clone().all(String::is_empty) {
-        return None;
-    }
-    let [x, u] = [names.measured_units.clone(), names.input_units.clone()];
-    Some(Units { y: x.clone(), x, u })
-}
-
-pub(crate) fn record_of(record: &Record) -> RecordOf {
-    let (from, to) = (record.time[0], record.time[record.len() - 1]);
-    RecordOf { file: record.name.clone(), sha256: None, rows: record.len(), from, to }
 }

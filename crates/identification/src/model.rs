@@ -140,3 +140,38 @@ impl Model {
         matrix(&self.covariance)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model() -> Model {
+        Model {
+            A: vec![vec![-1.0, 0.1 + 0.2], vec![0.0, -2.0]],
+            B: vec![vec![1.0], vec![3.0]],
+            C: vec![vec![1.0, 0.0]],
+            states: vec!["x".to_owned(), "v".to_owned()],
+            free: vec![Free("A".to_owned(), 1, 2), Free("d".to_owned(), 2, 1)],
+            covariance: vec![vec![0.25, 0.1], vec![0.1, 1e-9]],
+            sample_time: 0.05,
+            method: "output error".to_owned(),
+            ..Model::default()
+        }
+    }
+
+    #[test]
+    fn a_file_gives_the_same_model_again() {
+        let text = serde_json::to_string(&model()).unwrap();
+        assert!(text.contains(r#""free":[["A",1,2],["d",2,1]]"#), "{text}");
+        assert_eq!(serde_json::from_str::<Model>(&text).unwrap(), model());
+        assert_eq!(model().a()[(0, 1)], 0.1 + 0.2);
+        assert_eq!(model().covariance()[(1, 1)], 1e-9);
+    }
+
+    #[test]
+    fn unknown_keys_are_refused_with_the_known_ones() {
+        let text = serde_json::to_string(&model()).unwrap().replace("covariance", "covarianc");
+        let told = serde_json::from_str::<Model>(&text).unwrap_err().to_string();
+        assert!(told.starts_with("unknown field `covarianc`, expected one of `A`, `B`, `C`, `D`, `states`"), "{told}");
+    }
+}

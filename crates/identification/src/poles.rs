@@ -76,3 +76,38 @@ fn covariance_of(
     let form = |p: &DVector<f64>, q: &DVector<f64>| p.dot(&(covariance * q));
     Some([form(&re, &re), form(&im, &im), form(&re, &im)])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Scaling;
+    use crate::record::Signals;
+    use crate::structure::Structure;
+
+    #[test]
+    fn the_covariance_of_a_pole_is_that_of_its_derivatives() {
+        let a = DMatrix::from_row_slice(3, 3, &[-1.0, 2.0, 0.3, -2.5, -0.4, 0.1, 0.2, 0.6, -3.0]);
+        let signals = Signals::new(&["u"], &["x", "y", "z"]);
+        let entries = Structure::default().entries(&signals, false).unwrap();
+        let layout = Layout::new(&entries, &Scaling { x: vec![1.0; 3], u: vec![1.0], h: 1.0 }, 1);
+        // Only one entry is uncertain: its derivative, by differences, is the whole of the standard error.
+        for entry in 0..9 {
+            let mut covariance = DMatrix::zeros(layout.count(), layout.count());
+            covariance[(entry, entry)] = 0.01;
+            let moved = |delta: f64| {
+                let mut a = a.clone();
+                a[(entry / 3, entry % 3)] += delta;
+                poles(&a, &layout, &covariance)
+            };
+            let (above, below, here) = (moved(1e-5), moved(-1e-5), moved(0.0));
+            for k in 0..3 {
+                let real = (above[k].real - below[k].real) / 2e-5 * 0.1;
+                let imaginary = (above[k].imaginary - below[k].imaginary) / 2e-5 * 0.1;
+                let expected = [real * real, imaginary * imaginary, real * imaginary];
+                for (found, expected) in here[k].covariance.iter().zip(expected) {
+                    assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+                }
+            }
+        }
+    }
+}

@@ -151,8 +151,8 @@ impl Predictor<'_> {
             let row = window.first + k;
             let seen = self.data.observed.as_ref().map(|observed| &observed.c * &s);
             let seen = seen.as_ref().unwrap_or(&s);
-            for i in 0..signals {
-                let weight = -weights[i] * segment.mask[(i, row)];
+            for (i, weight) in weights.iter().enumerate() {
+                let weight = -weight * segment.mask[(i, row)];
                 if weight != 0.0 {
                     jacobian.row_mut(k * signals + i).zip_apply(&seen.row(i), |to, from| *to = weight * from);
                 }

@@ -149,3 +149,32 @@ impl Signals {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(text: &str) -> Table {
+        Table::read(text.as_bytes(), &[LABEL]).unwrap()
+    }
+
+    #[test]
+    fn a_table_is_one_record_or_one_for_each_label() {
+        let one = Record::of_table("file", &table("time,u\n0,1\n1,2\n"), None).unwrap();
+        assert_eq!((one.len(), one[0].len(), one[0].place(1), one[0].row_word()), (1, 2, 3, "line"));
+        let several = table("record,u,t\nfirst,1,0\nfirst,2,1\nsecond,3,0\n");
+        let several = Record::of_table("file", &several, Some("t")).unwrap();
+        assert_eq!(
+            several.iter().map(|record| record.name.as_str()).collect::<Vec<_>>(),
+            ["file, record first", "file, record second"]
+        );
+        assert_eq!(several[1].column("u").unwrap().values, [3.0]);
+        assert_eq!((several[1].time[0], several[1].place(0)), (0.0, 4));
+    }
+
+    #[test]
+    fn a_time_that_is_not_there_is_refused() {
+        let refusal = Record::of_table("file", &table("time,u\n0,1\n"), Some("t")).unwrap_err();
+        assert_eq!(refusal.text, "file has no column `t` for the time");
+    }
+}

@@ -17,6 +17,29 @@ pub enum Hold {
     FirstOrder,
 }
 
+/// A model x' = A x + B u behind a zero-order hold, x⁺ = F x + G u, with its derivatives by the entries of A, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SampledModel {
+    /// exp(A h).
+    pub f: DMatrix<f64>,
+    /// ∫ exp(A s) ds B over the step.
+    pub g: DMatrix<f64>,
+    /// Derivatives of F and G by each entry of A.
+    pub derivatives: Vec<[DMatrix<f64>; 2]>,
+}
+
+/// Samples a model with a step, s. `None` where the result isn't finite.
+pub fn sampled(a: &DMatrix<f64>, b: &DMatrix<f64>, step: f64) -> Option<SampledModel> {
+    let n = a.nrows();
+    // Time in samples, as estimation has it.
+    let model = Continuous { a: a * step, b: b * step, d: DMatrix::zeros(n, 1) };
+    let entries: Vec<(usize, usize)> = (0..n * n).map(|k| (k / n, k % n)).collect();
+    let all = Sampled::with(&model, &entries, &[1.0], 0, Hold::ZeroOrder)?;
+    let rows = |of: &DMatrix<f64>, k: usize| of.rows(k * n, n) * step;
+    let derivatives = (0..n * n).map(|k| [rows(&all.tangents[0].f, k), rows(&all.tangents[0].g, k)]).collect();
+    Some(SampledModel { f: all.steps[0].f.clone(), g: all.steps[0].g.clone(), derivatives })
+}
+
 /// x⁺ = F x + Φ (B u + d) + Φ₂ B s, s the slope of the input in samples.
 #[derive(Debug, Clone)]
 pub(crate) struct Step {

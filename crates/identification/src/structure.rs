@@ -1,5 +1,6 @@
 //! Structure of a model: entries that are known, free, or free with a sign.
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::finding::{Cause, Refusal};
@@ -140,6 +141,19 @@ impl Structure {
 }
 
 impl Entries {
+    /// Writes the known entries into matrices in units of the data: in scaled ones they are rounded.
+    pub(crate) fn restore(&self, a: &mut DMatrix<f64>, b: &mut DMatrix<f64>) {
+        for (rows, matrix) in [(&self.a, a), (&self.b, b)] {
+            for (i, row) in rows.iter().enumerate() {
+                for (j, entry) in row.iter().enumerate() {
+                    if let Entry::Known(value) = entry {
+                        matrix[(i, j)] = *value;
+                    }
+                }
+            }
+        }
+    }
+
     /// Takes a row over from words, with a constant of 0.
     fn set(&mut self, words: &str, signals: &Signals, expected: Option<usize>) -> Result<(), Refusal> {
         let refuse = |text: String| Refusal::new(Cause::Request, format!("structure: `{words}`: {text}"));

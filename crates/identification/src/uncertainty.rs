@@ -138,7 +138,7 @@ fn noise(problem: &Problem, fit: &Fit, rows: usize) -> Option<DMatrix<f64>> {
         }
         sum += &e * e.transpose();
     }
-    let unknowns = problem.count() + problem.data.states() * problem.windows.len();
+    let unknowns = problem.count() + problem.data.projected() * problem.windows.len();
     Some(sum / (rows as f64 - unknowns as f64 / n as f64).max(1.0))
 }
 
@@ -177,13 +177,12 @@ fn widen(problem: &Problem, fit: &Fit, whole: &DMatrix<f64>, covariance: &mut DM
     let count = problem.layout.count();
     let (values, vectors) = symmetric(covariance);
     let wanted = LEAST_GROWTH * FAR * FAR;
-    for place in 0..DIRECTIONS.min(count) {
-        let (variance, direction) = (values[place], vectors.column(place).into_owned());
+    for (variance, direction) in values.into_iter().zip(vectors.column_iter()).take(DIRECTIONS) {
         if variance <= 0.0 {
             continue;
         }
         // What isn't of (A, B, d) goes along as it does with this direction.
-        let along = whole.columns(0, count) * &direction / variance.sqrt();
+        let along = whole.columns(0, count) * direction / variance.sqrt();
         let growth = |times: f64| {
             let at = |sign: f64| {
                 let moved: Vec<f64> =
@@ -194,7 +193,7 @@ fn widen(problem: &Problem, fit: &Fit, whole: &DMatrix<f64>, covariance: &mut DM
             at(FAR).min(at(-FAR))
         };
         let factor = factor_until(wanted, growth);
-        let outer = &direction * direction.transpose();
+        let outer = direction * direction.transpose();
         *covariance += outer * (variance * (factor * factor - 1.0));
     }
 }

@@ -81,6 +81,12 @@ impl Data {
         self.observed.as_ref().map_or(self.n, |observed| observed.c.ncols())
     }
 
+    /// The number of unknowns of each window that are projected out.
+    pub fn projected(&self) -> usize {
+        let constants = self.observed.as_ref().filter(|observed| observed.has_constants).map_or(0, |_| self.n);
+        self.states() + constants
+    }
+
     /// Units of the states and inputs.
     pub fn state_scaling(&self) -> &Scaling {
         self.observed.as_ref().map_or(&self.scaling, |observed| &observed.scaling)

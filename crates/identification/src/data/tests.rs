@@ -13,7 +13,8 @@ fn ramp(count: usize) -> Vec<f64> {
 }
 
 fn data(record: Record) -> (Data, Vec<Finding>) {
-    let (part, records) = (vec![0..record.len()], [record]);
+    let records = [record];
+    let part = records.iter().map(|record| 0..record.len()).collect();
     let mut findings = Vec::new();
     let source = Source::new(&records, &signals(), &[], 4).unwrap();
     (source.data(&part, None, Some(&mut findings)).unwrap(), findings)

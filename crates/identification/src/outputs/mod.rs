@@ -12,7 +12,6 @@ use crate::data::{Data, Source};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
 use crate::held_out::{HeldOut, bandwidth, disturbance, held_out};
-use crate::identify::{estimated, free, parts, record_of, units, without_fixed};
 use crate::layout::{Continuous, Layout, factor};
 use crate::linear::spectral_radius;
 use crate::marquardt::{Fit, search};
@@ -21,10 +20,12 @@ use crate::options::{Identified, Options, OrderFit};
 use crate::poles::poles;
 use crate::problem::Problem;
 use crate::record::{Record, Signals};
+use crate::request::{parts, without_fixed};
 use crate::residuals::Residuals;
 use crate::sampled::Hold;
 use crate::text::number;
 use crate::uncertainty::{Uncertainty, physical};
+use crate::written::{estimated, free, record_of, units};
 
 use companion::Companion;
 use order::Choice;
@@ -196,7 +197,8 @@ impl Request<'_> {
         disturbance: Vec<f64>,
     ) -> Model {
         let (data, layout, signals) = (&found.data, &found.layout, self.names.signals);
-        let in_units = model.physical(data.state_scaling());
+        let mut in_units = model.physical(data.state_scaling());
+        found.companion.entries().restore(&mut in_units.a, &mut in_units.b);
         let covariance = physical(&uncertainty.covariance, layout, |place| factor(place, data.state_scaling()));
         let noise: Vec<f64> = found.fit.value.rms.iter().zip(&data.scaling.x).map(|(rms, scale)| rms * scale).collect();
         let state = |(output, order): &(usize, usize)| format!("{}{}", signals.measured[*output], "'".repeat(*order));
@@ -215,7 +217,7 @@ impl Request<'_> {
             free: layout.unknowns.iter().map(|unknown| free(unknown.place)).collect(),
             covariance: rows(&covariance),
             kappa: uncertainty.kappa.clone(),
-            noise: noise,
+            noise,
             disturbance,
             level: self.options.level,
             fit: fits.map_or_else(Fits::default, |fits| Fits {

@@ -77,21 +77,21 @@ impl Plant {
     }
 
     /// F and [G, Φ d] of a step.
-    fn step(&self, h: f64) -> (DMatrix<f64>, DMatrix<f64>) {
+    fn step(&self, h: f64) -> [DMatrix<f64>; 2] {
         let (n, m) = self.b.shape();
         let mut whole = DMatrix::zeros(n + m + 1, n + m + 1);
         whole.view_mut((0, 0), (n, n)).copy_from(&(&self.a * h));
         whole.view_mut((0, n), (n, m)).copy_from(&(&self.b * h));
         whole.view_mut((0, n + m), (n, 1)).copy_from(&(&self.d * h));
         let whole = whole.exp();
-        (whole.view((0, 0), (n, n)).into_owned(), whole.view((0, n), (n, m + 1)).into_owned())
+        [whole.view((0, 0), (n, n)).into_owned(), whole.view((0, n), (n, m + 1)).into_owned()]
     }
 
     /// States at these times from an initial state, inputs held between them.
     pub fn simulate(&self, time: &[f64], u: &[Vec<f64>], start: &[f64]) -> Vec<Vec<f64>> {
         let mut x = DVector::from_column_slice(start);
         let mut all = vec![Vec::new(); start.len()];
-        let mut steps: Vec<(f64, (DMatrix<f64>, DMatrix<f64>))> = Vec::new();
+        let mut steps: Vec<(f64, [DMatrix<f64>; 2])> = Vec::new();
         for k in 0..time.len() {
             all.iter_mut().zip(x.iter()).for_each(|(column, value)| column.push(*value));
             if k + 1 < time.len() {
@@ -99,7 +99,7 @@ impl Plant {
                 if !steps.iter().any(|(known, _)| *known == h) {
                     steps.push((h, self.step(h)));
                 }
-                let (f, g) = &steps.iter().find(|(known, _)| *known == h).unwrap().1;
+                let [f, g] = &steps.iter().find(|(known, _)| *known == h).unwrap().1;
                 let input = DVector::from_iterator(u.len() + 1, u.iter().map(|column| column[k]).chain([1.0]));
                 x = f * x + g * input;
             }
