@@ -67,7 +67,10 @@ impl<'de> Deserialize<'de> for Entry {
 
 /// A row of A: its entries, or an equation in words that gives the rows of A and B, `twist' = motor_speed - load_speed`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "a row must be a list of numbers, \"?\", \"?<0\" and \"?>0\", or an equation as \"twist' = motor_speed - load_speed\""
+)]
 pub enum Row {
     /// An entry for each state.
     Entries(Vec<Entry>),
