@@ -21,6 +21,20 @@ const LARGEST: u64 = 1 << 22;
 const KEYS: [&str; 14] =
     ["A", "B", "C", "D", "num", "den", "dt", "delay", "states", "inputs", "outputs", "units", "u_min", "u_max"];
 const IGNORED: [&str; 7] = ["fmu", "time", "method", "steady_state", "unique", "trim", "eigenvalues"];
+/// What `identify` writes besides: of the records, and of how sure the model is.
+const OF_RECORDS: [&str; 11] = [
+    "sample_time",
+    "offset",
+    "free",
+    "covariance",
+    "kappa",
+    "noise",
+    "disturbance",
+    "level",
+    "fit",
+    "whiteness",
+    "records",
+];
 
 /// x' = A x + B u, y = C x + D u, with names and units where they are known.
 #[derive(Debug, Clone, PartialEq)]
@@ -123,7 +137,7 @@ impl Plant {
             serde_json::from_str(text).map_err(|error| Invalid::because(format!("not valid JSON: {error}")))?;
         let needed = "must be an object with the matrices A, B, C, or with num and den";
         let table = value.as_object().ok_or_else(|| Invalid::because(needed))?;
-        let known = |key: &&String| KEYS.iter().chain(&IGNORED).all(|known| known != key);
+        let known = |key: &&String| KEYS.iter().chain(&IGNORED).chain(&OF_RECORDS).all(|known| known != key);
         if let Some(key) = table.keys().find(known) {
             let shown: String = key.escape_debug().take(40).collect();
             return Err(Invalid::because(format!("unknown key `{shown}`; allowed keys are {}", KEYS.join(", "))));

@@ -67,6 +67,8 @@ enum Command {
     Explore(command::explore::Arguments),
     /// Tune parameters of a closed loop by a particle swarm
     Tune(command::tune::Arguments),
+    /// Identify a linear model of a plant from records, with the uncertainty that they leave
+    Identify(command::identify::Arguments),
     /// Linearise an FMU or a loop about an operating point: A, B, C, D and eigenvalues
     Linearise(command::linearise::Arguments),
     /// Print a shell script that completes commands, options and names
@@ -169,6 +171,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Dist(arguments) => {
             command::dist::execute(&arguments, &Arguments::command()).map(|()| ExitCode::SUCCESS)
         }
+        Command::Identify(arguments) => command::identify::execute(&arguments),
         Command::Linearise(arguments) => command::linearise::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => command::info::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Validate(arguments) => command::validate::execute(&arguments),

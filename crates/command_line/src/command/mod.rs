@@ -12,6 +12,7 @@ pub mod export;
 pub mod generate;
 pub mod global;
 mod hosting;
+pub mod identify;
 pub mod info;
 pub mod league;
 pub mod linearise;

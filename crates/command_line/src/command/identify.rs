@@ -1,0 +1,260 @@
+//! `identify`: from records of a plant to a linear model with the uncertainty that the data leave.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use adaptive_fmu::error::{Error, Invalid};
+use adaptive_fmu::output::Files;
+use adaptive_fmu::report::number;
+use adaptive_fmu_identification::csv::Table;
+use adaptive_fmu_identification::{
+    Free, Hold, Identified, LABEL, Model, Options, Record, Signals, Structure, Verdict, identify_outputs,
+    identify_states,
+};
+use serde_json::Value;
+
+use super::names::Names;
+use super::new::there_already;
+use super::number::positive;
+
+/// The model was written, and a finding says that it should not be used for a design.
+const UNSOUND: u8 = 3;
+/// Default of --hold-out.
+const HELD_OUT: &str = "0.3";
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// CSV files, one or more records of the same plant
+    ///
+    /// The first line contains names; the column `time` or else the first one is the time in s. Separators are commas, or
+    /// semicolons or tabs, which allow a decimal comma. A column `record` divides a file into records.
+    #[arg(required = true, value_name = "RECORD.csv")]
+    records: Vec<PathBuf>,
+    /// Columns that are inputs of the plant
+    #[arg(long, value_name = "NAME,…")]
+    inputs: Names,
+    /// Columns that are its states: all of them are measured
+    #[arg(long, value_name = "NAME,…", required_unless_present = "outputs", conflicts_with = "outputs")]
+    states: Option<Names>,
+    /// Columns that are its outputs, if not all states are measured
+    #[arg(long, value_name = "NAME,…")]
+    outputs: Option<Names>,
+    /// File to write
+    #[arg(long, default_value = "model.json")]
+    out: PathBuf,
+    /// Overwrite an existing file of that name
+    #[arg(long)]
+    force: bool,
+    /// Known entries of A and B: a TOML file with A and B, in which "?" is free, "?<0" negative, "?>0" positive
+    ///
+    /// A row of A may be an equation: "twist' = motor_speed - load_speed".
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "outputs")]
+    structure: Option<PathBuf>,
+    /// Number of states with --outputs [default: the order that predicts the held-out part best]
+    #[arg(long, value_name = "COUNT", requires = "outputs", value_parser = clap::value_parser!(u16).range(1..=10))]
+    order: Option<u16>,
+    /// Dead time of each input, s: one number, or one for each [default: 0]
+    #[arg(long, value_name = "NUMBER,…", value_delimiter = ',', value_parser = not_negative)]
+    delay: Vec<f64>,
+    /// Last part of each record that checks the model, or a file of records that do
+    #[arg(long, value_name = "PART or FILE.csv", default_value = HELD_OUT)]
+    hold_out: String,
+    /// Course of the inputs between rows
+    #[arg(long, value_enum, default_value_t = HoldOf::ZeroOrder)]
+    hold: HoldOf,
+    /// Inputs that never move, to be left out
+    #[arg(long, value_name = "NAME,…")]
+    fixed: Option<Names>,
+    /// Whether each record has a constant of its own: operating point, friction, bias
+    #[arg(long, value_enum, default_value_t = Offset::Record)]
+    offset: Offset,
+    /// Confidence level of bounds that are made of the model
+    #[arg(long, default_value_t = 0.99, value_parser = level)]
+    level: f64,
+    /// Longest window that is simulated without correction, s [default: whole records]
+    #[arg(long, value_name = "TIME", value_parser = positive)]
+    windows: Option<f64>,
+    /// Bandwidth of the controller to be designed, rad/s [default: from the model]
+    #[arg(long, value_parser = positive)]
+    bandwidth: Option<f64>,
+    /// Column that is the time [default: `time`, or else the first one]
+    #[arg(long, value_name = "NAME")]
+    time: Option<String>,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum HoldOf {
+    /// Each value holds until the next row, as a digital controller writes it
+    ZeroOrder,
+    /// Straight lines between the rows: an input that was measured
+    FirstOrder,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, clap::ValueEnum)]
+enum Offset {
+    /// One for each record
+    Record,
+    /// None: the records are deviations from a point of rest
+    None,
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
+    number.ok_or_else(|| "must be a finite number, at least 0".to_owned())
+}
+
+fn level(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| *number > 0.0 && *number < 1.0);
+    number.ok_or_else(|| "must be above 0 and below 1".to_owned())
+}
+
+/// Writes the model and tells what was found; the exit code is 3 where the model should not be used for a design.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let records = read(&arguments.records, arguments)?;
+    let (part, held_out) = held_out(arguments)?;
+    let options = options(arguments, part)?;
+    let of = |Names(measured): &Names| Signals { inputs: arguments.inputs.0.clone(), measured: measured.clone() };
+    let held_out = held_out.as_deref();
+    let found = match (&arguments.states, &arguments.outputs) {
+        (_, Some(outputs)) => identify_outputs(&records, held_out, &of(outputs), &options),
+        (Some(states), None) => identify_states(&records, held_out, &of(states), &options),
+        // The parser refuses that.
+        (None, None) => return Ok(ExitCode::SUCCESS),
+    };
+    let found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal.text)))?;
+    write(&arguments.out, arguments.force, &found)?;
+    if arguments.json {
+        say!("{}", as_json(&found)?);
+    } else {
+        tell_all(&found);
+        aside!("the model is in {}", arguments.out.display());
+    }
+    Ok(if found.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(UNSOUND) })
+}
+
+fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Record>, Error> {
+    let mut records = Vec::new();
+    for file in files {
+        let refuse = |reason: String| Error::Description { file: file.clone(), reason };
+        let reader = BufReader::new(File::open(file).map_err(Error::file(file))?);
+        let table = Table::read(reader, &[LABEL]).map_err(|fault| refuse(fault.to_string()))?;
+        let name = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let found = Record::of_table(&name, &table, arguments.time.as_deref());
+        records.extend(found.map_err(|refusal| refuse(refusal.text))?);
+    }
+    Ok(records)
+}
+
+/// The part of each record that is held out, or the records that are.
+fn held_out(arguments: &Arguments) -> Result<(f64, Option<Vec<Record>>), Error> {
+    let given = &arguments.hold_out;
+    if let Ok(part) = given.parse::<f64>() {
+        let allowed = "must be at least 0 and below 0.9, or a CSV file";
+        let refused = || Error::Argument(Invalid::new("--hold-out", given, allowed));
+        return (0.0..0.9).contains(&part).then_some((part, None)).ok_or_else(refused);
+    }
+    Ok((0.0, Some(read(&[PathBuf::from(given)], arguments)?)))
+}
+
+fn options(arguments: &Arguments, hold_out: f64) -> Result<Options, Error> {
+    let structure = arguments.structure.as_deref().map_or(Ok(Structure::default()), read_structure)?;
+    let count = arguments.inputs.0.len();
+    let delays = match &arguments.delay[..] {
+        [one] => vec![*one; count],
+        each => each.to_vec(),
+    };
+    if !delays.is_empty() && delays.len() != count {
+        let allowed = format!("must be one number, or {count}, one for each input");
+        return Err(Error::Argument(Invalid::new("--delay", format!("{} numbers", delays.len()), allowed)));
+    }
+    Ok(Options {
+        structure,
+        hold: match arguments.hold {
+            HoldOf::ZeroOrder => Hold::ZeroOrder,
+            HoldOf::FirstOrder => Hold::FirstOrder,
+        },
+        hold_out,
+        offsets: arguments.offset == Offset::Record,
+        level: arguments.level,
+        delays,
+        fixed: arguments.fixed.clone().map_or_else(Vec::new, |Names(names)| names),
+        longest_window: arguments.windows,
+        bandwidth: arguments.bandwidth,
+        order: arguments.order.map(usize::from),
+    })
+}
+
+fn read_structure(file: &Path) -> Result<Structure, Error> {
+    let text = std::fs::read_to_string(file).map_err(Error::file(file))?;
+    let refuse = |reason: String| Error::Description { file: file.to_owned(), reason };
+    toml::from_str(&text).map_err(|error| refuse(error.message().to_owned()))
+}
+
+fn as_json(found: &Identified) -> Result<Value, Error> {
+    serde_json::to_value(found).map_err(|error| Error::Argument(Invalid::because(error)))
+}
+
+fn write(file: &Path, force: bool, found: &Identified) -> Result<(), Error> {
+    let text = serde_json::to_string_pretty(&found.model).map_err(|error| Error::Argument(Invalid::because(error)))?;
+    let refuse = || Error::Description { file: file.to_owned(), reason: "must be the name of a file".to_owned() };
+    let mut files = Files::at(file.parent().unwrap_or(Path::new("")));
+    let own = file.file_name().ok_or_else(refuse)?;
+    let text = format!("{text}\n");
+    if force {
+        files.add(own, &text)?;
+    } else {
+        files.add_new(own, &text).map_err(there_already)?;
+    }
+    files.place().map_err(there_already)
+}
+
+/// Prints fits, poles, entries and findings.
+fn tell_all(found: &Identified) {
+    let model = &found.model;
+    let measured = if model.outputs.is_empty() { &model.states } else { &model.outputs };
+    say!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise");
+    for (k, name) in measured.iter().enumerate() {
+        let of = |fits: &[f64]| fits.get(k).map_or("–".to_owned(), |fit| format!("{fit:.1}"));
+        let noise = model.noise.get(k).map_or("–".to_owned(), |noise| number(*noise));
+        say!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows));
+    }
+    say!("\n{:24} {:>14} {:>14}", "entry", "value", "std. error");
+    for entry in &found.entries {
+        let place = format!("{}  {}", written(&entry.entry), meaning(&entry.entry, model));
+        say!("{place:24} {:>14} {:>14}", number(entry.value), number(entry.error));
+    }
+    say!("\n{:24} {:>14} {:>14}", "pole, 1/s", "", "std. error");
+    for pole in found.poles.iter().filter(|pole| pole.imaginary >= 0.0) {
+        let imaginary = if pole.imaginary > 0.0 { format!(" ± {}j", number(pole.imaginary)) } else { String::new() };
+        say!("{:39} {:>14}", format!("{}{imaginary}", number(pole.real)), number(pole.error()));
+    }
+    say!("\nmethod: {}", model.method);
+    for finding in &found.findings {
+        let verdict = match finding.verdict {
+            Verdict::Note => "note",
+            Verdict::Warning => "warning",
+            Verdict::NotSound => "not sound",
+        };
+        say!("{verdict}: {}", finding.text);
+    }
+}
+
+fn written(Free(matrix, row, column): &Free) -> String {
+    format!("{matrix}[{row},{column}]")
+}
+
+/// Names of the signals between which an entry stands, as `speed' / current`.
+fn meaning(Free(matrix, row, column): &Free, model: &Model) -> String {
+    let name = |names: &[String], place: usize| names.get(place - 1).cloned().unwrap_or_default();
+    let (state, from) = (name(&model.states, *row), if matrix == "A" { &model.states } else { &model.inputs });
+    match matrix.as_str() {
+        "A" | "B" if !state.is_empty() => format!("{state}' / {}", name(from, *column)),
+        _ if !state.is_empty() => format!("{state}' in record {column}"),
+        _ => String::new(),
+    }
+}

@@ -1,0 +1,195 @@
+//! The held-out part of records: how well a model follows it, and the disturbance that it shows.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::data::Data;
+use crate::layout::{Continuous, Layout};
+use crate::linear::{eigenvalues, pseudoinverse};
+use crate::marquardt::Objective;
+use crate::predictor::{Prediction, Window, windows};
+use crate::problem::Problem;
+use crate::sampled::Hold;
+
+/// A signal that moves by less than this many noises isn't judged.
+const STILL: f64 = 2.0;
+/// A model that follows less of the held-out motion, %, with residuals that aren't white, is none.
+const LEAST_FIT: f64 = 50.0;
+const WHITE: f64 = 3.7;
+/// The fewest rows from which a disturbance is computed.
+const FEWEST_ROWS: usize = 50;
+/// A disturbance counts beyond this many standard errors.
+const BEYOND: f64 = 2.5;
+
+/// Fits of the held-out part, %.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct HeldOut {
+    /// Over the whole of each record; `None` for unstable plants.
+    pub whole: Option<Vec<f64>>,
+    /// Over windows of the controller's time scale.
+    pub windows: Vec<f64>,
+    /// The best that noise lets a model have.
+    pub ceiling: Vec<f64>,
+    /// Standard deviation of each signal, scaled.
+    pub deviation: Vec<f64>,
+    /// True for signals that move.
+    pub is_judged: Vec<bool>,
+}
+
+impl HeldOut {
+    /// The signal of which a model follows less than half, though its residuals aren't noise; and the best fit of it, %. Noise is that
+    /// of one step: output error's contains what the model lacks.
+    pub fn not_followed(&self, noise: &[f64], whiteness: &[f64]) -> Option<(usize, f64)> {
+        let best = |i: usize| self.whole.as_ref().map_or(self.windows[i], |whole| whole[i].max(self.windows[i]));
+        let moves = |i: usize| self.deviation[i] >= STILL * noise[i];
+        let bad = (0..noise.len()).filter(|&i| moves(i) && best(i) < LEAST_FIT && whiteness[i] > WHITE);
+        bad.map(|i| (i, best(i))).min_by(|p, q| p.1.total_cmp(&q.1))
+    }
+}
+
+/// What a plant does that its model doesn't say.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Disturbance {
+    /// As an input, in units of the data.
+    pub matched: Vec<f64>,
+    /// What no input can do, by rows, in units of the data.
+    pub unmatched: Vec<f64>,
+    /// Start of each window (segment, row), and the disturbance as an input there.
+    pub course: Vec<(Window, Vec<f64>)>,
+}
+
+/// The bandwidth of a first design, in rad a sample: twice the slowest stable pole that can be told from 0, or else the
+/// largest pole; at most 1/3.
+pub(crate) fn bandwidth(a: &DMatrix<f64>, rows: usize) -> f64 {
+    let found = eigenvalues(a).unwrap_or_default();
+    let is_zero = |amount: f64| amount * (rows as f64) < 1.0;
+    let stable = found.iter().filter(|pole| pole.re < 0.0 && !is_zero(pole.norm())).map(|pole| pole.norm());
+    let slowest = stable.fold(f64::INFINITY, f64::min);
+    let largest = found.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+    let wanted = if slowest.is_finite() { 2.0 * slowest } else { largest };
+    if wanted > 0.0 { wanted.min(1.0 / 3.0) } else { 1.0 / 3.0 }
+}
+
+/// Predictions of a model on data over windows, its offset fitted in these rows of d.
+fn simulate(
+    model: &Continuous,
+    data: &Data,
+    hold: Hold,
+    (rows, longest): (&[usize], usize),
+    noise: &[f64],
+) -> Option<Vec<Prediction>> {
+    let layout = Layout::offsets(model, rows, data.records);
+    let problem = Problem::new(data, &layout, hold, longest, false);
+    let weights: Vec<f64> = noise.iter().map(|noise| 1.0 / noise.max(1e-10)).collect();
+    let start = vec![0.0; layout.count()];
+    // Linear in the offset: one step is exact.
+    let mut offsets = DVector::zeros(start.len());
+    if !start.is_empty() {
+        let (information, gradient, _) = problem.normal_equations(&start, &weights)?;
+        offsets = pseudoinverse(&information) * -gradient;
+    }
+    let predictor = problem.predictor(offsets.as_slice(), false)?;
+    Some(problem.windows.iter().map(|window| predictor.predict(*window, &weights)).collect())
+}
+
+/// Fit of each signal, %: 100 (1 − ‖y − ŷ‖/‖y − ȳ‖).
+fn fits(data: &Data, predictions: &[Prediction]) -> Vec<f64> {
+    let (motion, _) = motion(data);
+    let of = |i: usize| {
+        let error: f64 = predictions.iter().map(|prediction| prediction.e.row(i).norm_squared()).sum();
+        100.0 * (1.0 - (error / motion[i].max(f64::MIN_POSITIVE)).sqrt())
+    };
+    (0..data.n).map(of).collect()
+}
+
+/// ‖y − ȳ‖² and standard deviation of each signal.
+fn motion(data: &Data) -> (Vec<f64>, Vec<f64>) {
+    let of = |i: usize| {
+        let cells = data.segments.iter().flat_map(|segment| {
+            (0..segment.len()).filter(move |k| segment.mask[(i, *k)] != 0.0).map(move |k| segment.y[(i, k)])
+        });
+        let all: Vec<f64> = cells.collect();
+        let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+        let sum: f64 = all.iter().map(|value| (value - mean).powi(2)).sum();
+        (sum, (sum / all.len().max(1) as f64).sqrt())
+    };
+    (0..data.n).map(of).unzip()
+}
+
+/// Fits of a model on the held-out part. `noise` is the root mean square of output error's residuals.
+pub(crate) fn held_out(
+    model: &Continuous,
+    data: &Data,
+    hold: Hold,
+    (offsets, bandwidth): (&[usize], f64),
+    noise: &[f64],
+) -> Option<HeldOut> {
+    let whole = simulate(model, data, hold, (offsets, usize::MAX), noise);
+    let longest = (5.0 / bandwidth).ceil() as usize;
+    let in_windows = simulate(model, data, hold, (offsets, longest), noise)?;
+    let (_, deviation) = motion(data);
+    let ceiling =
+        deviation.iter().zip(noise).map(|(deviation, noise)| 100.0 * (1.0 - noise / deviation.max(f64::MIN_POSITIVE)));
+    Some(HeldOut {
+        whole: whole.map(|predictions| fits(data, &predictions)),
+        windows: fits(data, &in_windows),
+        ceiling: ceiling.collect(),
+        deviation: deviation.clone(),
+        is_judged: deviation.iter().zip(noise).map(|(deviation, noise)| *deviation >= STILL * noise).collect(),
+    })
+}
+
+/// The disturbance of the held-out part.
+pub(crate) fn disturbance(
+    model: &Continuous,
+    data: &Data,
+    hold: Hold,
+    bandwidth: f64,
+    noise: &[f64],
+) -> Option<Disturbance> {
+    let longest = FEWEST_ROWS.max((1.0 / bandwidth).ceil() as usize);
+    // A constant of an output in each window would hide the disturbance.
+    let mut data = data.clone();
+    data.observed.iter_mut().for_each(|observed| observed.has_constants = false);
+    let data = &data;
+    let n = data.states();
+    let rows: Vec<usize> = (0..n).collect();
+    let layout = Layout::offsets(model, &rows, data.records);
+    let weights: Vec<f64> = noise.iter().map(|noise| 1.0 / noise.max(1e-10)).collect();
+    let start = vec![0.0; layout.count()];
+    // In units of the data: a pseudoinverse depends on them.
+    let scaling = data.state_scaling();
+    let physical = model.physical(scaling).b;
+    let inverse = pseudoinverse(&physical);
+    let per_second = DVector::from_fn(n, |i, _| scaling.x[i] / scaling.h);
+    let per_second = DMatrix::from_diagonal(&per_second);
+    let rest = (DMatrix::identity(n, n) - physical * &inverse) * &per_second;
+    let gain = inverse * per_second;
+    let (mut inputs, mut others, mut course) = (Vec::new(), Vec::new(), Vec::new());
+    for window in windows(data, longest) {
+        let one = Problem { windows: vec![window], ..Problem::new(data, &layout, hold, longest, false) };
+        let record = data.segments[window.segment].record;
+        let (information, gradient, _) = one.normal_equations(&start, &weights)?;
+        let own = |matrix: &DMatrix<f64>| matrix.view((record * n, record * n), (n, n)).into_owned();
+        let covariance = pseudoinverse(&own(&information));
+        let d = &covariance * -gradient.rows(record * n, n);
+        let with_error = |map: &DMatrix<f64>| {
+            let errors = (map * &covariance * map.transpose()).diagonal().map(|variance| variance.max(0.0).sqrt());
+            (map * &d, errors)
+        };
+        inputs.push(with_error(&gain));
+        others.push(with_error(&rest));
+        course.push((window, inputs[inputs.len() - 1].0.as_slice().to_vec()));
+    }
+    Some(Disturbance { matched: bounds(&inputs), unmatched: bounds(&others), course })
+}
+
+/// |mean| + max (|value − mean| − 2.5 errors)₊ of each component.
+fn bounds(all: &[(DVector<f64>, DVector<f64>)]) -> Vec<f64> {
+    let Some((first, _)) = all.first() else { return Vec::new() };
+    let of = |i: usize| {
+        let mean = all.iter().map(|(value, _)| value[i]).sum::<f64>() / all.len() as f64;
+        let beyond = all.iter().map(|(value, error)| (value[i] - mean).abs() - BEYOND * error[i]);
+        mean.abs() + beyond.fold(0.0, f64::max)
+    };
+    (0..first.len()).map(of).collect()
+}

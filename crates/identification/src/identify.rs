@@ -1,0 +1,346 @@
+//! From records to a model, where all states are measured.
+
+use nalgebra::DMatrix;
+
+use crate::cells::{Cell, take_out, wrong_cells};
+use crate::checks::{self, Estimates};
+use crate::data::{Data, Source};
+use crate::estimate::{Estimate, Method, estimate};
+use crate::faults::{self, Names};
+use crate::finding::{Cause, Finding, Kind, Refusal};
+use crate::held_out::{Disturbance, HeldOut, bandwidth, disturbance, held_out};
+use crate::known_rows;
+use crate::layout::{Continuous, Layout, Place, factor};
+use crate::marquardt::Fit;
+use crate::model::{Fits, Model, rows};
+use crate::options::{Identified, Options, WrongCell};
+use crate::poles::{Pole, poles};
+use crate::record::{Record, Signals};
+use crate::request::{parts, without_fixed};
+use crate::residuals::Residuals;
+use crate::structure::Entries;
+use crate::text::{number, ranges};
+use crate::uncertainty::{Uncertainty, physical};
+use crate::written::{estimated, free, record_of, units};
+
+/// Rounds in which wrong cells are looked for.
+const ROUNDS: usize = 3;
+/// Part of the rows with wrong cells above which that is a finding.
+const MANY: f64 = 0.02;
+
+/// Identifies x' = A x + B u + d from records in which all states are measured. Without records that are held out as a whole, the last
+/// part of each record is.
+///
+/// # Errors
+/// A request that doesn't fit the records, or records that can't give a model.
+pub fn identify_states(
+    records: &[Record],
+    held_out: Option<&[Record]>,
+    signals: &Signals,
+    options: &Options,
+) -> Result<Identified, Refusal> {
+    let mut findings = Vec::new();
+    let signals = &without_fixed(signals, options, &mut findings)?;
+    let fewest = signals.measured.len() + 2;
+    let source = Source::new(records, signals, &options.delays, fewest)?;
+    let (first, last) = parts(records, held_out.is_some(), options)?;
+    let data = source.data(&first, None, Some(&mut findings))?;
+    let entries = options.structure.entries(signals, options.offsets)?;
+    let layout = Layout::new(&entries, &data.scaling, data.records);
+    faults::too_short(&data, layout.count(), "states")?;
+    let names = Names::new(signals, &records[0]);
+    faults::inputs(&data, &names, options.offsets, true)?;
+    faults::warnings(&data, &names, &mut findings);
+    known_rows::check(&data, &entries, options.hold, &names, &mut findings);
+    // A known row that is wrong is the reason for a model that isn't found.
+    let wrong_row = findings.iter().find(|finding| finding.kind == Kind::WrongRow).map(|finding| finding.text.clone());
+    let with_reason = |refusal: Refusal| match &wrong_row {
+        Some(row) if refusal.cause == Cause::NoModel => Refusal::new(Cause::NoModel, format!("{row} {}", refusal.text)),
+        _ => refusal,
+    };
+    let found = Found::new(data, layout, options).map_err(with_reason)?;
+    found.report(records, &names, &mut findings);
+    let tested = match held_out {
+        Some(records) => {
+            let source = Source::new(records, signals, &options.delays, fewest)?;
+            let part = records.iter().map(|record| 0..record.len()).collect();
+            Some(source.data(&part, Some(&found.data.scaling), None)?)
+        }
+        None => source.data(&last, Some(&found.data.scaling), None).ok(),
+    };
+    Request { records, names: &names, entries: &entries, options }
+        .identified(found, tested, findings)
+        .map_err(with_reason)
+}
+
+/// An estimate with the data that it is of.
+struct Found {
+    data: Data,
+    layout: Layout,
+    estimate: Estimate,
+    wrong: Vec<Cell>,
+    /// Entries with a sign that ended at 0.
+    at_zero: Vec<Place>,
+}
+
+impl Found {
+    /// Estimates, and again without the cells that are wrong.
+    fn new(mut data: Data, layout: Layout, options: &Options) -> Result<Self, Refusal> {
+        let longest = options.longest_window.map_or(usize::MAX, |window| (window / data.scaling.h).ceil() as usize);
+        let mut found = estimate(&data, &layout, options.hold, longest)?;
+        let mut wrong = Vec::new();
+        for _ in 0..ROUNDS {
+            let cells = wrong_cells(&found.problem(&data, &layout, options.hold), found.fit());
+            if cells.is_empty() {
+                break;
+            }
+            take_out(&mut data, &cells);
+            wrong.extend(cells);
+            found = estimate(&data, &layout, options.hold, longest)?;
+        }
+        let mut found = Found { data, layout, estimate: found, wrong, at_zero: Vec::new() };
+        found.fix_zeros();
+        Ok(found)
+    }
+
+    /// Makes entries with a sign that ended at 0 known.
+    fn fix_zeros(&mut self) {
+        let unknowns = self.estimate.fit().unknowns.clone();
+        let ended = |k: usize| self.layout.unknowns[k].sign != 0.0 && unknowns[k] == 0.0;
+        let zero: Vec<usize> = (0..self.layout.count()).filter(|k| ended(*k)).collect();
+        if zero.is_empty() {
+            return;
+        }
+        self.at_zero = zero.iter().map(|k| self.layout.unknowns[*k].place).collect();
+        let model = self.layout.matrices(&unknowns[..self.layout.count()]);
+        let at_zero = self.at_zero.clone();
+        self.layout = self.layout.only(|place| !at_zero.contains(&place), &model);
+        let shorten = |fit: &mut Fit| {
+            let kept = fit.unknowns.iter().enumerate().filter(|(k, _)| !zero.contains(k));
+            fit.unknowns = kept.map(|(_, value)| *value).collect();
+        };
+        shorten(&mut self.estimate.innovation);
+        self.estimate.output_error.iter_mut().for_each(shorten);
+    }
+
+    fn model_of(&self, fit: &Fit) -> Continuous {
+        self.layout.matrices(&fit.unknowns[..self.layout.count()])
+    }
+
+    /// Findings about cells and signs.
+    fn report(&self, records: &[Record], names: &Names, findings: &mut Vec<Finding>) {
+        for place in &self.at_zero {
+            let signals = names.signals;
+            let name = match *place {
+                Place::A(i, j) => format!("d({})/{}", signals.measured[i], signals.measured[j]),
+                Place::B(i, j) => format!("d({})/{}", signals.measured[i], signals.inputs[j]),
+                Place::D(i, _) => format!("constant of d({})", signals.measured[i]),
+            };
+            let text = format!("{name} ended at 0, the bound of its sign, and counts as known");
+            findings.push(Finding::note(Kind::EntryAtZero, text));
+        }
+        for (place, record) in records.iter().enumerate() {
+            let cells = self.wrong.iter().filter(|(segment, ..)| self.data.segments[*segment].record == place);
+            let mut at: Vec<usize> =
+                cells.map(|(segment, row, _)| record.place(self.data.segments[*segment].first + row)).collect();
+            at.sort_unstable();
+            at.dedup();
+            if at.is_empty() {
+                continue;
+            }
+            let many = at.len() as f64 > MANY * record.len() as f64;
+            let text = format!(
+                "{}: {} {}: wrong cells, far from what the model predicts, are left out",
+                record.name,
+                record.row_word(),
+                ranges(&at)
+            );
+            let make = if many { Finding::warning } else { Finding::note };
+            findings.push(make(Kind::WrongCells, text));
+        }
+    }
+}
+
+/// What was asked for.
+struct Request<'a> {
+    records: &'a [Record],
+    names: &'a Names<'a>,
+    entries: &'a Entries,
+    options: &'a Options,
+}
+
+impl Request<'_> {
+    fn identified(
+        &self,
+        found: Found,
+        tested: Option<Data>,
+        mut findings: Vec<Finding>,
+    ) -> Result<Identified, Refusal> {
+        let (data, layout, hold) = (&found.data, &found.layout, self.options.hold);
+        let fit = found.estimate.fit();
+        let problem = found.estimate.problem(data, layout, hold);
+        let failed = || Refusal::new(Cause::NoModel, "no model of these states follows the record: it isn't finite");
+        let uncertainty = Uncertainty::of(&problem, fit).ok_or_else(failed)?;
+        let residuals = Residuals::of(&problem, fit).ok_or_else(failed)?;
+        let model = found.model_of(fit);
+        let h = data.scaling.h;
+        let band = self.options.bandwidth.map_or_else(|| bandwidth(&model.a, data.rows()), |wanted| wanted * h);
+        let noise = found.estimate.output_error.as_ref().map_or(&fit.value.rms, |fit| &fit.value.rms);
+        let free: Vec<usize> = (0..data.n).filter(|i| self.entries.d[*i].is_free()).collect();
+        let tested = tested.as_ref();
+        let fits = tested.and_then(|data| held_out(&model, data, hold, (&free, band), noise));
+        let whiteness = residuals.whiteness(data.n);
+        self.refuse_bad(fits.as_ref(), &found.estimate.innovation.value.rms, &whiteness)?;
+        let disturbed = tested.and_then(|data| disturbance(&model, data, hold, band, noise)).unwrap_or_default();
+        let pole_list: Vec<Pole> =
+            poles(&model.a, layout, &uncertainty.covariance).into_iter().map(|pole| pole.scaled(1.0 / h)).collect();
+        let unknowns = &fit.unknowns[..layout.count()];
+        let factors = layout.unknowns.iter().map(|unknown| factor(unknown.place, &data.scaling)).collect();
+        let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &uncertainty, factors };
+        self.report(&found, &estimates, &pole_list, fits.as_ref(), &mut findings);
+        let built = Built {
+            found: &found,
+            model: &model,
+            uncertainty: &uncertainty,
+            fits: fits.as_ref(),
+            disturbed: &disturbed,
+        };
+        Ok(Identified {
+            model: self.file(&built, whiteness),
+            entries: estimated(&estimates),
+            poles: pole_list,
+            condition: uncertainty.condition,
+            ceiling: fits.map_or_else(Vec::new, |fits| fits.ceiling),
+            unmatched: disturbed.unmatched.clone(),
+            disturbance_over_time: self.course(tested, &disturbed),
+            losses: [
+                found.estimate.output_error.as_ref().map(|fit| fit.value.loss),
+                Some(found.estimate.innovation.value.loss),
+            ],
+            gain: gain(&found, fit),
+            wrong_cells: self.wrong_cells(&found),
+            orders: Vec::new(),
+            findings,
+        })
+    }
+
+    /// Refuses a model that doesn't follow the record.
+    fn refuse_bad(&self, fits: Option<&HeldOut>, noise: &[f64], whiteness: &[f64]) -> Result<(), Refusal> {
+        let Some((signal, best)) = fits.and_then(|fits| fits.not_followed(noise, whiteness)) else { return Ok(()) };
+        let text = format!(
+            "no model of these states follows the record (best: {} % of the held-out motion of {}): is a state missing?",
+            number(best),
+            self.names.signals.measured[signal]
+        );
+        Err(Refusal::new(Cause::NoModel, text))
+    }
+
+    fn report(
+        &self,
+        found: &Found,
+        estimates: &Estimates,
+        pole_list: &[Pole],
+        fits: Option<&HeldOut>,
+        findings: &mut Vec<Finding>,
+    ) {
+        let (data, h) = (&found.data, found.data.scaling.h);
+        let duration: f64 = self.records.iter().map(|record| record.time[record.len() - 1] - record.time[0]).sum();
+        estimates.information(pole_list, h, checks::CONDITION, findings);
+        estimates.unseen(&found.model_of(found.estimate.fit()).a, findings);
+        estimates.kinematics(findings);
+        let others = found.estimate.output_error.as_ref().filter(|_| found.estimate.method == Method::Innovation);
+        let others = others.map(|fit| {
+            let nothing = DMatrix::zeros(found.layout.count(), found.layout.count());
+            let all = poles(&found.model_of(fit).a, &found.layout, &nothing);
+            all.into_iter().map(|pole| pole.scaled(1.0 / h)).collect::<Vec<_>>()
+        });
+        checks::unstable(pole_list, others.as_deref(), duration, findings);
+        checks::duration(pole_list, duration / self.records.len() as f64, findings);
+        let innovation = Estimate { method: Method::Innovation, ..found.estimate.clone() };
+        let problem = innovation.problem(data, &found.layout, self.options.hold);
+        if let Some(residuals) = Residuals::of(&problem, &found.estimate.innovation) {
+            checks::delays(&residuals, data, self.names, findings);
+        }
+        if let Some(fits) = fits {
+            checks::fits(fits, self.names, findings);
+        }
+    }
+
+    fn course(&self, tested: Option<&Data>, disturbed: &Disturbance) -> Vec<(f64, Vec<f64>)> {
+        let Some(tested) = tested else { return Vec::new() };
+        let time = |segment: usize, row: usize| {
+            let segment = &tested.segments[segment];
+            self.records.get(segment.record).and_then(|record| record.time.get(segment.first + row)).copied()
+        };
+        let all = disturbed.course.iter();
+        all.map(|(window, values)| (time(window.segment, window.first).unwrap_or(f64::NAN), values.clone())).collect()
+    }
+
+    fn wrong_cells(&self, found: &Found) -> Vec<WrongCell> {
+        let of = |&(segment, row, signal): &Cell| {
+            let segment = &found.data.segments[segment];
+            let signal = self.names.signals.measured[signal].clone();
+            WrongCell { record: segment.record, row: segment.first + row, signal }
+        };
+        found.wrong.iter().map(of).collect()
+    }
+
+    /// The model as a file has it.
+    fn file(&self, built: &Built, whiteness: Vec<f64>) -> Model {
+        let Built { found, model, uncertainty, fits, disturbed } = built;
+        let (data, layout, signals) = (&found.data, &found.layout, self.names.signals);
+        let mut model = model.physical(&data.scaling);
+        self.entries.restore(&mut model.a, &mut model.b);
+        let covariance = physical(&uncertainty.covariance, layout, |place| factor(place, &data.scaling));
+        let rms = &found.estimate.fit().value.rms;
+        Model {
+            A: rows(&model.a),
+            B: rows(&model.b),
+            C: rows(&DMatrix::identity(data.n, data.n)),
+            states: signals.measured.clone(),
+            inputs: signals.inputs.clone(),
+            outputs: signals.measured.clone(),
+            units: units(self.names),
+            delay: self.options.delays.clone(),
+            sample_time: data.scaling.h,
+            offset: rows(&model.d.transpose()),
+            free: layout.unknowns.iter().map(|unknown| free(unknown.place)).collect(),
+            covariance: rows(&covariance),
+            kappa: uncertainty.kappa.clone(),
+            noise: rms.iter().zip(&data.scaling.x).map(|(rms, scale)| rms * scale).collect(),
+            disturbance: disturbed.matched.clone(),
+            level: self.options.level,
+            fit: fits.map_or_else(Fits::default, |fits| Fits {
+                held_out: fits.whole.clone().unwrap_or_default(),
+                windows: fits.windows.clone(),
+            }),
+            whiteness,
+            records: self.records.iter().map(record_of).collect(),
+            method: match found.estimate.method {
+                Method::OutputError => "output error",
+                Method::Innovation => "innovation form",
+            }
+            .to_owned(),
+            ..Model::default()
+        }
+    }
+}
+
+/// What a file is written of.
+struct Built<'a> {
+    found: &'a Found,
+    model: &'a Continuous,
+    uncertainty: &'a Uncertainty,
+    fits: Option<&'a HeldOut>,
+    disturbed: &'a Disturbance,
+}
+
+/// K in units of the data.
+fn gain(found: &Found, fit: &Fit) -> Option<Vec<Vec<f64>>> {
+    if found.estimate.method == Method::OutputError {
+        return None;
+    }
+    let (n, scale) = (found.data.n, &found.data.scaling.x);
+    let scaled = DMatrix::from_row_slice(n, n, &fit.unknowns[found.layout.count()..]);
+    Some(rows(&DMatrix::from_fn(n, n, |i, j| scaled[(i, j)] * scale[i] / scale[j])))
+}

@@ -1,0 +1,158 @@
+//! Linear algebra that estimation needs.
+
+mod exponential;
+mod logarithm;
+mod quantiles;
+
+pub use exponential::exponential;
+pub use logarithm::logarithm;
+pub use quantiles::chi_squared;
+
+use nalgebra::linalg::Schur;
+use nalgebra::linalg::balancing::balance_parlett_reinsch;
+use nalgebra::{Complex, DMatrix, DVector, SymmetricEigen};
+
+/// Iterations for each eigenvalue; three are usual.
+const ITERATIONS: usize = 100;
+/// Columns that are smaller than this part of what they were depend on those before.
+const DEPENDENT: f64 = 1e-12;
+
+/// The eigenvalues of a square matrix. `None` where they can't be found.
+pub fn eigenvalues(a: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
+    if a.is_empty() {
+        return Some(Vec::new());
+    }
+    if !a.norm_squared().is_finite() {
+        return None;
+    }
+    let mut balanced = a.clone();
+    balance_parlett_reinsch(&mut balanced);
+    [1.0, 4.0, 16.0, 64.0].into_iter().find_map(|roundings| {
+        let schur = Schur::try_new(balanced.clone(), roundings * f64::EPSILON, ITERATIONS * a.nrows())?;
+        let found: Vec<_> = schur.complex_eigenvalues().iter().copied().collect();
+        found.iter().all(|value| value.re.is_finite() && value.im.is_finite()).then_some(found)
+    })
+}
+
+/// The largest amount of an eigenvalue; infinite where there is none to be found.
+pub fn spectral_radius(a: &DMatrix<f64>) -> f64 {
+    eigenvalues(a).map_or(f64::INFINITY, |found| found.iter().map(|value| value.norm()).fold(0.0, f64::max))
+}
+
+/// Orthonormal columns that span a matrix, which they replace, and R of A = Q R. What depends on columns before it becomes 0.
+pub fn orthonormalise(q: &mut DMatrix<f64>) -> DMatrix<f64> {
+    let columns = q.ncols();
+    let mut r = DMatrix::zeros(columns, columns);
+    for j in 0..columns {
+        let whole = q.column(j).norm();
+        // Twice is enough.
+        for _ in 0..2 {
+            for i in 0..j {
+                let (before, mut column) = q.columns_range_pair_mut(i, j);
+                let part = before.dot(&column);
+                r[(i, j)] += part;
+                column.axpy(-part, &before, 1.0);
+            }
+        }
+        let length = q.column(j).norm();
+        if length > DEPENDENT * whole {
+            r[(j, j)] = length;
+            q.column_mut(j).unscale_mut(length);
+        } else {
+            q.column_mut(j).fill(0.0);
+        }
+    }
+    r
+}
+
+/// Solution of R x = b for an upper triangle; what can't be determined is 0.
+pub fn back_substitute(r: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
+    let mut x = b.clone();
+    for i in (0..r.nrows()).rev() {
+        let sum: f64 = (i + 1..r.ncols()).map(|j| r[(i, j)] * x[j]).sum();
+        x[i] = if r[(i, i)] == 0.0 { 0.0 } else { (b[i] - sum) / r[(i, i)] };
+    }
+    x
+}
+
+/// Least squares: the columns of X for the columns of B, by singular values; small ones are left out.
+pub fn least_squares(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    // Columns of unit length, so that units of unknowns don't decide what is small.
+    let lengths: Vec<f64> = a.column_iter().map(|column| column.norm()).collect();
+    if lengths.iter().any(|length| !length.is_finite()) {
+        return None;
+    }
+    let scale = |length: f64| if length > 0.0 { length } else { 1.0 };
+    let mut q = a.clone();
+    for (mut column, length) in q.column_iter_mut().zip(&lengths) {
+        column.unscale_mut(scale(*length));
+    }
+    let r = orthonormalise(&mut q);
+    let right = q.transpose() * b;
+    let svd = r.try_svd(true, true, f64::EPSILON, 1000)?;
+    let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
+    let mut x = svd.solve(&right, 1e-13 * largest).ok()?;
+    for (mut row, length) in x.row_iter_mut().zip(&lengths) {
+        row.unscale_mut(scale(*length));
+    }
+    Some(x)
+}
+
+/// The pseudoinverse.
+pub fn pseudoinverse(a: &DMatrix<f64>) -> DMatrix<f64> {
+    a.clone().pseudo_inverse(1e-12 * a.amax().max(f64::MIN_POSITIVE)).unwrap_or_else(|_| a.transpose() * 0.0)
+}
+
+/// Eigenvalues of a symmetric matrix in falling order, with their vectors.
+pub fn symmetric(a: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
+    let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(a.clone());
+    let mut order: Vec<usize> = (0..eigenvalues.len()).collect();
+    order.sort_by(|p, q| eigenvalues[*q].total_cmp(&eigenvalues[*p]));
+    let sorted = order.iter().map(|place| eigenvalues[*place]).collect();
+    (sorted, eigenvectors.select_columns(&order))
+}
+
+/// A vector that a nearly singular matrix makes small, by inverse iteration.
+pub fn null_vector(matrix: &DMatrix<Complex<f64>>) -> Option<DVector<Complex<f64>>> {
+    let lu = matrix.clone().lu();
+    let start = |i: usize| Complex::new(1.0 + 0.3 * (i as f64 * 1.7).sin(), 0.2 * (i as f64 * 0.9).cos());
+    let mut v = DVector::from_fn(matrix.nrows(), |i, _| start(i));
+    for _ in 0..3 {
+        v = lu.solve(&v)?;
+        let length = v.norm();
+        if !length.is_finite() || length == 0.0 {
+            return None;
+        }
+        v.unscale_mut(length);
+    }
+    Some(v)
+}
+
+/// JᵀJ through the fast product.
+pub fn gram(j: &DMatrix<f64>) -> DMatrix<f64> {
+    j.transpose() * j
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn least_squares_of_dependent_columns_is_the_shortest_solution() {
+        let a = DMatrix::from_row_slice(3, 2, &[1.0, 1.0, 2.0, 2.0, 3.0, 3.0]);
+        let b = DMatrix::from_row_slice(3, 1, &[2.0, 4.0, 6.0]);
+        let x = least_squares(&a, &b).unwrap();
+        assert!((x[0] + x[1] - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn orthonormal_columns_and_their_triangle_give_the_matrix_again() {
+        let a = DMatrix::from_fn(9, 4, |i, j| ((i * 5 + j * j + i * i * j) as f64).sin());
+        let mut q = a.clone();
+        let r = orthonormalise(&mut q);
+        assert!((&q * &r - &a).amax() < 1e-14);
+        assert!((q.transpose() * &q - DMatrix::identity(4, 4)).amax() < 1e-14);
+        let x = back_substitute(&r, &(q.transpose() * a.column(1)));
+        assert!((x - DVector::from_column_slice(&[0.0, 1.0, 0.0, 0.0])).amax() < 1e-13);
+    }
+}

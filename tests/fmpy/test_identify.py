@@ -1,0 +1,159 @@
+"""`identify`: a record of a plant, the model with its uncertainty, and a controller for it."""
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import PROGRAM
+from sample import NUMBER
+from scipy.linalg import expm
+
+STEP = 0.002
+"""Of the record, s."""
+
+
+def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run([PROGRAM, *arguments], cwd=folder, capture_output=True, text=True, timeout=120)
+
+
+def motor(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A random DC motor: speed in rad/s and current in A, driven by a voltage."""
+    k, R, L, J, b = 0.05 * rng.uniform(0.5, 2), rng.uniform(0.5, 2), 0.02 * rng.uniform(0.5, 2), 1e-3 * rng.uniform(0.5, 2), 1e-3
+    return np.array([[-b / J, k / J], [-k / L, -R / L]]), np.array([[0.0], [1 / L]])
+
+
+def record(rng: np.random.Generator, A: np.ndarray, B: np.ndarray, *, noise: float = 0.005, rows: int = 1500) -> np.ndarray:
+    """Time, voltage, speed and current: levels of random heights and lengths, and sensors' noise in parts of each signal."""
+    whole = expm(np.block([[A, B], [np.zeros((1, 3))]]) * STEP)
+    F, G = whole[:2, :2], whole[:2, 2:]
+    u = np.repeat(rng.uniform(-10, 10, rows), rng.integers(5, 60, rows))[:rows]
+    x = np.zeros((rows, 2))
+    for k in range(rows - 1):
+        x[k + 1] = F @ x[k] + G[:, 0] * u[k]
+    x += noise * x.std(axis=0) * rng.standard_normal(x.shape)
+    return np.column_stack([STEP * np.arange(rows), u, x])
+
+
+def written(folder: Path, table: np.ndarray, name: str = "record.csv", header: str = "time,voltage,speed [rad/s],current [A]") -> Path:
+    np.savetxt(folder / name, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    return folder / name
+
+
+SIGNALS = ["--inputs", "voltage", "--states", "speed,current"]
+
+
+def test_a_model_is_the_plant_within_what_it_says_and_gives_a_controller(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER)
+    A, B = motor(rng)
+    written(tmp_path, record(rng, A, B))
+    ran = program(tmp_path, "identify", "record.csv", *SIGNALS)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    model = json.loads((tmp_path / "model.json").read_text())
+    errors = np.sqrt(np.diag(model["covariance"]))
+    for (matrix, i, j), error in zip(model["free"], errors, strict=True):
+        if matrix in "AB":
+            true = {"A": A, "B": B}[matrix][i - 1, j - 1]
+            assert abs(model[matrix][i - 1][j - 1] - true) < 5 * error, (NUMBER, matrix, i, j)
+            assert error < 0.05 * max(abs(A).max(), abs(true)), (NUMBER, matrix, i, j)
+    assert model["states"] == ["speed", "current"] and model["inputs"] == ["voltage"]
+    # As one would go on: a controller for the model, which is sound, exported and run in a loop with the model.
+    made = program(tmp_path, "new", "pid", "--name", "C", "--plant", "model.json", "--outputs", "speed", "--reference", "50")
+    assert made.returncode == 0, made.stderr
+    checked = program(tmp_path, "check", "C.toml")
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_the_table_and_json_say_the_same(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 1)
+    A, B = motor(rng)
+    written(tmp_path, record(rng, A, B))
+    told = json.loads(program(tmp_path, "identify", "record.csv", *SIGNALS, "--json").stdout)
+    text = program(tmp_path, "identify", "record.csv", *SIGNALS, "--force").stdout
+    assert told["model"] == json.loads((tmp_path / "model.json").read_text())
+    for entry in told["entries"]:
+        matrix, i, j = entry["entry"]
+        value = float(re.search(rf"{matrix}\[{i},{j}\] +(\S+)", text)[1])
+        assert value == pytest.approx(entry["value"], rel=1e-5)
+    for finding in told["findings"]:
+        assert finding["text"] in text
+
+
+def test_structure_that_is_known_is_kept_and_makes_the_rest_surer(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 2)
+    A, B = motor(rng)
+    written(tmp_path, record(rng, A, B))
+    (tmp_path / "structure.toml").write_text('A = [["?<0", "?>0"], ["?<0", "?<0"]]\nB = [[0], ["?"]]\n')
+    free, known = (
+        json.loads(program(tmp_path, "identify", "record.csv", *SIGNALS, "--json", "--out", f"{k}.json", *options).stdout)
+        for k, options in enumerate([[], ["--structure", "structure.toml"]])
+    )
+    assert known["model"]["B"][0] == [0]
+    assert ["B", 1, 1] not in [entry["entry"] for entry in known["entries"]]
+    error = [{tuple(entry["entry"]): entry["error"] for entry in found["entries"]} for found in (free, known)]
+    assert all(error[1][place] <= 1.05 * error[0][place] for place in error[1] if place[0] in "AB")
+
+
+REFUSED = {
+    "voltage never moves": lambda table: table[:, 1].fill(12.0),
+    "line 102: time": lambda table: table[100].__setitem__(0, table[99, 0]),
+}
+
+
+@pytest.mark.parametrize("reason", REFUSED)
+def test_a_record_that_shows_nothing_is_refused_with_the_reason(reason: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 3)
+    table = record(rng, *motor(rng))
+    REFUSED[reason](table)
+    written(tmp_path, table)
+    ran = program(tmp_path, "identify", "record.csv", *SIGNALS)
+    assert ran.returncode == 1 and reason in ran.stderr, ran.stdout + ran.stderr
+    assert not (tmp_path / "model.json").exists()
+
+
+def test_a_model_that_does_not_follow_is_written_with_code_3(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 4)
+    table = record(rng, *motor(rng))
+    # The held-out part is another plant's.
+    other = record(rng, *(4 * matrix for matrix in motor(rng)))
+    table[1050:, 1:] = other[1050:, 1:]
+    written(tmp_path, table)
+    ran = program(tmp_path, "identify", "record.csv", *SIGNALS)
+    assert ran.returncode == 3 and "not sound" in ran.stdout, ran.stdout + ran.stderr
+    assert (tmp_path / "model.json").exists()
+
+
+def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 5)
+    written(tmp_path, record(rng, *motor(rng), rows=400))
+    for options, reason in [
+        (["--inputs", "voltag", "--states", "speed,current"], "voltage"),
+        ([*SIGNALS, "--hold-out", "0.95"], "--hold-out = 0.95: must be at least 0 and below 0.9, or a CSV file"),
+        ([*SIGNALS, "--delay", "0,1"], "--delay = 2 numbers: must be one number, or 1"),
+        ([*SIGNALS, "--time", "hours"], "hours"),
+    ]:
+        ran = program(tmp_path, "identify", "record.csv", *options)
+        assert ran.returncode == 1 and reason in ran.stderr, ran.stderr
+    (tmp_path / "structure.toml").write_text('A = [["?", "maybe"], ["?", "?"]]\n')
+    ran = program(tmp_path, "identify", "record.csv", *SIGNALS, "--structure", "structure.toml")
+    assert ran.returncode == 1 and "structure.toml" in ran.stderr and '"?"' in ran.stderr, ran.stderr
+    first = program(tmp_path, "identify", "record.csv", *SIGNALS)
+    again = program(tmp_path, "identify", "record.csv", *SIGNALS)
+    assert first.returncode == 0 and again.returncode == 1 and "Use --force" in again.stderr
+
+
+def test_outputs_alone_give_a_model_whose_order_is_chosen(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 6)
+    A, B = motor(rng)
+    table = record(rng, A, B, noise=0.002)
+    written(tmp_path, table)
+    ran = program(tmp_path, "identify", "record.csv", "--inputs", "voltage", "--outputs", "speed", "--json")
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    model = json.loads(ran.stdout)["model"]
+    poles, true = (np.sort_complex(np.linalg.eigvals(np.array(matrix))) for matrix in (model["A"], A))
+    # A state more is allowed where noise fits; the plant's poles are among them.
+    assert len(true) <= len(poles) <= 4
+    for pole in true:
+        assert np.abs(poles - pole).min() < 0.15 * abs(pole)
