@@ -20,7 +20,7 @@ const UNSEEN_OF_POLES: f64 = 0.03;
 const MOSTLY: f64 = 0.9;
 /// Largest condition number of good records, with reserve.
 pub(crate) const CONDITION: f64 = 1e8;
-/// The same in companion form, whose coordinates alone make it large.
+/// The same in companion form, where the coordinates make it large.
 pub(crate) const CONDITION_OF_COMPANION: f64 = 1e12;
 /// A pole faster than this over a sample isn't seen.
 const FAST: f64 = 1.5;
@@ -138,13 +138,13 @@ impl Estimates<'_> {
         Some((best, off))
     }
 
-    /// What the information and the factors for coloured residuals show.
+    /// Findings of the information and of the factors for coloured residuals.
     pub fn information(&self, poles: &[Pole], h: f64, most: f64, findings: &mut Vec<Finding>) {
         if self.uncertainty.condition > most {
             let fast = poles.iter().filter(|pole| pole.imaginary >= 0.0 && pole.frequency() > FAST / h);
             let fast: Vec<String> =
                 fast.map(|pole| format!("pole {} is faster than this record shows", pole_text(pole))).collect();
-            let why = if fast.is_empty() { "the unknowns can't be told apart".to_owned() } else { fast.join("; ") };
+            let why = if fast.is_empty() { "the unknowns can't be distinguished".to_owned() } else { fast.join("; ") };
             let condition = number(self.uncertainty.condition);
             let text = format!("the information of the record has the condition number {condition}: {why}");
             findings.push(Finding::not_sound(Kind::IllConditioned, text));
@@ -188,7 +188,7 @@ pub(crate) fn pole_text(pole: &Pole) -> String {
 
 /// Unstable poles that aren't sure: by their standard errors, or by the other predictor.
 pub(crate) fn unstable(poles: &[Pole], others: Option<&[Pole]>, duration: f64, findings: &mut Vec<Finding>) {
-    // A pole that can't be told from 0 is an integrator.
+    // A pole that can't be distinguished from 0 is an integrator.
     let counts = |pole: &&Pole| pole.real > 0.0 && pole.imaginary >= 0.0 && pole.frequency() * duration > 1.0;
     for pole in poles.iter().filter(counts) {
         let amount = pole.frequency();

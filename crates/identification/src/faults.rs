@@ -72,7 +72,7 @@ fn input(data: &Data, j: usize) -> Vec<f64> {
     rows(data, |s, k| data.segments[s].u[(j, k)]).collect()
 }
 
-/// Refuses inputs that never move, that move together, or that are feedback of the states alone.
+/// Refuses inputs that never move, that move together, or that are feedback of the states without anything added.
 pub(crate) fn inputs(data: &Data, names: &Names, offsets: bool, are_states: bool) -> Result<(), Refusal> {
     still(data, names, offsets)?;
     together(data, names)?;
@@ -89,7 +89,7 @@ fn still(data: &Data, names: &Names, offsets: bool) -> Result<(), Refusal> {
             (least, values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
         };
         let moves = |(least, most): (f64, f64)| most - least > 1e-9 * least.abs().max(most.abs());
-        // What is constant in each record can't be told from that record's constant.
+        // What is constant in each record can't be distinguished from that record's constant.
         let any = if offsets { (0..data.records).any(|record| moves(range(Some(record)))) } else { moves(range(None)) };
         if !any {
             let (least, most) = range(None);
@@ -174,7 +174,7 @@ fn together(data: &Data, names: &Names) -> Result<(), Refusal> {
         let known: Vec<&str> = before.iter().map(|other| names.signals.inputs[*other].as_str()).collect();
         let scales: Vec<f64> = before.iter().map(|other| data.scaling.u[*other]).collect();
         let text = format!(
-            "{} = {} within {} %: what each of them does can't be told apart. Move them independently",
+            "{} = {} within {} %: their effects can't be distinguished. Move them independently",
             names.signals.inputs[j],
             found.text(&known, &scales, &others, data.scaling.u[j]),
             number(100.0 * found.rest.sqrt())
@@ -208,7 +208,7 @@ fn feedback(data: &Data, names: &Names) -> Result<(), Refusal> {
         }
         let known: Vec<&str> = names.signals.measured.iter().map(String::as_str).collect();
         let text = format!(
-            "{} = {}: a feedback without anything added, so A and B can't be told apart. Add levels to the input, \
+            "{} = {}: a feedback without anything added, so A and B can't be distinguished. Add levels to the input, \
              or change the gains half-way",
             names.signals.inputs[j],
             found.text(&known, &data.scaling.x, &others, data.scaling.u[j])

@@ -46,18 +46,18 @@ impl HeldOut {
     }
 }
 
-/// What a plant does that its model doesn't say.
+/// Effects on a plant that its model lacks.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Disturbance {
     /// As an input, in units of the data.
     pub matched: Vec<f64>,
-    /// What no input can do, by rows, in units of the data.
+    /// As derivatives that no input can cause, by rows, in units of the data.
     pub unmatched: Vec<f64>,
     /// Start of each window (segment, row), and the disturbance as an input there.
     pub course: Vec<(Window, Vec<f64>)>,
 }
 
-/// The bandwidth of a first design, in rad a sample: twice the slowest stable pole that can be told from 0, or else the
+/// The bandwidth of a first design, in rad a sample: twice the slowest stable pole that can be distinguished from 0, or else the
 /// largest pole; at most 1/3.
 pub(crate) fn bandwidth(a: &DMatrix<f64>, rows: usize) -> f64 {
     let found = eigenvalues(a).unwrap_or_default();

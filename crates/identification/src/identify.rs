@@ -161,7 +161,7 @@ impl Found {
     }
 }
 
-/// What was asked for.
+/// The request with what is needed to answer it.
 struct Request<'a> {
     records: &'a [Record],
     names: &'a Names<'a>,
@@ -326,7 +326,7 @@ impl Request<'_> {
     }
 }
 
-/// What a file is written of.
+/// Parts that a file is written from.
 struct Built<'a> {
     found: &'a Found,
     model: &'a Continuous,

@@ -14,7 +14,7 @@
 //! # Method
 //!
 //! Prediction error with exact derivatives of the sampled model. *Output error*, over windows whose initial states are
-//! projected out, counts where sensors alone are noisy; the *innovation form*, a predictor with a free gain, for plants that
+//! projected out, counts where only sensors are noisy; the *innovation form*, a predictor with a free gain, for plants that
 //! are disturbed, in closed loops or unstable. The covariance holds for correlated and coloured residuals.
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]

@@ -96,7 +96,7 @@ impl Predictor<'_> {
         project_initial_state(self.data, window, weights, &responses)
     }
 
-    /// What the inputs and the constant add in a step.
+    /// The inputs and the constant in a step.
     fn forcing(&self, segment: &Segment, row: usize) -> DVector<f64> {
         let step = &self.sampled.steps[segment.step[row]];
         let mut sum = &step.g * segment.u.column(row) + step.o.column(segment.record);
@@ -130,7 +130,7 @@ impl Predictor<'_> {
     }
 
     /// The weighted Jacobian of the residual by the unknowns of a layout and, behind them, of the gain; the initial state is
-    /// held, then projected out.
+    /// fixed, then projected out.
     pub fn jacobian(
         &self,
         window: Window,
@@ -271,7 +271,7 @@ impl Predictor<'_> {
         }
     }
 
-    /// What entries of A do through the slope of the input, and through a gain for another step.
+    /// Effects of entries of A through the slope of the input, and through a gain for another step.
     fn add_special(&self, tangents: &Tangents, slope: Option<&DVector<f64>>, e: &DVector<f64>, sum: &mut DVector<f64>) {
         if let Some(slope) = slope {
             sum.gemv(1.0, &tangents.g2, slope, 1.0);

@@ -106,7 +106,7 @@ impl Record {
     }
 }
 
-/// Name of the column that says which record a row belongs to.
+/// Name of the column that labels the record of each row.
 pub const LABEL: &str = "record";
 
 /// The signals that a model is about.
@@ -114,7 +114,7 @@ pub const LABEL: &str = "record";
 pub struct Signals {
     /// Names of the inputs.
     pub inputs: Vec<String>,
-    /// Names of the states, or of the outputs where these alone are measured.
+    /// Names of the states, or of the outputs where only these are measured.
     pub measured: Vec<String>,
 }
 

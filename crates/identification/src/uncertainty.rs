@@ -69,7 +69,7 @@ impl Uncertainty {
         self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
     }
 
-    /// The entries that the least certain direction is made of, where it has most of the variance of an entry: those with
+    /// The entries in the least certain direction, where it has most of the variance of an entry: those with
     /// more than a tenth of it.
     pub fn combination(&self, entry: usize, share: f64) -> Option<Vec<(f64, usize)>> {
         let (values, vectors) = symmetric(&self.covariance);
@@ -152,7 +152,7 @@ fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     root
 }
 
-/// The inverse of an information matrix, and its condition number with unit diagonal. What can't be told is very uncertain.
+/// The inverse of an information matrix, and its condition number with unit diagonal. What can't be determined is very uncertain.
 fn inverse(information: &DMatrix<f64>) -> (DMatrix<f64>, f64) {
     let length: Vec<f64> = information.diagonal().iter().map(|entry| entry.max(f64::MIN_POSITIVE).sqrt()).collect();
     let size = length.len();

@@ -1,4 +1,4 @@
-//! From records to a model, where outputs alone are measured.
+//! From records to a model, where only outputs are measured.
 
 mod companion;
 mod order;
@@ -32,7 +32,7 @@ use order::Choice;
 
 /// Steps of the search in the companion form's own unknowns, from where the sampled model's ended.
 const STEPS: usize = 10;
-/// Identifies a model from records in which outputs alone are measured: its order, and x' = A x + B u + d, y = C x in observable
+/// Identifies a model from records in which only outputs are measured: its order, and x' = A x + B u + d, y = C x in observable
 /// companion form. [`Signals::measured`] are the outputs.
 ///
 /// # Errors
@@ -69,14 +69,14 @@ pub fn identify_outputs(
     Request { records, names: &names, options }.identified(&found, tested.as_ref(), choice.orders, findings)
 }
 
-/// What has no meaning for outputs.
+/// Refuses options that have no meaning for outputs.
 fn check(options: &Options) -> Result<(), Refusal> {
     let refuse = |text: &str| Err(Refusal::new(Cause::Request, text));
     if options.structure != Default::default() {
-        return refuse("a structure needs measured states: those of a model of outputs alone have no names");
+        return refuse("a structure needs measured states: those of a model from measured outputs have no names");
     }
     if options.hold != Hold::ZeroOrder {
-        return refuse("outputs alone are identified with inputs behind a zero-order hold");
+        return refuse("models from measured outputs need inputs behind a zero-order hold");
     }
     Ok(())
 }
@@ -119,7 +119,7 @@ impl Found {
     }
 }
 
-/// What was asked for.
+/// The request with what is needed to answer it.
 struct Request<'a> {
     records: &'a [Record],
     names: &'a Names<'a>,
