@@ -81,6 +81,8 @@ pub enum Cause {
     TooShort,
     /// An input never moves.
     StillInput,
+    /// A measured signal never moves.
+    StillState,
     /// Inputs move together.
     DependentInputs,
     /// An input is a fixed combination of the states.

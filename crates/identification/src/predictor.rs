@@ -12,6 +12,9 @@ use crate::layout::{Layout, Place};
 use crate::linear::{back_substitute, orthonormalise};
 use crate::sampled::{Sampled, Step, Tangents};
 
+/// Rows times states of a window, at most: its Jacobian must fit into memory.
+const MOST_ENTRIES: usize = 100_000;
+
 /// Rows that are predicted from one initial state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Window {
@@ -23,7 +26,8 @@ pub(crate) struct Window {
 /// All segments of data, each in so few windows of equal length that none is longer.
 pub(crate) fn windows(data: &Data, longest: usize) -> Vec<Window> {
     let of = |(segment, whole): (usize, &Segment)| {
-        let count = whole.len().div_ceil(longest.max(data.states() + 2)).max(1);
+        let longest = longest.min(MOST_ENTRIES / data.states()).max(data.states() + 2);
+        let count = whole.len().div_ceil(longest).max(1);
         let at = move |k: usize, len: usize| k * len / count;
         let len = whole.len();
         (0..count).map(move |k| Window { segment, first: at(k, len), len: at(k + 1, len) - at(k, len) })

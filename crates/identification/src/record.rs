@@ -91,6 +91,16 @@ impl Record {
                 return Err(Refusal::new(Cause::Request, text));
             }
         }
+        if self.is_empty() {
+            return Err(Refusal::new(Cause::TooShort, format!("{} has no rows", self.name)));
+        }
+        for column in &self.columns {
+            if let Some(row) = column.values.iter().position(|value| value.is_infinite()) {
+                let place = format!("{}: {} {}", self.name, self.row_word(), self.place(row));
+                let text = format!("{place}: {} = {}: must be finite or NaN", column.name, column.values[row]);
+                return Err(Refusal::new(Cause::Request, text));
+            }
+        }
         let mut before = f64::NEG_INFINITY;
         for (row, &time) in self.time.iter().enumerate() {
             let place = format!("{}: {} {}", self.name, self.row_word(), self.place(row));

@@ -7,11 +7,12 @@ mod subspace;
 
 use nalgebra::DMatrix;
 
+use crate::cells::{self, Cell};
 use crate::checks::{self, Estimates};
 use crate::data::{Data, Source};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
-use crate::held_out::{HeldOut, bandwidth, disturbance, held_out};
+use crate::held_out::{HeldOut, bandwidth, disturbance, held_out, take_wrong_out};
 use crate::layout::{Continuous, Layout, factor};
 use crate::linear::spectral_radius;
 use crate::marquardt::{Fit, search};
@@ -48,7 +49,7 @@ pub fn identify_outputs(
     let signals = &without_fixed(signals, options, &mut findings)?;
     let source = Source::new(records, signals, &options.delays, order::FEWEST)?;
     let (first, last) = parts(records, held_out.is_some(), options)?;
-    let data = order::uniform(source.data(&first, None, Some(&mut findings))?);
+    let mut data = order::uniform(source.data(&first, None, Some(&mut findings))?);
     let names = Names::new(signals, &records[0]);
     let most = order::most(&data)?;
     faults::inputs(&data, &names, options.offsets, false)?;
@@ -61,12 +62,34 @@ pub fn identify_outputs(
         }
         None => source.data(&last, Some(&data.scaling), None).ok(),
     };
-    let tested = tested.map(order::uniform);
-    let choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
-    let found = Found::new(&data, &choice).ok_or_else(|| {
+    let mut tested = tested.map(order::uniform);
+    let mut choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
+    let failed = || {
         Refusal::new(Cause::NoModel, "no model of these outputs follows the record: its companion form isn't finite")
-    })?;
-    Request { records, names: &names, options }.identified(&found, tested.as_ref(), choice.orders, findings)
+    };
+    let mut found = Found::new(&data, &choice).ok_or_else(failed)?;
+    let (mut wrong, mut wrong_tested) = (Vec::new(), Vec::new());
+    for _ in 0..cells::ROUNDS {
+        let cells = cells::wrong_cells(&found.problem(), &found.fit);
+        let of_tested = tested.as_mut().map_or_else(Vec::new, |tested| found.take_wrong_out(tested));
+        if cells.is_empty() && of_tested.is_empty() {
+            break;
+        }
+        cells::take_out(&mut data, &cells);
+        wrong.extend(cells);
+        wrong_tested.extend(of_tested);
+        choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
+        found = Found::new(&data, &choice).ok_or_else(failed)?;
+    }
+    cells::report(&data, &wrong, records, &mut findings);
+    let tested_records = held_out.unwrap_or(records);
+    if let Some(tested) = &tested {
+        cells::report(tested, &wrong_tested, tested_records, &mut findings);
+    }
+    let wrong = cells::listed(&data, &wrong, signals);
+    let request = Request { records, names: &names, options };
+    let identified = request.identified(&found, tested.as_ref(), choice.orders, findings)?;
+    Ok(Identified { wrong_cells: wrong, ..identified })
 }
 
 /// Refuses options that have no meaning for outputs.
@@ -112,6 +135,16 @@ impl Found {
 
     fn problem(&self) -> Problem<'_> {
         Problem::new(&self.data, &self.layout, Hold::ZeroOrder, usize::MAX, false)
+    }
+
+    /// Takes wrong cells out of the held-out part; these cells.
+    fn take_wrong_out(&self, tested: &mut Data) -> Vec<Cell> {
+        let mut seen = self.companion.data(tested, self.data.state_scaling());
+        let (model, noise) = (self.model(), &self.fit.value.rms);
+        let band = bandwidth(&model.a, self.data.rows());
+        let cells = take_wrong_out(&model, &mut seen, Hold::ZeroOrder, (&[], band), noise);
+        cells::take_out(tested, &cells);
+        cells
     }
 
     fn model(&self) -> Continuous {
