@@ -1,7 +1,7 @@
 """Plants and their records, from seeds: linear plants of random poles, disturbed or not, in closed loops, with known kinematics, or of which
 outputs alone are measured; and three machines that aren't linear. The order of random draws is part of a case.
 
-Each case is a `Case`: the true plant, and what a user would have of it. `python cases.py` prints what they are like.
+Each case is a `Case`: the true plant, and what a user would have of it.
 """
 
 from dataclasses import dataclass

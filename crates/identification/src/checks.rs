@@ -16,11 +16,13 @@ use crate::uncertainty::Uncertainty;
 const UNSEEN: f64 = 0.3;
 /// … and above this part of the largest pole.
 const UNSEEN_OF_POLES: f64 = 0.03;
+/// The most of these entries with a finding each.
+const MOST_UNSEEN: usize = 6;
 /// Share of an entry's variance above which one direction is named.
 const MOSTLY: f64 = 0.9;
 /// Largest condition number of good records, with reserve.
 pub(crate) const CONDITION: f64 = 1e8;
-/// The same in companion form, whose coordinates alone make it large.
+/// The same in companion form, where the coordinates make it large.
 pub(crate) const CONDITION_OF_COMPANION: f64 = 1e12;
 /// A pole faster than this over a sample isn't seen.
 const FAST: f64 = 1.5;
@@ -57,29 +59,43 @@ impl Estimates<'_> {
         }
     }
 
-    /// Entries that the record doesn't show.
+    /// Entries that the record doesn't show: the least certain ones each, then the names of the others.
     pub fn unseen(&self, a: &DMatrix<f64>, findings: &mut Vec<Finding>) {
+        // Where nothing is certain, its reason is a finding of its own.
+        if self.uncertainty.condition > CONDITION {
+            return;
+        }
         let largest = eigenvalues(a).unwrap_or_default().iter().map(|pole| pole.norm()).fold(0.0, f64::max);
-        let errors = self.uncertainty.errors();
-        for (k, &error) in errors.iter().enumerate() {
-            let value = self.unknowns[k];
+        let mut unseen: Vec<(f64, usize)> = Vec::new();
+        for (k, error) in self.uncertainty.errors().into_iter().enumerate() {
+            let share = error / self.unknowns[k].abs().max(f64::MIN_POSITIVE);
             let is_constant = matches!(self.layout.unknowns[k].place, Place::D(..));
-            if is_constant || error <= UNSEEN * value.abs() || error <= UNSEEN_OF_POLES * largest {
-                continue;
+            if !is_constant && share > UNSEEN && error > UNSEEN_OF_POLES * largest {
+                unseen.push((share, k));
             }
-            let share = number(100.0 * error / value.abs().max(f64::MIN_POSITIVE));
-            let mut text = format!("{}: {share} % (1 σ): this record doesn't show it", self.name(k));
-            if let Some(terms) = self.uncertainty.combination(k, MOSTLY) {
-                let named: Vec<(f64, String)> = terms
-                    .iter()
-                    .map(|(part, place)| (part * self.factors[*place] / self.factors[k], self.name(*place)))
-                    .collect();
-                let named: Vec<(f64, &str)> = named.iter().map(|(part, name)| (*part, name.as_str())).collect();
-                text += &format!(", nor any other model along {}", combination(&named, 0.0));
-            }
-            text += ". Fix it in the structure, or excite more";
+        }
+        unseen.sort_by(|p, q| q.0.total_cmp(&p.0));
+        for &(share, k) in unseen.iter().take(MOST_UNSEEN) {
+            findings.push(Finding::not_sound(Kind::Unseen, self.unseen_text(share, k)));
+        }
+        if unseen.len() > MOST_UNSEEN {
+            let names: Vec<String> = unseen[MOST_UNSEEN..].iter().map(|(_, k)| self.name(*k)).collect();
+            let text = format!("nor are these shown: {}. Known entries make the others certain", names.join(", "));
             findings.push(Finding::not_sound(Kind::Unseen, text));
         }
+    }
+
+    fn unseen_text(&self, share: f64, k: usize) -> String {
+        let mut text = format!("{}: {} % (1 σ): this record doesn't show it", self.name(k), number(100.0 * share));
+        if let Some(terms) = self.uncertainty.combination(k, MOSTLY) {
+            let named: Vec<(f64, String)> = terms
+                .iter()
+                .map(|(part, place)| (part * self.factors[*place] / self.factors[k], self.name(*place)))
+                .collect();
+            let named: Vec<(f64, &str)> = named.iter().map(|(part, name)| (*part, name.as_str())).collect();
+            text += &format!(", nor any other model along {}", combination(&named, 0.0));
+        }
+        text + ". Fix it in the structure, or excite more"
     }
 
     /// Rows that are kinematics by what is estimated.
@@ -138,13 +154,13 @@ impl Estimates<'_> {
         Some((best, off))
     }
 
-    /// What the information and the factors for coloured residuals show.
+    /// Findings of the information and of the factors for coloured residuals.
     pub fn information(&self, poles: &[Pole], h: f64, most: f64, findings: &mut Vec<Finding>) {
         if self.uncertainty.condition > most {
             let fast = poles.iter().filter(|pole| pole.imaginary >= 0.0 && pole.frequency() > FAST / h);
             let fast: Vec<String> =
                 fast.map(|pole| format!("pole {} is faster than this record shows", pole_text(pole))).collect();
-            let why = if fast.is_empty() { "the unknowns can't be told apart".to_owned() } else { fast.join("; ") };
+            let why = if fast.is_empty() { "the unknowns can't be distinguished".to_owned() } else { fast.join("; ") };
             let condition = number(self.uncertainty.condition);
             let text = format!("the information of the record has the condition number {condition}: {why}");
             findings.push(Finding::not_sound(Kind::IllConditioned, text));
@@ -188,7 +204,7 @@ pub(crate) fn pole_text(pole: &Pole) -> String {
 
 /// Unstable poles that aren't sure: by their standard errors, or by the other predictor.
 pub(crate) fn unstable(poles: &[Pole], others: Option<&[Pole]>, duration: f64, findings: &mut Vec<Finding>) {
-    // A pole that can't be told from 0 is an integrator.
+    // A pole that can't be distinguished from 0 is an integrator.
     let counts = |pole: &&Pole| pole.real > 0.0 && pole.imaginary >= 0.0 && pole.frequency() * duration > 1.0;
     for pole in poles.iter().filter(counts) {
         let amount = pole.frequency();

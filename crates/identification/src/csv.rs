@@ -2,7 +2,7 @@
 //!
 //! The separator is a comma, a semicolon or a tab, whichever the line of names has; a separator at the end of lines is
 //! ignored. Numbers may have a decimal comma where that can't be a separator. Names may be quoted and may be followed by a
-//! unit of measurement in brackets, `speed [rpm]`, or units stand in a row of their own below the names. `true` and `false`
+//! unit of measurement in brackets, `speed [rpm]`, or units have a row of their own below the names. `true` and `false`
 //! are 1 and 0; an empty cell or `NaN` is NaN.
 
 use std::fmt;
@@ -38,7 +38,7 @@ pub struct Column {
 pub struct Fault {
     /// The line of the file, from 1.
     pub line: usize,
-    /// What is wrong there, and what is allowed.
+    /// The fault there, and what is allowed.
     pub reason: String,
 }
 
@@ -75,7 +75,7 @@ impl Table {
         let mut cells = Cells { separator, decimal: None };
         while let Some((line, text)) = lines.next()? {
             let mut row = fields(text, separator).map_err(|reason| Fault::new(line, reason))?;
-            // A separator at the end: in all lines, or in those of values alone.
+            // A separator at the end: in all lines, or only in those of values.
             if row.len() == names.len() + 1 && row.last().is_some_and(|field| field.trim().is_empty()) {
                 row.pop();
             }

@@ -22,7 +22,7 @@ const FIRST_WINDOW: usize = 200;
 /// The method of an estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Method {
-    /// Output error: noise of sensors alone.
+    /// Output error: only sensors are noisy.
     OutputError,
     /// A predictor with a gain, the innovation form: also what acts on the plant.
     Innovation,

@@ -67,16 +67,42 @@ fn rows<'a>(data: &'a Data, of: impl Fn(usize, usize) -> f64 + 'a) -> impl Itera
     places.flat_map(|(s, segment)| (0..segment.len()).map(move |k| (s, k))).map(move |(s, k)| of(s, k))
 }
 
+/// The cells of a measured signal that count.
+fn measured(data: &Data, i: usize) -> Vec<f64> {
+    let of_segments = data
+        .segments
+        .iter()
+        .flat_map(|segment| (0..segment.len()).filter(|k| segment.mask[(i, *k)] != 0.0).map(|k| segment.y[(i, k)]));
+    of_segments.collect()
+}
+
 /// An input as values of all rows.
 fn input(data: &Data, j: usize) -> Vec<f64> {
     rows(data, |s, k| data.segments[s].u[(j, k)]).collect()
 }
 
-/// Refuses inputs that never move, that move together, or that are feedback of the states alone.
+/// Refuses inputs that never move, that move together, or that are feedback of the states without anything added.
 pub(crate) fn inputs(data: &Data, names: &Names, offsets: bool, are_states: bool) -> Result<(), Refusal> {
+    resting(data, names)?;
     still(data, names, offsets)?;
     together(data, names)?;
     if are_states { feedback(data, names) } else { Ok(()) }
+}
+
+/// Refuses measured signals that never move.
+fn resting(data: &Data, names: &Names) -> Result<(), Refusal> {
+    for (i, name) in names.signals.measured.iter().enumerate() {
+        let values = measured(data, i);
+        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if most - least <= 1e-9 * least.abs().max(most.abs()) {
+            let scale = data.scaling.x[i];
+            let range = format!("{} … {}", number(least * scale), with_unit(most * scale, &names.measured_units[i]));
+            let text = format!("{name} never moves ({range}): there is nothing to model. Leave it out, or excite it");
+            return Err(Refusal::new(Cause::StillState, text));
+        }
+    }
+    Ok(())
 }
 
 fn still(data: &Data, names: &Names, offsets: bool) -> Result<(), Refusal> {
@@ -89,7 +115,7 @@ fn still(data: &Data, names: &Names, offsets: bool) -> Result<(), Refusal> {
             (least, values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
         };
         let moves = |(least, most): (f64, f64)| most - least > 1e-9 * least.abs().max(most.abs());
-        // What is constant in each record can't be told from that record's constant.
+        // What is constant in each record can't be distinguished from that record's constant.
         let any = if offsets { (0..data.records).any(|record| moves(range(Some(record)))) } else { moves(range(None)) };
         if !any {
             let (least, most) = range(None);
@@ -174,7 +200,7 @@ fn together(data: &Data, names: &Names) -> Result<(), Refusal> {
         let known: Vec<&str> = before.iter().map(|other| names.signals.inputs[*other].as_str()).collect();
         let scales: Vec<f64> = before.iter().map(|other| data.scaling.u[*other]).collect();
         let text = format!(
-            "{} = {} within {} %: what each of them does can't be told apart. Move them independently",
+            "{} = {} within {} %: their effects can't be distinguished. Move them independently",
             names.signals.inputs[j],
             found.text(&known, &scales, &others, data.scaling.u[j]),
             number(100.0 * found.rest.sqrt())
@@ -208,7 +234,7 @@ fn feedback(data: &Data, names: &Names) -> Result<(), Refusal> {
         }
         let known: Vec<&str> = names.signals.measured.iter().map(String::as_str).collect();
         let text = format!(
-            "{} = {}: a feedback without anything added, so A and B can't be told apart. Add levels to the input, \
+            "{} = {}: a feedback without anything added, so A and B can't be distinguished. Add levels to the input, \
              or change the gains half-way",
             names.signals.inputs[j],
             found.text(&known, &data.scaling.x, &others, data.scaling.u[j])
@@ -266,11 +292,7 @@ pub(crate) fn warnings(data: &Data, names: &Names, findings: &mut Vec<Finding>) 
 
 /// The step of a signal of few distinct values, which are all multiples of it apart.
 fn quantum(data: &Data, i: usize) -> Option<f64> {
-    let all: Vec<f64> = data
-        .segments
-        .iter()
-        .flat_map(|segment| (0..segment.len()).filter(|k| segment.mask[(i, *k)] != 0.0).map(|k| segment.y[(i, k)]))
-        .collect();
+    let all = measured(data, i);
     let values = distinct(&all);
     if values.len() < 2 || 4 * values.len() > all.len() {
         return None;

@@ -47,7 +47,7 @@ pub enum Kind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Finding {
-    /// What it is about.
+    /// Its subject.
     pub kind: Kind,
     /// How it is judged.
     pub verdict: Verdict,
@@ -81,6 +81,8 @@ pub enum Cause {
     TooShort,
     /// An input never moves.
     StillInput,
+    /// A measured signal never moves.
+    StillState,
     /// Inputs move together.
     DependentInputs,
     /// An input is a fixed combination of the states.

@@ -2,10 +2,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::cells::{Cell, ROUNDS, take_out, wrong_cells};
 use crate::data::Data;
 use crate::layout::{Continuous, Layout};
 use crate::linear::{eigenvalues, pseudoinverse};
-use crate::marquardt::Objective;
+use crate::marquardt::{Fit, Objective, Value};
 use crate::predictor::{Prediction, Window, windows};
 use crate::problem::Problem;
 use crate::sampled::Hold;
@@ -46,18 +47,25 @@ impl HeldOut {
     }
 }
 
-/// What a plant does that its model doesn't say.
+/// Effects on a plant that its model lacks.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Disturbance {
     /// As an input, in units of the data.
     pub matched: Vec<f64>,
-    /// What no input can do, by rows, in units of the data.
+    /// As derivatives that no input can cause, by rows, in units of the data.
     pub unmatched: Vec<f64>,
     /// Start of each window (segment, row), and the disturbance as an input there.
     pub course: Vec<(Window, Vec<f64>)>,
 }
 
-/// The bandwidth of a first design, in rad a sample: twice the slowest stable pole that can be told from 0, or else the
+/// True if errors of an initial state grow over these rows.
+fn is_unstable(a: &DMatrix<f64>, rows: usize) -> bool {
+    // A pole that can't be distinguished from 0 is an integrator.
+    let found = eigenvalues(a).unwrap_or_default();
+    found.iter().any(|pole| pole.re * rows as f64 > 1.0)
+}
+
+/// The bandwidth of a first design, in rad a sample: twice the slowest stable pole that can be distinguished from 0, or else the
 /// largest pole; at most 1/3.
 pub(crate) fn bandwidth(a: &DMatrix<f64>, rows: usize) -> f64 {
     let found = eigenvalues(a).unwrap_or_default();
@@ -69,26 +77,59 @@ pub(crate) fn bandwidth(a: &DMatrix<f64>, rows: usize) -> f64 {
     if wanted > 0.0 { wanted.min(1.0 / 3.0) } else { 1.0 / 3.0 }
 }
 
-/// Predictions of a model on data over windows, its offset fitted in these rows of d.
-fn simulate(
-    model: &Continuous,
-    data: &Data,
-    hold: Hold,
-    (rows, longest): (&[usize], usize),
-    noise: &[f64],
-) -> Option<Vec<Prediction>> {
-    let layout = Layout::offsets(model, rows, data.records);
-    let problem = Problem::new(data, &layout, hold, longest, false);
-    let weights: Vec<f64> = noise.iter().map(|noise| 1.0 / noise.max(1e-10)).collect();
-    let start = vec![0.0; layout.count()];
-    // Linear in the offset: one step is exact.
-    let mut offsets = DVector::zeros(start.len());
-    if !start.is_empty() {
-        let (information, gradient, _) = problem.normal_equations(&start, &weights)?;
-        offsets = pseudoinverse(&information) * -gradient;
+/// A model on data over windows, its offset fitted in these rows of d.
+struct Simulation<'a> {
+    problem: Problem<'a>,
+    fit: Fit,
+}
+
+impl<'a> Simulation<'a> {
+    fn new(data: &'a Data, layout: &'a Layout, hold: Hold, longest: usize, noise: &[f64]) -> Option<Self> {
+        let problem = Problem::new(data, layout, hold, longest, false);
+        let weights: Vec<f64> = noise.iter().map(|noise| 1.0 / noise.max(1e-10)).collect();
+        let mut offsets = DVector::zeros(layout.count());
+        // Linear in the offset: one step is exact.
+        if !offsets.is_empty() {
+            let (information, gradient, _) = problem.normal_equations(offsets.as_slice(), &weights)?;
+            offsets = pseudoinverse(&information) * -gradient;
+        }
+        let unknowns = offsets.as_slice().to_vec();
+        let loss = problem.value(&unknowns, &weights)?.loss;
+        Some(Simulation { problem, fit: Fit { unknowns, value: Value { rms: noise.to_vec(), loss } } })
     }
-    let predictor = problem.predictor(offsets.as_slice(), false)?;
-    Some(problem.windows.iter().map(|window| predictor.predict(*window, &weights)).collect())
+
+    fn predictions(&self) -> Option<Vec<Prediction>> {
+        let predictor = self.problem.predictor(&self.fit.unknowns, false)?;
+        let weights = self.fit.value.weights();
+        Some(self.problem.windows.iter().map(|window| predictor.predict(*window, &weights)).collect())
+    }
+}
+
+/// Rows of a window of the controller's time scale.
+fn time_scale(bandwidth: f64) -> usize {
+    (5.0 / bandwidth).ceil() as usize
+}
+
+/// Takes single wrong cells out of the held-out part, by windows; these cells.
+pub(crate) fn take_wrong_out(
+    model: &Continuous,
+    data: &mut Data,
+    hold: Hold,
+    (offsets, bandwidth): (&[usize], f64),
+    noise: &[f64],
+) -> Vec<Cell> {
+    let layout = Layout::offsets(model, offsets, data.records);
+    let mut all = Vec::new();
+    for _ in 0..ROUNDS {
+        let simulation = Simulation::new(data, &layout, hold, time_scale(bandwidth), noise);
+        let cells = simulation.map_or_else(Vec::new, |found| wrong_cells(&found.problem, &found.fit));
+        if cells.is_empty() {
+            break;
+        }
+        take_out(data, &cells);
+        all.extend(cells);
+    }
+    all
 }
 
 /// Fit of each signal, %: 100 (1 − ‖y − ŷ‖/‖y − ȳ‖).
@@ -123,9 +164,10 @@ pub(crate) fn held_out(
     (offsets, bandwidth): (&[usize], f64),
     noise: &[f64],
 ) -> Option<HeldOut> {
-    let whole = simulate(model, data, hold, (offsets, usize::MAX), noise);
-    let longest = (5.0 / bandwidth).ceil() as usize;
-    let in_windows = simulate(model, data, hold, (offsets, longest), noise)?;
+    let layout = Layout::offsets(model, offsets, data.records);
+    let over = |longest: usize| Simulation::new(data, &layout, hold, longest, noise)?.predictions();
+    let whole = if is_unstable(&model.a, data.rows()) { None } else { over(usize::MAX) };
+    let in_windows = over(time_scale(bandwidth))?;
     let (_, deviation) = motion(data);
     let ceiling =
         deviation.iter().zip(noise).map(|(deviation, noise)| 100.0 * (1.0 - noise / deviation.max(f64::MIN_POSITIVE)));

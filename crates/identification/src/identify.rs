@@ -2,31 +2,26 @@
 
 use nalgebra::DMatrix;
 
-use crate::cells::{Cell, take_out, wrong_cells};
+use crate::cells::{self, Cell, report, take_out, wrong_cells};
 use crate::checks::{self, Estimates};
 use crate::data::{Data, Source};
 use crate::estimate::{Estimate, Method, estimate};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
-use crate::held_out::{Disturbance, HeldOut, bandwidth, disturbance, held_out};
+use crate::held_out::{Disturbance, HeldOut, bandwidth, disturbance, held_out, take_wrong_out};
 use crate::known_rows;
 use crate::layout::{Continuous, Layout, Place, factor};
 use crate::marquardt::Fit;
 use crate::model::{Fits, Model, rows};
-use crate::options::{Identified, Options, WrongCell};
+use crate::options::{Identified, Options};
 use crate::poles::{Pole, poles};
 use crate::record::{Record, Signals};
 use crate::request::{parts, without_fixed};
 use crate::residuals::Residuals;
 use crate::structure::Entries;
-use crate::text::{number, ranges};
+use crate::text::number;
 use crate::uncertainty::{Uncertainty, physical};
 use crate::written::{estimated, free, record_of, units};
-
-/// Rounds in which wrong cells are looked for.
-const ROUNDS: usize = 3;
-/// Part of the rows with wrong cells above which that is a finding.
-const MANY: f64 = 0.02;
 
 /// Identifies x' = A x + B u + d from records in which all states are measured. Without records that are held out as a whole, the last
 /// part of each record is.
@@ -68,7 +63,7 @@ pub fn identify_states(
         }
         None => source.data(&last, Some(&found.data.scaling), None).ok(),
     };
-    Request { records, names: &names, entries: &entries, options }
+    Request { records, tested: held_out.unwrap_or(records), names: &names, entries: &entries, options }
         .identified(found, tested, findings)
         .map_err(with_reason)
 }
@@ -89,7 +84,7 @@ impl Found {
         let longest = options.longest_window.map_or(usize::MAX, |window| (window / data.scaling.h).ceil() as usize);
         let mut found = estimate(&data, &layout, options.hold, longest)?;
         let mut wrong = Vec::new();
-        for _ in 0..ROUNDS {
+        for _ in 0..cells::ROUNDS {
             let cells = wrong_cells(&found.problem(&data, &layout, options.hold), found.fit());
             if cells.is_empty() {
                 break;
@@ -139,31 +134,15 @@ impl Found {
             let text = format!("{name} ended at 0, the bound of its sign, and counts as known");
             findings.push(Finding::note(Kind::EntryAtZero, text));
         }
-        for (place, record) in records.iter().enumerate() {
-            let cells = self.wrong.iter().filter(|(segment, ..)| self.data.segments[*segment].record == place);
-            let mut at: Vec<usize> =
-                cells.map(|(segment, row, _)| record.place(self.data.segments[*segment].first + row)).collect();
-            at.sort_unstable();
-            at.dedup();
-            if at.is_empty() {
-                continue;
-            }
-            let many = at.len() as f64 > MANY * record.len() as f64;
-            let text = format!(
-                "{}: {} {}: wrong cells, far from what the model predicts, are left out",
-                record.name,
-                record.row_word(),
-                ranges(&at)
-            );
-            let make = if many { Finding::warning } else { Finding::note };
-            findings.push(make(Kind::WrongCells, text));
-        }
+        report(&self.data, &self.wrong, records, findings);
     }
 }
 
-/// What was asked for.
+/// The request with what is needed to answer it.
 struct Request<'a> {
     records: &'a [Record],
+    /// The records of the held-out part.
+    tested: &'a [Record],
     names: &'a Names<'a>,
     entries: &'a Entries,
     options: &'a Options,
@@ -173,7 +152,7 @@ impl Request<'_> {
     fn identified(
         &self,
         found: Found,
-        tested: Option<Data>,
+        mut tested: Option<Data>,
         mut findings: Vec<Finding>,
     ) -> Result<Identified, Refusal> {
         let (data, layout, hold) = (&found.data, &found.layout, self.options.hold);
@@ -187,6 +166,10 @@ impl Request<'_> {
         let band = self.options.bandwidth.map_or_else(|| bandwidth(&model.a, data.rows()), |wanted| wanted * h);
         let noise = found.estimate.output_error.as_ref().map_or(&fit.value.rms, |fit| &fit.value.rms);
         let free: Vec<usize> = (0..data.n).filter(|i| self.entries.d[*i].is_free()).collect();
+        if let Some(tested) = &mut tested {
+            let cells = take_wrong_out(&model, tested, hold, (&free, band), noise);
+            report(tested, &cells, self.tested, &mut findings);
+        }
         let tested = tested.as_ref();
         let fits = tested.and_then(|data| held_out(&model, data, hold, (&free, band), noise));
         let whiteness = residuals.whiteness(data.n);
@@ -218,7 +201,7 @@ impl Request<'_> {
                 Some(found.estimate.innovation.value.loss),
             ],
             gain: gain(&found, fit),
-            wrong_cells: self.wrong_cells(&found),
+            wrong_cells: cells::listed(&found.data, &found.wrong, self.names.signals),
             orders: Vec::new(),
             findings,
         })
@@ -270,19 +253,10 @@ impl Request<'_> {
         let Some(tested) = tested else { return Vec::new() };
         let time = |segment: usize, row: usize| {
             let segment = &tested.segments[segment];
-            self.records.get(segment.record).and_then(|record| record.time.get(segment.first + row)).copied()
+            self.tested.get(segment.record).and_then(|record| record.time.get(segment.first + row)).copied()
         };
         let all = disturbed.course.iter();
         all.map(|(window, values)| (time(window.segment, window.first).unwrap_or(f64::NAN), values.clone())).collect()
-    }
-
-    fn wrong_cells(&self, found: &Found) -> Vec<WrongCell> {
-        let of = |&(segment, row, signal): &Cell| {
-            let segment = &found.data.segments[segment];
-            let signal = self.names.signals.measured[signal].clone();
-            WrongCell { record: segment.record, row: segment.first + row, signal }
-        };
-        found.wrong.iter().map(of).collect()
     }
 
     /// The model as a file has it.
@@ -326,7 +300,7 @@ impl Request<'_> {
     }
 }
 
-/// What a file is written of.
+/// Parts that a file is written from.
 struct Built<'a> {
     found: &'a Found,
     model: &'a Continuous,

@@ -97,7 +97,7 @@ impl Layout {
         Layout { n: self.n, m: self.m, unknowns, known: model.clone() }
     }
 
-    /// A layout in which d of each record alone is unknown.
+    /// A layout in which only d of each record is unknown.
     pub fn offsets(model: &Continuous, rows: &[usize], records: usize) -> Self {
         let (n, m) = model.b.shape();
         let places = (0..records).flat_map(|record| rows.iter().map(move |row| Place::D(*row, record)));

@@ -121,7 +121,7 @@ fn trial(
     }
 }
 
-/// −(JᵀJ + μ diag) ⁻¹ Jᵀr, 0 for what is held.
+/// −(JᵀJ + μ diag) ⁻¹ Jᵀr, 0 for what stays where it is.
 fn damped(information: &DMatrix<f64>, gradient: &DVector<f64>, damping: f64, is_held: &[bool]) -> Option<DVector<f64>> {
     let free: Vec<usize> = (0..is_held.len()).filter(|k| !is_held[*k] && information[(*k, *k)] > 0.0).collect();
     let length: Vec<f64> = free.iter().map(|k| information[(*k, *k)].sqrt()).collect();

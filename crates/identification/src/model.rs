@@ -51,7 +51,7 @@ pub struct Model {
     pub kappa: Vec<f64>,
     /// Standard deviation of the noise of each measured signal.
     pub noise: Vec<f64>,
-    /// Bound of what the plant does that the model doesn't say, as each input.
+    /// Bound of effects on the plant that the model lacks, as each input.
     pub disturbance: Vec<f64>,
     /// Confidence level that was asked for.
     pub level: f64,

@@ -103,7 +103,7 @@ pub struct Identified {
     pub condition: f64,
     /// The best fit of the held-out part that noise lets a model have, %, of each measured signal.
     pub ceiling: Vec<f64>,
-    /// What the plant does that no input can do, as derivatives of the states.
+    /// Bound of effects on the plant that no input can have, as derivatives of the states.
     pub unmatched: Vec<f64>,
     /// Start of each window of the held-out part, s, and the disturbance as inputs there.
     pub disturbance_over_time: Vec<(f64, Vec<f64>)>,
@@ -118,7 +118,7 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// True if no finding says that the model should not be used for a design.
+    /// True if no finding forbids the use of the model for a design.
     pub fn is_sound(&self) -> bool {
         self.findings.iter().all(|finding| finding.verdict != Verdict::NotSound)
     }

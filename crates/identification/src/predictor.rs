@@ -12,6 +12,9 @@ use crate::layout::{Layout, Place};
 use crate::linear::{back_substitute, orthonormalise};
 use crate::sampled::{Sampled, Step, Tangents};
 
+/// Rows times states of a window, at most: its Jacobian must fit into memory.
+const MOST_ENTRIES: usize = 100_000;
+
 /// Rows that are predicted from one initial state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Window {
@@ -23,7 +26,8 @@ pub(crate) struct Window {
 /// All segments of data, each in so few windows of equal length that none is longer.
 pub(crate) fn windows(data: &Data, longest: usize) -> Vec<Window> {
     let of = |(segment, whole): (usize, &Segment)| {
-        let count = whole.len().div_ceil(longest.max(data.states() + 2)).max(1);
+        let longest = longest.min(MOST_ENTRIES / data.states()).max(data.states() + 2);
+        let count = whole.len().div_ceil(longest).max(1);
         let at = move |k: usize, len: usize| k * len / count;
         let len = whole.len();
         (0..count).map(move |k| Window { segment, first: at(k, len), len: at(k + 1, len) - at(k, len) })
@@ -96,7 +100,7 @@ impl Predictor<'_> {
         project_initial_state(self.data, window, weights, &responses)
     }
 
-    /// What the inputs and the constant add in a step.
+    /// The inputs and the constant in a step.
     fn forcing(&self, segment: &Segment, row: usize) -> DVector<f64> {
         let step = &self.sampled.steps[segment.step[row]];
         let mut sum = &step.g * segment.u.column(row) + step.o.column(segment.record);
@@ -130,7 +134,7 @@ impl Predictor<'_> {
     }
 
     /// The weighted Jacobian of the residual by the unknowns of a layout and, behind them, of the gain; the initial state is
-    /// held, then projected out.
+    /// fixed, then projected out.
     pub fn jacobian(
         &self,
         window: Window,
@@ -271,7 +275,7 @@ impl Predictor<'_> {
         }
     }
 
-    /// What entries of A do through the slope of the input, and through a gain for another step.
+    /// Effects of entries of A through the slope of the input, and through a gain for another step.
     fn add_special(&self, tangents: &Tangents, slope: Option<&DVector<f64>>, e: &DVector<f64>, sum: &mut DVector<f64>) {
         if let Some(slope) = slope {
             sum.gemv(1.0, &tangents.g2, slope, 1.0);

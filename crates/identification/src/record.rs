@@ -91,6 +91,16 @@ impl Record {
                 return Err(Refusal::new(Cause::Request, text));
             }
         }
+        if self.is_empty() {
+            return Err(Refusal::new(Cause::TooShort, format!("{} has no rows", self.name)));
+        }
+        for column in &self.columns {
+            if let Some(row) = column.values.iter().position(|value| value.is_infinite()) {
+                let place = format!("{}: {} {}", self.name, self.row_word(), self.place(row));
+                let text = format!("{place}: {} = {}: must be finite or NaN", column.name, column.values[row]);
+                return Err(Refusal::new(Cause::Request, text));
+            }
+        }
         let mut before = f64::NEG_INFINITY;
         for (row, &time) in self.time.iter().enumerate() {
             let place = format!("{}: {} {}", self.name, self.row_word(), self.place(row));
@@ -106,7 +116,7 @@ impl Record {
     }
 }
 
-/// Name of the column that says which record a row belongs to.
+/// Name of the column that labels the record of each row.
 pub const LABEL: &str = "record";
 
 /// The signals that a model is about.
@@ -114,7 +124,7 @@ pub const LABEL: &str = "record";
 pub struct Signals {
     /// Names of the inputs.
     pub inputs: Vec<String>,
-    /// Names of the states, or of the outputs where these alone are measured.
+    /// Names of the states, or of the outputs where only these are measured.
     pub measured: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What all identifications do with a request first.
+//! First steps with any request.
 
 use crate::data::Part;
 use crate::finding::{Cause, Finding, Kind, Refusal};

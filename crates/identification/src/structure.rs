@@ -167,7 +167,7 @@ impl Entries {
         let row = signals.measured.iter().position(|name| name == state);
         let row = row.ok_or_else(|| refuse(format!("there is no state `{state}`; there are: {states}")))?;
         if expected.is_some_and(|expected| expected != row) {
-            return Err(refuse(format!("stands in another row than that of `{state}`")));
+            return Err(refuse(format!("is in another row than that of `{state}`")));
         }
         self.a[row].fill(Entry::Known(0.0));
         self.b[row].fill(Entry::Known(0.0));

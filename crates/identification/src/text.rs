@@ -10,7 +10,7 @@ pub fn digits(value: f64, count: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{}", if value == 0.0 { 0.0 } else { value });
     }
-    // Rounded first: 999.7 has one digit more than its logarithm says.
+    // Rounded first: 999.7 has one digit more than its logarithm has.
     let scientific = format!("{:.*e}", count - 1, value);
     let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);

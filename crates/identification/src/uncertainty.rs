@@ -44,8 +44,7 @@ impl Uncertainty {
         let count = problem.layout.count();
         let sums = Sums::of(problem, fit)?;
         let (inverse, condition) = inverse(&sums.information);
-        let whole = &inverse * &sums.middle * &inverse;
-        let whole = (&whole + whole.transpose()) * 0.5;
+        let whole = around(&inverse, &sums.middle);
         let mut covariance = whole.view((0, 0), (count, count)).into_owned();
         let robust = sums.robust(&inverse);
         if condition < 1e12 {
@@ -69,14 +68,13 @@ impl Uncertainty {
         self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
     }
 
-    /// The entries that the least certain direction is made of, where it has most of the variance of an entry: those with
-    /// more than a tenth of it.
+    /// The entries in the least certain direction, where it has most of the variance of an entry: the largest.
     pub fn combination(&self, entry: usize, share: f64) -> Option<Vec<(f64, usize)>> {
         let (values, vectors) = symmetric(&self.covariance);
         let whole = self.covariance[(entry, entry)];
         let place = (0..values.len()).find(|k| values[*k] * vectors[(entry, *k)].powi(2) > share * whole)?;
         let v = vectors.column(place);
-        let all = v.iter().enumerate().filter(|(_, part)| part.abs() > 0.1 * v.amax());
+        let all = v.iter().enumerate().filter(|(_, part)| part.abs() > 0.3 * v.amax());
         let all: Vec<(f64, usize)> = all.map(|(k, part)| (*part / v[entry], k)).collect();
         (all.len() > 1).then_some(all)
     }
@@ -121,8 +119,25 @@ impl Sums {
             middle.ger(1.0, block, block, 1.0);
         }
         let count = BLOCKS as f64;
-        inverse * middle * inverse * (count / (count - 1.0))
+        around(inverse, &middle) * (count / (count - 1.0))
     }
+}
+
+/// H⁻¹ M H⁻¹ as a product with its transpose: no variance is negative.
+fn around(inverse: &DMatrix<f64>, middle: &DMatrix<f64>) -> DMatrix<f64> {
+    // With unit diagonal, since units of unknowns differ.
+    let length: Vec<f64> = middle.diagonal().iter().map(|entry| entry.max(f64::MIN_POSITIVE).sqrt()).collect();
+    let size = length.len();
+    let unit = DMatrix::from_fn(size, size, |i, j| middle[(i, j)] / (length[i] * length[j]));
+    let (values, mut half) = symmetric(&unit);
+    for (mut column, value) in half.column_iter_mut().zip(&values) {
+        column.scale_mut(value.max(0.0).sqrt());
+    }
+    for (mut row, length) in half.row_iter_mut().zip(&length) {
+        row.scale_mut(*length);
+    }
+    let half = inverse * half;
+    &half * half.transpose()
 }
 
 /// Covariance of the weighted residuals of a row: Σ r rᵀ/(N − q/n), q the number of all unknowns.
@@ -152,7 +167,7 @@ fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     root
 }
 
-/// The inverse of an information matrix, and its condition number with unit diagonal. What can't be told is very uncertain.
+/// The inverse of an information matrix, and its condition number with unit diagonal. What can't be determined is very uncertain.
 fn inverse(information: &DMatrix<f64>) -> (DMatrix<f64>, f64) {
     let length: Vec<f64> = information.diagonal().iter().map(|entry| entry.max(f64::MIN_POSITIVE).sqrt()).collect();
     let size = length.len();
@@ -160,8 +175,9 @@ fn inverse(information: &DMatrix<f64>) -> (DMatrix<f64>, f64) {
     let (values, vectors) = symmetric(&unit);
     let most = values.first().copied().unwrap_or(1.0);
     let least = values.last().copied().unwrap_or(1.0);
-    let condition = if least > 0.0 { most / least } else { f64::INFINITY };
+    // Smaller eigenvalues are rounding.
     let floor = most * 1e-17;
+    let condition = most / least.max(floor);
     let mut half = vectors;
     for (mut column, value) in half.column_iter_mut().zip(&values) {
         column.unscale_mut(value.max(floor).sqrt());

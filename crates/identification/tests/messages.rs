@@ -3,7 +3,8 @@
 mod support;
 
 use adaptive_fmu_identification::{
-    Cause, Entry, Identified, Kind, Options, Record, Refusal, Row, Signals, Structure, Verdict, identify_states,
+    Cause, Entry, Identified, Kind, Options, Record, Refusal, Row, Signals, Structure, Verdict, identify_outputs,
+    identify_states,
 };
 use support::{Plant, Random, good, kinds, names, noisy, record, signals, text, times};
 
@@ -337,4 +338,67 @@ fn names_and_options_that_do_not_fit_are_refused() {
     assert!(told(Signals::new(&[], &["x1"]), &options).starts_with("a model needs at least one input"));
     assert!(told(signals(1, 2), &Options { hold_out: 1.0, ..options.clone() }).starts_with("1 of each record"));
     assert!(told(signals(1, 2), &Options { fixed: names("v", 1), ..options }).starts_with("`v1` is no input"));
+}
+
+#[test]
+fn wrong_cells_of_the_held_out_part_do_not_spoil_its_fit() {
+    let mut columns = columns(20);
+    columns.x[0][600] += 20.0;
+    columns.x[1][700] -= 20.0;
+    let found = good(identify(columns.record()));
+    assert_eq!(kinds(&found), [Kind::WrongCells]);
+    let told = text(&found, Kind::WrongCells);
+    assert!(told.starts_with("record: row 601, 701: wrong cells"), "{told}");
+    assert!(found.model.fit.held_out.iter().all(|fit| *fit > 97.0), "{:?}", found.model.fit);
+}
+
+#[test]
+fn wrong_cells_of_outputs_are_left_out() {
+    let mut columns = columns(21);
+    columns.x.pop();
+    for row in [100, 333, 620] {
+        columns.x[0][row] += 10.0;
+    }
+    let record = columns.record();
+    let found = good(identify_outputs(&[record], None, &signals(1, 1), &Options::default()));
+    assert_eq!(found.wrong_cells.iter().map(|cell| cell.row).collect::<Vec<_>>(), [100, 333]);
+    assert!(found.model.fit.held_out[0] > 97.0 && found.is_sound(), "{:?}", found.findings);
+    assert_eq!(found.model.states, ["x1", "x1'"]);
+}
+
+#[test]
+fn records_that_are_held_out_as_a_whole_are_another_test() {
+    let found =
+        identify_states(&[columns(22).record()], Some(&[columns(23).record()]), &signals(1, 2), &Options::default());
+    let found = good(found);
+    assert_eq!(kinds(&found), []);
+    assert!(found.model.fit.held_out.iter().all(|fit| *fit > 97.0), "{:?}", found.model.fit);
+    let none = good(identify_with(columns(22).record(), &Options { hold_out: 0.0, ..Options::default() }));
+    assert!(none.model.fit.held_out.is_empty() && none.ceiling.is_empty());
+}
+
+#[test]
+fn odd_records_are_refused() {
+    let refused = |change: &dyn Fn(&mut Record)| {
+        let mut record = columns(24).record();
+        change(&mut record);
+        refusal(identify(record))
+    };
+    let rows = |count: usize| {
+        move |record: &mut Record| {
+            record.time.truncate(count);
+            record.columns.iter_mut().for_each(|column| column.values.truncate(count));
+        }
+    };
+    for count in 0..30 {
+        assert_eq!(refused(&rows(count)).0, Cause::TooShort, "{count}");
+    }
+    let (cause, told) = refused(&|record| record.columns[1].values[7] = f64::INFINITY);
+    assert_eq!((cause, told.as_str()), (Cause::Request, "record: row 8: x1 = inf: must be finite or NaN"));
+    assert_eq!(refused(&|record| record.columns[0].values.fill(f64::NAN)).0, Cause::TooShort);
+    assert_eq!(refused(&|record| record.columns[0].values.truncate(3)).0, Cause::Request);
+    assert_eq!(refused(&|record| record.time[3] = f64::NAN).0, Cause::Time);
+    let (cause, told) = refused(&|record| record.columns[1].values.fill(5.0));
+    let expected = "x1 never moves (5 … 5): there is nothing to model. Leave it out, or excite it";
+    assert_eq!((cause, told.as_str()), (Cause::StillState, expected));
 }

@@ -66,7 +66,7 @@ fn units_stand_in_brackets_or_in_a_second_row_and_indices_are_none() {
     assert_eq!(units("time;speed;x[1];K[1,2]\ns;rpm;-;N.m\n0;1;2;3\n")[2], named("x[1]", "-"));
     assert_eq!(values("time,u\ns,V\n0,1\n")[1], [1.0]);
     assert_eq!(refusal("time,u\ns\n0,1\n"), "line 2: has 1 units, but there are 2 columns");
-    // Units stand in one place: this row is a wrong one.
+    // Units are given in one place: this row is a wrong one.
     assert!(refusal("time [s],u\ns,V\n0,1\n").starts_with("line 2: time = s: must be a finite number"));
 }
 

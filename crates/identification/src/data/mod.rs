@@ -39,7 +39,7 @@ pub(crate) struct Segment {
     pub mask: DMatrix<f64>,
     /// From each row to the next: the place in the steps.
     pub step: Vec<usize>,
-    /// What that step lacks, in samples: 0 unless there are too many steps.
+    /// The rest of that step, in samples: 0 unless there are too many steps.
     pub rest: Vec<f64>,
 }
 
@@ -101,7 +101,7 @@ impl Data {
 /// A part of each record.
 pub(crate) type Part = Vec<Range<usize>>;
 
-/// What is read of the records: rows, and where they are cut.
+/// Records as they are read: rows, and where they are cut.
 pub(crate) struct Source<'a> {
     pub records: &'a [Record],
     /// For each record, columns of the inputs, delayed.
@@ -293,7 +293,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// A column that acts later: what was held at that time before. NaN where nothing was recorded yet.
+/// A column that acts later: its value at that time before. NaN where nothing was recorded yet.
 fn delayed(time: &[f64], values: &[f64], delay: f64) -> Vec<f64> {
     if delay == 0.0 {
         return values.to_vec();

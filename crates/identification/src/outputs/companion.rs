@@ -1,4 +1,4 @@
-//! Continuous models of outputs alone, in observable companion form: the states are each output and its derivatives, without
+//! Continuous models from measured outputs, in observable companion form: the states are each output and its derivatives, without
 //! those of the inputs.
 
 use nalgebra::DMatrix;

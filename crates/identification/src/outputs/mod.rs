@@ -1,4 +1,4 @@
-//! From records to a model, where outputs alone are measured.
+//! From records to a model, where only outputs are measured.
 
 mod companion;
 mod order;
@@ -7,11 +7,12 @@ mod subspace;
 
 use nalgebra::DMatrix;
 
+use crate::cells::{self, Cell};
 use crate::checks::{self, Estimates};
 use crate::data::{Data, Source};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
-use crate::held_out::{HeldOut, bandwidth, disturbance, held_out};
+use crate::held_out::{HeldOut, bandwidth, disturbance, held_out, take_wrong_out};
 use crate::layout::{Continuous, Layout, factor};
 use crate::linear::spectral_radius;
 use crate::marquardt::{Fit, search};
@@ -32,7 +33,7 @@ use order::Choice;
 
 /// Steps of the search in the companion form's own unknowns, from where the sampled model's ended.
 const STEPS: usize = 10;
-/// Identifies a model from records in which outputs alone are measured: its order, and x' = A x + B u + d, y = C x in observable
+/// Identifies a model from records in which only outputs are measured: its order, and x' = A x + B u + d, y = C x in observable
 /// companion form. [`Signals::measured`] are the outputs.
 ///
 /// # Errors
@@ -48,7 +49,7 @@ pub fn identify_outputs(
     let signals = &without_fixed(signals, options, &mut findings)?;
     let source = Source::new(records, signals, &options.delays, order::FEWEST)?;
     let (first, last) = parts(records, held_out.is_some(), options)?;
-    let data = order::uniform(source.data(&first, None, Some(&mut findings))?);
+    let mut data = order::uniform(source.data(&first, None, Some(&mut findings))?);
     let names = Names::new(signals, &records[0]);
     let most = order::most(&data)?;
     faults::inputs(&data, &names, options.offsets, false)?;
@@ -61,22 +62,44 @@ pub fn identify_outputs(
         }
         None => source.data(&last, Some(&data.scaling), None).ok(),
     };
-    let tested = tested.map(order::uniform);
-    let choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
-    let found = Found::new(&data, &choice).ok_or_else(|| {
+    let mut tested = tested.map(order::uniform);
+    let mut choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
+    let failed = || {
         Refusal::new(Cause::NoModel, "no model of these outputs follows the record: its companion form isn't finite")
-    })?;
-    Request { records, names: &names, options }.identified(&found, tested.as_ref(), choice.orders, findings)
+    };
+    let mut found = Found::new(&data, &choice).ok_or_else(failed)?;
+    let (mut wrong, mut wrong_tested) = (Vec::new(), Vec::new());
+    for _ in 0..cells::ROUNDS {
+        let cells = cells::wrong_cells(&found.problem(), &found.fit);
+        let of_tested = tested.as_mut().map_or_else(Vec::new, |tested| found.take_wrong_out(tested));
+        if cells.is_empty() && of_tested.is_empty() {
+            break;
+        }
+        cells::take_out(&mut data, &cells);
+        wrong.extend(cells);
+        wrong_tested.extend(of_tested);
+        choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
+        found = Found::new(&data, &choice).ok_or_else(failed)?;
+    }
+    cells::report(&data, &wrong, records, &mut findings);
+    let tested_records = held_out.unwrap_or(records);
+    if let Some(tested) = &tested {
+        cells::report(tested, &wrong_tested, tested_records, &mut findings);
+    }
+    let wrong = cells::listed(&data, &wrong, signals);
+    let request = Request { records, names: &names, options };
+    let identified = request.identified(&found, tested.as_ref(), choice.orders, findings)?;
+    Ok(Identified { wrong_cells: wrong, ..identified })
 }
 
-/// What has no meaning for outputs.
+/// Refuses options that have no meaning for outputs.
 fn check(options: &Options) -> Result<(), Refusal> {
     let refuse = |text: &str| Err(Refusal::new(Cause::Request, text));
     if options.structure != Default::default() {
-        return refuse("a structure needs measured states: those of a model of outputs alone have no names");
+        return refuse("a structure needs measured states: those of a model from measured outputs have no names");
     }
     if options.hold != Hold::ZeroOrder {
-        return refuse("outputs alone are identified with inputs behind a zero-order hold");
+        return refuse("models from measured outputs need inputs behind a zero-order hold");
     }
     Ok(())
 }
@@ -114,12 +137,22 @@ impl Found {
         Problem::new(&self.data, &self.layout, Hold::ZeroOrder, usize::MAX, false)
     }
 
+    /// Takes wrong cells out of the held-out part; these cells.
+    fn take_wrong_out(&self, tested: &mut Data) -> Vec<Cell> {
+        let mut seen = self.companion.data(tested, self.data.state_scaling());
+        let (model, noise) = (self.model(), &self.fit.value.rms);
+        let band = bandwidth(&model.a, self.data.rows());
+        let cells = take_wrong_out(&model, &mut seen, Hold::ZeroOrder, (&[], band), noise);
+        cells::take_out(tested, &cells);
+        cells
+    }
+
     fn model(&self) -> Continuous {
         self.layout.matrices(&self.fit.unknowns)
     }
 }
 
-/// What was asked for.
+/// The request with what is needed to answer it.
 struct Request<'a> {
     records: &'a [Record],
     names: &'a Names<'a>,

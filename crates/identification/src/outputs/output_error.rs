@@ -1,4 +1,4 @@
-//! Output error of a sampled model of outputs alone, as a function of all entries of F, G and C.
+//! Output error of a sampled model from measured outputs, as a function of all entries of F, G and C.
 //!
 //! These have n² directions that change the states' coordinates only. Damping keeps a search from moving along them.
 

@@ -1,4 +1,4 @@
-//! A first sampled model of outputs alone, from subspaces of block Hankel matrices (PO-MOESP: M. Verhaegen, Identification of
+//! A first sampled model from measured outputs, from subspaces of block Hankel matrices (PO-MOESP: M. Verhaegen, Identification of
 //! the deterministic part of MIMO state space models given in innovations form, Automatica 30 (1994) 61).
 
 use nalgebra::{Complex, DMatrix, DVector};
@@ -7,8 +7,8 @@ use crate::data::{Data, Segment};
 use crate::linear::{eigenvalues, least_squares, null_vector, symmetric};
 use crate::starts::filled;
 
-/// Poles outside this circle are reflected into it; a search moves them out again.
-const CIRCLE: f64 = 0.999;
+/// Poles of a larger amount are reflected; a search moves them out again.
+const LARGEST_POLE: f64 = 0.999;
 
 /// x⁺ = F x + G u, y = C x and a constant, scaled.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,11 +102,11 @@ impl Span {
     }
 }
 
-/// F with its eigenvalues outside a circle just within the unit circle reflected at it.
+/// F with its eigenvalues that are too large reflected.
 fn reflected(f: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = f.nrows();
     let values = eigenvalues(f)?;
-    if values.iter().all(|value| value.norm() <= CIRCLE) {
+    if values.iter().all(|value| value.norm() <= LARGEST_POLE) {
         return Some(f.clone());
     }
     let complex = f.map(|entry| Complex::new(entry, 0.0));
@@ -116,14 +116,14 @@ fn reflected(f: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let beside = value + Complex::new(1e-9, 0.7e-9) * f.norm();
         let shifted = &complex - DMatrix::from_diagonal_element(n, n, beside);
         vectors.set_column(k, &null_vector(&shifted)?);
-        let is_outside = value.norm() > CIRCLE;
-        inner[(k, k)] = if is_outside { Complex::new(CIRCLE * CIRCLE, 0.0) / value.conj() } else { *value };
+        let is_outside = value.norm() > LARGEST_POLE;
+        inner[(k, k)] = if is_outside { Complex::new(LARGEST_POLE * LARGEST_POLE, 0.0) / value.conj() } else { *value };
     }
     let reflected = vectors.clone().try_inverse().map(|inverse| (vectors * inner * inverse).map(|entry| entry.re));
     let is_good = |f: &DMatrix<f64>| f.iter().all(|entry| entry.is_finite()) && crate::linear::spectral_radius(f) < 1.0;
     // Where eigenvectors are too near each other, everything is drawn in.
     let radius = values.iter().map(|value| value.norm()).fold(0.0, f64::max);
-    Some(reflected.filter(is_good).unwrap_or_else(|| f * (CIRCLE / radius)))
+    Some(reflected.filter(is_good).unwrap_or_else(|| f * (LARGEST_POLE / radius)))
 }
 
 /// G by least squares, with initial states and constants.
