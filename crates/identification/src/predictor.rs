@@ -5,11 +5,11 @@
 //! projected (L. Kaufman, A variable projection method for solving separable nonlinear least squares problems, BIT 15 (1975) 49):
 //! its gradient is exact.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixViewMut, DVector};
 
 use crate::data::{Data, Segment};
 use crate::layout::{Layout, Place};
-use crate::linear::{back_substitute, orthonormalise};
+use crate::linear::{back_substitute, orthonormalise, project_out};
 use crate::sampled::{Sampled, Step, Tangents};
 
 /// Rows times states of a window, at most: its Jacobian must fit into memory.
@@ -134,7 +134,7 @@ impl Predictor<'_> {
     }
 
     /// The weighted Jacobian of the residual by the unknowns of a layout and, behind them, of the gain; the initial state is
-    /// fixed, then projected out.
+    /// fixed, then projected out. Transposed: a column a residual.
     pub fn jacobian(
         &self,
         window: Window,
@@ -149,42 +149,24 @@ impl Predictor<'_> {
         let gains: Vec<_> = self.sampled.steps.iter().map(|step| self.gain_of(step)).collect();
         let mut s = DMatrix::<f64>::zeros(n, count);
         let mut next = s.clone();
-        let signals = self.data.n;
-        let mut jacobian = DMatrix::zeros(signals * window.len, count);
+        let mut jacobian = DMatrix::zeros(count, self.data.n * window.len);
         for k in 0..window.len {
             let row = window.first + k;
-            let seen = self.data.observed.as_ref().map(|observed| &observed.c * &s);
-            let seen = seen.as_ref().unwrap_or(&s);
-            for (i, weight) in weights.iter().enumerate() {
-                let weight = -weight * segment.mask[(i, row)];
-                if weight != 0.0 {
-                    jacobian.row_mut(k * signals + i).zip_apply(&seen.row(i), |to, from| *to = weight * from);
-                }
-            }
+            self.write_row(segment, row, weights, &s, &mut jacobian.columns_mut(k * self.data.n, self.data.n));
             if k + 1 == window.len {
                 break;
             }
             let place = segment.step[row];
             let step = &self.sampled.steps[place];
             let mut x = prediction.x.column(k).into_owned();
-            let masked;
-            let whole = match &gains[place] {
-                None => &step.f,
-                Some(gain) => {
-                    let mut gain = gain.clone();
-                    (0..n).for_each(|j| gain.column_mut(j).scale_mut(segment.mask[(j, row)]));
-                    masked = &step.f - gain;
-                    &masked
-                }
-            };
+            // K acts on the innovation at the row itself, before what a step lacks.
+            let corrected = gains[place].as_ref().map(|gain| masked(gain, segment, row) * &s);
             if segment.rest[row] != 0.0 {
-                // K acts on the innovation at the row itself.
-                let at_row = gains[place].as_ref().map(|_| (whole - &step.f) * &s);
                 self.go_rest_with_tangents(segment, row, layout, &mut x, &mut s);
-                next.gemm(1.0, &step.f, &s, 0.0);
-                next += at_row.unwrap_or_else(|| DMatrix::zeros(n, count));
-            } else {
-                next.gemm(1.0, whole, &s, 0.0);
+            }
+            next.gemm(1.0, &step.f, &s, 0.0);
+            if let Some(corrected) = corrected {
+                next -= corrected;
             }
             std::mem::swap(&mut s, &mut next);
             let e = prediction.e.column(k).into_owned();
@@ -193,9 +175,27 @@ impl Predictor<'_> {
                 add_gain(step, layout.count(), &e, &mut s);
             }
         }
-        let part = prediction.q.transpose() * &jacobian;
-        jacobian.gemm(-1.0, &prediction.q, &part, 1.0);
+        project_out(&mut jacobian, &prediction.q);
         jacobian
+    }
+
+    /// Writes the weighted sensitivities of a row's residuals as columns.
+    fn write_row(
+        &self,
+        segment: &Segment,
+        row: usize,
+        weights: &[f64],
+        s: &DMatrix<f64>,
+        columns: &mut DMatrixViewMut<f64>,
+    ) {
+        let seen = self.data.observed.as_ref().map(|observed| &observed.c * s);
+        let seen = seen.as_ref().unwrap_or(s);
+        for (i, weight) in weights.iter().enumerate() {
+            let weight = -weight * segment.mask[(i, row)];
+            if weight != 0.0 {
+                columns.column_mut(i).iter_mut().zip(seen.row(i).iter()).for_each(|(to, from)| *to = weight * from);
+            }
+        }
     }
 
     /// Takes a state and its sensitivities through what a step lacks.
@@ -284,6 +284,15 @@ impl Predictor<'_> {
             sum.gemv(1.0, carried, &(gain * e), 1.0);
         }
     }
+}
+
+/// A gain without the cells of a row that don't count.
+fn masked(gain: &DMatrix<f64>, segment: &Segment, row: usize) -> DMatrix<f64> {
+    let mut gain = gain.clone();
+    for (j, mut column) in gain.column_iter_mut().enumerate() {
+        column.scale_mut(segment.mask[(j, row)]);
+    }
+    gain
 }
 
 /// The slope of the input from a row to the next, in samples.

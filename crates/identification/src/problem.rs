@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::data::Data;
 use crate::layout::Layout;
-use crate::linear::{gram, spectral_radius};
+use crate::linear::{self, spectral_radius};
 use crate::marquardt::{MOST_GROWTH, Objective, Sums, Value, weighted};
 use crate::predictor::{Prediction, Predictor, Window, windows};
 use crate::sampled::{Hold, Sampled};
@@ -59,7 +59,7 @@ impl<'a> Problem<'a> {
         self.data.segments[window.segment].mask.columns(window.first, window.len).into_owned()
     }
 
-    /// Calls a function with the prediction of each window and its Jacobian, weighted and projected.
+    /// Calls a function with the prediction of each window and its Jacobian, weighted, projected and transposed.
     pub fn for_each_jacobian(
         &self,
         unknowns: &[f64],
@@ -101,8 +101,8 @@ impl Objective for Problem<'_> {
         let mut sums = Sums::new(self.data.n);
         self.for_each_jacobian(unknowns, weights, |window, prediction, jacobian| {
             sums.add(&prediction.e, &self.mask(window));
-            information += gram(jacobian);
-            gradient += jacobian.transpose() * weighted(&prediction.e, weights);
+            information += linear::information(jacobian);
+            gradient += jacobian * weighted(&prediction.e, weights);
         })?;
         let value = sums.value()?;
         information.iter().all(|entry| entry.is_finite()).then_some((information, gradient, value))

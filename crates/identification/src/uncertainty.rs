@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::layout::{Layout, Place};
-use crate::linear::{gram, symmetric};
+use crate::linear::{self, symmetric};
 use crate::marquardt::{Fit, Objective, weighted};
 use crate::problem::Problem;
 
@@ -86,7 +86,7 @@ impl Sums {
         let weights = fit.value.weights();
         let rows: usize = problem.windows.iter().map(|window| window.len).sum();
         let noise = noise(problem, fit, rows)?;
-        let root = square_root(&noise);
+        let root = square_root(&noise).transpose();
         let mut sums = Sums {
             information: DMatrix::zeros(count, count),
             middle: DMatrix::zeros(count, count),
@@ -94,17 +94,17 @@ impl Sums {
         };
         let mut before = 0;
         problem.for_each_jacobian(&fit.unknowns, &weights, |window, prediction, jacobian| {
-            sums.information += gram(jacobian);
+            sums.information += linear::information(jacobian);
             let mut turned = jacobian.clone();
             for k in 0..window.len {
-                let rows = &root * jacobian.rows(k * n, n);
-                turned.rows_mut(k * n, n).copy_from(&rows);
+                let row = jacobian.columns(k * n, n) * &root;
+                turned.columns_mut(k * n, n).copy_from(&row);
             }
-            sums.middle += gram(&turned);
+            sums.middle += linear::information(&turned);
             let residual = weighted(&prediction.e, &weights);
             for k in 0..window.len {
                 let block = (before + k) * BLOCKS / rows;
-                let part = jacobian.rows(k * n, n).transpose() * residual.rows(k * n, n);
+                let part = jacobian.columns(k * n, n) * residual.rows(k * n, n);
                 sums.blocks[block] += part;
             }
             before += window.len;

@@ -14,6 +14,8 @@ use nalgebra::{Complex, DMatrix, DVector, SymmetricEigen};
 
 /// Iterations for each eigenvalue; three are usual.
 const ITERATIONS: usize = 100;
+/// Columns of a product that are computed together.
+const PART: usize = 512;
 /// Columns that are smaller than this part of what they were depend on those before.
 const DEPENDENT: f64 = 1e-12;
 
@@ -128,9 +130,20 @@ pub fn null_vector(matrix: &DMatrix<Complex<f64>>) -> Option<DVector<Complex<f64
     Some(v)
 }
 
-/// JᵀJ through the fast product.
-pub fn gram(j: &DMatrix<f64>) -> DMatrix<f64> {
-    j.transpose() * j
+/// JᵀJ of a transposed Jacobian, part by part: its columns are rows of residuals, of which there may be many.
+pub fn information(transposed: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut sum = DMatrix::zeros(transposed.nrows(), transposed.nrows());
+    for first in (0..transposed.ncols()).step_by(PART) {
+        let part = transposed.columns(first, PART.min(transposed.ncols() - first));
+        sum.gemm(1.0, &part, &part.transpose(), 1.0);
+    }
+    sum
+}
+
+/// Takes what orthonormal columns span out of a Jacobian, transposed.
+pub fn project_out(transposed: &mut DMatrix<f64>, q: &DMatrix<f64>) {
+    let part = &*transposed * q;
+    transposed.gemm(-1.0, &part, &q.transpose(), 1.0);
 }
 
 #[cfg(test)]

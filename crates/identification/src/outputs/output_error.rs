@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::subspace::Discrete;
 use crate::data::Data;
-use crate::linear::{back_substitute, gram, orthonormalise, spectral_radius};
+use crate::linear::{back_substitute, information, orthonormalise, project_out, spectral_radius};
 use crate::marquardt::{MOST_GROWTH, Objective, Sums, Value, weighted};
 
 /// The objective for a number of states.
@@ -110,11 +110,11 @@ impl OutputError<'_> {
         all
     }
 
-    /// The weighted Jacobian of the residuals of a record, projected.
+    /// The weighted Jacobian of the residuals of a record, projected and transposed.
     fn jacobian(&self, model: &Discrete, prediction: &Prediction, weights: &[f64]) -> DMatrix<f64> {
         let (n, m, p) = (self.order, self.data.m, self.data.n);
         let dynamic = n * n + n * m;
-        let mut jacobian = DMatrix::zeros(prediction.e.len(), dynamic + p * n);
+        let mut jacobian = DMatrix::zeros(dynamic + p * n, prediction.e.len());
         let mut at = 0;
         for (place, s) in prediction.segments.iter().enumerate() {
             let segment = &self.data.segments[*s];
@@ -125,9 +125,9 @@ impl OutputError<'_> {
                 let outputs = &model.c * &sensitivity;
                 for i in 0..p {
                     let (row, weight) = ((at + k) * p + i, -weights[i] * segment.mask[(i, k)]);
-                    let mut own = jacobian.view_mut((row, 0), (1, dynamic));
-                    own.zip_apply(&outputs.row(i), |to, from| *to = weight * from);
-                    (0..n).for_each(|j| jacobian[(row, dynamic + i * n + j)] = weight * x[j]);
+                    let mut own = jacobian.column_mut(row);
+                    own.iter_mut().zip(outputs.row(i).iter()).for_each(|(to, from)| *to = weight * from);
+                    (0..n).for_each(|j| own[dynamic + i * n + j] = weight * x[j]);
                 }
                 next.gemm(1.0, &model.f, &sensitivity, 0.0);
                 std::mem::swap(&mut sensitivity, &mut next);
@@ -138,8 +138,7 @@ impl OutputError<'_> {
             }
             at += segment.len();
         }
-        let part = prediction.q.transpose() * &jacobian;
-        jacobian.gemm(-1.0, &prediction.q, &part, 1.0);
+        project_out(&mut jacobian, &prediction.q);
         jacobian
     }
 }
@@ -171,16 +170,15 @@ impl Objective for OutputError<'_> {
     fn normal_equations(&self, unknowns: &[f64], weights: &[f64]) -> Option<(DMatrix<f64>, DVector<f64>, Value)> {
         let model = self.allowed(unknowns)?;
         let mut sums = Sums::new(self.data.n);
-        let (mut information, mut gradient) =
-            (DMatrix::zeros(unknowns.len(), unknowns.len()), DVector::zeros(unknowns.len()));
+        let (mut sum, mut gradient) = (DMatrix::zeros(unknowns.len(), unknowns.len()), DVector::zeros(unknowns.len()));
         for record in 0..self.data.records {
             let Some(prediction) = self.predict(&model, record, weights) else { continue };
             let jacobian = self.jacobian(&model, &prediction, weights);
             sums.add(&prediction.e, &prediction.mask);
-            information += gram(&jacobian);
-            gradient += jacobian.transpose() * weighted(&prediction.e, weights);
+            sum += information(&jacobian);
+            gradient += &jacobian * weighted(&prediction.e, weights);
         }
         let value = sums.value()?;
-        information.iter().all(|entry| entry.is_finite()).then_some((information, gradient, value))
+        sum.iter().all(|entry| entry.is_finite()).then_some((sum, gradient, value))
     }
 }
