@@ -92,7 +92,7 @@ pub struct Ladrc {
     angles: Angles,
     jumps: Option<Jumps>,
     in_command: InCommand,
-    /// What the actuators achieve of u, where that is known.
+    /// The part of u that the actuators achieve, where that is known.
     u_achieved: Option<VectorOf<Input>>,
     /// Estimates of y and its derivatives, and of f: a row a channel.
     z: MatrixOf<State>,

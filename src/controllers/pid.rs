@@ -73,7 +73,7 @@ pub struct Pid {
     angles: Angles,
     jumps: Option<Jumps>,
     in_command: InCommand,
-    /// What the actuators achieve of u, where that is known.
+    /// The part of u that the actuators achieve, where that is known.
     u_achieved: Option<VectorOf<Input>>,
     I: VectorOf<State>,
     w: VectorOf<State>,

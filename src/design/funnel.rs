@@ -60,6 +60,14 @@ pub struct Design {
 /// # Errors
 /// Why there is none.
 pub fn design(plant: &Nominal, references: &[f64]) -> Result<Design, Invalid> {
+    design_within(plant, references, &MOST_LEFT)
+}
+
+/// The same where the error takes up so much of its own funnel in the end at most, by the relative degree.
+///
+/// # Errors
+/// Why there is none.
+pub fn design_within(plant: &Nominal, references: &[f64], most_left: &[f64; MOST_DEGREE]) -> Result<Design, Invalid> {
     if plant.delay.iter().any(|&delay| delay > 0.0) {
         return Err(Invalid::because(
             "delay: a funnel controller takes no dead time. `new pid` or `new ladrc` may find a controller",
@@ -88,7 +96,7 @@ pub fn design(plant: &Nominal, references: &[f64]) -> Result<Design, Invalid> {
             let channels: Vec<_> = references.iter().map(of).collect();
             let loop_ = Loop::new([&plant.A, &plant.B, &plant.C], degree, &G, &channels);
             let followed = loop_.follow();
-            if followed.largest_part <= MOST_PART && followed.left <= MOST_LEFT[degree - 1] && followed.stayed() {
+            if followed.largest_part <= MOST_PART && followed.left <= most_left[degree - 1] && followed.stayed() {
                 let longest = STEP * NARROW / (g * tau.powi(degree as i32 - 1));
                 let sampled = loop_.sampled(longest);
                 return Ok(Design {

@@ -5,7 +5,7 @@ use nalgebra::{Complex, DMatrix};
 
 use super::{Plant, Text, list, round_up, rows};
 
-/// Magnitudes within these are near enough to 1, which they are where nothing is said.
+/// Magnitudes within these are near enough to 1, the default.
 const USUAL: std::ops::RangeInclusive<f64> = 0.1..=1e3;
 /// Frequencies at which outputs follow their references, in parts of the bandwidth.
 const FREQUENCIES: [f64; 2] = [0.1, 1.0];
@@ -80,14 +80,14 @@ pub fn write_magnitudes<N: AsRef<str>>(
     of: impl FnOnce(&Magnitudes) -> Vec<(N, Values)>,
 ) {
     let Some(sizes) = plant.and_then(|plant| Magnitudes::new(plant, references, bandwidth)) else { return };
-    let told: Vec<_> = of(&sizes).into_iter().filter_map(|(name, values)| Some((name, rounded(values)?))).collect();
+    let written: Vec<_> = of(&sizes).into_iter().filter_map(|(name, values)| Some((name, rounded(values)?))).collect();
     let is_far = |value: &f64| !USUAL.contains(value);
-    if !told.iter().any(|(_, values)| values.iter().any(is_far)) {
+    if !written.iter().any(|(_, values)| values.iter().any(is_far)) {
         return;
     }
     text.table("magnitudes");
     text.comment("Usual magnitudes: integrators keep errors within their tolerance times these.");
-    for (name, values) in &told {
+    for (name, values) in &written {
         match values {
             Values::List(values) => text.set(name.as_ref(), list(values), ""),
             Values::Rows(values) => text.set(name.as_ref(), rows(values), ""),

@@ -21,7 +21,7 @@ const LARGEST: u64 = 1 << 22;
 const KEYS: [&str; 14] =
     ["A", "B", "C", "D", "num", "den", "dt", "delay", "states", "inputs", "outputs", "units", "u_min", "u_max"];
 const IGNORED: [&str; 7] = ["fmu", "time", "method", "steady_state", "unique", "trim", "eigenvalues"];
-/// What `identify` writes besides: of the records, and of how sure the model is.
+/// Keys of identified models besides: records, and uncertainty.
 const OF_RECORDS: [&str; 11] = [
     "sample_time",
     "offset",

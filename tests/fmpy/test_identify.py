@@ -1,7 +1,6 @@
 """`identify`: a record of a plant, the model with its uncertainty, and a controller for it."""
 
 import json
-import re
 import subprocess
 from pathlib import Path
 
@@ -75,7 +74,8 @@ def test_the_table_and_json_say_the_same(tmp_path: Path) -> None:
     assert told["model"] == json.loads((tmp_path / "model.json").read_text())
     for entry in told["entries"]:
         matrix, i, j = entry["entry"]
-        value = float(re.search(rf"{matrix}\[{i},{j}\] +(\S+)", text)[1])
+        line = next(line for line in text.splitlines() if line.startswith(f"{matrix}[{i},{j}] "))
+        value = float(line.split()[-2])
         assert value == pytest.approx(entry["value"], rel=1e-5)
     for finding in told["findings"]:
         assert finding["text"] in text

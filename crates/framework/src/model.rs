@@ -4,8 +4,6 @@ mod description;
 mod preparing;
 mod stored;
 
-#[cfg(feature = "schema")]
-pub(crate) use description::Magnitude;
 pub use description::{Description, Experiment};
 
 use std::collections::BTreeSet;

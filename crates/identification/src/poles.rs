@@ -51,9 +51,9 @@ pub(crate) fn poles(a: &DMatrix<f64>, layout: &Layout, covariance: &DMatrix<f64>
 fn derivative(a: &DMatrix<f64>, value: Complex<f64>) -> Option<DMatrix<Complex<f64>>> {
     let n = a.nrows();
     // A little away from the eigenvalue, where the matrix can be inverted.
-    let beside = value + Complex::new(1e-10, 0.7e-10) * a.norm().max(f64::MIN_POSITIVE);
+    let shifted = value + Complex::new(1e-10, 0.7e-10) * a.norm().max(f64::MIN_POSITIVE);
     let shifted =
-        DMatrix::from_fn(n, n, |i, j| Complex::new(a[(i, j)], 0.0) - if i == j { beside } else { Complex::ZERO });
+        DMatrix::from_fn(n, n, |i, j| Complex::new(a[(i, j)], 0.0) - if i == j { shifted } else { Complex::ZERO });
     let (right, left) = (null_vector(&shifted)?, null_vector(&shifted.transpose())?);
     let product = left.dot(&right);
     (product.norm() > 1e-14).then(|| left * right.transpose() / product)

@@ -96,12 +96,12 @@ impl Law {
         }
     }
 
-    /// Moves origins to references that are far from them, with what a unit has beside the law.
-    pub(super) fn move_origins<S: Scalar>(&self, beside: impl Fn(Angle, S, &mut Point<S>), v: &mut Point<S>) {
+    /// Moves origins to references that are far from them, with what a unit has besides.
+    pub(super) fn move_origins<S: Scalar>(&self, other: impl Fn(Angle, S, &mut Point<S>), v: &mut Point<S>) {
         let Some(origins) = &self.origins else { return };
         let move_along = |angle: Angle, by: S, v: &mut Point<S>| {
             self.move_along(angle, by, v);
-            beside(angle, by, v);
+            other(angle, by, v);
         };
         origins.event(|angle, v| self.counts(angle, v), move_along, v);
     }

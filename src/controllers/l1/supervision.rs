@@ -22,7 +22,7 @@ impl Law {
         self.event_with(|_| {}, |_, _, _| {}, v);
     }
 
-    /// The same, with what a unit does where the law is about to take over, and where the origin of an angle has moved.
+    /// The same, with what a unit does before it takes over, and where the origin of an angle has moved.
     pub fn event_with<S: Scalar>(
         &self,
         before: impl FnOnce(&mut Point<S>),

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::output::Files;
-use adaptive_fmu::report::number;
+use adaptive_fmu::report::{self, number};
 use adaptive_fmu_identification::csv::Table;
 use adaptive_fmu_identification::{
     Free, Hold, Identified, LABEL, Model, Options, Record, Signals, Structure, Verdict, identify_outputs,
@@ -19,7 +19,7 @@ use super::names::Names;
 use super::new::there_already;
 use super::number::positive;
 
-/// The model was written, and a finding says that it should not be used for a design.
+/// The model was written, and a finding is that it should not be used for a design.
 const UNSOUND: u8 = 3;
 /// Default of --hold-out.
 const HELD_OUT: &str = "0.3";
@@ -67,10 +67,10 @@ pub struct Arguments {
     /// Inputs that never move, to be left out
     #[arg(long, value_name = "NAME,…")]
     fixed: Option<Names>,
-    /// Whether each record has a constant of its own: operating point, friction, bias
+    /// Constant of each record: operating point, friction, bias
     #[arg(long, value_enum, default_value_t = Offset::Record)]
     offset: Offset,
-    /// Confidence level of bounds that are made of the model
+    /// Confidence level of bounds from the model
     #[arg(long, default_value_t = 0.99, value_parser = level)]
     level: f64,
     /// Longest window that is simulated without correction, s [default: whole records]
@@ -113,7 +113,7 @@ fn level(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "must be above 0 and below 1".to_owned())
 }
 
-/// Writes the model and tells what was found; the exit code is 3 where the model should not be used for a design.
+/// Writes the model and prints what was found; the exit code is 3 where the model should not be used for a design.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let records = read(&arguments.records, arguments)?;
     let (part, held_out) = held_out(arguments)?;
@@ -219,7 +219,7 @@ fn tell_all(found: &Identified) {
     let measured = if model.outputs.is_empty() { &model.states } else { &model.outputs };
     say!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise");
     for (k, name) in measured.iter().enumerate() {
-        let of = |fits: &[f64]| fits.get(k).map_or("–".to_owned(), |fit| format!("{fit:.1}"));
+        let of = |fits: &[f64]| fits.get(k).map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0));
         let noise = model.noise.get(k).map_or("–".to_owned(), |noise| number(*noise));
         say!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows));
     }

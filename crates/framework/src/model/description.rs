@@ -14,7 +14,7 @@ use crate::system::{Names, Word, Words};
 pub struct Description {
     /// Name of the FMU: a C identifier.
     pub name: String,
-    /// Which system it is made of.
+    /// Its system: the name of a kind.
     pub model: String,
     /// What it is, in a line.
     pub description: String,
@@ -80,7 +80,7 @@ enum StartValue {
 #[derive(schemars::JsonSchema)]
 #[schemars(untagged)]
 #[allow(dead_code)] // for the schema alone
-pub(crate) enum Magnitude {
+enum Magnitude {
     /// A scalar, or one element.
     Number(f64),
     /// A vector.

@@ -113,8 +113,8 @@ fn reflected(f: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let mut vectors = DMatrix::zeros(n, n);
     let mut inner = DMatrix::zeros(n, n);
     for (k, value) in values.iter().enumerate() {
-        let beside = value + Complex::new(1e-9, 0.7e-9) * f.norm();
-        let shifted = &complex - DMatrix::from_diagonal_element(n, n, beside);
+        let near = value + Complex::new(1e-9, 0.7e-9) * f.norm();
+        let shifted = &complex - DMatrix::from_diagonal_element(n, n, near);
         vectors.set_column(k, &null_vector(&shifted)?);
         let is_outside = value.norm() > LARGEST_POLE;
         inner[(k, k)] = if is_outside { Complex::new(LARGEST_POLE * LARGEST_POLE, 0.0) / value.conj() } else { *value };

@@ -20,7 +20,7 @@ pub(super) fn possible(channel: usize) -> String {
     format!("{MIXER}.{POSSIBLE}[{channel}]")
 }
 
-/// Puts a mixer, which limits nothing yet, before the actuators of a loop. Files lie beside the study, in this folder.
+/// Puts a mixer, which limits nothing yet, before the actuators of a loop. Its files are in this folder, with the study.
 ///
 /// # Errors
 /// When there is no such unit, or it lacks a parameter.
@@ -42,13 +42,13 @@ pub(super) fn put(structure: &mut Structure, mixer: &Mixer, folder: &Path) -> Re
 }
 
 fn component(structure: &mut Structure, mixer: &Mixer, channels: usize, folder: &Path) -> Result<Component, Error> {
-    let beside = folder.join(&mixer.unit);
-    let is_archive = beside.extension().is_some_and(|extension| extension == "fmu");
-    let stem = beside.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let (fmu, file) = match beside.is_file() {
-        true if is_archive => (stem, UnitFile::Archive { path: beside, elsewhere: true }),
+    let given = folder.join(&mixer.unit);
+    let is_archive = given.extension().is_some_and(|extension| extension == "fmu");
+    let stem = given.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let (fmu, file) = match given.is_file() {
+        true if is_archive => (stem, UnitFile::Archive { path: given, elsewhere: true }),
         true => {
-            let source = find_description(&beside.display().to_string())?;
+            let source = find_description(&given.display().to_string())?;
             structure.descriptions.insert(stem.clone(), source);
             (stem, UnitFile::Named)
         }

@@ -120,7 +120,7 @@ pub struct Plant {
     /// What a reader of its results must know. It changes none of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub about: Option<String>,
-    /// Its description: a unit of this package, or a file beside the study.
+    /// Its description: a unit of this package, or a file next to the study.
     pub unit: String,
     /// The description of its reference.
     pub reference: String,

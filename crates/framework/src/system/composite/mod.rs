@@ -61,7 +61,7 @@ pub(crate) struct PartDescription {
     start: toml::Table,
     /// Usual magnitudes of its variables that differ from its own.
     #[serde(default)]
-    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, crate::model::Magnitude>"))]
+    #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     magnitudes: toml::Table,
 }
 
