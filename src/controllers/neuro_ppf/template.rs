@@ -85,7 +85,9 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let of_tracked = request.plant.as_ref().map(|plant| Plant { C: tracked.clone(), ..plant.clone() });
     write_magnitudes(&mut text, of_tracked.as_ref(), (&references, W), |of| {
         let weights = DMatrix::from_fn(NEURONS, m, |_, j| W.powi(degree as i32) * references[j]);
-        vec![("x_m", (&of.x).into()), ("theta_f", Values::Rows(weights)), ("u", (&of.u).into())]
+        let known = [("theta_f", Values::Rows(weights)), ("u", (&of.u).into())];
+        // The reference itself is the model of a second-order variable.
+        known.into_iter().chain((degree == 1).then(|| ("x_m", (&of.x).into()))).collect()
     });
     write_nominal_with(&mut text, &tracked, request, W, request.uncertainty);
     Ok(text.finish())

@@ -37,8 +37,8 @@ const LONGER: f64 = 3.0;
 const USUAL: f64 = 15.0;
 /// The runs of a candidate may take so long: an adaptation that is a thousand times faster than its loop takes minutes.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// And at most for so many of the settling times that were asked for.
-const MOST: f64 = 5.0;
+/// And at most for so many of the settling times that were asked for; a loop that is slower isn't run.
+const MOST: f64 = 30.0;
 
 /// A kind of controller, or of a controller with an observer.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -298,11 +298,17 @@ impl Task {
         };
         let trial = self.trial(kind, &attempt, folder, units)?;
         let report = &attempt.controller.report;
-        let longest = found(report, UNCERTAIN, SETTLING).or_else(|| found(report, NOMINAL, SETTLING));
-        let longest = longest.map_or(USUAL / attempt.bandwidth, |time| LONGER * time);
+        let settles = found(report, UNCERTAIN, SETTLING).or_else(|| found(report, NOMINAL, SETTLING));
+        let longest = settles.map_or(USUAL / attempt.bandwidth, |time| LONGER * time);
         let asked = self.settling_time.unwrap_or(FIRST / attempt.bandwidth);
         let duration = longest.min(MOST * asked);
-        let ran = |other: Option<&WorstPlant>| trial.steps(other, duration).map_err(|reason| reason.to_string());
+        // A loop that is cut off looks as if it rested where it is then.
+        let too_slow =
+            settles.filter(|&time| time > duration).map(|time| format!("settles in {} s", number(three_digits(time))));
+        let ran = |other: Option<&WorstPlant>| match &too_slow {
+            Some(reason) => Err(format!("{reason}, more than {MOST} times the time asked for")),
+            None => trial.steps(other, duration).map_err(|reason| reason.to_string()),
+        };
         let corners = report.worst.iter().map(|other| (other.clone(), ran(Some(other)))).collect();
         let noise = self.noise(kind, &attempt, folder, units)?;
         let (nominal, texts) = (ran(None), attempt.texts(kind));
