@@ -16,8 +16,8 @@ use super::angles::Jumps;
 use super::at_limit::{Guarantee, Limited, REOPENED_OR_AT_LIMIT, manual, unlimited};
 use super::funnel::{Funnel, Inside};
 use super::in_command::InCommand;
-use super::l1::{SETTLED, dot};
-use super::origins::Origins;
+use super::l1::{SETTLED, dot, product};
+use super::origins::{Origins, Turning as _};
 use super::supervised::Supervised;
 use super::units::of_matrix;
 use crate::catalogue::{Catalogued, Role, Trial};
@@ -215,7 +215,8 @@ impl System for MracPpfUnmatched {
     /// The reference model starts where the plant is, or where it is told; the estimates at 0.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let enabled = self.in_command.begin(v);
-        self.start_origins(v);
+        self.start_model(v);
+        self.jumps.iter().for_each(|jumps| jumps.begin(v));
         self.begin(v);
         let is_given = v.get(self.x_m_start).is(ModelStart::Given);
         v.when(is_given, |v| self.give_model(v));
@@ -383,8 +384,7 @@ impl MracPpfUnmatched {
     fn model_rate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let of_model = dot(v.matrix(self.A_m).row(i).iter(), &v[self.x_m]);
         if self.plant.reached.contains(&i) {
-            let references = (0..self.r.len()).map(|channel| self.reference(channel, v));
-            return of_model + product(v.matrix(self.command).row(i).iter(), references);
+            return of_model + product(v.matrix(self.command).row(i).iter(), self.references(v));
         }
         of_model
     }
@@ -399,10 +399,6 @@ impl MracPpfUnmatched {
     fn estimate<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         product(v.matrix(self.theta_hat).column(i).iter(), self.states(v)) + v[self.sigma_hat][i]
     }
-}
-
-fn product<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: impl Iterator<Item = S>) -> S {
-    row.zip(column).fold(S::from(0.0), |sum, (&a, b)| sum + a * b)
 }
 
 impl Catalogued for MracPpfUnmatched {

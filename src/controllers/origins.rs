@@ -13,8 +13,8 @@ use nalgebra::DMatrix;
 use super::angles::Angles;
 use crate::mathematics::angle;
 use crate::system::{
-    Declaration, DesignReport, Discrete, Input, Invalid, Parameter, Point, Scalar, ScalarOf, Values, VectorOf, scalar,
-    vector,
+    Declaration, DesignReport, Discrete, Input, Invalid, Parameter, Point, Scalar, ScalarOf, State, Values, VectorOf,
+    scalar, vector,
 };
 
 /// An event is located to rounding: from here on, in parts of the range, an angle counts as beyond it.
@@ -82,6 +82,11 @@ impl Origins {
         self.angles.iter().copied()
     }
 
+    /// True if an output is an angle.
+    pub fn has(&self, channel: usize) -> bool {
+        self.angles.iter().any(|angle| angle.channel == channel)
+    }
+
     /// Reports how the angles of the measured state x are counted.
     pub fn report(&self, x: VectorOf<Input>, v: &Values<f64>, report: &mut DesignReport) {
         report.section("Angles");
@@ -135,6 +140,82 @@ impl Origins {
         for angle in self.angles().filter(|angle| angle.moves) {
             let by = counts(angle, &v.values());
             v.when(by.abs().at_least(v[self.range] * REACHED), |v| move_along(angle, by, v));
+        }
+    }
+}
+
+/// A law with a reference model: its angles are read nearest to the model's, and counted from origins that move to the references.
+///
+/// ψ_l = x_m,ψ + wrap(ψ − c − x_m,ψ) with the origin c takes the place of ψ, r_l = ψ_l + wrap(r − c − ψ_l) that of its reference.
+pub(super) trait Turning {
+    /// The origins, where the state has angles.
+    fn origins(&self) -> Option<&Origins>;
+
+    /// The measured state and the references.
+    fn inputs(&self) -> [VectorOf<Input>; 2];
+
+    /// The state of the reference model.
+    fn model(&self) -> VectorOf<State>;
+
+    /// What depends on an angle, moved with its origin.
+    fn move_along<S: Scalar>(&self, angle: Angle, by: S, v: &mut Point<S>);
+
+    /// An element of the measured state, angles counted from their origins.
+    fn state<S: Scalar>(&self, k: usize, v: &Values<S>) -> S {
+        let x = v[self.inputs()[0]][k];
+        self.origins().map_or(x, |origins| origins.local(k, x, v[self.model()][k], v))
+    }
+
+    /// The measured state, angles counted from their origins.
+    fn states<'a, S: Scalar>(&'a self, v: &'a Values<'a, S>) -> impl Iterator<Item = S> + 'a {
+        (0..self.model().len()).map(move |k| self.state(k, v))
+    }
+
+    /// A reference, counted as its output is.
+    fn reference<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
+        let r = v[self.inputs()[1]][channel];
+        self.origins().map_or(r, |origins| origins.local_reference(channel, r, |k| self.state(k, v), v))
+    }
+
+    /// The references, counted as their outputs are.
+    fn references<'a, S: Scalar>(&'a self, v: &'a Values<'a, S>) -> impl Iterator<Item = S> + 'a {
+        (0..self.inputs()[1].len()).map(move |channel| self.reference(channel, v))
+    }
+
+    /// The reference model starts where the plant is. Angles are counted from 0, or from their reference where they or that are far
+    /// from 0.
+    fn start_model<S: Scalar>(&self, v: &mut Point<S>) {
+        let ([x, r], x_m) = (self.inputs(), self.model());
+        v.copy(x, x_m);
+        let Some(origins) = self.origins() else { return };
+        for angle in origins.angles() {
+            let psi = v[x][angle.state].wrap();
+            let there = psi + (v[r][angle.channel] - psi).wrap();
+            origins.start(angle, there, &[psi, there], v);
+            let origin = origins.of_state(angle.state, &v.values());
+            v[x_m][angle.state] = psi - origin;
+        }
+    }
+
+    /// Puts the reference model where the plant is.
+    fn put_model<S: Scalar>(&self, v: &mut Point<S>) {
+        let x_m = self.model();
+        for k in 0..x_m.len() {
+            let x = self.state(k, &v.values());
+            v[x_m][k] = x;
+        }
+    }
+
+    fn origin_indicators<S: Scalar>(&self, v: &Values<S>, z: &mut [S]) {
+        if let Some(origins) = self.origins() {
+            origins.event_indicators(|angle| self.reference(angle.channel, v), v, z);
+        }
+    }
+
+    /// Moves origins to references that are far from them.
+    fn move_origins<S: Scalar>(&self, v: &mut Point<S>) {
+        if let Some(origins) = self.origins() {
+            origins.event(|angle, v| self.reference(angle.channel, v), |angle, by, v| self.move_along(angle, by, v), v);
         }
     }
 }

@@ -50,24 +50,57 @@ impl From<&DMatrix<f64>> for Values {
 
 impl Magnitudes {
     /// Those of a plant whose outputs swing by their references, up to a bandwidth, rad/s: of its inputs what makes them swing,
-    /// and of its states what comes of that. None where the inputs don't move the outputs independently of each other.
+    /// and of its states what comes of that, each as far as the limits of the inputs allow. None where the inputs don't move the
+    /// outputs independently of each other.
     pub fn new(plant: &Plant, references: &[f64], bandwidth: f64) -> Option<Self> {
         let (n, m, p) = plant.sizes();
-        let complex = |matrix: &DMatrix<f64>| matrix.map(Complex::from);
-        let (mut x, mut u) = (vec![0.0; n], vec![0.0; m]);
+        let limits = plant.limits.as_ref().map_or(vec![f64::INFINITY; m], |[min, max]| {
+            min.iter().zip(max).map(|(min, max)| min.abs().max(max.abs())).collect()
+        });
+        let mut swings = Magnitudes { x: vec![0.0; n], u: vec![0.0; m], y: references.to_vec() };
+        let mut allowed = Magnitudes { x: vec![0.0; n], u: limits.clone(), y: vec![0.0; p] };
         for frequency in FREQUENCIES.map(|part| part * bandwidth) {
-            let moved = DMatrix::identity(n, n).map(|one: f64| Complex::new(0.0, one * frequency)) - complex(&plant.A);
-            let states = moved.lu().solve(&complex(&plant.B))?;
-            let outputs = complex(&plant.C) * &states + plant.D.as_ref().map_or(DMatrix::zeros(p, m), complex);
-            let needed = if p == m { outputs.try_inverse()? } else { outputs.pseudo_inverse(0.0).ok()? };
-            let states = states * &needed;
-            let swing = |matrix: &DMatrix<Complex<f64>>, i: usize| -> f64 {
-                matrix.row(i).iter().zip(references).map(|(entry, reference)| entry.norm() * reference).sum()
-            };
-            x.iter_mut().enumerate().for_each(|(i, x)| *x = f64::max(*x, swing(&states, i)));
-            u.iter_mut().enumerate().for_each(|(j, u)| *u = f64::max(*u, swing(&needed, j)));
+            let [to_x, to_y] = responses(plant, frequency)?;
+            if p == m {
+                let needed = to_y.clone().try_inverse()?;
+                raise(&mut swings.u, &needed, references);
+                raise(&mut swings.x, &(&to_x * needed), references);
+            } else {
+                let u: Vec<_> = (0..m).map(|j| alone(&to_y, j, references)).collect();
+                swings.u.iter_mut().zip(&u).for_each(|(most, u)| *most = most.max(*u));
+                raise(&mut swings.x, &to_x, &u);
+            }
+            raise(&mut allowed.x, &to_x, &limits);
+            raise(&mut allowed.y, &to_y, &limits);
         }
-        Some(Magnitudes { x, u, y: references.to_vec() })
+        let least = |swing: Vec<f64>, allowed: Vec<f64>| swing.iter().zip(allowed).map(|(a, b)| a.min(b)).collect();
+        Some(Magnitudes { x: least(swings.x, allowed.x), u: least(swings.u, allowed.u), y: least(swings.y, allowed.y) })
+    }
+}
+
+/// The size of an input with which no output exceeds its reference.
+fn alone(to_y: &DMatrix<Complex<f64>>, input: usize, references: &[f64]) -> f64 {
+    let size = |i: usize| references[i] / to_y[(i, input)].norm();
+    (0..references.len()).map(size).fold(f64::INFINITY, f64::min)
+}
+
+/// From the inputs to the states and to the outputs at a frequency, rad/s; none at a pole.
+fn responses(plant: &Plant, frequency: f64) -> Option<[DMatrix<Complex<f64>>; 2]> {
+    let (n, m, p) = plant.sizes();
+    let complex = |matrix: &DMatrix<f64>| matrix.map(Complex::from);
+    let moved = DMatrix::from_diagonal_element(n, n, Complex::new(0.0, frequency)) - complex(&plant.A);
+    let to_x = moved.lu().solve(&complex(&plant.B))?;
+    let to_y = complex(&plant.C) * &to_x + plant.D.as_ref().map_or(DMatrix::zeros(p, m), complex);
+    Some([to_x, to_y])
+}
+
+/// The largest size so far of what a matrix makes of signals of these sizes.
+fn raise(largest: &mut [f64], matrix: &DMatrix<Complex<f64>>, sizes: &[f64]) {
+    for (i, largest) in largest.iter_mut().enumerate() {
+        let row = matrix.row(i);
+        // What an input without a limit doesn't move stays 0.
+        let terms = row.iter().zip(sizes).filter(|(entry, _)| entry.norm() > 0.0);
+        *largest = largest.max(terms.map(|(entry, size)| entry.norm() * size).sum());
     }
 }
 
@@ -161,6 +194,21 @@ mod tests {
         };
         check(&own.x, &other.x, &of_x);
         check(&own.u, &other.u, &of_u);
+    }
+
+    #[test]
+    fn limits_of_the_inputs_keep_signals_small() {
+        let plant = Plant { limits: Some([vec![-2e-6], vec![1e-6]]), ..tank(1.0, 1.0) };
+        let found = Magnitudes::new(&plant, &[1.0], 1.0).unwrap();
+        // At the lower frequency the tank has all but all of its gain.
+        assert!(found.u == [2e-6] && (found.x[0] / 2e-6 - 1.0).abs() < 0.01 && found.y == found.x, "{found:?}");
+    }
+
+    #[test]
+    fn an_input_with_several_outputs_is_what_none_of_them_exceeds() {
+        let both = DMatrix::from_column_slice(2, 1, &[1.0, 1e3]);
+        let found = Magnitudes::new(&Plant { C: both, ..tank(1.0, 1.0) }, &[1.0, 1.0], 1.0).unwrap();
+        assert!((found.x[0] / 1e-3 - 1.0).abs() < 1e-9, "{found:?}");
     }
 
     #[test]

@@ -157,7 +157,12 @@ impl OwnStep for L1 {
 }
 
 pub(super) fn dot<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: &[S]) -> S {
-    row.zip(column).fold(S::from(0.0), |sum, (&a, &b)| sum + a * b)
+    product(row, column.iter().copied())
+}
+
+/// A row times a column that is computed element by element.
+pub(super) fn product<'a, S: Scalar>(row: impl Iterator<Item = &'a S>, column: impl Iterator<Item = S>) -> S {
+    row.zip(column).fold(S::from(0.0), |sum, (&a, b)| sum + a * b)
 }
 
 /// Adds A x to `sums`, column by column, as A is stored.

@@ -8,6 +8,7 @@ use super::L1Sampled;
 use super::design::hold;
 use super::sample::product;
 use crate::controllers::l1::{Form, L1Structure, PlantMatrices};
+use crate::mathematics::balanced::least_norm;
 use crate::mathematics::filter::Filter;
 use crate::mathematics::matched_equivalent::MatchedEquivalent;
 use crate::report::at_most;
@@ -171,11 +172,11 @@ impl General {
     pub fn prepare(&self, law: &L1Sampled, dynamics: (&str, &DMatrix<f64>), v: &mut Point) -> Result<(), Invalid> {
         let T = v[law.sample_time];
         let Continuous { A, B, direct, .. } = self.continuous(dynamics, &law.plant, &v.values())?;
-        let motion = A.norm() * T;
+        let motion = least_norm(&A) * T;
         if motion.is_nan() || motion > MOST_MOTION {
             let allowed = format!(
                 "must be at most {}: the filter D(s) with {} moves too far within it",
-                at_most(MOST_MOTION / A.norm()),
+                at_most(MOST_MOTION / (motion / T)),
                 v.name(self.K)
             );
             return Err(Invalid::new(v.name(law.sample_time), Number(T), allowed));

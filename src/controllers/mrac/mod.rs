@@ -17,8 +17,8 @@ mod turning;
 use super::angles::Jumps;
 use super::at_limit::{Limited, manual, unlimited};
 use super::in_command::InCommand;
-use super::l1::{InputGain, PlantMatrices, Regressor, dot, infinity_norm, squared};
-use super::origins::Origins;
+use super::l1::{InputGain, PlantMatrices, Regressor, dot, infinity_norm, product, squared};
+use super::origins::{Origins, Turning as _};
 use super::sampling::Evaluation;
 use super::supervised::Supervised;
 use super::watched::Tracking;
@@ -92,7 +92,7 @@ impl Tracking for Mrac {
 
     fn tracking_error<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         let error = v[self.r][channel] - self.plant.output(channel, &v[self.x]);
-        if self.is_angle(channel) { error.wrap() } else { error }
+        if self.origins.as_ref().is_some_and(|origins| origins.has(channel)) { error.wrap() } else { error }
     }
 }
 
@@ -201,6 +201,7 @@ impl System for Mrac {
         Evaluation::require_steps(self.law, self.is_stepped, v);
         self.in_command.begin(v);
         self.start_model(v);
+        self.jumps.iter().for_each(|jumps| jumps.begin(v));
         for states in [self.kappa_hat, self.theta_hat.elements(), self.sigma_hat] {
             v[states].fill(S::from(0.0));
         }
@@ -315,19 +316,14 @@ impl Mrac {
 
     /// K_g r of a control.
     fn command<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
-        let references = (0..self.r.len()).map(|channel| self.reference(channel, v));
-        let terms = v.matrix(self.design.K_g);
-        terms.row(i).iter().zip(references).fold(S::from(0.0), |sum, (&k, r)| sum + k * r)
+        product(v.matrix(self.design.K_g).row(i).iter(), self.references(v))
     }
 
     /// K_g r − K_m x
     fn nominal_control<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let command = self.command(i, v);
         match self.design.dynamics.gain() {
-            Some(K_m) => {
-                let terms = v.matrix(K_m);
-                command - terms.row(i).iter().zip(self.states(v)).fold(S::from(0.0), |sum, (&k, x)| sum + k * x)
-            }
+            Some(K_m) => command - product(v.matrix(K_m).row(i).iter(), self.states(v)),
             None => command,
         }
     }

@@ -5,6 +5,7 @@
 use super::Mrac;
 use super::estimates::Factor;
 use super::magnitude;
+use crate::controllers::origins::Turning as _;
 use crate::controllers::sampling::Sampling;
 use crate::mathematics::exponential::{exponential, workspace};
 use crate::mathematics::limits::within;

@@ -7,7 +7,7 @@ use crate::near;
 use crate::nominal::NominalPlant;
 use crate::system::{Names, Word, Words};
 
-/// What a person writes about an FMU (`modelDescription/NAME.toml`).
+/// The description of an FMU, as a person writes it (`modelDescription/NAME.toml`).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -16,24 +16,24 @@ pub struct Description {
     pub name: String,
     /// Its system: the name of a kind.
     pub model: String,
-    /// What it is, in a line.
+    /// The unit in one line.
     pub description: String,
-    /// Who made the unit.
+    /// Author of the unit.
     #[serde(default)]
     pub author: Option<String>,
     /// Its version, as its author counts.
     #[serde(default)]
     pub version: Option<String>,
-    /// Under which terms it may be used: a name, or an SPDX expression, as "MIT OR Apache-2.0".
+    /// Terms of use: a name, or an SPDX expression, as "MIT OR Apache-2.0".
     #[serde(default)]
     pub license: Option<String>,
-    /// Whose the rights are: "Copyright 2026 …".
+    /// Holder of the rights: "Copyright 2026 …".
     #[serde(default)]
     pub copyright: Option<String>,
-    /// What a simulation of it takes by default.
+    /// Default experiment.
     #[serde(default)]
     pub experiment: Experiment,
-    /// What the system's variables depend on.
+    /// Sizes, matrices and choices that the system's variables follow from.
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     pub structure: toml::Table,
@@ -57,21 +57,21 @@ pub struct Description {
     pub designed: Option<Vec<String>>,
 }
 
-/// What a start value may be.
+/// A start value.
 #[cfg(feature = "schema")]
 #[derive(schemars::JsonSchema)]
 #[schemars(untagged)]
 #[allow(dead_code)] // for the schema alone: what fits a variable is decided where it is declared
 enum StartValue {
-    /// Of a scalar, or of one element.
+    /// A scalar, or one element.
     Number(f64),
     /// True or false.
     Boolean(bool),
     /// An item of a choice.
     Text(String),
-    /// Of a vector.
+    /// A vector.
     Numbers(Vec<f64>),
-    /// Of a matrix: its rows.
+    /// A matrix: its rows.
     Rows(Vec<Vec<f64>>),
 }
 

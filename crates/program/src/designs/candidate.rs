@@ -336,7 +336,7 @@ pub(super) fn surroundings(
             sizes: Sizes::NONE,
             plant: Some(plant.clone()),
             bandwidth: Some(bandwidth),
-            reference: &[1.0],
+            reference: sizes,
             uncertainty: None,
         };
         library::begin(&request).map(|begun| begun.text).map_err(Error::Argument)

@@ -13,11 +13,11 @@ use crate::structure::{Component, Connection, Connector, Structure, UnitFile};
 pub(super) const MIXER: &str = "mixer";
 /// Its signals.
 const ASKED: &str = "u";
-const POSSIBLE: &str = "achieved";
+const ACHIEVED: &str = "achieved";
 
 /// The control of a channel, counted from 1, that the mixer leaves.
-pub(super) fn possible(channel: usize) -> String {
-    format!("{MIXER}.{POSSIBLE}[{channel}]")
+pub(super) fn achieved(channel: usize) -> String {
+    format!("{MIXER}.{ACHIEVED}[{channel}]")
 }
 
 /// Puts a mixer, which limits nothing yet, before the actuators of a loop. Its files are in this folder, with the study.
@@ -30,7 +30,7 @@ pub(super) fn put(structure: &mut Structure, mixer: &Mixer, folder: &Path) -> Re
         let channel = asked.len() + 1;
         let to = (MIXER.to_owned(), format!("{ASKED}[{channel}]"));
         asked.push(Connection { to, ..connection.clone() });
-        connection.from = (MIXER.to_owned(), format!("{POSSIBLE}[{channel}]"));
+        connection.from = (MIXER.to_owned(), format!("{ACHIEVED}[{channel}]"));
         connection.transformation = Affine::IDENTITY;
     }
     let unit = component(structure, mixer, asked.len(), folder)?;
@@ -61,7 +61,7 @@ fn component(structure: &mut Structure, mixer: &Mixer, channels: usize, folder: 
         unit: None,
         line: 0,
     };
-    let of_channel = |k| [connector(format!("{ASKED}[{k}]"), "input"), connector(format!("{POSSIBLE}[{k}]"), "output")];
+    let of_channel = |k| [connector(format!("{ASKED}[{k}]"), "input"), connector(format!("{ACHIEVED}[{k}]"), "output")];
     Ok(Component {
         name: MIXER.to_owned(),
         source: format!("resources/{fmu}.fmu"),

@@ -86,10 +86,10 @@ impl<'a> Pair<'a> {
         let separate = units.load_apart(&plain)?;
         let checksum = units.checksum(&benched.structure)?;
         let asked: Vec<_> = benched.commands.iter().map(|name| format!("{CONTROLLER}.{name}")).collect();
-        // Controls are judged as what is possible of them, whoever limits them.
-        let possible = plant.bench.mixer.as_ref().map(|_| (1..=asked.len()).map(mixer::possible).collect::<Vec<_>>());
+        // Controls are judged as what is achieved of them, whoever limits them.
+        let achieved = plant.bench.mixer.as_ref().map(|_| (1..=asked.len()).map(mixer::achieved).collect::<Vec<_>>());
         let pair = Pair {
-            signals: signals(&whole, plant, possible.as_ref().unwrap_or(&asked)).map_err(refuse)?,
+            signals: signals(&whole, plant, achieved.as_ref().unwrap_or(&asked)).map_err(refuse)?,
             apart: signals(&separate, plant, &asked).map_err(refuse)?,
             measured: benched.measured,
             gains: Vec::new(),

@@ -221,11 +221,11 @@ pub struct Bench {
 }
 
 /// An FMU between a controller and the actuators, which limits their controls together: its inputs `u` are what the controller
-/// asks for, its outputs `achieved` what is possible of that.
+/// asks for, its outputs `achieved` the part of it that is possible.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mixer {
-    /// Its description: a unit of this package, or a file beside the study.
+    /// Its description: a unit of this package, or a file next to the study.
     pub unit: String,
     /// Its limits on the bench, by their names in the unit. A controller that has parameters of these names gets them too.
     pub set: BTreeMap<String, f64>,
