@@ -1,17 +1,19 @@
 """`identify`: a record of a plant, the model with its uncertainty, and a controller for it."""
 
+import hashlib
 import json
+import re
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import PROGRAM
+from conftest import PROGRAM, ROOT
 from sample import NUMBER
 from scipy.linalg import expm
 
 STEP = 0.002
-"""Of the record, s."""
+"""Step of the records, s."""
 
 
 def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -58,6 +60,8 @@ def test_a_model_is_the_plant_within_what_it_says_and_gives_a_controller(tmp_pat
             assert abs(model[matrix][i - 1][j - 1] - true) < 5 * error, (NUMBER, matrix, i, j)
             assert error < 0.05 * max(abs(A).max(), abs(true)), (NUMBER, matrix, i, j)
     assert model["states"] == ["speed", "current"] and model["inputs"] == ["voltage"]
+    [of] = model["records"]
+    assert of["sha256"] == hashlib.sha256((tmp_path / "record.csv").read_bytes()).hexdigest()
     # As one would go on: a controller for the model, which is sound, exported and run in a loop with the model.
     made = program(tmp_path, "new", "pid", "--name", "C", "--plant", "model.json", "--outputs", "speed", "--reference", "50")
     assert made.returncode == 0, made.stderr
@@ -85,7 +89,9 @@ def test_structure_that_is_known_is_kept_and_makes_the_rest_surer(tmp_path: Path
     rng = np.random.default_rng(NUMBER + 2)
     A, B = motor(rng)
     written(tmp_path, record(rng, A, B))
-    (tmp_path / "structure.toml").write_text('A = [["?<0", "?>0"], ["?<0", "?<0"]]\nB = [[0], ["?"]]\n')
+    # As the page shows it.
+    [shown] = re.findall("```toml\n(.*?)```", (ROOT / "docs/identify.md").read_text(), re.S)
+    (tmp_path / "structure.toml").write_text(shown)
     free, known = (
         json.loads(program(tmp_path, "identify", "record.csv", *SIGNALS, "--json", "--out", f"{k}.json", *options).stdout)
         for k, options in enumerate([[], ["--structure", "structure.toml"]])
@@ -128,8 +134,8 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 5)
     written(tmp_path, record(rng, *motor(rng), rows=400))
     for options, reason in [
-        (["--inputs", "voltag", "--states", "speed,current"], "voltage"),
-        ([*SIGNALS, "--hold-out", "0.95"], "--hold-out = 0.95: must be at least 0 and below 0.9, or a CSV file"),
+        (["--inputs", "voltag", "--states", "speed,current"], "did you mean `voltage`?"),
+        ([*SIGNALS, "--hold-out", "0.95"], "--hold-out = 0.95: must be at least 0 and below 90 %, as 30% or 0.3, or a CSV file"),
         ([*SIGNALS, "--delay", "0,1"], "--delay = 2 numbers: must be one number, or 1"),
         ([*SIGNALS, "--time", "hours"], "hours"),
     ]:
@@ -137,7 +143,7 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         assert ran.returncode == 1 and reason in ran.stderr, ran.stderr
     (tmp_path / "structure.toml").write_text('A = [["?", "maybe"], ["?", "?"]]\n')
     ran = program(tmp_path, "identify", "record.csv", *SIGNALS, "--structure", "structure.toml")
-    assert ran.returncode == 1 and "structure.toml" in ran.stderr and '"?"' in ran.stderr, ran.stderr
+    assert ran.returncode == 1 and "structure.toml: line 1, `A = [[" in ran.stderr and '"?"' in ran.stderr, ran.stderr
     first = program(tmp_path, "identify", "record.csv", *SIGNALS)
     again = program(tmp_path, "identify", "record.csv", *SIGNALS)
     assert first.returncode == 0 and again.returncode == 1 and "Use --force" in again.stderr

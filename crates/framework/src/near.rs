@@ -162,6 +162,13 @@ fn index_range<N: AsRef<str>>(name: &str, known: &[N]) -> Option<String> {
     Some(format!("{what} within {} in `{array}`", told.join(" and ")))
 }
 
+/// A fault of a text in TOML: its line, the beginning of it, and the reason.
+pub fn in_line(text: &str, error: &toml::de::Error) -> String {
+    let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
+    let quoted: String = text.lines().nth(line).unwrap_or("").trim().chars().take(80).collect();
+    format!("line {}, `{quoted}`: {}", line + 1, reworded(error.message()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,28 +1,29 @@
 //! `identify`: from records of a plant to a linear model with the uncertainty that the data leave.
 
-use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::output::Files;
 use adaptive_fmu::report::{self, number};
+use adaptive_fmu::{begun, near, sealed, text_file};
 use adaptive_fmu_identification::csv::Table;
 use adaptive_fmu_identification::{
-    Free, Hold, Identified, LABEL, Model, Options, Record, Signals, Structure, Verdict, identify_outputs,
+    Cause, Free, Hold, Identified, Kind, LABEL, Model, Options, Record, Signals, Structure, Verdict, identify_outputs,
     identify_states,
 };
 use serde_json::Value;
 
 use super::names::Names;
 use super::new::there_already;
-use super::number::positive;
+use super::number::{part, positive};
 
 /// The model was written, and a finding is that it should not be used for a design.
 const UNSOUND: u8 = 3;
-/// Default of --hold-out.
-const HELD_OUT: &str = "0.3";
+/// Default of --hold-out, and the least that is too much.
+const HELD_OUT: &str = "30%";
+const MOST_HELD_OUT: f64 = 0.9;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -70,7 +71,7 @@ pub struct Arguments {
     /// Constant of each record: operating point, friction, bias
     #[arg(long, value_enum, default_value_t = Offset::Record)]
     offset: Offset,
-    /// Confidence level of bounds from the model
+    /// Confidence level that the model keeps for bounds
     #[arg(long, default_value_t = 0.99, value_parser = level)]
     level: f64,
     /// Longest window that is simulated without correction, s [default: whole records]
@@ -115,18 +116,30 @@ fn level(text: &str) -> Result<f64, String> {
 
 /// Writes the model and prints what was found; the exit code is 3 where the model should not be used for a design.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let out = begun::path(&arguments.out);
+    if !arguments.force && out.exists() {
+        return Err(there_already(Error::File { file: out, source: ErrorKind::AlreadyExists.into() }));
+    }
     let records = read(&arguments.records, arguments)?;
     let (part, held_out) = held_out(arguments)?;
     let options = options(arguments, part)?;
+    let checked: Vec<_> = held_out.iter().flatten().map(|read| read.record.clone()).collect();
+    let checked = held_out.is_some().then_some(&checked[..]);
     let of = |Names(measured): &Names| Signals { inputs: arguments.inputs.0.clone(), measured: measured.clone() };
-    let held_out = held_out.as_deref();
+    let tables: Vec<_> = records.iter().map(|read| read.record.clone()).collect();
     let found = match (&arguments.states, &arguments.outputs) {
-        (_, Some(outputs)) => identify_outputs(&records, held_out, &of(outputs), &options),
-        (Some(states), None) => identify_states(&records, held_out, &of(states), &options),
+        (_, Some(outputs)) => identify_outputs(&tables, checked, &known(of(outputs), &tables)?, &options),
+        (Some(states), None) => identify_states(&tables, checked, &known(of(states), &tables)?, &options),
         // The parser refuses that.
         (None, None) => return Ok(ExitCode::SUCCESS),
     };
-    let found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal.text)))?;
+    let mut found = found.map_err(|refusal| {
+        let advice = of_cause(refusal.cause).map_or(String::new(), |advice| format!(". {advice}"));
+        Error::Argument(Invalid::because(format!("{refusal}{advice}")))
+    })?;
+    for of in &mut found.model.records {
+        of.sha256 = records.iter().find(|read| read.record.name == of.file).map(|read| read.checksum.clone());
+    }
     write(&arguments.out, arguments.force, &found)?;
     if arguments.json {
         say!("{}", as_json(&found)?);
@@ -137,28 +150,68 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     Ok(if found.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(UNSOUND) })
 }
 
-fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Record>, Error> {
+/// Refuses signals that a record lacks, with the names that are near.
+fn known(signals: Signals, records: &[Record]) -> Result<Signals, Error> {
+    for name in signals.inputs.iter().chain(&signals.measured) {
+        if let Some(record) = records.iter().find(|record| record.column(name).is_none()) {
+            let known = record.columns.iter().map(|column| column.name.clone()).collect();
+            return Err(Error::Unknown { what: "column", name: name.clone(), known, all: "" });
+        }
+    }
+    Ok(signals)
+}
+
+/// Options that help where there is no model.
+fn of_cause(cause: Cause) -> Option<&'static str> {
+    match cause {
+        Cause::StillInput => Some("--fixed NAME leaves an input out"),
+        Cause::TooShort => Some("With --structure fewer entries are unknown"),
+        Cause::NoModel => Some("Give all states that matter, or --outputs"),
+        _ => None,
+    }
+}
+
+/// Options that help where something was found.
+fn of_kind(kind: Kind) -> Option<&'static str> {
+    match kind {
+        Kind::Delay => Some("--delay gives dead times"),
+        Kind::Unseen | Kind::ShortRecord | Kind::Kinematics => Some("--structure gives known entries"),
+        _ => None,
+    }
+}
+
+/// A record, and the checksum of its file.
+struct Read {
+    record: Record,
+    checksum: String,
+}
+
+fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
     let mut records = Vec::new();
     for file in files {
         let refuse = |reason: String| Error::Description { file: file.clone(), reason };
-        let reader = BufReader::new(File::open(file).map_err(Error::file(file))?);
+        let reader = BufReader::new(text_file::open(&begun::path(file)).map_err(Error::file(file))?);
         let table = Table::read(reader, &[LABEL]).map_err(|fault| refuse(fault.to_string()))?;
         let name = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let found = Record::of_table(&name, &table, arguments.time.as_deref());
-        records.extend(found.map_err(|refusal| refuse(refusal.text))?);
+        let checksum = sealed::checksum_of_file(file)?;
+        let found = found.map_err(|refusal| refuse(refusal.text))?;
+        records.extend(found.into_iter().map(|record| Read { record, checksum: checksum.clone() }));
     }
     Ok(records)
 }
 
 /// The part of each record that is held out, or the records that are.
-fn held_out(arguments: &Arguments) -> Result<(f64, Option<Vec<Record>>), Error> {
+fn held_out(arguments: &Arguments) -> Result<(f64, Option<Vec<Read>>), Error> {
     let given = &arguments.hold_out;
-    if let Ok(part) = given.parse::<f64>() {
-        let allowed = "must be at least 0 and below 0.9, or a CSV file";
-        let refused = || Error::Argument(Invalid::new("--hold-out", given, allowed));
-        return (0.0..0.9).contains(&part).then_some((part, None)).ok_or_else(refused);
+    match part(given) {
+        Ok(part) if part < MOST_HELD_OUT => Ok((part, None)),
+        Err(_) if given.ends_with(".csv") => Ok((0.0, Some(read(&[PathBuf::from(given)], arguments)?))),
+        _ => {
+            let allowed = "must be at least 0 and below 90 %, as 30% or 0.3, or a CSV file";
+            Err(Error::Argument(Invalid::new("--hold-out", given, allowed)))
+        }
     }
-    Ok((0.0, Some(read(&[PathBuf::from(given)], arguments)?)))
 }
 
 fn options(arguments: &Arguments, hold_out: f64) -> Result<Options, Error> {
@@ -190,9 +243,9 @@ fn options(arguments: &Arguments, hold_out: f64) -> Result<Options, Error> {
 }
 
 fn read_structure(file: &Path) -> Result<Structure, Error> {
-    let text = std::fs::read_to_string(file).map_err(Error::file(file))?;
+    let text = text_file::read(&begun::path(file)).map_err(Error::file(file))?;
     let refuse = |reason: String| Error::Description { file: file.to_owned(), reason };
-    toml::from_str(&text).map_err(|error| refuse(error.message().to_owned()))
+    toml::from_str(&text).map_err(|error| refuse(near::in_line(&text, &error)))
 }
 
 fn as_json(found: &Identified) -> Result<Value, Error> {
@@ -240,7 +293,8 @@ fn tell_all(found: &Identified) {
             Verdict::Warning => "warning",
             Verdict::NotSound => "not sound",
         };
-        say!("{verdict}: {}", finding.text);
+        let advice = of_kind(finding.kind).map_or(String::new(), |advice| format!(" ({advice})"));
+        say!("{verdict}: {}{advice}", finding.text);
     }
 }
 

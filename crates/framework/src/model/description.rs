@@ -112,11 +112,8 @@ impl Description {
     /// # Errors
     /// One line: what is wrong, where, and what is allowed.
     pub fn read(text: &str) -> Result<Self, Invalid> {
-        let description: Description = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
-            let quoted: String = text.lines().nth(line).unwrap_or("").trim().chars().take(80).collect();
-            Invalid::because(format!("line {}, `{quoted}`: {}", line + 1, near::reworded(error.message())))
-        })?;
+        let description: Description =
+            toml::from_str(text).map_err(|error| Invalid::because(near::in_line(text, &error)))?;
         let mut invalid = Invalid::none();
         for table in [&description.structure, &description.start] {
             table.values().for_each(|value| check_texts(value, &mut invalid));
