@@ -5,11 +5,11 @@
 
 use crate::catalogue::Entry;
 use crate::controllers::watched::Watched;
-use crate::error::Invalid;
+use crate::error::{Invalid, Number};
 use crate::execution::Execution;
 use crate::model::{Description, Model};
 use crate::plants::state_space::StateSpace;
-use crate::system::{Registry, System};
+use crate::system::{Causality, Registry, System, Variable};
 use crate::template::{Begun, MOST, Request, Sizes};
 use crate::{controllers, plants};
 
@@ -94,6 +94,17 @@ pub fn named_for_plants<'a>(request: &Request<'a>) -> Option<(Request<'a>, Strin
     Some((Request { kind: request.kind, uncertainty: request.uncertainty, ..renamed }, note))
 }
 
+/// Note on a unit that needs states which nobody has measured.
+const OUTPUTS_ONLY: &str = "Only outputs of this plant were recorded: its states are the outputs and derivatives of them, which no sensor \
+    has. Put an observer between the plant and this FMU (`new observer --plant`), or take `new pid`, `new ladrc` or `new funnel`.";
+
+/// True if a unit takes the states of a plant of which only outputs were recorded.
+fn guesses_states(request: &Request, model: &Model) -> bool {
+    let records = request.plant.as_ref().and_then(|plant| plant.records.as_ref());
+    let is_state = |variable: &Variable| variable.name == "x" && variable.causality == Causality::Input;
+    records.is_some_and(|records| !records.measures_states) && model.variables().iter().any(is_state)
+}
+
 /// The same with names that no unit of a plant refuses.
 fn begin_own(request: &Request) -> Result<Begun, Invalid> {
     let Sizes { states, inputs, outputs } = request.sizes;
@@ -101,16 +112,38 @@ fn begin_own(request: &Request) -> Result<Begun, Invalid> {
     if let Some(size) = sizes.find(|size| !(1..=MOST as usize).contains(size)) {
         return Err(Invalid::new("size", size, format!("must be within 1 … {MOST}")));
     }
-    let uncertain = begun().filter(|entry| entry.template.is_some_and(|template| template.is_uncertain));
-    request.check_uncertainty(&uncertain.map(|entry| entry.kind.name).collect::<Vec<_>>())?;
+    if let Some(uncertainty) = request.uncertainty {
+        check_uncertainty(request.kind, "--uncertainty", request.plant.is_some(), uncertainty)?;
+    }
     match made(request) {
-        Ok((begun, model)) => Execution::new(model).initialise().map_err(Invalid::because).map(|()| begun),
+        Ok((begun, model)) => {
+            let guesses = guesses_states(request, &model);
+            Execution::new(model).initialise().map_err(Invalid::because)?;
+            Ok(if guesses { begun.with_note(OUTPUTS_ONLY.to_owned()) } else { begun })
+        }
         // A name of the plant may be one that the model has for something else.
         Err(reason) => match request.renamed(&reason) {
             Some((renamed, note)) => begin_own(&renamed).map(|begun| begun.with_note(note)),
             None => Err(reason),
         },
     }
+}
+
+/// Refuses an option about the uncertainty of a plant where the kind has no use for it, or there is no plant.
+///
+/// # Errors
+/// The option with its value, and the kinds that take it.
+pub fn check_uncertainty(kind: &str, option: &str, has_plant: bool, value: f64) -> Result<(), Invalid> {
+    let kinds = begun().filter(|entry| entry.template.is_some_and(|template| template.is_uncertain));
+    let kinds: Vec<_> = kinds.map(|entry| entry.kind.name).collect();
+    let allowed = if !kinds.contains(&kind) {
+        format!("{kind} doesn't use it; the kinds that do are {}", kinds.join(", "))
+    } else if has_plant {
+        return Ok(());
+    } else {
+        "needs a nominal plant: give --plant".to_owned()
+    };
+    Err(Invalid::new(option, Number(value), allowed))
 }
 
 /// A text and its model: only what can be exported is worth beginning with.

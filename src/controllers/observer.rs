@@ -384,6 +384,6 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.set("x_obs0", all(0.0, n), "estimate at the start");
     let references = request.references(m)?;
     write_magnitudes(&mut text, request.plant.as_ref(), (&references, bandwidth), |of| vec![("x_obs", (&of.x).into())]);
-    write_nominal(&mut text, request, bandwidth, request.uncertainty);
+    write_nominal(&mut text, request, bandwidth, &request.uncertainty());
     Ok(text.finish())
 }

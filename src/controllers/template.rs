@@ -7,7 +7,8 @@ pub mod first;
 use nalgebra::DMatrix;
 
 use crate::error::Invalid;
-use crate::template::{Plant, Request, Text, all, list, number, round_up, rows, three_digits};
+use crate::nominal::{Covariance, Identified, Uncertainty};
+use crate::template::{Plant, Request, Text, all, list, number, quoted, round_up, rows, three_digits};
 
 /// Refuses a plant with dead times, for a law with funnels.
 ///
@@ -36,13 +37,13 @@ pub fn write_plant(text: &mut Text, plant: &Plant, outputs: &str) {
 }
 
 /// The user's plant that a design of this speed, rad/s, is for, with what was asked for; nothing where no plant was given.
-pub fn write_nominal(text: &mut Text, request: &Request, speed: f64, uncertainty: Option<f64>) {
+pub fn write_nominal(text: &mut Text, request: &Request, speed: f64, uncertainty: &Uncertainty) {
     let C = request.plant.as_ref().map(|plant| plant.C.clone());
     C.iter().for_each(|C| write_nominal_with(text, C, request, speed, uncertainty));
 }
 
 /// The same where other combinations of the states, by the rows of C, follow the references.
-pub fn write_nominal_with(text: &mut Text, C: &DMatrix<f64>, request: &Request, speed: f64, uncertainty: Option<f64>) {
+pub fn write_nominal_with(text: &mut Text, C: &DMatrix<f64>, request: &Request, speed: f64, uncertainty: &Uncertainty) {
     let Some(plant) = &request.plant else { return };
     text.table("nominal");
     text.comment(
@@ -59,9 +60,30 @@ pub fn write_nominal_with(text: &mut Text, C: &DMatrix<f64>, request: &Request, 
     text.set("bandwidth", number(speed), "rad/s, speed that the design is for");
     let reference = if let [one] = request.reference { number(*one) } else { list(request.reference) };
     text.set("reference", reference, "usual magnitude of the reference");
-    if let Some(uncertainty) = uncertainty {
-        text.set("uncertainty", number(uncertainty), "of each entry of A and B, as a part of it: 0.2 is 20 %");
+    match uncertainty {
+        Uncertainty::Part(part) => {
+            text.set("uncertainty", number(*part), "of each entry of A and B, as a part of it: 0.2 is 20 %");
+        }
+        Uncertainty::Model(model) => write_region(text, model, C.ncols()),
+        Uncertainty::Unknown | Uncertainty::Elements { .. } => {}
     }
+}
+
+/// The model that a plant is from, with what its records leave uncertain of n states.
+fn write_region(text: &mut Text, Identified { file, sha256, level, margin, region }: &Identified, n: usize) {
+    text.set("model", quoted(file), "file of the model that was identified from records");
+    sha256.iter().for_each(|sum| text.set("sha256", quoted(sum), ""));
+    level.iter().for_each(|level| text.set("level", number(*level), "confidence level of its region"));
+    margin.iter().for_each(|margin| text.set("margin", number(*margin), "factor of the region: wear, other loads"));
+    let Some(Covariance { entries, matrix }) = region else { return };
+    let free = entries.iter().map(|&entry| match entry.checked_sub(n * n) {
+        None => format!("[\"A\", {}, {}]", entry % n + 1, entry / n + 1),
+        Some(of_B) => format!("[\"B\", {}, {}]", of_B % n + 1, of_B / n + 1),
+    });
+    text.set("free", format!("[{}]", free.collect::<Vec<_>>().join(", ")), "entries that were estimated");
+    let rows = (0..entries.len()).map(|i| list(&matrix.row(i).columns(0, i + 1).iter().copied().collect::<Vec<_>>()));
+    let rows = rows.collect::<Vec<_>>().join(",\n    ");
+    text.set("covariance", format!("[\n    {rows},\n]"), "their covariance, up to the diagonal");
 }
 
 /// Poles in the two vectors that units have.

@@ -3,16 +3,19 @@
 
 mod magnitudes;
 mod plant;
+mod records;
 mod text;
 
 pub use magnitudes::{Magnitudes, Values, write_magnitudes};
 pub use plant::{Plant, Signals};
+pub use records::Records;
 pub use text::{
     Begun, Text, all, counted, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits,
 };
 
 use crate::eigenvalues;
-use crate::error::{Invalid, Number};
+use crate::error::Invalid;
+use crate::nominal::Uncertainty;
 use crate::pages::Page;
 use crate::system::TAKEN;
 
@@ -94,8 +97,10 @@ pub struct Request<'a> {
 
 /// Bandwidth where there is no plant, rad/s.
 pub const USUAL_BANDWIDTH: f64 = 2.0;
+/// Rows of a record in 1/W, at least, where no bandwidth is given.
+const FEWEST_ROWS: f64 = 3.0;
 /// Uncertainty of each entry of A and B where none is given.
-const USUAL_UNCERTAINTY: f64 = 0.2;
+pub const USUAL_UNCERTAINTY: f64 = 0.2;
 
 /// Magnitudes of so many references, from one for all or one for each.
 ///
@@ -121,9 +126,18 @@ pub fn one_or_each(numbers: &[f64]) -> String {
 }
 
 impl Request<'_> {
-    /// Uncertainty of each entry of A and B, in parts of it.
-    pub fn uncertainty(&self) -> f64 {
-        self.uncertainty.unwrap_or(USUAL_UNCERTAINTY)
+    /// Uncertainty of the plant, where one is known: the part that was asked for, or what its records leave.
+    pub fn uncertainty(&self) -> Uncertainty {
+        let of_records = || Some(Uncertainty::Model(self.plant.as_ref()?.records.as_ref()?.model.clone()));
+        self.uncertainty.map(Uncertainty::Part).or_else(of_records).unwrap_or(Uncertainty::Unknown)
+    }
+
+    /// Uncertainty of the plant for a law that is designed for one: the usual part where none is known.
+    pub fn uncertainty_or_usual(&self) -> Uncertainty {
+        match self.uncertainty() {
+            Uncertainty::Unknown => Uncertainty::Part(USUAL_UNCERTAINTY),
+            known => known,
+        }
     }
 
     /// Bandwidth of a controlled plant, rad/s: that of the request; else twice the plant's slowest stable pole that isn't at 0, or
@@ -143,6 +157,8 @@ impl Request<'_> {
         let largest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
         let stable = poles.iter().filter(|pole| pole.re < 0.0 && pole.norm() > 1e-6 * largest).map(|pole| pole.norm());
         let found = stable.reduce(f64::min).map_or(largest, |slowest| 2.0 * slowest);
+        // What is faster than records show isn't known.
+        let found = plant.sample_time().map_or(found, |step| found.min(1.0 / (FEWEST_ROWS * step)));
         let unknown =
             || Invalid::because("all poles of the plant are at 0: give --bandwidth, the speed of the loop in rad/s");
         (found > 0.0).then(|| three_digits(found)).ok_or_else(unknown)
@@ -219,22 +235,6 @@ impl Request<'_> {
             let text = format!("a {} has no such size; it allows {known}", self.kind);
             Err(Invalid::new(format!("--{name}"), size.unwrap_or_default(), text))
         })
-    }
-
-    /// Refuses an uncertainty that the kind has no use for.
-    ///
-    /// # Errors
-    /// The uncertainty that was given, and the kinds that take one.
-    pub fn check_uncertainty(&self, kinds: &[&str]) -> Result<(), Invalid> {
-        let Some(uncertainty) = self.uncertainty else { return Ok(()) };
-        let allowed = if !kinds.contains(&self.kind) {
-            format!("{} doesn't use it; the kinds that do are {}", self.kind, kinds.join(", "))
-        } else if self.plant.is_none() {
-            "needs a nominal plant: give --plant".to_owned()
-        } else {
-            return Ok(());
-        };
-        Err(Invalid::new("--uncertainty", Number(uncertainty), allowed))
     }
 
     /// A text with what every description begins with: what the page of its kind says it is, how long it runs and its step, s.

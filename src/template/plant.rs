@@ -10,7 +10,7 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use serde_json::{Map, Value};
 
-use super::MOST;
+use super::{MOST, Records};
 use crate::error::{Error, Invalid};
 use crate::system::{of_outputs, quantities};
 
@@ -57,6 +57,8 @@ pub struct Plant {
     pub limits: Option<[Vec<f64>; 2]>,
     /// Dead time of each input, s; empty where there is none.
     pub delay: Vec<f64>,
+    /// Records and their uncertainty, if the plant was identified.
+    pub records: Option<Records>,
 }
 
 /// Names and units of signals; both are empty where they aren't known.
@@ -90,7 +92,7 @@ impl Plant {
         }
         (0..p).for_each(|i| C[(i, first(i, p))] = 1.0);
         let (x, u, y) = (Signals::default(), Signals::default(), Signals::default());
-        Ok(Plant { A, B, C, D: None, x, u, y, limits: None, delay: Vec::new() })
+        Ok(Plant { A, B, C, D: None, x, u, y, limits: None, delay: Vec::new(), records: None })
     }
 
     /// Reads a plant with some of its inputs and outputs only, or all, as [`Plant::parse_for`].
@@ -156,7 +158,9 @@ impl Plant {
         let signals = |key: &str, unit: &str, len: usize| Signals::read(table, key, unit, len);
         let (x, u, y) = (signals("states", "x", n)?, signals("inputs", "u", m)?, signals("outputs", "y", p)?);
         let D = Some(D).filter(|D| D.iter().any(|&entry| entry != 0.0));
-        Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)?, delay })
+        // Those of a sampled model would be of its own matrices.
+        let records = if is_transfer || dt.is_some() { None } else { Records::read(table, (n, m))? };
+        Ok(Plant { A, B, C, D, x, u, y, limits: limits(table, m)?, delay, records })
     }
 
     fn of_signals(mut self, inputs: Option<&[String]>, outputs: Option<&[String]>) -> Result<Self, Invalid> {
@@ -167,6 +171,8 @@ impl Plant {
             self.u = self.u.of(&places);
             self.limits =
                 self.limits.map(|limits| limits.map(|limit| places.iter().map(|&place| limit[place]).collect()));
+            let n = self.A.nrows();
+            self.records = self.records.map(|records| records.of_inputs(&places, n));
             self.delay = places.iter().filter_map(|&place| self.delay.get(place).copied()).collect();
         }
         if let Some(names) = outputs {
@@ -183,6 +189,11 @@ impl Plant {
     pub fn output_quantities(&self) -> Vec<String> {
         let shown = of_outputs(&self.C, &self.x.quantities());
         if shown.is_empty() { self.y.quantities() } else { shown }
+    }
+
+    /// Step of the records that it was identified from, s.
+    pub fn sample_time(&self) -> Option<f64> {
+        self.records.as_ref()?.sample_time
     }
 
     /// Dead time of each input, s.

@@ -77,6 +77,17 @@ pub struct Identified {
     pub level: Option<f64>,
     /// Factor by which the confidence region is enlarged.
     pub margin: Option<f64>,
+    /// Covariance of the entries that were estimated, from the records.
+    pub region: Option<Covariance>,
+}
+
+/// Covariance of some entries of A and B.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covariance {
+    /// Places of the entries: those of A by columns, then those of B.
+    pub entries: Vec<usize>,
+    /// Symmetric, in the order of the entries and in the units of the plant.
+    pub matrix: DMatrix<f64>,
 }
 
 /// The plant that the controller was designed for. It makes no variables; the design report and the page read it.
@@ -110,6 +121,10 @@ struct Written {
     level: Option<f64>,
     /// Factor by which its confidence region is enlarged.
     margin: Option<f64>,
+    /// Entries that were estimated, as ["A", 1, 2]: matrix, row and column.
+    free: Option<Vec<(String, usize, usize)>>,
+    /// Their covariance, by rows up to the diagonal.
+    covariance: Option<Vec<Vec<f64>>>,
     /// Number of plants within the uncertainty that a design report tries; 200 where it isn't given.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 100_000)))]
     plants: Option<usize>,
@@ -160,13 +175,21 @@ impl TryFrom<Written> for NominalPlant {
 
 impl Uncertainty {
     fn read(written: Written, (n, m): (usize, usize)) -> Result<Self, Invalid> {
-        let Written { uncertainty, uncertainty_A, uncertainty_B, model, sha256, level, margin, .. } = written;
+        let Written {
+            uncertainty, uncertainty_A, uncertainty_B, model, sha256, level, margin, free, covariance, ..
+        } = written;
         let by_element = uncertainty_A.is_some() || uncertainty_B.is_some();
         if [uncertainty.is_some(), by_element, model.is_some()].into_iter().filter(|&given| given).count() > 1 {
             let allowed = "give only one of uncertainty, uncertainty_A with uncertainty_B, and model";
             return Err(Invalid::because(format!("nominal: {allowed}")));
         }
-        let of_model = [("sha256", sha256.is_some()), ("level", level.is_some()), ("margin", margin.is_some())];
+        let of_model = [
+            ("sha256", sha256.is_some()),
+            ("level", level.is_some()),
+            ("margin", margin.is_some()),
+            ("free", free.is_some()),
+            ("covariance", covariance.is_some()),
+        ];
         if let (None, Some((key, _))) = (&model, of_model.iter().find(|(_, given)| *given)) {
             return Err(Invalid::because(format!("nominal.{key}: belongs to nominal.model, which isn't given")));
         }
@@ -187,7 +210,63 @@ impl Uncertainty {
             return Err(Invalid::new("nominal.sha256", sum.escape_debug(), "must be 64 hexadecimal digits"));
         }
         let (level, margin) = (number("level", level, LEVEL)?, number("margin", margin, POSITIVE)?);
-        Ok(Uncertainty::Model(Identified { file, sha256, level, margin }))
+        let region = match (free, covariance) {
+            (None, None) => None,
+            (free, covariance) => {
+                Some(Covariance::read("nominal.", &free.unwrap_or_default(), &covariance.unwrap_or_default(), (n, m))?)
+            }
+        };
+        Ok(Uncertainty::Model(Identified { file, sha256, level, margin, region }))
+    }
+}
+
+impl Covariance {
+    /// From entries, as ("A", 1, 2), and rows of their covariance up to the diagonal; `table` stands before keys in errors.
+    ///
+    /// # Errors
+    /// An entry that a plant of n states and m inputs lacks, other sizes, or numbers that are no covariance.
+    pub fn read(
+        table: &str,
+        free: &[(String, usize, usize)],
+        rows: &[Vec<f64>],
+        (n, m): (usize, usize),
+    ) -> Result<Self, Invalid> {
+        let place = |(k, (matrix, i, j)): (usize, &(String, usize, usize))| {
+            let (before, columns) = if matrix == "A" { (0, n) } else { (n * n, m) };
+            if ["A", "B"].contains(&matrix.as_str()) && (1..=n).contains(i) && (1..=columns).contains(j) {
+                return Ok(before + (j - 1) * n + i - 1);
+            }
+            let given = format!("[\"{}\", {i}, {j}]", matrix.escape_debug());
+            let allowed = format!("must be [\"A\" or \"B\", row, column] of A, {n} x {n}, or of B, {n} x {m}");
+            Err(Invalid::new(format!("{table}free[{}]", k + 1), given, allowed))
+        };
+        let entries = free.iter().enumerate().map(place).collect::<Result<Vec<_>, _>>()?;
+        if let Some(k) = (1..entries.len()).find(|&k| entries[..k].contains(&entries[k])) {
+            let (matrix, i, j) = &free[k];
+            let given = format!("[\"{matrix}\", {i}, {j}]");
+            return Err(Invalid::new(format!("{table}free[{}]", k + 1), given, "stands there twice"));
+        }
+        let p = entries.len();
+        if rows.len() != p {
+            let must = format!("must be {p} rows, one for each entry of free");
+            return Err(Invalid::new(format!("{table}covariance"), format!("{} rows", rows.len()), must));
+        }
+        if let Some((i, row)) = rows.iter().enumerate().find(|(i, row)| row.len() != i + 1) {
+            let (key, given) = (format!("{table}covariance, row {}", i + 1), format!("{} numbers", row.len()));
+            return Err(Invalid::new(key, given, format!("must be {} numbers, up to the diagonal", i + 1)));
+        }
+        for (i, row) in rows.iter().enumerate() {
+            for (j, &value) in row.iter().enumerate() {
+                let most = (rows[i][i] * rows[j][j]).sqrt() * (1.0 + 1e-6);
+                // Not true of NaN either.
+                if !(value.is_finite() && rows[i][i] > 0.0 && value.abs() <= most) {
+                    let allowed = "must be finite, above 0 on the diagonal, and elsewhere no larger than two standard errors allow";
+                    let key = format!("{table}covariance[{},{}]", i + 1, j + 1);
+                    return Err(Invalid::new(key, Number(value), allowed));
+                }
+            }
+        }
+        Ok(Covariance { entries, matrix: DMatrix::from_fn(p, p, |i, j| rows[i.max(j)][i.min(j)]) })
     }
 }
 
@@ -279,8 +358,14 @@ mod tests {
         assert_eq!(plant.uncertainty, Uncertainty::Elements { A, B });
         let (file, sum) = ("model.json".to_owned(), "0f".repeat(32));
         let plant = read(&format!("model = \"{file}\"\nsha256 = \"{sum}\"\nlevel = 0.95\nmargin = 1.5")).unwrap();
-        let expected = Identified { file, sha256: Some(sum), level: Some(0.95), margin: Some(1.5) };
+        let expected = Identified { file, sha256: Some(sum), level: Some(0.95), margin: Some(1.5), region: None };
         assert_eq!(plant.uncertainty, Uncertainty::Model(expected));
+        let free = "model = \"m\"\nfree = [[\"B\", 2, 1], [\"A\", 2, 1]]\ncovariance = [[4.0], [-0.5, 0.25]]";
+        let Uncertainty::Model(Identified { region: Some(region), .. }) = read(free).unwrap().uncertainty else {
+            panic!("no region")
+        };
+        assert_eq!(region.entries, [5, 1]);
+        assert_eq!(region.matrix, DMatrix::from_row_slice(2, 2, &[4.0, -0.5, -0.5, 0.25]));
     }
 
     #[test]
@@ -303,6 +388,23 @@ mod tests {
             ("level = 0.9", "nominal.level: belongs to nominal.model, which isn't given"),
             ("model = \"m\"\nlevel = 1", "nominal.level = 1: must be above 0 and below 1"),
             ("model = \"m\"\nsha256 = \"0f\"", "nominal.sha256 = 0f: must be 64 hexadecimal digits"),
+            ("free = [[\"A\", 1, 1]]", "nominal.free: belongs to nominal.model, which isn't given"),
+            ("model = \"m\"\nfree = [[\"C\", 1, 1]]", "nominal.free[1] = [\"C\", 1, 1]: must be [\"A\" or \"B\""),
+            ("model = \"m\"\nfree = [[\"B\", 1, 2]]\ncovariance = [[1]]", "nominal.free[1] = [\"B\", 1, 2]: must be"),
+            ("model = \"m\"\nfree = [[\"A\", 1, 1], [\"A\", 1, 1]]", "nominal.free[2] = [\"A\", 1, 1]: stands there"),
+            ("model = \"m\"\nfree = [[\"A\", 1, 1]]", "nominal.covariance = 0 rows: must be 1 rows"),
+            (
+                "model = \"m\"\nfree = [[\"A\", 1, 1]]\ncovariance = [[1, 2]]",
+                "covariance, row 1 = 2 numbers: must be 1",
+            ),
+            (
+                "model = \"m\"\nfree = [[\"A\", 1, 1]]\ncovariance = [[0]]",
+                "nominal.covariance[1,1] = 0: must be finite",
+            ),
+            (
+                "model = \"m\"\nfree = [[\"A\", 1, 1], [\"A\", 2, 1]]\ncovariance = [[1], [3, 4]]",
+                "nominal.covariance[2,1] = 3: must be finite",
+            ),
             ("plants = 0", "nominal.plants = 0: must be within 1 … 100000"),
             ("plants = 1.5", "plants"),
             ("seed = -1", "seed"),

@@ -80,6 +80,7 @@ mod written;
 
 pub use finding::{Cause, Finding, Kind, Refusal, Verdict};
 pub use identify::identify_states;
+pub use linear::chi_squared;
 pub use model::{Fits, Free, Model, RecordOf, Units};
 pub use options::{Estimated, Identified, Options, OrderFit, WrongCell};
 pub use outputs::identify_outputs;

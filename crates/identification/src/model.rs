@@ -70,13 +70,13 @@ pub struct Model {
 #[serde(deny_unknown_fields)]
 pub struct Units {
     /// Units of the states.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub x: Vec<String>,
     /// Units of the inputs.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub u: Vec<String>,
     /// Units of the outputs.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub y: Vec<String>,
 }
 

@@ -7,8 +7,9 @@ use nalgebra::{DMatrix, DVector};
 use super::{Bounds, Errors, FunnelControl};
 use crate::controllers::at_limit::unit;
 use crate::design::funnel_loop::{Channel, FOLLOWED, Followed, Loop, SMOOTH_START, smooth_start};
+use crate::design::robustness::place::Place;
 use crate::design::robustness::report::{Described, Unit, tell_number};
-use crate::design::robustness::uncertain::{Place, Uncertain};
+use crate::design::robustness::uncertain::Uncertain;
 use crate::design::{digits, percent};
 use crate::mathematics::limits::UNLIMITED;
 use crate::mathematics::performance;
@@ -90,7 +91,7 @@ impl Funnels {
         self.tell_followed(&followed, described, unit, report);
         let mut summary = self.words(&followed, unit);
         let mut shown = vec![(CurveOf::Nominal, nominal)];
-        if described.is_known && followed.stayed() {
+        if described.assumed.is_known() && followed.stayed() {
             let (worst, places) = self.tell_uncertain(described, unit, report);
             summary.push_str(&worst);
             shown.splice(0..0, places.into_iter().map(|place| (CurveOf::Worst, place)));
@@ -104,7 +105,7 @@ impl Funnels {
         let plant = &described.plant;
         let (drawn, seed) = described.drawn;
         let mut places = vec![Place::nominal(plant.size())];
-        places.extend(Place::drawn(plant, drawn, seed));
+        places.extend(plant.bounds.drawn(drawn, seed));
         tell_number(&places, report);
         let follow = |place: &Place| self.follow(plant, place, places.len(), unit);
         let all: Vec<_> = places.iter().map(follow).collect();

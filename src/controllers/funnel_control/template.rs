@@ -48,7 +48,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     write_magnitudes(&mut text, request.plant.as_ref(), (&references, bandwidth), |of| {
         vec![("u_b", (&of.u).into()), ("u", (&of.u).into())]
     });
-    write_nominal(&mut text, request, bandwidth, request.uncertainty);
+    write_nominal(&mut text, request, bandwidth, &request.uncertainty());
     Ok(text.finish())
 }
 

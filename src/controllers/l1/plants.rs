@@ -10,6 +10,7 @@ use super::structure::PlantMatrices;
 use crate::controllers::at_limit::unit;
 use crate::design::l1::assess::assess;
 use crate::design::l1::closed;
+use crate::design::l1::lambda::excess;
 use crate::design::robustness::region::Region;
 use crate::design::robustness::report::{Described, Unit};
 use crate::nominal::NominalPlant;
@@ -70,14 +71,15 @@ pub(in crate::controllers) fn tell(
     let H = unit.step * W;
     let region = Region::new(plant, &laws[0], described.drawn);
     described.tell(&laws[0], &region, unit, report);
-    if !described.is_known {
+    if !described.assumed.is_known() {
         return false;
     }
-    let excess = if numbers.is_inside { plant.dA.clone() } else { &plant.dA + &plant.dB * K_m.abs() };
-    let mut found = assess(plant, &laws[0], &region, &excess, H, described.most());
+    let excess = if numbers.is_inside { plant.bounds.A.clone() } else { excess(plant, &K_m) };
+    let assumed = &described.assumed;
+    let mut found = assess(plant, &laws[0], &region, &excess, H, assumed.most());
     found.is_stable &= laws[1..].iter().all(|law| region.is_stable(plant, law, H));
-    let (verdict, text) = found.verdict(|share| described.share(share));
-    let stable = described.share(found.stable);
+    let (verdict, text) = found.verdict(assumed);
+    let stable = assumed.share(found.stable);
     match (verdict, found.lambda) {
         (Verdict::NotSound, _) => report.judge("stable up to", stable, "", verdict, text),
         (_, lambda) => {

@@ -4,10 +4,11 @@
 use nalgebra::DMatrix;
 
 use crate::controllers::template::{first, stop_time, write_nominal, write_plant, write_poles};
+use crate::design::digits;
 use crate::design::l1::assess::Found;
 use crate::design::l1::design::{Asked, Design, design, is_full};
 use crate::design::l1::desired::Desired;
-use crate::design::{digits, percent};
+use crate::design::robustness::assumed::Assumed;
 use crate::error::Invalid;
 use crate::pages::Page;
 use crate::system::Verdict;
@@ -39,7 +40,7 @@ impl Started {
             let others = [("x_hat", (&of.x).into()), ("u_ad", (&of.u).into()), ("u", (&of.u).into())];
             estimates.into_iter().chain(others).collect()
         });
-        write_nominal(&mut self.text, request, self.bandwidth, Some(request.uncertainty()));
+        write_nominal(&mut self.text, request, self.bandwidth, &request.uncertainty_or_usual());
         self.text.finish()
     }
 }
@@ -50,8 +51,9 @@ impl Started {
 /// Why there is no design for the plant.
 pub fn found(request: &Request, plant: &Plant, adapts: bool, varies: [f64; 2]) -> Result<(Design, f64), Invalid> {
     let (asked, references) = (request.speed(plant)?, request.references(plant.sizes().2)?);
+    let uncertainty = request.uncertainty_or_usual();
     let at = |bandwidth: f64| {
-        let (references, uncertainty) = (&references[..], request.uncertainty());
+        let (references, uncertainty) = (&references[..], &uncertainty);
         design(plant, &Asked { bandwidth, references, uncertainty, adapts, varies })
     };
     if plant.delay.is_empty() {
@@ -158,14 +160,14 @@ pub fn tell(text: &mut Text, (plant, bandwidth): (&Plant, f64), design: &Design,
             digits(bandwidth)
         ));
     }
-    let share = |share: f64| format!("{} %", percent(100.0 * request.uncertainty() * share));
-    let (verdict, reason) = design.found.verdict(share);
+    let assumed = Assumed::new(&plant.A, &plant.B, &request.uncertainty_or_usual());
+    let (verdict, reason) = design.found.verdict(&assumed);
     match (verdict, design.found.proved) {
         (Verdict::Ok, Some(proved)) => text.comment(&format!(
-            "Uncertain plants, {} of each element: each of {} is stable; proved while they change within {}.",
-            share(1.0),
+            "Uncertain plants, {}: each of {} is stable; proved while they change within {}.",
+            assumed.whole(),
             design.found.plants,
-            share(proved)
+            assumed.share(proved)
         )),
         (Verdict::Ok, None) => text.comment(&format!("Uncertain plants: {reason}.")),
         (Verdict::Warning, _) => text.note(&format!("Warning: {reason}")),

@@ -24,6 +24,6 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     write_magnitudes(&mut text, request.plant.as_ref(), (&design.references, bandwidth), |of| {
         vec![("w", (&of.u).into()), ("u", (&of.u).into())]
     });
-    write_nominal(&mut text, request, bandwidth, Some(request.uncertainty()));
+    write_nominal(&mut text, request, bandwidth, &request.uncertainty_or_usual());
     Ok(text.finish())
 }

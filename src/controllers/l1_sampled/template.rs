@@ -24,6 +24,6 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     write_dynamics(&mut text, &design);
     text.set("feedback_gain", all(design.feedback_gain, m), "1/s, bandwidth with which uncertainty is cancelled");
     write_limits(&mut text, Some(&plant), m);
-    write_nominal(&mut text, request, bandwidth, Some(request.uncertainty()));
+    write_nominal(&mut text, request, bandwidth, &request.uncertainty_or_usual());
     Ok(text.finish())
 }

@@ -60,7 +60,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         let states = DMatrix::from_fn(m, order + 1, state);
         vec![("z", Values::Rows(states)), ("u_b", (&of.u).into()), ("u", (&of.u).into())]
     });
-    write_nominal(&mut text, request, found.speed * nominal.bandwidth, request.uncertainty);
+    write_nominal(&mut text, request, found.speed * nominal.bandwidth, &request.uncertainty());
     Ok(text.finish())
 }
 

@@ -57,7 +57,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         let estimates = [("theta_hat", (&design.theta_bound).into()), ("sigma_hat", (&design.sigma_bound).into())];
         estimates.into_iter().chain([("x_m", (&of.x).into()), ("u", (&of.u).into())]).collect()
     });
-    write_nominal(&mut text, request, bandwidth, Some(request.uncertainty()));
+    write_nominal(&mut text, request, bandwidth, &request.uncertainty_or_usual());
     Ok(text.finish())
 }
 

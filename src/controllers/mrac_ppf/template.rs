@@ -102,6 +102,6 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
         let sigma = Values::Rows(DMatrix::from_fn(n, n, |i, _| W * references[i]));
         vec![("x_m", (&of.x).into()), ("theta_hat", theta), ("sigma_integral", sigma), ("u", (&of.u).into())]
     });
-    write_nominal_with(&mut text, &states, request, bandwidth, request.uncertainty);
+    write_nominal_with(&mut text, &states, request, bandwidth, &request.uncertainty());
     Ok(text.finish())
 }

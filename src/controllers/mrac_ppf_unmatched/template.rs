@@ -74,7 +74,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         let others = [("x_m", (&of.x).into()), ("u_b", (&of.u).into()), ("u", (&of.u).into())];
         estimates.into_iter().chain(others).collect()
     });
-    write_nominal(&mut text, request, bandwidth, request.uncertainty);
+    write_nominal(&mut text, request, bandwidth, &request.uncertainty());
     Ok(text.finish())
 }
 

@@ -89,7 +89,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         // The reference itself is the model of a second-order variable.
         known.into_iter().chain((degree == 1).then(|| ("x_m", (&of.x).into()))).collect()
     });
-    write_nominal_with(&mut text, &tracked, request, W, request.uncertainty);
+    write_nominal_with(&mut text, &tracked, request, W, &request.uncertainty());
     Ok(text.finish())
 }
 

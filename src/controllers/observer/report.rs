@@ -6,8 +6,9 @@ use nalgebra::{DMatrix, DVector};
 use super::Observer;
 use crate::controllers::l1::controllability;
 use crate::design::digits;
+use crate::design::robustness::place::Place;
 use crate::design::robustness::report::{Described, tell_number};
-use crate::design::robustness::uncertain::{Place, Uncertain};
+use crate::design::robustness::uncertain::Uncertain;
 use crate::eigenvalues;
 use crate::system::{DesignReport, Values};
 use crate::template::three_digits;
@@ -54,12 +55,12 @@ impl Observer {
             "to 2 %, with the slowest pole, where the plant is the nominal one",
         );
         let settles = format!("an error of the estimate decays to 2 % in {} s", digits(time));
-        if !described.is_known {
+        if !described.assumed.is_known() {
             return report.summarise(settles);
         }
         let (drawn, seed) = described.drawn;
         let mut places = vec![Place::nominal(plant.size())];
-        places.extend(Place::drawn(plant, drawn, seed));
+        places.extend(plant.bounds.drawn(drawn, seed));
         tell_number(&places, report);
         // The gain in the coordinates of the uncertain plant, with time in 1/W.
         let gain = DMatrix::from_fn(k_l.nrows(), m, |i, j| k_l[(i, j)] / plant.scales[i] / plant.bandwidth);

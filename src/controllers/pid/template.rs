@@ -57,7 +57,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         let integral = Values::List(found.gains.iter().zip(&of.y).map(part).collect());
         vec![("I", integral), ("w", (&of.y).into()), ("u", (&of.u).into())]
     });
-    write_nominal(&mut text, request, found.speed * nominal.bandwidth, request.uncertainty);
+    write_nominal(&mut text, request, found.speed * nominal.bandwidth, &request.uncertainty());
     Ok(text.finish())
 }
 

@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 
 use crate::design::controller::Controller;
 use crate::design::nominal::{Nominal, poles_of};
+use crate::design::robustness::bounds::Bounds;
 use crate::design::robustness::feedback::STEPS;
 use crate::design::robustness::linear::{LinearLaw, OutputFeedback};
 use crate::design::robustness::margins::margins;
@@ -114,8 +115,7 @@ pub fn beyond_limits(plant: &Plant, extremes: &[[f64; 2]]) -> Option<String> {
 pub fn step_within_margin(plant: &Plant, W: f64, controller: &Controller, step: f64) -> f64 {
     let longest = || {
         let ((n, m, _), k) = (plant.sizes(), controller.A.nrows());
-        let [dA, dB] = [DMatrix::zeros(n, n), DMatrix::zeros(n, m)];
-        let certain = Uncertain::new([&plant.A, &plant.B, &plant.C], [&dA, &dB], &plant.delays(), W)?;
+        let certain = Uncertain::new([&plant.A, &plant.B, &plant.C], &Bounds::none((n, m)), &plant.delays(), W)?;
         let entry = Entry { B: DMatrix::zeros(k, m), D: DMatrix::zeros(m, m) };
         let law = OutputFeedback { controller: controller.clone(), entry, C: certain.C.clone() };
         let poles = poles_of(&law.parts().delayed(&certain.delays).closed(&certain.A, &certain.B))?;

@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::closed::Law;
 use crate::design::robustness::linear::LinearLaw;
-use crate::design::robustness::uncertain::{Place, Uncertain};
+use crate::design::robustness::place::Place;
+use crate::design::robustness::uncertain::Uncertain;
 use crate::design::step::exponential;
 
 /// Distance of the loop from its limit at most, in parts of the reference.
@@ -24,7 +25,7 @@ const POINTS: usize = 1200;
 /// and of a disturbance, at the nominal plant and at corners of the bounds.
 pub fn near_limit(plant: &Uncertain, law: &Law, P: &DMatrix<f64>, start: f64, reference: f64, sigma_bound: f64) -> f64 {
     let mut places = vec![Place::nominal(plant.size())];
-    places.extend(Place::corners(plant, CORNERS, 1));
+    places.extend(plant.bounds.corners(CORNERS, 1));
     let off = |gain: f64| {
         let at = |place| distance(plant, law, P, gain, place, [reference, DISTURBANCE * sigma_bound]);
         places.iter().map(at).try_fold(0.0, |largest, off| Some(f64::max(largest, off?)))

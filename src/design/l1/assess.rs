@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 
 use super::closed::Law;
 use super::lambda::{MOST_LAMBDA, lambda};
+use crate::design::robustness::assumed::Assumed;
 use crate::design::robustness::linear::LinearLaw;
 use crate::design::robustness::region::{Region, largest};
 use crate::design::robustness::respond::{Course, SETTLED};
@@ -29,8 +30,10 @@ pub struct Found {
     pub is_stable: bool,
     /// The share of the bounds up to which each is.
     pub stable: f64,
-    /// Number of plants that were tried.
+    /// Number of plants that were tried, and of those drawn by their density.
     pub plants: usize,
+    /// See `plants`.
+    pub likely: usize,
     /// Distance from the reference at rest of nearly all plants, in parts of it.
     pub off_at_rest: f64,
     /// True if the sign of the plant's gain differs within the bounds.
@@ -63,6 +66,7 @@ pub fn assess(plant: &Uncertain, law: &Law, region: &Region, excess: &DMatrix<f6
         is_stable: region.is_stable(plant, law, H),
         stable: region.largest_share(plant, law, H, most),
         plants: region.places().len(),
+        likely: region.likely(),
         off_at_rest: off[((off.len() - 1) as f64 * MOST_PLANTS) as usize],
         is_turned,
     }
@@ -95,9 +99,9 @@ pub fn steps(plant: &Uncertain, law: &Law) -> Option<Vec<Step>> {
 }
 
 impl Found {
-    /// Verdict on the design, and its reason; with words for a share of the bounds.
-    pub fn verdict(&self, share: impl Fn(f64) -> String) -> (Verdict, String) {
-        let asked = share(1.0);
+    /// Verdict on the design for what was assumed, and its reason.
+    pub fn verdict(&self, assumed: &Assumed) -> (Verdict, String) {
+        let asked = assumed.whole();
         if self.plants == 1 {
             return if self.is_stable {
                 (Verdict::Ok, "nothing is uncertain, and the nominal loop is stable".to_owned())
@@ -114,26 +118,28 @@ impl Found {
         if !self.is_stable {
             let smaller = match self.stable {
                 0.0 => "no smaller uncertainty was found with which all are".to_owned(),
-                stable => format!("with {} all of them are", share(stable)),
+                stable => format!("with {} all of them are", assumed.share(stable)),
             };
             let text = format!(
-                "with {asked} of each element by itself some plants are not stable; {smaller}: give --uncertainty, or a plant that is \
-                 better known.{turned}"
+                "with {asked} some plants are not stable; {smaller}: give {}, or a plant that is better known.{turned}",
+                assumed.option()
             );
             return (Verdict::NotSound, text);
         }
-        let tried = format!("stable for each of {} plants tried with {asked} of each element by itself", self.plants);
+        let tried = format!("stable for each of {} plants tried with {asked}", self.plants);
+        let others = assumed.others(self.likely);
         let Some((lambda, proved)) = self.lambda.zip(self.proved) else {
-            return (Verdict::Warning, format!("{tried}. Nothing is proved for so many states.{turned}"));
+            return (Verdict::Warning, format!("{tried}.{others} Nothing is proved for so many states.{turned}"));
         };
         if lambda <= MOST_LAMBDA {
-            let text = format!("{tried}, and proved to stay so while the plant changes within {}", share(proved));
+            let proved = assumed.share(proved);
+            let text = format!("{tried}, and proved to stay so while the plant changes within {proved}.{others}");
             return (Verdict::Ok, text);
         }
         let text = format!(
-            "{tried}, as they stand (λ* = {}). Proved while the plant changes within {}.{turned}",
+            "{tried}, as they stand (λ* = {}).{others} Proved while the plant changes within {}.{turned}",
             digits(lambda),
-            share(proved)
+            assumed.share(proved)
         );
         (Verdict::Warning, text)
     }

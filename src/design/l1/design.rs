@@ -9,15 +9,16 @@ use super::closed::Law;
 use super::desired::{Desired, desired};
 use super::lambda::{MOST_LAMBDA, excess, lambda};
 use crate::design::nominal::{Nominal, poles_of};
-use crate::design::robustness::region::{LARGEST, Region};
+use crate::design::robustness::assumed::Assumed;
+use crate::design::robustness::region::Region;
 use crate::design::robustness::respond::{SETTLED, step};
-use crate::design::robustness::uncertain::{Uncertain, by_part};
+use crate::design::robustness::uncertain::Uncertain;
 use crate::design::step::Step;
 use crate::design::{digits, four_digits};
 use crate::error::Invalid;
 use crate::mathematics::l1_adaptation::L1Adaptation;
 use crate::mathematics::lyapunov;
-use crate::nominal::USUAL;
+use crate::nominal::{USUAL, Uncertainty};
 use crate::template::{Plant, round_down, round_up, three_digits};
 
 /// Gains of the filter that are tried, in W.
@@ -37,8 +38,8 @@ pub struct Asked<'a> {
     pub bandwidth: f64,
     /// Size of each reference.
     pub references: &'a [f64],
-    /// Deviation of each entry, in parts of it.
-    pub uncertainty: f64,
+    /// How far the plant may be from this one.
+    pub uncertainty: &'a Uncertainty,
     /// True for a law that adapts.
     pub adapts: bool,
     /// Factors of K between which it varies.
@@ -83,31 +84,39 @@ pub struct Design {
 pub fn design(plant: &Plant, asked: &Asked) -> Result<Design, Invalid> {
     let W = asked.bandwidth;
     let nominal = Nominal::new(&Plant { delay: Vec::new(), ..plant.clone() }, W)?;
-    let [dA, dB] = by_part(&plant.A, &plant.B, asked.uncertainty);
-    let uncertain = Uncertain::new([&plant.A, &plant.B, &plant.C], [&dA, &dB], &plant.delays(), W);
+    let assumed = Assumed::new(&plant.A, &plant.B, asked.uncertainty);
+    let uncertain = Uncertain::new([&plant.A, &plant.B, &plant.C], &assumed.bounds, &plant.delays(), W);
     let uncertain = uncertain.ok_or_else(extreme)?;
     let (desired, K_m) = desired(&uncertain, &nominal)?;
     let A_m = &uncertain.A - &uncertain.B * &K_m;
     let weights = Weights::new(&uncertain, &A_m, asked.references).ok_or_else(extreme)?;
-    let laws = Laws { plant: &uncertain, asked, K_m: &K_m, A_m: &A_m, weights: &weights };
+    let laws = Laws {
+        plant: &uncertain,
+        asked,
+        assumed: &assumed,
+        longest: plant.sample_time(),
+        K_m: &K_m,
+        A_m: &A_m,
+        weights: &weights,
+    };
     let chosen = laws.choose(&desired, &nominal)?;
     let law = &chosen.law;
     let steps = steps(&uncertain, law).ok_or_else(extreme)?;
-    let most = if asked.uncertainty > 0.0 { (LARGEST / asked.uncertainty).max(1.0) } else { 1.0 };
-    let found = assess(&uncertain, law, &chosen.region, &excess(&uncertain, &K_m), chosen.step * W, most);
+    let found = assess(&uncertain, law, &chosen.region, &excess(&uncertain, &K_m), chosen.step * W, assumed.most());
     let gain_of = uncertain.in_units(&K_m);
-    let matched = plant.B.clone().pseudo_inverse(0.0).map_err(Invalid::because)?.abs();
+    let matched = plant.B.clone().pseudo_inverse(0.0).map_err(Invalid::because)?;
     let m = plant.B.ncols();
-    let spread = &matched * &dB;
+    let spread = assumed.bounds.of_inputs(&matched);
+    let recorded = plant.records.as_ref().map_or_else(|| vec![0.0; m], |records| records.disturbances(&matched));
     let identity = DMatrix::identity(m, m);
     let peak = |j: usize| {
         let of_step = |(step, size): (&Step, &f64)| size * step.control[j][1].max(-step.control[j][0]);
         steps.iter().zip(asked.references).map(of_step).fold(0.0, f64::max)
     };
     let limit = |j: usize| plant.limits.as_ref().map(|[min, max]| min[j].abs().max(max[j].abs()));
-    let sigma = |j: usize| round_up(limit(j).unwrap_or(2.0 * peak(j)).max(peak(j)));
+    let sigma = |j: usize| round_up(limit(j).unwrap_or(2.0 * peak(j)).max(peak(j)).max(recorded[j]));
     let sigma_bound: Vec<_> = (0..m).map(sigma).collect();
-    let mut theta_bound = matched * (&dA + &dB * gain_of.abs());
+    let mut theta_bound = assumed.bounds.of_feedback(&matched, &gain_of);
     theta_bound.column_iter_mut().zip(&weights.peaks).for_each(|(mut column, peak)| column *= *peak);
     let adaptation_gain = laws.adaptation_gain(law, chosen.gain / W, spread.amax(), &sigma_bound)?;
     Ok(Design {
@@ -172,6 +181,9 @@ impl Weights {
 struct Laws<'a> {
     plant: &'a Uncertain,
     asked: &'a Asked<'a>,
+    assumed: &'a Assumed,
+    /// Step of the records, s: what is faster isn't known.
+    longest: Option<f64>,
     K_m: &'a DMatrix<f64>,
     A_m: &'a DMatrix<f64>,
     weights: &'a Weights,
@@ -245,10 +257,11 @@ impl Laws<'_> {
         if largest < LEAST_GAIN {
             return Err(Invalid::because(format!(
                 "the gain of the filter may be at most {} 1/s, {} of the bandwidth: beyond, the adaptation would oscillate where \
-                 the input gain is larger than assumed. Give a smaller --uncertainty, or take `new l1-limit` or `new l1-sampled`, \
-                 which have no such bound",
+                 the input gain is larger than assumed. Give a smaller {}, or take `new l1-limit` or `new l1-sampled`, which have \
+                 no such bound",
                 digits(largest * W),
-                digits(largest)
+                digits(largest),
+                self.assumed.option()
             )));
         }
         // Never rounded up beyond the bound.
@@ -263,7 +276,7 @@ impl Laws<'_> {
             return f64::INFINITY;
         }
         let PB = &self.weights.P * &self.plant.B;
-        self.adaptation().largest_gain(&PB, &self.plant.dB, self.is_full()) / self.asked.varies[1]
+        self.adaptation().largest_gain(&PB, &self.plant.bounds.B, self.is_full()) / self.asked.varies[1]
     }
 
     /// The adaptation at rest, with time in 1/W.
@@ -274,7 +287,7 @@ impl Laws<'_> {
 
     /// True if the input gain is estimated entry by entry.
     fn is_full(&self) -> bool {
-        is_full(&(self.plant.inverse.abs() * &self.plant.dB))
+        is_full(&self.plant.bounds.of_inputs(&self.plant.inverse))
     }
 
     /// Communication steps, s, the longest first.
@@ -282,6 +295,7 @@ impl Laws<'_> {
         let W = self.plant.bandwidth;
         let fastest = OWN_SPEED.max(desired.fastest_moved(&nominal.poles, W));
         let first = round_down(STEPS / (fastest * W));
+        let first = self.longest.map_or(first, |longest| first.min(round_down(longest)));
         let all = poles_of(self.A_m).unwrap_or_default().iter().map(|pole| pole.norm()).fold(fastest, f64::max);
         let shorter = |step: &f64| Some(round_down(0.99 * step));
         let least = STEPS / (all * W);

@@ -18,16 +18,17 @@ const MOST_CORNERS: u32 = 4;
 
 /// The spectral radius of Ē|T| + |M| ΔB |ω⁻¹| |T_f| at the worst corner of ω = I ± |L| ΔB, where T and T_f hold the L1 norms
 /// from what enters the states' rates to the states and to the filters; infinite where a loop isn't stable. `excess` is Ē,
-/// what of the rates the states are uncertain in: ΔA + ΔB |K_m|. `None` for a plant of so many states that it isn't computed.
+/// what of the rates the states are uncertain in: ΔA − ΔB K_m. `None` for a plant of so many states that it isn't computed.
 pub fn lambda(plant: &Uncertain, law: &Law, excess: &DMatrix<f64>) -> Option<f64> {
-    let corners = input_gains(&(law.L.abs() * &plant.dB));
+    let corners = input_gains(&plant.bounds.of_inputs(&law.L));
     let all = corners.iter().map(|omega| at(plant, law, excess, omega).unwrap_or(f64::INFINITY));
     (plant.size().0 <= MOST_STATES).then(|| all.fold(0.0, f64::max))
 }
 
 /// Ē of a law with a baseline outside of what its estimates see.
 pub fn excess(plant: &Uncertain, K_m: &DMatrix<f64>) -> DMatrix<f64> {
-    &plant.dA + &plant.dB * K_m.abs()
+    let n = plant.A.nrows();
+    plant.bounds.of_feedback(&DMatrix::identity(n, n), K_m)
 }
 
 fn at(plant: &Uncertain, law: &Law, excess: &DMatrix<f64>, omega: &DMatrix<f64>) -> Option<f64> {
@@ -53,7 +54,7 @@ fn at(plant: &Uncertain, law: &Law, excess: &DMatrix<f64>, omega: &DMatrix<f64>)
     out.view_mut((n, n + k), (m, m)).fill_with_identity();
     let norms = absolute_integral(&A, &B, &out)?;
     let (to_x, to_f) = (norms.rows(0, n), norms.rows(n, m));
-    let through = law.M.abs() * &plant.dB * omega.clone().try_inverse()?.abs();
+    let through = plant.bounds.of_inputs(&law.M) * omega.clone().try_inverse()?.abs();
     let whole = excess * to_x + through * to_f;
     poles_of(&whole)?.iter().map(|value| value.norm()).reduce(f64::max)
 }

@@ -9,8 +9,10 @@ use super::design::{Asked, Design, design};
 use super::desired::{Desired, bessel};
 use super::lambda::lambda;
 use crate::design::nominal::poles_of;
+use crate::design::robustness::bounds::Bounds;
 use crate::design::robustness::linear::LinearLaw;
-use crate::design::robustness::uncertain::{Uncertain, by_part};
+use crate::design::robustness::uncertain::Uncertain;
+use crate::nominal::Uncertainty;
 use crate::template::Plant;
 
 /// A plant of examples/zoo, with its bandwidth and reference.
@@ -21,7 +23,8 @@ macro_rules! zoo {
 }
 
 fn of(plant: &Plant, bandwidth: f64, reference: f64, adapts: bool) -> Design {
-    let asked = Asked { bandwidth, references: &[reference], uncertainty: 0.2, adapts, varies: [1.0, 1.0] };
+    let asked =
+        Asked { bandwidth, references: &[reference], uncertainty: &Uncertainty::Part(0.2), adapts, varies: [1.0, 1.0] };
     design(plant, &asked).unwrap()
 }
 
@@ -119,11 +122,11 @@ fn poles_of_a_bessel_filter_are_the_known_ones() {
 fn what_the_control_does_to_other_rows_counts() {
     let matrix = |rows, columns, entries: &[f64]| DMatrix::from_row_slice(rows, columns, entries);
     let (A, B, C) = (matrix(2, 2, &[-1.0, 1.0, 0.0, -1.0]), matrix(2, 1, &[1.0, 0.0]), matrix(1, 2, &[1.0, 0.0]));
-    let (dA, dB) = (matrix(2, 2, &[5.0, 0.0, 0.0, 0.0]), matrix(2, 1, &[0.0, 0.3]));
-    let plant = Uncertain::new([&A, &B, &C], [&dA, &dB], &[0.0], 1.0).unwrap();
+    let bounds = Bounds::of_elements(matrix(2, 2, &[5.0, 0.0, 0.0, 0.0]), matrix(2, 1, &[0.0, 0.3]));
+    let plant = Uncertain::new([&A, &B, &C], &bounds, &[0.0], 1.0).unwrap();
     let K_m = DMatrix::zeros(1, 2);
     let law = Law::limit(&plant, &K_m, &plant.A, &matrix(1, 1, &[1000.0])).unwrap();
-    assert_near("lambda*", lambda(&plant, &law, &plant.dA).unwrap(), 1.23, 5e-3);
+    assert_near("lambda*", lambda(&plant, &law, &plant.bounds.A).unwrap(), 1.23, 5e-3);
     let parts = law.parts();
     let is_stable = |a: f64, b: f64| {
         let (A_t, B_t) = (&A + matrix(2, 2, &[a, 0.0, 0.0, 0.0]), &B + matrix(2, 1, &[0.0, b]));
@@ -136,9 +139,9 @@ fn what_the_control_does_to_other_rows_counts() {
 #[test]
 fn rows_of_kinematics_are_certain() {
     let plant = zoo!("satellite");
-    let [dA, dB] = by_part(&plant.A, &plant.B, 0.2);
-    assert_eq!((dA.amax(), dB[(0, 0)]), (0.0, 0.0));
-    assert_near("torque", dB[(1, 0)], 0.2 * plant.B[(1, 0)], 1e-12);
+    let bounds = Bounds::by_part(&plant.A, &plant.B, 0.2);
+    assert_eq!((bounds.A.amax(), bounds.B[(0, 0)]), (0.0, 0.0));
+    assert_near("torque", bounds.B[(1, 0)], 0.2 * plant.B[(1, 0)], 1e-12);
 }
 
 #[test]

@@ -30,7 +30,7 @@ pub fn tell(channels: usize, law: impl Fn(&Described) -> OutputFeedback, unit: &
     let H = unit.step * plant.bandwidth;
     let region = Region::new(plant, &law, described.drawn);
     described.tell(&law, &region, unit, report);
-    if described.is_known {
+    if described.assumed.is_known() {
         tell_region(&described, &law, &region, H, report);
     }
     let closed = law.parts().delayed(&plant.delays).closed(&plant.A, &plant.B);
@@ -45,18 +45,16 @@ pub fn tell(channels: usize, law: impl Fn(&Described) -> OutputFeedback, unit: &
 
 fn tell_region(described: &Described, law: &OutputFeedback, region: &Region, H: f64, report: &mut DesignReport) {
     let plant = &described.plant;
-    let (asked, most) = (described.share(1.0), described.most());
-    let stable = region.largest_share(plant, law, H, most);
+    let assumed = &described.assumed;
+    let asked = assumed.whole();
+    let stable = region.largest_share(plant, law, H, assumed.most());
     if region.is_stable(plant, law, H) {
-        let note = format!(
-            "uncertainty of each element by itself up to which all plants tried are stable; asked for: {asked}"
-        );
-        return report.tell("stable up to", described.share(stable), "", &note);
+        let others = assumed.others(region.likely());
+        let note = format!("uncertainty up to which all plants tried are stable; asked for: {asked}.{others}");
+        return report.tell("stable up to", assumed.share(stable), "", &note);
     }
-    let note = format!(
-        "with {asked} of each element by itself some plants are not stable. Use another bandwidth, or a smaller uncertainty"
-    );
-    report.judge("stable up to", described.share(stable), "", Verdict::NotSound, note);
+    let note = format!("with {asked} some plants are not stable. Use another bandwidth, or a smaller uncertainty");
+    report.judge("stable up to", assumed.share(stable), "", Verdict::NotSound, note);
 }
 
 fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignReport) {

@@ -4,8 +4,8 @@
 use nalgebra::{Complex, DMatrix};
 
 use super::linear::Parts;
+use super::place::Place;
 use super::report::{Described, Unit};
-use super::uncertain::Place;
 use crate::design::nominal::poles_of;
 use crate::design::response::{Response, logarithmic};
 use crate::design::step::exponential;

@@ -4,7 +4,8 @@
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::linear::{LinearLaw, Parts};
-use super::uncertain::{Place, Uncertain};
+use super::place::Place;
+use super::uncertain::Uncertain;
 use crate::design::nominal::poles_of;
 
 /// Corners that the ascent begins with, in addition to the nominal plant.
@@ -25,6 +26,7 @@ pub const LARGEST: f64 = 0.9;
 #[derive(Debug)]
 pub struct Region {
     places: Vec<Place>,
+    drawn: usize,
 }
 
 impl Region {
@@ -32,14 +34,21 @@ impl Region {
     /// move most.
     pub fn new(plant: &Uncertain, law: &impl LinearLaw, (plants, seed): (usize, u64)) -> Self {
         let mut places = vec![Place::nominal(plant.size())];
+        let mut drawn = 0;
         if plant.is_uncertain() {
             let work = plant.size().0.div_ceil(FEW_STATES).pow(2);
-            places.extend(Place::drawn(plant, (plants / work).max(FEWEST.min(plants)), seed));
+            places.extend(plant.bounds.drawn((plants / work).max(FEWEST.min(plants)), seed));
+            drawn = places.len() - 1;
             let worst = ascent(plant, law, &places);
             // What is most likely to be unstable comes first.
             places.splice(1..1, worst);
         }
-        Region { places }
+        Region { places, drawn }
+    }
+
+    /// Number of the plants that were drawn by their density, where there is one.
+    pub fn likely(&self) -> usize {
+        self.drawn / 2
     }
 
     /// The plants.
@@ -98,17 +107,17 @@ fn ascent(plant: &Uncertain, law: &impl LinearLaw, places: &[Place]) -> Vec<Plac
         let [A_t, B_t] = plant.at(place);
         parts.closed(&A_t, &B_t)
     };
-    let is_corner = |place: &&Place| place.A.iter().chain(place.B.iter()).all(|entry| entry.fract() == 0.0);
     let is_large = plant.size().0 > FEW_STATES;
     let (starts, rounds) = if is_large { (0, 1) } else { (STARTS, ROUNDS) };
-    let starts = places[..1].iter().chain(places[1..].iter().filter(is_corner).take(starts));
+    let starts =
+        places[..1].iter().chain(places[1..].iter().filter(|place| plant.bounds.is_extreme(place)).take(starts));
     starts
         .map(|start| {
             let mut here = start.clone();
             let mut worst = (f64::NEG_INFINITY, start.clone());
             for _ in 0..rounds {
                 let closed = loop_of(&here);
-                let found = steepest(&closed, &parts, if is_large { FEW_POLES } else { usize::MAX })
+                let found = steepest(plant, &closed, &parts, if is_large { FEW_POLES } else { usize::MAX })
                     .into_iter()
                     .filter_map(|place| slowest(&loop_of(&place)).map(|real| (real, place)));
                 let Some(next) = found.max_by(|one, other| one.0.total_cmp(&other.0)) else { break };
@@ -123,8 +132,8 @@ fn ascent(plant: &Uncertain, law: &impl LinearLaw, places: &[Place]) -> Vec<Plac
         .collect()
 }
 
-/// For each of the rightmost poles, the corner to which it moves fastest to the right: ∂λ = wᴴ ∂M v/(wᴴ v).
-fn steepest(closed: &DMatrix<f64>, parts: &Parts, count: usize) -> Vec<Place> {
+/// For each of the rightmost poles, the place to which it moves fastest to the right: ∂λ = wᴴ ∂M v/(wᴴ v).
+fn steepest(plant: &Uncertain, closed: &DMatrix<f64>, parts: &Parts, count: usize) -> Vec<Place> {
     let Some(mut poles) = poles_of(closed) else { return Vec::new() };
     poles.retain(|pole| pole.im >= 0.0);
     poles.sort_by(|one, other| other.re.total_cmp(&one.re));
@@ -137,11 +146,9 @@ fn steepest(closed: &DMatrix<f64>, parts: &Parts, count: usize) -> Vec<Place> {
         let turn = w.dotc(&v).inv();
         let rate = (w.adjoint() * &entry).map(|entry| entry * turn);
         let (of_x, of_u) = (v.rows(0, n).into_owned(), &control * &v);
-        let sign = |i: usize, along: Complex<f64>| if (rate[i] * along).re < 0.0 { -1.0 } else { 1.0 };
-        Some(Place {
-            A: DMatrix::from_fn(n, n, |i, j| sign(i, of_x[j])),
-            B: DMatrix::from_fn(n, of_u.len(), |i, j| sign(i, of_u[j])),
-        })
+        let of_A = DMatrix::from_fn(n, n, |i, j| (rate[i] * of_x[j]).re);
+        let of_B = DMatrix::from_fn(n, of_u.len(), |i, j| (rate[i] * of_u[j]).re);
+        Some(plant.bounds.farthest(&of_A, &of_B))
     };
     poles.iter().filter_map(corner).collect()
 }

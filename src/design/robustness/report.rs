@@ -3,15 +3,17 @@
 
 use nalgebra::DMatrix;
 
+use super::assumed::Assumed;
 use super::linear::LinearLaw;
 use super::pictures::Shown;
-use super::region::{LARGEST, Region};
-use super::uncertain::{Place, Uncertain, by_part};
+use super::place::Place;
+use super::region::Region;
+use super::uncertain::Uncertain;
 use super::worst::Stepped;
 use crate::design::{digits, limits, percent};
 use crate::eigenvalues;
 use crate::mathematics::limits::UNLIMITED;
-use crate::nominal::{NominalPlant, Uncertainty, WorstPlant};
+use crate::nominal::{NominalPlant, WorstPlant};
 use crate::system::{DesignReport, Verdict};
 use crate::template::three_digits;
 
@@ -23,10 +25,8 @@ const FAR: f64 = 0.01;
 pub struct Described {
     /// Its entries and their bounds.
     pub plant: Uncertain,
-    /// Bounds in parts of each entry, where they are given so; 0 where nothing is uncertain.
-    pub part: f64,
-    /// True if its uncertainty is known.
-    pub is_known: bool,
+    /// Their assumed uncertainty.
+    pub assumed: Assumed,
     /// Sizes of the references.
     pub reference: Vec<f64>,
     /// Number of plants to be drawn, and the seed.
@@ -57,40 +57,23 @@ impl Unit<'_> {
 }
 
 impl Described {
-    /// The plant of a description for a law of so many references; `None` where it has other sizes, numbers that differ by too
-    /// many powers of ten, or a model from records, whose region isn't looked at yet.
+    /// The plant of a description for a law of so many references; `None` where it has other sizes, or numbers that differ by too
+    /// many powers of ten.
     pub fn new(nominal: &NominalPlant, channels: usize) -> Option<Self> {
         let NominalPlant { A, B, C, delay, bandwidth, reference, uncertainty, plants, seed } = nominal;
         if C.nrows() != channels || B.ncols() != channels {
             return None;
         }
-        let (part, is_known, [dA, dB]) = match uncertainty {
-            Uncertainty::Part(part) => (*part, true, by_part(A, B, *part)),
-            Uncertainty::Elements { A: dA, B: dB } => (1.0, true, [dA.clone(), dB.clone()]),
-            Uncertainty::Unknown | Uncertainty::Model(_) => (0.0, false, by_part(A, B, 0.0)),
-        };
+        let assumed = Assumed::new(A, B, uncertainty);
         let fastest = || {
             let poles = eigenvalues::complex(A)?;
             let fastest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
             Some(if fastest > 0.0 { fastest } else { 1.0 })
         };
         let bandwidth = bandwidth.or_else(fastest)?;
-        let plant = Uncertain::new([A, B, C], [&dA, &dB], delay, bandwidth)?;
+        let plant = Uncertain::new([A, B, C], &assumed.bounds, delay, bandwidth)?;
         let reference = reference.clone().unwrap_or_else(|| vec![1.0; channels]);
-        Some(Described { plant, part, is_known, reference, drawn: (*plants, *seed) })
-    }
-
-    /// Words for a share of the bounds.
-    pub fn share(&self, share: f64) -> String {
-        match self.part {
-            1.0 => format!("{} of the bounds", digits(share)),
-            part => format!("{} %", percent(100.0 * part * share)),
-        }
-    }
-
-    /// The largest share of the bounds that is looked at.
-    pub fn most(&self) -> f64 {
-        if self.part > 0.0 { (LARGEST / self.part).max(1.0) } else { 1.0 }
+        Some(Described { plant, assumed, reference, drawn: (*plants, *seed) })
     }
 
     /// Reports steps of the references, for the nominal plant and the worst of the region, and sums it up. Where a loop
@@ -123,7 +106,7 @@ impl Described {
         report: &mut DesignReport,
     ) -> (String, Option<(Stepped, Vec<Place>)>) {
         let of_nominal = self.words(nominal, unit);
-        if !self.is_known {
+        if !self.assumed.is_known() {
             return (of_nominal, None);
         }
         tell_number(region.places(), report);

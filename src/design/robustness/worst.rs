@@ -4,8 +4,9 @@
 use nalgebra::DMatrix;
 
 use super::linear::LinearLaw;
+use super::place::Place;
 use super::respond::{Course, SETTLED};
-use super::uncertain::{Place, Uncertain};
+use super::uncertain::Uncertain;
 
 /// Band of the worst plants, in parts of that of the nominal one: sampling makes a ripple of 2 % one of 2.1 %.
 const NARROWER: f64 = 0.9;

@@ -7,14 +7,14 @@ use adaptive_fmu::designs::{Candidate, Design, Followed, Kind, Noise, Task, figu
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::output::{Files, make_folder};
 use adaptive_fmu::scratch::Scratch;
-use adaptive_fmu::template::{Plant, references};
+use adaptive_fmu::template::{Plant, USUAL_UNCERTAINTY, references};
 use adaptive_fmu::{near, parallel};
 use serde_json::{Value, json};
 
 use super::hosting::HostingOptions;
 use super::linearise::assignment;
 use super::names::{Names, Which};
-use super::new::plant::{Asked, find};
+use super::new::plant::{Asked, RegionOptions, find};
 use super::new::there_already;
 use super::number::{finite, part, positive};
 use super::open::OpenOption;
@@ -46,9 +46,11 @@ pub struct Arguments {
     /// Only controllers that need no other signals are candidates.
     #[arg(long, value_name = "NAME,…")]
     measured: Option<Names>,
-    /// Uncertainty of each number of A and B, as 20% or 0.2
-    #[arg(long, value_name = "PART", default_value = "20%", value_parser = part)]
-    uncertainty: f64,
+    /// Uncertainty of each number of A and B, as 20% or 0.2 [default: 20%, or that of the records of PLANT]
+    #[arg(long, value_name = "PART", value_parser = part)]
+    uncertainty: Option<f64>,
+    #[command(flatten)]
+    region: RegionOptions,
     /// Kinds of controllers to try [default: all that `design` knows]
     #[arg(long, value_name = "KIND,…")]
     kinds: Option<Names>,
@@ -133,6 +135,7 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
         set: &arguments.set,
         trim: arguments.trim.clone(),
         hosting: arguments.hosting.clone(),
+        region: arguments.region.clone(),
         ..Asked::default()
     };
     let plant = find(&asked, &arguments.plant)?;
@@ -149,10 +152,10 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
     known("--noise", &plant, &signals)?;
     Ok(Task {
         measures_states: measures_states(&plant, arguments.measured.as_ref())?,
-        plant,
         settling_time: arguments.settling_time,
         bandwidth: arguments.bandwidth,
-        uncertainty: arguments.uncertainty,
+        uncertainty: arguments.uncertainty.or(if plant.records.is_none() { Some(USUAL_UNCERTAINTY) } else { None }),
+        plant,
         references,
         noise: arguments.noise.clone(),
     })
@@ -160,7 +163,9 @@ fn task(arguments: &Arguments) -> Result<Task, Error> {
 
 /// True if all states are measured.
 fn measures_states(plant: &Plant, measured: Option<&Names>) -> Result<bool, Error> {
-    let Some(Names(measured)) = measured else { return Ok(true) };
+    let Some(Names(measured)) = measured else {
+        return Ok(plant.records.as_ref().is_none_or(|records| records.measures_states));
+    };
     known("--measured", plant, measured)?;
     let states = &plant.x.names;
     Ok(!states.is_empty() && states.iter().all(|state| measured.contains(state)))

@@ -1,5 +1,6 @@
 //! `identify`: from records of a plant to a linear model with the uncertainty that the data leave.
 
+use std::ffi::OsString;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -13,6 +14,7 @@ use adaptive_fmu_identification::{
     Cause, Free, Hold, Identified, Kind, LABEL, Model, Options, Record, Signals, Structure, Verdict, identify_outputs,
     identify_states,
 };
+use clap::Parser as _;
 use serde_json::Value;
 
 use super::names::Names;
@@ -24,6 +26,25 @@ const UNSOUND: u8 = 3;
 /// Default of --hold-out, and the least that is too much.
 const HELD_OUT: &str = "30%";
 const MOST_HELD_OUT: f64 = 0.9;
+
+/// The arguments by themselves, as another command gives them.
+#[derive(clap::Parser)]
+#[command(no_binary_name = true)]
+struct Alone {
+    #[command(flatten)]
+    arguments: Arguments,
+}
+
+impl Arguments {
+    /// The arguments that a user would give.
+    ///
+    /// # Errors
+    /// An argument that is missing or wrong.
+    pub fn of(given: Vec<OsString>) -> Result<Self, Error> {
+        let refuse = |error: clap::Error| Error::Argument(Invalid::because(error.kind().to_string()));
+        Alone::try_parse_from(given).map(|alone| alone.arguments).map_err(refuse)
+    }
+}
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -109,7 +130,11 @@ fn not_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "must be a finite number, at least 0".to_owned())
 }
 
-fn level(text: &str) -> Result<f64, String> {
+/// Reads a confidence level.
+///
+/// # Errors
+/// The levels that are allowed.
+pub fn level(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number: &f64| *number > 0.0 && *number < 1.0);
     number.ok_or_else(|| "must be above 0 and below 1".to_owned())
 }

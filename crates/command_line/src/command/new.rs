@@ -4,23 +4,24 @@
 mod closed_loop;
 pub mod plant;
 
+use std::ffi::OsString;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use adaptive_fmu::error::Error;
+use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::output::Files;
 use adaptive_fmu::template::{Request, Sizes};
 use adaptive_fmu::{library, schema};
 use clap::builder::PossibleValuesParser;
 
-use super::check;
 use super::hosting::HostingOptions;
 use super::linearise::assignment;
-use super::names::Which;
+use super::names::{Names, Which};
 use super::number::{finite, part, positive};
 use super::trim::TrimOptions;
+use super::{check, identify};
 use crate::console;
 
 #[derive(clap::Args)]
@@ -69,6 +70,14 @@ pub struct UnitArguments {
     /// `linearise --json` prints this format.
     #[arg(long, value_name = "FILE.json or FILE.fmu")]
     plant: Option<PathBuf>,
+    /// Records of the plant: `identify` makes NAME.json of them, which is the nominal plant then (repeatable)
+    ///
+    /// --inputs and --states, or only --outputs, give the names of their columns.
+    #[arg(long, value_name = "RECORD.csv", conflicts_with = "plant", requires = "inputs")]
+    data: Vec<PathBuf>,
+    /// Known entries of that plant, as for `identify`
+    #[arg(long, value_name = "FILE.toml", requires = "data")]
+    structure: Option<PathBuf>,
     /// Time at which the FMU of --plant is linearised, s [default: its start time]
     #[arg(long, value_name = "TIME", requires = "plant", value_parser = finite)]
     at: Option<f64>,
@@ -94,6 +103,8 @@ pub struct UnitArguments {
     /// Uncertainty of the numbers of --plant, as 20% or 0.2: L1 controllers are designed for it, other descriptions keep it for `check`
     #[arg(long, value_name = "PART", value_parser = part)]
     uncertainty: Option<f64>,
+    #[command(flatten)]
+    region: plant::RegionOptions,
     /// File to write [default: NAME.toml]
     #[arg(long)]
     out: Option<PathBuf>,
@@ -119,16 +130,26 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 /// Writes the description, and beside it the schema by which editors complete it.
 fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitCode, Error> {
     let UnitArguments { bandwidth, reference, uncertainty, force, .. } = arguments;
-    let (plant, sizes) = match &arguments.plant {
-        Some(file) => (Some(plant::find(&plant::Asked::of(arguments), file)?), Sizes::default()),
+    let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
+    let identified = recorded(arguments, &file)?;
+    let of_plant = identified.as_ref().map(|(file, _)| file).or(arguments.plant.as_ref());
+    let (plant, sizes) = match of_plant {
+        Some(file) => {
+            let asked = plant::Asked::of(arguments);
+            // The states of a model from records were chosen when it was made.
+            let states = asked.states.filter(|_| identified.is_none());
+            (Some(plant::find(&plant::Asked { states, ..asked }, file)?), Sizes::default())
+        }
         None => (None, plant::sizes(arguments)?),
     };
+    if let Some((option, value)) = arguments.region.given() {
+        library::check_uncertainty(kind, option, plant.is_some(), value).map_err(Error::Argument)?;
+    }
     let (bandwidth, uncertainty) = (*bandwidth, *uncertainty);
     let request = Request { kind, name, sizes, plant, bandwidth, reference, uncertainty };
-    let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };
     // With a plant, what is refused is about it.
-    let about = arguments.plant.clone().unwrap_or_else(|| file.clone());
+    let about = of_plant.unwrap_or(&file).clone();
     let begun =
         library::begin(&request).map_err(|invalid| Error::Description { file: about, reason: invalid.to_string() })?;
     let mut text = begun.text;
@@ -157,7 +178,39 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitC
     if let Some(reason) = report.reason() {
         tell!("Not sound: {reason}");
     }
-    Ok(check::exit_code(&report))
+    Ok(match identified {
+        Some((_, code)) if code != ExitCode::SUCCESS => code,
+        _ => check::exit_code(&report),
+    })
+}
+
+/// The file of the model that records give, in the folder of the description, and the exit code of `identify`.
+fn recorded(arguments: &UnitArguments, out: &Path) -> Result<Option<(PathBuf, ExitCode)>, Error> {
+    let UnitArguments { data, structure, inputs, states, outputs, force, .. } = arguments;
+    if data.is_empty() {
+        return Ok(None);
+    }
+    let names = |option: &str, which: &Option<Which>| match which {
+        Some(Which::Named(Names(names))) => Ok(Some(format!("{option}={}", names.join(",")))),
+        Some(Which::Count(count)) => {
+            let allowed = "must be names of columns of the records";
+            Err(Error::Argument(Invalid::new(option, count, allowed)))
+        }
+        None => Ok(None),
+    };
+    let model = out.with_extension("json");
+    let measured = names("--states", states)?.map_or_else(|| names("--outputs", outputs), |states| Ok(Some(states)))?;
+    if measured.is_none() {
+        let reason = "--data needs --states NAME,…, the columns that are the plant's states, or --outputs NAME,… where not all of them \
+                      were measured";
+        return Err(Error::Argument(Invalid::because(reason)));
+    }
+    let mut asked: Vec<OsString> = data.iter().map(|file| file.clone().into_os_string()).collect();
+    asked.extend([names("--inputs", inputs)?, measured].into_iter().flatten().map(OsString::from));
+    asked.extend(["--out".into(), model.clone().into_os_string()]);
+    asked.extend(structure.iter().flat_map(|file| ["--structure".into(), file.clone().into_os_string()]));
+    asked.extend(force.then(|| "--force".into()));
+    Ok(Some((model, identify::execute(&identify::Arguments::of(asked)?)?)))
 }
 
 /// Tells how a file that is there is written all the same.

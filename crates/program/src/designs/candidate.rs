@@ -88,8 +88,8 @@ pub struct Task {
     pub settling_time: Option<f64>,
     /// Bandwidth, in place of one that follows from the settling time, rad/s.
     pub bandwidth: Option<f64>,
-    /// Uncertainty of each entry of A and B, as a part of it.
-    pub uncertainty: f64,
+    /// Uncertainty of each entry of A and B, as a part of it; `None` is that of the plant's records.
+    pub uncertainty: Option<f64>,
     /// Usual magnitude of the reference of each output.
     pub references: Vec<f64>,
     /// Noise of what is measured.
@@ -199,7 +199,7 @@ impl Task {
             plant: Some(self.plant.clone()),
             bandwidth,
             reference: &self.references,
-            uncertainty: is_uncertain.then_some(self.uncertainty),
+            uncertainty: self.uncertainty.filter(|_| is_uncertain),
         };
         let begun = library::begin(&request).map_err(Error::Argument)?;
         let model = Description::read(&begun.text).and_then(|own| Model::from_description(own, library::REGISTRY));

@@ -38,11 +38,12 @@ pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str)
         (None, Some(time)) => format!("a settling time of {} s", number(time)),
         (None, None) => "a bandwidth that follows from the plant".to_owned(),
     };
-    let about = format!(
-        "Asked for: {asked}, a step of the reference to {}, {} % of uncertainty of each number of A and B.",
-        one_or_each(&task.references),
-        number(three_digits(100.0 * task.uncertainty))
+    let uncertainty = task.uncertainty.map_or_else(
+        || "the uncertainty that the records of the plant leave".to_owned(),
+        |part| format!("{} % of uncertainty of each number of A and B", number(three_digits(100.0 * part))),
     );
+    let about =
+        format!("Asked for: {asked}, a step of the reference to {}, {uncertainty}.", one_or_each(&task.references));
     let mut page = still(&format!("Controllers for {plant}"), &about, &format!("{CHARTS}{STYLE}"));
     push_table(&mut page, task, candidates, order);
     page.push_str(KEY);

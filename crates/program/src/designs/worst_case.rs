@@ -8,12 +8,14 @@ use super::candidate::{PLANT, REFERENCE, surroundings};
 use super::series::{Course, Followed};
 use super::trial::Trial;
 use super::written::Written;
+use crate::design::robustness::assumed::Assumed;
+use crate::design::robustness::bounds::Bounds;
 use crate::error::Error;
 use crate::exporter::{Source, describe};
 use crate::fmu::Ready;
 use crate::model::Description;
 use crate::model_description::ModelDescription;
-use crate::nominal::{NominalPlant, Uncertainty, WorstPlant};
+use crate::nominal::{NominalPlant, WorstPlant};
 use crate::parallel;
 use crate::scratch::Scratch;
 use crate::system::Words;
@@ -63,9 +65,8 @@ pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Re
     let scratch = Scratch::new()?;
     let (trial, _) = closed(&description, source, &nominal, scratch.path(), units)?;
     let duration = DURATION / nominal.bandwidth.unwrap_or(1.0);
-    let swarm_bounds = bounds.iter().map(|(_, low, high)| (*low, *high)).collect();
-    let start = bounds.iter().map(|(_, low, high)| 0.5 * (low + high)).collect();
-    let mut swarm = Swarm::new(PARTICLES, swarm_bounds, Some(start), Motion::default(), seed);
+    let count = bounds.dimensions();
+    let mut swarm = Swarm::new(PARTICLES, vec![(-1.0, 1.0); count], Some(vec![0.0; count]), Motion::default(), seed);
     // What fails with the nominal plant isn't a plant's fault.
     trial.course(0, None, duration)?;
     let (begun, mut tried) = (Instant::now(), 0);
@@ -123,38 +124,15 @@ fn nominal_of(source: &Source) -> Result<(Description, NominalPlant), Error> {
     Ok((description, nominal))
 }
 
-/// An entry of A or of B, by row and column.
-#[derive(Debug, Clone, Copy)]
-enum Entry {
-    A(usize, usize),
-    B(usize, usize),
+/// The bounds of the uncertain entries; `None` where nothing is uncertain.
+fn bounds(NominalPlant { A, B, uncertainty, .. }: &NominalPlant) -> Option<Bounds> {
+    let bounds = Assumed::new(A, B, uncertainty).bounds;
+    (bounds.dimensions() > 0).then_some(bounds)
 }
 
-/// The uncertain entries with their bounds; `None` where none is known.
-fn bounds(nominal: &NominalPlant) -> Option<Vec<(Entry, f64, f64)>> {
-    let NominalPlant { A, B, uncertainty, .. } = nominal;
-    let [dA, dB] = match uncertainty {
-        Uncertainty::Part(part) => crate::design::robustness::uncertain::by_part(A, B, *part),
-        Uncertainty::Elements { A: dA, B: dB } => [dA.clone(), dB.clone()],
-        Uncertainty::Unknown | Uncertainty::Model(_) => return None,
-    };
-    let of_A = (0..A.nrows()).flat_map(|i| (0..A.ncols()).map(move |j| (i, j)));
-    let of_A = of_A.map(|(i, j)| (Entry::A(i, j), A[(i, j)], dA[(i, j)]));
-    let of_B = (0..B.nrows()).flat_map(|i| (0..B.ncols()).map(move |j| (i, j)));
-    let of_B = of_B.map(|(i, j)| (Entry::B(i, j), B[(i, j)], dB[(i, j)]));
-    let uncertain = of_A.chain(of_B).filter(|(_, _, bound)| *bound > 0.0);
-    let all: Vec<_> = uncertain.map(|(entry, value, bound)| (entry, value - bound, value + bound)).collect();
-    (!all.is_empty()).then_some(all)
-}
-
-fn plant_at(nominal: &NominalPlant, bounds: &[(Entry, f64, f64)], position: &[f64]) -> WorstPlant {
-    let (mut A, mut B) = (nominal.A.clone(), nominal.B.clone());
-    for ((entry, ..), value) in bounds.iter().zip(position) {
-        match *entry {
-            Entry::A(i, j) => A[(i, j)] = *value,
-            Entry::B(i, j) => B[(i, j)] = *value,
-        }
-    }
+fn plant_at(nominal: &NominalPlant, bounds: &Bounds, position: &[f64]) -> WorstPlant {
+    let place = bounds.place(position);
+    let (A, B) = (&nominal.A + bounds.A.component_mul(&place.A), &nominal.B + bounds.B.component_mul(&place.B));
     let [A, B] = [A, B].map(|matrix| matrix.row_iter().map(|row| row.iter().copied().collect()).collect());
     WorstPlant { respects: vec!["squared error".to_owned()], A, B }
 }
@@ -205,6 +183,7 @@ fn closed(
         u: signals("u", m),
         y: outputs(p),
         limits: None,
+        records: None,
         delay: if nominal.is_delayed() { nominal.delay.clone() } else { Vec::new() },
     };
     let bandwidth = nominal.bandwidth.unwrap_or(1.0);

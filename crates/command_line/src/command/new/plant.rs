@@ -8,14 +8,17 @@ use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::fmu::Fmu;
 use adaptive_fmu::model_description::Variable;
 use adaptive_fmu::report::number;
+use adaptive_fmu::sealed;
 use adaptive_fmu::system::NO_LIMIT;
 use adaptive_fmu::template::{MOST, Plant, Sizes};
 use serde_json::{Value, json};
 
 use super::UnitArguments;
 use crate::command::hosting::HostingOptions;
+use crate::command::identify::level;
 use crate::command::linearise::{as_json, remarks, told};
 use crate::command::names::{Names, Which};
+use crate::command::number::positive;
 use crate::command::trim::TrimOptions;
 
 /// The sizes that were asked for where there is no plant.
@@ -39,6 +42,40 @@ pub fn sizes(arguments: &UnitArguments) -> Result<Sizes, Error> {
     })
 }
 
+/// Options for the region that the records of an identified plant leave.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct RegionOptions {
+    /// Factor of the region of an identified plant, for wear and other loads [default: 3]
+    #[arg(long, value_parser = positive, conflicts_with = "uncertainty")]
+    margin: Option<f64>,
+    /// Confidence level of that region [default: that of the model]
+    #[arg(long, value_parser = level, conflicts_with = "uncertainty")]
+    level: Option<f64>,
+}
+
+impl RegionOptions {
+    /// The option that was given, with its value, where one was.
+    pub fn given(&self) -> Option<(&'static str, f64)> {
+        self.margin.map(|margin| ("--margin", margin)).or(self.level.map(|level| ("--level", level)))
+    }
+
+    /// Names the file of an identified plant, and sets its region.
+    fn set(&self, plant: &mut Plant, file: &Path) -> Result<(), Error> {
+        let Some(records) = &mut plant.records else {
+            let allowed = "needs a plant with the covariance of its numbers, as `adaptive-fmu identify` writes it";
+            return match self.given() {
+                Some((option, value)) => Err(refuse(option, &number(value), allowed)),
+                None => Ok(()),
+            };
+        };
+        let model = &mut records.model;
+        model.file = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        model.sha256 = Some(sealed::checksum_of_file(file)?);
+        (model.margin, model.level) = (self.margin.or(model.margin), self.level.or(model.level));
+        Ok(())
+    }
+}
+
 /// Options for a plant in a file.
 #[derive(Debug, Default)]
 pub struct Asked<'a> {
@@ -58,14 +95,17 @@ pub struct Asked<'a> {
     pub trim: TrimOptions,
     /// Process in which it runs.
     pub hosting: HostingOptions,
+    /// Region of an identified plant.
+    pub region: RegionOptions,
 }
 
 impl<'a> Asked<'a> {
     /// The options of `new`.
     pub fn of(arguments: &'a UnitArguments) -> Self {
-        let UnitArguments { states, inputs, outputs, at, step, set, trim, hosting, .. } = arguments;
+        let UnitArguments { states, inputs, outputs, at, step, set, trim, hosting, region, .. } = arguments;
         let (states, inputs, outputs) = (states.as_ref(), inputs.as_ref(), outputs.as_ref());
-        Asked { states, inputs, outputs, at: *at, step: *step, set, trim: trim.clone(), hosting: hosting.clone() }
+        let (trim, hosting, region) = (trim.clone(), hosting.clone(), region.clone());
+        Asked { states, inputs, outputs, at: *at, step: *step, set, trim, hosting, region }
     }
 }
 
@@ -76,7 +116,9 @@ pub fn find(arguments: &Asked, file: &Path) -> Result<Plant, Error> {
     let (inputs, outputs) = (named("--inputs", arguments.inputs)?, named("--outputs", arguments.outputs)?);
     let chosen = [inputs.as_deref(), outputs.as_deref()];
     if is_fmu {
-        return linearised(arguments, file, states.unwrap_or_default(), chosen);
+        let mut plant = linearised(arguments, file, states.unwrap_or_default(), chosen)?;
+        arguments.region.set(&mut plant, file)?;
+        return Ok(plant);
     }
     let has_time = arguments.at.is_some() || arguments.step.is_some();
     if states.is_some() || has_time || !arguments.set.is_empty() || !arguments.trim.is_empty() {
@@ -84,7 +126,9 @@ pub fn find(arguments: &Asked, file: &Path) -> Result<Plant, Error> {
             matrices is linear already";
         return Err(Error::Description { file: file.to_owned(), reason: reason.to_owned() });
     }
-    Plant::read(file, chosen)
+    let mut plant = Plant::read(file, chosen)?;
+    arguments.region.set(&mut plant, file)?;
+    Ok(plant)
 }
 
 fn named(option: &str, which: Option<&Which>) -> Result<Option<Vec<String>>, Error> {

@@ -55,7 +55,7 @@ fn uncertainty(uncertainty: &Uncertainty) -> Vec<Row> {
         Uncertainty::Elements { A, B } => {
             vec![("uncertainty_A", A.into(), "", deviation("A")), ("uncertainty_B", B.into(), "", deviation("B"))]
         }
-        Uncertainty::Model(Identified { file, sha256, level, margin }) => {
+        Uncertainty::Model(Identified { file, sha256, level, margin, .. }) => {
             let level = level.map(|level| format!("confidence level {} %", number(100.0 * level)));
             let margin = margin.map(|margin| format!("region enlarged {} times", number(margin)));
             let sum = sha256.as_ref().map(|sum| format!("SHA-256 {sum}"));
