@@ -99,12 +99,14 @@ def test_wrong_inputs_are_refused_by_line_and_name(fmu, tmp_path: Path) -> None:
     file = tmp_path / "input.csv"
     for text, parts in [
         ("", ["line 1", "names"]),
-        ("t,u[1]\n0,1\n", ["line 1", "`time`"]),
+        ("hours,u[1]\n0,1\n", ["line 1", "`time`"]),
+        ("time [ms],u[1]\n0,1\n", ["line 1", "in s"]),
+        ("time,u[1] [V]\n0,1\n", ["line 1", "u[1] is in V: must be in"]),
         ("time,speed\n0,1\n", ["line 1", "`speed`", "u[1]"]),
         ("time,u[1]\n", ["line 2", "at least one line of values"]),
         ("time,u[1]\n0,1\n1\n", ["line 3", "has 1 values, but there are 2 columns"]),
         ("time,u[1]\n0,one\n", ["line 2", "u[1] = one"]),
-        ("time,u[1]\n0,nan\n", ["line 2", "u[1] = nan"]),
+        ("time,u[1]\n0,nan\n", ["line 2", "u[1] = NaN"]),
         ("time,u[1]\n1,0\n0,0\n", ["line 3", "time = 0", "before"]),
     ]:
         file.write_text(text)

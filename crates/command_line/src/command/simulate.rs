@@ -7,10 +7,13 @@ use std::process::ExitCode;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::fmi2::calls::Interface;
 use adaptive_fmu::fmu::Fmu;
+use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::output;
+use adaptive_fmu::report::number;
 use adaptive_fmu::results::{Ending, Report, Verdict};
-use adaptive_fmu::simulation::{Alone, Inputs, Recording};
+use adaptive_fmu::simulation::{Alone, Compared, Inputs, Read, Recording, Replay, Share};
 use adaptive_fmu::structure::{Order, Plot, Settings, Structure};
+use adaptive_fmu::template::three_digits;
 use clap::ValueEnum;
 use serde_json::json;
 
@@ -48,9 +51,15 @@ pub struct Arguments {
     /// CSV file with inputs over time.
     ///
     /// Its first line contains names, of which the first is `time`. The other lines contain numbers, separated by
-    /// commas. Continuous inputs are interpolated linearly; all other inputs use a zero-order hold.
+    /// commas, or by semicolons or tabs, which allow decimal commas. Continuous inputs are interpolated linearly; all other
+    /// inputs use a zero-order hold.
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
+    /// Outputs to compare with the columns of these names of --input, which may have further columns
+    ///
+    /// The run takes the times of that file. It shows the controls that a controller would have given in a recorded experiment.
+    #[arg(long, value_name = "NAME,…", requires = "input")]
+    compare: Option<Names>,
     /// Start value of a parameter, or constant value of an input (repeatable)
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
@@ -88,15 +97,18 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         None if description.co_simulation => Interface::CoSimulation,
         None => Interface::ModelExchange,
     };
+    let (inputs, replay) = inputs(arguments, description)?;
+    let ends =
+        replay.as_ref().and_then(|_| Some([*inputs.as_ref()?.times().first()?, *inputs.as_ref()?.times().last()?]));
     let settings = Settings {
-        start_time: description.start_time.unwrap_or(0.0),
-        stop_time: arguments.until.or(description.stop_time).unwrap_or(STOP_TIME),
+        start_time: ends.map(|[first, _]| first).or(description.start_time).unwrap_or(0.0),
+        stop_time: arguments.until.or(ends.map(|[_, last]| last)).or(description.stop_time).unwrap_or(STOP_TIME),
         step: arguments.step.or(description.step.filter(|step| *step > 0.0)).unwrap_or(STEP),
         order: Order::GaussSeidel,
     };
     check_points(settings, fmu.file())?;
-    let inputs = arguments.input.as_deref().map(|file| Inputs::read(file, description)).transpose()?;
-    let further = arguments.record.as_ref().map_or(&[][..], |Names(names)| names);
+    let mut further = arguments.record.as_ref().map_or(Vec::new(), |Names(names)| names.clone());
+    further.extend(replay.iter().flat_map(|replay| replay.further.clone()));
     let name = fmu.file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let out = serve::folder(arguments.out.as_deref(), RESULTS);
     if let Some(out) = out {
@@ -108,11 +120,12 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         tolerance: arguments.tolerance,
         start: &arguments.set,
         inputs: inputs.as_ref(),
-        further,
+        further: &further,
     };
-    let (recording, ending, failure) = Progress::new(&Bars::new(arguments.json), &description.name, settings)
+    let (mut recording, ending, failure) = Progress::new(&Bars::new(arguments.json), &description.name, settings)
         .watch(|go_on| alone.run(settings, go_on));
     recording.details.iter().for_each(|text| detail!("{text}"));
+    let compared = replay.as_ref().map(|replay| replay.compare(&mut recording));
     let structure = structure(&fmu, &recording, settings, &arguments.set);
     let whole = true;
     let report = Report {
@@ -136,11 +149,55 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         }
         return Err(error);
     }
-    print(&report, results.as_deref(), arguments.json);
+    print(&report, compared.as_ref(), results.as_deref(), arguments.json);
     if let Some(results) = &results {
         arguments.open.show(&results.join(PAGE));
     }
     Ok(exit_code(if ending == Ending::Interrupted { Verdict::Interrupted } else { Verdict::Holds }))
+}
+
+/// Inputs over time, and what is compared with a record.
+fn inputs(arguments: &Arguments, description: &ModelDescription) -> Result<(Option<Inputs>, Option<Replay>), Error> {
+    let Some(file) = &arguments.input else { return Ok((None, None)) };
+    let Some(Names(names)) = &arguments.compare else { return Ok((Some(Inputs::read(file, description)?), None)) };
+    let Read { inputs, others } = Inputs::read_some(file, description)?;
+    let replay = Replay::new(description, names, inputs.times(), others)?;
+    if !replay.unused.is_empty() {
+        remark!("columns of {} that are not used: {}", file.display(), replay.unused.join(", "));
+    }
+    Ok((Some(inputs), Some(replay)))
+}
+
+fn compared_lines((compared, shares): &(Vec<Compared>, Vec<Share>)) -> Vec<String> {
+    let mut lines =
+        vec![format!("\n{:28} {:>8} {:>14} {:>14} at t, s", "against the record", "fit, %", "rms", "largest")];
+    lines.extend(compared.iter().map(|Compared { name, unit, fit, rms, largest: (largest, time), delay }| {
+        let fit = fit.map_or("–".to_owned(), |fit| format!("{fit:.1}"));
+        let [rms, largest, time] = [rms, largest, time].map(|value| number(three_digits(*value)));
+        let late = match delay {
+            0 => String::new(),
+            1 => ", recorded 1 step later".to_owned(),
+            delay => format!(", recorded {delay} steps later"),
+        };
+        format!("{name:28} {fit:>8} {rms:>14} {largest:>14} {time} {unit}{late}").trim_end().to_owned()
+    }));
+    lines.extend(shares.iter().filter(|share| share.part > 0.0).map(|Share { name, words, part, .. }| {
+        format!("{words} ({name}) for {} % of the time", number(three_digits(*part)))
+    }));
+    lines
+}
+
+fn compared_as_json((compared, shares): &(Vec<Compared>, Vec<Share>)) -> serde_json::Value {
+    let outputs: serde_json::Map<_, _> = compared
+        .iter()
+        .map(|Compared { name, unit, fit, rms, largest: (largest, time), delay }| {
+            let of = json!({ "unit": unit, "fit": fit, "rms": rms, "largest": largest, "time": time, "delay": delay });
+            (name.clone(), of)
+        })
+        .collect();
+    let shares: serde_json::Map<_, _> =
+        shares.iter().map(|share| (share.name.to_owned(), json!({ "part": share.part, "most": share.most }))).collect();
+    json!({ "outputs": outputs, "shares": shares })
 }
 
 /// The unit as a loop of one, whose signals are plotted with those of the same unit of measurement.
@@ -162,7 +219,7 @@ fn structure(fmu: &Fmu, recording: &Recording, settings: Settings, values: &[(St
     Structure::of_unit(fmu, settings, values, plots)
 }
 
-fn print(report: &Report, results: Option<&Path>, json: bool) {
+fn print(report: &Report, compared: Option<&(Vec<Compared>, Vec<Share>)>, results: Option<&Path>, json: bool) {
     let Report { structure, recording, ending, .. } = report;
     if let Some(shortfall) = report.shortfall() {
         tell!("the run {shortfall}");
@@ -177,7 +234,8 @@ fn print(report: &Report, results: Option<&Path>, json: bool) {
         say!(
             "{}",
             json!({ "fmu": structure.name, "ended": ending.word(), "time": report.end(), "last": last,
-                           "warnings": recording.warnings, "results": results.map(console::path) })
+                           "compared": compared.map(compared_as_json), "warnings": recording.warnings,
+                           "results": results.map(console::path) })
         );
         return;
     }
@@ -186,6 +244,7 @@ fn print(report: &Report, results: Option<&Path>, json: bool) {
         let unit = recording.measure(name).unwrap_or("");
         say!("{name:28} {:>14} {unit}", adaptive_fmu::report::number(values.last().copied().unwrap_or(f64::NAN)));
     }
+    compared.into_iter().flat_map(compared_lines).for_each(|line| say!("{line}"));
     recording.warnings.iter().for_each(|warning| aside!("warning: {warning}"));
     if let Some(results) = results {
         aside!("index.html (the report), result.csv and plot.svg are in {}", results.display());

@@ -1,8 +1,9 @@
 //! Inputs over time, from a file of comma-separated values.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::BufReader;
 use std::path::Path;
+
+use adaptive_fmu_identification::csv::{Column as TableColumn, Table};
 
 use crate::error::Error;
 use crate::fmu::{Instance, SHOWS_VARIABLES};
@@ -40,47 +41,16 @@ pub(super) enum Side {
     After,
 }
 
-/// The longest line of a file, in bytes.
-const LONGEST_LINE: u64 = 1 << 22;
+/// Names that the column of times may have.
+const TIMES: [&str; 3] = ["time", "Time", "t"];
 
-/// The lines of a file that aren't empty, one after the other: what was recorded may be longer than the memory is.
-struct Lines<'a> {
-    file: &'a Path,
-    reader: BufReader<File>,
-    number: usize,
-    bytes: Vec<u8>,
-}
-
-impl<'a> Lines<'a> {
-    fn open(file: &'a Path) -> Result<Self, Error> {
-        let reader = BufReader::new(text_file::open(file).map_err(Error::file(file))?);
-        Ok(Lines { file, reader, number: 0, bytes: Vec::new() })
-    }
-
-    /// The next one with its number; none at the end of the file.
-    fn next(&mut self) -> Result<Option<(usize, &str)>, Error> {
-        let failed = |number: usize, reason: String| Error::Description {
-            file: self.file.to_owned(),
-            reason: format!("line {number}: {reason}"),
-        };
-        loop {
-            self.bytes.clear();
-            self.number += 1;
-            let read = self.reader.by_ref().take(LONGEST_LINE + 1).read_until(b'\n', &mut self.bytes);
-            if read.map_err(Error::file(self.file))? == 0 {
-                return Ok(None);
-            }
-            if self.bytes.len() as u64 > LONGEST_LINE {
-                return Err(failed(self.number, format!("is longer than {LONGEST_LINE} bytes")));
-            }
-            if !self.bytes.trim_ascii().is_empty() {
-                break;
-            }
-        }
-        let text = str::from_utf8(&self.bytes).map_err(|_| failed(self.number, "is not UTF-8".to_owned()))?;
-        // Spreadsheets begin a file with this mark.
-        Ok(Some((self.number, text.strip_prefix('\u{feff}').unwrap_or(text).trim_end_matches(['\n', '\r']))))
-    }
+/// A table over time, of which some columns are inputs of a unit.
+#[derive(Debug)]
+pub struct Read {
+    /// The inputs.
+    pub inputs: Inputs,
+    /// Columns that are no inputs.
+    pub others: Vec<TableColumn>,
 }
 
 impl Inputs {
@@ -89,59 +59,55 @@ impl Inputs {
     /// # Errors
     /// What is wrong, with its line; a name that is no input of the unit.
     pub fn read(file: &Path, description: &ModelDescription) -> Result<Self, Error> {
-        let refuse = |line: usize, reason: String| {
-            let reason = format!("line {line}: {reason}");
-            Error::Description { file: file.to_owned(), reason }
-        };
-        let mut lines = Lines::open(file)?;
-        let Some((_, head)) = lines.next()? else {
-            return Err(refuse(1, "must be the names of the columns".to_owned()));
-        };
-        let names = text_file::csv_fields(head);
-        if names.first().is_none_or(|name| name.trim() != "time") {
-            return Err(refuse(1, "the first column must be `time`, in s".to_owned()));
+        let Read { inputs, others } = Self::read_some(file, description)?;
+        let Some(TableColumn { name, .. }) = others.first() else { return Ok(inputs) };
+        let known: Vec<_> = of_unit(description).map(|variable| variable.name.as_str()).collect();
+        let choice = near::choice(name, &known, SHOWS_VARIABLES);
+        let reason = format!("line 1: the FMU has no input `{name}`; {choice}");
+        Err(Error::Description { file: file.to_owned(), reason })
+    }
+
+    /// The same of a file that may have other columns too.
+    ///
+    /// # Errors
+    /// The line that is wrong, with the reason.
+    pub fn read_some(file: &Path, description: &ModelDescription) -> Result<Read, Error> {
+        let refuse = |reason: String| Error::Description { file: file.to_owned(), reason };
+        let opened = text_file::open(file).map_err(Error::file(file))?;
+        let table = Table::read(BufReader::new(opened), &[]).map_err(|fault| refuse(fault.to_string()))?;
+        let Table { mut columns, lines } = table;
+        let time = columns.remove(0);
+        if !TIMES.contains(&time.name.as_str()) || time.unit.as_ref().is_some_and(|unit| unit != "s") {
+            return Err(refuse("line 1: the first column must be `time`, in s".to_owned()));
         }
-        if let Some((_, twice)) = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name)) {
-            return Err(refuse(1, format!("`{}` is named twice", twice.trim())));
+        let refuse_at = |row: usize, reason: String| refuse(format!("line {}: {reason}", lines[row]));
+        if let Some(row) = time.values.iter().position(|time| time.is_nan()) {
+            return Err(refuse_at(row, format!("{} must be a finite number", time.name)));
         }
-        let inputs = description.variables.iter().filter(|v| v.causality == "input" && v.kind != "String");
-        let column = |name: &String| {
-            let found = inputs.clone().find(|variable| variable.name == name.trim());
-            found.map(Column::of).ok_or_else(|| {
-                let known: Vec<_> = inputs.clone().map(|variable| variable.name.as_str()).collect();
-                let choice = near::choice(name.trim(), &known, SHOWS_VARIABLES);
-                refuse(1, format!("the FMU has no input `{}`; {choice}", name.trim()))
-            })
-        };
-        let mut columns: Vec<Column> = names[1..].iter().map(column).collect::<Result<_, _>>()?;
-        let mut times = Vec::new();
-        while let Some((line, text)) = lines.next()? {
-            let fields = text_file::csv_fields(text);
-            if fields.len() != names.len() {
-                return Err(refuse(
-                    line,
-                    format!("has {} values, but there are {} columns", fields.len(), names.len()),
-                ));
-            }
-            let number = |field: &String, name: &String| {
-                let number = field.trim().parse().ok().filter(|number: &f64| number.is_finite());
-                number.ok_or_else(|| refuse(line, format!("{} = {field}: must be a finite number", name.trim())))
+        if let Some(row) = (1..lines.len()).find(|&row| time.values[row] < time.values[row - 1]) {
+            let reason = format!("time = {}: must not be before the time of the line above", time.values[row]);
+            return Err(refuse_at(row, reason));
+        }
+        let mut read = Read { inputs: Inputs { times: time.values, columns: Vec::new() }, others: Vec::new() };
+        for column in columns {
+            let Some(variable) = of_unit(description).find(|variable| variable.name == column.name) else {
+                read.others.push(column);
+                continue;
             };
-            let time = number(&fields[0], &names[0])?;
-            if times.last().is_some_and(|last| time < *last) {
-                return Err(refuse(line, format!("time = {time}: must not be before the time of the line above")));
+            check_unit(&column, variable).map_err(|reason| refuse(format!("line 1: {reason}")))?;
+            let own = Column::of(variable);
+            for (row, &value) in column.values.iter().enumerate() {
+                own.check(value)
+                    .map_err(|allowed| refuse_at(row, format!("{} = {}: {allowed}", column.name, shown(value))))?;
             }
-            times.push(time);
-            for ((column, field), name) in columns.iter_mut().zip(&fields[1..]).zip(&names[1..]) {
-                let value = number(field, name)?;
-                column.check(value).map_err(|allowed| refuse(line, format!("{} = {value}: {allowed}", name.trim())))?;
-                column.values.push(value);
-            }
+            read.inputs.columns.push(Column { values: column.values, ..own });
         }
-        if times.is_empty() {
-            return Err(refuse(2, "the file must have at least one line of values".to_owned()));
-        }
-        Ok(Inputs { times, columns })
+        Ok(read)
+    }
+
+    /// The times, s.
+    pub fn times(&self) -> &[f64] {
+        &self.times
     }
 
     /// Sets the inputs of a unit to their values at a time: before the first the first, after the last the last.
@@ -193,6 +159,23 @@ impl Inputs {
     }
 }
 
+/// The inputs of a unit that have numbers.
+fn of_unit(description: &ModelDescription) -> impl Iterator<Item = &Variable> {
+    description.variables.iter().filter(|v| v.causality == "input" && v.kind != "String")
+}
+
+/// Refuses a column in another unit of measurement than its variable has: nothing is converted here.
+pub(super) fn check_unit(column: &TableColumn, variable: &Variable) -> Result<(), String> {
+    match (&column.unit, &variable.unit) {
+        (Some(given), Some(own)) if given != own => Err(format!("{} is in {given}: must be in {own}", column.name)),
+        _ => Ok(()),
+    }
+}
+
+fn shown(value: f64) -> String {
+    if value.is_nan() { "NaN".to_owned() } else { value.to_string() }
+}
+
 impl Column {
     fn of(variable: &Variable) -> Self {
         let kind = match (variable.kind.as_str(), variable.variability.as_str()) {
@@ -207,6 +190,7 @@ impl Column {
     /// True if it may have a value; what is allowed.
     fn check(&self, value: f64) -> Result<(), &'static str> {
         match self.kind {
+            _ if !value.is_finite() => Err("must be a finite number"),
             Kind::Integer if value != value.trunc() || value.abs() > f64::from(i32::MAX) => {
                 Err("must be a whole number")
             }

@@ -7,12 +7,14 @@ mod inputs;
 mod loaded;
 mod port;
 mod recording;
+mod replay;
 mod settling;
 
 pub use alone::Alone;
 pub use closed_loop::{Change, ClosedLoop, Place};
-pub use inputs::Inputs;
+pub use inputs::{Inputs, Read};
 pub use loaded::LoadedLoop;
 pub(crate) use loaded::LoadedUnit;
 pub use recording::Recording;
 pub(crate) use recording::place;
+pub use replay::{Compared, Replay, Share};

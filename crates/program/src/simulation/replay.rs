@@ -1,0 +1,170 @@
+//! A record against what a unit does with it: before a loop is closed, the controls that a controller would have given.
+
+use adaptive_fmu_identification::csv::Column;
+
+use super::inputs::check_unit;
+use super::recording::Recording;
+use crate::error::{Error, Invalid};
+use crate::model_description::ModelDescription;
+use crate::near;
+
+/// Delays of the record that are tried, in communication steps.
+const DELAYS: usize = 4;
+/// Ending of names of what was recorded.
+const RECORDED: &str = "_recorded";
+/// Variables that count limits and bounds, with words for a value above 0.
+const COUNTED: [(&str, &str); 2] =
+    [("time_at_limit", "a control is at its limit"), ("projection_active", "an estimate is at its bound")];
+
+/// Outputs of a unit, and the columns of a record that they are compared with.
+#[derive(Debug)]
+pub struct Replay {
+    times: Vec<f64>,
+    columns: Vec<Column>,
+    /// Variables to record besides.
+    pub further: Vec<String>,
+    /// Columns of the record that nothing is done with.
+    pub unused: Vec<String>,
+}
+
+/// An output against its record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Compared {
+    /// Its name.
+    pub name: String,
+    /// Its unit of measurement.
+    pub unit: String,
+    /// The part of the recorded motion that it follows, %; none of a record that doesn't move.
+    pub fit: Option<f64>,
+    /// Root mean square of the difference.
+    pub rms: f64,
+    /// The largest difference, and when, s.
+    pub largest: (f64, f64),
+    /// How many communication steps later the record has it.
+    pub delay: usize,
+}
+
+/// How much of the time something was so.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Share {
+    /// Name of the variable.
+    pub name: &'static str,
+    /// Words for it.
+    pub words: &'static str,
+    /// Part of the communication points, %.
+    pub part: f64,
+    /// The largest value.
+    pub most: f64,
+}
+
+impl Replay {
+    /// A replay of a record with these times and columns; the names are those that are compared.
+    ///
+    /// # Errors
+    /// A name that isn't an output of the unit and a column of the record.
+    pub fn new(
+        description: &ModelDescription,
+        names: &[String],
+        times: &[f64],
+        columns: Vec<Column>,
+    ) -> Result<Self, Error> {
+        let outputs = || description.variables.iter().filter(|v| v.causality == "output" && v.kind != "String");
+        let refuse = |name: &String, allowed: String| Error::Argument(Invalid::new("--compare", name, allowed));
+        for name in names {
+            let known: Vec<_> = outputs().map(|variable| variable.name.as_str()).collect();
+            let Some(variable) = outputs().find(|variable| variable.name == *name) else {
+                return Err(refuse(name, format!("is no output of the FMU; {}", near::choice(name, &known, ""))));
+            };
+            let Some(column) = columns.iter().find(|column| column.name == *name) else {
+                let known: Vec<_> = columns.iter().map(|column| column.name.as_str()).collect();
+                return Err(refuse(name, format!("is no column of the record; {}", near::choice(name, &known, ""))));
+            };
+            check_unit(column, variable).map_err(|reason| Error::Argument(Invalid::because(reason)))?;
+        }
+        let (columns, unused): (Vec<_>, Vec<_>) = columns.into_iter().partition(|column| names.contains(&column.name));
+        let unused = unused.into_iter().map(|column| column.name).collect();
+        let known = |name: &&str| description.place(name).is_some();
+        let further = COUNTED.iter().map(|(name, _)| *name).filter(known).map(str::to_owned).collect();
+        Ok(Replay { times: times.to_vec(), columns, further, unused })
+    }
+
+    /// Compares a run with the record, and adds what was recorded to it.
+    pub fn compare(&self, recording: &mut Recording) -> (Vec<Compared>, Vec<Share>) {
+        let mut compared = Vec::new();
+        for column in &self.columns {
+            let Some(own) = recording.column(&column.name).map(<[f64]>::to_vec) else { continue };
+            let at: Vec<_> = recording.times.iter().map(|&time| self.held(&column.values, time)).collect();
+            let unit = recording.measure(&column.name).unwrap_or_default().to_owned();
+            compared.extend(best(&own, &at, &recording.times).map(|(fit, rms, largest, delay)| Compared {
+                name: column.name.clone(),
+                unit: unit.clone(),
+                fit,
+                rms,
+                largest,
+                delay,
+            }));
+            recording.names.push(format!("{}{RECORDED}", column.name));
+            recording.measures.push(unit);
+            recording.columns.push(at);
+        }
+        let share = |&(name, words): &(&'static str, &'static str)| {
+            let values = recording.column(name)?;
+            let above = values.iter().filter(|value| **value > 0.0).count();
+            let most = values.iter().copied().fold(0.0, f64::max);
+            Some(Share { name, words, part: 100.0 * above as f64 / values.len().max(1) as f64, most })
+        };
+        let shares = COUNTED.iter().filter_map(share).collect();
+        (compared, shares)
+    }
+
+    /// A column at a time, constant from row to row.
+    fn held(&self, values: &[f64], time: f64) -> f64 {
+        // Times of a grid and of a record may differ by rounding.
+        let after = self.times.partition_point(|&row| row <= time + 1e-9 * time.abs().max(1e-9));
+        values[after.saturating_sub(1)]
+    }
+}
+
+/// Fit, root mean square and largest difference of an output from its record, with the delay at which they are nearest: the output
+/// at the end of a step follows from what was measured at its beginning.
+fn best(own: &[f64], record: &[f64], times: &[f64]) -> Option<(Option<f64>, f64, (f64, f64), usize)> {
+    let at = |delay: usize| {
+        // Output k + 1 is of the step that begins at k.
+        let pairs = (1..own.len()).filter_map(|k| Some((times[k], own[k], *record.get(k + delay - 1)?)));
+        let pairs: Vec<_> = pairs.filter(|(_, _, recorded)| recorded.is_finite()).collect();
+        let count = pairs.len() as f64;
+        let mean = pairs.iter().map(|(.., recorded)| recorded).sum::<f64>() / count;
+        let sum =
+            |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|&(_, own, recorded)| of(own, recorded).powi(2)).sum();
+        let (off, motion): (f64, f64) = (sum(&|own, recorded| own - recorded), sum(&|_, recorded| recorded - mean));
+        let largest = pairs.iter().map(|&(time, own, recorded)| ((own - recorded).abs(), time));
+        let largest = largest.fold((0.0, times[0]), |most, one| if one.0 > most.0 { one } else { most });
+        let fit = (motion > 0.0).then(|| 100.0 * (1.0 - (off / motion).sqrt()));
+        (!pairs.is_empty()).then(|| (fit, (off / count).sqrt(), largest, delay))
+    };
+    (0..DELAYS).filter_map(at).min_by(|one, other| one.1.total_cmp(&other.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_that_is_later_is_compared_at_its_delay() {
+        let times: Vec<f64> = (0..50).map(|k| 0.1 * f64::from(k)).collect();
+        let signal = |k: i32| (0.3 * f64::from(k)).sin();
+        let own: Vec<_> = (0..50).map(signal).collect();
+        for delay in 0..4 {
+            // The output at k + 1 is of what was measured at k, which the record has `delay` steps later.
+            let record: Vec<_> = (0..50).map(|k| signal(k + 1 - delay)).collect();
+            let (fit, rms, _, found) = best(&own, &record, &times).unwrap();
+            assert_eq!(found, delay as usize);
+            assert!(rms < 1e-12 && fit.unwrap() > 99.999_999);
+        }
+        let off: Vec<_> = own.iter().enumerate().map(|(k, value)| value + if k == 20 { 0.5 } else { 0.0 }).collect();
+        let record: Vec<_> = (0..50).map(|k| signal(k + 1)).collect();
+        let (.., (largest, time), _) = best(&off, &record, &times).unwrap();
+        assert!((largest - 0.5).abs() < 1e-12 && (time - 2.0).abs() < 1e-12);
+        assert_eq!(best(&own, &[f64::NAN; 50], &times), None);
+    }
+}
