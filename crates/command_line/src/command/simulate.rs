@@ -11,7 +11,7 @@ use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::output;
 use adaptive_fmu::report::number;
 use adaptive_fmu::results::{Ending, Report, Verdict};
-use adaptive_fmu::simulation::{Alone, Compared, Inputs, Read, Recording, Replay, Share};
+use adaptive_fmu::simulation::{Alone, Compared, Difference, Inputs, Read, Recording, Replay, Share};
 use adaptive_fmu::structure::{Order, Plot, Settings, Structure};
 use adaptive_fmu::template::three_digits;
 use clap::ValueEnum;
@@ -171,16 +171,18 @@ fn inputs(arguments: &Arguments, description: &ModelDescription) -> Result<(Opti
 fn compared_lines((compared, shares): &(Vec<Compared>, Vec<Share>)) -> Vec<String> {
     let mut lines =
         vec![format!("\n{:28} {:>8} {:>14} {:>14} at t, s", "against the record", "fit, %", "rms", "largest")];
-    lines.extend(compared.iter().map(|Compared { name, unit, fit, rms, largest: (largest, time), delay }| {
-        let fit = fit.map_or("–".to_owned(), |fit| format!("{fit:.1}"));
-        let [rms, largest, time] = [rms, largest, time].map(|value| number(three_digits(*value)));
-        let late = match delay {
-            0 => String::new(),
-            1 => ", recorded 1 step later".to_owned(),
-            delay => format!(", recorded {delay} steps later"),
-        };
-        format!("{name:28} {fit:>8} {rms:>14} {largest:>14} {time} {unit}{late}").trim_end().to_owned()
-    }));
+    lines.extend(compared.iter().map(
+        |Compared { name, unit, difference: Difference { fit, rms, largest, time, delay } }| {
+            let fit = fit.map_or("–".to_owned(), |fit| format!("{fit:.1}"));
+            let [rms, largest, time] = [rms, largest, time].map(|value| number(three_digits(*value)));
+            let late = match delay {
+                0 => String::new(),
+                1 => ", recorded 1 step later".to_owned(),
+                delay => format!(", recorded {delay} steps later"),
+            };
+            format!("{name:28} {fit:>8} {rms:>14} {largest:>14} {time} {unit}{late}").trim_end().to_owned()
+        },
+    ));
     lines.extend(shares.iter().filter(|share| share.part > 0.0).map(|Share { name, words, part, .. }| {
         format!("{words} ({name}) for {} % of the time", number(three_digits(*part)))
     }));
@@ -190,7 +192,7 @@ fn compared_lines((compared, shares): &(Vec<Compared>, Vec<Share>)) -> Vec<Strin
 fn compared_as_json((compared, shares): &(Vec<Compared>, Vec<Share>)) -> serde_json::Value {
     let outputs: serde_json::Map<_, _> = compared
         .iter()
-        .map(|Compared { name, unit, fit, rms, largest: (largest, time), delay }| {
+        .map(|Compared { name, unit, difference: Difference { fit, rms, largest, time, delay } }| {
             let of = json!({ "unit": unit, "fit": fit, "rms": rms, "largest": largest, "time": time, "delay": delay });
             (name.clone(), of)
         })

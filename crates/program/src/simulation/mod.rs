@@ -17,4 +17,4 @@ pub use loaded::LoadedLoop;
 pub(crate) use loaded::LoadedUnit;
 pub use recording::Recording;
 pub(crate) use recording::place;
-pub use replay::{Compared, Replay, Share};
+pub use replay::{Compared, Difference, Replay, Share};

@@ -34,13 +34,22 @@ pub struct Compared {
     pub name: String,
     /// Its unit of measurement.
     pub unit: String,
-    /// The part of the recorded motion that it follows, %; none of a record that doesn't move.
+    /// The difference.
+    pub difference: Difference,
+}
+
+/// Difference of an output from its record, at the delay at which they are nearest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// The part of the recorded motion that the output follows, %; none of a record that doesn't move.
     pub fit: Option<f64>,
-    /// Root mean square of the difference.
+    /// Its root mean square.
     pub rms: f64,
-    /// The largest difference, and when, s.
-    pub largest: (f64, f64),
-    /// How many communication steps later the record has it.
+    /// Its largest size.
+    pub largest: f64,
+    /// The time of that, s.
+    pub time: f64,
+    /// By how many communication steps the record is later.
     pub delay: usize,
 }
 
@@ -95,14 +104,9 @@ impl Replay {
             let Some(own) = recording.column(&column.name).map(<[f64]>::to_vec) else { continue };
             let at: Vec<_> = recording.times.iter().map(|&time| self.held(&column.values, time)).collect();
             let unit = recording.measure(&column.name).unwrap_or_default().to_owned();
-            compared.extend(best(&own, &at, &recording.times).map(|(fit, rms, largest, delay)| Compared {
-                name: column.name.clone(),
-                unit: unit.clone(),
-                fit,
-                rms,
-                largest,
-                delay,
-            }));
+            let difference = Difference::least(&own, &at, &recording.times);
+            let of = |difference| Compared { name: column.name.clone(), unit: unit.clone(), difference };
+            compared.extend(difference.map(of));
             recording.names.push(format!("{}{RECORDED}", column.name));
             recording.measures.push(unit);
             recording.columns.push(at);
@@ -125,24 +129,27 @@ impl Replay {
     }
 }
 
-/// Fit, root mean square and largest difference of an output from its record, with the delay at which they are nearest: the output
-/// at the end of a step follows from what was measured at its beginning.
-fn best(own: &[f64], record: &[f64], times: &[f64]) -> Option<(Option<f64>, f64, (f64, f64), usize)> {
-    let at = |delay: usize| {
+impl Difference {
+    /// At the delay at which it is least: the output at the end of a step follows from what was measured at its beginning. `None`
+    /// where nothing was recorded.
+    fn least(own: &[f64], record: &[f64], times: &[f64]) -> Option<Self> {
+        let delayed = (0..DELAYS).filter_map(|delay| Self::at(delay, own, record, times));
+        delayed.min_by(|one, other| one.rms.total_cmp(&other.rms))
+    }
+
+    fn at(delay: usize, own: &[f64], record: &[f64], times: &[f64]) -> Option<Self> {
         // Output k + 1 is of the step that begins at k.
         let pairs = (1..own.len()).filter_map(|k| Some((times[k], own[k], *record.get(k + delay - 1)?)));
-        let pairs: Vec<_> = pairs.filter(|(_, _, recorded)| recorded.is_finite()).collect();
+        let pairs: Vec<_> = pairs.filter(|(.., recorded)| recorded.is_finite()).collect();
         let count = pairs.len() as f64;
         let mean = pairs.iter().map(|(.., recorded)| recorded).sum::<f64>() / count;
-        let sum =
-            |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|&(_, own, recorded)| of(own, recorded).powi(2)).sum();
-        let (off, motion): (f64, f64) = (sum(&|own, recorded| own - recorded), sum(&|_, recorded| recorded - mean));
-        let largest = pairs.iter().map(|&(time, own, recorded)| ((own - recorded).abs(), time));
-        let largest = largest.fold((0.0, times[0]), |most, one| if one.0 > most.0 { one } else { most });
+        let motion: f64 = pairs.iter().map(|(.., recorded)| (recorded - mean).powi(2)).sum();
+        let off: f64 = pairs.iter().map(|(_, own, recorded)| (own - recorded).powi(2)).sum();
+        let sizes = pairs.iter().map(|(time, own, recorded)| ((own - recorded).abs(), *time));
+        let (largest, time) = sizes.reduce(|most, one| if one.0 > most.0 { one } else { most })?;
         let fit = (motion > 0.0).then(|| 100.0 * (1.0 - (off / motion).sqrt()));
-        (!pairs.is_empty()).then(|| (fit, (off / count).sqrt(), largest, delay))
-    };
-    (0..DELAYS).filter_map(at).min_by(|one, other| one.1.total_cmp(&other.1))
+        Some(Difference { fit, rms: (off / count).sqrt(), largest, time, delay })
+    }
 }
 
 #[cfg(test)]
@@ -157,14 +164,14 @@ mod tests {
         for delay in 0..4 {
             // The output at k + 1 is of what was measured at k, which the record has `delay` steps later.
             let record: Vec<_> = (0..50).map(|k| signal(k + 1 - delay)).collect();
-            let (fit, rms, _, found) = best(&own, &record, &times).unwrap();
-            assert_eq!(found, delay as usize);
-            assert!(rms < 1e-12 && fit.unwrap() > 99.999_999);
+            let found = Difference::least(&own, &record, &times).unwrap();
+            assert_eq!(found.delay, delay as usize);
+            assert!(found.rms < 1e-12 && found.fit.unwrap() > 99.999_999);
         }
         let off: Vec<_> = own.iter().enumerate().map(|(k, value)| value + if k == 20 { 0.5 } else { 0.0 }).collect();
         let record: Vec<_> = (0..50).map(|k| signal(k + 1)).collect();
-        let (.., (largest, time), _) = best(&off, &record, &times).unwrap();
-        assert!((largest - 0.5).abs() < 1e-12 && (time - 2.0).abs() < 1e-12);
-        assert_eq!(best(&own, &[f64::NAN; 50], &times), None);
+        let found = Difference::least(&off, &record, &times).unwrap();
+        assert!((found.largest - 0.5).abs() < 1e-12 && (found.time - 2.0).abs() < 1e-12);
+        assert_eq!(Difference::least(&own, &[f64::NAN; 50], &times), None);
     }
 }
