@@ -35,13 +35,16 @@ pub fn identify_states(
     options: &Options,
 ) -> Result<Identified, Refusal> {
     let mut findings = Vec::new();
-    let signals = &without_fixed(signals, options, &mut findings)?;
+    let (signals, options) = &without_fixed(signals, options, &mut findings)?;
     let fewest = signals.measured.len() + 2;
     let source = Source::new(records, signals, &options.delays, fewest)?;
     let (first, last) = parts(records, held_out.is_some(), options)?;
     let data = source.data(&first, None, Some(&mut findings))?;
     let entries = options.structure.entries(signals, options.offsets)?;
     let layout = Layout::new(&entries, &data.scaling, data.records);
+    if layout.count() == 0 {
+        return Err(Refusal::new(Cause::Request, "nothing is left to estimate: make an entry \"?\""));
+    }
     faults::too_short(&data, layout.count(), "states")?;
     let names = Names::new(signals, &records[0]);
     faults::inputs(&data, &names, options.offsets, true)?;

@@ -176,6 +176,37 @@ fn an_input_that_never_moves_is_refused_or_left_out() {
 }
 
 #[test]
+fn the_others_keep_their_delays_where_an_input_is_left_out() {
+    let mut random = Random(27);
+    let acted = random.levels(ROWS + 3, 40);
+    let mut columns = columns_of(&Plant::oscillator(), 27, vec![acted[..ROWS].to_vec()]);
+    columns.u = vec![vec![12.0; ROWS], acted[3..].to_vec()];
+    let fixed = Options { fixed: vec!["u1".to_owned()], delays: vec![0.0, 0.15], ..Options::default() };
+    let found = good(identify_with(columns.record(), &fixed));
+    assert_eq!((&found.model.inputs[..], &found.model.delay[..]), (&["u2".to_owned()][..], &[0.15][..]));
+    assert_eq!(kinds(&found), [Kind::FixedInput, Kind::Gap], "{:?}", found.findings);
+}
+
+#[test]
+fn a_structure_in_which_nothing_is_free_is_refused() {
+    let entries = |values: &[f64]| values.iter().map(|value| Entry::Known(*value)).collect::<Vec<_>>();
+    let known = |corner: Entry| Structure {
+        a: Some(vec![Row::Entries(vec![corner, Entry::Known(1.0)]), Row::Entries(entries(&[-4.0, -1.0]))]),
+        b: Some(vec![entries(&[0.0]), entries(&[4.0])]),
+        ..Structure::default()
+    };
+    let options = |corner| Options { structure: known(corner), offsets: false, ..Options::default() };
+    let (cause, told) = refusal(identify_with(columns(26).record(), &options(Entry::Known(0.0))));
+    let expected = "nothing is left to estimate: make an entry \"?\"";
+    assert_eq!((cause, told.as_str()), (Cause::Request, expected));
+    // The only unknown ends at the bound of its sign.
+    let plant = Plant::new(2, 1, &[-0.2, 1.0, -4.0, -1.0], &[0.0, 4.0], &[0.0, 0.0]);
+    let record = columns_of(&plant, 26, vec![Random(26).levels(ROWS, 40)]).record();
+    let found = good(identify_with(record, &options(Entry::Positive)));
+    assert!(found.entries.is_empty() && text(&found, Kind::EntryAtZero).starts_with("d(x1)/x1 ended at 0"));
+}
+
+#[test]
 fn inputs_that_move_together_are_refused() {
     let mut random = Random(8);
     let first = random.levels(ROWS, 40);

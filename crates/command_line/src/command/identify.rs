@@ -29,8 +29,9 @@ const MOST_HELD_OUT: f64 = 0.9;
 pub struct Arguments {
     /// CSV files, one or more records of the same plant
     ///
-    /// The first line contains names; the column `time` or else the first one is the time in s. Separators are commas, or
-    /// semicolons or tabs, which allow a decimal comma. A column `record` divides a file into records.
+    /// The first line contains names; the column `time` or else the first one is the time in s, or in the unit in brackets
+    /// after its name: ms, us, min, h. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
+    /// `record` divides a file into records.
     #[arg(required = true, value_name = "RECORD.csv")]
     records: Vec<PathBuf>,
     /// Columns that are inputs of the plant

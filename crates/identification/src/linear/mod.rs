@@ -107,6 +107,9 @@ pub fn pseudoinverse(a: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// Eigenvalues of a symmetric matrix in falling order, with their vectors.
 pub fn symmetric(a: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
+    if a.is_empty() {
+        return (Vec::new(), a.clone());
+    }
     let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(a.clone());
     let mut order: Vec<usize> = (0..eigenvalues.len()).collect();
     order.sort_by(|p, q| eigenvalues[*q].total_cmp(&eigenvalues[*p]));

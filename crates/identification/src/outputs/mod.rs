@@ -46,7 +46,7 @@ pub fn identify_outputs(
 ) -> Result<Identified, Refusal> {
     let mut findings = Vec::new();
     check(options)?;
-    let signals = &without_fixed(signals, options, &mut findings)?;
+    let (signals, options) = &without_fixed(signals, options, &mut findings)?;
     let source = Source::new(records, signals, &options.delays, order::FEWEST)?;
     let (first, last) = parts(records, held_out.is_some(), options)?;
     let mut data = order::uniform(source.data(&first, None, Some(&mut findings))?);
