@@ -1,9 +1,11 @@
 //! First steps with any request.
 
-use crate::data::Part;
+use crate::data::{Data, Part, Scaling, Source};
 use crate::finding::{Cause, Finding, Kind, Refusal};
 use crate::options::Options;
 use crate::record::{Record, Signals};
+use crate::sampled::Hold;
+use crate::text::number;
 
 /// Signals and options without the inputs that are left out.
 pub(crate) fn without_fixed(
@@ -46,4 +48,56 @@ pub(crate) fn parts(records: &[Record], all: bool, options: &Options) -> Result<
     let split = |record: &Record| record.len() - (fraction * record.len() as f64).round() as usize;
     let first = records.iter().map(|record| 0..split(record)).collect();
     Ok((first, records.iter().map(|record| split(record)..record.len()).collect()))
+}
+
+/// Data of the held-out part with their records: records of their own, or the last part of each. `None` where no rows are left of it,
+/// with a warning.
+pub(crate) fn tested<'r>(
+    own: Option<&'r [Record]>,
+    (source, last): (&Source<'r>, &Part),
+    (signals, options): (&Signals, &Options),
+    (scaling, prepare): (&Scaling, impl Fn(Data) -> Data),
+    findings: &mut Vec<Finding>,
+) -> Result<Option<(Data, Vec<&'r Record>)>, Refusal> {
+    let found = match own {
+        Some(records) => {
+            let source = Source::new(records, signals, options, source.fewest)?;
+            let part = records.iter().map(|record| 0..record.len()).collect();
+            Some(source.data(&part, Some(scaling), None)?)
+        }
+        None => source.data(last, Some(scaling), None).ok(),
+    };
+    let found = found.map(prepare).filter(|data| !data.segments.is_empty());
+    if found.is_none() && (own.is_some() || options.hold_out > 0.0) {
+        let text = format!(
+            "nothing is held out: fewer than {} consecutive rows of equal steps have all values there, so the model isn't checked",
+            source.fewest
+        );
+        findings.push(Finding::warning(Kind::NothingHeldOut, text));
+    }
+    Ok(found.map(|data| data.of_records(own.unwrap_or(source.records))))
+}
+
+/// The delays as they act: an input that holds from row to row acts from the next row on.
+pub(crate) fn act(options: &mut Options, signals: &Signals, h: f64, findings: &mut Vec<Finding>) {
+    if options.hold != Hold::ZeroOrder {
+        return;
+    }
+    for (delay, input) in options.delays.iter_mut().zip(&signals.inputs) {
+        let steps = *delay / h;
+        if (steps - steps.round()).abs() < 1e-3 {
+            continue;
+        }
+        let acts = steps.ceil() * h;
+        let [given, step, of_acts] = [*delay, h, acts].map(number);
+        let text =
+            format!("the delay of {input}, {given} s, isn't a multiple of the step {step} s: it acts as {of_acts} s");
+        findings.push(Finding::warning(Kind::Delay, text));
+        *delay = acts;
+    }
+}
+
+/// Durations of records together, s.
+pub(crate) fn duration(records: &[&Record]) -> f64 {
+    records.iter().map(|record| record.time[record.len() - 1] - record.time[0]).sum()
 }

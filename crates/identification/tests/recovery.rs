@@ -154,7 +154,8 @@ fn outputs_alone_give_the_poles_and_the_gain() {
             "{:?} {:?} {:?} {:?} {:?}",
             found.model.fit, found.model.noise, found.orders, found.model.kappa, found.poles
         );
-        let (a, b) = (found.model.a(), found.model.b());
+        let matrix = |rows: &[Vec<f64>]| DMatrix::from_fn(rows.len(), rows[0].len(), |i, j| rows[i][j]);
+        let (a, b) = (matrix(&found.model.A), matrix(&found.model.B));
         let outputs = DMatrix::from_fn(p, n, |i, j| found.model.C[i][j]);
         // What doesn't depend on the states' coordinates: C A^k B.
         for k in 0..2 * n {

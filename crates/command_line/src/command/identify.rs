@@ -273,7 +273,7 @@ fn tell_all(found: &Identified) {
     let measured = if model.outputs.is_empty() { &model.states } else { &model.outputs };
     say!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise");
     for (k, name) in measured.iter().enumerate() {
-        let of = |fits: &[f64]| fits.get(k).map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0));
+        let of = |fits: &[f64]| fits.get(k).filter(|fit| !fit.is_nan()).map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0));
         let noise = model.noise.get(k).map_or("–".to_owned(), |noise| number(*noise));
         say!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows));
     }
