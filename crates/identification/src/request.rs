@@ -1,6 +1,6 @@
 //! First steps with any request.
 
-use crate::data::{Data, Part, Scaling, Source};
+use crate::data::{ALIKE, Data, Part, Scaling, Source};
 use crate::finding::{Cause, Finding, Kind, Refusal};
 use crate::options::Options;
 use crate::record::{Record, Signals};
@@ -85,7 +85,7 @@ pub(crate) fn act(options: &mut Options, signals: &Signals, h: f64, findings: &m
     }
     for (delay, input) in options.delays.iter_mut().zip(&signals.inputs) {
         let steps = *delay / h;
-        if (steps - steps.round()).abs() < 1e-3 {
+        if (steps - steps.round()).abs() <= ALIKE {
             continue;
         }
         let acts = steps.ceil() * h;

@@ -18,6 +18,8 @@ pub(crate) use steps::Steps;
 
 /// A step this many times longer than 95 % of the steps is a gap.
 const GAP: f64 = 3.0;
+/// Times and steps that differ by at most this part of a step are alike.
+pub(crate) const ALIKE: f64 = 0.02;
 
 /// Units in which everything is estimated: each signal over its standard deviation, time in samples.
 #[derive(Debug, Clone, PartialEq)]
@@ -215,7 +217,8 @@ impl<'a> Source<'a> {
         let measured = |record| signals.measured.iter().map(|name| column(record, name)).collect();
         let longest = options.delays.iter().copied().fold(0.0, f64::max);
         let begins = |record: &Record| {
-            record.time.partition_point(|time| time - record.time[0] < longest - near(*time, longest))
+            let near = ALIKE * gap(&record.time) / GAP;
+            record.time.partition_point(|time| time - record.time[0] < longest - near)
         };
         let without_values = |record: &'a Record| {
             let mut all = signals.inputs.iter().chain(&signals.measured);
@@ -424,25 +427,22 @@ fn gap(time: &[f64]) -> f64 {
     steps.get(((steps.len() as f64 - 1.0) * 0.95).round() as usize).map_or(f64::INFINITY, |step| GAP * step)
 }
 
-/// Times that differ by less, by rounding, are the same.
-fn near(time: f64, delay: f64) -> f64 {
-    1e-9 * delay + 4.0 * f64::EPSILON * time.abs()
-}
-
-/// A column that acts later: its value at that time before. NaN where nothing was recorded yet.
+/// A column that acts later: its value at that time before. NaN where nothing was recorded yet. Times that differ by little of a step
+/// are the same, since clocks are rounded.
 fn delayed(time: &[f64], values: &[f64], delay: f64, hold: Hold) -> Vec<f64> {
     if delay == 0.0 {
         return values.to_vec();
     }
+    let near = ALIKE * gap(time) / GAP;
     let late = |now: &f64| {
         let then = now - delay;
-        let after = time.partition_point(|other| *other <= then + near(*now, delay));
+        let after = time.partition_point(|other| *other <= then + near);
         let Some(row) = after.checked_sub(1) else { return f64::NAN };
-        let past = then - time[row];
-        if hold == Hold::ZeroOrder || past <= near(*now, delay) || after == time.len() {
+        if hold == Hold::ZeroOrder || after == time.len() {
             return values[row];
         }
-        values[row] + (values[after] - values[row]) * past / (time[after] - time[row])
+        let part = (then - time[row]) / (time[after] - time[row]);
+        if part < 1e-6 { values[row] } else { values[row] + (values[after] - values[row]) * part }
     };
     time.iter().map(late).collect()
 }

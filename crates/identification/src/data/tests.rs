@@ -87,6 +87,9 @@ fn an_input_with_a_delay_is_what_was_held_before() {
     // Seconds since 1970 have steps that are rounded.
     let time: Vec<f64> = (0..9).map(|k| 1.7e9 + 0.02 * f64::from(k)).collect();
     assert_eq!(delayed(&time, &ramp(9), 0.06, Hold::ZeroOrder)[3..], ramp(6));
+    // 30 rows a second, in ms.
+    let time: Vec<f64> = (0..9).map(|k| (1e3 / 30.0 * f64::from(k)).round() / 1e3).collect();
+    assert_eq!(delayed(&time, &ramp(9), 0.1, Hold::ZeroOrder)[3..], ramp(6));
 }
 
 #[test]

@@ -75,7 +75,13 @@ pub fn identify_outputs(
         cells::take_out(&mut data, &cells);
         wrong.extend(cells);
         wrong_tested.extend(of_tested);
-        choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
+        // The others follow once no cell is wrong any more.
+        let order = found.companion.states.len();
+        choice = Choice::new(&data, tested.as_ref(), Some(order), most)?;
+        found = Found::new(&data, &choice)?;
+    }
+    if options.order.is_none() && !(wrong.is_empty() && wrong_tested.is_empty()) {
+        choice = Choice::new(&data, tested.as_ref(), None, most)?;
         found = Found::new(&data, &choice)?;
     }
     cells::report(&data, &wrong, &records, &mut findings);

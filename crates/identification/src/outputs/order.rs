@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use super::companion::Companion;
 use super::output_error::OutputError;
 use super::subspace::{Discrete, Span};
-use crate::data::{Data, Segment, standard_deviation};
+use crate::data::{ALIKE, Data, Segment, standard_deviation};
 use crate::faults::NUMBERS;
 use crate::finding::{Cause, Finding, Kind, Refusal};
 use crate::held_out::STILL;
@@ -18,8 +18,8 @@ use crate::text::{digits, number};
 const HIGHEST: usize = 10;
 /// The fewest rows between two cuts.
 pub(crate) const FEWEST: usize = 24;
-/// Steps are alike that differ from the commonest by at most this part of it.
-const ALIKE: f64 = 0.02;
+/// Rows over which a search goes most of its way.
+const ROWS_OF_BEGINNING: usize = 4000;
 /// Rows for each block row of a Hankel matrix.
 const ROWS_OF_BLOCK: usize = 20;
 const FIRST_STEPS: usize = 10;
@@ -184,13 +184,31 @@ fn tried_order(data: &Data, order: usize, long: Option<&Span>) -> Option<Tried> 
     let starts = [short.as_ref(), long].into_iter().flatten().filter_map(|span| span.model(data, order));
     let begun = starts.filter_map(|model| search(&objective, &OutputError::unknowns(&model), FIRST_STEPS));
     let first = begun.min_by(|p, q| p.value.loss.total_cmp(&q.value.loss))?;
-    let found = search(&objective, &first.unknowns, MORE_STEPS)?;
+    // Most of the way over a part of a long record.
+    let part = beginning(data);
+    let near = part.and_then(|part| search(&OutputError { data: &part, order }, &first.unknowns, MORE_STEPS));
+    let near = near.and_then(|near| search(&objective, &near.unknowns, MORE_STEPS));
+    let found = near.or_else(|| search(&objective, &first.unknowns, MORE_STEPS))?;
     let model = objective.model(&found.unknowns);
     let (m, p) = (data.m, data.n);
     let count = (order * (m + p) + order * data.segments.len() + p * data.records) as f64;
     let bic = found.value.loss + count * (rows as f64).ln();
     let is_continuous = Companion::new(&model).is_some();
     Some(Tried { model, found, fit: OrderFit { order, held_out: None, bic, is_continuous } })
+}
+
+/// The first segments of data, as many as have rows for most of a search. `None` where that are all.
+fn beginning(data: &Data) -> Option<Data> {
+    let mut rows = 0;
+    let mut segments = Vec::new();
+    for segment in &data.segments {
+        let len = segment.len().min(ROWS_OF_BEGINNING - rows);
+        if len >= FEWEST {
+            segments.push(part(segment, 0, len, data.steps.common));
+        }
+        rows += len;
+    }
+    (rows < data.rows()).then(|| Data { segments, ..data.clone() })
 }
 
 /// Mean fit over data of the outputs that move there by more than noise, initial states and constants fitted, %. `None` where none does.
