@@ -166,3 +166,16 @@ fn outputs_alone_give_the_poles_and_the_gain() {
         }
     }
 }
+
+#[test]
+fn a_long_record_of_outputs_is_as_good_as_a_short_one() {
+    let (plant, mut random) = (Plant::oscillator(), Random(26));
+    let time = times(9000, 0.1);
+    let u = [random.levels(9000, 16)];
+    let x = plant.simulate(&time, &u, &[0.1, 0.2]);
+    let options = Options { order: Some(2), ..Options::default() };
+    let found = good(identify_outputs(&[record(time, &u, &x[..1])], None, &signals(1, 1), &options));
+    for (entry, true_) in found.model.A[1].iter().zip([-4.0, -1.0]) {
+        assert!((entry - true_).abs() < 1e-8, "{entry}");
+    }
+}

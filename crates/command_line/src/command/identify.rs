@@ -135,7 +135,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         (None, None) => return Ok(ExitCode::SUCCESS),
     };
     let mut found = found.map_err(|refusal| {
-        let advice = of_cause(refusal.cause).map_or(String::new(), |advice| format!(". {advice}"));
+        let advice = of_cause(refusal.cause, arguments.states.is_some()).map_or(String::new(), |advice| format!(". {advice}"));
         Error::Argument(Invalid::because(format!("{refusal}{advice}")))
     })?;
     for of in &mut found.model.records {
@@ -163,11 +163,11 @@ fn known(signals: Signals, records: &[Record]) -> Result<Signals, Error> {
 }
 
 /// Options that help where there is no model.
-fn of_cause(cause: Cause) -> Option<&'static str> {
+fn of_cause(cause: Cause, of_states: bool) -> Option<&'static str> {
     match cause {
         Cause::StillInput => Some("--fixed NAME leaves an input out"),
-        Cause::TooShort => Some("With --structure fewer entries are unknown"),
-        Cause::NoModel => Some("Give all states that matter, or --outputs"),
+        Cause::TooShort if of_states => Some("With --structure fewer entries are unknown"),
+        Cause::NoModel if of_states => Some("Give all states that matter, or --outputs"),
         _ => None,
     }
 }
@@ -196,7 +196,7 @@ fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
         let name = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let found = Record::of_table(&name, &table, arguments.time.as_deref());
         let checksum = sealed::checksum_of_file(file)?;
-        let found = found.map_err(|refusal| refuse(refusal.text))?;
+        let found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal)))?;
         records.extend(found.into_iter().map(|record| Read { record, checksum: checksum.clone() }));
     }
     Ok(records)

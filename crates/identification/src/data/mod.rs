@@ -284,7 +284,7 @@ impl<'a> Source<'a> {
         let (of, fewest) = (&self.records[record], self.fewest);
         let length = of.time[of.len() - 1] - of.time[0];
         if of.len() < fewest {
-            format!("it has {} rows, and at least {fewest} are needed", of.len())
+            format!("it has {} row{}, and at least {fewest} are needed", of.len(), if of.len() == 1 { "" } else { "s" })
         } else if let Some(name) = &self.without_values[record] {
             format!("{name} has no values")
         } else if self.begins[record] + fewest > of.len() {
@@ -374,9 +374,11 @@ impl<'a> Source<'a> {
         };
         let steps = Steps::new(&flat, scaling.h);
         if let Some(findings) = findings.filter(|_| !steps.is_single()) {
-            let [least, most] = steps.extremes();
-            let text = format!("steps differ: {} … {} s", number(least * scaling.h), number(most * scaling.h));
-            findings.push(Finding::note(Kind::StepsDiffer, text));
+            let [least, most] = steps.extremes().map(|step| number(step * scaling.h));
+            // Not by the rounding of a clock alone.
+            if least != most {
+                findings.push(Finding::note(Kind::StepsDiffer, format!("steps differ: {least} … {most} s")));
+            }
         }
         let segments = cuts.iter().zip(&all).map(|((record, range), lengths)| {
             let (step, rest) = lengths.iter().map(|length| steps.place(length / scaling.h)).unzip();

@@ -18,8 +18,9 @@ use crate::text::{digits, number};
 const HIGHEST: usize = 10;
 /// The fewest rows between two cuts.
 pub(crate) const FEWEST: usize = 24;
-/// Rows over which a search goes most of its way.
-const ROWS_OF_BEGINNING: usize = 4000;
+/// Rows over which a search goes most of its way, and steps of what follows over all.
+const ROWS_OF_BEGINNING: usize = 2000;
+const WHOLE_STEPS: usize = 10;
 /// Rows for each block row of a Hankel matrix.
 const ROWS_OF_BLOCK: usize = 20;
 const FIRST_STEPS: usize = 10;
@@ -116,8 +117,7 @@ pub(crate) fn most(data: &Data) -> Result<usize, Refusal> {
     let cells: f64 = data.segments.iter().map(|segment| segment.mask.sum()).sum();
     let counted = (cells / p as f64) as usize;
     (1..=HIGHEST).take_while(|order| needed(data, *order) <= counted).last().ok_or_else(|| {
-        let text =
-            format!("{counted} rows of {p} outputs with equal steps: one state needs at least {}", needed(data, 1));
+        let text = format!("{counted} rows with equal steps: one state needs at least {}", needed(data, 1));
         Refusal::new(Cause::TooShort, text)
     })
 }
@@ -182,13 +182,14 @@ fn tried_order(data: &Data, order: usize, long: Option<&Span>) -> Option<Tried> 
     let objective = OutputError { data, order };
     let short = Span::new(data, (2 * order + 4).max(8).min(rows / ROWS_OF_BLOCK));
     let starts = [short.as_ref(), long].into_iter().flatten().filter_map(|span| span.model(data, order));
-    let begun = starts.filter_map(|model| search(&objective, &OutputError::unknowns(&model), FIRST_STEPS));
-    let first = begun.min_by(|p, q| p.value.loss.total_cmp(&q.value.loss))?;
     // Most of the way over a part of a long record.
     let part = beginning(data);
-    let near = part.and_then(|part| search(&OutputError { data: &part, order }, &first.unknowns, MORE_STEPS));
-    let near = near.and_then(|near| search(&objective, &near.unknowns, MORE_STEPS));
-    let found = near.or_else(|| search(&objective, &first.unknowns, MORE_STEPS))?;
+    let on = |data, start: &[f64], steps| search(&OutputError { data, order }, start, steps);
+    let near = part.as_ref().unwrap_or(data);
+    let begun = starts.filter_map(|model| on(near, &OutputError::unknowns(&model), FIRST_STEPS));
+    let first = begun.min_by(|p, q| p.value.loss.total_cmp(&q.value.loss))?;
+    let found = on(near, &first.unknowns, MORE_STEPS)?;
+    let found = if part.is_some() { on(data, &found.unknowns, WHOLE_STEPS)? } else { found };
     let model = objective.model(&found.unknowns);
     let (m, p) = (data.m, data.n);
     let count = (order * (m + p) + order * data.segments.len() + p * data.records) as f64;
