@@ -29,8 +29,8 @@ const MOST_HELD_OUT: f64 = 0.9;
 pub struct Arguments {
     /// CSV files, one or more records of the same plant
     ///
-    /// The first line contains names; the column `time` or else the first one is the time in s, or in the unit in brackets
-    /// after its name: ms, us, min, h. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
+    /// The first line contains names; the column `time` or else the first one is the time in s, or in ms, us, min or h where
+    /// its name says so: `time [ms]`. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
     /// `record` divides a file into records.
     #[arg(required = true, value_name = "RECORD.csv")]
     records: Vec<PathBuf>,
@@ -135,7 +135,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         (None, None) => return Ok(ExitCode::SUCCESS),
     };
     let mut found = found.map_err(|refusal| {
-        let advice = of_cause(refusal.cause, arguments.states.is_some()).map_or(String::new(), |advice| format!(". {advice}"));
+        let advice =
+            of_cause(refusal.cause, arguments.states.is_some()).map_or(String::new(), |advice| format!(". {advice}"));
         Error::Argument(Invalid::because(format!("{refusal}{advice}")))
     })?;
     for of in &mut found.model.records {
@@ -273,7 +274,11 @@ fn tell_all(found: &Identified) {
     let measured = if model.outputs.is_empty() { &model.states } else { &model.outputs };
     say!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise");
     for (k, name) in measured.iter().enumerate() {
-        let of = |fits: &[f64]| fits.get(k).filter(|fit| !fit.is_nan()).map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0));
+        let of = |fits: &[f64]| {
+            fits.get(k)
+                .filter(|fit| !fit.is_nan())
+                .map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0))
+        };
         let noise = model.noise.get(k).map_or("–".to_owned(), |noise| number(*noise));
         say!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows));
     }

@@ -121,7 +121,7 @@ impl Data {
     }
 
     /// The data without records of which no rows are left, and the other records.
-    pub fn of_records<'r>(mut self, records: &'r [Record]) -> (Self, Vec<&'r Record>) {
+    pub fn of_records(mut self, records: &[Record]) -> (Self, Vec<&Record>) {
         let has_rows = |record: &usize| self.segments.iter().any(|segment| segment.record == *record);
         let kept: Vec<usize> = (0..records.len()).filter(has_rows).collect();
         for segment in &mut self.segments {

@@ -9,13 +9,13 @@ use nalgebra::DMatrix;
 
 use crate::cells::{self, Cell};
 use crate::checks::{self, Estimates};
-use crate::data::{Data, Source};
+use crate::data::{Data, Segment, Source};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
 use crate::held_out::{bandwidth, disturbance, held_out, take_wrong_out};
 use crate::layout::{Continuous, Layout, factor};
 use crate::linear::spectral_radius;
-use crate::marquardt::{Fit, search};
+use crate::marquardt::{Fit, MOST_GROWTH, search};
 use crate::model::{Model, Units, rows};
 use crate::options::{Identified, Options, OrderFit};
 use crate::poles::poles;
@@ -124,16 +124,18 @@ struct Found {
 
 impl Found {
     fn new(data: &Data, choice: &Choice) -> Result<Self, Refusal> {
-        Self::searched(data, choice).ok_or_else(|| {
-            let radius = spectral_radius(&choice.model.f);
-            let why = if radius > 1.0 {
-                let pole = number(radius.ln() / data.scaling.h);
-                format!("a pole of {pole} 1/s is unstable, over so long a record. Use shorter records, or measure the states")
-            } else {
-                "its companion form isn't finite".to_owned()
-            };
-            Refusal::new(Cause::NoModel, format!("no model of these outputs follows the record: {why}"))
-        })
+        let refusal =
+            |why: &str| Refusal::new(Cause::NoModel, format!("no model of these outputs follows the record: {why}"));
+        // A search ends at the most that errors of an initial state may grow.
+        let rate = spectral_radius(&choice.model.f).ln();
+        let longest = data.segments.iter().map(Segment::len).max().unwrap_or(0);
+        if rate * longest as f64 > 0.99 * MOST_GROWTH.ln() {
+            let pole = number(rate / data.scaling.h);
+            return Err(refusal(&format!(
+                "a pole of {pole} 1/s or more is unstable, over so long a record. Use shorter records, or measure the states"
+            )));
+        }
+        Self::searched(data, choice).ok_or_else(|| refusal("its companion form isn't finite"))
     }
 
     fn searched(data: &Data, choice: &Choice) -> Option<Self> {
