@@ -39,7 +39,7 @@ pub fn identify_states(
     let source = Source::new(records, signals, options, fewest)?;
     let (first, last) = parts(records, held_out.is_some(), options)?;
     let (data, records) = source.data(&first, None, Some(&mut findings))?.of_records(records);
-    act(options, signals, data.scaling.h, &mut findings);
+    act(options, signals, &data, &mut findings);
     let entries = options.structure.entries(signals, options.offsets)?;
     let layout = Layout::new(&entries, &data.scaling, data.records);
     if layout.count() == 0 {
@@ -52,7 +52,9 @@ pub fn identify_states(
     let data = data.centred(&entries);
     known_rows::check(&data, &entries, options.hold, &names, &mut findings);
     // A known row that is wrong is the reason for a model that isn't found.
-    let wrong_row = findings.iter().find(|finding| finding.kind == Kind::WrongRow).map(|finding| finding.text.clone());
+    let wrong_row = findings.iter().find(|finding| finding.kind == Kind::WrongRow);
+    let wrong_row =
+        wrong_row.map(|row| if row.text.ends_with('?') { row.text.clone() } else { format!("{}.", row.text) });
     let with_reason = |refusal: Refusal| match &wrong_row {
         Some(row) if refusal.cause == Cause::NoModel => Refusal::new(Cause::NoModel, format!("{row} {}", refusal.text)),
         _ => refusal,

@@ -78,11 +78,14 @@ pub(crate) fn tested<'r>(
     Ok(found.map(|data| data.of_records(own.unwrap_or(source.records))))
 }
 
-/// The delays as they act: an input that holds from row to row acts from the next row on.
-pub(crate) fn act(options: &mut Options, signals: &Signals, h: f64, findings: &mut Vec<Finding>) {
-    if options.hold != Hold::ZeroOrder {
+/// The delays as they act: an input that holds from row to row acts from the next row on. Where steps differ, that is as often
+/// sooner as later.
+pub(crate) fn act(options: &mut Options, signals: &Signals, data: &Data, findings: &mut Vec<Finding>) {
+    let [least, most] = data.steps.extremes();
+    if options.hold != Hold::ZeroOrder || most > (1.0 + 2.0 * ALIKE) * least {
         return;
     }
+    let h = data.scaling.h;
     for (delay, input) in options.delays.iter_mut().zip(&signals.inputs) {
         let steps = *delay / h;
         if (steps - steps.round()).abs() <= ALIKE {

@@ -101,6 +101,12 @@ fn a_delay_between_rows_acts_from_the_next_row_on() {
     let expected = "the delay of u1, 0.004 s, isn't a multiple of the step 0.05 s: it acts as 0.05 s";
     assert_eq!(text(&found, Kind::Delay), expected);
     assert!((found.model.delay[0] / STEP - 1.0).abs() < 1e-12);
+    // Steps that differ have none that it could be a multiple of.
+    let mut random = Random(35);
+    let mut record = columns(35).record();
+    record.time.iter_mut().for_each(|time| *time += STEP * random.uniform(-0.3, 0.3));
+    let found = good(identify_with(record, &Options { delays: vec![0.004], ..Options::default() }));
+    assert_eq!((text(&found, Kind::Delay), &found.model.delay[..]), ("", &[0.004][..]));
     for (delay, told) in [
         (100.0, "record: a delay of 100 s leaves fewer than 4 rows of its 40 s"),
         (-1.0, "delay = -1: must be a finite number, at least 0"),

@@ -29,8 +29,8 @@ const MOST_HELD_OUT: f64 = 0.9;
 pub struct Arguments {
     /// CSV files, one or more records of the same plant
     ///
-    /// The first line contains names; the column `time` or else the first one is the time in s, or in ms, us, min or h where
-    /// its name says so: `time [ms]`. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
+    /// The first line contains names; the column `time` or else the first one is the time in s, or in ms, us, min or h if
+    /// its name ends with that: `time [ms]`. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
     /// `record` divides a file into records.
     #[arg(required = true, value_name = "RECORD.csv")]
     records: Vec<PathBuf>,

@@ -56,7 +56,7 @@ pub fn identify_outputs(
     order::report(&rows, &data, records, &mut findings);
     let most = order::most(&data)?;
     let (mut data, records) = data.of_records(records);
-    act(options, signals, data.scaling.h, &mut findings);
+    act(options, signals, &data, &mut findings);
     let names = Names::new(signals, records[0]);
     faults::inputs(&data, &names, options.offsets, false)?;
     faults::warnings(&data, &names, &mut findings);
