@@ -149,6 +149,47 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     assert first.returncode == 0 and again.returncode == 1 and "Use --force" in again.stderr
 
 
+def test_times_in_ms_give_the_same_model(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 7)
+    table = record(rng, *motor(rng))
+    written(tmp_path, table)
+    seconds = json.loads(program(tmp_path, "identify", "record.csv", *SIGNALS, "--json", "--force").stdout)
+    table[:, 0] *= 1000
+    written(tmp_path, table, header="time [ms],voltage,speed [rad/s],current [A]")
+    found = json.loads(program(tmp_path, "identify", "record.csv", *SIGNALS, "--json", "--force").stdout)
+    np.testing.assert_allclose(found["model"]["A"], seconds["model"]["A"], rtol=1e-6)
+    written(tmp_path, table, header="time [d],voltage,speed,current")
+    ran = program(tmp_path, "identify", "record.csv", *SIGNALS, "--force")
+    assert ran.returncode == 1 and "record.csv: time is in d: must be in s, ms, us, min or h" in ran.stderr, ran.stderr
+
+
+def test_an_input_that_is_left_out_takes_its_delay_along(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 8)
+    table = record(rng, *motor(rng))
+    # The voltage acts a row after it is recorded; a fan that always runs comes first.
+    late = np.column_stack([table[:-1, 0], np.full(len(table) - 1, 3.0), table[1:, 1], table[:-1, 2:]])
+    written(tmp_path, late, header="time,fan,voltage,speed,current")
+    signals = ["--inputs", "fan,voltage", "--states", "speed,current", "--fixed", "fan", "--delay", f"0,{STEP}"]
+    ran = program(tmp_path, "identify", "record.csv", *signals, "--json")
+    model = json.loads(ran.stdout)["model"]
+    assert model["inputs"] == ["voltage"] and model["delay"] == [STEP]
+    assert min(model["fit"]["held_out"]) > 97
+
+
+def test_what_is_not_checked_and_what_has_no_meaning_is_said(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 9)
+    written(tmp_path, record(rng, *motor(rng), rows=600))
+    ran = program(tmp_path, "identify", "record.csv", *SIGNALS, "--hold-out", "0.003")
+    assert ran.returncode == 0 and "warning: nothing is held out" in ran.stdout, ran.stdout
+    outputs = ["identify", "record.csv", "--force", "--inputs", "voltage", "--outputs", "speed"]
+    for options, reason in [(["--offset", "none"], "can't be left out"), (["--windows", "1"], "there is no longest window")]:
+        ran = program(tmp_path, *outputs, *options)
+        assert ran.returncode == 1 and reason in ran.stderr, ran.stderr
+    ran = program(tmp_path, *outputs, "--hold-out", "0")
+    assert "is by BIC" in ran.stdout and "as given" not in ran.stdout, ran.stdout
+    assert json.loads((tmp_path / "model.json").read_text())["states"][:2] == ["speed", "speed_1"]
+
+
 def test_outputs_alone_give_a_model_whose_order_is_chosen(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 6)
     A, B = motor(rng)

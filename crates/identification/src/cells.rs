@@ -60,9 +60,11 @@ pub(crate) fn wrong_cells(problem: &Problem, fit: &Fit) -> Vec<Cell> {
                     e[i] = 0.0;
                 }
             }
-            if let (Some(gain), true) = (&predictor.gain, k + 1 < window.len) {
-                let step = &predictor.sampled.steps[segment.step[row]];
-                let gain = step.carried.as_ref().map_or_else(|| gain.clone(), |carried| carried * gain);
+            if k + 1 == window.len {
+                break;
+            }
+            let step = &predictor.sampled.steps[segment.step[row]];
+            if let Some(gain) = predictor.gain_of(step) {
                 // The difference of the two predictions goes on as their innovations differ.
                 let mut difference = e - prediction.e.column(k);
                 (0..data.n).for_each(|i| difference[i] *= segment.mask[(i, row)]);
@@ -104,7 +106,7 @@ pub(crate) fn take_out(data: &mut Data, cells: &[Cell]) {
 }
 
 /// Findings about cells that were taken out.
-pub(crate) fn report(data: &Data, cells: &[Cell], records: &[Record], findings: &mut Vec<Finding>) {
+pub(crate) fn report(data: &Data, cells: &[Cell], records: &[&Record], findings: &mut Vec<Finding>) {
     for (place, record) in records.iter().enumerate() {
         let of_record = cells.iter().filter(|(segment, ..)| data.segments[*segment].record == place);
         let mut at: Vec<usize> =

@@ -2,13 +2,15 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::data::Data;
 use crate::faults::Names;
-use crate::finding::{Finding, Kind};
+use crate::finding::{Cause, Finding, Kind, Refusal};
 use crate::held_out::HeldOut;
 use crate::layout::{Layout, Place};
 use crate::linear::{chi_squared, eigenvalues};
 use crate::poles::Pole;
 use crate::residuals::{LAGS, Residuals};
+use crate::starts::further_delay;
 use crate::text::{combination, number};
 use crate::uncertainty::Uncertainty;
 
@@ -32,8 +34,10 @@ const COLOURED: f64 = 2.0;
 const UNSTABLE: f64 = 0.05;
 /// A record should have so many of the slowest time constants.
 const TIME_CONSTANTS: f64 = 3.0;
-/// Correlation of residual and input, in standard errors, that is reported.
-const CORRELATED: f64 = 4.0;
+/// Probability with which a correlation of residuals and an input is reported where there is none.
+const BY_CHANCE: f64 = 0.001;
+/// A model must explain this part of the motion that it is estimated from, %.
+const LEAST_EXPLAINED: f64 = 50.0;
 /// Standard error of entries of a kinematic row, at most.
 const KINEMATIC: f64 = 0.05;
 
@@ -49,28 +53,25 @@ pub(crate) struct Estimates<'a> {
 }
 
 impl Estimates<'_> {
-    /// Name of an entry: `d(load_speed)/twist`, a part of the derivative of one signal by another.
     fn name(&self, k: usize) -> String {
-        let signals = self.names.signals;
-        match self.layout.unknowns[k].place {
-            Place::A(i, j) => format!("d({})/{}", signals.measured[i], signals.measured[j]),
-            Place::B(i, j) => format!("d({})/{}", signals.measured[i], signals.inputs[j]),
-            Place::D(i, record) => format!("constant of d({}) in record {}", signals.measured[i], record + 1),
-        }
+        self.names.entry(self.layout.unknowns[k].place)
     }
 
     /// Entries that the record doesn't show: the least certain ones each, then the names of the others.
-    pub fn unseen(&self, a: &DMatrix<f64>, findings: &mut Vec<Finding>) {
+    pub fn unseen(&self, a: &DMatrix<f64>, rows: usize, findings: &mut Vec<Finding>) {
         // Where nothing is certain, its reason is a finding of its own.
         if self.uncertainty.condition > CONDITION {
             return;
         }
         let largest = eigenvalues(a).unwrap_or_default().iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+        // Where no pole can be distinguished from 0, all are of integrators.
+        let integrates = 1.0 / rows as f64;
+        let limit = if largest > integrates { UNSEEN_OF_POLES * largest } else { integrates };
         let mut unseen: Vec<(f64, usize)> = Vec::new();
         for (k, error) in self.uncertainty.errors().into_iter().enumerate() {
             let share = error / self.unknowns[k].abs().max(f64::MIN_POSITIVE);
             let is_constant = matches!(self.layout.unknowns[k].place, Place::D(..));
-            if !is_constant && share > UNSEEN && error > UNSEEN_OF_POLES * largest {
+            if !is_constant && share > UNSEEN && error > limit {
                 unseen.push((share, k));
             }
         }
@@ -241,17 +242,43 @@ pub(crate) fn duration(poles: &[Pole], duration: f64, findings: &mut Vec<Finding
     }
 }
 
-/// Fits of the held-out part below half of what noise leaves.
-pub(crate) fn fits(held_out: &HeldOut, names: &Names, findings: &mut Vec<Finding>) {
-    let fits = held_out.whole.as_ref().unwrap_or(&held_out.windows);
+/// Refuses a model that doesn't follow the held-out part though its residuals aren't noise.
+pub(crate) fn refuse_not_followed(
+    fits: Option<&HeldOut>,
+    (noise, whiteness): (&[f64], &[f64]),
+    names: &Names,
+    what: &str,
+    question: &str,
+) -> Result<(), Refusal> {
+    let Some((signal, best)) = fits.and_then(|fits| fits.not_followed(noise, whiteness)) else { return Ok(()) };
+    let text = format!(
+        "no model of these {what} follows the record (best: {} % of the held-out motion of {}): {question}",
+        number(best),
+        names.signals.measured[signal]
+    );
+    Err(Refusal::new(Cause::NoModel, text))
+}
+
+/// Fits of the part that was estimated from below half of its motion, and of the held-out part below half of what noise leaves.
+pub(crate) fn fits(held_out: Option<&HeldOut>, own: Option<&HeldOut>, names: &Names, findings: &mut Vec<Finding>) {
     for (i, name) in names.signals.measured.iter().enumerate() {
+        let explained = own.map_or(100.0, |own| own.fit(i));
+        if explained < LEAST_EXPLAINED {
+            let text = format!("{name}: the model explains {} % of its motion", number(explained));
+            findings.push(Finding::not_sound(Kind::HeldOutFit, text));
+            continue;
+        }
+        let Some(held_out) = held_out else { continue };
+        let fit = held_out.fit(i);
         if !held_out.is_judged[i] {
-            let text = format!("{name} moves by less than twice its noise in the held-out part: its fit isn't judged");
+            let why =
+                if held_out.deviation[i].is_nan() { "has no values" } else { "moves by less than twice its noise" };
+            let text = format!("{name} {why} in the held-out part: its fit isn't judged");
             findings.push(Finding::note(Kind::HeldOutStill, text));
-        } else if fits[i] < 0.5 * held_out.ceiling[i] {
+        } else if fit < 0.5 * held_out.ceiling[i] {
             let text = format!(
                 "{name}: the model follows {} % of its held-out motion; the noise would allow {} %",
-                number(fits[i]),
+                number(fit),
                 number(held_out.ceiling[i])
             );
             findings.push(Finding::not_sound(Kind::HeldOutFit, text));
@@ -260,30 +287,37 @@ pub(crate) fn fits(held_out: &HeldOut, names: &Names, findings: &mut Vec<Finding
 }
 
 /// An input that acts later than it is recorded: the innovation form's residuals follow it at later lags only.
-pub(crate) fn delays(residuals: &Residuals, data: &crate::data::Data, names: &Names, findings: &mut Vec<Finding>) {
+pub(crate) fn delays(
+    residuals: &Residuals,
+    data: &Data,
+    (names, given): (&Names, &[f64]),
+    findings: &mut Vec<Finding>,
+) {
+    let limit = chi_squared(1.0 - BY_CHANCE / (LAGS * data.n) as f64, 1).sqrt();
     for j in 0..data.m {
-        let mut strongest = (0.0, 0);
-        let mut before: f64 = 0.0;
-        for i in 0..data.n {
-            for lag in 1..=LAGS as i64 {
-                let correlation = residuals.correlation(data, i, j, lag).abs();
-                if correlation > strongest.0 {
-                    strongest = (correlation, lag);
-                }
-                before = before.max(residuals.correlation(data, i, j, -lag).abs());
-            }
+        let most = |sign: i64| {
+            let at = |lag: i64| {
+                let all = (0..data.n).map(|i| residuals.correlation(data, i, j, sign * lag).abs());
+                (all.fold(0.0, f64::max), lag)
+            };
+            (1..=LAGS as i64).map(at).max_by(|p, q| p.0.total_cmp(&q.0)).unwrap_or_default()
+        };
+        let ((correlation, lag), (before, _)) = (most(1), most(-1));
+        if correlation <= limit || before >= limit {
+            continue;
         }
-        let (correlation, lag) = strongest;
-        if correlation > CORRELATED && before < CORRELATED {
-            // The residual of a row follows from the input one row before.
-            let delay = number((lag - 1).max(1) as f64 * data.scaling.h);
-            let text = format!(
-                "{} shows in the residuals {lag} rows later ({} σ): does it act later than it is recorded? Try a delay \
-                 of {delay} s",
-                names.signals.inputs[j],
-                number(correlation)
-            );
-            findings.push(Finding::warning(Kind::Delay, text));
-        }
+        // What follows an input goes on for long: the lag itself isn't the delay.
+        let further = further_delay(data, j, LAGS) as f64 * data.scaling.h;
+        let advice = if further > 0.0 {
+            format!("Try a delay of {} s", number(given.get(j).unwrap_or(&0.0) + further))
+        } else {
+            "It is less than a step".to_owned()
+        };
+        let text = format!(
+            "{} shows in the residuals {lag} rows later ({} σ): does it act later than it is recorded? {advice}",
+            names.signals.inputs[j],
+            number(correlation)
+        );
+        findings.push(Finding::warning(Kind::Delay, text));
     }
 }

@@ -60,7 +60,7 @@ impl Table {
     /// Reads a table. Columns with these names are read as text.
     ///
     /// # Errors
-    /// What is wrong, with its line.
+    /// A fault with its line.
     pub fn read(reader: impl BufRead, texts: &[&str]) -> Result<Self, Fault> {
         let mut lines = Lines { reader, number: 0, bytes: Vec::new() };
         let Some((line, head)) = lines.next()? else { return Err(Fault::new(1, "must be the names of the columns")) };
@@ -193,7 +193,8 @@ impl<R: BufRead> Lines<R> {
                 break;
             }
         }
-        let text = str::from_utf8(&self.bytes).map_err(|_| Fault::new(self.number, "is not UTF-8"))?;
+        let text = str::from_utf8(&self.bytes)
+            .map_err(|_| Fault::new(self.number, "is not UTF-8: save the file as CSV UTF-8"))?;
         // Spreadsheets begin a file with a byte order mark.
         Ok(Some((self.number, text.strip_prefix('\u{feff}').unwrap_or(text).trim_end_matches(['\n', '\r']))))
     }

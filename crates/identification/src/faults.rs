@@ -4,12 +4,13 @@ use nalgebra::DMatrix;
 
 use crate::data::Data;
 use crate::finding::{Cause, Finding, Kind, Refusal};
+use crate::layout::Place;
 use crate::linear::least_squares;
 use crate::record::{Record, Signals};
 use crate::text::{combination, number};
 
 /// Numbers that a record must have for each unknown.
-const NUMBERS: usize = 5;
+pub(crate) const NUMBERS: usize = 5;
 /// Part of the variance that a relation must explain to be one, of values and of their differences.
 const RELATED: f64 = 0.999;
 const RELATED_DIFFERENCES: f64 = 0.98;
@@ -32,6 +33,18 @@ impl<'a> Names<'a> {
             signals,
             input_units: signals.inputs.iter().map(unit).collect(),
             measured_units: signals.measured.iter().map(unit).collect(),
+        }
+    }
+}
+
+impl Names<'_> {
+    /// Name of an entry: `d(load_speed)/twist`, a part of the derivative of one signal by another.
+    pub fn entry(&self, place: Place) -> String {
+        let Signals { inputs, measured } = self.signals;
+        match place {
+            Place::A(i, j) => format!("d({})/{}", measured[i], measured[j]),
+            Place::B(i, j) => format!("d({})/{}", measured[i], inputs[j]),
+            Place::D(i, record) => format!("constant of d({}) in record {}", measured[i], record + 1),
         }
     }
 }
@@ -61,24 +74,9 @@ pub(crate) fn too_short(data: &Data, unknowns: usize, what: &str) -> Result<(), 
     Err(Refusal::new(Cause::TooShort, text))
 }
 
-/// All rows of a signal, with the record of each.
-fn rows<'a>(data: &'a Data, of: impl Fn(usize, usize) -> f64 + 'a) -> impl Iterator<Item = f64> + 'a {
-    let places = data.segments.iter().enumerate();
-    places.flat_map(|(s, segment)| (0..segment.len()).map(move |k| (s, k))).map(move |(s, k)| of(s, k))
-}
-
-/// The cells of a measured signal that count.
-fn measured(data: &Data, i: usize) -> Vec<f64> {
-    let of_segments = data
-        .segments
-        .iter()
-        .flat_map(|segment| (0..segment.len()).filter(|k| segment.mask[(i, *k)] != 0.0).map(|k| segment.y[(i, k)]));
-    of_segments.collect()
-}
-
 /// An input as values of all rows.
 fn input(data: &Data, j: usize) -> Vec<f64> {
-    rows(data, |s, k| data.segments[s].u[(j, k)]).collect()
+    data.segments.iter().flat_map(|segment| segment.u.row(j).iter().copied().collect::<Vec<_>>()).collect()
 }
 
 /// Refuses inputs that never move, that move together, or that are feedback of the states without anything added.
@@ -92,9 +90,11 @@ pub(crate) fn inputs(data: &Data, names: &Names, offsets: bool, are_states: bool
 /// Refuses measured signals that never move.
 fn resting(data: &Data, names: &Names) -> Result<(), Refusal> {
     for (i, name) in names.signals.measured.iter().enumerate() {
-        let values = measured(data, i);
-        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let least = data.cells(i).fold(f64::INFINITY, f64::min);
+        let most = data.cells(i).fold(f64::NEG_INFINITY, f64::max);
+        if least > most {
+            return Err(Refusal::new(Cause::StillState, format!("{name} has no values")));
+        }
         if most - least <= 1e-9 * least.abs().max(most.abs()) {
             let scale = data.scaling.x[i];
             let range = format!("{} … {}", number(least * scale), with_unit(most * scale, &names.measured_units[i]));
@@ -109,23 +109,29 @@ fn still(data: &Data, names: &Names, offsets: bool) -> Result<(), Refusal> {
     for j in 0..data.m {
         let range = |record: Option<usize>| {
             let of = data.segments.iter().filter(|segment| record.is_none_or(|record| segment.record == record));
-            let values: Vec<f64> =
-                of.flat_map(|segment| segment.u.row(j).iter().copied().collect::<Vec<_>>()).collect();
-            let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-            (least, values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+            let row = of.map(|segment| segment.u.row(j));
+            row.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), row| {
+                (least.min(row.min()), most.max(row.max()))
+            })
         };
         let moves = |(least, most): (f64, f64)| most - least > 1e-9 * least.abs().max(most.abs());
         // What is constant in each record can't be distinguished from that record's constant.
         let any = if offsets { (0..data.records).any(|record| moves(range(Some(record)))) } else { moves(range(None)) };
         if !any {
             let (least, most) = range(None);
-            let scale = data.scaling.u[j];
-            let text = format!(
-                "{} never moves ({} … {}): what it does can't be seen. Excite it, or leave it out as a fixed input",
-                names.signals.inputs[j],
-                number(least * scale),
-                with_unit(most * scale, &names.input_units[j])
-            );
+            let (name, scale) = (&names.signals.inputs[j], data.scaling.u[j]);
+            let text = if moves((least, most)) {
+                format!(
+                    "{name} is constant in each record, as the record's constant is: leave the constant out, or record several \
+                     levels in one record"
+                )
+            } else {
+                format!(
+                    "{name} never moves ({} … {}): what it does can't be seen. Excite it, or leave it out as a fixed input",
+                    number(least * scale),
+                    with_unit(most * scale, &names.input_units[j])
+                )
+            };
             return Err(Refusal::new(Cause::StillInput, text));
         }
     }
@@ -142,17 +148,8 @@ struct Relation {
 }
 
 fn relation(data: &Data, signal: &[f64], others: &DMatrix<f64>) -> Option<Relation> {
-    let record = |row: usize| {
-        let mut before = 0;
-        data.segments
-            .iter()
-            .find(|segment| {
-                before += segment.len();
-                row < before
-            })
-            .map_or(0, |segment| segment.record)
-    };
-    let records: Vec<usize> = (0..signal.len()).map(record).collect();
+    let of_rows = data.segments.iter().flat_map(|segment| std::iter::repeat_n(segment.record, segment.len()));
+    let records: Vec<usize> = of_rows.collect();
     let width = others.ncols();
     let left = DMatrix::from_fn(signal.len(), width + data.records, |row, column| {
         if column < width { others[(row, column)] } else { f64::from(records[row] == column - width) }
@@ -211,9 +208,8 @@ fn together(data: &Data, names: &Names) -> Result<(), Refusal> {
 }
 
 fn feedback(data: &Data, names: &Names) -> Result<(), Refusal> {
-    let count = data.rows();
-    let states: Vec<Vec<f64>> = (0..data.n).map(|i| rows(data, |s, k| data.segments[s].y[(i, k)]).collect()).collect();
-    let others = DMatrix::from_fn(count, data.n, |row, i| states[i][row]);
+    let all: Vec<f64> = data.segments.iter().flat_map(|segment| segment.y.iter().copied()).collect();
+    let others = DMatrix::from_row_slice(data.rows(), data.n, &all);
     let ends: Vec<usize> = data
         .segments
         .iter()
@@ -226,7 +222,7 @@ fn feedback(data: &Data, names: &Names) -> Result<(), Refusal> {
         let u = input(data, j);
         let Some(found) = relation(data, &u, &others).filter(|found| found.rest < 1.0 - RELATED) else { continue };
         let differences = |values: &[f64]| {
-            let within = (1..values.len()).filter(|row| !ends.contains(row));
+            let within = (1..values.len()).filter(|row| ends.binary_search(row).is_err());
             within.map(|row| (values[row] - values[row - 1]).powi(2)).sum::<f64>()
         };
         if differences(&found.residual) > (1.0 - RELATED_DIFFERENCES) * differences(&u) {
@@ -292,7 +288,7 @@ pub(crate) fn warnings(data: &Data, names: &Names, findings: &mut Vec<Finding>) 
 
 /// The step of a signal of few distinct values, which are all multiples of it apart.
 fn quantum(data: &Data, i: usize) -> Option<f64> {
-    let all = measured(data, i);
+    let all = data.cells(i).collect::<Vec<_>>();
     let values = distinct(&all);
     if values.len() < 2 || 4 * values.len() > all.len() {
         return None;

@@ -25,6 +25,7 @@ pub enum Kind {
     Gap,
     MissingCells,
     ShortWindow,
+    LeftOut,
     WrongCells,
     ShortRecord,
     InputAtLimit,
@@ -39,6 +40,7 @@ pub enum Kind {
     UnstablePole,
     HeldOutFit,
     HeldOutStill,
+    NothingHeldOut,
     FixedInput,
     Order,
 }

@@ -5,14 +5,14 @@ use nalgebra::{DMatrix, DVector};
 use crate::cells::{Cell, ROUNDS, take_out, wrong_cells};
 use crate::data::Data;
 use crate::layout::{Continuous, Layout};
-use crate::linear::{eigenvalues, pseudoinverse};
+use crate::linear::{eigenvalues, pseudoinverse, pseudoinverse_of_units};
 use crate::marquardt::{Fit, Objective, Value};
 use crate::predictor::{Prediction, Window, windows};
 use crate::problem::Problem;
 use crate::sampled::Hold;
 
 /// A signal that moves by less than this many noises isn't judged.
-const STILL: f64 = 2.0;
+pub(crate) const STILL: f64 = 2.0;
 /// A model that follows less of the held-out motion, %, with residuals that aren't white, is none.
 const LEAST_FIT: f64 = 50.0;
 const WHITE: f64 = 3.7;
@@ -37,13 +37,22 @@ pub(crate) struct HeldOut {
 }
 
 impl HeldOut {
+    /// The fit of a signal over the whole, or over windows for unstable plants, %.
+    pub fn fit(&self, signal: usize) -> f64 {
+        self.whole.as_ref().unwrap_or(&self.windows)[signal]
+    }
+
+    /// The better fit of a signal, over the whole or over windows, %.
+    fn best(&self, signal: usize) -> f64 {
+        self.whole.as_ref().map_or(self.windows[signal], |whole| whole[signal].max(self.windows[signal]))
+    }
+
     /// The signal of which a model follows less than half, though its residuals aren't noise; and the best fit of it, %. Noise is that
     /// of one step: output error's contains what the model lacks.
     pub fn not_followed(&self, noise: &[f64], whiteness: &[f64]) -> Option<(usize, f64)> {
-        let best = |i: usize| self.whole.as_ref().map_or(self.windows[i], |whole| whole[i].max(self.windows[i]));
         let moves = |i: usize| self.deviation[i] >= STILL * noise[i];
-        let bad = (0..noise.len()).filter(|&i| moves(i) && best(i) < LEAST_FIT && whiteness[i] > WHITE);
-        bad.map(|i| (i, best(i))).min_by(|p, q| p.1.total_cmp(&q.1))
+        let bad = (0..noise.len()).filter(|&i| moves(i) && self.best(i) < LEAST_FIT && whiteness[i] > WHITE);
+        bad.map(|i| (i, self.best(i))).min_by(|p, q| p.1.total_cmp(&q.1))
     }
 }
 
@@ -132,26 +141,23 @@ pub(crate) fn take_wrong_out(
     all
 }
 
-/// Fit of each signal, %: 100 (1 − ‖y − ŷ‖/‖y − ȳ‖).
+/// Fit of each signal, %: 100 (1 − ‖y − ŷ‖/‖y − ȳ‖); NaN where it has no motion.
 fn fits(data: &Data, predictions: &[Prediction]) -> Vec<f64> {
     let (motion, _) = motion(data);
     let of = |i: usize| {
         let error: f64 = predictions.iter().map(|prediction| prediction.e.row(i).norm_squared()).sum();
-        100.0 * (1.0 - (error / motion[i].max(f64::MIN_POSITIVE)).sqrt())
+        if motion[i] > 0.0 { 100.0 * (1.0 - (error / motion[i]).sqrt()) } else { f64::NAN }
     };
     (0..data.n).map(of).collect()
 }
 
-/// ‖y − ȳ‖² and standard deviation of each signal.
+/// ‖y − ȳ‖² and standard deviation of each signal; NaN of one without values.
 fn motion(data: &Data) -> (Vec<f64>, Vec<f64>) {
     let of = |i: usize| {
-        let cells = data.segments.iter().flat_map(|segment| {
-            (0..segment.len()).filter(move |k| segment.mask[(i, *k)] != 0.0).map(move |k| segment.y[(i, k)])
-        });
-        let all: Vec<f64> = cells.collect();
+        let all: Vec<f64> = data.cells(i).collect();
         let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
         let sum: f64 = all.iter().map(|value| (value - mean).powi(2)).sum();
-        (sum, (sum / all.len().max(1) as f64).sqrt())
+        (sum, (sum / all.len() as f64).sqrt())
     };
     (0..data.n).map(of).unzip()
 }
@@ -169,8 +175,10 @@ pub(crate) fn held_out(
     let whole = if is_unstable(&model.a, data.rows()) { None } else { over(usize::MAX) };
     let in_windows = over(time_scale(bandwidth))?;
     let (_, deviation) = motion(data);
-    let ceiling =
-        deviation.iter().zip(noise).map(|(deviation, noise)| 100.0 * (1.0 - noise / deviation.max(f64::MIN_POSITIVE)));
+    let of = |(deviation, noise): (&f64, &f64)| {
+        if *deviation > 0.0 { 100.0 * (1.0 - noise / deviation) } else { f64::NAN }
+    };
+    let ceiling = deviation.iter().zip(noise).map(of);
     Some(HeldOut {
         whole: whole.map(|predictions| fits(data, &predictions)),
         windows: fits(data, &in_windows),
@@ -201,7 +209,7 @@ pub(crate) fn disturbance(
     // In units of the data: a pseudoinverse depends on them.
     let scaling = data.state_scaling();
     let physical = model.physical(scaling).b;
-    let inverse = pseudoinverse(&physical);
+    let inverse = pseudoinverse_of_units(&physical);
     let per_second = DVector::from_fn(n, |i, _| scaling.x[i] / scaling.h);
     let per_second = DMatrix::from_diagonal(&per_second);
     let rest = (DMatrix::identity(n, n) - physical * &inverse) * &per_second;

@@ -8,20 +8,19 @@ use crate::data::{Data, Source};
 use crate::estimate::{Estimate, Method, estimate};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
-use crate::held_out::{Disturbance, HeldOut, bandwidth, disturbance, held_out, take_wrong_out};
+use crate::held_out::{Disturbance, bandwidth, disturbance, held_out, take_wrong_out};
 use crate::known_rows;
 use crate::layout::{Continuous, Layout, Place, factor};
 use crate::marquardt::Fit;
-use crate::model::{Fits, Model, rows};
+use crate::model::rows;
 use crate::options::{Identified, Options};
 use crate::poles::{Pole, poles};
 use crate::record::{Record, Signals};
-use crate::request::{parts, without_fixed};
+use crate::request::{act, duration, parts, tested, without_fixed};
 use crate::residuals::Residuals;
 use crate::structure::Entries;
-use crate::text::number;
-use crate::uncertainty::{Uncertainty, physical};
-use crate::written::{estimated, free, record_of, units};
+use crate::uncertainty::Uncertainty;
+use crate::written::{self, Parts, estimated};
 
 /// Identifies x' = A x + B u + d from records in which all states are measured. Without records that are held out as a whole, the last
 /// part of each record is.
@@ -35,35 +34,38 @@ pub fn identify_states(
     options: &Options,
 ) -> Result<Identified, Refusal> {
     let mut findings = Vec::new();
-    let signals = &without_fixed(signals, options, &mut findings)?;
+    let (signals, options) = &mut without_fixed(signals, options, &mut findings)?;
     let fewest = signals.measured.len() + 2;
-    let source = Source::new(records, signals, &options.delays, fewest)?;
+    let source = Source::new(records, signals, options, fewest)?;
     let (first, last) = parts(records, held_out.is_some(), options)?;
-    let data = source.data(&first, None, Some(&mut findings))?;
+    let (data, records) = source.data(&first, None, Some(&mut findings))?.of_records(records);
+    act(options, signals, &data, &mut findings);
     let entries = options.structure.entries(signals, options.offsets)?;
     let layout = Layout::new(&entries, &data.scaling, data.records);
+    if layout.count() == 0 {
+        return Err(Refusal::new(Cause::Request, "nothing is left to estimate: make an entry \"?\""));
+    }
     faults::too_short(&data, layout.count(), "states")?;
-    let names = Names::new(signals, &records[0]);
+    let names = Names::new(signals, records[0]);
     faults::inputs(&data, &names, options.offsets, true)?;
     faults::warnings(&data, &names, &mut findings);
+    let data = data.centred(&entries);
     known_rows::check(&data, &entries, options.hold, &names, &mut findings);
     // A known row that is wrong is the reason for a model that isn't found.
-    let wrong_row = findings.iter().find(|finding| finding.kind == Kind::WrongRow).map(|finding| finding.text.clone());
+    let wrong_row = findings.iter().find(|finding| finding.kind == Kind::WrongRow);
+    let wrong_row =
+        wrong_row.map(|row| if row.text.ends_with('?') { row.text.clone() } else { format!("{}.", row.text) });
     let with_reason = |refusal: Refusal| match &wrong_row {
         Some(row) if refusal.cause == Cause::NoModel => Refusal::new(Cause::NoModel, format!("{row} {}", refusal.text)),
         _ => refusal,
     };
     let found = Found::new(data, layout, options).map_err(with_reason)?;
-    found.report(records, &names, &mut findings);
-    let tested = match held_out {
-        Some(records) => {
-            let source = Source::new(records, signals, &options.delays, fewest)?;
-            let part = records.iter().map(|record| 0..record.len()).collect();
-            Some(source.data(&part, Some(&found.data.scaling), None)?)
-        }
-        None => source.data(&last, Some(&found.data.scaling), None).ok(),
-    };
-    Request { records, tested: held_out.unwrap_or(records), names: &names, entries: &entries, options }
+    found.report(&records, &names, &mut findings);
+    let of = (&*signals, &*options);
+    let tested = tested(held_out, (&source, &last), of, (&found.data.scaling, |data| data), &mut findings)?;
+    let (tested, tested_records) = tested.unzip();
+    let tested_records = tested_records.unwrap_or_default();
+    Request { records: &records, tested: &tested_records, names: &names, entries: &entries, options }
         .identified(found, tested, findings)
         .map_err(with_reason)
 }
@@ -119,18 +121,13 @@ impl Found {
     }
 
     fn model_of(&self, fit: &Fit) -> Continuous {
-        self.layout.matrices(&fit.unknowns[..self.layout.count()])
+        self.data.uncentred(self.layout.matrices(&fit.unknowns[..self.layout.count()]))
     }
 
     /// Findings about cells and signs.
-    fn report(&self, records: &[Record], names: &Names, findings: &mut Vec<Finding>) {
+    fn report(&self, records: &[&Record], names: &Names, findings: &mut Vec<Finding>) {
         for place in &self.at_zero {
-            let signals = names.signals;
-            let name = match *place {
-                Place::A(i, j) => format!("d({})/{}", signals.measured[i], signals.measured[j]),
-                Place::B(i, j) => format!("d({})/{}", signals.measured[i], signals.inputs[j]),
-                Place::D(i, _) => format!("constant of d({})", signals.measured[i]),
-            };
+            let name = names.entry(*place);
             let text = format!("{name} ended at 0, the bound of its sign, and counts as known");
             findings.push(Finding::note(Kind::EntryAtZero, text));
         }
@@ -140,9 +137,9 @@ impl Found {
 
 /// The request with what is needed to answer it.
 struct Request<'a> {
-    records: &'a [Record],
+    records: &'a [&'a Record],
     /// The records of the held-out part.
-    tested: &'a [Record],
+    tested: &'a [&'a Record],
     names: &'a Names<'a>,
     entries: &'a Entries,
     options: &'a Options,
@@ -173,23 +170,37 @@ impl Request<'_> {
         let tested = tested.as_ref();
         let fits = tested.and_then(|data| held_out(&model, data, hold, (&free, band), noise));
         let whiteness = residuals.whiteness(data.n);
-        self.refuse_bad(fits.as_ref(), &found.estimate.innovation.value.rms, &whiteness)?;
+        let noises = (&found.estimate.innovation.value.rms[..], &whiteness[..]);
+        checks::refuse_not_followed(fits.as_ref(), noises, self.names, "states", "is a state missing?")?;
         let disturbed = tested.and_then(|data| disturbance(&model, data, hold, band, noise)).unwrap_or_default();
         let pole_list: Vec<Pole> =
             poles(&model.a, layout, &uncertainty.covariance).into_iter().map(|pole| pole.scaled(1.0 / h)).collect();
-        let unknowns = &fit.unknowns[..layout.count()];
+        let unknowns = &layout.unknowns_of(&model);
         let factors = layout.unknowns.iter().map(|unknown| factor(unknown.place, &data.scaling)).collect();
         let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &uncertainty, factors };
-        self.report(&found, &estimates, &pole_list, fits.as_ref(), &mut findings);
-        let built = Built {
-            found: &found,
+        self.report(&found, &estimates, &pole_list, &mut findings);
+        let own = held_out(&model, data, hold, (&free, band), noise);
+        checks::fits(fits.as_ref(), own.as_ref(), self.names, &mut findings);
+        let file = written::file(Parts {
+            data,
+            layout,
+            names: self.names,
+            options: self.options,
+            records: self.records,
+            entries: self.entries,
             model: &model,
             uncertainty: &uncertainty,
             fits: fits.as_ref(),
-            disturbed: &disturbed,
-        };
+            whiteness,
+            rms: &fit.value.rms,
+            disturbance: disturbed.matched.clone(),
+            method: match found.estimate.method {
+                Method::OutputError => "output error",
+                Method::Innovation => "innovation form",
+            },
+        });
         Ok(Identified {
-            model: self.file(&built, whiteness),
+            model: file,
             entries: estimated(&estimates),
             poles: pole_list,
             condition: uncertainty.condition,
@@ -207,29 +218,11 @@ impl Request<'_> {
         })
     }
 
-    /// Refuses a model that doesn't follow the record.
-    fn refuse_bad(&self, fits: Option<&HeldOut>, noise: &[f64], whiteness: &[f64]) -> Result<(), Refusal> {
-        let Some((signal, best)) = fits.and_then(|fits| fits.not_followed(noise, whiteness)) else { return Ok(()) };
-        let text = format!(
-            "no model of these states follows the record (best: {} % of the held-out motion of {}): is a state missing?",
-            number(best),
-            self.names.signals.measured[signal]
-        );
-        Err(Refusal::new(Cause::NoModel, text))
-    }
-
-    fn report(
-        &self,
-        found: &Found,
-        estimates: &Estimates,
-        pole_list: &[Pole],
-        fits: Option<&HeldOut>,
-        findings: &mut Vec<Finding>,
-    ) {
+    fn report(&self, found: &Found, estimates: &Estimates, pole_list: &[Pole], findings: &mut Vec<Finding>) {
         let (data, h) = (&found.data, found.data.scaling.h);
-        let duration: f64 = self.records.iter().map(|record| record.time[record.len() - 1] - record.time[0]).sum();
+        let duration = duration(self.records);
         estimates.information(pole_list, h, checks::CONDITION, findings);
-        estimates.unseen(&found.model_of(found.estimate.fit()).a, findings);
+        estimates.unseen(&found.model_of(found.estimate.fit()).a, data.rows(), findings);
         estimates.kinematics(findings);
         let others = found.estimate.output_error.as_ref().filter(|_| found.estimate.method == Method::Innovation);
         let others = others.map(|fit| {
@@ -242,10 +235,7 @@ impl Request<'_> {
         let innovation = Estimate { method: Method::Innovation, ..found.estimate.clone() };
         let problem = innovation.problem(data, &found.layout, self.options.hold);
         if let Some(residuals) = Residuals::of(&problem, &found.estimate.innovation) {
-            checks::delays(&residuals, data, self.names, findings);
-        }
-        if let Some(fits) = fits {
-            checks::fits(fits, self.names, findings);
+            checks::delays(&residuals, data, (self.names, &self.options.delays), findings);
         }
     }
 
@@ -258,55 +248,6 @@ impl Request<'_> {
         let all = disturbed.course.iter();
         all.map(|(window, values)| (time(window.segment, window.first).unwrap_or(f64::NAN), values.clone())).collect()
     }
-
-    /// The model as a file has it.
-    fn file(&self, built: &Built, whiteness: Vec<f64>) -> Model {
-        let Built { found, model, uncertainty, fits, disturbed } = built;
-        let (data, layout, signals) = (&found.data, &found.layout, self.names.signals);
-        let mut model = model.physical(&data.scaling);
-        self.entries.restore(&mut model.a, &mut model.b);
-        let covariance = physical(&uncertainty.covariance, layout, |place| factor(place, &data.scaling));
-        let rms = &found.estimate.fit().value.rms;
-        Model {
-            A: rows(&model.a),
-            B: rows(&model.b),
-            C: rows(&DMatrix::identity(data.n, data.n)),
-            states: signals.measured.clone(),
-            inputs: signals.inputs.clone(),
-            outputs: signals.measured.clone(),
-            units: units(self.names),
-            delay: self.options.delays.clone(),
-            sample_time: data.scaling.h,
-            offset: rows(&model.d.transpose()),
-            free: layout.unknowns.iter().map(|unknown| free(unknown.place)).collect(),
-            covariance: rows(&covariance),
-            kappa: uncertainty.kappa.clone(),
-            noise: rms.iter().zip(&data.scaling.x).map(|(rms, scale)| rms * scale).collect(),
-            disturbance: disturbed.matched.clone(),
-            level: self.options.level,
-            fit: fits.map_or_else(Fits::default, |fits| Fits {
-                held_out: fits.whole.clone().unwrap_or_default(),
-                windows: fits.windows.clone(),
-            }),
-            whiteness,
-            records: self.records.iter().map(record_of).collect(),
-            method: match found.estimate.method {
-                Method::OutputError => "output error",
-                Method::Innovation => "innovation form",
-            }
-            .to_owned(),
-            ..Model::default()
-        }
-    }
-}
-
-/// Parts that a file is written from.
-struct Built<'a> {
-    found: &'a Found,
-    model: &'a Continuous,
-    uncertainty: &'a Uncertainty,
-    fits: Option<&'a HeldOut>,
-    disturbed: &'a Disturbance,
 }
 
 /// K in units of the data.

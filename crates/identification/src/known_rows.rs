@@ -1,14 +1,14 @@
 //! Known rows of a structure that records contradict: mostly units of measurement.
 
 use crate::data::Data;
-use crate::estimate::{Estimate, Method, estimate};
+use crate::estimate::estimate;
 use crate::faults::Names;
 use crate::finding::{Finding, Kind};
 use crate::layout::{Layout, Place};
 use crate::sampled::Hold;
 use crate::starts::integral_form;
 use crate::structure::{Entries, Entry};
-use crate::text::{combination, digits};
+use crate::text::{combination, digits, number};
 use crate::uncertainty::Uncertainty;
 
 /// Factors between units that are mixed up.
@@ -30,19 +30,32 @@ pub(crate) fn check(data: &Data, entries: &Entries, hold: Hold, names: &Names, f
         if !is_suspicious(data, &layout, &places) {
             continue;
         }
-        if let Some(factor) = factor(data, &layout, &places, hold) {
-            let signals = names.signals;
-            let all = signals.measured.iter().chain(&signals.inputs).map(String::as_str);
-            let value = |entry: &Entry| if let Entry::Known(value) = entry { *value } else { 0.0 };
-            let known: Vec<f64> = entries.a[row].iter().chain(&entries.b[row]).map(value).collect();
-            let terms = |times: f64| known.iter().map(|value| value * times).zip(all.clone()).collect::<Vec<_>>();
-            let state = &signals.measured[row];
-            let text = format!(
-                "{state}' is {} times what the structure has, {state}' = {}: is {state} in other units?",
-                digits(factor, 3),
-                combination(&terms(1.0), 0.0)
-            );
-            findings.push(Finding::not_sound(Kind::WrongRow, text));
+        let Some(found) = found(data, &layout, &places, hold) else { continue };
+        let state = &names.signals.measured[row];
+        match factor(&found) {
+            Some(factor) => {
+                let signals = names.signals;
+                let all = signals.measured.iter().chain(&signals.inputs).map(String::as_str);
+                let value = |entry: &Entry| if let Entry::Known(value) = entry { *value } else { 0.0 };
+                let known = entries.a[row].iter().chain(&entries.b[row]).map(value);
+                let terms: Vec<(f64, &str)> = known.zip(all).collect();
+                let text = format!(
+                    "{state}' is {} times what the structure has, {state}' = {}: is {state} in other units?",
+                    digits(factor, 3),
+                    combination(&terms, 0.0)
+                );
+                findings.push(Finding::not_sound(Kind::WrongRow, text));
+            }
+            None => {
+                let off = found.iter().filter(|entry| !entry.is(1.0));
+                let of = |entry: &Ratio| {
+                    let [value, error] = [entry.ratio * entry.known, entry.error * entry.known.abs()].map(number);
+                    format!("{} = {value} ± {error} for {}", names.entry(entry.place), number(entry.known))
+                };
+                let text = off.map(of).collect::<Vec<_>>().join(", ");
+                let text = format!("row {} of the structure isn't what the record shows: {text}", row + 1);
+                findings.push(Finding::warning(Kind::WrongRow, text));
+            }
         }
     }
 }
@@ -95,20 +108,39 @@ fn is_suspicious(data: &Data, layout: &Layout, known: &[Known]) -> bool {
     })
 }
 
-/// The factor between units that a fit with the entries free shows.
-fn factor(data: &Data, layout: &Layout, known: &[Known], hold: Hold) -> Option<f64> {
-    let found: Estimate = estimate(data, layout, hold, usize::MAX).ok()?;
-    let problem = found.problem(data, layout, hold);
-    let uncertainty = Uncertainty::of(&problem, found.fit())?;
-    let errors = uncertainty.errors();
-    let all: Vec<(f64, f64)> = ratios(data, layout, known, &found.fit().unknowns)
-        .map(|(k, ratio, scale)| (ratio, errors[k] * scale))
-        .collect();
-    debug_assert!(matches!(found.method, Method::OutputError | Method::Innovation));
-    let is = |factor: f64| all.iter().all(|(ratio, error)| (ratio - factor).abs() <= SURE * error.max(1e-5 * factor));
-    if all.iter().all(|(ratio, error)| (ratio - 1.0).abs() <= SURE * error) {
-        return None;
+/// An estimated entry over the known one, with its standard error.
+struct Ratio {
+    place: Place,
+    known: f64,
+    ratio: f64,
+    error: f64,
+}
+
+impl Ratio {
+    fn is(&self, factor: f64) -> bool {
+        (self.ratio - factor).abs() <= SURE * self.error.max(1e-5 * factor)
     }
+}
+
+/// Entries that a fit with these free finds. `None` where they agree with what is known.
+fn found(data: &Data, layout: &Layout, known: &[Known], hold: Hold) -> Option<Vec<Ratio>> {
+    let found = estimate(data, layout, hold, usize::MAX).ok()?;
+    let errors = Uncertainty::of(&found.problem(data, layout, hold), found.fit())?.errors();
+    let all: Vec<Ratio> = ratios(data, layout, known, &found.fit().unknowns)
+        .zip(known)
+        .map(|((k, ratio, scale), Known { place, value })| Ratio {
+            place: *place,
+            known: *value,
+            ratio,
+            error: errors[k] * scale,
+        })
+        .collect();
+    let agrees = all.iter().all(|entry| entry.is(1.0));
+    (!agrees).then_some(all)
+}
+
+/// The factor between units that all entries have.
+fn factor(found: &[Ratio]) -> Option<f64> {
     let mut both = FACTORS.into_iter().flat_map(|factor| [factor, 1.0 / factor]);
-    both.find(|factor| is(*factor))
+    both.find(|factor| found.iter().all(|entry| entry.is(*factor)))
 }

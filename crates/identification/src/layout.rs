@@ -91,18 +91,19 @@ impl Layout {
         self.unknowns.iter().map(value).collect()
     }
 
-    /// The same unknowns without d, whose columns are known: a part of them, and their places.
+    /// A part of the unknowns; the others are known as a model has them.
     pub fn only(&self, keep: impl Fn(Place) -> bool, model: &Continuous) -> Self {
         let unknowns = self.unknowns.iter().copied().filter(|unknown| keep(unknown.place)).collect();
         Layout { n: self.n, m: self.m, unknowns, known: model.clone() }
     }
 
-    /// A layout in which only d of each record is unknown.
+    /// A layout in which only these rows of d of each record are unknown.
     pub fn offsets(model: &Continuous, rows: &[usize], records: usize) -> Self {
         let (n, m) = model.b.shape();
         let places = (0..records).flat_map(|record| rows.iter().map(move |row| Place::D(*row, record)));
         let unknowns = places.map(|place| Unknown { place, sign: 0.0 }).collect();
-        let known = Continuous { d: DMatrix::zeros(n, records), ..model.clone() };
+        let of = |i: usize, _| if rows.contains(&i) { 0.0 } else { model.d[(i, 0)] };
+        let known = Continuous { d: DMatrix::from_fn(n, records, of), ..model.clone() };
         Layout { n, m, unknowns, known }
     }
 }

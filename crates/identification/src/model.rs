@@ -88,12 +88,19 @@ pub struct Free(pub String, pub usize, pub usize);
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fits {
-    /// Simulated over the whole of it; empty for unstable plants and where nothing is held out.
-    #[serde(default)]
+    /// Simulated over the whole of it; empty for unstable plants and where nothing is held out. NaN, null in a file, of a signal without
+    /// motion.
+    #[serde(default, deserialize_with = "or_nan")]
     pub held_out: Vec<f64>,
     /// Simulated over windows of the controller's time scale.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "or_nan")]
     pub windows: Vec<f64>,
+}
+
+/// Numbers of which null is NaN, as it is written.
+pub(crate) fn or_nan<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    let all = Vec::<Option<f64>>::deserialize(deserializer)?;
+    Ok(all.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect())
 }
 
 /// A record that a model is from.
@@ -116,29 +123,6 @@ pub struct RecordOf {
 /// Rows of a matrix.
 pub(crate) fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
-}
-
-/// A matrix of rows.
-pub(crate) fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
-    let columns = rows.first().map_or(0, Vec::len);
-    DMatrix::from_fn(rows.len(), columns, |i, j| rows[i].get(j).copied().unwrap_or(f64::NAN))
-}
-
-impl Model {
-    /// A as a matrix.
-    pub fn a(&self) -> DMatrix<f64> {
-        matrix(&self.A)
-    }
-
-    /// B as a matrix.
-    pub fn b(&self) -> DMatrix<f64> {
-        matrix(&self.B)
-    }
-
-    /// The covariance as a matrix.
-    pub fn covariance(&self) -> DMatrix<f64> {
-        matrix(&self.covariance)
-    }
 }
 
 #[cfg(test)]
@@ -164,8 +148,10 @@ mod tests {
         let text = serde_json::to_string(&model()).unwrap();
         assert!(text.contains(r#""free":[["A",1,2],["d",2,1]]"#), "{text}");
         assert_eq!(serde_json::from_str::<Model>(&text).unwrap(), model());
-        assert_eq!(model().a()[(0, 1)], 0.1 + 0.2);
-        assert_eq!(model().covariance()[(1, 1)], 1e-9);
+        // A signal without motion has no fit.
+        let fit = Fits { held_out: vec![f64::NAN, 95.0], windows: Vec::new() };
+        let again: Fits = serde_json::from_str(&serde_json::to_string(&fit).unwrap()).unwrap();
+        assert!(again.held_out[0].is_nan() && again.held_out[1] == 95.0);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Options of an identification, and what comes of it.
+//! Options of an identification, and its results.
 
 use serde::{Deserialize, Serialize};
 
@@ -102,6 +102,7 @@ pub struct Identified {
     /// Condition number of the information with unit diagonal.
     pub condition: f64,
     /// The best fit of the held-out part that noise lets a model have, %, of each measured signal.
+    #[serde(deserialize_with = "crate::model::or_nan")]
     pub ceiling: Vec<f64>,
     /// Bound of effects on the plant that no input can have, as derivatives of the states.
     pub unmatched: Vec<f64>,

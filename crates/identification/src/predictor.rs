@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, DMatrixViewMut, DVector};
 
-use crate::data::{Data, Segment};
+use crate::data::{Data, Segment, Steps};
 use crate::layout::{Layout, Place};
 use crate::linear::{back_substitute, orthonormalise, project_out};
 use crate::sampled::{Sampled, Step, Tangents};
@@ -40,7 +40,7 @@ pub(crate) struct Predictor<'a> {
     pub data: &'a Data,
     pub sampled: Sampled,
     pub gain: Option<DMatrix<f64>>,
-    /// A and B of the model, where steps have rests.
+    /// The model, for what steps lack.
     pub model: crate::layout::Continuous,
 }
 
@@ -55,7 +55,8 @@ pub(crate) struct Prediction {
 }
 
 impl Predictor<'_> {
-    fn gain_of(&self, step: &Step) -> Option<DMatrix<f64>> {
+    /// The gain for a step.
+    pub fn gain_of(&self, step: &Step) -> Option<DMatrix<f64>> {
         let gain = self.gain.as_ref()?;
         Some(step.carried.as_ref().map_or_else(|| gain.clone(), |carried| carried * gain))
     }
@@ -106,7 +107,7 @@ impl Predictor<'_> {
         let mut sum = &step.g * segment.u.column(row) + step.o.column(segment.record);
         if !step.g2.is_empty() {
             let rest = segment.rest[row];
-            let slope = slope(segment, row, &self.data.steps.lengths);
+            let slope = slope(segment, row, &self.data.steps);
             sum += &step.g2 * &slope;
             // The main step begins later, by the rest.
             sum += &step.g * (slope * rest);
@@ -119,7 +120,7 @@ impl Predictor<'_> {
         let rest = segment.rest[row];
         let mut input = &self.model.b * segment.u.column(row) + self.model.d.column(segment.record);
         if !self.sampled.steps[0].g2.is_empty() {
-            input += &self.model.b * slope(segment, row, &self.data.steps.lengths) * (0.5 * rest);
+            input += &self.model.b * slope(segment, row, &self.data.steps) * (0.5 * rest);
         }
         let mut term = &self.model.a * &*state;
         for j in 0..state.ncols() {
@@ -247,7 +248,7 @@ impl Predictor<'_> {
         let place = segment.step[row];
         let step = &self.sampled.steps[place];
         let mut u = segment.u.column(row).into_owned();
-        let slope = (!step.g2.is_empty()).then(|| slope(segment, row, &self.data.steps.lengths));
+        let slope = (!step.g2.is_empty()).then(|| slope(segment, row, &self.data.steps));
         if let Some(slope) = &slope {
             u.axpy(segment.rest[row], slope, 1.0);
         }
@@ -296,8 +297,8 @@ fn masked(gain: &DMatrix<f64>, segment: &Segment, row: usize) -> DMatrix<f64> {
 }
 
 /// The slope of the input from a row to the next, in samples.
-fn slope(segment: &Segment, row: usize, lengths: &[f64]) -> DVector<f64> {
-    let length = lengths[segment.step[row]] + segment.rest[row];
+fn slope(segment: &Segment, row: usize, steps: &Steps) -> DVector<f64> {
+    let length = segment.length(row, steps);
     (segment.u.column(row + 1) - segment.u.column(row)) / length
 }
 

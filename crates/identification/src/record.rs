@@ -24,16 +24,24 @@ impl Record {
     }
 
     /// The records of a table: one, or one for each value of its column `record` (read as text). Time is the column of this
-    /// name; without a name, the column `time`, or else the first.
+    /// name; without a name, the column `time`, or else the first of numbers. It is in s, or in the unit that the table has for it.
     ///
     /// # Errors
-    /// A name that the table lacks.
+    /// A name that the table lacks or that labels records, a unit that isn't one of time.
     pub fn of_table(name: &str, table: &Table, time: Option<&str>) -> Result<Vec<Self>, Refusal> {
-        let missing = |time: &str| Refusal::new(Cause::Request, format!("{name} has no column `{time}` for the time"));
+        let refuse = |text: String| Refusal::new(Cause::Request, text);
+        let missing = |time: &str| refuse(format!("{name} has no column `{time}` for the time"));
+        let mut numbers = table.columns.iter().filter(|column| column.texts.is_empty());
         let time = match time {
             Some(time) => table.column(time).ok_or_else(|| missing(time))?,
-            None => table.column("time").or(table.columns.first()).ok_or_else(|| missing("time"))?,
+            None => table.column("time").or_else(|| numbers.next()).ok_or_else(|| missing("time"))?,
         };
+        if !time.texts.is_empty() {
+            return Err(refuse(format!("{name}: `{}` labels records, it can't be the time", time.name)));
+        }
+        let unit = time.unit.as_deref().unwrap_or("s");
+        let [times, over] = seconds(unit)
+            .ok_or_else(|| refuse(format!("{name}: {} is in {unit}: must be in s, ms, us, min or h", time.name)))?;
         let label = table.column(LABEL).filter(|column| !column.texts.is_empty());
         let mut labels: Vec<&String> = Vec::new();
         for text in label.iter().flat_map(|column| &column.texts) {
@@ -48,7 +56,8 @@ impl Record {
             let others = table.columns.iter().filter(|column| column.name != time.name && column.texts.is_empty());
             let columns = others.map(|column| Column { values: of(column), ..column.clone() }).collect();
             let name = label_of_part.map_or(name.to_owned(), |label| format!("{name}, record {label}"));
-            Record { name, time: of(time), columns, lines: rows.iter().map(|row| table.lines[*row]).collect() }
+            let time = of(time).into_iter().map(|time| time * times / over).collect();
+            Record { name, time, columns, lines: rows.iter().map(|row| table.lines[*row]).collect() }
         };
         Ok(if labels.is_empty() {
             vec![part(None)]
@@ -113,6 +122,18 @@ impl Record {
             before = time;
         }
         Ok(())
+    }
+}
+
+/// Numerator and denominator of a unit of time in s: 1/1000 isn't exact.
+fn seconds(unit: &str) -> Option<[f64; 2]> {
+    match unit {
+        "s" => Some([1.0, 1.0]),
+        "ms" => Some([1.0, 1e3]),
+        "us" | "µs" | "μs" => Some([1.0, 1e6]),
+        "min" => Some([60.0, 1.0]),
+        "h" => Some([3600.0, 1.0]),
+        _ => None,
     }
 }
 
@@ -186,5 +207,18 @@ mod tests {
     fn a_time_that_is_not_there_is_refused() {
         let refusal = Record::of_table("file", &table("time,u\n0,1\n"), Some("t")).unwrap_err();
         assert_eq!(refusal.text, "file has no column `t` for the time");
+        let labelled = table("record,t,u\nfirst,0,1\nfirst,1,2\n");
+        assert_eq!(Record::of_table("file", &labelled, None).unwrap()[0].time, [0.0, 1.0]);
+        let refusal = Record::of_table("file", &labelled, Some("record")).unwrap_err();
+        assert_eq!(refusal.text, "file: `record` labels records, it can't be the time");
+    }
+
+    #[test]
+    fn times_in_other_units_are_converted() {
+        let time = |text: &str| Record::of_table("file", &table(text), None).map(|records| records[0].time.clone());
+        assert_eq!(time("time [ms],u\n0,1\n20,2\n").unwrap(), [0.0, 0.02]);
+        assert_eq!(time("t,u\nmin,V\n0,1\n0.5,2\n").unwrap(), [0.0, 30.0]);
+        let refusal = time("time [d],u\n0,1\n1,2\n").unwrap_err();
+        assert_eq!(refusal.text, "file: time is in d: must be in s, ms, us, min or h");
     }
 }

@@ -17,7 +17,8 @@ pub enum Hold {
     FirstOrder,
 }
 
-/// A model x' = A x + B u behind a zero-order hold, x⁺ = F x + G u, with its derivatives by the entries of A, row by row.
+/// A model x' = A x + B u behind a zero-order hold, x⁺ = F x + G u, with its derivatives by the entries of A, row by row: for programs
+/// that compare them with their own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledModel {
     /// exp(A h).

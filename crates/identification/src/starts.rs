@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::data::{Data, Segment};
 use crate::layout::{Continuous, Layout, Place};
-use crate::linear::{exponential, least_squares, logarithm};
+use crate::linear::{continuous, least_squares};
 
 /// Lengths of the integral form, in rows.
 const LENGTHS: [usize; 4] = [4, 10, 25, 60];
@@ -37,7 +37,7 @@ fn integrals(data: &Data, segment: &Segment, y: &DMatrix<f64>) -> DMatrix<f64> {
     let (n, m) = (data.n, data.m);
     let mut sums = DMatrix::zeros(n + m + 1, segment.len());
     for k in 1..segment.len() {
-        let length = data.steps.lengths[segment.step[k - 1]] + segment.rest[k - 1];
+        let length = segment.length(k - 1, &data.steps);
         for i in 0..n {
             sums[(i, k)] = sums[(i, k - 1)] + 0.5 * length * (y[(i, k - 1)] + y[(i, k)]);
         }
@@ -113,8 +113,9 @@ fn factor_of(place: Place, record: usize, over: &DVector<f64>, data: &Data) -> f
     }
 }
 
-/// One-step least squares and the matrix logarithm, over rows with the commonest step.
-pub(crate) fn one_step(data: &Data) -> Option<Continuous> {
+/// One-step least squares over rows with the commonest step, with an input so many rows late, without as many first rows of each
+/// segment: factors of signals, inputs and constants, and the residuals.
+fn regression(data: &Data, (input, late): (usize, usize), without: usize) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
     let (n, m, records) = (data.n, data.m, data.records);
     let mut pairs = Vec::new();
     for segment in &data.segments {
@@ -122,7 +123,7 @@ pub(crate) fn one_step(data: &Data) -> Option<Continuous> {
             let is_whole = segment.mask.column(*k).sum() + segment.mask.column(k + 1).sum() > 2.0 * n as f64 - 0.5;
             segment.step[*k] == data.steps.common && segment.rest[*k] == 0.0 && is_whole
         };
-        pairs.extend((0..segment.len() - 1).filter(is_common).map(|k| (segment, k)));
+        pairs.extend((without..segment.len() - 1).filter(is_common).map(|k| (segment, k)));
     }
     if pairs.len() < n + m + records {
         return None;
@@ -132,19 +133,31 @@ pub(crate) fn one_step(data: &Data) -> Option<Continuous> {
         if column < n {
             segment.y[(column, k)]
         } else if column < n + m {
-            segment.u[(column - n, k)]
+            segment.u[(column - n, if column - n == input { k - late } else { k })]
         } else {
             f64::from(column - n - m == segment.record)
         }
     });
     let right = DMatrix::from_fn(pairs.len(), n, |row, i| pairs[row].0.y[(i, pairs[row].1 + 1)]);
-    let solution = least_squares(&left, &right)?.transpose();
-    let a = logarithm(&solution.columns(0, n).into_owned())?;
-    // F, G of exp([A I; 0 0]) is F and Φ.
-    let mut whole = DMatrix::zeros(2 * n, 2 * n);
-    whole.view_mut((0, 0), (n, n)).copy_from(&a);
-    whole.view_mut((0, n), (n, n)).fill_with_identity();
-    let phi = exponential(&whole, &[])?.0.view((0, n), (n, n)).into_owned();
-    let bd = phi.lu().solve(&solution.columns(n, m + records).into_owned())?;
+    let solution = least_squares(&left, &right)?;
+    let residual = right - left * &solution;
+    Some((solution, residual))
+}
+
+/// The number of rows, up to one, by which an input that is late explains the next row best.
+pub(crate) fn further_delay(data: &Data, input: usize, most: usize) -> usize {
+    let loss = |late: &usize| {
+        let residual = regression(data, (input, *late), most).map(|(_, residual)| residual);
+        residual.map_or(f64::INFINITY, |all| all.column_iter().map(|one| one.norm_squared().ln()).sum())
+    };
+    (0..=most).map(|late| (loss(&late), late)).min_by(|p, q| p.0.total_cmp(&q.0)).map_or(0, |(_, late)| late)
+}
+
+/// One-step least squares and the matrix logarithm, over rows with the commonest step.
+pub(crate) fn one_step(data: &Data) -> Option<Continuous> {
+    let (n, m, records) = (data.n, data.m, data.records);
+    let solution = regression(data, (0, 0), 0)?.0.transpose();
+    let right = solution.columns(n, m + records).into_owned();
+    let (a, bd) = continuous(&solution.columns(0, n).into_owned(), &right)?;
     Some(Continuous { a, b: bd.columns(0, m).into_owned(), d: bd.columns(m, records).into_owned() })
 }

@@ -98,7 +98,7 @@ pub struct Structure {
 
 /// All entries of A, B and d.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Entries {
+pub(crate) struct Entries {
     /// Rows of A.
     pub a: Vec<Vec<Entry>>,
     /// Rows of B.

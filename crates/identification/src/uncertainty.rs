@@ -44,11 +44,13 @@ impl Uncertainty {
         let count = problem.layout.count();
         let sums = Sums::of(problem, fit)?;
         let (inverse, condition) = inverse(&sums.information);
+        let uncentring = problem.data.uncentring(problem.layout, sums.information.nrows());
+        let inverse = &uncentring * inverse;
         let whole = around(&inverse, &sums.middle);
         let mut covariance = whole.view((0, 0), (count, count)).into_owned();
         let robust = sums.robust(&inverse);
         if condition < 1e12 {
-            widen(problem, fit, &whole, &mut covariance);
+            widen(problem, fit, (&whole, &uncentring), &mut covariance);
         }
         let ratio = |k: usize| {
             let plain = whole[(k, k)];
@@ -189,7 +191,12 @@ fn inverse(information: &DMatrix<f64>) -> (DMatrix<f64>, f64) {
 }
 
 /// Enlarges the standard errors along the least certain directions until the objective grows there as it should.
-fn widen(problem: &Problem, fit: &Fit, whole: &DMatrix<f64>, covariance: &mut DMatrix<f64>) {
+fn widen(
+    problem: &Problem,
+    fit: &Fit,
+    (whole, uncentring): (&DMatrix<f64>, &DMatrix<f64>),
+    covariance: &mut DMatrix<f64>,
+) {
     let count = problem.layout.count();
     let (values, vectors) = symmetric(covariance);
     let wanted = LEAST_GROWTH * FAR * FAR;
@@ -199,6 +206,8 @@ fn widen(problem: &Problem, fit: &Fit, whole: &DMatrix<f64>, covariance: &mut DM
         }
         // What isn't of (A, B, d) goes along as it does with this direction.
         let along = whole.columns(0, count) * direction / variance.sqrt();
+        // The fit is of centred data; constants depend on the entries alone, so that this is the inverse.
+        let along = &along * 2.0 - uncentring * along;
         let growth = |times: f64| {
             let at = |sign: f64| {
                 let moved: Vec<f64> =

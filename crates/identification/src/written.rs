@@ -1,14 +1,73 @@
 //! Parts of a model as a file has them.
 
+use nalgebra::DMatrix;
+
 use crate::checks::Estimates;
+use crate::data::Data;
 use crate::faults::Names;
-use crate::layout::Place;
-use crate::model::{Free, RecordOf, Units};
-use crate::options::Estimated;
+use crate::held_out::HeldOut;
+use crate::layout::{Continuous, Layout, Place, factor};
+use crate::model::{Fits, Free, Model, RecordOf, Units, rows};
+use crate::options::{Estimated, Options};
 use crate::record::Record;
+use crate::structure::Entries;
+use crate::uncertainty::{Uncertainty, physical};
+
+/// Parts that a file is written from.
+pub(crate) struct Parts<'a> {
+    pub data: &'a Data,
+    pub layout: &'a Layout,
+    pub names: &'a Names<'a>,
+    pub options: &'a Options,
+    pub records: &'a [&'a Record],
+    pub entries: &'a Entries,
+    /// Scaled.
+    pub model: &'a Continuous,
+    pub uncertainty: &'a Uncertainty,
+    pub fits: Option<&'a HeldOut>,
+    pub whiteness: Vec<f64>,
+    /// Root mean square of each signal's residual, scaled.
+    pub rms: &'a [f64],
+    pub disturbance: Vec<f64>,
+    pub method: &'a str,
+}
+
+/// A model whose states are what is measured, as a file has it.
+pub(crate) fn file(parts: Parts) -> Model {
+    let Parts { data, layout, uncertainty, names: Names { signals, .. }, .. } = parts;
+    let scaling = data.state_scaling();
+    let mut model = parts.model.physical(scaling);
+    parts.entries.restore(&mut model.a, &mut model.b);
+    Model {
+        A: rows(&model.a),
+        B: rows(&model.b),
+        C: rows(&DMatrix::identity(data.n, data.n)),
+        states: signals.measured.clone(),
+        inputs: signals.inputs.clone(),
+        outputs: signals.measured.clone(),
+        units: units(parts.names),
+        delay: parts.options.delays.clone(),
+        sample_time: data.scaling.h,
+        offset: rows(&model.d.transpose()),
+        free: layout.unknowns.iter().map(|unknown| free(unknown.place)).collect(),
+        covariance: rows(&physical(&uncertainty.covariance, layout, |place| factor(place, scaling))),
+        kappa: uncertainty.kappa.clone(),
+        noise: parts.rms.iter().zip(&data.scaling.x).map(|(rms, scale)| rms * scale).collect(),
+        disturbance: parts.disturbance,
+        level: parts.options.level,
+        fit: parts.fits.map_or_else(Fits::default, |fits| Fits {
+            held_out: fits.whole.clone().unwrap_or_default(),
+            windows: fits.windows.clone(),
+        }),
+        whiteness: parts.whiteness,
+        records: parts.records.iter().copied().map(record_of).collect(),
+        method: parts.method.to_owned(),
+        ..Model::default()
+    }
+}
 
 /// An unknown in a file.
-pub(crate) fn free(place: Place) -> Free {
+fn free(place: Place) -> Free {
     match place {
         Place::A(i, j) => Free("A".to_owned(), i + 1, j + 1),
         Place::B(i, j) => Free("B".to_owned(), i + 1, j + 1),
@@ -29,7 +88,7 @@ pub(crate) fn estimated(estimates: &Estimates) -> Vec<Estimated> {
 }
 
 /// Units of the signals; none where none is known.
-pub(crate) fn units(names: &Names) -> Option<Units> {
+fn units(names: &Names) -> Option<Units> {
     let all = names.input_units.iter().chain(&names.measured_units);
     if all.clone().all(String::is_empty) {
         return None;
@@ -39,7 +98,7 @@ pub(crate) fn units(names: &Names) -> Option<Units> {
 }
 
 /// A record in a file.
-pub(crate) fn record_of(record: &Record) -> RecordOf {
+fn record_of(record: &Record) -> RecordOf {
     let (from, to) = (record.time[0], record.time[record.len() - 1]);
     RecordOf { file: record.name.clone(), sha256: None, rows: record.len(), from, to }
 }

@@ -154,7 +154,8 @@ fn outputs_alone_give_the_poles_and_the_gain() {
             "{:?} {:?} {:?} {:?} {:?}",
             found.model.fit, found.model.noise, found.orders, found.model.kappa, found.poles
         );
-        let (a, b) = (found.model.a(), found.model.b());
+        let matrix = |rows: &[Vec<f64>]| DMatrix::from_fn(rows.len(), rows[0].len(), |i, j| rows[i][j]);
+        let (a, b) = (matrix(&found.model.A), matrix(&found.model.B));
         let outputs = DMatrix::from_fn(p, n, |i, j| found.model.C[i][j]);
         // What doesn't depend on the states' coordinates: C A^k B.
         for k in 0..2 * n {
@@ -163,5 +164,18 @@ fn outputs_alone_give_the_poles_and_the_gain() {
             let (one, other) = (&outputs * one, &c * other);
             assert!((&one - &other).amax() < 1e-5 * other.amax().max(1.0), "n = {n}, k = {k}: {one} {other}");
         }
+    }
+}
+
+#[test]
+fn a_long_record_of_outputs_is_as_good_as_a_short_one() {
+    let (plant, mut random) = (Plant::oscillator(), Random(26));
+    let time = times(9000, 0.1);
+    let u = [random.levels(9000, 16)];
+    let x = plant.simulate(&time, &u, &[0.1, 0.2]);
+    let options = Options { order: Some(2), ..Options::default() };
+    let found = good(identify_outputs(&[record(time, &u, &x[..1])], None, &signals(1, 1), &options));
+    for (entry, true_) in found.model.A[1].iter().zip([-4.0, -1.0]) {
+        assert!((entry - true_).abs() < 1e-8, "{entry}");
     }
 }

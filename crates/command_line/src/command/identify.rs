@@ -50,8 +50,9 @@ impl Arguments {
 pub struct Arguments {
     /// CSV files, one or more records of the same plant
     ///
-    /// The first line contains names; the column `time` or else the first one is the time in s. Separators are commas, or
-    /// semicolons or tabs, which allow a decimal comma. A column `record` divides a file into records.
+    /// The first line contains names; the column `time` or else the first one is the time in s, or in ms, us, min or h if
+    /// its name ends with that: `time [ms]`. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
+    /// `record` divides a file into records.
     #[arg(required = true, value_name = "RECORD.csv")]
     records: Vec<PathBuf>,
     /// Columns that are inputs of the plant
@@ -159,7 +160,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         (None, None) => return Ok(ExitCode::SUCCESS),
     };
     let mut found = found.map_err(|refusal| {
-        let advice = of_cause(refusal.cause).map_or(String::new(), |advice| format!(". {advice}"));
+        let advice =
+            of_cause(refusal.cause, arguments.states.is_some()).map_or(String::new(), |advice| format!(". {advice}"));
         Error::Argument(Invalid::because(format!("{refusal}{advice}")))
     })?;
     for of in &mut found.model.records {
@@ -187,11 +189,11 @@ fn known(signals: Signals, records: &[Record]) -> Result<Signals, Error> {
 }
 
 /// Options that help where there is no model.
-fn of_cause(cause: Cause) -> Option<&'static str> {
+fn of_cause(cause: Cause, of_states: bool) -> Option<&'static str> {
     match cause {
         Cause::StillInput => Some("--fixed NAME leaves an input out"),
-        Cause::TooShort => Some("With --structure fewer entries are unknown"),
-        Cause::NoModel => Some("Give all states that matter, or --outputs"),
+        Cause::TooShort if of_states => Some("With --structure fewer entries are unknown"),
+        Cause::NoModel if of_states => Some("Give all states that matter, or --outputs"),
         _ => None,
     }
 }
@@ -220,7 +222,7 @@ fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
         let name = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let found = Record::of_table(&name, &table, arguments.time.as_deref());
         let checksum = sealed::checksum_of_file(file)?;
-        let found = found.map_err(|refusal| refuse(refusal.text))?;
+        let found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal)))?;
         records.extend(found.into_iter().map(|record| Read { record, checksum: checksum.clone() }));
     }
     Ok(records)
@@ -297,7 +299,11 @@ fn tell_all(found: &Identified) {
     let measured = if model.outputs.is_empty() { &model.states } else { &model.outputs };
     say!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise");
     for (k, name) in measured.iter().enumerate() {
-        let of = |fits: &[f64]| fits.get(k).map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0));
+        let of = |fits: &[f64]| {
+            fits.get(k)
+                .filter(|fit| !fit.is_nan())
+                .map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0))
+        };
         let noise = model.noise.get(k).map_or("–".to_owned(), |noise| number(*noise));
         say!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows));
     }

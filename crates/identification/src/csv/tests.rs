@@ -87,7 +87,10 @@ fn wrong_tables_are_refused_with_their_line() {
     assert_eq!(refusal("time,u\n0,1\n\n2\n"), "line 4: has 1 values, but there are 2 columns");
     assert_eq!(refusal("time,u\n0,\"1\n"), "line 2: a quote does not end");
     let bytes = [b"time,u\n0,\xff".as_slice(), b"1\n"].concat();
-    assert_eq!(Table::read(&bytes[..], &[]).unwrap_err().to_string(), "line 2: is not UTF-8");
+    assert_eq!(
+        Table::read(&bytes[..], &[]).unwrap_err().to_string(),
+        "line 2: is not UTF-8: save the file as CSV UTF-8"
+    );
     let long = format!("time,u\n0,{}\n", "1".repeat(5_000_000));
     assert_eq!(refusal(&long), "line 2: is longer than 4194304 bytes");
 }

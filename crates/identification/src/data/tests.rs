@@ -16,7 +16,7 @@ fn data(record: Record) -> (Data, Vec<Finding>) {
     let records = [record];
     let part = records.iter().map(|record| 0..record.len()).collect();
     let mut findings = Vec::new();
-    let source = Source::new(&records, &signals(), &[], 4).unwrap();
+    let source = Source::new(&records, &signals(), &Options::default(), 4).unwrap();
     (source.data(&part, None, Some(&mut findings)).unwrap(), findings)
 }
 
@@ -41,7 +41,7 @@ fn a_record_is_cut_at_gaps_and_where_values_are_missing() {
             "record: a gap before row 21: steps above 3 s; the record is cut there",
             "record: row 11, 31, 38: values are missing; the record is cut there",
             "record: row 34: some states are missing; their weight is 0 there",
-            "record: row 39 … 40: fewer than 4 rows between two cuts are left out",
+            "record: row 39, 40: fewer than 4 rows between two cuts are left out",
         ]
     );
 }
@@ -80,9 +80,16 @@ fn many_steps_are_near_64_of_them() {
 
 #[test]
 fn an_input_with_a_delay_is_what_was_held_before() {
-    let late = delayed(&[0.0, 1.0, 2.0, 3.0], &[5.0, 6.0, 7.0, 8.0], 1.5);
-    assert!(late[0].is_nan() && late[1].is_nan());
-    assert_eq!(late[2..], [5.0, 6.0]);
+    let late = |hold| delayed(&[0.0, 1.0, 2.0, 3.0], &[5.0, 6.0, 7.0, 8.0], 1.5, hold);
+    assert!(late(Hold::ZeroOrder)[..2].iter().all(|value| value.is_nan()));
+    assert_eq!(late(Hold::ZeroOrder)[2..], [5.0, 6.0]);
+    assert_eq!(late(Hold::FirstOrder)[2..], [5.5, 6.5]);
+    // Seconds since 1970 have steps that are rounded.
+    let time: Vec<f64> = (0..9).map(|k| 1.7e9 + 0.02 * f64::from(k)).collect();
+    assert_eq!(delayed(&time, &ramp(9), 0.06, Hold::ZeroOrder)[3..], ramp(6));
+    // 30 rows a second, in ms.
+    let time: Vec<f64> = (0..9).map(|k| (1e3 / 30.0 * f64::from(k)).round() / 1e3).collect();
+    assert_eq!(delayed(&time, &ramp(9), 0.1, Hold::ZeroOrder)[3..], ramp(6));
 }
 
 #[test]
@@ -90,7 +97,7 @@ fn times_that_do_not_grow_are_refused_with_their_line() {
     let mut wrong = record(vec![0.0, 3.2, 3.2], ramp(3), ramp(3), ramp(3));
     wrong.lines = vec![2, 3, 812];
     let records = [wrong];
-    let refusal = Source::new(&records, &signals(), &[], 4).err().unwrap();
+    let refusal = Source::new(&records, &signals(), &Options::default(), 4).err().unwrap();
     assert_eq!(
         (refusal.cause, refusal.text.as_str()),
         (Cause::Time, "record: line 812: time = 3.2 after 3.2: must grow")

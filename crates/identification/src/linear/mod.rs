@@ -36,6 +36,19 @@ pub fn eigenvalues(a: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     })
 }
 
+/// A with F = exp(A), and the B behind a zero-order hold of which a sampled model has G; `None` where F has an eigenvalue that is 0 or
+/// negative.
+pub fn continuous(f: &DMatrix<f64>, g: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+    let n = f.nrows();
+    let a = logarithm(f)?;
+    // exp([A I; 0 0]) is F and Φ.
+    let mut whole = DMatrix::zeros(2 * n, 2 * n);
+    whole.view_mut((0, 0), (n, n)).copy_from(&a);
+    whole.view_mut((0, n), (n, n)).fill_with_identity();
+    let phi = exponential(&whole, &[])?.0.view((0, n), (n, n)).into_owned();
+    Some((a, phi.lu().solve(g)?))
+}
+
 /// The largest amount of an eigenvalue; infinite where there is none to be found.
 pub fn spectral_radius(a: &DMatrix<f64>) -> f64 {
     eigenvalues(a).map_or(f64::INFINITY, |found| found.iter().map(|value| value.norm()).fold(0.0, f64::max))
@@ -100,6 +113,21 @@ pub fn least_squares(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Option<DMatrix<f64>>
     Some(x)
 }
 
+/// The pseudoinverse with columns of unit length, and rows too unless there are more of them: units don't decide what is small.
+pub fn pseudoinverse_of_units(a: &DMatrix<f64>) -> DMatrix<f64> {
+    let scale = |length: f64| if length > 0.0 { length } else { 1.0 };
+    let columns: Vec<f64> = a.column_iter().map(|column| scale(column.norm())).collect();
+    let mut unit = a.clone();
+    unit.column_iter_mut().zip(&columns).for_each(|(mut column, length)| column.unscale_mut(*length));
+    let is_wide = a.nrows() <= a.ncols();
+    let rows: Vec<f64> = unit.row_iter().map(|row| if is_wide { scale(row.norm()) } else { 1.0 }).collect();
+    unit.row_iter_mut().zip(&rows).for_each(|(mut row, length)| row.unscale_mut(*length));
+    let mut inverse = pseudoinverse(&unit);
+    inverse.row_iter_mut().zip(&columns).for_each(|(mut row, length)| row.unscale_mut(*length));
+    inverse.column_iter_mut().zip(&rows).for_each(|(mut column, length)| column.unscale_mut(*length));
+    inverse
+}
+
 /// The pseudoinverse.
 pub fn pseudoinverse(a: &DMatrix<f64>) -> DMatrix<f64> {
     a.clone().pseudo_inverse(1e-12 * a.amax().max(f64::MIN_POSITIVE)).unwrap_or_else(|_| a.transpose() * 0.0)
@@ -107,6 +135,9 @@ pub fn pseudoinverse(a: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// Eigenvalues of a symmetric matrix in falling order, with their vectors.
 pub fn symmetric(a: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
+    if a.is_empty() {
+        return (Vec::new(), a.clone());
+    }
     let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(a.clone());
     let mut order: Vec<usize> = (0..eigenvalues.len()).collect();
     order.sort_by(|p, q| eigenvalues[*q].total_cmp(&eigenvalues[*p]));

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use super::subspace::Discrete;
 use crate::data::{Data, Observed, Scaling};
-use crate::linear::{exponential, logarithm};
+use crate::linear::continuous;
 use crate::structure::{Entries, Entry};
 
 /// Rows of the observability matrix that depend on those before to this degree aren't taken.
@@ -22,21 +22,10 @@ pub(crate) struct Companion {
     pub states: Vec<(usize, usize)>,
 }
 
-/// A and B of a sampled model behind a zero-order hold; `None` where F has an eigenvalue that is 0 or negative.
-pub(crate) fn continuous(model: &Discrete) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
-    let n = model.f.nrows();
-    let a = logarithm(&model.f)?;
-    let mut whole = DMatrix::zeros(2 * n, 2 * n);
-    whole.view_mut((0, 0), (n, n)).copy_from(&a);
-    whole.view_mut((0, n), (n, n)).fill_with_identity();
-    let phi = exponential(&whole, &[])?.0.view((0, n), (n, n)).into_owned();
-    Some((a, phi.lu().solve(&model.g)?))
-}
-
 impl Companion {
     /// The companion form of a sampled model.
     pub fn new(model: &Discrete) -> Option<Self> {
-        let (a, b) = continuous(model)?;
+        let (a, b) = continuous(&model.f, &model.g)?;
         let n = a.nrows();
         let states = states(&a, &model.c)?;
         let mut transformation = DMatrix::zeros(n, n);

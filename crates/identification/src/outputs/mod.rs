@@ -9,30 +9,31 @@ use nalgebra::DMatrix;
 
 use crate::cells::{self, Cell};
 use crate::checks::{self, Estimates};
-use crate::data::{Data, Source};
+use crate::data::{Data, Segment, Source};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
-use crate::held_out::{HeldOut, bandwidth, disturbance, held_out, take_wrong_out};
+use crate::held_out::{bandwidth, disturbance, held_out, take_wrong_out};
 use crate::layout::{Continuous, Layout, factor};
 use crate::linear::spectral_radius;
-use crate::marquardt::{Fit, search};
-use crate::model::{Fits, Model, rows};
+use crate::marquardt::{Fit, MOST_GROWTH, search};
+use crate::model::{Model, Units, rows};
 use crate::options::{Identified, Options, OrderFit};
 use crate::poles::poles;
 use crate::problem::Problem;
 use crate::record::{Record, Signals};
-use crate::request::{parts, without_fixed};
+use crate::request::{act, duration, parts, tested, without_fixed};
 use crate::residuals::Residuals;
 use crate::sampled::Hold;
-use crate::text::number;
-use crate::uncertainty::{Uncertainty, physical};
-use crate::written::{estimated, free, record_of, units};
+use crate::text::{digits, number};
+use crate::uncertainty::Uncertainty;
+use crate::written::{self, Parts, estimated};
 
 use companion::Companion;
 use order::Choice;
 
 /// Steps of the search in the companion form's own unknowns, from where the sampled model's ended.
 const STEPS: usize = 10;
+
 /// Identifies a model from records in which only outputs are measured: its order, and x' = A x + B u + d, y = C x in observable
 /// companion form. [`Signals::measured`] are the outputs.
 ///
@@ -46,28 +47,24 @@ pub fn identify_outputs(
 ) -> Result<Identified, Refusal> {
     let mut findings = Vec::new();
     check(options)?;
-    let signals = &without_fixed(signals, options, &mut findings)?;
-    let source = Source::new(records, signals, &options.delays, order::FEWEST)?;
+    let (signals, options) = &mut without_fixed(signals, options, &mut findings)?;
+    let source = Source::new(records, signals, options, order::FEWEST)?;
     let (first, last) = parts(records, held_out.is_some(), options)?;
-    let mut data = order::uniform(source.data(&first, None, Some(&mut findings))?);
-    let names = Names::new(signals, &records[0]);
+    let data = source.data(&first, None, Some(&mut findings))?;
+    let rows = order::rows(&data);
+    let data = order::uniform(data);
+    order::report(&rows, &data, records, &mut findings);
     let most = order::most(&data)?;
+    let (mut data, records) = data.of_records(records);
+    act(options, signals, &data, &mut findings);
+    let names = Names::new(signals, records[0]);
     faults::inputs(&data, &names, options.offsets, false)?;
     faults::warnings(&data, &names, &mut findings);
-    let tested = match held_out {
-        Some(records) => {
-            let source = Source::new(records, signals, &options.delays, order::FEWEST)?;
-            let part = records.iter().map(|record| 0..record.len()).collect();
-            Some(source.data(&part, Some(&data.scaling), None)?)
-        }
-        None => source.data(&last, Some(&data.scaling), None).ok(),
-    };
-    let mut tested = tested.map(order::uniform);
+    let of = (&*signals, &*options);
+    let (mut tested, tested_records) =
+        tested(held_out, (&source, &last), of, (&data.scaling, order::uniform), &mut findings)?.unzip();
     let mut choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
-    let failed = || {
-        Refusal::new(Cause::NoModel, "no model of these outputs follows the record: its companion form isn't finite")
-    };
-    let mut found = Found::new(&data, &choice).ok_or_else(failed)?;
+    let mut found = Found::new(&data, &choice)?;
     let (mut wrong, mut wrong_tested) = (Vec::new(), Vec::new());
     for _ in 0..cells::ROUNDS {
         let cells = cells::wrong_cells(&found.problem(), &found.fit);
@@ -78,17 +75,22 @@ pub fn identify_outputs(
         cells::take_out(&mut data, &cells);
         wrong.extend(cells);
         wrong_tested.extend(of_tested);
-        choice = Choice::new(&data, tested.as_ref(), options.order, most)?;
-        found = Found::new(&data, &choice).ok_or_else(failed)?;
+        // The others follow once no cell is wrong any more.
+        let order = found.companion.states.len();
+        choice = Choice::new(&data, tested.as_ref(), Some(order), most)?;
+        found = Found::new(&data, &choice)?;
     }
-    cells::report(&data, &wrong, records, &mut findings);
-    let tested_records = held_out.unwrap_or(records);
-    if let Some(tested) = &tested {
-        cells::report(tested, &wrong_tested, tested_records, &mut findings);
+    if options.order.is_none() && !(wrong.is_empty() && wrong_tested.is_empty()) {
+        choice = Choice::new(&data, tested.as_ref(), None, most)?;
+        found = Found::new(&data, &choice)?;
+    }
+    cells::report(&data, &wrong, &records, &mut findings);
+    if let (Some(tested), Some(records)) = (&tested, &tested_records) {
+        cells::report(tested, &wrong_tested, records, &mut findings);
     }
     let wrong = cells::listed(&data, &wrong, signals);
-    let request = Request { records, names: &names, options };
-    let identified = request.identified(&found, tested.as_ref(), choice.orders, findings)?;
+    let request = Request { records: &records, names: &names, options };
+    let identified = request.identified(&found, tested.as_ref(), choice, findings)?;
     Ok(Identified { wrong_cells: wrong, ..identified })
 }
 
@@ -100,6 +102,14 @@ fn check(options: &Options) -> Result<(), Refusal> {
     }
     if options.hold != Hold::ZeroOrder {
         return refuse("models from measured outputs need inputs behind a zero-order hold");
+    }
+    if !options.offsets {
+        return refuse(
+            "models from measured outputs have a constant of each output in each record: it can't be left out",
+        );
+    }
+    if options.longest_window.is_some() {
+        return refuse("models from measured outputs follow whole records: there is no longest window");
     }
     Ok(())
 }
@@ -113,7 +123,22 @@ struct Found {
 }
 
 impl Found {
-    fn new(data: &Data, choice: &Choice) -> Option<Self> {
+    fn new(data: &Data, choice: &Choice) -> Result<Self, Refusal> {
+        let refusal =
+            |why: &str| Refusal::new(Cause::NoModel, format!("no model of these outputs follows the record: {why}"));
+        // A search ends at the most that errors of an initial state may grow.
+        let rate = spectral_radius(&choice.model.f).ln();
+        let longest = data.segments.iter().map(Segment::len).max().unwrap_or(0);
+        if rate * longest as f64 > 0.99 * MOST_GROWTH.ln() {
+            let pole = number(rate / data.scaling.h);
+            return Err(refusal(&format!(
+                "a pole of {pole} 1/s or more is unstable, over so long a record. Use shorter records, or measure the states"
+            )));
+        }
+        Self::searched(data, choice).ok_or_else(|| refusal("its companion form isn't finite"))
+    }
+
+    fn searched(data: &Data, choice: &Choice) -> Option<Self> {
         let companion = Companion::new(&choice.model)?;
         let frequency = spectral_radius(&companion.a).max(1e-3);
         let scaling = companion.scaling(&data.scaling, frequency);
@@ -154,7 +179,7 @@ impl Found {
 
 /// The request with what is needed to answer it.
 struct Request<'a> {
-    records: &'a [Record],
+    records: &'a [&'a Record],
     names: &'a Names<'a>,
     options: &'a Options,
 }
@@ -164,7 +189,7 @@ impl Request<'_> {
         &self,
         found: &Found,
         tested: Option<&Data>,
-        orders: Vec<OrderFit>,
+        choice: Choice,
         mut findings: Vec<Finding>,
     ) -> Result<Identified, Refusal> {
         let failed = || Refusal::new(Cause::NoModel, "no model of these outputs follows the record: it isn't finite");
@@ -178,7 +203,7 @@ impl Request<'_> {
         let hold = Hold::ZeroOrder;
         let fits = tested.as_ref().and_then(|data| held_out(&model, data, hold, (&[], band), noise));
         let whiteness = residuals.whiteness(data.n);
-        self.refuse_bad(fits.as_ref(), &whiteness, noise)?;
+        checks::refuse_not_followed(fits.as_ref(), (noise, &whiteness), self.names, "outputs", "is an input missing?")?;
         let disturbed =
             tested.as_ref().and_then(|data| disturbance(&model, data, hold, band, noise)).unwrap_or_default();
         let pole_list: Vec<_> =
@@ -187,16 +212,36 @@ impl Request<'_> {
         let unknowns = &found.fit.unknowns;
         let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &uncertainty, factors };
         estimates.information(&pole_list, h, checks::CONDITION_OF_COMPANION, &mut findings);
-        let duration: f64 = self.records.iter().map(|record| record.time[record.len() - 1] - record.time[0]).sum();
+        let duration = duration(self.records);
         checks::unstable(&pole_list, None, duration, &mut findings);
         checks::duration(&pole_list, duration / self.records.len() as f64, &mut findings);
-        if let Some(fits) = &fits {
-            checks::fits(fits, self.names, &mut findings);
-        }
-        let n = found.companion.states.len();
-        findings.push(Finding::note(Kind::Order, order_text(&orders, n)));
+        let own = held_out(&model, data, hold, (&[], band), noise);
+        checks::fits(fits.as_ref(), own.as_ref(), self.names, &mut findings);
+        let order = found.companion.states.len();
+        findings.push(Finding::note(Kind::Order, order_text(&choice, order, (self.options.order, fits.is_some()))));
+        let whole = written::file(Parts {
+            data,
+            layout,
+            names: self.names,
+            options: self.options,
+            records: self.records,
+            entries: &found.companion.entries(),
+            model: &model,
+            uncertainty: &uncertainty,
+            fits: fits.as_ref(),
+            whiteness,
+            rms: noise,
+            disturbance: disturbed.matched,
+            method: "output error, outputs only",
+        });
         Ok(Identified {
-            model: self.file(found, &model, &uncertainty, (fits.as_ref(), whiteness), disturbed.matched.clone()),
+            model: Model {
+                C: rows(&found.companion.outputs(data)),
+                states: state_names(&found.companion.states, self.names.signals),
+                // Units of derivatives are for a caller that knows units.
+                units: whole.units.clone().map(|all| Units { x: Vec::new(), ..all }),
+                ..whole
+            },
             entries: estimated(&estimates),
             poles: pole_list,
             condition: uncertainty.condition,
@@ -206,73 +251,41 @@ impl Request<'_> {
             losses: [Some(found.fit.value.loss), None],
             gain: None,
             wrong_cells: Vec::new(),
-            orders,
+            orders: choice.orders,
             findings,
         })
     }
-
-    fn refuse_bad(&self, fits: Option<&HeldOut>, whiteness: &[f64], noise: &[f64]) -> Result<(), Refusal> {
-        let Some((signal, best)) = fits.and_then(|fits| fits.not_followed(noise, whiteness)) else { return Ok(()) };
-        let text = format!(
-            "no model of these outputs follows the record (best: {} % of the held-out motion of {}): is an input missing?",
-            number(best),
-            self.names.signals.measured[signal]
-        );
-        Err(Refusal::new(Cause::NoModel, text))
-    }
-
-    fn file(
-        &self,
-        found: &Found,
-        model: &Continuous,
-        uncertainty: &Uncertainty,
-        (fits, whiteness): (Option<&HeldOut>, Vec<f64>),
-        disturbance: Vec<f64>,
-    ) -> Model {
-        let (data, layout, signals) = (&found.data, &found.layout, self.names.signals);
-        let mut in_units = model.physical(data.state_scaling());
-        found.companion.entries().restore(&mut in_units.a, &mut in_units.b);
-        let covariance = physical(&uncertainty.covariance, layout, |place| factor(place, data.state_scaling()));
-        let noise: Vec<f64> = found.fit.value.rms.iter().zip(&data.scaling.x).map(|(rms, scale)| rms * scale).collect();
-        let state = |(output, order): &(usize, usize)| format!("{}{}", signals.measured[*output], "'".repeat(*order));
-        Model {
-            A: rows(&in_units.a),
-            B: rows(&in_units.b),
-            C: rows(&found.companion.outputs(data)),
-            states: found.companion.states.iter().map(state).collect(),
-            inputs: signals.inputs.clone(),
-            outputs: signals.measured.clone(),
-            // Units of derivatives are for a caller that knows units.
-            units: units(self.names).map(|all| crate::model::Units { x: Vec::new(), ..all }),
-            delay: self.options.delays.clone(),
-            sample_time: data.scaling.h,
-            offset: rows(&in_units.d.transpose()),
-            free: layout.unknowns.iter().map(|unknown| free(unknown.place)).collect(),
-            covariance: rows(&covariance),
-            kappa: uncertainty.kappa.clone(),
-            noise,
-            disturbance,
-            level: self.options.level,
-            fit: fits.map_or_else(Fits::default, |fits| Fits {
-                held_out: fits.whole.clone().unwrap_or_default(),
-                windows: fits.windows.clone(),
-            }),
-            whiteness,
-            records: self.records.iter().map(record_of).collect(),
-            method: "output error, outputs only".to_owned(),
-            ..Model::default()
-        }
-    }
 }
 
-fn order_text(orders: &[OrderFit], chosen: usize) -> String {
-    if orders.len() < 2 {
-        return format!("order {chosen}, as given");
+/// Names of the states: each output, and its derivatives as `y_1`, which controllers take as a name.
+fn state_names(states: &[(usize, usize)], signals: &Signals) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for &(output, order) in states {
+        let mut name = signals.measured[output].clone();
+        if order > 0 {
+            name += &format!("_{order}");
+            while signals.inputs.contains(&name) || signals.measured.contains(&name) || names.contains(&name) {
+                name.push('_');
+            }
+        }
+        names.push(name);
     }
-    let text = |fit: &OrderFit| {
-        let held_out = fit.held_out.map_or("none".to_owned(), |fit| format!("{} %", crate::text::digits(fit, 4)));
-        format!("{}: {held_out}", fit.order)
+    names
+}
+
+/// The reason for an order, with those that were tried.
+fn order_text(choice: &Choice, order: usize, (given, has_held_out): (Option<usize>, bool)) -> String {
+    let list = |of: &dyn Fn(&OrderFit) -> String| {
+        let all: Vec<String> = choice.orders.iter().map(|fit| format!("{}: {}", fit.order, of(fit))).collect();
+        all.join(", ")
     };
-    let all: Vec<String> = orders.iter().map(text).collect();
-    format!("order {chosen} is the least that follows the held-out part as well as others do ({})", all.join(", "))
+    if given.is_some() {
+        return format!("order {order}, as given");
+    }
+    if choice.is_by_fit {
+        let all = list(&|fit| fit.held_out.map_or("none".to_owned(), |fit| format!("{} %", digits(fit, 4))));
+        return format!("order {order} is the least that follows the held-out part as well as others do ({all})");
+    }
+    let why = if has_held_out { "the held-out part doesn't move" } else { "nothing is held out" };
+    format!("{why}: order {order} is by BIC, of which less is better ({})", list(&|fit| digits(fit.bic, 5)))
 }

@@ -10,6 +10,9 @@ use crate::starts::filled;
 /// Poles of a larger amount are reflected; a search moves them out again.
 const LARGEST_POLE: f64 = 0.999;
 
+/// Rows of a Hankel matrix at a time.
+const MOST_ROWS: usize = 4096;
+
 /// x⁺ = F x + G u, y = C x and a constant, scaled.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Discrete {
@@ -60,24 +63,23 @@ impl Span {
         if count < width {
             return None;
         }
-        // Transposed: the factor R of QR is that of LQ.
-        let mut hankel = DMatrix::zeros(count, width);
-        let mut row = 0;
-        for (y, u) in &all {
-            for k in 0..columns(y) {
+        // Transposed: the factor R of QR is that of LQ. It is found part by part, since records may be long.
+        let mut rows = all.iter().flat_map(|(y, u)| (0..columns(y)).map(move |k| (y, u, k)));
+        let mut r = DMatrix::zeros(0, width);
+        for first in (0..count).step_by(MOST_ROWS) {
+            let before = r.nrows();
+            let mut hankel = r.resize_vertically(before + MOST_ROWS.min(count - first), 0.0);
+            for (mut row, (y, u, k)) in hankel.row_iter_mut().skip(before).zip(&mut rows) {
                 let mut column = 0;
                 for (signal, first) in [(u, k + blocks), (u, k), (y, k), (y, k + blocks)] {
-                    for block in first..first + blocks {
-                        for value in signal.column(block).iter() {
-                            hankel[(row, column)] = *value;
-                            column += 1;
-                        }
+                    for value in signal.columns(first, blocks).iter() {
+                        row[column] = *value;
+                        column += 1;
                     }
                 }
-                row += 1;
             }
+            r = hankel.qr().r();
         }
-        let r = hankel.qr().r();
         let (past, future) = (blocks * m, blocks * (2 * m + p));
         let block = r.view((past, future), (blocks * (m + p), blocks * p)).transpose();
         let (values, vectors) = symmetric(&(&block * block.transpose()));

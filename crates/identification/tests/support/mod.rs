@@ -1,7 +1,9 @@
 //! Records of simulated plants, by means other than those of the package: nalgebra's matrix exponential.
 #![allow(dead_code)] // each test program uses some of it
 
-use adaptive_fmu_identification::{Finding, Identified, Kind, Record, Refusal, Signals};
+use adaptive_fmu_identification::{
+    Cause, Finding, Identified, Kind, Options, Record, Refusal, Signals, identify_outputs, identify_states,
+};
 use nalgebra::{DMatrix, DVector};
 
 /// Random numbers from a seed (splitmix64).
@@ -155,4 +157,59 @@ pub fn text(identified: &Identified, kind: Kind) -> &str {
 /// A result that must be one.
 pub fn good(result: Result<Identified, Refusal>) -> Identified {
     result.unwrap_or_else(|refusal| panic!("{refusal}"))
+}
+
+/// Rows and step of records.
+pub const ROWS: usize = 800;
+/// Their step, s.
+pub const STEP: f64 = 0.05;
+
+/// A record without any fault, as columns.
+pub struct Columns {
+    pub time: Vec<f64>,
+    pub u: Vec<Vec<f64>>,
+    pub x: Vec<Vec<f64>>,
+}
+
+impl Columns {
+    pub fn record(self) -> Record {
+        record(self.time, &self.u, &self.x)
+    }
+}
+
+/// A record of a plant with noise, from rest.
+pub fn columns_of(plant: &Plant, seed: u64, u: Vec<Vec<f64>>) -> Columns {
+    let time = times(u[0].len(), STEP);
+    let mut x = plant.simulate(&time, &u, &vec![0.0; plant.a.nrows()]);
+    noisy(&mut Random(seed + 100), &mut x, 0.02);
+    Columns { time, u, x }
+}
+
+/// A record of an oscillator without any fault.
+pub fn columns(seed: u64) -> Columns {
+    let mut random = Random(seed);
+    columns_of(&Plant::oscillator(), seed, vec![random.levels(ROWS, 40)])
+}
+
+/// Identifies with default options.
+pub fn identify(record: Record) -> Result<Identified, Refusal> {
+    identify_with(record, &Options::default())
+}
+
+/// Identifies the states of a record.
+pub fn identify_with(record: Record, options: &Options) -> Result<Identified, Refusal> {
+    let count = |letter: &str| record.columns.iter().filter(|column| column.name.starts_with(letter)).count();
+    let signals = signals(count("u"), count("x"));
+    identify_states(&[record], None, &signals, options)
+}
+
+/// Cause and text of a refusal.
+pub fn refusal(result: Result<Identified, Refusal>) -> (Cause, String) {
+    let refusal = result.expect_err("a refusal");
+    (refusal.cause, refusal.text)
+}
+
+/// Identifies the first signal alone, as an output.
+pub fn of_output(records: &[Record], held_out: Option<&[Record]>, options: &Options) -> Result<Identified, Refusal> {
+    identify_outputs(records, held_out, &signals(1, 1), options)
 }
