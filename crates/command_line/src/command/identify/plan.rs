@@ -14,7 +14,7 @@ use crate::command::number::part;
 /// Heading of these options in the help.
 const HEADING: &str = "Length of a further record";
 /// Values within so many standard errors of 0 don't say how large they are.
-const NEAR_ZERO: f64 = 2.0;
+const NEAR_ZERO: f64 = 3.0;
 
 #[derive(clap::Args)]
 pub struct PlanOptions {
@@ -63,12 +63,14 @@ pub fn execute(file: &Path, options: &PlanOptions, as_json: bool) -> Result<(), 
         say!("{}", told(&planned, (present, options.target), sure));
         return Ok(());
     }
-    say!("{:32} {:>12} {:>12} {:>10} {:>12}", "entry", "value", "std. error", "share, %", "length, s");
-    for of in &planned {
-        let place = format!("{}  {}", written(of.entry), meaning(of.entry, &model));
+    let places: Vec<_> =
+        planned.iter().map(|of| format!("{}  {}", written(of.entry), meaning(of.entry, &model))).collect();
+    let width = places.iter().map(|place| place.chars().count()).max().unwrap_or(0).max(24);
+    say!("{:width$} {:>12} {:>12} {:>10} {:>12}", "entry", "value", "std. error", "share, %", "length, s");
+    for (of, place) in planned.iter().zip(places) {
         let share = if of.value == 0.0 { "–".to_owned() } else { digits(100.0 * of.error / of.value.abs()) };
         let length = if of.is_near_zero() { "unknown".to_owned() } else { digits(of.length) };
-        say!("{place:32} {:>12} {:>12} {share:>10} {length:>12}", digits(of.value), digits(of.error));
+        say!("{place:width$} {:>12} {:>12} {share:>10} {length:>12}", digits(of.value), digits(of.error));
     }
     let percent = digits(100.0 * options.target);
     match sure {
@@ -93,7 +95,7 @@ pub fn execute(file: &Path, options: &PlanOptions, as_json: bool) -> Result<(), 
 fn planned(model: &Model, present: f64, target: f64) -> Result<Vec<Planned<'_>>, Invalid> {
     let count = model.free.len();
     if model.covariance.len() != count || model.covariance.iter().any(|row| row.len() != count) {
-        let allowed = format!("must have {count} rows of {count} numbers, as many as `free` has entries");
+        let allowed = format!("must be {count} × {count}, as many as `free` has entries");
         return Err(Invalid::new("covariance", format!("{} rows", model.covariance.len()), allowed));
     }
     if !(present > 0.0 && present.is_finite()) {
