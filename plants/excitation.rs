@@ -17,7 +17,7 @@ use crate::template::{Sizes, Template};
 /// The fewest samples of a level.
 const SHORTEST_LEVEL: f64 = 2.0;
 
-/// u = command + offset + amplitude s, with s within −1 … 1 held from one sample to the next.
+/// u = command + offset + amplitude s, with s within −1 … 1 constant from one sample to the next.
 #[derive(Debug)]
 pub struct Excitation {
     sample_time: f64,

@@ -1,4 +1,4 @@
-//! The signals of an experiment, by what a description says of them.
+//! The signals of an experiment, as a description gives them.
 
 use std::f64::consts::{PI, TAU};
 
@@ -37,7 +37,7 @@ pub struct ExcitationStructure {
     pub quantities: Vec<String>,
     /// The signal: levels of random heights and lengths, a multisine, or a chirp.
     signal: Kind,
-    /// Step of the signal, s: it is held from one sample to the next.
+    /// Step of the signal, s: the signal is constant from one sample to the next.
     pub sample_time: f64,
     /// Longest level, s, with signal = "levels".
     longest_level: Option<f64>,
@@ -112,7 +112,7 @@ impl Shape {
 
 fn levels(longest: f64, sample_time: f64) -> Result<Shape, Invalid> {
     let samples = (longest / sample_time * (1.0 + ROUNDING)).floor();
-    if samples >= super::SHORTEST_LEVEL && samples <= MOST_SAMPLES {
+    if (super::SHORTEST_LEVEL..=MOST_SAMPLES).contains(&samples) {
         return Ok(Shape::Levels { longest: samples });
     }
     let [least, most] = [super::SHORTEST_LEVEL, MOST_SAMPLES].map(|samples| Number(samples * sample_time));

@@ -5,8 +5,8 @@ use crate::catalogue::Catalogued;
 use crate::error::{Invalid, Number};
 use crate::system::NO_LIMIT;
 use crate::template::{
-    Begun, Experiment, Plant, Request, Text, USUAL_BANDWIDTH, counted, list, named, number, quoted, references,
-    round_down, three_digits, write_names,
+    Begun, Experiment, Plant, Request, Text, USUAL_BANDWIDTH, as_written, counted, list, named, number, quoted,
+    references, round_down, three_digits, write_names,
 };
 
 use super::super::template::{channels, write_channels};
@@ -28,7 +28,7 @@ struct Times {
     step: f64,
     /// Advised length, a multiple of the step.
     length: f64,
-    /// States that the length is for, and true if nobody said how many there are.
+    /// States that the length is for, and true if their number is assumed.
     states: usize,
     is_assumed: bool,
 }
@@ -92,8 +92,8 @@ fn times(request: &Request, asked: &Experiment, m: usize) -> Result<Times, Inval
     let counted = NUMBERS * (states + m) as f64 * step;
     let length = (SETTLING_TIMES * settling).max(counted);
     let steps = (length / step * (1.0 - 1e-9)).ceil();
-    // Of a step such as 0.01 a whole number of steps has few digits, which a product in binary has not.
-    let length = format!("{:.12e}", steps * step).parse().unwrap_or(steps * step);
+    // A whole number of steps such as 0.01 has few digits, which a product in binary has not.
+    let length = as_written(steps * step);
     Ok(Times { settling, step, length, states, is_assumed: known.is_none() })
 }
 
@@ -110,7 +110,7 @@ fn settling_time(request: &Request, asked: &Experiment) -> Result<f64, Invalid> 
 
 fn write_signal(text: &mut Text, asked: &Experiment, times: &Times, m: usize) -> Result<(), Invalid> {
     text.set("signal", quoted(asked.signal), "levels, multisine or chirp");
-    text.set("sample_time", number(times.step), "s, step of the signal, which is held in between");
+    text.set("sample_time", number(times.step), "s, step of the signal, which is constant in between");
     if asked.signal == "levels" {
         if let Some(up_to) = asked.up_to {
             return Err(Invalid::new(

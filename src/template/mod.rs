@@ -8,7 +8,8 @@ mod text;
 pub use magnitudes::{Magnitudes, Values, write_magnitudes};
 pub use plant::{Plant, Signals};
 pub use text::{
-    Begun, Text, all, counted, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits,
+    Begun, Text, all, as_written, counted, diagonal, list, number, quoted, round_down, round_up, rows, texts,
+    three_digits,
 };
 
 use crate::eigenvalues;

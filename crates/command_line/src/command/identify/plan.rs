@@ -13,7 +13,7 @@ use crate::command::number::part;
 
 /// Heading of these options in the help.
 const HEADING: &str = "Length of a further record";
-/// Values within so many standard errors of 0 don't say how large they are.
+/// The sizes of values within so many standard errors of 0 are unknown.
 const NEAR_ZERO: f64 = 3.0;
 
 #[derive(clap::Args)]
@@ -60,7 +60,7 @@ pub fn execute(file: &Path, options: &PlanOptions, as_json: bool) -> Result<(), 
     let planned = planned(&model, present, options.target).map_err(|invalid| refuse(invalid.to_string()))?;
     let sure = planned.iter().filter(|of| !of.is_near_zero()).map(|of| of.length).reduce(f64::max);
     if as_json {
-        say!("{}", told(&planned, (present, options.target), sure));
+        say!("{}", in_json(&planned, (present, options.target), sure));
         return Ok(());
     }
     let places: Vec<_> =
@@ -80,7 +80,7 @@ pub fn execute(file: &Path, options: &PlanOptions, as_json: bool) -> Result<(), 
             digits((length / model.sample_time).ceil()),
             digits(present)
         ),
-        None => say!("\nNo entry is known well enough to say how long a record must be."),
+        None => say!("\nNo entry is known well enough for an advice."),
     }
     if planned.iter().any(Planned::is_near_zero) {
         tell!(
@@ -120,7 +120,7 @@ fn planned(model: &Model, present: f64, target: f64) -> Result<Vec<Planned<'_>>,
         .collect()
 }
 
-fn told(planned: &[Planned], (present, target): (f64, f64), sure: Option<f64>) -> serde_json::Value {
+fn in_json(planned: &[Planned], (present, target): (f64, f64), sure: Option<f64>) -> serde_json::Value {
     let of = |of: &Planned| {
         let length = Some(of.length).filter(|_| !of.is_near_zero());
         json!({ "entry": of.entry, "value": of.value, "error": of.error, "length": length })

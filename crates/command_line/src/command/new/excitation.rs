@@ -8,7 +8,7 @@ use adaptive_fmu::execution::Execution;
 use adaptive_fmu::library;
 use adaptive_fmu::model::Model;
 use adaptive_fmu::system::Causality;
-use adaptive_fmu::template::{Experiment, MOST, Sizes};
+use adaptive_fmu::template::{Experiment, MOST, Sizes, as_written};
 use clap::builder::PossibleValuesParser;
 
 use super::UnitArguments;
@@ -158,9 +158,7 @@ pub fn table(model: Model) -> Result<String, Error> {
     execution.initialise().map_err(|error| failed(error.to_string()))?;
     for k in 0..=steps as usize {
         let time = k as f64 * step;
-        // With the digits that a person would write: 0.3, not 0.30000000000000004.
-        let shown: f64 = format!("{time:.12e}").parse().unwrap_or(time);
-        let _ = write!(text, "{shown}");
+        let _ = write!(text, "{}", as_written(time));
         places.iter().for_each(|place| _ = write!(text, ",{}", execution.block().reals[*place]));
         text.push('\n');
         execution.step(time, step).map_err(|error| failed(error.to_string()))?;
