@@ -6,6 +6,7 @@ import re
 import subprocess
 from pathlib import Path
 
+import adaptive_fmu
 import fmpy
 import numpy as np
 import pytest
@@ -304,6 +305,18 @@ def test_a_plant_gives_names_units_limits_and_its_settling_time(tmp_path: Path) 
     # More unknowns than ten settling times show: 40 numbers for each.
     ran = done(tmp_path, "new", "excitation", "--name", "T", "--states", 6, "--inputs", 2, "--settling-time", 1, "--step", 0.1)
     assert "Advised length of the experiment: 32 s (40 numbers for each of 48 unknowns of a plant with 6 states" in ran.stderr
+
+
+def test_python_begins_the_same_experiment(tmp_path: Path) -> None:
+    asked = {"signal": "multisine", "amplitude": [3, 1], "operating_point": [-2, 0], "settling_time": 2, "step": 0.02, "up_to": 40}
+    adaptive_fmu.new("excitation", tmp_path / "S.toml", inputs=2, **asked)
+    options = ["--signal", "multisine", "--amplitude", "3,1", "--operating-point=-2,0", "--settling-time", 2, "--step", 0.02, "--up-to", 40]
+    done(tmp_path, "new", "excitation", "--name", "S", "--out", "T.toml", "--inputs", 2, *options)
+    assert (tmp_path / "S.toml").read_text() == (tmp_path / "T.toml").read_text()
+    with pytest.raises(adaptive_fmu.Error, match="settling"):
+        adaptive_fmu.new("excitation", tmp_path / "U.toml")
+    adaptive_fmu.new("excitation", tmp_path / "U.toml", settling_time=3, seed=5)
+    assert "seed = 5" in (tmp_path / "U.toml").read_text()
 
 
 DESCRIPTIONS = {
