@@ -7,6 +7,7 @@ mod attitude;
 pub mod channels;
 pub mod coupled_mimo;
 mod dead_time;
+pub mod excitation;
 pub mod mares_auv;
 pub mod nonlinear_siso;
 pub mod quadrotor;

@@ -18,6 +18,8 @@ pub enum Role {
     Plant,
     /// It gives what is to be followed.
     Reference,
+    /// It moves a plant's inputs so that a record shows the plant.
+    Excitation,
     /// It hands on each signal of a plant as it is measured.
     Sensor,
     /// It hands on each command as what a plant gets of it.

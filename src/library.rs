@@ -39,6 +39,7 @@ const ENTRIES: &[Entry] = &[
     Entry::of::<plants::quadrotor::Quadrotor>(),
     Entry::of::<plants::mares_auv::MaresAuv>(),
     Entry::of::<plants::reference::Reference>(),
+    Entry::of::<plants::excitation::Excitation>(),
     Entry::of::<plants::sensor::Sensor>(),
     Entry::of::<plants::unwrap::Unwrap>(),
     Entry::of::<plants::actuator::Actuator>(),

@@ -115,6 +115,13 @@ def new(
     bandwidth: float | None = None,
     reference: float | Sequence[float] = 1.0,
     uncertainty: float | None = None,
+    signal: str | None = None,
+    amplitude: float | Sequence[float] | None = None,
+    operating_point: float | Sequence[float] | None = None,
+    settling_time: float | None = None,
+    step: float | None = None,
+    up_to: float | None = None,
+    seed: int | None = None,
     force: bool = False,
 ) -> Path:
     """Write the description of a new FMU, which can be exported without changes, and return its path.
@@ -132,6 +139,13 @@ def new(
     reference: usual magnitude of the reference, in the output's unit of measurement, or of each reference. Default: 1.
     uncertainty: uncertainty of the numbers of `plant` as a part of them, 0.2 for 20 %. L1 controllers are designed for it, other
         descriptions keep it for `check`. Default: None, not given.
+    signal: signal of an experiment (kind "excitation"), "levels", "multisine" or "chirp". Default: "levels".
+    amplitude: its largest deviation from the operating point, of all inputs or of each. Default: 1.
+    operating_point: operating point of all inputs or of each. Default: 0.
+    settling_time: rough settling time of the plant, s. Default: 4/bandwidth, or that of the slowest pole of `plant`.
+    step: step of the signal, s. Default: 1/200 of the settling time, rounded down.
+    up_to: highest frequency of a multisine or chirp, rad/s.
+    seed: seed of the levels. Default: 1.
     force: True to overwrite an existing file. Default: False.
 
     Raises `Error` if no controller can be designed for the plant, or if the file exists and `force` is False.
@@ -147,6 +161,12 @@ def new(
         request += [f"{option}={size}"] if size is not None else []
     request += [f"--bandwidth={number(bandwidth)}"] if bandwidth is not None else []
     request += [f"--uncertainty={number(uncertainty)}"] if uncertainty is not None else []
+    request += [f"--signal={signal}"] if signal is not None else []
+    for option, each in (("--amplitude", amplitude), ("--operating-point", operating_point)):
+        request += [f"{option}={numbers(each)}"] if each is not None else []
+    for option, value in (("--settling-time", settling_time), ("--step", step), ("--up-to", up_to)):
+        request += [f"{option}={number(value)}"] if value is not None else []
+    request += [f"--seed={seed}"] if seed is not None else []
     request += ["--force"] if force else []
     if plant is None:
         done(request)

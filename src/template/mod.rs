@@ -10,7 +10,8 @@ pub use magnitudes::{Magnitudes, Values, write_magnitudes};
 pub use plant::{Plant, Signals};
 pub use records::Records;
 pub use text::{
-    Begun, Text, all, counted, diagonal, list, number, quoted, round_down, round_up, rows, texts, three_digits,
+    Begun, Text, all, as_written, counted, diagonal, list, number, quoted, round_down, round_up, rows, texts,
+    three_digits,
 };
 
 use crate::eigenvalues;
@@ -76,6 +77,35 @@ impl Sizes {
     }
 }
 
+/// An experiment that is to show a plant.
+#[derive(Debug, Clone, Copy)]
+pub struct Experiment<'a> {
+    /// Name of the signal.
+    pub signal: &'a str,
+    /// Names of the inputs, where no plant gives them; none where they have none.
+    pub names: &'a [String],
+    /// Largest deviation of the inputs: one for all, or one for each.
+    pub amplitude: &'a [f64],
+    /// Operating point of the inputs, likewise.
+    pub operating_point: &'a [f64],
+    /// Settling time of the plant, s.
+    pub settling_time: Option<f64>,
+    /// Step of the signal, s.
+    pub step: Option<f64>,
+    /// Highest frequency, rad/s.
+    pub up_to: Option<f64>,
+    /// Seed of random signals.
+    pub seed: i32,
+}
+
+impl Default for Experiment<'_> {
+    fn default() -> Self {
+        let (amplitude, operating_point) = (&[1.0], &[0.0]);
+        let (settling_time, step, up_to) = (None, None, None);
+        Experiment { signal: "levels", names: &[], amplitude, operating_point, settling_time, step, up_to, seed: 1 }
+    }
+}
+
 /// What is to be begun.
 #[derive(Debug, Clone)]
 pub struct Request<'a> {
@@ -93,6 +123,8 @@ pub struct Request<'a> {
     pub reference: &'a [f64],
     /// Assumed uncertainty of the plant, as a part of each of its numbers: 0.2 is 20 %; none where the user gave none.
     pub uncertainty: Option<f64>,
+    /// The experiment, for kinds that make one; a usual one where none is given.
+    pub experiment: Option<&'a Experiment<'a>>,
 }
 
 /// Bandwidth where there is no plant, rad/s.

@@ -154,5 +154,15 @@ fn steps(value: f64) -> impl Iterator<Item = f64> {
 
 /// Rounded to three digits.
 pub fn three_digits(value: f64) -> f64 {
-    format!("{value:.2e}").parse().unwrap_or(value)
+    rounded(value, 3)
+}
+
+/// Without the rounding errors of a few operations: 0.3 in place of 0.30000000000000004.
+pub fn as_written(value: f64) -> f64 {
+    rounded(value, 13)
+}
+
+fn rounded(value: f64, digits: usize) -> f64 {
+    let behind = digits - 1;
+    format!("{value:.behind$e}").parse().unwrap_or(value)
 }

@@ -109,7 +109,7 @@ def curves_of(page: html.HtmlElement) -> dict[str, np.ndarray]:
     return curves
 
 
-ALONE = {"Sensor": ["u[1]", "y[1]"], "Unwrap": ["u[1]", "y[1]"], "Actuator": ["u[1]", "y[1]"], "StateSpace": ["y[1]"], "PidNonlinearSiso": ["u[1]"]}
+ALONE = {"Excitation": ["u[1]"], "Sensor": ["u[1]", "y[1]"], "Unwrap": ["u[1]", "y[1]"], "Actuator": ["u[1]", "y[1]"], "StateSpace": ["y[1]"], "PidNonlinearSiso": ["u[1]"]}
 
 
 @pytest.mark.parametrize("name", ALONE)

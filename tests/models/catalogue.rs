@@ -16,7 +16,7 @@ use common::{at_top, description, description_folder, description_names};
 
 const FOLDERS: [&str; 5] = ["crates/framework/src", "crates/program/src", "crates/command_line/src", "src", "plants"];
 /// Names of kinds that are words of their own, too.
-const WORDS: [&str; 3] = ["reference", "composite", "funnel"];
+const WORDS: [&str; 4] = ["reference", "excitation", "composite", "funnel"];
 
 fn root() -> PathBuf {
     at_top("")

@@ -122,6 +122,7 @@ fn motor(matrices: [&str; 3], bandwidth: f64, tracking_time: f64) -> Run {
             bandwidth: Some(bandwidth),
             reference: &[100.0],
             uncertainty: None,
+            experiment: None,
         };
         adaptive_fmu::library::begin(&request).unwrap().text
     };

@@ -258,6 +258,7 @@ fn a_new_controller_turns_ten_times_as_fast_as_asked_for_and_covers_the_uncertai
         bandwidth: Some(4.0),
         reference: &[2.0],
         uncertainty: Some(0.2),
+        experiment: None,
     };
     let text = begin(&request).unwrap().text;
     let report = model(&text).unwrap().report();

@@ -363,6 +363,7 @@ fn a_new_law_leaks_and_is_bounded_by_how_far_its_model_is_from_the_plant() {
             bandwidth: Some(bandwidth),
             reference: &[1.0],
             uncertainty: None,
+            experiment: None,
         };
         let text: toml::Table = begin(&request).unwrap().text.parse().unwrap();
         let list = |name: &str| {

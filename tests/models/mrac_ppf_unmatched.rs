@@ -375,6 +375,7 @@ fn a_new_controller_keeps_the_speed_of_a_motor_whose_load_no_voltage_reaches() {
         bandwidth: Some(10.0),
         reference: &[100.0],
         uncertainty: None,
+        experiment: None,
     };
     let text = begin(&request).unwrap().text;
     let motor = "model = 'state-space'\n[structure]\nA = [[-2.0, 200.0], [-25.0, -650.0]]\nB = [[0.0], [450.0]]\nC = [[1.0, 0.0]]";

@@ -13,7 +13,16 @@ use common::described::model;
 
 fn request(kind: &str, states: Option<usize>, inputs: Option<usize>) -> Request<'_> {
     let sizes = Sizes { states, inputs, outputs: None };
-    Request { kind, name: "Mine", sizes, plant: None, bandwidth: None, reference: &[1.0], uncertainty: None }
+    Request {
+        kind,
+        name: "Mine",
+        sizes,
+        plant: None,
+        bandwidth: None,
+        reference: &[1.0],
+        uncertainty: None,
+        experiment: None,
+    }
 }
 
 fn begun_for(kind: &str, json: &str) -> Result<String, String> {

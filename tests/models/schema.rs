@@ -33,8 +33,16 @@ fn whatever_a_new_description_can_start_with_is_known_to_editors() {
         let Some(template) = entry.template else { continue };
         let (kind, name) = (entry.kind.name, "Mine");
         for &sizes in template.tried {
-            let request =
-                Request { kind, name, sizes, plant: None, bandwidth: None, reference: &[1.0], uncertainty: None };
+            let request = Request {
+                kind,
+                name,
+                sizes,
+                plant: None,
+                bandwidth: None,
+                reference: &[1.0],
+                uncertainty: None,
+                experiment: None,
+            };
             let description = Description::read(&begin(&request).unwrap().text).unwrap();
             let variables = Model::variables_of(&description, REGISTRY).unwrap();
             let settable = variables.iter().filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input));

@@ -36,7 +36,7 @@ enum Command {
     /// List the FMUs, the closed loops and the kinds of systems
     List(command::list::Arguments),
     /// Write a description of your own FMU to be filled in, or the structure of a loop
-    New(command::new::Arguments),
+    New(Box<command::new::Arguments>),
     /// From a plant to the recommended controller: design, simulate and compare controllers of several kinds
     Design(command::design::Arguments),
     /// Print the JSON schema of descriptions

@@ -88,6 +88,7 @@ fn request(json: &str) -> Request<'static> {
         bandwidth: None,
         reference: &[1.0],
         uncertainty: None,
+        experiment: None,
     }
 }
 

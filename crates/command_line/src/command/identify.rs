@@ -1,5 +1,7 @@
 //! `identify`: from records of a plant to a linear model with the uncertainty that the data leave.
 
+mod plan;
+
 use std::ffi::OsString;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -53,13 +55,13 @@ pub struct Arguments {
     /// The first line contains names; the column `time` or else the first one is the time in s, or in ms, us, min or h if
     /// its name ends with that: `time [ms]`. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
     /// `record` divides a file into records.
-    #[arg(required = true, value_name = "RECORD.csv")]
+    #[arg(required_unless_present = "plan", value_name = "RECORD.csv")]
     records: Vec<PathBuf>,
     /// Columns that are inputs of the plant
-    #[arg(long, value_name = "NAME,…")]
-    inputs: Names,
+    #[arg(long, value_name = "NAME,…", required_unless_present = "plan")]
+    inputs: Option<Names>,
     /// Columns that are its states: all of them are measured
-    #[arg(long, value_name = "NAME,…", required_unless_present = "outputs", conflicts_with = "outputs")]
+    #[arg(long, value_name = "NAME,…", required_unless_present_any = ["outputs", "plan"], conflicts_with = "outputs")]
     states: Option<Names>,
     /// Columns that are its outputs, if not all states are measured
     #[arg(long, value_name = "NAME,…")]
@@ -108,6 +110,15 @@ pub struct Arguments {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    plan: plan::PlanOptions,
+}
+
+impl Arguments {
+    /// Names of the inputs.
+    fn inputs(&self) -> &[String] {
+        self.inputs.as_ref().map_or(&[], |Names(names)| names)
+    }
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -142,6 +153,9 @@ pub fn level(text: &str) -> Result<f64, String> {
 
 /// Writes the model and prints what was found; the exit code is 3 where the model should not be used for a design.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    if let Some(file) = &arguments.plan.plan {
+        return plan::execute(file, &arguments.plan, arguments.json).map(|()| ExitCode::SUCCESS);
+    }
     let out = begun::path(&arguments.out);
     if !arguments.force && out.exists() {
         return Err(there_already(Error::File { file: out, source: ErrorKind::AlreadyExists.into() }));
@@ -151,7 +165,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let options = options(arguments, part)?;
     let checked: Vec<_> = held_out.iter().flatten().map(|read| read.record.clone()).collect();
     let checked = held_out.is_some().then_some(&checked[..]);
-    let of = |Names(measured): &Names| Signals { inputs: arguments.inputs.0.clone(), measured: measured.clone() };
+    let of = |Names(measured): &Names| Signals { inputs: arguments.inputs().to_vec(), measured: measured.clone() };
     let tables: Vec<_> = records.iter().map(|read| read.record.clone()).collect();
     let found = match (&arguments.states, &arguments.outputs) {
         (_, Some(outputs)) => identify_outputs(&tables, checked, &known(of(outputs), &tables)?, &options),
@@ -243,7 +257,7 @@ fn held_out(arguments: &Arguments) -> Result<(f64, Option<Vec<Read>>), Error> {
 
 fn options(arguments: &Arguments, hold_out: f64) -> Result<Options, Error> {
     let structure = arguments.structure.as_deref().map_or(Ok(Structure::default()), read_structure)?;
-    let count = arguments.inputs.0.len();
+    let count = arguments.inputs().len();
     let delays = match &arguments.delay[..] {
         [one] => vec![*one; count],
         each => each.to_vec(),

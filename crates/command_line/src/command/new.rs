@@ -2,6 +2,7 @@
 //! the structure of a loop of given units.
 
 mod closed_loop;
+mod excitation;
 pub mod plant;
 
 use std::ffi::OsString;
@@ -16,6 +17,7 @@ use adaptive_fmu::template::{Request, Sizes};
 use adaptive_fmu::{library, schema};
 use clap::builder::PossibleValuesParser;
 
+use self::excitation::{ExperimentOptions, is_experiment};
 use super::hosting::HostingOptions;
 use super::linearise::assignment;
 use super::names::{Names, Which};
@@ -40,9 +42,9 @@ enum Other {
 }
 
 /// The kind and the name are there where no other form is asked for.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 pub struct UnitArguments {
-    /// Kind of FMU: controller, observer, plant (state-space), reference, sensor or actuator
+    /// Kind of FMU: controller, observer, plant (state-space), reference, experiment (excitation), sensor or actuator
     #[arg(required = true, value_parser = PossibleValuesParser::new(library::begun().map(|entry| entry.kind.name)))]
     kind: Option<String>,
     /// Name of the FMU, a C identifier
@@ -55,7 +57,7 @@ pub struct UnitArguments {
     states: Option<Which>,
     /// Number of inputs of the plant, which are the controls of a controller [default: depends on KIND, mostly 1]
     ///
-    /// With --plant, give the names of the inputs to use [default: all].
+    /// With --plant, give the names of the inputs to use [default: all]. With excitation, names are those of the plant's inputs.
     #[arg(long, value_name = "COUNT or NAME,…")]
     inputs: Option<Which>,
     /// Number of outputs of the plant, or of channels [default: depends on KIND, mostly 1]
@@ -85,7 +87,9 @@ pub struct UnitArguments {
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment, requires = "plant")]
     set: Vec<(String, String)>,
     /// Communication step to linearise the FMU of --plant, s [default: the one it proposes, or 0.001]
-    #[arg(long, requires = "plant", value_parser = positive)]
+    ///
+    /// With excitation it is also the step of the signal [default: 1/200 of the settling time, rounded down].
+    #[arg(long, value_parser = positive)]
     step: Option<f64>,
     #[command(flatten)]
     trim: TrimOptions,
@@ -105,6 +109,8 @@ pub struct UnitArguments {
     uncertainty: Option<f64>,
     #[command(flatten)]
     region: plant::RegionOptions,
+    #[command(flatten)]
+    experiment: ExperimentOptions,
     /// File to write [default: NAME.toml]
     #[arg(long)]
     out: Option<PathBuf>,
@@ -127,54 +133,50 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
 }
 
-/// Writes the description, and beside it the schema by which editors complete it.
+/// Writes the description, and beside it the schema by which editors complete it; or the table of an experiment.
 fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitCode, Error> {
-    let UnitArguments { bandwidth, reference, uncertainty, force, .. } = arguments;
-    let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
+    let UnitArguments { bandwidth, reference, uncertainty, experiment, .. } = arguments;
+    experiment.check(kind, arguments)?;
+    let file = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.{}", ending(arguments))));
     let identified = recorded(arguments, &file)?;
-    let of_plant = identified.as_ref().map(|(file, _)| file).or(arguments.plant.as_ref());
-    let (plant, sizes) = match of_plant {
+    let plant_file = identified.as_ref().map(|(file, _)| file).or(arguments.plant.as_ref());
+    let (plant, sizes) = match plant_file {
         Some(file) => {
-            let asked = plant::Asked::of(arguments);
+            let asked = of_plant(kind, file, arguments);
             // The states of a model from records were chosen when it was made.
             let states = asked.states.filter(|_| identified.is_none());
             (Some(plant::find(&plant::Asked { states, ..asked }, file)?), Sizes::default())
         }
+        None if is_experiment(kind) => (None, excitation::sizes(arguments)?),
         None => (None, plant::sizes(arguments)?),
     };
     if let Some((option, value)) = arguments.region.given() {
         library::check_uncertainty(kind, option, plant.is_some(), value).map_err(Error::Argument)?;
     }
+    let asked = experiment.asked(arguments);
+    let experiment = experiment.experiment(&asked, arguments.step);
+    let experiment = is_experiment(kind).then_some(&experiment);
     let (bandwidth, uncertainty) = (*bandwidth, *uncertainty);
-    let request = Request { kind, name, sizes, plant, bandwidth, reference, uncertainty };
+    let request = Request { kind, name, sizes, plant, bandwidth, reference, uncertainty, experiment };
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };
     // With a plant, what is refused is about it.
-    let about = of_plant.unwrap_or(&file).clone();
+    let about = plant_file.unwrap_or(&file).clone();
     let begun =
         library::begin(&request).map_err(|invalid| Error::Description { file: about, reason: invalid.to_string() })?;
+    let made = Description::read(&begun.text).and_then(|own| Model::from_description(own, library::REGISTRY));
+    let made = made.map_err(|invalid| refuse(invalid.to_string()))?;
+    if arguments.experiment.csv {
+        write(&file, &excitation::table(made)?, false, arguments.force)?;
+        begun.notes.iter().for_each(|note| remark!("{note}"));
+        return Ok(ExitCode::SUCCESS);
+    }
     let mut text = begun.text;
     if !arguments.no_schema {
         text.insert_str(0, &format!("#:schema ./{}\n", schema::FILE));
     }
-    let folder = file.parent().unwrap_or(Path::new(""));
-    let mut files = Files::at(folder);
-    let Some(own) = file.file_name() else { return Err(refuse("must be the name of a file".to_owned())) };
-    if *force {
-        files.add(own, &text)?
-    } else {
-        files.add_new(own, &text).map_err(there_already)?
-    }
-    if !arguments.no_schema {
-        files.add(schema::FILE, schema::text())?;
-    }
-    files.place().map_err(there_already)?;
-    say!("{}", file.display());
-    if !arguments.no_schema {
-        say!("{}", folder.join(schema::FILE).display());
-    }
+    write(&file, &text, !arguments.no_schema, arguments.force)?;
     begun.notes.iter().for_each(|note| remark!("{note}"));
-    let made = Description::read(&text).and_then(|own| Model::from_description(own, library::REGISTRY));
-    let report = made.map_err(|invalid| refuse(invalid.to_string()))?.report();
+    let report = made.report();
     if let Some(reason) = report.reason() {
         tell!("Not sound: {reason}");
     }
@@ -211,6 +213,41 @@ fn recorded(arguments: &UnitArguments, out: &Path) -> Result<Option<(PathBuf, Ex
     asked.extend(structure.iter().flat_map(|file| ["--structure".into(), file.clone().into_os_string()]));
     asked.extend(force.then(|| "--force".into()));
     Ok(Some((model, identify::execute(&identify::Arguments::of(asked)?)?)))
+}
+
+/// The ending of the file that is written.
+fn ending(arguments: &UnitArguments) -> &'static str {
+    if arguments.experiment.csv { "csv" } else { "toml" }
+}
+
+/// Options for the plant: the step of an experiment is none for matrices.
+fn of_plant<'a>(kind: &str, file: &Path, arguments: &'a UnitArguments) -> plant::Asked<'a> {
+    let asked = plant::Asked::of(arguments);
+    let is_fmu = file.extension().is_some_and(|extension| extension == "fmu");
+    let step = asked.step.filter(|_| is_fmu || !is_experiment(kind));
+    plant::Asked { step, ..asked }
+}
+
+/// Writes a file, and beside it the schema where it is a description.
+fn write(file: &Path, text: &str, with_schema: bool, force: bool) -> Result<(), Error> {
+    let refuse = || Error::Description { file: file.to_owned(), reason: "must be the name of a file".to_owned() };
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let mut files = Files::at(folder);
+    let own = file.file_name().ok_or_else(refuse)?;
+    if force {
+        files.add(own, text)?
+    } else {
+        files.add_new(own, text).map_err(there_already)?
+    }
+    if with_schema {
+        files.add(schema::FILE, schema::text())?;
+    }
+    files.place().map_err(there_already)?;
+    say!("{}", file.display());
+    if with_schema {
+        say!("{}", folder.join(schema::FILE).display());
+    }
+    Ok(())
 }
 
 /// Tells how a file that is there is written all the same.

@@ -60,8 +60,8 @@ pub struct Callees {
     unary: Vec<(Unary, u64)>,
     /// The address of the function that takes a number to the power of another.
     pub power: u64,
-    /// The address of [`Opaque::Noise`], of three numbers.
-    pub noise: u64,
+    noise: u64,
+    uniform: u64,
 }
 
 macro_rules! callees {
@@ -87,8 +87,20 @@ impl Callees {
         extern "C" fn noise(seed: f64, channel: f64, sample: f64) -> f64 {
             Opaque::Noise.of([seed, channel, sample].into_iter())
         }
+        extern "C" fn uniform(seed: f64, channel: f64, sample: f64) -> f64 {
+            Opaque::Uniform.of([seed, channel, sample].into_iter())
+        }
         let unary = callees!(Sin Cos Tan Cosh Sinh Tanh Exp Ln Ln1p Atan Signum Floor Round Wrap);
-        Callees { unary, power: address(power as *const ()), noise: address(noise as *const ()) }
+        let [power, noise, uniform] = [power as *const (), noise as *const (), uniform as *const ()].map(address);
+        Callees { unary, power, noise, uniform }
+    }
+
+    /// The address of a function of three numbers that no arithmetic expresses.
+    pub fn of_opaque(&self, function: Opaque) -> u64 {
+        match function {
+            Opaque::Noise => self.noise,
+            Opaque::Uniform => self.uniform,
+        }
     }
 
     /// The address of a function of one number that isn't an instruction of every processor.

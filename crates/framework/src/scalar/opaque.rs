@@ -5,25 +5,30 @@
 pub enum Opaque {
     /// The number of a sample of Gaussian noise, from seed, channel and sample.
     Noise,
+    /// A number of (0, 1], each as likely, from the same. It is the same to the bit on every platform.
+    Uniform,
 }
 
 impl Opaque {
     /// Its value.
     pub fn of(self, mut arguments: impl Iterator<Item = f64>) -> f64 {
         let mut next = || arguments.next().unwrap_or(f64::NAN);
+        let (seed, channel, sample) = (next(), next(), next());
+        let stream = stream(seed as i32, channel as usize, sample);
         match self {
-            Opaque::Noise => {
-                let (seed, channel, sample) = (next(), next(), next());
-                normal(seed as i32, channel as usize, sample)
-            }
+            Opaque::Noise => normal(stream),
+            Opaque::Uniform => uniform(scrambled(stream, 0)),
         }
     }
 }
 
-/// The number of a sample of a channel, with mean 0 and standard deviation 1. It needs no generator's state: each number
-/// depends on seed, channel and sample alone.
-fn normal(seed: i32, channel: usize, sample: f64) -> f64 {
-    let stream = [seed as u64, channel as u64, sample as i64 as u64].into_iter().fold(0, scrambled);
+/// Random bits for a sample of a channel. They need no generator's state: they depend on seed, channel and sample alone.
+fn stream(seed: i32, channel: usize, sample: f64) -> u64 {
+    [seed as u64, channel as u64, sample as i64 as u64].into_iter().fold(0, scrambled)
+}
+
+/// A number with mean 0 and standard deviation 1.
+fn normal(stream: u64) -> f64 {
     let [radius, angle] = [0, 1].map(|half| uniform(scrambled(stream, half)));
     // Box and Muller's transformation.
     (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * angle).cos()
@@ -41,4 +46,29 @@ fn scrambled(number: u64, word: u64) -> u64 {
 /// A number in (0, 1].
 fn uniform(bits: u64) -> f64 {
     ((bits >> 11) + 1) as f64 / (1_u64 << 53) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uniform_numbers_fill_their_interval_evenly_and_independently() {
+        let of = |seed: f64, channel: f64, sample: f64| Opaque::Uniform.of([seed, channel, sample].into_iter());
+        let count = 20_000;
+        for (seed, channel) in [(1.0, 0.0), (2.0, 0.0), (-7.0, 3.0)] {
+            let numbers: Vec<f64> = (0..count).map(|k| of(seed, channel, f64::from(k))).collect();
+            assert!(numbers.iter().all(|number| *number > 0.0 && *number <= 1.0));
+            // Each tenth has its part of them, within five standard deviations, and neighbours don't follow each other.
+            for tenth in 0..10 {
+                let part = numbers.iter().filter(|number| (**number * 10.0).ceil() as i32 == tenth + 1).count();
+                assert!((part as f64 - 2000.0).abs() < 5.0 * 1800_f64.sqrt(), "{tenth}: {part}");
+            }
+            let pairs = numbers.windows(2).map(|pair| (pair[0] - 0.5) * (pair[1] - 0.5) * 12.0);
+            let correlation = pairs.sum::<f64>() / f64::from(count);
+            assert!(correlation.abs() < 5.0 / f64::from(count).sqrt(), "{correlation}");
+        }
+        assert_ne!(of(1.0, 0.0, 5.0), of(2.0, 0.0, 5.0));
+        assert_ne!(of(1.0, 0.0, 5.0), of(1.0, 1.0, 5.0));
+    }
 }

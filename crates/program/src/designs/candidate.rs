@@ -159,6 +159,7 @@ impl Task {
             bandwidth: None,
             reference: &self.references,
             uncertainty: None,
+            experiment: None,
         };
         let renamed = library::named_for_plants(&request).and_then(|(renamed, note)| Some((renamed.plant?, note)));
         match renamed {
@@ -200,6 +201,7 @@ impl Task {
             bandwidth,
             reference: &self.references,
             uncertainty: self.uncertainty.filter(|_| is_uncertain),
+            experiment: None,
         };
         let begun = library::begin(&request).map_err(Error::Argument)?;
         let model = Description::read(&begun.text).and_then(|own| Model::from_description(own, library::REGISTRY));
@@ -338,6 +340,7 @@ pub(super) fn surroundings(
             bandwidth: Some(bandwidth),
             reference: sizes,
             uncertainty: None,
+            experiment: None,
         };
         library::begin(&request).map(|begun| begun.text).map_err(Error::Argument)
     };

@@ -75,7 +75,7 @@ fn row(structure: &Structure) -> Vec<&Component> {
     let rank = |unit: &&Component| match role(structure, &unit.fmu) {
         Some(Role::Reference) => 0,
         Some(Role::Controller) => 2,
-        Some(Role::Actuator) => 3,
+        Some(Role::Actuator | Role::Excitation) => 3,
         Some(Role::Plant | Role::Composite) => 4,
         Some(Role::Sensor) => 5,
         Some(Role::Observer) => 6,

@@ -235,7 +235,7 @@ fn choose(structure: &Structure, parameters: &mut [Parameter]) {
     for component in &structure.components {
         let most = match role(structure, &component.fmu) {
             Some(Role::Controller | Role::Observer) => FIRST_OF_CONTROLLER,
-            Some(Role::Reference | Role::Sensor) => 2,
+            Some(Role::Reference | Role::Excitation | Role::Sensor) => 2,
             _ => FIRST_OF_OTHERS,
         };
         let given = |name: &str| component.values.iter().any(|value| value.name == name);

@@ -101,7 +101,7 @@ fn group(role: Option<Role>, is_input: bool, name: &str) -> Group {
         (Role::Sensor, true, "u") | (Role::Observer, true, "y") => Group::Measured,
         (Role::Controller, true, "x_obs") | (Role::Observer, false, "x_obs") => Group::Estimate,
         (Role::Controller, false, "u") | (Role::Plant | Role::Observer, true, "u") => Group::Control,
-        (Role::Actuator, false, "y" | "achieved") => Group::Control,
+        (Role::Actuator, false, "y" | "achieved") | (Role::Excitation, false, "u") => Group::Control,
         (Role::Actuator, true, "u") => Group::Command,
         _ => Group::Other,
     }

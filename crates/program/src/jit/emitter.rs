@@ -11,7 +11,7 @@ use cranelift_codegen::ir::{AbiParam, BlockArg, Function, InstBuilder, MemFlags,
 use cranelift_codegen::isa::CallConv;
 
 use crate::fmi2::kernel::{Callees, Write};
-use crate::recording::{Binary, Body, Comparison, Leaf, Node, Opaque, Operation, Unary, needed};
+use crate::recording::{Binary, Body, Comparison, Leaf, Node, Operation, Unary, needed};
 
 /// Where a function finds what it is given: a number, and where others lie.
 #[derive(Debug, Clone, Copy, Default)]
@@ -208,10 +208,10 @@ impl<'a> Emitter<'a> {
                 let (yes, no) = (self.real(of(yes))?, self.real(of(no))?);
                 self.cursor.ins().select(condition, yes, no)
             }
-            Operation::Opaque(Opaque::Noise, arguments) => {
+            Operation::Opaque(function, arguments) => {
                 let arguments = arguments.iter().map(|node| self.real(of(node))).collect::<Answer<Vec<Value>>>()?;
-                let arguments: [Value; 3] = arguments.try_into().map_err(|_| "noise follows from three numbers")?;
-                self.call(self.callees.noise, &arguments)
+                let arguments: [Value; 3] = arguments.try_into().map_err(|_| "it follows from three numbers")?;
+                self.call(self.callees.of_opaque(*function), &arguments)
             }
             Operation::Iterate { body, most, start, captured } => {
                 let mut all = |nodes: &[Node]| nodes.iter().map(|node| self.real(of(node))).collect::<Answer<Vec<_>>>();

@@ -285,9 +285,13 @@ fn expression(operation: &Operation, scope: &Scope) -> Expression {
         Operation::And(a, b) => Expression::and(of(a), of(b)),
         Operation::Or(a, b) => Expression::or(of(a), of(b)),
         Operation::Select(condition, yes, no) => Expression::select(of(condition), of(yes), of(no)),
-        Operation::Opaque(Opaque::Noise, arguments) => {
+        Operation::Opaque(function, arguments) => {
             let arguments: Vec<Expression> = arguments.iter().map(|argument| of(argument).clone()).collect();
-            Expression::call("noise", &arguments)
+            let name = match function {
+                Opaque::Noise => "noise",
+                Opaque::Uniform => "uniform_number",
+            };
+            Expression::call(name, &arguments)
         }
         Operation::Part(iteration, number) => Expression::atom(format!("{}[{number}]", of(iteration).text), Kind::Real),
         // Handled where statements are made.

@@ -11,7 +11,7 @@ const TAKEN: &str = "auto break case char const continue default do double else 
     log2 logb lrint lround memchr memcmp memcpy memmove memset modf nan nearbyint nextafter pow power powl remainder \
     remquo rint round scalbln scalbn signbit significand sin sinh sqrt strcat strchr strcmp strcpy strlen strncat strncmp \
     strncpy tan tanh tgamma trunc y0 y1 yn abs labs div exit abort atexit free malloc calloc realloc printf puts time sign whole \
-    wrapped noise tell refuse finite drem pow10 exp10 sincos ceill signals";
+    wrapped noise uniform_number tell refuse finite drem pow10 exp10 sincos ceill signals";
 
 /// Names that were given in a function.
 #[derive(Debug, Default)]

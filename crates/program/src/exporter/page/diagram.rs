@@ -127,7 +127,7 @@ fn rank(role: Option<Role>) -> usize {
     match role {
         Some(Role::Reference) => 0,
         Some(Role::Controller) => 1,
-        Some(Role::Actuator) => 2,
+        Some(Role::Actuator | Role::Excitation) => 2,
         Some(Role::Plant | Role::Composite) | None => 3,
         Some(Role::Sensor) => 4,
         Some(Role::Observer) => 5,

@@ -11,7 +11,13 @@ pub fn roles(units: &[DraftUnit], wires: &Wires) -> Vec<Role> {
     let known = |unit: &DraftUnit| match unit.role() {
         Some(catalogue::Role::Reference) => Some(Role::Reference),
         Some(catalogue::Role::Controller) => Some(Role::Controller),
-        Some(catalogue::Role::Sensor | catalogue::Role::Actuator | catalogue::Role::Observer) => Some(Role::Between),
+        Some(
+            catalogue::Role::Sensor
+            | catalogue::Role::Actuator
+            | catalogue::Role::Observer
+            // Behind the plant, so that a row of a record has the input that acts from then on.
+            | catalogue::Role::Excitation,
+        ) => Some(Role::Between),
         Some(catalogue::Role::Plant) => Some(Role::Plant),
         Some(catalogue::Role::Composite) => None,
         None if unit.description.variables.iter().any(|variable| variable.causality == "input") => None,

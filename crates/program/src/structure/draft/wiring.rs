@@ -170,7 +170,11 @@ impl<'a> Search<'a> {
         }
         let alike = self.alike.get(&key(name)).into_iter().flatten().copied();
         let alike: Vec<Signal> = alike.filter(|output| output.0 != input.0).collect();
-        self.decided(input, &alike, Some("the names differ only in their form".to_owned()))
+        match self.decided(input, &alike, Some("the names differ only in their form".to_owned())) {
+            // Without a controller the signal is all that acts.
+            Input::Open { .. } if unit.role() == Some(Role::Excitation) => Input::Unneeded,
+            decided => decided,
+        }
     }
 
     /// True if an output is what an actuator makes of a command.

@@ -77,12 +77,24 @@ static inline double uniform(uint64_t bits)
     return (double)((bits >> 11) + 1) / 9007199254740992.0;
 }
 
-/* The number of a sample of a channel, with mean 0 and standard deviation 1 (Box and Muller). */
-static inline real noise(real seed, real channel, real sample)
+/* Random bits for a sample of a channel. */
+static inline uint64_t random_bits(real seed, real channel, real sample)
 {
     uint64_t stream = scrambled(0, (uint64_t)(int64_t)whole(seed));
     stream = scrambled(stream, (uint64_t)whole(channel));
-    stream = scrambled(stream, (uint64_t)wide(sample));
+    return scrambled(stream, (uint64_t)wide(sample));
+}
+
+/* A number of (0, 1], each as likely, for a sample of a channel. */
+static inline real uniform_number(real seed, real channel, real sample)
+{
+    return (real)uniform(scrambled(random_bits(seed, channel, sample), 0));
+}
+
+/* The number of a sample of a channel, with mean 0 and standard deviation 1 (Box and Muller). */
+static inline real noise(real seed, real channel, real sample)
+{
+    const uint64_t stream = random_bits(seed, channel, sample);
     const double radius = uniform(scrambled(stream, 0));
     const double angle = uniform(scrambled(stream, 1));
     return (real)(sqrt(-2.0 * log(radius)) * cos(6.28318530717958647692 * angle));
