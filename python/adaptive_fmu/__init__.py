@@ -16,7 +16,8 @@ from importlib import metadata
 
 from ._checked import Checked, check
 from ._design import Designed, design
-from ._errors import ArgumentError, Error, Interrupted, LimitExceeded
+from ._errors import ArgumentError, Error, ExperimentWarning, Interrupted, LimitExceeded
+from ._identify import Identified, identify
 from ._linear import Linearisation
 from ._loop import Loop, Sweep, Tuned
 from ._program import program
@@ -28,6 +29,8 @@ __all__ = [
     "Checked",
     "Designed",
     "Error",
+    "ExperimentWarning",
+    "Identified",
     "Interrupted",
     "LimitExceeded",
     "Linearisation",
@@ -39,6 +42,7 @@ __all__ = [
     "design",
     "export",
     "fmus",
+    "identify",
     "kinds",
     "linearise",
     "loops",

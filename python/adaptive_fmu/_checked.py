@@ -48,6 +48,11 @@ class Checked:
         self.findings: pd.DataFrame = pd.DataFrame(
             report["findings"], columns=["section", "name", "value", "unit", "verdict", "note"]
         )
+        #: Findings about the plants within the uncertainty by their names, such as "plants tried" and "stable up to"; for an
+        #: identified plant they are those of its region. Empty without a nominal plant.
+        self.region: dict[str, Any] = {
+            finding["name"]: finding["value"] for finding in report["findings"] if finding["section"] == "Uncertain plants"
+        }
         #: Plants within the uncertainty with which the loop is worst: `respects` (names of findings), A and B.
         self.worst: list[dict[str, Any]] = report.get("worst") or []
         #: Pictures of the loop with the nominal plant: title, x, y, logarithmic, curves (name, of, points). Empty without such a plant.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pandas as pd
 from ._loop import Loop
 from ._plant import PathLike, plant_file
 from ._pool import done
-from ._values import number, numbers
+from ._values import Value, number, numbers, trim
 
 
 class Designed:
@@ -82,7 +82,12 @@ def design(
     output: Sequence[str] = (),
     inputs: Sequence[str] = (),
     measured: Sequence[str] | None = None,
-    uncertainty: float = 0.2,
+    uncertainty: float | None = None,
+    margin: float | None = None,
+    level: float | None = None,
+    free: Sequence[str] = (),
+    want: Mapping[str, Value] | None = None,
+    hold: Sequence[str] = (),
     kinds: Sequence[str] = (),
     reference: float | Sequence[float] = 1.0,
     noise: float | dict[str, float] | None = None,
@@ -100,7 +105,10 @@ def design(
     output: names of the outputs to control, as many as inputs. Default: all.
     inputs: names of the inputs to use. Default: all.
     measured: names of the states that are measured, in addition to the outputs. Default: None, all are measured.
-    uncertainty: uncertainty of each number of A and B as a part of it, 0.2 for 20 %.
+    uncertainty: uncertainty of each number of A and B as a part of it. Default: 0.2 for 20 %; an identified plant has its own.
+    margin: factor of the region of an identified plant, for wear and other loads. Default: 3.
+    level: confidence level of that region. Default: that of the model.
+    free, want, hold: operating point at which an FMU is linearised, as for `linearise`.
     kinds: kinds of controllers to try, such as "pid" or "l1". Default: all that `design` knows.
     reference: usual magnitude of the reference, in the output's unit of measurement, or of each reference. Default: 1.
     noise: standard deviation of the noise of all measured signals, or of some of them by name. Default: None, no noise.
@@ -119,11 +127,12 @@ def design(
         "design",
         "--json",
         f"--out={os.fspath(folder)}",
-        f"--uncertainty={number(uncertainty)}",
         f"--reference={numbers(reference)}",
     ]
-    for option, value in (("--settling-time", settling_time), ("--bandwidth", bandwidth)):
+    known = (("--settling-time", settling_time), ("--bandwidth", bandwidth), ("--uncertainty", uncertainty))
+    for option, value in (*known, ("--margin", margin), ("--level", level)):
         request += [f"{option}={number(value)}"] if value is not None else []
+    request += trim(free, want, hold)
     for option, names in (("--output", output), ("--inputs", inputs), ("--measured", measured), ("--kinds", kinds)):
         request += [f"{option}={','.join(names)}"] if names else []
     every = noise if isinstance(noise, dict) else {"": noise}

@@ -47,6 +47,15 @@ class LimitExceeded(Error):
     """
 
 
+class ExperimentWarning(UserWarning):
+    """A record has a fault, or the model that is identified from it should not be used for a design.
+
+    >>> import adaptive_fmu
+    >>> issubclass(adaptive_fmu.ExperimentWarning, UserWarning)
+    True
+    """
+
+
 class Interrupted(KeyboardInterrupt):
     """The user interrupted a run (exit code 130). `partial` contains the results until then.
 

@@ -13,6 +13,8 @@ from typing import Any, Union
 import numpy as np
 
 from ._errors import ArgumentError
+from ._identify import Identified
+from ._program import retold
 
 #: Path of a file or folder.
 PathLike = Union[str, "os.PathLike[str]"]
@@ -25,9 +27,14 @@ def plant_file(plant: Any) -> Iterator[str]:
         yield os.fspath(plant)
         return
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "plant.json"
-        file.write_text(json.dumps(_matrices(plant)))
-        yield os.fspath(file)
+        if isinstance(plant, Identified):
+            file = Path(folder) / plant.file
+            file.write_bytes(plant.text.encode())
+        else:
+            file = Path(folder) / "plant.json"
+            file.write_text(json.dumps(_matrices(plant)))
+        with retold(lambda message: message.replace(os.fspath(file), "plant")):
+            yield os.fspath(file)
 
 
 def _matrices(plant: Any) -> dict[str, Any]:
@@ -50,7 +57,7 @@ def _matrices(plant: Any) -> dict[str, Any]:
     if len(parts) != 4 or any(part is None for part in parts):
         raise ArgumentError(
             f"plant has the type {type(plant).__name__}. It must be a linear system of python-control or scipy.signal, matrices "
-            "(A, B, C, D), a Linearisation, or the path of a JSON file or an FMU"
+            "(A, B, C, D), a Linearisation, an Identified, or the path of a JSON file or an FMU"
         )
     matrices = {name: np.atleast_2d(np.asarray(part, dtype=float)).tolist() for name, part in zip("ABCD", parts)}
     return matrices | ({"dt": float(dt)} if dt else {})

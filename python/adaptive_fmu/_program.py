@@ -72,17 +72,33 @@ def require_unicode(*words: str) -> None:
 
 
 # Keyword arguments whose names differ from those of the options that they become.
-KEYWORDS = {"set": "values", "parameter": "parameters", "steady-state": "steady_state"}
+KEYWORDS = {
+    "hold-out": "hold_out",
+    "parameter": "parameters",
+    "set": "values",
+    "settling-time": "settling_time",
+    "steady-state": "steady_state",
+}
 OPTION = re.compile(
-    r"--(at|bandwidth|case|compile|composite|fmus|force|free|generations|hold|input|inputs|interface|metric|order|out|outputs|parameter|"
-    r"particles|plant|platforms|record|reference|seed|separate|set|source|square|ssp|states|steady-state|step|tag|terminals|"
-    r"uncertainty|until|values|want|without)\b(?![\w-])(?: <[^>]+>)?"
+    r"--(at|bandwidth|case|compile|composite|delay|fixed|fmus|force|free|generations|hold|hold-out|input|inputs|interface|kinds|level|"
+    r"margin|measured|metric|noise|offset|order|out|output|outputs|parameter|particles|plant|platforms|record|reference|seed|separate|"
+    r"set|settling-time|source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|values|want|windows|"
+    r"without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
 )
 
 
 def in_keywords(message: str) -> str:
     """Return a message of the program with keyword arguments in place of the options that they became."""
-    return OPTION.sub(lambda option: KEYWORDS.get(option[1], option[1]), message)
+    return OPTION.sub(lambda option: KEYWORDS.get(option[1], option[1]) + (f"={option[2]}" if option[2] else ""), message)
+
+
+@contextmanager
+def retold(change: Callable[[str], str]) -> Iterator[None]:
+    """Change the messages of errors, such as those that name a file of which the caller knows nothing."""
+    try:
+        yield
+    except Error as error:
+        raise type(error)(change(str(error))) from None
 
 
 @dataclass

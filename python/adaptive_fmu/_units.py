@@ -16,7 +16,7 @@ from ._plant import PathLike, plant_file
 from ._pool import ask, done
 from ._progress import shown
 from ._result import Result, result_of
-from ._values import Value, number, numbers, words
+from ._values import Value, joined, number, numbers, trim, words
 
 
 def fmus() -> pd.DataFrame:
@@ -109,12 +109,17 @@ def new(
     file: PathLike,
     *,
     plant: Any = None,
-    states: int | None = None,
-    inputs: int | None = None,
-    outputs: int | None = None,
+    states: int | str | Sequence[str] | None = None,
+    inputs: int | str | Sequence[str] | None = None,
+    outputs: int | str | Sequence[str] | None = None,
     bandwidth: float | None = None,
     reference: float | Sequence[float] = 1.0,
     uncertainty: float | None = None,
+    margin: float | None = None,
+    level: float | None = None,
+    free: Sequence[str] = (),
+    want: Mapping[str, Value] | None = None,
+    hold: Sequence[str] = (),
     signal: str | None = None,
     amplitude: float | Sequence[float] | None = None,
     operating_point: float | Sequence[float] | None = None,
@@ -128,17 +133,23 @@ def new(
 
     kind: kind of FMU, one of `kinds()` whose column `new` is True, such as "l1", "pid" or "state-space".
     file: file to write, NAME.toml. NAME is the name of the FMU, a C identifier.
-    plant: nominal plant: a linear system of python-control or scipy.signal, matrices (A, B, C, D), a `Linearisation`, a JSON file
-        with A, B, C, D, or any FMU, which is linearised. A sampled system is converted to continuous time. Default: chains of
-        integrators with the sizes below.
-    states: number of states of the plant, if `plant` is not given. Default: depends on `kind`, mostly 2.
-    inputs: number of inputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1.
-    outputs: number of outputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1.
+    plant: nominal plant: a linear system of python-control or scipy.signal, matrices (A, B, C, D), a `Linearisation`, an
+        `Identified`, a JSON file with A, B, C, D, or any FMU, which is linearised. A sampled system is converted to continuous
+        time. Default: chains of integrators with the sizes below.
+    states: number of states of the plant, if `plant` is not given. Default: depends on `kind`, mostly 2. For an FMU that declares
+        no states: their names. Default: all its Real outputs.
+    inputs: number of inputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1. With `plant`: names of
+        the inputs to use. Default: all.
+    outputs: number of outputs of the plant, if `plant` is not given. Default: depends on `kind`, mostly 1. With `plant`: names of
+        the outputs to use. Default: all.
     bandwidth: minimum bandwidth of the controlled system, rad/s. Default: that of the plant's slowest pole not at 0; 2 rad/s if
         all poles are at 0, and for the kind "neuro-ppf".
     reference: usual magnitude of the reference, in the output's unit of measurement, or of each reference. Default: 1.
     uncertainty: uncertainty of the numbers of `plant` as a part of them, 0.2 for 20 %. L1 controllers are designed for it, other
-        descriptions keep it for `check`. Default: None, not given.
+        descriptions keep it for `check`. Default: None, not given: an `Identified` has its own.
+    margin: factor of the region of an identified plant, for wear and other loads. Default: 3.
+    level: confidence level of that region. Default: that of the model.
+    free, want, hold: operating point at which an FMU is linearised, as for `linearise`.
     signal: signal of an experiment (kind "excitation"), "levels", "multisine" or "chirp". Default: "levels".
     amplitude: its largest deviation from the operating point, of all inputs or of each. Default: 1.
     operating_point: operating point of all inputs or of each. Default: 0.
@@ -158,9 +169,10 @@ def new(
     file = Path(file)
     request = ["new", kind, f"--name={file.stem}", f"--out={os.fspath(file)}", f"--reference={numbers(reference)}"]
     for option, size in (("--states", states), ("--inputs", inputs), ("--outputs", outputs)):
-        request += [f"{option}={size}"] if size is not None else []
-    request += [f"--bandwidth={number(bandwidth)}"] if bandwidth is not None else []
-    request += [f"--uncertainty={number(uncertainty)}"] if uncertainty is not None else []
+        request += [f"{option}={joined(size) if isinstance(size, Sequence) else size}"] if size is not None else []
+    known = (("--bandwidth", bandwidth), ("--uncertainty", uncertainty), ("--margin", margin), ("--level", level))
+    request += [f"{option}={number(value)}" for option, value in known if value is not None]
+    request += trim(free, want, hold)
     request += [f"--signal={signal}"] if signal is not None else []
     for option, each in (("--amplitude", amplitude), ("--operating-point", operating_point)):
         request += [f"{option}={numbers(each)}"] if each is not None else []
@@ -256,11 +268,7 @@ def linearise(
     >>> round(float(hover.operating_point.loc["u[1]", "value"]), 6)
     5.886
     """
-    request = ["linearise", "--json", *words("--set", values or {}), *words("--want", want or {})]
-    for option, names in (("--free", free), ("--hold", hold)):
-        if isinstance(names, str):
-            raise ArgumentError(f"{option[2:]} = {names!r} is not allowed. It must be a list of names, e.g. [{names!r}]")
-        request += [f"{option}={name}" for name in names]
+    request = ["linearise", "--json", *words("--set", values or {}), *trim(free, want, hold)]
     request += [f"--at={number(at)}"] if at is not None else []
     request += ["--steady-state"] if steady_state else []
     request += [f"--step={number(step)}"] if step is not None else []

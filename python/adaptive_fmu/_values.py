@@ -51,6 +51,21 @@ def numbers(values: Any) -> str:
     return number(values)
 
 
+def joined(names: str | Sequence[str]) -> str:
+    """Return names with commas between them."""
+    return names if isinstance(names, str) else ",".join(names)
+
+
+def trim(free: Sequence[str], want: Mapping[str, Value] | None, hold: Sequence[str]) -> list[str]:
+    """Return an operating point to search for as options."""
+    request = words("--want", want or {})
+    for option, names in (("--free", free), ("--hold", hold)):
+        if isinstance(names, str):
+            raise ArgumentError(f"{option[2:]} = {names!r} is not allowed. It must be a list of names, e.g. [{names!r}]")
+        request += [f"{option}={name}" for name in names]
+    return request
+
+
 def of_units(values: Mapping[str, Value] | None, units: Mapping[str, Mapping[str, Value]]) -> dict[str, Value]:
     """Return all values by their names in a loop, `component.variable`; values of `units` override those of `values`."""
     together: dict[str, Value] = dict(values or {})
