@@ -61,7 +61,7 @@ mod identify;
 mod known_rows;
 mod layout;
 mod linear;
-mod marquardt;
+pub mod marquardt;
 mod model;
 mod options;
 mod outputs;

@@ -14,7 +14,7 @@ const LEAST_GAIN: f64 = 1e-6;
 
 /// Residuals at a point.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Value {
+pub struct Value {
     /// Root mean square of each signal's residual.
     pub rms: Vec<f64>,
     /// −2 ln likelihood of Gaussian noise of unknown variances, up to a constant.
@@ -23,19 +23,22 @@ pub(crate) struct Value {
 
 /// A point of a search, with its residuals.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Fit {
+pub struct Fit {
+    /// The point.
     pub unknowns: Vec<f64>,
+    /// Its residuals.
     pub value: Value,
 }
 
 impl Value {
+    /// Weight of each signal's residual: the inverse of its root mean square.
     pub fn weights(&self) -> Vec<f64> {
         self.rms.iter().map(|rms| 1.0 / rms.max(LEAST_RMS)).collect()
     }
 }
 
 /// −2 ln likelihood as a function of unknowns, by its residuals.
-pub(crate) trait Objective {
+pub trait Objective {
     /// The number of signals with residuals.
     fn signals(&self) -> usize;
 
@@ -54,8 +57,8 @@ pub(crate) trait Objective {
     fn normal_equations(&self, unknowns: &[f64], weights: &[f64]) -> Option<(DMatrix<f64>, DVector<f64>, Value)>;
 }
 
-/// Searches from a point in so many steps at most. `None` where the point itself isn't allowed.
-pub(crate) fn search(objective: &impl Objective, start: &[f64], steps: usize) -> Option<Fit> {
+/// Searches from a point in so many steps at most. `None` where the point itself isn't allowed, or no derivatives are found.
+pub fn search(objective: &impl Objective, start: &[f64], steps: usize) -> Option<Fit> {
     let mut weights = objective.value(start, &vec![1.0; objective.signals()])?.weights();
     let mut fit = Fit { unknowns: start.to_vec(), value: objective.value(start, &weights)? };
     let mut damping = FIRST_DAMPING;
@@ -141,12 +144,14 @@ pub(crate) fn weighted(e: &DMatrix<f64>, weights: &[f64]) -> DVector<f64> {
 }
 
 /// Sums of squares of residuals.
-pub(crate) struct Sums {
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sums {
     squares: Vec<f64>,
     counts: Vec<f64>,
 }
 
 impl Sums {
+    /// No residuals of so many signals.
     pub fn new(signals: usize) -> Self {
         Sums { squares: vec![0.0; signals], counts: vec![0.0; signals] }
     }
@@ -159,6 +164,7 @@ impl Sums {
         }
     }
 
+    /// Root mean squares and objective; `None` where they aren't finite.
     pub fn value(&self) -> Option<Value> {
         let all = self.squares.iter().zip(&self.counts);
         let rms: Vec<f64> = all.map(|(square, count)| (square / count.max(1.0)).sqrt()).collect();

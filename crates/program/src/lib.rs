@@ -16,6 +16,7 @@ pub mod distribution;
 pub mod drawing;
 #[allow(unsafe_code)]
 mod dynamic;
+pub mod estimation;
 pub mod explore;
 pub mod exporter;
 pub mod figures;

@@ -1,5 +1,6 @@
 //! `identify`: from records of a plant to a linear model with the uncertainty that the data leave.
 
+mod parameters;
 mod plan;
 
 use std::ffi::OsString;
@@ -111,6 +112,8 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    parameters: parameters::ParameterOptions,
+    #[command(flatten)]
     plan: plan::PlanOptions,
 }
 
@@ -161,6 +164,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         return Err(there_already(Error::File { file: out, source: ErrorKind::AlreadyExists.into() }));
     }
     let records = read(&arguments.records, arguments)?;
+    if let Some(fmu) = &arguments.parameters.fmu {
+        return parameters::execute(arguments, fmu, &records);
+    }
     let (part, held_out) = held_out(arguments)?;
     let options = options(arguments, part)?;
     let checked: Vec<_> = held_out.iter().flatten().map(|read| read.record.clone()).collect();

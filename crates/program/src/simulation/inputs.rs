@@ -105,6 +105,37 @@ impl Inputs {
         Ok(read)
     }
 
+    /// Inputs of a unit in memory; where they are held, all of them stay constant from time to time.
+    ///
+    /// # Errors
+    /// A name that is no input of the unit, times that go back, or values that an input can't have.
+    pub fn of_columns(
+        description: &ModelDescription,
+        times: &[f64],
+        columns: Vec<(String, Vec<f64>)>,
+        is_held: bool,
+    ) -> Result<Self, String> {
+        if let Some(row) = (1..times.len()).find(|&row| !(times[row] > times[row - 1])) {
+            return Err(format!("time = {} after {}: must grow", times[row], times[row - 1]));
+        }
+        let column = |(name, values): (String, Vec<f64>)| {
+            let Some(variable) = of_unit(description).find(|variable| variable.name == name) else {
+                let known: Vec<_> = of_unit(description).map(|variable| variable.name.as_str()).collect();
+                return Err(format!("the FMU has no input `{name}`; {}", near::choice(&name, &known, SHOWS_VARIABLES)));
+            };
+            let mut own = Column::of(variable);
+            for (row, &value) in values.iter().enumerate() {
+                own.check(value).map_err(|allowed| format!("{name} = {} at {} s: {allowed}", shown(value), times[row]))?;
+            }
+            if is_held && own.kind == Kind::Continuous {
+                own.kind = Kind::Held;
+            }
+            Ok(Column { values, ..own })
+        };
+        let columns = columns.into_iter().map(column).collect::<Result<_, _>>()?;
+        Ok(Inputs { times: times.to_vec(), columns })
+    }
+
     /// The times, s.
     pub fn times(&self) -> &[f64] {
         &self.times
@@ -114,7 +145,7 @@ impl Inputs {
     ///
     /// # Errors
     /// When the unit refuses.
-    pub(super) fn set(&self, instance: &Instance, time: f64) -> Result<(), Error> {
+    pub(crate) fn set(&self, instance: &Instance, time: f64) -> Result<(), Error> {
         for column in &self.columns {
             let (reference, value) = ([column.reference], self.value(column, time));
             match column.kind {

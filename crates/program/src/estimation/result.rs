@@ -1,0 +1,113 @@
+//! Parameters that were found, and how sure they are.
+
+use adaptive_fmu_identification::marquardt::Fit;
+use nalgebra::DMatrix;
+
+use super::objective::Simulated;
+use super::uncertainty::Weighted;
+
+/// A parameter that was estimated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimated {
+    /// Name in the FMU.
+    pub name: String,
+    /// Unit of measurement.
+    pub unit: String,
+    /// The record whose value it is, from 0; none of a parameter of all.
+    pub record: Option<usize>,
+    /// The value.
+    pub value: f64,
+    /// Standard error.
+    pub error: f64,
+    /// True if it is at an end of its range.
+    pub is_at_end: bool,
+}
+
+/// The result of an estimation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The parameters.
+    pub parameters: Vec<Estimated>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+    /// Condition number of the information with unit diagonal: beyond 1e8 combinations of parameters can't be told apart.
+    pub condition: f64,
+    /// Root mean square of each output's residual.
+    pub noise: Vec<f64>,
+    /// The part of the held-out motion of each output that the simulation follows, %; empty where nothing is held out.
+    pub held_out: Vec<f64>,
+    /// The part that noise leaves, %.
+    pub ceiling: Vec<f64>,
+}
+
+/// A value so near to an end of its range, in parts of it, is at it.
+const AT_END: f64 = 1e-3;
+
+impl Simulated<'_> {
+    /// The parameters of a fit; `None` where simulations beside it fail, or a parameter does nothing.
+    pub(super) fn found(&self, fit: &Fit) -> Option<Found> {
+        let point = &fit.unknowns;
+        let (residuals, derivatives) = (self.residuals(point)?, self.derivatives(point)?);
+        let weights = fit.value.weights();
+        let mut weighted = Weighted { derivatives: Vec::new(), residuals: Vec::new() };
+        for (record, e) in residuals.iter().enumerate() {
+            for row in 0..e.ncols() {
+                let of = |i: usize, k: usize| derivatives[k][record][(i, row)] * weights[i];
+                weighted.derivatives.push(DMatrix::from_fn(e.nrows(), point.len(), of));
+                weighted.residuals.push(DMatrix::from_fn(e.nrows(), 1, |i, _| e[(i, row)] * weights[i]));
+            }
+        }
+        let (of_point, condition) = weighted.covariance()?;
+        let slopes: Vec<_> = self.unknowns.iter().zip(point).map(|(unknown, q)| unknown.slope(*q)).collect();
+        let covariance = DMatrix::from_fn(point.len(), point.len(), |i, j| of_point[(i, j)] * slopes[i] * slopes[j]);
+        let parameters = self.unknowns.iter().zip(point).enumerate().map(|(k, (unknown, q))| {
+            let value = unknown.value(*q);
+            let is_at_end = unknown.range.is_some_and(|[low, high]| {
+                let least = AT_END * (high - low);
+                value - low < least || high - value < least
+            });
+            let (name, unit) = (unknown.name.clone(), unknown.unit.clone());
+            Estimated { name, unit, record: unknown.record, value, error: covariance[(k, k)].sqrt(), is_at_end }
+        });
+        let (held_out, ceiling) = self.held_out(point, &fit.value.rms)?;
+        Some(Found {
+            parameters: parameters.collect(),
+            covariance,
+            condition,
+            noise: fit.value.rms.clone(),
+            held_out,
+            ceiling,
+        })
+    }
+
+    /// Fits of what the search didn't see, and those of a simulation that is off by noise alone.
+    fn held_out(&self, point: &[f64], rms: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+        if self.task.hold_out == 0.0 {
+            return Some((Vec::new(), Vec::new()));
+        }
+        let courses = self.outputs_at(point).ok()?;
+        let mut fits = (Vec::new(), Vec::new());
+        for (i, noise) in rms.iter().enumerate() {
+            let (mut off, mut motion, mut count) = (0.0, 0.0, 0);
+            for (record, of) in courses.iter().enumerate() {
+                let e = self.differences(record, of);
+                let seen: Vec<_> = (0..self.seen[record]).filter(|&row| self.counts(record, i, row)).collect();
+                let mean = |sum: f64, count: usize| if count > 0 { sum / count as f64 } else { 0.0 };
+                let offset = if self.task.has_offsets {
+                    mean(seen.iter().map(|&row| e[(i, row)]).sum(), seen.len())
+                } else {
+                    0.0
+                };
+                let measured = &self.task.records[record].outputs[i];
+                let rows: Vec<_> = (self.seen[record]..e.ncols()).filter(|&row| measured[row].is_finite()).collect();
+                let middle = mean(rows.iter().map(|&row| measured[row]).sum(), rows.len());
+                off += rows.iter().map(|&row| (e[(i, row)] - offset).powi(2)).sum::<f64>();
+                motion += rows.iter().map(|&row| (measured[row] - middle).powi(2)).sum::<f64>();
+                count += rows.len();
+            }
+            fits.0.push(100.0 * (1.0 - (off / motion).sqrt()));
+            fits.1.push(100.0 * (1.0 - noise / (motion / count.max(1) as f64).sqrt()));
+        }
+        Some(fits)
+    }
+}
