@@ -8,19 +8,19 @@ use crate::data::{Data, Source};
 use crate::estimate::{Estimate, Method, estimate};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
-use crate::held_out::{Disturbance, bandwidth, disturbance, held_out, take_wrong_out};
+use crate::held_out::{Disturbance, bandwidth, take_wrong_out};
 use crate::known_rows;
 use crate::layout::{Continuous, Layout, Place, factor};
 use crate::marquardt::Fit;
 use crate::model::rows;
 use crate::options::{Identified, Options};
-use crate::poles::{Pole, poles};
+use crate::poles::poles;
 use crate::record::{Record, Signals};
 use crate::request::{act, duration, parts, tested, without_fixed};
 use crate::residuals::Residuals;
+use crate::results::Results;
 use crate::structure::Entries;
-use crate::uncertainty::Uncertainty;
-use crate::written::{self, Parts, estimated};
+use crate::written::{self, Parts};
 
 /// Identifies x' = A x + B u + d from records in which all states are measured. Without records that are held out as a whole, the last
 /// part of each record is.
@@ -155,9 +155,6 @@ impl Request<'_> {
         let (data, layout, hold) = (&found.data, &found.layout, self.options.hold);
         let fit = found.estimate.fit();
         let problem = found.estimate.problem(data, layout, hold);
-        let failed = || Refusal::new(Cause::NoModel, "no model of these states follows the record: it isn't finite");
-        let uncertainty = Uncertainty::of(&problem, fit).ok_or_else(failed)?;
-        let residuals = Residuals::of(&problem, fit).ok_or_else(failed)?;
         let model = found.model_of(fit);
         let h = data.scaling.h;
         let band = self.options.bandwidth.map_or_else(|| bandwidth(&model.a, data.rows()), |wanted| wanted * h);
@@ -168,20 +165,15 @@ impl Request<'_> {
             report(tested, &cells, self.tested, &mut findings);
         }
         let tested = tested.as_ref();
-        let fits = tested.and_then(|data| held_out(&model, data, hold, (&free, band), noise));
-        let whiteness = residuals.whiteness(data.n);
-        let noises = (&found.estimate.innovation.value.rms[..], &whiteness[..]);
-        checks::refuse_not_followed(fits.as_ref(), noises, self.names, "states", "is a state missing?")?;
-        let disturbed = tested.and_then(|data| disturbance(&model, data, hold, band, noise)).unwrap_or_default();
-        let pole_list: Vec<Pole> =
-            poles(&model.a, layout, &uncertainty.covariance).into_iter().map(|pole| pole.scaled(1.0 / h)).collect();
+        let of = (&problem, fit, "states");
+        let results = Results::of(of, &model, tested, (&free, band), noise)?;
+        let noises = (&found.estimate.innovation.value.rms[..], &results.whiteness[..]);
+        checks::refuse_not_followed(results.fits.as_ref(), noises, self.names, "states", "is a state missing?")?;
         let unknowns = &layout.unknowns_of(&model);
         let factors = layout.unknowns.iter().map(|unknown| factor(unknown.place, &data.scaling)).collect();
-        let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &uncertainty, factors };
-        self.report(&found, &estimates, &pole_list, &mut findings);
-        let own = held_out(&model, data, hold, (&free, band), noise);
-        checks::fits(fits.as_ref(), own.as_ref(), self.names, &mut findings);
-        let file = written::file(Parts {
+        let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &results.uncertainty, factors };
+        self.report(&found, &estimates, &results, &mut findings);
+        let parts = Parts {
             data,
             layout,
             names: self.names,
@@ -189,36 +181,27 @@ impl Request<'_> {
             records: self.records,
             entries: self.entries,
             model: &model,
-            uncertainty: &uncertainty,
-            fits: fits.as_ref(),
-            whiteness,
+            results: &results,
             rms: &fit.value.rms,
-            disturbance: disturbed.matched.clone(),
             method: match found.estimate.method {
                 Method::OutputError => "output error",
                 Method::Innovation => "innovation form",
             },
-        });
+        };
         Ok(Identified {
-            model: file,
-            entries: estimated(&estimates),
-            poles: pole_list,
-            condition: uncertainty.condition,
-            ceiling: fits.map_or_else(Vec::new, |fits| fits.ceiling),
-            unmatched: disturbed.unmatched.clone(),
-            disturbance_over_time: self.course(tested, &disturbed),
+            disturbance_over_time: self.course(tested, &results.disturbed),
             losses: [
                 found.estimate.output_error.as_ref().map(|fit| fit.value.loss),
                 Some(found.estimate.innovation.value.loss),
             ],
             gain: gain(&found, fit),
             wrong_cells: cells::listed(&found.data, &found.wrong, self.names.signals),
-            orders: Vec::new(),
-            findings,
+            ..written::identified(parts, &estimates, findings)
         })
     }
 
-    fn report(&self, found: &Found, estimates: &Estimates, pole_list: &[Pole], findings: &mut Vec<Finding>) {
+    fn report(&self, found: &Found, estimates: &Estimates, results: &Results, findings: &mut Vec<Finding>) {
+        let pole_list = &results.poles;
         let (data, h) = (&found.data, found.data.scaling.h);
         let duration = duration(self.records);
         estimates.information(pole_list, h, checks::CONDITION, findings);
@@ -237,6 +220,7 @@ impl Request<'_> {
         if let Some(residuals) = Residuals::of(&problem, &found.estimate.innovation) {
             checks::delays(&residuals, data, (self.names, &self.options.delays), findings);
         }
+        checks::fits(results.fits.as_ref(), results.own.as_ref(), self.names, findings);
     }
 
     fn course(&self, tested: Option<&Data>, disturbed: &Disturbance) -> Vec<(f64, Vec<f64>)> {

@@ -71,6 +71,7 @@ mod problem;
 mod record;
 mod request;
 mod residuals;
+mod results;
 mod sampled;
 mod starts;
 mod structure;

@@ -5,13 +5,14 @@ use nalgebra::DMatrix;
 use crate::checks::Estimates;
 use crate::data::Data;
 use crate::faults::Names;
-use crate::held_out::HeldOut;
+use crate::finding::Finding;
 use crate::layout::{Continuous, Layout, Place, factor};
 use crate::model::{Fits, Free, Model, RecordOf, Units, rows};
-use crate::options::{Estimated, Options};
+use crate::options::{Estimated, Identified, Options};
 use crate::record::Record;
+use crate::results::Results;
 use crate::structure::Entries;
-use crate::uncertainty::{Uncertainty, physical};
+use crate::uncertainty::physical;
 
 /// Parts that a file is written from.
 pub(crate) struct Parts<'a> {
@@ -23,18 +24,35 @@ pub(crate) struct Parts<'a> {
     pub entries: &'a Entries,
     /// Scaled.
     pub model: &'a Continuous,
-    pub uncertainty: &'a Uncertainty,
-    pub fits: Option<&'a HeldOut>,
-    pub whiteness: Vec<f64>,
+    pub results: &'a Results,
     /// Root mean square of each signal's residual, scaled.
     pub rms: &'a [f64],
-    pub disturbance: Vec<f64>,
     pub method: &'a str,
 }
 
+/// Results of an identification that those of states and of outputs have.
+pub(crate) fn identified(parts: Parts, estimates: &Estimates, findings: Vec<Finding>) -> Identified {
+    let results = parts.results;
+    Identified {
+        model: file(parts),
+        findings,
+        entries: estimated(estimates),
+        poles: results.poles.clone(),
+        condition: results.uncertainty.condition,
+        ceiling: results.fits.as_ref().map_or_else(Vec::new, |fits| fits.ceiling.clone()),
+        unmatched: results.disturbed.unmatched.clone(),
+        disturbance_over_time: Vec::new(),
+        losses: [None; 2],
+        gain: None,
+        wrong_cells: Vec::new(),
+        orders: Vec::new(),
+    }
+}
+
 /// A model whose states are what is measured, as a file has it.
-pub(crate) fn file(parts: Parts) -> Model {
-    let Parts { data, layout, uncertainty, names: Names { signals, .. }, .. } = parts;
+fn file(parts: Parts) -> Model {
+    let Parts { data, layout, results, names: Names { signals, .. }, .. } = parts;
+    let Results { uncertainty, fits, .. } = results;
     let scaling = data.state_scaling();
     let mut model = parts.model.physical(scaling);
     parts.entries.restore(&mut model.a, &mut model.b);
@@ -53,13 +71,13 @@ pub(crate) fn file(parts: Parts) -> Model {
         covariance: rows(&physical(&uncertainty.covariance, layout, |place| factor(place, scaling))),
         kappa: uncertainty.kappa.clone(),
         noise: parts.rms.iter().zip(&data.scaling.x).map(|(rms, scale)| rms * scale).collect(),
-        disturbance: parts.disturbance,
+        disturbance: results.disturbed.matched.clone(),
         level: parts.options.level,
-        fit: parts.fits.map_or_else(Fits::default, |fits| Fits {
+        fit: fits.as_ref().map_or_else(Fits::default, |fits| Fits {
             held_out: fits.whole.clone().unwrap_or_default(),
             windows: fits.windows.clone(),
         }),
-        whiteness: parts.whiteness,
+        whiteness: results.whiteness.clone(),
         records: parts.records.iter().copied().map(record_of).collect(),
         method: parts.method.to_owned(),
         ..Model::default()
@@ -76,7 +94,7 @@ fn free(place: Place) -> Free {
 }
 
 /// The unknowns of an estimate in units of the data.
-pub(crate) fn estimated(estimates: &Estimates) -> Vec<Estimated> {
+fn estimated(estimates: &Estimates) -> Vec<Estimated> {
     let errors = estimates.uncertainty.errors();
     let of = |k: usize| Estimated {
         entry: free(estimates.layout.unknowns[k].place),

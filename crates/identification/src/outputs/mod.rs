@@ -12,21 +12,19 @@ use crate::checks::{self, Estimates};
 use crate::data::{Data, Segment, Source};
 use crate::faults::{self, Names};
 use crate::finding::{Cause, Finding, Kind, Refusal};
-use crate::held_out::{bandwidth, disturbance, held_out, take_wrong_out};
+use crate::held_out::{bandwidth, take_wrong_out};
 use crate::layout::{Continuous, Layout, factor};
 use crate::linear::spectral_radius;
 use crate::marquardt::{Fit, MOST_GROWTH, search};
 use crate::model::{Model, Units, rows};
 use crate::options::{Identified, Options, OrderFit};
-use crate::poles::poles;
 use crate::problem::Problem;
 use crate::record::{Record, Signals};
 use crate::request::{act, duration, parts, tested, without_fixed};
-use crate::residuals::Residuals;
+use crate::results::Results;
 use crate::sampled::Hold;
 use crate::text::{digits, number};
-use crate::uncertainty::Uncertainty;
-use crate::written::{self, Parts, estimated};
+use crate::written::{self, Parts};
 
 use companion::Companion;
 use order::Choice;
@@ -192,34 +190,26 @@ impl Request<'_> {
         choice: Choice,
         mut findings: Vec<Finding>,
     ) -> Result<Identified, Refusal> {
-        let failed = || Refusal::new(Cause::NoModel, "no model of these outputs follows the record: it isn't finite");
         let (data, layout, problem) = (&found.data, &found.layout, found.problem());
-        let uncertainty = Uncertainty::of(&problem, &found.fit).ok_or_else(failed)?;
-        let residuals = Residuals::of(&problem, &found.fit).ok_or_else(failed)?;
         let (model, h) = (found.model(), data.scaling.h);
         let band = self.options.bandwidth.map_or_else(|| bandwidth(&model.a, data.rows()), |wanted| wanted * h);
         let noise = &found.fit.value.rms;
         let tested = tested.map(|tested| found.companion.data(tested, data.state_scaling()));
-        let hold = Hold::ZeroOrder;
-        let fits = tested.as_ref().and_then(|data| held_out(&model, data, hold, (&[], band), noise));
-        let whiteness = residuals.whiteness(data.n);
-        checks::refuse_not_followed(fits.as_ref(), (noise, &whiteness), self.names, "outputs", "is an input missing?")?;
-        let disturbed =
-            tested.as_ref().and_then(|data| disturbance(&model, data, hold, band, noise)).unwrap_or_default();
-        let pole_list: Vec<_> =
-            poles(&model.a, layout, &uncertainty.covariance).into_iter().map(|pole| pole.scaled(1.0 / h)).collect();
+        let results = Results::of((&problem, &found.fit, "outputs"), &model, tested.as_ref(), (&[], band), noise)?;
+        let (fits, pole_list) = (results.fits.as_ref(), &results.poles);
+        let noises = (&noise[..], &results.whiteness[..]);
+        checks::refuse_not_followed(fits, noises, self.names, "outputs", "is an input missing?")?;
         let factors = layout.unknowns.iter().map(|unknown| factor(unknown.place, data.state_scaling())).collect();
         let unknowns = &found.fit.unknowns;
-        let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &uncertainty, factors };
-        estimates.information(&pole_list, h, checks::CONDITION_OF_COMPANION, &mut findings);
+        let estimates = Estimates { layout, names: self.names, unknowns, uncertainty: &results.uncertainty, factors };
+        estimates.information(pole_list, h, checks::CONDITION_OF_COMPANION, &mut findings);
         let duration = duration(self.records);
-        checks::unstable(&pole_list, None, duration, &mut findings);
-        checks::duration(&pole_list, duration / self.records.len() as f64, &mut findings);
-        let own = held_out(&model, data, hold, (&[], band), noise);
-        checks::fits(fits.as_ref(), own.as_ref(), self.names, &mut findings);
+        checks::unstable(pole_list, None, duration, &mut findings);
+        checks::duration(pole_list, duration / self.records.len() as f64, &mut findings);
+        checks::fits(fits, results.own.as_ref(), self.names, &mut findings);
         let order = found.companion.states.len();
         findings.push(Finding::note(Kind::Order, order_text(&choice, order, (self.options.order, fits.is_some()))));
-        let whole = written::file(Parts {
+        let parts = Parts {
             data,
             layout,
             names: self.names,
@@ -227,32 +217,22 @@ impl Request<'_> {
             records: self.records,
             entries: &found.companion.entries(),
             model: &model,
-            uncertainty: &uncertainty,
-            fits: fits.as_ref(),
-            whiteness,
+            results: &results,
             rms: noise,
-            disturbance: disturbed.matched,
             method: "output error, outputs only",
-        });
+        };
+        let whole = written::identified(parts, &estimates, findings);
         Ok(Identified {
             model: Model {
                 C: rows(&found.companion.outputs(data)),
                 states: state_names(&found.companion.states, self.names.signals),
                 // Units of derivatives are for a caller that knows units.
-                units: whole.units.clone().map(|all| Units { x: Vec::new(), ..all }),
-                ..whole
+                units: whole.model.units.clone().map(|all| Units { x: Vec::new(), ..all }),
+                ..whole.model
             },
-            entries: estimated(&estimates),
-            poles: pole_list,
-            condition: uncertainty.condition,
-            ceiling: fits.map_or_else(Vec::new, |fits| fits.ceiling),
-            unmatched: disturbed.unmatched,
-            disturbance_over_time: Vec::new(),
             losses: [Some(found.fit.value.loss), None],
-            gain: None,
-            wrong_cells: Vec::new(),
             orders: choice.orders,
-            findings,
+            ..whole
         })
     }
 }
