@@ -10,7 +10,7 @@ use crate::problem::Problem;
 use crate::residuals::Residuals;
 use crate::uncertainty::Uncertainty;
 
-/// What a fit shows.
+/// Findings of a fit.
 pub(crate) struct Results {
     pub uncertainty: Uncertainty,
     pub whiteness: Vec<f64>,

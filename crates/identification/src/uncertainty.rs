@@ -206,7 +206,7 @@ fn widen(
         }
         // What isn't of (A, B, d) goes along as it does with this direction.
         let along = whole.columns(0, count) * direction / variance.sqrt();
-        // The fit is of centred data; constants depend on the entries alone, so that this is the inverse.
+        // The fit is of centred data; constants depend only on the entries, so that this is the inverse.
         let along = &along * 2.0 - uncentring * along;
         let growth = |times: f64| {
             let at = |sign: f64| {

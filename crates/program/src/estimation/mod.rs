@@ -39,7 +39,7 @@ pub struct Recorded {
     pub name: String,
     /// Inputs over time.
     pub inputs: Inputs,
-    /// What was measured of each output at these times; NaN where nothing was.
+    /// Measured values of each output at these times; NaN where there are none.
     pub outputs: Vec<Vec<f64>>,
 }
 
@@ -82,9 +82,11 @@ impl Task<'_> {
         let unknowns = self.unknowns()?;
         let simulated = Simulated::new(self, unknowns)?;
         let start = vec![0.0; simulated.unknowns.len()];
-        // What fails at the start is told by the run itself.
+        // What fails at the start has a reason of its own.
         simulated.outputs_at(&start)?;
-        let refuse = || Error::Argument(Invalid::because("no parameters follow the records: give other start values, or ranges"));
+        let refuse = || {
+            Error::Argument(Invalid::because("no parameters follow the records: give other start values, or ranges"))
+        };
         let fit = search(&simulated, &start, STEPS).ok_or_else(refuse)?;
         simulated.found(&fit).ok_or_else(refuse)
     }

@@ -54,7 +54,9 @@ impl<'a> Simulated<'a> {
         let times = record.inputs.times();
         let mut instance = fmu.instantiate(&fmu.description.name)?;
         set_starts(&instance, self.task.start)?;
-        for (unknown, q) in self.unknowns.iter().zip(point).filter(|(unknown, _)| unknown.record.is_none_or(|of| of == place)) {
+        for (unknown, q) in
+            self.unknowns.iter().zip(point).filter(|(unknown, _)| unknown.record.is_none_or(|of| of == place))
+        {
             instance.set_real(&[unknown.reference], &[unknown.value(*q)])?;
         }
         let mut courses = DMatrix::zeros(self.references.len(), times.len());
@@ -79,12 +81,17 @@ impl<'a> Simulated<'a> {
         row < self.seen[record] && self.task.records[record].outputs[output][row].is_finite()
     }
 
-    /// What counts, without its mean over each record where sensors may have constant errors.
+    /// Values that count, without their mean over each record where sensors may have constant errors.
     fn projected(&self, record: usize, courses: &DMatrix<f64>) -> DMatrix<f64> {
         let counts = |i: usize, row: usize| self.counts(record, i, row);
-        let mut kept = DMatrix::from_fn(courses.nrows(), self.seen[record], |i, row| {
-            if counts(i, row) { courses[(i, row)] } else { 0.0 }
-        });
+        let mut kept =
+            DMatrix::from_fn(
+                courses.nrows(),
+                self.seen[record],
+                |i, row| {
+                    if counts(i, row) { courses[(i, row)] } else { 0.0 }
+                },
+            );
         if self.task.has_offsets {
             for i in 0..kept.nrows() {
                 let count = (0..kept.ncols()).filter(|&row| counts(i, row)).count().max(1);
@@ -104,7 +111,13 @@ impl<'a> Simulated<'a> {
     /// Residuals of what the search sees.
     pub fn residuals(&self, point: &[f64]) -> Option<Courses> {
         let courses = self.outputs_at(point).ok()?;
-        Some(courses.iter().enumerate().map(|(record, of)| self.projected(record, &self.differences(record, of))).collect())
+        Some(
+            courses
+                .iter()
+                .enumerate()
+                .map(|(record, of)| self.projected(record, &self.differences(record, of)))
+                .collect(),
+        )
     }
 
     /// Derivatives of the residuals by each unknown.
@@ -131,7 +144,8 @@ impl<'a> Simulated<'a> {
     fn sums(&self, residuals: &[DMatrix<f64>]) -> Option<Value> {
         let mut sums = Sums::new(self.references.len());
         for (record, e) in residuals.iter().enumerate() {
-            let mask = DMatrix::from_fn(e.nrows(), e.ncols(), |i, row| f64::from(u8::from(self.counts(record, i, row))));
+            let mask =
+                DMatrix::from_fn(e.nrows(), e.ncols(), |i, row| f64::from(u8::from(self.counts(record, i, row))));
             sums.add(e, &mask);
         }
         sums.value()

@@ -17,7 +17,7 @@ pub struct Estimated {
     pub record: Option<usize>,
     /// The value.
     pub value: f64,
-    /// Standard error.
+    /// Standard error; NaN where the records don't depend on it, as at an end of a range.
     pub error: f64,
     /// True if it is at an end of its range.
     pub is_at_end: bool,
@@ -30,7 +30,7 @@ pub struct Found {
     pub parameters: Vec<Estimated>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
-    /// Condition number of the information with unit diagonal: beyond 1e8 combinations of parameters can't be told apart.
+    /// Condition number of the information with unit diagonal: beyond 1e8 parameters can't be distinguished.
     pub condition: f64,
     /// Root mean square of each output's residual.
     pub noise: Vec<f64>,
@@ -44,7 +44,7 @@ pub struct Found {
 const AT_END: f64 = 1e-3;
 
 impl Simulated<'_> {
-    /// The parameters of a fit; `None` where simulations beside it fail, or a parameter does nothing.
+    /// The parameters of a fit; `None` where simulations near it fail.
     pub(super) fn found(&self, fit: &Fit) -> Option<Found> {
         let point = &fit.unknowns;
         let (residuals, derivatives) = (self.residuals(point)?, self.derivatives(point)?);
@@ -57,9 +57,14 @@ impl Simulated<'_> {
                 weighted.residuals.push(DMatrix::from_fn(e.nrows(), 1, |i, _| e[(i, row)] * weights[i]));
             }
         }
-        let (of_point, condition) = weighted.covariance()?;
+        let is_seen = |k: &usize| weighted.derivatives.iter().any(|row| row.column(*k).amax() > 0.0);
+        let seen: Vec<_> = (0..point.len()).filter(is_seen).collect();
+        let (of_seen, condition) = weighted.of(&seen).covariance()?;
         let slopes: Vec<_> = self.unknowns.iter().zip(point).map(|(unknown, q)| unknown.slope(*q)).collect();
-        let covariance = DMatrix::from_fn(point.len(), point.len(), |i, j| of_point[(i, j)] * slopes[i] * slopes[j]);
+        let mut covariance = DMatrix::zeros(point.len(), point.len());
+        for (i, j) in (0..seen.len()).flat_map(|i| (0..seen.len()).map(move |j| (i, j))) {
+            covariance[(seen[i], seen[j])] = of_seen[(i, j)] * slopes[seen[i]] * slopes[seen[j]];
+        }
         let parameters = self.unknowns.iter().zip(point).enumerate().map(|(k, (unknown, q))| {
             let value = unknown.value(*q);
             let is_at_end = unknown.range.is_some_and(|[low, high]| {
@@ -67,7 +72,8 @@ impl Simulated<'_> {
                 value - low < least || high - value < least
             });
             let (name, unit) = (unknown.name.clone(), unknown.unit.clone());
-            Estimated { name, unit, record: unknown.record, value, error: covariance[(k, k)].sqrt(), is_at_end }
+            let error = if seen.contains(&k) { covariance[(k, k)].sqrt() } else { f64::NAN };
+            Estimated { name, unit, record: unknown.record, value, error, is_at_end }
         });
         let (held_out, ceiling) = self.held_out(point, &fit.value.rms)?;
         Some(Found {
@@ -80,7 +86,7 @@ impl Simulated<'_> {
         })
     }
 
-    /// Fits of what the search didn't see, and those of a simulation that is off by noise alone.
+    /// Fits of what the search didn't see, and those that a perfect simulation would have with the noise.
     fn held_out(&self, point: &[f64], rms: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
         if self.task.hold_out == 0.0 {
             return Some((Vec::new(), Vec::new()));

@@ -7,17 +7,26 @@ const BLOCKS: usize = 24;
 
 /// Derivatives and residuals of all records, weighted: rows of all outputs, one record after the other.
 pub(super) struct Weighted {
-    /// Of each row: outputs × unknowns.
+    /// For each row, outputs × unknowns.
     pub derivatives: Vec<DMatrix<f64>>,
-    /// Of each row: outputs × 1.
+    /// For each row, outputs × 1.
     pub residuals: Vec<DMatrix<f64>>,
 }
 
 impl Weighted {
+    /// The same with some of the unknowns.
+    pub fn of(&self, unknowns: &[usize]) -> Self {
+        let derivatives = self.derivatives.iter().map(|row| row.select_columns(unknowns)).collect();
+        Weighted { derivatives, residuals: self.residuals.clone() }
+    }
+
     /// The covariance of the unknowns, each standard error being the larger of that by correlated outputs and that by blocks of
     /// rows; with the condition number of the information, scaled. `None` where an unknown isn't seen at all.
     pub fn covariance(&self) -> Option<(DMatrix<f64>, f64)> {
         let (outputs, p) = self.derivatives.first()?.shape();
+        if p == 0 {
+            return Some((DMatrix::zeros(0, 0), 1.0));
+        }
         let rows = self.derivatives.len();
         let mut information = DMatrix::zeros(p, p);
         self.derivatives.iter().for_each(|row| information += row.tr_mul(row));
@@ -31,7 +40,8 @@ impl Weighted {
         let inverse = information.clone().cholesky()?.inverse();
         let spread = self.residuals.iter().fold(DMatrix::zeros(outputs, outputs), |sum, r| sum + r * r.transpose());
         let spread = spread / (rows as f64 - p as f64 / outputs as f64).max(1.0);
-        let together = self.derivatives.iter().fold(DMatrix::zeros(p, p), |sum, row| sum + row.tr_mul(&(&spread * row)));
+        let together =
+            self.derivatives.iter().fold(DMatrix::zeros(p, p), |sum, row| sum + row.tr_mul(&(&spread * row)));
         let mut covariance = &inverse * together * &inverse;
         let block = rows.div_ceil(BLOCKS);
         let mut by_blocks = DMatrix::zeros(p, p);

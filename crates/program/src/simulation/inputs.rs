@@ -105,7 +105,7 @@ impl Inputs {
         Ok(read)
     }
 
-    /// Inputs of a unit in memory; where they are held, all of them stay constant from time to time.
+    /// Inputs of a unit in memory; all of them constant from time to time if asked for.
     ///
     /// # Errors
     /// A name that is no input of the unit, times that go back, or values that an input can't have.
@@ -125,7 +125,8 @@ impl Inputs {
             };
             let mut own = Column::of(variable);
             for (row, &value) in values.iter().enumerate() {
-                own.check(value).map_err(|allowed| format!("{name} = {} at {} s: {allowed}", shown(value), times[row]))?;
+                own.check(value)
+                    .map_err(|allowed| format!("{name} = {} at {} s: {allowed}", shown(value), times[row]))?;
             }
             if is_held && own.kind == Kind::Continuous {
                 own.kind = Kind::Held;

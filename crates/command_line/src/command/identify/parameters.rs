@@ -28,7 +28,7 @@ use crate::command::number::part;
 const HEADING: &str = "Parameters of an FMU";
 /// A parameter is seen if its standard error is at most this part of it.
 const MOST_ERROR: f64 = 0.3;
-/// Parameters whose information has a larger condition number can't be told apart.
+/// Parameters whose information has a larger condition number can't be distinguished.
 const MOST_CONDITION: f64 = 1e8;
 /// A sound fit is at least this part of what noise leaves.
 const LEAST_FIT: f64 = 0.5;
@@ -70,7 +70,8 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
     let fmu = open_unit(name, &options.hosting.hosting()?)?;
     let Names(outputs) = arguments.outputs.clone().unwrap_or(Names(Vec::new()));
     let sought = sought(options)?;
-    let recorded = records.iter().map(|read| recorded(arguments, &fmu, read, &outputs)).collect::<Result<Vec<_>, _>>()?;
+    let recorded =
+        records.iter().map(|read| recorded(arguments, &fmu, read, &outputs)).collect::<Result<Vec<_>, _>>()?;
     let task = Task {
         fmu: &fmu,
         start: &options.set,
@@ -82,7 +83,7 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
     };
     let found = task.run()?;
     let findings = findings(&found, &outputs);
-    let linear = linear_model(&fmu, options, &found);
+    let linear = linear_model(&fmu, arguments, &found);
     let model = linear.as_ref().ok().map(|linear| model(linear, arguments, records, &found, &fmu));
     write(arguments, &found, model.as_ref(), &fmu)?;
     let set = arguments.out.with_extension("ssv");
@@ -97,7 +98,9 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
     } else {
         tell(&found, &outputs, &findings);
         match &linear {
-            Ok(_) => aside!("the parameters are in {}, the linear model is in {}", set.display(), arguments.out.display()),
+            Ok(_) => {
+                aside!("the parameters are in {}, the linear model is in {}", set.display(), arguments.out.display())
+            }
             Err(reason) => aside!("the parameters are in {}; there is no linear model: {reason}", set.display()),
         }
     }
@@ -133,7 +136,8 @@ fn sought(options: &ParameterOptions) -> Result<Vec<Sought>, Error> {
 }
 
 fn held_out(given: &str) -> Result<f64, Error> {
-    let allowed = "must be at least 0 and below 90 %, as 30% or 0.3: with --fmu the last part of each record is held out";
+    let allowed =
+        "must be at least 0 and below 90 %, as 30% or 0.3: with --fmu the last part of each record is held out";
     let refuse = || Error::Argument(Invalid::new("--hold-out", given, allowed));
     part(given).ok().filter(|part| *part < super::MOST_HELD_OUT).ok_or_else(refuse)
 }
@@ -157,11 +161,13 @@ fn recorded(arguments: &Arguments, fmu: &Fmu, read: &Read, outputs: &[String]) -
     Ok(Recorded { name: record.name.clone(), inputs, outputs })
 }
 
-/// What isn't sound.
+/// Findings that make the model unsound.
 fn findings(found: &Found, outputs: &[String]) -> Vec<String> {
     let mut findings = Vec::new();
     for Estimated { name, value, error, is_at_end, .. } in &found.parameters {
-        if *is_at_end {
+        if error.is_nan() && !is_at_end {
+            findings.push(format!("{name} does nothing to these outputs: take it out of --free"));
+        } else if *is_at_end {
             findings.push(format!("{name} = {} is at the end of its range: give a wider one", number(*value)));
         } else if !(*error <= MOST_ERROR * value.abs()) {
             let part = 100.0 * error / value.abs();
@@ -173,7 +179,7 @@ fn findings(found: &Found, outputs: &[String]) -> Vec<String> {
     }
     if found.condition > MOST_CONDITION {
         findings.push(format!(
-            "parameters can't be told apart (condition number {}): leave one of them out of --free",
+            "parameters can't be distinguished (condition number {}): leave one of them out of --free",
             number(found.condition)
         ));
     }
@@ -197,20 +203,43 @@ struct Linear {
     shared: Vec<usize>,
 }
 
-fn linear_model(fmu: &Arc<Fmu>, options: &ParameterOptions, found: &Found) -> Result<Linear, Error> {
-    let shared: Vec<_> = (0..found.parameters.len()).filter(|&k| found.parameters[k].record.is_none()).collect();
+/// A linear model with the signals of the records only.
+fn of_signals(linear: Linearisation, arguments: &Arguments) -> Linearisation {
+    let places = |of: &[Quantity], names: &[String]| -> Vec<usize> {
+        names.iter().filter_map(|name| of.iter().position(|quantity| quantity.name == *name)).collect()
+    };
+    let Names(outputs) = arguments.outputs.clone().unwrap_or(Names(Vec::new()));
+    let (inputs, outputs) = (places(&linear.inputs, arguments.inputs()), places(&linear.outputs, &outputs));
+    let some = |of: &[Quantity], places: &[usize]| places.iter().map(|&place| of[place].clone()).collect();
+    Linearisation {
+        b: linear.b.select_columns(&inputs),
+        c: linear.c.select_rows(&outputs),
+        d: linear.d.select_rows(&outputs).select_columns(&inputs),
+        inputs: some(&linear.inputs, &inputs),
+        outputs: some(&linear.outputs, &outputs),
+        ..linear
+    }
+}
+
+fn linear_model(fmu: &Arc<Fmu>, arguments: &Arguments, found: &Found) -> Result<Linear, Error> {
+    let options = &arguments.parameters;
+    let is_shared = |&k: &usize| found.parameters[k].record.is_none();
+    let (shared, known): (Vec<_>, Vec<_>) =
+        (0..found.parameters.len()).filter(is_shared).partition(|&k| found.parameters[k].error > 0.0);
+    let of_record = |linear: Linearisation| of_signals(linear, arguments);
     let at = |moved: Option<(usize, f64)>| {
         let mut start = options.set.clone();
-        for &k in &shared {
+        for &k in shared.iter().chain(&known) {
             let Estimated { name, value, error, .. } = &found.parameters[k];
             let more = moved.filter(|(of, _)| *of == k).map_or(0.0, |(_, sign)| sign * STEP * error);
             start.retain(|(known, _)| known != name);
             start.push((name.clone(), (value + more).to_string()));
         }
-        linearise(fmu, &OperatingPoint { start, ..OperatingPoint::default() })
+        linearise(fmu, &OperatingPoint { start, ..OperatingPoint::default() }).map(of_record)
     };
     let linear = at(None)?;
-    let entries = |of: &Linearisation| -> Vec<f64> { of.a.transpose().iter().chain(of.b.transpose().iter()).copied().collect() };
+    let entries =
+        |of: &Linearisation| -> Vec<f64> { of.a.transpose().iter().chain(of.b.transpose().iter()).copied().collect() };
     let mut slopes = DMatrix::zeros(entries(&linear).len(), shared.len());
     for (column, &k) in shared.iter().enumerate() {
         let [above, below] = [1.0, -1.0].map(|sign| at(Some((k, sign))));
@@ -261,11 +290,7 @@ fn model(of: &Linear, arguments: &Arguments, records: &[Read], found: &Found, fm
         level: arguments.level,
         fit: Fits { held_out: found.held_out.clone(), windows: Vec::new() },
         records: records.iter().map(record_of).collect(),
-        method: format!(
-            "parameters of {}{}",
-            fmu.description.name,
-            if shows_states { "" } else { ", outputs only" }
-        ),
+        method: format!("parameters of {}{}", fmu.description.name, if shows_states { "" } else { ", outputs only" }),
         ..Model::default()
     }
 }
@@ -287,7 +312,8 @@ fn write(arguments: &Arguments, found: &Found, model: Option<&Model>, fmu: &Fmu)
     let shared = found.parameters.iter().filter(|parameter| parameter.record.is_none());
     let values: Vec<_> = shared.map(|parameter| (parameter.name.as_str(), parameter.value)).collect();
     let remark = format!("Parameters of {} from {}", fmu.description.name, arguments.records.len());
-    let remark = format!("{remark} {}", if arguments.records.len() == 1 { "file of records" } else { "files of records" });
+    let remark =
+        format!("{remark} {}", if arguments.records.len() == 1 { "file of records" } else { "files of records" });
     let set = parameter_set("identified", &remark, &values).map_err(Error::file(file))?;
     let mut files = Files::at(file.parent().unwrap_or(Path::new("")));
     let mut texts = vec![(own.with_extension("ssv"), set)];
