@@ -31,7 +31,7 @@ impl Weighted {
         let mut information = DMatrix::zeros(p, p);
         self.derivatives.iter().for_each(|row| information += row.tr_mul(row));
         let scales = information.diagonal().map(f64::sqrt);
-        if scales.iter().any(|scale| !(*scale > 0.0)) {
+        if !scales.iter().all(|scale| *scale > 0.0) {
             return None;
         }
         let unit = DMatrix::from_fn(p, p, |i, j| information[(i, j)] / (scales[i] * scales[j]));

@@ -115,7 +115,9 @@ impl Inputs {
         columns: Vec<(String, Vec<f64>)>,
         is_held: bool,
     ) -> Result<Self, String> {
-        if let Some(row) = (1..times.len()).find(|&row| !(times[row] > times[row - 1])) {
+        if let Some(row) =
+            (1..times.len()).find(|&row| times[row].total_cmp(&times[row - 1]).is_le() || times[row].is_nan())
+        {
             return Err(format!("time = {} after {}: must grow", times[row], times[row - 1]));
         }
         let column = |(name, values): (String, Vec<f64>)| {

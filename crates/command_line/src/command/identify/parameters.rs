@@ -169,7 +169,7 @@ fn findings(found: &Found, outputs: &[String]) -> Vec<String> {
             findings.push(format!("{name} does nothing to these outputs: take it out of --free"));
         } else if *is_at_end {
             findings.push(format!("{name} = {} is at the end of its range: give a wider one", number(*value)));
-        } else if !(*error <= MOST_ERROR * value.abs()) {
+        } else if *error > MOST_ERROR * value.abs() {
             let part = 100.0 * error / value.abs();
             findings.push(format!(
                 "{name}: {} % (1 σ): these records don't show it. Take it out of --free, or record more motion",
