@@ -95,7 +95,7 @@ fn an_input_that_jumps_counts_up_to_its_jump() {
         assert!((last["x"].as_f64().unwrap() + 1.0).abs() < 1e-9, "step {step}: {last}");
     }
     fs::write(other.0.path().join("input.csv"), "time,u,u\n0,1,2\n").unwrap();
-    assert!(other.error("integrates", &["--input", "input.csv"]).contains("`u` is named twice"));
+    assert!(other.error("integrates", &["--input", "input.csv"]).contains("`u` is the name of two columns"));
 }
 
 #[test]
