@@ -3,7 +3,7 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use super::{Plant, Text, list, round_up, rows};
+use super::{Plant, Text, list, number, quoted, round_up, rows};
 
 /// Magnitudes within these are near enough to 1, the default.
 const USUAL: std::ops::RangeInclusive<f64> = 0.1..=1e3;
@@ -121,11 +121,31 @@ pub fn write_magnitudes<N: AsRef<str>>(
     text.table("magnitudes");
     text.comment("Usual magnitudes: integrators keep errors within their tolerance times these.");
     for (name, values) in &written {
-        match values {
-            Values::List(values) => text.set(name.as_ref(), list(values), ""),
-            Values::Rows(values) => text.set(name.as_ref(), rows(values), ""),
+        match (values, plant.and_then(|plant| named_like(plant, name.as_ref()))) {
+            // An element's name counts before that of its vector: `u` is the signal then.
+            (Values::List(values), Some(names)) if names.len() == values.len() => {
+                names.iter().zip(values).for_each(|(name, value)| text.set(&key(name), number(*value), ""));
+            }
+            (Values::List(values), _) => text.set(name.as_ref(), list(values), ""),
+            (Values::Rows(values), _) => text.set(name.as_ref(), rows(values), ""),
         }
     }
+}
+
+/// The names of the elements of a variable, one of which is called as the variable is.
+fn named_like<'a>(plant: &'a Plant, variable: &str) -> Option<&'a [String]> {
+    let names = match variable {
+        "x" => &plant.x.names,
+        "u" => &plant.u.names,
+        _ => return None,
+    };
+    names.iter().any(|name| name == variable).then_some(names)
+}
+
+/// A name as a key of TOML.
+fn key(name: &str) -> String {
+    let is_bare = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+    if is_bare { name.to_owned() } else { quoted(name) }
 }
 
 impl Values {
@@ -209,6 +229,23 @@ mod tests {
         let both = DMatrix::from_column_slice(2, 1, &[1.0, 1e3]);
         let found = Magnitudes::new(&Plant { C: both, ..tank(1.0, 1.0) }, &[1.0, 1.0], 1.0).unwrap();
         assert!((found.x[0] / 1e-3 - 1.0).abs() < 1e-9, "{found:?}");
+    }
+
+    /// By the signals' names where one of them is that of the vector, which can't be set as a whole then.
+    #[test]
+    fn inputs_of_which_one_is_called_u_have_a_number_each() {
+        let written = |names: &[&str]| {
+            let mut plant = Plant { C: DMatrix::from_element(1, 1, 1e5), ..tank(1.0, 1.0) };
+            plant.u.names = names.iter().map(|name| (*name).to_owned()).collect();
+            let mut text = Text::default();
+            let values = vec![2e4; names.len()];
+            write_magnitudes(&mut text, Some(&plant), (&[1.0], 1.0), |_| vec![("u", (&values).into())]);
+            text.finish().text
+        };
+        assert!(written(&["u"]).contains("\nu = 2e4\n"), "{}", written(&["u"]));
+        let both = written(&["pump.flow", "u"]);
+        assert!(both.contains("\n\"pump.flow\" = 2e4\nu = 2e4\n"), "{both}");
+        assert!(written(&["voltage"]).contains("\nu = [2e4]\n"));
     }
 
     #[test]

@@ -4,6 +4,7 @@ machine that was recorded, which isn't linear, through sensors with noise.
 Machines and records are those of tests/identification, of seed 1 and of a seed that differs from run to run. FMPy steps the controllers.
 """
 
+import json
 import subprocess
 import sys
 import zipfile
@@ -141,6 +142,21 @@ def test_a_record_gives_a_controller_that_is_sound(name: str, seed: int, made) -
     print(name, seed, "fit", np.round(fits, 1), "lambda*", round(value(report, "lambda*"), 2), "K", of.design["start"]["feedback_gain"])
     # No step is longer than that between rows, and all of the region is stable with it.
     assert of.step <= model["sample_time"] * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("name", ALL_OF_THEM)
+def test_a_good_record_has_no_fault(name: str, made) -> None:
+    """What is said of it is what is true: residuals are coloured where friction or curves aren't in the model."""
+    of = made(name, 1)
+    words = [*of.machine.signals, "--structure", "structure.toml", "--json", "--out", "again.json"]
+    told = json.loads(program(of.folder, "identify", "record.csv", *words).stdout)
+    print(name, told["findings"], "beyond the model", told["model"]["disturbance"], told["unmatched"])
+    assert {finding["kind"] for finding in told["findings"]} <= {"coloured_residuals"}, told["findings"]
+    assert told["model"] == of.model
+    if name == "motor":
+        # Friction acts on both speeds, and nothing on the current.
+        matched, unmatched = told["model"]["disturbance"], told["unmatched"]
+        assert max(matched) < 0.05 and 20 < unmatched[1] < 80 and 3 < unmatched[3] < 14, told
 
 
 @pytest.mark.parametrize("seed", SEEDS)

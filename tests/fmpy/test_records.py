@@ -206,3 +206,18 @@ def test_options_without_a_use_are_refused(identified: tuple[Path, dict]) -> Non
         ran = program(folder, "new", "l1", "--name", "No", *options, "--no-schema")
         assert ran.returncode != 0 and reason in ran.stderr, (options, ran.stderr)
         assert not list(folder.glob("No.*"))
+
+
+@pytest.mark.parametrize(("inputs", "key"), [(["u"], "u = 0"), (["flow", "u"], "flow = ")])
+def test_an_input_may_be_called_as_the_vector_of_inputs(inputs: list[str], key: str, tmp_path: Path) -> None:
+    """Magnitudes of the controls stand for each signal by its name then."""
+    n = len(inputs)
+    rng = np.random.default_rng(NUMBER + 25)
+    A, B = -np.diag(rng.uniform(0.5, 2, n)), np.diag(rng.uniform(1, 2, n)) * 1e4
+    plant = {"A": A.tolist(), "B": B.tolist(), "C": np.eye(n).tolist(), "inputs": inputs, "states": [f"s{k}" for k in range(n)]}
+    (tmp_path / "plant.json").write_text(json.dumps(plant))
+    for kind in ("l1", "pid", "mrac", "ladrc", "l1-limit"):
+        ran = program(tmp_path, "new", kind, "--name", "C", "--plant", "plant.json", "--no-schema", "--force")
+        assert ran.returncode == 0, (kind, ran.stderr)
+        assert key in (tmp_path / "C.toml").read_text().split("[magnitudes]")[1].split("[nominal]")[0], kind
+        assert program(tmp_path, "check", "C.toml").returncode in (0, 3), kind

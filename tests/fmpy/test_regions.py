@@ -148,3 +148,58 @@ def test_the_region_is_called_stable_up_to_where_loops_become_unstable(folder: P
     print(kind, "stable up to", share, "slowest pole inside", inside, "unstable at twice that", np.mean(np.array(outside) > 0))
     assert inside < 0, (NUMBER, share)
     assert max(outside) > 0, (NUMBER, share)
+
+
+def in_other_units(model: dict, scales: Array) -> dict:
+    """The same model with its states times these numbers."""
+    per_column = {"A": 1 / scales, "B": np.ones(len(scales)), "d": np.ones(99)}
+    rates = np.array([scales[i - 1] * per_column[matrix][j - 1] for matrix, i, j in model["free"]])
+    changed = {
+        "A": np.array(model["A"]) * np.outer(scales, 1 / scales),
+        "B": np.array(model["B"]) * scales[:, None],
+        "C": np.array(model["C"]) / scales,
+        "covariance": np.array(model["covariance"]) * np.outer(rates, rates),
+        "offset": np.array(model["offset"]) * scales,
+    }
+    return {**model, **{name: value.tolist() for name, value in changed.items()}}
+
+
+@pytest.mark.parametrize("kind", ["l1-limit", "l1"])
+def test_other_units_of_the_states_change_neither_proof_nor_gains(folder: Path, kind: str, tmp_path: Path) -> None:
+    """Where the voltage enters one row, as it does: B⁺ and with it l1-limit depend on units else."""
+    (tmp_path / "record.csv").write_bytes((folder / "record.csv").read_bytes())
+    (tmp_path / "structure.toml").write_text('B = [[0], ["?>0"]]\n')
+    done = program(tmp_path, "identify", "record.csv", *SIGNALS, "--structure", "structure.toml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    of = begun(tmp_path, kind, 2)
+    scales = 10 ** np.random.default_rng([NUMBER, 33]).uniform(-3, 3, 2)
+    (tmp_path / "model.json").write_text(json.dumps(in_other_units(of.model, scales)))
+    other = begun(tmp_path, kind, 2)
+    print(kind, "lambda*", of.figure("lambda*"), other.figure("lambda*"))
+    # Weights and bounds are rounded to three digits in the file.
+    assert other.figure("lambda*") == pytest.approx(of.figure("lambda*"), rel=0.01), (NUMBER, scales)
+    assert other.K == pytest.approx(of.K, rel=1e-3) and other.K_m == pytest.approx(of.K_m / scales, rel=1e-2), (NUMBER, scales)
+    for name in ("settling time", "overshoot"):
+        assert other.figure(name) == pytest.approx(of.figure(name), rel=0.02, abs=0.01), (NUMBER, scales)
+
+
+@pytest.mark.parametrize("draw", range(6 if sample.ALL else 2))
+def test_with_one_state_the_proof_by_element_is_the_classical_one(draw: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng([NUMBER, 34, draw])
+    pole, gain, step = -(10 ** rng.uniform(-1, 1)), 10 ** rng.uniform(-1, 1), 0.02
+    u = np.repeat(rng.uniform(-1, 1, 600), rng.integers(2, 40, 600))[:600]
+    x, F = np.zeros(600), np.exp(pole * step)
+    for k in range(599):
+        x[k + 1] = F * x[k] + (F - 1) / pole * gain * u[k]
+    table = np.column_stack([step * np.arange(600), u, x + 0.03 * x.std() * rng.standard_normal(600)])
+    written(tmp_path, table, header="time,u,x")
+    done = program(tmp_path, "identify", "record.csv", "--inputs", "u", "--states", "x")
+    assert done.returncode == 0, done.stdout
+    done = program(tmp_path, "new", "l1", "--name", "C", "--plant", "model.json", "--no-schema", "--margin", "2")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(program(tmp_path, "check", "C.toml", "--json").stdout)
+    figures = {finding["name"]: finding["value"] for finding in report["findings"]}
+    classical = figures["lambda"]["upper"] if isinstance(figures["lambda"], dict) else figures["lambda"]
+    print("lambda*", figures["lambda*"], "lambda", classical)
+    # theta_bound is rounded up by 1 % at most.
+    assert 0.985 * classical < figures["lambda*"] < 1.002 * classical, NUMBER
