@@ -102,6 +102,7 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     for options, reason in [
         (["--inputs", "voltag", "--states", "speed,current"], "did you mean `voltage`?"),
         ([*SIGNALS, "--hold-out", "0.95"], "--hold-out = 0.95: must be at least 0 and below 90 %, as 30% or 0.3, or a CSV file"),
+        ([*SIGNALS, "--order", "3"], "--order = 3: is for --outputs"),
         ([*SIGNALS, "--delay", "0,1"], "--delay = 2 numbers: must be one number, or 1"),
         ([*SIGNALS, "--time", "hours"], "hours"),
     ]:
@@ -169,3 +170,23 @@ def test_outputs_alone_give_a_model_whose_order_is_chosen(tmp_path: Path) -> Non
     assert len(true) <= len(poles) <= 4
     for pole in true:
         assert np.abs(poles - pole).min() < 0.15 * abs(pole)
+
+
+def test_units_are_converted_to_base_units(tmp_path: Path) -> None:
+    """The same record in rpm and mA, by the line of names and by --unit."""
+    rng = np.random.default_rng(NUMBER + 9)
+    table = record(rng, *motor(rng))
+    written(tmp_path, table, "si.csv")
+    others = table * np.array([1, 1, 30 / np.pi, 1e3])
+    written(tmp_path, others, "named.csv", "time,voltage [V],speed [rpm],current [mA]")
+    written(tmp_path, others, "bare.csv", "time,voltage,speed,current")
+    of_si = json.loads(program(tmp_path, "identify", "si.csv", *SIGNALS, "--json", "--out", "si.json").stdout)["model"]
+    for name, options in [("named", []), ("bare", ["--unit", "speed=rpm", "--unit", "current=mA"])]:
+        ran = program(tmp_path, "identify", f"{name}.csv", *SIGNALS, *options, "--json", "--out", f"{name}.json")
+        assert ran.returncode == 0 and "speed was converted from rpm to rad/s" in ran.stderr, ran.stderr
+        model = json.loads(ran.stdout)["model"]
+        assert model["units"]["x"] == ["rad/s", "A"]
+        np.testing.assert_allclose(model["A"], of_si["A"], rtol=1e-5)
+        np.testing.assert_allclose(model["B"], of_si["B"], rtol=1e-5, atol=1e-5)
+    refused = program(tmp_path, "identify", "bare.csv", *SIGNALS, "--unit", "speed=knots/h2x", "--out", "no.json")
+    assert refused.returncode == 1 and "--unit = speed=knots/h2x: must be NAME=UNIT" in refused.stderr, refused.stderr

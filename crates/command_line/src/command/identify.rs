@@ -2,6 +2,7 @@
 
 mod parameters;
 mod plan;
+mod units;
 
 use std::ffi::OsString;
 use std::io::{BufReader, ErrorKind};
@@ -20,6 +21,7 @@ use adaptive_fmu_identification::{
 use clap::Parser as _;
 use serde_json::Value;
 
+use super::linearise::assignment;
 use super::names::Names;
 use super::new::there_already;
 use super::number::{part, positive};
@@ -108,6 +110,11 @@ pub struct Arguments {
     /// Column that is the time [default: `time`, or else the first one]
     #[arg(long, value_name = "NAME")]
     time: Option<String>,
+    /// Unit of measurement of a column whose name has none, or another one (repeatable)
+    ///
+    /// Columns in units as rpm, mm or degC are converted to base units: rad/s, m, K.
+    #[arg(long, value_name = "NAME=UNIT", value_parser = assignment)]
+    unit: Vec<(String, String)>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -242,7 +249,12 @@ fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
         let name = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let found = Record::of_table(&name, &table, arguments.time.as_deref());
         let checksum = sealed::checksum_of_file(file)?;
-        let found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal)))?;
+        let mut found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal)))?;
+        for (k, record) in found.iter_mut().enumerate() {
+            let converted = units::convert(record, &arguments.unit)?;
+            // All records of a file have the same columns.
+            converted.iter().filter(|_| k == 0).for_each(|line| remark!("{line}"));
+        }
         records.extend(found.into_iter().map(|record| Read { record, checksum: checksum.clone() }));
     }
     Ok(records)
@@ -262,6 +274,11 @@ fn held_out(arguments: &Arguments) -> Result<(f64, Option<Vec<Read>>), Error> {
 }
 
 fn options(arguments: &Arguments, hold_out: f64) -> Result<Options, Error> {
+    // The parser lets that pass, since --states and --outputs exclude each other.
+    if let (Some(order), None) = (arguments.order, &arguments.outputs) {
+        let allowed = "is for --outputs; with --states the order is the number of states";
+        return Err(Error::Argument(Invalid::new("--order", order, allowed)));
+    }
     let structure = arguments.structure.as_deref().map_or(Ok(Structure::default()), read_structure)?;
     let count = arguments.inputs().len();
     let delays = match &arguments.delay[..] {

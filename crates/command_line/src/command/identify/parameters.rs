@@ -17,7 +17,7 @@ use adaptive_fmu_identification::{Fits, Free, Model, RecordOf, Units};
 use nalgebra::DMatrix;
 use serde_json::json;
 
-use super::{Arguments, HoldOf, Offset, Read, UNSOUND};
+use super::{Arguments, HoldOf, Offset, Read, UNSOUND, units};
 use crate::command::hosting::HostingOptions;
 use crate::command::linearise::{assignment, open_unit};
 use crate::command::names::Names;
@@ -150,7 +150,9 @@ fn recorded(arguments: &Arguments, fmu: &Fmu, read: &Read, outputs: &[String]) -
             let known = record.columns.iter().map(|column| column.name.clone()).collect();
             Error::Unknown { what: "column", name: name.clone(), known, all: "" }
         };
-        record.column(name).map(|column| column.values.clone()).ok_or_else(missing)
+        let own = fmu.description.variable(name).and_then(|variable| variable.unit.as_deref());
+        let refuse = |reason: String| Error::Argument(Invalid::because(format!("{}: {reason}", record.name)));
+        units::values_in(record.column(name).ok_or_else(missing)?, own).map_err(refuse)
     };
     let inputs = arguments.inputs().iter().map(|name| Ok((name.clone(), column(name)?)));
     let inputs = inputs.collect::<Result<Vec<_>, Error>>()?;
