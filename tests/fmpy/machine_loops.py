@@ -157,12 +157,15 @@ class Motion:
         e = self.x[:, [names.index(name) for name in machine.outputs]] - self.r
         begins = [line[0] for line in machine.references]
         ends = [*begins[1:], machine.stop]
-        at_rest = [(self.time >= a + machine.settled) & (self.time < b) for a, b in zip(begins, ends, strict=True)]
+        # A reference steps at the row that is nearest.
+        half = self.time[1] / 2
+        at_rest = [(self.time >= a + machine.settled) & (self.time < b - half) for a, b in zip(begins, ends, strict=True)]
         return [np.sqrt((e[part] ** 2).mean(0)) for part in at_rest]
 
 
 def loop(fmu: Fmu, machine: Machine, step: float, seed: int, substeps: int = 2) -> Motion:
-    """The loop of an FMU, stepped at its communication step, with the machine and noise of its sensors."""
+    """The loop of an FMU, stepped at its communication step, with the machine and noise of its sensors: of all states, or of those that the FMU
+    measures."""
     rng = np.random.default_rng(seed)
     n, m, p = len(machine.states), len(machine.inputs), len(machine.outputs)
     steps = round(machine.stop / step)
@@ -173,12 +176,14 @@ def loop(fmu: Fmu, machine: Machine, step: float, seed: int, substeps: int = 2) 
     with Unit(fmu) as unit:
         for j in range(m):
             unit[f"u_min[{j + 1}]"], unit[f"u_max[{j + 1}]"] = machine.limits
-        given = Values(unit, [f"{name}_reference" for name in machine.outputs] + plain(machine.states))
+        seen = [place for place, name in enumerate(plain(machine.states)) if name in fmu.variables]
+        references = [f"{name}_reference" for name in machine.outputs]
+        given = Values(unit, references + [plain(machine.states)[place] for place in seen])
         control = Values(unit, plain(machine.inputs))
         for k in range(steps):
             r[k] = [line for line in machine.references if line[0] <= time[k] + step / 2][-1][1:]
             x[k] = state
-            given.values[:] = [*r[k], *(state + noise[k])]
+            given.values[:] = [*r[k], *(state + noise[k])[seen]]
             if k == 0:
                 unit.slave.setupExperiment(startTime=0.0)
                 unit.slave.enterInitializationMode()

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sample
-from machine_loops import program
+from machine_loops import Machine, loop, program
+from master import Fmu
 from own_machines import LINEAR, MACHINES, Plant, recorded, sampled, written
 from sample import NUMBER
+from scipy.optimize import fsolve
 from scipy.signal import place_poles
 from scipy.stats import norm
 
@@ -19,7 +21,7 @@ ROWS = 1200
 DRAWS = 6 if sample.ALL else 1
 # Records of linear plants for what is said of uncertainty, 20 or 4 of each plant.
 RECORDS = 20 if sample.ALL else 4
-OUTPUTS = {"converter": "output_voltage", "exchanger": "hot,cold", "belt": "carriage"}
+OUTPUTS = {"converter": "output_voltage", "exchanger": "hot,cold", "belt": "carriage", "vessel": "level,concentration"}
 
 
 def drawn(name: str, seed: int, folder: Path) -> tuple[Plant, Array, Array, Array, float]:
@@ -61,9 +63,16 @@ def test_a_model_follows_what_was_held_out_or_the_reason_is_said(name: str, draw
         assert name not in LINEAR and done.stderr.startswith("error: "), (NUMBER, done.stderr)
         return
     if done.returncode == 3:
-        assert "\nnot sound: " in done.stdout and name not in LINEAR, (NUMBER, done.stdout)
+        reasons = [line for line in done.stdout.splitlines() if line.startswith("not sound: ")]
+        assert reasons, (NUMBER, done.stdout)
+        # Noise may hide an entry of those, and nothing else.
+        assert name not in LINEAR or all("this record doesn't show it" in reason for reason in reasons), (NUMBER, reasons)
     model = json.loads((tmp_path / "model.json").read_text())
     told = np.array(model["fit"]["held_out"])
+    if not len(told):
+        # An estimate that isn't stable is simulated through short windows only.
+        assert done.returncode == 3 and np.linalg.eigvals(np.array(model["A"])).real.max() > 0, NUMBER
+        return
     for signal, fit in zip(model["states"], told, strict=True):
         line = next(line for line in done.stdout.splitlines() if line.startswith(f"{signal} "))
         assert abs(float(line.split()[1]) - fit) < 0.06
@@ -135,7 +144,8 @@ def shares(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Array]:
         for k in range(RECORDS):
             plant, *_ = drawn(name, 200 + k, folder)
             done = program(folder, "identify", "record.csv", *plant.signals, "--force")
-            assert done.returncode == 0, (NUMBER, name, k, done.stdout, done.stderr)
+            unseen = done.returncode == 3 and "this record doesn't show it" in done.stdout
+            assert done.returncode == 0 or unseen, (NUMBER, name, k, done.stdout, done.stderr)
             model = json.loads((folder / "model.json").read_text())
             n, m = plant.B.shape
             z = norm.ppf(1 - 0.01 / (2 * (n * n + n * m + m)))
@@ -146,6 +156,8 @@ def shares(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Array]:
             entries.append(max(off) / z)
             words = ["--plant", "model.json", "--margin", "1", "--outputs", OUTPUTS[name], "--no-schema", "--force"]
             done = program(folder, "new", "l1", "--name", "C", *words)
+            if unseen and "Give a smaller --margin" in done.stderr:
+                continue
             assert done.returncode in (0, 3), (NUMBER, name, k, done.stderr)
             bounds.append(within_bounds(plant, tomllib.loads((folder / "C.toml").read_text())))
     return {"entries": np.array(entries), "bounds": np.array(bounds)}
@@ -162,3 +174,42 @@ def test_the_true_plant_is_within_what_the_record_leaves_open(of: str, shares: d
     assert found.max() <= 3, (NUMBER, found)
     # Bounds that nothing ever comes near would say nothing.
     assert found.max() > 0.3, (NUMBER, found)
+
+
+def equilibrium(plant: Plant, u: Array) -> Array:
+    """State at rest with constant inputs."""
+    if plant.rates is None:
+        return np.linalg.solve(plant.A, -plant.B @ u)
+    return fsolve(lambda x: plant.rates(x, u), plant.start)
+
+
+@pytest.mark.parametrize("kind", ["l1", "pid"])
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_a_controller_for_a_record_moves_the_plant_from_one_point_to_another(name: str, kind: str, tmp_path: Path) -> None:
+    """From rest at the middle of what was recorded, by half of the way to its end, through sensors with noise."""
+    plant, _, _, noise, _ = drawn(name, 300, tmp_path)
+    done = program(tmp_path, "identify", "record.csv", *plant.signals)
+    assert done.returncode == 0, done.stdout + done.stderr
+    low, high = np.array(plant.low), np.array(plant.high)
+    shares = np.array([0.25, 0.1])[: len(low)]
+    points = [equilibrium(plant, (low + high) / 2 + part * shares * (high - low)) for part in (0, 1)]
+    names = [state.split(" ")[0] for state in plant.states]
+    outputs = tuple(OUTPUTS[name].split(","))
+    places = [names.index(output) for output in outputs]
+    change = np.abs(points[1] - points[0])[places]
+    words = ["--outputs", OUTPUTS[name], "--reference", ",".join(map(str, change)), "--no-schema"]
+    done = program(tmp_path, "new", kind, "--name", "C", "--plant", "model.json", "--margin", "1", *words)
+    assert done.returncode == 0, (NUMBER, done.stderr)
+    assert program(tmp_path, "check", "C.toml").returncode == 0, NUMBER
+    assert program(tmp_path, "export", "C.toml", "--out", "fmus").returncode == 0
+    design = tomllib.loads((tmp_path / "C.toml").read_text())
+    step, pause = design["experiment"]["step"], 12 / design["nominal"]["bandwidth"]
+    rates = plant.rates or (lambda x, u: plant.A @ x + plant.B @ np.atleast_1d(u))
+    steps = [(k * pause, *point[places]) for k, point in enumerate(points)]
+    given = (plant.inputs, plant.states, outputs, "", 0, rates, tuple(points[0]), tuple(noise), (-1e9, 1e9), ())
+    machine = Machine(name, *given, tuple(steps), 2 * pause, 0.7 * pause, ())
+    substeps = max(2, round(10 * step * np.abs(np.linalg.eigvals(np.array(design["nominal"]["A"]))).max()))
+    motion = loop(Fmu(tmp_path / "fmus" / "C.fmu", tmp_path / "unpacked"), machine, step, NUMBER, substeps)
+    for error, target in zip(motion.error(machine), steps, strict=True):
+        print(name, kind, "steps", len(motion.time), "error", error, "of", change, "noise", noise[places], target)
+        assert (error < 0.01 * change + 3 * noise[places]).all(), (NUMBER, error)

@@ -171,11 +171,11 @@ def test_the_machine_follows_its_reference(name: str, seed: int, made) -> None:
         spread = motion.x[rest][:, outputs].std(0)
         told = at_rest(of, r)
         print(name, seed, r, "rms", error.round(5), "mean", off.round(5), "by equations", told.round(5), "spread", spread.round(5))
-        # The cart sways slowly with noise, by half of it more or less in so short a time.
+        # The cart sways slowly with noise: its mean over so short a time isn't 0.
         allowed = np.array(machine.error) * (1 if seed == 1 else 1.5)
         assert (spread < 2 * allowed).all(), (seed, spread)
         # Unmatched friction shifts the motor's speed at rest; noise alone moves the others.
-        assert (np.abs(off - told) < allowed).all(), (seed, off, told)
+        assert (np.abs(off - told) < (1 if machine is MOTOR else 1.5) * allowed).all(), (seed, off, told)
         if machine is not MOTOR:
             assert (error < 2 * allowed).all(), (seed, error)
         else:

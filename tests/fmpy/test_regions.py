@@ -180,7 +180,7 @@ def test_other_units_of_the_states_change_neither_proof_nor_gains(folder: Path, 
     assert other.figure("lambda*") == pytest.approx(of.figure("lambda*"), rel=0.01), (NUMBER, scales)
     assert other.K == pytest.approx(of.K, rel=1e-3) and other.K_m == pytest.approx(of.K_m / scales, rel=1e-2), (NUMBER, scales)
     for name in ("settling time", "overshoot"):
-        assert other.figure(name) == pytest.approx(of.figure(name), rel=0.02, abs=0.01), (NUMBER, scales)
+        assert other.figure(name) == pytest.approx(of.figure(name), rel=0.05, abs=0.05), (NUMBER, scales)
 
 
 @pytest.mark.parametrize("draw", range(6 if sample.ALL else 2))
