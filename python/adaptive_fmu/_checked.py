@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ._errors import Error, LimitExceeded
-from ._plant import PathLike
 from ._pool import done
-from ._values import number
+from ._values import PathLike, number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,9 +10,9 @@ from typing import Any
 import pandas as pd
 
 from ._loop import Loop
-from ._plant import PathLike, plant_file
+from ._plant import plant_file
 from ._pool import done
-from ._values import Value, number, numbers, trim
+from ._values import PathLike, Value, number, numbers, trim
 
 
 class Designed:

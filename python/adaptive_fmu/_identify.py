@@ -20,13 +20,11 @@ from ._errors import ArgumentError, Error, ExperimentWarning
 from ._pool import done
 from ._program import retold
 from ._records import Given
-from ._values import joined, number, numbers
+from ._values import PathLike, joined, number, numbers
 
 if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
-
-    from ._plant import PathLike
 
 #: Columns of the table of entries.
 KEYS = ["value", "error", "kappa"]

@@ -17,12 +17,11 @@ from numpy.typing import ArrayLike
 from . import _pool
 from ._errors import Error, Interrupted
 from ._linear import Linearisation
-from ._plant import PathLike
 from ._program import INTERRUPTED
 from ._progress import counted, shown
 from ._result import Result, result_of
 from ._units import linearise, loops
-from ._values import Value, number, of_units, words
+from ._values import PathLike, Value, number, of_units, words
 
 #: Values for one component, by the names of its variables.
 OfUnit = Mapping[str, Value]

@@ -8,16 +8,13 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
 import numpy as np
 
 from ._errors import ArgumentError
 from ._identify import Identified
 from ._program import retold
-
-#: Path of a file or folder.
-PathLike = Union[str, "os.PathLike[str]"]
 
 
 @contextmanager

@@ -12,11 +12,11 @@ import pandas as pd
 
 from ._errors import ArgumentError
 from ._linear import Linearisation
-from ._plant import PathLike, plant_file
+from ._plant import plant_file
 from ._pool import ask, done
 from ._progress import shown
 from ._result import Result, result_of
-from ._values import Value, joined, number, numbers, trim, words
+from ._values import PathLike, Value, joined, number, numbers, trim, words
 
 
 def fmus() -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any, Union
@@ -10,6 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._errors import ArgumentError
+
+#: Path of a file or folder.
+PathLike = Union[str, "os.PathLike[str]"]
 
 #: A number, a bool, the name of an item of an enumeration, or an array of numbers for an array variable.
 Value = Union[bool, float, str, ArrayLike]

@@ -25,9 +25,8 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from ._errors import ArgumentError
-from ._plant import PathLike
 from ._units import export
-from ._values import Value, elements
+from ._values import PathLike, Value, elements
 from ._vector import Vector
 
 #: Values of signals by the names that the user chose.

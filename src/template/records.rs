@@ -5,10 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use crate::design::robustness::assumed::{USUAL_LEVEL, USUAL_MARGIN};
-use crate::design::robustness::bounds::deviations;
 use crate::error::{Invalid, Number};
-use crate::nominal::{Covariance, Identified};
+use crate::nominal::{Covariance, Identified, USUAL_LEVEL, USUAL_MARGIN};
 
 /// Margin of the bound of disturbances: records may lack the largest.
 const MORE: f64 = 1.2;
@@ -116,10 +114,14 @@ impl Records {
         self
     }
 
-    /// Bounds of disturbances in the units of the inputs, with the pseudoinverse of B.
-    pub fn disturbances(&self, matched: &DMatrix<f64>) -> Vec<f64> {
-        let (m, n) = matched.shape();
-        let z = deviations(self.model.level.unwrap_or(USUAL_LEVEL), (n, m));
+    /// Confidence level of what is uncertain.
+    pub fn level(&self) -> f64 {
+        self.model.level.unwrap_or(USUAL_LEVEL)
+    }
+
+    /// Bounds of disturbances in the units of the inputs, with the pseudoinverse of B, by z standard errors.
+    pub fn disturbances(&self, matched: &DMatrix<f64>, z: f64) -> Vec<f64> {
+        let m = matched.nrows();
         let of_records = self.offsets.iter().map(|(rate, covariance)| {
             let error = (matched * covariance * matched.transpose()).diagonal().map(|square| square.max(0.0).sqrt());
             (matched * rate).abs() + error * z

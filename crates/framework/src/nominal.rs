@@ -37,6 +37,11 @@ pub const PLANTS: std::ops::RangeInclusive<usize> = 1..=100_000;
 /// Number of plants and seed where a description gives none.
 pub const USUAL: (usize, u64) = (200, 1);
 
+/// Confidence level of the region of an identified model where a description gives none.
+pub const USUAL_LEVEL: f64 = 0.99;
+/// Factor of that region: above 1, since plants wear and run with other loads than when they were recorded.
+pub const USUAL_MARGIN: f64 = 3.0;
+
 /// A plant within the uncertainty of a nominal one, of which a loop is the worst in some respect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WorstPlant {

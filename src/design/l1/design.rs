@@ -10,6 +10,7 @@ use super::desired::{Desired, desired};
 use super::lambda::{MOST_LAMBDA, excess, lambda};
 use crate::design::nominal::{Nominal, poles_of};
 use crate::design::robustness::assumed::Assumed;
+use crate::design::robustness::bounds::deviations;
 use crate::design::robustness::region::Region;
 use crate::design::robustness::respond::{SETTLED, step};
 use crate::design::robustness::uncertain::Uncertain;
@@ -19,7 +20,7 @@ use crate::error::Invalid;
 use crate::mathematics::l1_adaptation::L1Adaptation;
 use crate::mathematics::lyapunov;
 use crate::nominal::{USUAL, Uncertainty};
-use crate::template::{Plant, round_down, round_up, three_digits};
+use crate::template::{Plant, Records, round_down, round_up, three_digits};
 
 /// Gains of the filter that are tried, in W.
 const GAINS: [f64; 5] = [2.0, 5.0, 10.0, 20.0, 40.0];
@@ -107,7 +108,8 @@ pub fn design(plant: &Plant, asked: &Asked) -> Result<Design, Invalid> {
     let matched = plant.B.clone().pseudo_inverse(0.0).map_err(Invalid::because)?;
     let m = plant.B.ncols();
     let spread = assumed.bounds.of_inputs(&matched);
-    let recorded = plant.records.as_ref().map_or_else(|| vec![0.0; m], |records| records.disturbances(&matched));
+    let of_records = |records: &Records| records.disturbances(&matched, deviations(records.level(), plant.B.shape()));
+    let recorded = plant.records.as_ref().map_or_else(|| vec![0.0; m], of_records);
     let identity = DMatrix::identity(m, m);
     let peak = |j: usize| {
         let of_step = |(step, size): (&Step, &f64)| size * step.control[j][1].max(-step.control[j][0]);

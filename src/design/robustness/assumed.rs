@@ -6,12 +6,8 @@ use nalgebra::DMatrix;
 use super::bounds::Bounds;
 use super::region::LARGEST;
 use crate::design::{digits, percent};
-use crate::nominal::{Identified, Uncertainty};
+use crate::nominal::{Identified, USUAL_LEVEL, USUAL_MARGIN, Uncertainty};
 
-/// Confidence level and factor of a region where a description gives none.
-pub const USUAL_LEVEL: f64 = 0.99;
-/// Above 1, since plants wear and run with other loads than when they were recorded.
-pub const USUAL_MARGIN: f64 = 3.0;
 /// Confidence of the statement about plants that were not drawn.
 const CONFIDENCE: f64 = 0.99;
 

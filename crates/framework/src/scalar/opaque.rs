@@ -10,21 +10,16 @@ pub enum Opaque {
 }
 
 impl Opaque {
-    /// Its value.
+    /// Its value. It needs no generator's state: it depends only on seed, channel and sample.
     pub fn of(self, mut arguments: impl Iterator<Item = f64>) -> f64 {
-        let mut next = || arguments.next().unwrap_or(f64::NAN);
-        let (seed, channel, sample) = (next(), next(), next());
-        let stream = stream(seed as i32, channel as usize, sample);
+        // Whole numbers of one size, since other conversions may raise an invalid operation.
+        let mut next = || arguments.next().unwrap_or_default() as i64 as u64;
+        let stream = [next(), next(), next()].into_iter().fold(0, scrambled);
         match self {
             Opaque::Noise => normal(stream),
             Opaque::Uniform => uniform(scrambled(stream, 0)),
         }
     }
-}
-
-/// Random bits for a sample of a channel. They need no generator's state: they depend on seed, channel and sample alone.
-fn stream(seed: i32, channel: usize, sample: f64) -> u64 {
-    [seed as u64, channel as u64, sample as i64 as u64].into_iter().fold(0, scrambled)
 }
 
 /// A number with mean 0 and standard deviation 1.

@@ -7,8 +7,8 @@ use adaptive_fmu_identification::csv::Column;
 
 /// Base units and what is derived from them, as models have them.
 const UNITS: [&str; 24] = [
-    "1", "s", "rad", "rad/s", "rad/s2", "m", "m/s", "m/s2", "m2", "m3", "m3/s", "kg", "kg/s", "N", "N.m", "Pa", "K", "J", "W", "A",
-    "V", "Ohm", "mol", "mol/m3",
+    "1", "s", "rad", "rad/s", "rad/s2", "m", "m/s", "m/s2", "m2", "m3", "m3/s", "kg", "kg/s", "N", "N.m", "Pa", "K",
+    "J", "W", "A", "V", "Ohm", "mol", "mol/m3",
 ];
 
 /// Prefixes that a base unit may have.
@@ -78,8 +78,11 @@ mod tests {
     use super::*;
 
     fn record(units: &[&str]) -> Record {
-        let mut record =
-            Record::new("r", vec![0.0, 1.0], units.iter().map(|unit| ((*unit).to_owned(), vec![1.0, f64::NAN])).collect());
+        let mut record = Record::new(
+            "r",
+            vec![0.0, 1.0],
+            units.iter().map(|unit| ((*unit).to_owned(), vec![1.0, f64::NAN])).collect(),
+        );
         record.columns.iter_mut().zip(units).for_each(|(column, unit)| column.unit = Some((*unit).to_owned()));
         record
     }
