@@ -124,7 +124,7 @@ def test_a_model_is_what_the_command_writes_and_says(identified: adaptive_fmu.Id
 
 def test_outputs_alone_give_a_model_of_the_order_that_was_asked_for() -> None:
     found = adaptive_fmu.identify(frame(43, noise=0.002), "voltage", outputs="speed", order=2)
-    assert found.states == ["speed", "speed'"] and list(found.fit.index) == ["speed"] and "outputs only" in found.method
+    assert found.states == ["speed", "speed_1"] and list(found.fit.index) == ["speed"] and "outputs only" in found.method
     np.testing.assert_array_equal(found.ss().D, [[0.0]])
 
 

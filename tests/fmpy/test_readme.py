@@ -241,7 +241,7 @@ HELD = {
         ("hardly moves within {} steps", lambda: [2 * constant("crates/program/src/analysis/operating_point.rs", "STEPS")]),
         ("more than {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "KEPT") // 1e6]),
         ("for each {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "BLOCK") // 1e6]),
-        ("lines of at most {} MiB", lambda: [constant("crates/program/src/simulation/inputs.rs", "LONGEST_LINE") / 2**20]),
+        ("lines of at most {} MiB", lambda: [constant("crates/identification/src/csv.rs", "LONGEST_LINE") / 2**20]),
     ],
     "memory.md": [("is freed, {} units at most", lambda: [constant("crates/framework/src/fmi2/shared.rs", "MOST_KEPT")])],
     "foreign_units.md": [

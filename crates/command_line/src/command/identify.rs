@@ -110,9 +110,9 @@ pub struct Arguments {
     /// Column that is the time [default: `time`, or else the first one]
     #[arg(long, value_name = "NAME")]
     time: Option<String>,
-    /// Unit of measurement of a column whose name has none, or another one (repeatable)
+    /// The unit of measurement of a column, in place of that of the file (repeatable)
     ///
-    /// Columns in units as rpm, mm or degC are converted to base units: rad/s, m, K.
+    /// Columns in rpm, mm or degC, for example, are converted to rad/s, m or K.
     #[arg(long, value_name = "NAME=UNIT", value_parser = assignment)]
     unit: Vec<(String, String)>,
     /// Print JSON instead of text
