@@ -65,7 +65,11 @@ def test_structure_that_is_known_is_kept_and_makes_the_rest_surer(tmp_path: Path
     assert known["model"]["B"][0] == [0]
     assert ["B", 1, 1] not in [entry["entry"] for entry in known["entries"]]
     error = [{tuple(entry["entry"]): entry["error"] for entry in found["entries"]} for found in (free, known)]
-    assert all(error[1][place] <= 1.05 * error[0][place] for place in error[1] if place[0] in "AB")
+    # Without the factors of coloured residuals, which are estimates of their own.
+    kappa = [{tuple(entry["entry"]): entry["kappa"] for entry in found["entries"]} for found in (free, known)]
+    plain = [{place: of[place] / by[place] for place in of} for of, by in zip(error, kappa, strict=True)]
+    ratios = {place: plain[1][place] / plain[0][place] for place in plain[1] if place[0] in "AB"}
+    assert max(ratios.values()) <= 1.05, (NUMBER, ratios)
 
 
 REFUSED = {
